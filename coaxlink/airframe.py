@@ -1,0 +1,171 @@
+"""The vehicle: where its rotors sit, which are pairs, which way they turn; speeds to wrench and back.
+
+Body frame FRD (x forward, y right, z down), origin at the centre of mass. A wrench is
+[total thrust (positive up), roll, pitch, yaw] in N and N m. Spin "ccw" is seen from above; its reaction
+turns the body clockwise, +yaw in FRD (Berra, Trujillo and Heredia 2024, eq. 8 in FLU; PX4's KM > 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from coaxlink import files
+from coaxlink.errors import InputError
+from coaxlink.rotor import RotorModel
+from coaxlink.rotor.model import input_error
+
+AXES = ("thrust", "roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True)
+class Rotor:
+    """One rotor of the airframe; `number` is the airframe's own, counted from 1."""
+
+    number: int
+    position_m: tuple[float, float, float]  # FRD, from the centre of mass
+    axis: tuple[float, float, float]  # unit vector of its thrust, FRD; straight up is (0, 0, -1)
+    yaw_sign: int  # +1 for ccw (pushes the body to +yaw), -1 for cw
+    level: str  # upper, lower or single
+    pair: int | None  # number of the other rotor of the pair
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """Rotors in the order of their numbers, and the body they carry."""
+
+    name: str
+    mass_kg: float
+    inertia_kg_m2: tuple[float, float, float]
+    rotors: tuple[Rotor, ...]  # (N,)
+    motor_lag_s: float = 0.0
+    rotor_model: Path | None = None
+    source: Path | None = None
+
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """(upper, lower) indices into `rotors`, in the order of the upper rotors."""
+        return tuple(
+            (i, rotor.pair - 1)
+            for i, rotor in enumerate(self.rotors)
+            if rotor.level == "upper" and rotor.pair is not None
+        )
+
+    @property
+    def singles(self) -> tuple[int, ...]:
+        """Indices of the rotors without a pair."""
+        return tuple(i for i, rotor in enumerate(self.rotors) if rotor.level == "single")
+
+    def loads(self, model: RotorModel, speeds: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Thrust (..., N) in N and torque (..., N) in N m of every rotor at normalised speeds (..., N)."""
+        u = np.asarray(speeds, float)
+        thrust, torque = np.zeros(u.shape), np.zeros(u.shape)
+        for upper, lower in self.pairs:
+            pair = model.loads(u[..., upper], u[..., lower])
+            thrust[..., upper], torque[..., upper] = pair.upper_thrust, pair.upper_torque
+            thrust[..., lower], torque[..., lower] = pair.lower_thrust, pair.lower_torque
+        for i in self.singles:
+            thrust[..., i] = model.upper_thrust(u[..., i], 0.0)
+            torque[..., i] = model.upper_torque(u[..., i], 0.0)
+        return thrust, torque
+
+    def body_loads(self, thrust: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
+        """Force and moment (..., 6) in FRD, [Fx, Fy, Fz, Mx, My, Mz], of rotor loads (..., N)."""
+        f, q = np.asarray(thrust, float), np.asarray(torque, float)
+        position = np.array([r.position_m for r in self.rotors])  # (N, 3)
+        axis = np.array([r.axis for r in self.rotors])  # (N, 3)
+        spin = np.array([r.yaw_sign for r in self.rotors], float)  # (N,)
+        # a rotor that turns ccw pushes the body about -axis: +z when its thrust points up
+        return np.concatenate([f @ axis, f @ np.cross(position, axis) - (q * spin) @ axis], axis=-1)
+
+    def wrench(self, thrust: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
+        """Wrench (..., 4), [thrust up, roll, pitch, yaw], of rotor loads (..., N)."""
+        body = self.body_loads(thrust, torque)
+        return np.concatenate([-body[..., 2:3], body[..., 3:6]], axis=-1)
+
+    def effectiveness(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(4, N) wrench of each rotor's unit thrust, and (4, N) of its unit torque (eq. 8)."""
+        unit = np.eye(len(self.rotors))
+        none = np.zeros_like(unit)
+        return self.wrench(unit, none).T, self.wrench(none, unit).T
+
+
+Vector = tuple[
+    Annotated[float, Field(allow_inf_nan=False)],
+    Annotated[float, Field(allow_inf_nan=False)],
+    Annotated[float, Field(allow_inf_nan=False)],
+]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _RotorTable(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    number: Annotated[int, Field(ge=1, le=16)]
+    position_m: Vector
+    spin: Literal["ccw", "cw"]
+    level: Literal["upper", "lower", "single"]
+    pair: int | None = None
+    axis: Vector = (0.0, 0.0, -1.0)
+
+
+class _AirframeFile(BaseModel):
+    name: str
+    mass_kg: Positive
+    inertia_kg_m2: tuple[Positive, Positive, Positive]
+    rotor_model: str | None = None
+    motor_lag_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    rotors: Annotated[list[_RotorTable], Field(min_length=3, max_length=16)]
+
+
+def load_airframe(path: Path) -> Airframe:
+    """Read an airframe file. Raises InputError naming the file and the key."""
+    try:
+        parsed = _AirframeFile.model_validate(files.read_toml(path))
+    except ValidationError as error:
+        raise input_error(path, error) from error
+    tables = sorted(parsed.rotors, key=lambda r: r.number)
+    if [t.number for t in tables] != list(range(1, len(tables) + 1)):
+        raise InputError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")
+    _check_pairs(path, tables)
+    rotors = []
+    for t in tables:
+        norm = float(np.linalg.norm(t.axis))
+        if norm < 1e-6:
+            raise InputError(path, f"rotors[{t.number}].axis", "a direction is expected, found zero length")
+        axis = tuple(float(a) / norm for a in t.axis)
+        rotors.append(
+            Rotor(
+                t.number,
+                t.position_m,
+                (axis[0], axis[1], axis[2]),
+                1 if t.spin == "ccw" else -1,
+                t.level,
+                t.pair,
+            )
+        )
+    model = path.parent / parsed.rotor_model if parsed.rotor_model else None
+    return Airframe(
+        parsed.name, parsed.mass_kg, parsed.inertia_kg_m2, tuple(rotors), parsed.motor_lag_s, model, path
+    )
+
+
+def _check_pairs(path: Path, tables: list[_RotorTable]) -> None:
+    by_number = {t.number: t for t in tables}
+    for t in tables:
+        key = f"rotors[{t.number}].pair"
+        if t.level == "single":
+            if t.pair is not None:
+                raise InputError(path, key, "a single rotor has no pair")
+            continue
+        other = by_number.get(t.pair) if t.pair is not None else None
+        if other is None or other.pair != t.number or {t.level, other.level} != {"upper", "lower"}:
+            raise InputError(
+                path,
+                key,
+                f"expected the {'lower' if t.level == 'upper' else 'upper'} rotor that names {t.number} as its pair",
+            )

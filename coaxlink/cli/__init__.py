@@ -1,0 +1,47 @@
+"""The verbs, a module each. stdout is data, stderr is talk, exit codes are fixed (see coaxlink.errors).
+
+A verb module defines `register(app)`; it imports what is slow inside its functions, so that
+`coaxlink --help` and the live path start fast.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+import coaxlink
+from coaxlink.cli._shell import run
+
+
+def build_app() -> typer.Typer:
+    """The command line with every verb found in this package."""
+    app = typer.Typer(
+        help="Make the lower rotors of coaxial multirotors pull their weight.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    app.callback()(_options)
+    for module in pkgutil.iter_modules(__path__):
+        if not module.name.startswith("_"):
+            importlib.import_module(f"{__name__}.{module.name}").register(app)
+    return app
+
+
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+) -> None:
+    if version:
+        sys.stdout.write(f"coaxlink {coaxlink.__version__}\n")
+        raise typer.Exit
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point of the `coaxlink` command."""
+    sys.exit(run(build_app(), sys.argv[1:] if arguments is None else list(arguments)))

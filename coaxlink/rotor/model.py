@@ -1,0 +1,147 @@
+"""A rotor model and its file (`rotor_paper.toml` is the format's example).
+
+Upper and lower thrust (N) and torque (N m) of one coaxial pair as polynomials of the normalised speeds
+u = rpm / speed_max_rpm (Berra, Trujillo and Heredia 2024, eq. 1-3, 17). A rotor without a pair is an
+upper rotor with u_l = 0. Effects found in measured data travel with the model as `effects`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from coaxlink import files
+from coaxlink.errors import InputError
+from coaxlink.rotor.polynomial import Polynomial
+
+LOADS = ("upper.thrust_N", "upper.torque_Nm", "lower.thrust_N", "lower.torque_Nm")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect added to the base model: what it is called, its numbers, the columns it reads."""
+
+    name: str
+    parameters: Mapping[str, float]
+    columns: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PairLoads:
+    """Loads of a coaxial pair, each of the broadcast shape of the speeds."""
+
+    upper_thrust: NDArray[np.float64]  # N
+    upper_torque: NDArray[np.float64]  # N m
+    lower_thrust: NDArray[np.float64]  # N
+    lower_torque: NDArray[np.float64]  # N m
+
+
+@dataclass(frozen=True)
+class RotorModel:
+    """One coaxial pair: four polynomials, the speed that u = 1 means, and where they come from."""
+
+    form: str  # crm, rcrm, srm, cpcm
+    speed_max_rpm: float
+    upper_thrust: Polynomial
+    upper_torque: Polynomial
+    lower_thrust: Polynomial
+    lower_torque: Polynomial
+    effects: tuple[Effect, ...] = ()
+    identified: Mapping[str, Any] = field(default_factory=dict)  # file, hash, rows, law, errors, intervals
+
+    def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> PairLoads:
+        """Thrusts and torques at normalised speeds (broadcast), base model only."""
+        return PairLoads(
+            self.upper_thrust(u_upper, u_lower),
+            self.upper_torque(u_upper, u_lower),
+            self.lower_thrust(u_upper, u_lower),
+            self.lower_torque(u_upper, u_lower),
+        )
+
+    def terms(self) -> dict[str, dict[str, float]]:
+        """{"upper.thrust_N": {"u_u^2": 55.9, ...}, ...}, as `identify --json` reports it."""
+        polynomials = (self.upper_thrust, self.upper_torque, self.lower_thrust, self.lower_torque)
+        return {load: p.terms() for load, p in zip(LOADS, polynomials, strict=True)}
+
+    @classmethod
+    def from_terms(
+        cls, form: str, speed_max_rpm: float, terms: Mapping[str, Mapping[str, float]], **rest: Any
+    ) -> RotorModel:
+        """The inverse of `terms`. Raises ValueError on a name that is not a term, KeyError on a missing load."""
+        return cls(form, speed_max_rpm, *(Polynomial.from_terms(terms[load]) for load in LOADS), **rest)
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Loads(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    thrust_N: dict[str, Finite]
+    torque_Nm: dict[str, Finite]
+
+
+class _Effect(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    parameters: dict[str, Finite] = Field(default_factory=dict)
+    columns: list[str] = Field(default_factory=list)
+
+
+class _RotorFile(BaseModel):
+    form: str
+    speed_max_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    upper: _Loads
+    lower: _Loads
+    effects: list[_Effect] = Field(default_factory=list)
+    identified: dict[str, Any] = Field(default_factory=dict)
+
+
+def load_rotor_model(path: Path) -> RotorModel:
+    """Read a rotor file. Raises InputError naming the file and the key."""
+    try:
+        parsed = _RotorFile.model_validate(files.read_toml(path))
+    except ValidationError as error:
+        raise input_error(path, error) from error
+    sides = {"upper": parsed.upper, "lower": parsed.lower}
+    polynomials = []
+    for load in LOADS:
+        side, quantity = load.split(".")
+        try:
+            polynomials.append(Polynomial.from_terms(getattr(sides[side], quantity)))
+        except ValueError as error:
+            raise InputError(path, load, str(error)) from error
+    effects = tuple(Effect(e.name, e.parameters, tuple(e.columns)) for e in parsed.effects)
+    return RotorModel(
+        parsed.form, parsed.speed_max_rpm, *polynomials, effects=effects, identified=parsed.identified
+    )
+
+
+def save_rotor_model(path: Path, model: RotorModel) -> None:
+    """Write a rotor file atomically; `load_rotor_model` gives the same model back."""
+    terms = model.terms()
+    document: dict[str, Any] = {"form": model.form, "speed_max_rpm": model.speed_max_rpm}
+    if model.identified:
+        document["identified"] = dict(model.identified)
+    for side in ("upper", "lower"):
+        document[side] = {q: terms[f"{side}.{q}"] for q in ("thrust_N", "torque_Nm")}
+    if model.effects:
+        document["effects"] = [
+            {"name": e.name, "parameters": dict(e.parameters), "columns": list(e.columns)}
+            for e in model.effects
+        ]
+    files.write_toml(path, document)
+
+
+def input_error(path: Path, error: ValidationError) -> InputError:
+    """Our one-line error for the first thing pydantic refuses in a file."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    found = first.get("input")
+    shown = f" (found {found!r})" if not isinstance(found, (dict, list)) else ""
+    return InputError(path, key, f"{first['msg']}{shown}")
