@@ -15,6 +15,8 @@ JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as one JSON object.")
 ]
 
+INTERRUPTED = 130
+
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; users see one line, never a traceback."""
@@ -24,20 +26,16 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     except CoaxlinkError as error:
         say(f"coaxlink: {error}")
         return error.exit_code
-    except (KeyboardInterrupt, EOFError):
-        say("coaxlink: interrupted")
-        return 130
     except BrokenPipeError:
         return 0
     except Exception as error:
         # typer's usage errors, whichever click they come from, know their own text and exit code
         if not hasattr(error, "format_message"):
-            if type(error).__name__ == "Abort":
-                say("coaxlink: interrupted")
-                return 130
             raise
         say(f"coaxlink: {error.format_message()}")
         return int(getattr(error, "exit_code", 2))
+    if outcome == INTERRUPTED:  # typer turns Ctrl-C into this code
+        say("coaxlink: interrupted")
     return outcome if isinstance(outcome, int) else 0
 
 
