@@ -1,0 +1,150 @@
+"""Where to fly: smooth position set-points as pure functions of time.
+
+Positions are local NED relative to the place of take-off, in m; heights are given positive up.
+`paper_flight` is the paper's test (hover at 3 m, circle of radius 2 m at 4.5 m; Berra, Trujillo and
+Heredia 2024, section 5.3) followed by the manoeuvres that a residual needs: speed, climb, low hover, yaw.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """One offboard set-point, NED."""
+
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    acceleration_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    yaw_rad: float = 0.0
+
+
+class Segment(Protocol):
+    """A named stretch of flight."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def duration_s(self) -> float: ...
+    def at(self, t: float) -> Setpoint:
+        """Set-point at `t` s into the segment."""
+        ...
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Stay at a place."""
+
+    name: str
+    position_m: tuple[float, float, float]
+    duration_s: float
+    yaw_rad: float = 0.0
+
+    def at(self, t: float) -> Setpoint:
+        return Setpoint(self.position_m, yaw_rad=self.yaw_rad)
+
+
+@dataclass(frozen=True)
+class Move:
+    """Straight from rest to rest along the minimum-jerk polynomial 10 s^3 - 15 s^4 + 6 s^5."""
+
+    name: str
+    start_m: tuple[float, float, float]
+    end_m: tuple[float, float, float]
+    duration_s: float
+    yaw_start_rad: float = 0.0
+    yaw_end_rad: float = 0.0
+
+    def at(self, t: float) -> Setpoint:
+        s, T = min(max(t / self.duration_s, 0.0), 1.0), self.duration_s
+        p = s**3 * (10 - 15 * s + 6 * s * s)
+        v = 30 * s**2 * (1 - s) ** 2 / T
+        a = 60 * s * (1 - 3 * s + 2 * s * s) / T**2
+        step = [e - b for b, e in zip(self.start_m, self.end_m, strict=True)]
+        north, east, down = (b + p * d for b, d in zip(self.start_m, step, strict=True))
+        return Setpoint(
+            (north, east, down),
+            (v * step[0], v * step[1], v * step[2]),
+            (a * step[0], a * step[1], a * step[2]),
+            self.yaw_start_rad + p * (self.yaw_end_rad - self.yaw_start_rad),
+        )
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Level circle, entered and left at rest at (radius, 0): the rate rises and falls over `ramp_s`."""
+
+    name: str
+    radius_m: float
+    down_m: float
+    period_s: float
+    laps: int
+    ramp_s: float = 2.0
+
+    @property
+    def duration_s(self) -> float:
+        return self.laps * self.period_s + self.ramp_s
+
+    def at(self, t: float) -> Setpoint:
+        rate = 2 * math.pi / self.period_s
+        end, ramp = self.duration_s, self.ramp_s
+
+        def eased(x: float) -> tuple[float, float, float]:
+            s = min(max(x / ramp, 0.0), 1.0)
+            return ramp * (s**3 - s**4 / 2) + max(x - ramp, 0.0), 3 * s**2 - 2 * s**3, 6 * s * (1 - s) / ramp
+
+        # the rate is a smooth step up at the start less a smooth step up that begins ramp_s before the end
+        rise, fall = eased(t), eased(t - (end - ramp))
+        angle, w, dw = (rate * (a - b) for a, b in zip(rise, fall, strict=True))
+        r, c, s = self.radius_m, math.cos(angle), math.sin(angle)
+        return Setpoint(
+            (r * c, r * s, self.down_m),
+            (-r * w * s, r * w * c, 0.0),
+            (-r * (w * w * c + dw * s), r * (dw * c - w * w * s), 0.0),
+        )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Segments flown one after the other."""
+
+    segments: tuple[Segment, ...]
+
+    @property
+    def duration_s(self) -> float:
+        return sum(s.duration_s for s in self.segments)
+
+    def at(self, t: float) -> tuple[str, Setpoint]:
+        """Name of the segment and its set-point at `t` s; before the start and after the end it holds."""
+        ends = list(accumulate(s.duration_s for s in self.segments))
+        index = min(bisect_right(ends, t), len(ends) - 1)
+        segment = self.segments[index]
+        start = ends[index] - segment.duration_s
+        return segment.name, segment.at(min(max(t - start, 0.0), segment.duration_s))
+
+
+def paper_flight() -> Plan:
+    """Hover at 3 m, the circle of 2 m at 4.5 m slow and fast, climb and descent, yaw, low hover; about 60 s."""
+    hover, rim, high, low = (0.0, 0.0, -3.0), (2.0, 0.0, -4.5), (0.0, 0.0, -8.0), (0.0, 0.0, -0.55)
+    turn = math.radians(100)
+    return Plan(
+        (
+            Hold("hover", hover, 6.0),
+            Move("to the circle", hover, rim, 3.0),
+            Circle("circle", 2.0, -4.5, 8.0, 2),
+            Circle("fast circle", 2.0, -4.5, 3.6, 3),
+            Move("climb", rim, high, 3.0),
+            Move("descent", high, hover, 3.5),
+            Move("yaw right", hover, hover, 2.5, 0.0, turn),
+            Move("yaw left", hover, hover, 2.5, turn, 0.0),
+            Move("to low hover", hover, low, 2.5),
+            Hold("low hover", low, 5.0),
+            Move("up again", low, hover, 2.5),
+            Hold("last hover", hover, 3.0),
+        )
+    )

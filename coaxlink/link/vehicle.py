@@ -1,0 +1,145 @@
+"""Fly a PX4 vehicle through a session: arm, take off, follow set-points in offboard mode, land.
+
+Everything is paced by the vehicle's own stamps (`time_boot_ms`), so the same code flies a real aircraft and
+a simulator that runs faster than real time. Wall time only bounds how long silence is borne.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
+from coaxlink.link.session import Session
+from coaxlink.link.trajectory import Plan, Setpoint
+
+OFFBOARD = 6  # PX4 main mode
+SILENCE_S = 5.0  # wall time without a position before the link counts as lost
+_TYPE_MASK = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+
+
+@dataclass(frozen=True)
+class Track:
+    """What was asked and where the vehicle was, one row a set-point (rows, ...)."""
+
+    time_s: tuple[float, ...]
+    segment: tuple[str, ...]
+    wanted_m: tuple[tuple[float, float, float], ...]  # NED
+    flown_m: tuple[tuple[float, float, float], ...]  # NED
+
+
+class Vehicle:
+    """Commands of one flight. Raises SafetyRefusal when the autopilot says no, LinkError on silence."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+
+    def now_s(self) -> float:
+        """The vehicle's own clock at its next position message."""
+        return float(self._position().time_boot_ms) / 1e3
+
+    def height_m(self) -> float:
+        """Height above the place of take-off."""
+        return -float(self._position().z)
+
+    def arm(self) -> None:
+        """Arm the motors."""
+        self._command("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        self._until(lambda: self.session.armed, 5.0, "it said yes to arming but did not arm")
+
+    def take_off(self, height_m: float, timeout_s: float = 30.0) -> None:
+        """Climb to `height_m` and wait until there (vehicle's time)."""
+        nan = math.nan
+        self.session.send(_takeoff_height(self.session, height_m))
+        ground = self.session.latest("GLOBAL_POSITION_INT")
+        altitude = ground.alt / 1e3 + height_m if ground else nan
+        self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, altitude)
+        start = self.now_s()
+        while self.height_m() < 0.9 * height_m:
+            if self.now_s() - start > timeout_s:
+                raise CheckFailed(f"take-off: {height_m} m not reached in {timeout_s} s")
+
+    def follow(self, plan: Plan, watch: Callable[[str, float], None] | None = None) -> Track:
+        """Fly `plan` in offboard mode; `watch(segment, seconds)` hears of every set-point sent.
+
+        The stream starts before the mode changes, as PX4 asks. Raises LinkError when positions stop.
+        """
+        start = self.now_s()
+        for _ in range(15):
+            self._send(self._position().time_boot_ms, plan.at(0.0)[1])
+        self._mode(OFFBOARD)
+        rows: list[tuple[float, str, tuple[float, float, float], tuple[float, float, float]]] = []
+        start = self.now_s()
+        while True:
+            position = self._position()
+            t = position.time_boot_ms / 1e3 - start
+            if t > plan.duration_s:
+                return Track(*(tuple(column) for column in zip(*rows, strict=True)))
+            segment, setpoint = plan.at(t)
+            self._send(position.time_boot_ms, setpoint)
+            rows.append((t, segment, setpoint.position_m, (position.x, position.y, position.z)))
+            if watch:
+                watch(segment, t)
+
+    def land(self, timeout_s: float = 60.0) -> None:
+        """Land and wait until the motors are disarmed (vehicle's time)."""
+        self._command("landing", mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, math.nan, math.nan, math.nan, 0.0)
+        start = self.now_s()
+        while self.session.armed:
+            if self.now_s() - start > timeout_s:
+                raise CheckFailed(f"landing: still armed after {timeout_s} s")
+
+    def _position(self) -> mavlink.MAVLink_local_position_ned_message:
+        message = self.session.wait("LOCAL_POSITION_NED", SILENCE_S)
+        if message is None:
+            raise LinkError(self.session.address, f"no position for {SILENCE_S:.0f} s")
+        return message
+
+    def _command(self, what: str, command: int, *parameters: float) -> None:
+        result = self.session.command(command, *parameters)
+        if result != mavlink.MAV_RESULT_ACCEPTED:
+            name = mavlink.enums["MAV_RESULT"].get(result)
+            raise SafetyRefusal(f"{what}: the autopilot answered {name.name if name else result}")
+
+    def _mode(self, main: int, sub: int = 0) -> None:
+        custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        self._command("mode change", mavlink.MAV_CMD_DO_SET_MODE, custom, main, sub)
+
+    def _until(self, met: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
+        end = time.monotonic() + timeout_s
+        while not met():
+            if time.monotonic() > end:
+                raise CheckFailed(otherwise)
+            self.session.wait("HEARTBEAT", 1.0)
+
+    def _send(self, time_boot_ms: int, setpoint: Setpoint) -> None:
+        identity = self.session.identity
+        self.session.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                time_boot_ms,
+                identity.system,
+                identity.component,
+                mavlink.MAV_FRAME_LOCAL_NED,
+                _TYPE_MASK,
+                *setpoint.position_m,
+                *setpoint.velocity_m_s,
+                *setpoint.acceleration_m_s2,
+                setpoint.yaw_rad,
+                0.0,
+            )
+        )
+
+
+def _takeoff_height(session: Session, height_m: float) -> mavlink.MAVLink_param_set_message:
+    """MIS_TAKEOFF_ALT, which PX4 climbs to when the command's altitude cannot be honoured."""
+    return mavlink.MAVLink_param_set_message(
+        session.identity.system,
+        session.identity.component,
+        b"MIS_TAKEOFF_ALT",
+        height_m,
+        mavlink.MAV_PARAM_TYPE_REAL32,
+    )
