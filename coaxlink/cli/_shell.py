@@ -26,6 +26,8 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     except CoaxlinkError as error:
         say(f"coaxlink: {error}")
         return error.exit_code
+    except typer.Abort:  # Ctrl-C at a question
+        outcome = INTERRUPTED
     except BrokenPipeError:
         return 0
     except Exception as error:

@@ -53,10 +53,10 @@ class Vehicle:
 
     def take_off(self, height_m: float, timeout_s: float = 30.0) -> None:
         """Climb to `height_m` and wait until there (vehicle's time)."""
-        nan = math.nan
-        self.session.send(_takeoff_height(self.session, height_m))
-        ground = self.session.latest("GLOBAL_POSITION_INT")
-        altitude = ground.alt / 1e3 + height_m if ground else nan
+        ground = self.session.latest("GLOBAL_POSITION_INT") or self.session.wait("GLOBAL_POSITION_INT", SILENCE_S)
+        if ground is None:
+            raise LinkError(self.session.address, f"no global position for {SILENCE_S:.0f} s")
+        nan, altitude = math.nan, ground.alt / 1e3 + height_m
         self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, altitude)
         start = self.now_s()
         while self.height_m() < 0.9 * height_m:
@@ -132,14 +132,3 @@ class Vehicle:
                 0.0,
             )
         )
-
-
-def _takeoff_height(session: Session, height_m: float) -> mavlink.MAVLink_param_set_message:
-    """MIS_TAKEOFF_ALT, which PX4 climbs to when the command's altitude cannot be honoured."""
-    return mavlink.MAVLink_param_set_message(
-        session.identity.system,
-        session.identity.component,
-        b"MIS_TAKEOFF_ALT",
-        height_m,
-        mavlink.MAV_PARAM_TYPE_REAL32,
-    )

@@ -1,0 +1,58 @@
+"""One flight of the demo and the loop: connect, fly the plan, keep the tlog and the track."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+from coaxlink.link import Session, connect
+from coaxlink.link.trajectory import Plan
+from coaxlink.link.vehicle import Track, Vehicle
+
+# message id: rate in Hz of the vehicle's own time; what a flight log of the contract needs
+STREAMS = {
+    105: 100.0,  # HIGHRES_IMU
+    375: 100.0,  # ACTUATOR_OUTPUT_STATUS
+    31: 50.0,  # ATTITUDE_QUATERNION
+    30: 50.0,  # ATTITUDE
+    32: 50.0,  # LOCAL_POSITION_NED
+    132: 50.0,  # DISTANCE_SENSOR
+    147: 10.0,  # BATTERY_STATUS
+    291: 50.0,  # ESC_STATUS
+}
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight that was flown to its end."""
+
+    name: str
+    log: Path
+    track: Track
+
+
+def fly(
+    name: str,
+    address: str,
+    plan: Plan,
+    log: Path,
+    *,
+    watch: Callable[[str, float], None] | None = None,
+    mixing: Callable[[Session], AbstractContextManager[object]] = lambda session: nullcontext(),
+) -> Flight:
+    """Arm, take off to the plan's start, fly it, land; `mixing` may put the companion in the loop meanwhile.
+
+    Raises SafetyRefusal, CheckFailed or LinkError of the vehicle that flies.
+    """
+    with connect(address, record=log) as session:
+        for message_id, rate_hz in STREAMS.items():
+            session.request_stream(message_id, rate_hz)
+        vehicle = Vehicle(session)
+        vehicle.arm()
+        vehicle.take_off(-plan.at(0.0)[1].position_m[2])
+        with mixing(session):
+            track = vehicle.follow(plan, watch)
+        vehicle.land()
+    return Flight(name, log, track)

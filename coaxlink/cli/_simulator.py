@@ -1,0 +1,47 @@
+"""Start `coaxlink sim` as a process of its own: it talks to us over MAVLink and nothing else."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from coaxlink.errors import LinkError
+
+READY_S = 60.0  # a first start compiles the plant
+
+
+@contextmanager
+def simulator(arguments: Sequence[str]) -> Iterator[str]:
+    """Run `coaxlink sim ARGUMENTS --listen ...` on a free loopback port; yields the address to connect to.
+
+    Raises LinkError when it does not come up. It ends with the block, politely first.
+    """
+    port = free_port()
+    command = [sys.executable, "-m", "coaxlink", "sim", *arguments, "--listen", f"udpin:127.0.0.1:{port}"]
+    with tempfile.TemporaryFile("w+") as talk:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=talk, text=True)
+        try:
+            assert process.stdout is not None
+            if not process.stdout.readline().startswith("ready"):
+                process.wait(READY_S)
+                talk.seek(0)
+                raise LinkError("coaxlink sim", (talk.read().split("\n")[-2:] or ["ended without a word"])[0])
+            yield f"udpout:127.0.0.1:{port}"
+        finally:
+            process.terminate()
+            try:
+                process.communicate(timeout=5.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
+
+
+def free_port() -> int:
+    """A UDP port of the loopback interface that nobody holds right now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
