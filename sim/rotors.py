@@ -1,0 +1,91 @@
+"""The paper's coaxial pair as the world turns it: eq. 17 surfaces, by Horner on dense coefficients.
+
+Upper and lower thrust (N) and torque (N m) are polynomials of the normalised speeds u_u, u_l = rpm / speed_max
+(Berra, Trujillo and Heredia 2024, eq. 1-3, 17). The reader and the evaluation are the world's own.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.errors import WorldError
+
+ORDER = 4  # highest power of either speed a rotor file may use
+SURFACES = (("upper", "thrust_N"), ("upper", "torque_Nm"), ("lower", "thrust_N"), ("lower", "torque_Nm"))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A coaxial pair: coefficients[s, a, b] multiplies u_u^a u_l^b of surface s (see SURFACES)."""
+
+    speed_max_rpm: float
+    coefficients: NDArray[np.float64]  # (4, ORDER + 1, ORDER + 1)
+
+    def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> NDArray[np.float64]:
+        """(4, ...) upper thrust, upper torque, lower thrust, lower torque at normalised speeds."""
+        upper, lower = np.broadcast_arrays(np.asarray(u_upper, float), np.asarray(u_lower, float))
+        total = np.zeros((4, *upper.shape))
+        for s in range(4):
+            for a in range(ORDER, -1, -1):
+                row = np.zeros(upper.shape)
+                for b in range(ORDER, -1, -1):
+                    row = row * lower + self.coefficients[s, a, b]
+                total[s] = total[s] * upper + row
+        return total
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """A TOML file as a dict. Raises WorldError."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise WorldError(path, "", f"cannot be read ({error.strerror})") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise WorldError(path, "", f"not TOML: {error}") from error
+
+
+def read_number(path: Path, where: str, value: object) -> float:
+    """`value` as a finite float. Raises WorldError naming the key."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise WorldError(path, where, f"a finite number is expected, found {value!r}")
+    return float(value)
+
+
+def read_pair(path: Path) -> Pair:
+    """Read a rotor file (`rotor_paper.toml` shows the format). Raises WorldError."""
+    document = read_document(path)
+    coefficients = np.zeros((4, ORDER + 1, ORDER + 1))
+    for s, (rotor, load) in enumerate(SURFACES):
+        section = document.get(rotor)
+        terms = section.get(load) if isinstance(section, dict) else None
+        if not isinstance(terms, dict) or not terms:
+            raise WorldError(path, f"{rotor}.{load}", "a table of terms is expected")
+        for name, value in terms.items():
+            where = f"{rotor}.{load}.{name}"
+            a, b = _powers(path, where, name)
+            coefficients[s, a, b] += read_number(path, where, value)
+    top = read_number(path, "speed_max_rpm", document.get("speed_max_rpm"))
+    if top <= 0:
+        raise WorldError(path, "speed_max_rpm", f"a positive number is expected, found {top}")
+    return Pair(top, coefficients)
+
+
+def _powers(path: Path, where: str, name: str) -> tuple[int, int]:
+    powers = {"u_u": 0, "u_l": 0}
+    for factor in name.split():
+        base, _, exponent = factor.partition("^")
+        if factor == "1":
+            continue
+        if base not in powers or (exponent and not exponent.isdecimal()):
+            raise WorldError(path, where, "a term is a product of powers such as 'u_u^2 u_l', or '1'")
+        powers[base] += int(exponent or 1)
+    if max(powers.values()) > ORDER:
+        raise WorldError(path, where, f"the world's rotors know powers up to {ORDER}")
+    return powers["u_u"], powers["u_l"]
