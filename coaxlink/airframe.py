@@ -164,8 +164,5 @@ def _check_pairs(path: Path, tables: list[_RotorTable]) -> None:
             continue
         other = by_number.get(t.pair) if t.pair is not None else None
         if other is None or other.pair != t.number or {t.level, other.level} != {"upper", "lower"}:
-            raise InputError(
-                path,
-                key,
-                f"expected the {'lower' if t.level == 'upper' else 'upper'} rotor that names {t.number} as its pair",
-            )
+            partner = "lower" if t.level == "upper" else "upper"
+            raise InputError(path, key, f"expected the {partner} rotor that names {t.number} as its pair")

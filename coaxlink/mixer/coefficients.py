@@ -1,0 +1,119 @@
+"""The numbers of the linear mixers: thrust and torque of each rotor per squared normalised speed.
+
+Two sets from one rotor model: the *reduced* one of Berra, Trujillo and Heredia 2024, eq. 6, 7 and 15,
+which keeps the wake of the upper rotor on the lower one, and the *standard* one of eq. 18, which takes
+every rotor for a lone one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.rotor import RotorModel
+from coaxlink.rotor.polynomial import Polynomial
+
+# the paper's bench grid: 11 x 11 throttle levels over 0 .. 90 %
+GRID = np.linspace(0.0, 0.9, 11)
+
+
+@dataclass(frozen=True)
+class ReducedCoefficients:
+    """Loads of one coaxial pair as pure squares (eq. 6), N and N m per u^2.
+
+    f_u = p_0u u_u^2, f_l = p_0l u_l^2 + p_1l u_u^2, and the torques with q alike.
+    """
+
+    p_0u: float
+    p_0l: float
+    p_1l: float
+    q_0u: float
+    q_0l: float
+    q_1l: float
+
+    @property
+    def p_upper(self) -> float:
+        """p~_u of eq. 7: what the *pair* gains in thrust (N) per u_u^2, the lower one's loss included."""
+        return self.p_0u + self.p_1l
+
+    @property
+    def p_lower(self) -> float:
+        """p_l of eq. 7, N per u_l^2."""
+        return self.p_0l
+
+    @property
+    def q_upper(self) -> float:
+        """q~_u of eq. 7, contra-rotating pair: torque on the body (N m) per u_u^2, in the upper's sense."""
+        return self.q_0u - self.q_1l
+
+    @property
+    def q_lower(self) -> float:
+        """q_l of eq. 7, N m per u_l^2, in the lower's sense."""
+        return self.q_0l
+
+
+@dataclass(frozen=True)
+class StandardCoefficients:
+    """Loads of a rotor that feels no other (eq. 18), N and N m per u^2; upper and lower are alike."""
+
+    p: float
+    q: float
+
+    @property
+    def p_upper(self) -> float:
+        """N per u^2."""
+        return self.p
+
+    @property
+    def p_lower(self) -> float:
+        """N per u^2."""
+        return self.p
+
+    @property
+    def q_upper(self) -> float:
+        """N m per u^2."""
+        return self.q
+
+    @property
+    def q_lower(self) -> float:
+        """N m per u^2."""
+        return self.q
+
+
+def reduced_coefficients(model: RotorModel, grid: NDArray[np.float64] = GRID) -> ReducedCoefficients:
+    """Pure-square terms of a rotor model (eq. 6).
+
+    Where the model holds nothing but squares (form rcrm, srm) they are its own. Otherwise the model's
+    surface on grid x grid (normalised speeds) is fitted by least squares with squares alone, since the
+    linear and mixed terms must go somewhere: on eq. 17 this gives 85.7, 80.4, -34.6 N, not the 77.65,
+    69.89, -30.7 that the paper prints.
+    """
+    upper, lower = (x.ravel() for x in np.meshgrid(grid, grid, indexing="ij"))
+    p_0u, _ = _squares(model.upper_thrust, upper, np.zeros_like(upper))
+    q_0u, _ = _squares(model.upper_torque, upper, np.zeros_like(upper))
+    p_1l, p_0l = _squares(model.lower_thrust, upper, lower)
+    q_1l, q_0l = _squares(model.lower_torque, upper, lower)
+    return ReducedCoefficients(p_0u, p_0l, p_1l, q_0u, q_0l, q_1l)
+
+
+def standard_coefficients(model: RotorModel, grid: NDArray[np.float64] = GRID) -> StandardCoefficients:
+    """The lone rotor of eq. 18: f = p u^2 and tau = q u^2 of the upper rotor with the lower one removed.
+
+    Least squares over `grid` (normalised speeds) where the model has more than squares.
+    """
+    none = np.zeros_like(grid)
+    return StandardCoefficients(
+        _squares(model.upper_thrust, grid, none)[0], _squares(model.upper_torque, grid, none)[0]
+    )
+
+
+def _squares(load: Polynomial, upper: NDArray[np.float64], lower: NDArray[np.float64]) -> tuple[float, float]:
+    """(per u_u^2, per u_l^2): the polynomial's own terms if it has no others, else its least-squares fit."""
+    terms = load.terms()
+    if set(terms) <= {"u_u^2", "u_l^2"}:
+        return terms.get("u_u^2", 0.0), terms.get("u_l^2", 0.0)
+    matrix = np.stack([upper**2, lower**2], axis=-1)
+    fit, *_ = np.linalg.lstsq(matrix, load(upper, lower), rcond=None)
+    return float(fit[0]), float(fit[1])

@@ -1,0 +1,96 @@
+"""What every mixer has in common: a wrench in, normalised speeds out, and what the rotors make of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coaxlink.airframe import AXES, Airframe
+from coaxlink.errors import InputError
+from coaxlink.rotor import RotorModel
+
+
+class Law(Protocol):
+    """A mixer for one airframe."""
+
+    @property
+    def name(self) -> str:
+        """As `make_law` and `--law` know it."""
+
+    def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
+        """Normalised speeds (N,) in [0, 1] for a wrench (4,): thrust up N, roll, pitch, yaw N m.
+
+        Raises InputError when the wrench is not four finite numbers.
+        """
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """The axes that the last call gave up, by the law's own account (names of AXES)."""
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """One wrench through one law, and what the rotor model says comes of it."""
+
+    law: str
+    speeds: NDArray[np.float64]  # (N,) normalised
+    thrust_N: NDArray[np.float64]  # (N,) of each rotor, after the wake
+    torque_Nm: NDArray[np.float64]  # (N,) of each rotor, unsigned
+    wrench: NDArray[np.float64]  # (4,) asked for
+    delivered: NDArray[np.float64]  # (4,) by the rotor model
+    power: float  # sum of torque x normalised speed, N m (the paper's efficiency measure up to a constant)
+    power_W: float  # the same in shaft watts, by the model's speed_max_rpm
+    saturated: NDArray[np.bool_]  # (N,) at 0 or at 1
+    dropped: tuple[str, ...]  # axes given up
+
+    @property
+    def error(self) -> NDArray[np.float64]:
+        """(4,) delivered minus asked for, N and N m."""
+        return self.delivered - self.wrench
+
+    def to_json(self) -> dict[str, Any]:
+        """As `coaxlink allocate --json` writes it."""
+        return {
+            "law": self.law,
+            "speeds": self.speeds.tolist(),
+            "thrust_N": self.thrust_N.tolist(),
+            "torque_Nm": self.torque_Nm.tolist(),
+            "wrench": self.wrench.tolist(),
+            "delivered": self.delivered.tolist(),
+            "error": self.error.tolist(),
+            "power": self.power,
+            "power_W": self.power_W,
+            "saturated": self.saturated.tolist(),
+            "dropped": list(self.dropped),
+        }
+
+
+def allocate(law: Law, airframe: Airframe, model: RotorModel, wrench: ArrayLike) -> Allocation:
+    """Run `law` on one wrench (4,) and weigh the result on `model`, which need not be the law's own."""
+    demand = checked_wrench(wrench)
+    u = law.speeds(demand)
+    thrust, torque = airframe.loads(model, u)
+    power = float(torque @ u)
+    return Allocation(
+        law=law.name,
+        speeds=u,
+        thrust_N=thrust,
+        torque_Nm=torque,
+        wrench=demand,
+        delivered=airframe.wrench(thrust, torque),
+        power=power,
+        power_W=power * model.speed_max_rpm * 2 * np.pi / 60,
+        saturated=(u <= 1e-9) | (u >= 1 - 1e-9),
+        dropped=law.dropped,
+    )
+
+
+def checked_wrench(wrench: ArrayLike) -> NDArray[np.float64]:
+    """The wrench as (4,) floats. Raises InputError on another shape and on what is not finite."""
+    demand = np.array(wrench, float)
+    if demand.shape != (len(AXES),) or not np.isfinite(demand).all():
+        raise InputError("wrench", "", f"four finite numbers expected ({', '.join(AXES)}), found {wrench}")
+    return demand

@@ -1,0 +1,88 @@
+"""Linear mixers: squared speeds from the pseudo-inverse of one matrix, u^2 = A+ mu.
+
+Standard mixer: Berra, Trujillo and Heredia 2024, eq. 18. Reduced coaxial mixer: eq. 7 and 15 (the paper
+prints u = A+ mu; it is the squares).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coaxlink.airframe import Airframe
+from coaxlink.errors import InputError
+from coaxlink.mixer.coefficients import (
+    ReducedCoefficients,
+    StandardCoefficients,
+    reduced_coefficients,
+    standard_coefficients,
+)
+from coaxlink.mixer.law import checked_wrench
+from coaxlink.rotor import RotorModel
+
+
+@dataclass(frozen=True)
+class SquareLaw:
+    """u^2 = A+ mu, clipped to 0 .. 1; what the clipping costs is not redistributed, as in the paper."""
+
+    name: str
+    matrix: NDArray[np.float64]  # (4, N) wrench per squared speed
+    inverse: NDArray[np.float64]  # (N, 4)
+    dropped: tuple[str, ...] = ()
+
+    def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
+        """Normalised speeds (N,) for a wrench (4,)."""
+        return np.sqrt(np.clip(self.inverse @ checked_wrench(wrench), 0.0, 1.0))
+
+
+def square_law(name: str, airframe: Airframe, matrix: NDArray[np.float64]) -> SquareLaw:
+    """The law of a (4, N) matrix. Raises InputError when the rotors cannot make all four axes."""
+    scale = np.linalg.norm(matrix, axis=1, keepdims=True)
+    if np.linalg.matrix_rank(matrix / np.where(scale > 0, scale, 1.0), tol=1e-9) < 4:
+        raise InputError(
+            airframe.source or airframe.name, "rotors", "these rotors cannot make thrust, roll, pitch and yaw"
+        )
+    return SquareLaw(name, matrix, np.linalg.pinv(matrix))
+
+
+def reduced_matrix(airframe: Airframe, c: ReducedCoefficients) -> NDArray[np.float64]:
+    """A (4, N) of eq. 7 and 15, wrench per squared speed, for any places, tilts and spins of the rotors."""
+    n = len(airframe.rotors)
+    thrust, torque = np.zeros((n, n)), np.zeros((n, n))  # load of rotor i per squared speed of rotor j
+    for upper, lower in airframe.pairs:
+        thrust[upper, upper], thrust[lower, lower], thrust[lower, upper] = c.p_0u, c.p_0l, c.p_1l
+        torque[upper, upper], torque[lower, lower], torque[lower, upper] = c.q_0u, c.q_0l, c.q_1l
+    for single in airframe.singles:
+        thrust[single, single], torque[single, single] = c.p_0u, c.q_0u
+    per_thrust, per_torque = airframe.effectiveness()
+    return per_thrust @ thrust + per_torque @ torque
+
+
+def standard_matrix(
+    airframe: Airframe, c: StandardCoefficients, *, printed: bool = False
+) -> NDArray[np.float64]:
+    """A (4, N) of eq. 18, wrench per squared speed.
+
+    `printed` keeps the yaw row as the paper prints it, 0.026 where 1.9 is meant: the ratio of torque to
+    thrust instead of the torque.
+    """
+    per_thrust, per_torque = airframe.effectiveness()
+    return c.p * per_thrust + (c.q / c.p if printed else c.q) * per_torque
+
+
+def reduced(airframe: Airframe, model: RotorModel) -> SquareLaw:
+    """The reduced coaxial mixer of a rotor model."""
+    return square_law("reduced", airframe, reduced_matrix(airframe, reduced_coefficients(model)))
+
+
+def standard(airframe: Airframe, model: RotorModel) -> SquareLaw:
+    """The standard mixer of a rotor model, yaw row mended."""
+    return square_law("standard", airframe, standard_matrix(airframe, standard_coefficients(model)))
+
+
+def standard_printed(airframe: Airframe, model: RotorModel) -> SquareLaw:
+    """The standard mixer with the yaw row as printed."""
+    matrix = standard_matrix(airframe, standard_coefficients(model), printed=True)
+    return square_law("standard-printed", airframe, matrix)
