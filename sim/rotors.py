@@ -1,6 +1,6 @@
 """The paper's coaxial pair as the world turns it: eq. 17 surfaces, by Horner on dense coefficients.
 
-Upper and lower thrust (N) and torque (N m) are polynomials of the normalised speeds u_u, u_l = rpm / speed_max
+Upper and lower thrust (N) and torque (N m) are polynomials of the normalised speeds u_u, u_l = rpm / top
 (Berra, Trujillo and Heredia 2024, eq. 1-3, 17). The reader and the evaluation are the world's own.
 """
 

@@ -19,7 +19,7 @@ GRID = tuple(round(0.09 * i, 2) for i in range(11))
 THRUST_NOISE_N = 0.5
 TORQUE_NOISE_NM = 0.01
 SECONDS_A_POINT = 2.0
-SUPPLY_V = 29.6
+SUPPLY_V = 33.6
 COLUMNS = (
     "time_s",
     "upper_rpm",

@@ -1,0 +1,155 @@
+"""One flying vehicle: the compiled kernel's arrays, filled from files, and read back by name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.rotors import ORDER, Pair
+from sim.vehicle import Vehicle
+
+STEP_S = 0.001
+GRAVITY = 9.80665
+ROTOR_RADIUS_M = 0.235  # 18.5 in
+FOOT_Z_M = 0.20
+
+
+@dataclass(frozen=True)
+class Battery:
+    """An 8-cell pack; `reference_V` is where a command means its own speed when the ESCs do not regulate."""
+
+    cells: int = 8
+    capacity_Ah: float = 7.0
+    resistance_ohm: float = 0.025
+    charge: float = 0.95
+    reference_V: float = 33.6
+    efficiency: float = 0.80
+
+
+class Plant:
+    """State and parameters of one vehicle on the ground at the origin; `advance` moves it on."""
+
+    def __init__(self, vehicle: Vehicle, pair: Pair, battery: Battery | None = None) -> None:
+        from sim import kernel  # numba takes its time
+
+        self.index = self._kernel = kernel  # names of the arrays' entries
+        self.vehicle, self.pair, self.battery = vehicle, pair, battery or Battery()
+        n = vehicle.rotors
+        self.parameters = self._default_parameters()
+        self.geometry = np.zeros((n, kernel.GEOMETRY))
+        self.geometry[:, kernel.G_POS : kernel.G_POS + 3] = vehicle.position_m
+        self.geometry[:, kernel.G_AXIS : kernel.G_AXIS + 3] = vehicle.axis
+        self.geometry[:, kernel.G_SPIN] = vehicle.spin
+        self.geometry[:, kernel.G_THRUST] = self.geometry[:, kernel.G_TORQUE] = 1.0
+        self._order = np.array([_order(pair.coefficients[s]) for s in range(4)], dtype=np.int64)
+        self.state = np.zeros(kernel.SPEED + n)
+        self.state[kernel.QUAT] = 1.0
+        self.state[kernel.POS + 2] = GRAVITY / (4 * 300.0)  # resting on its four springs
+        self.state[kernel.CHARGE] = self.battery.charge
+        self.state[kernel.VOLTAGE] = kernel.open_circuit(float(self.battery.cells), self.battery.charge)
+        self.out = np.zeros(kernel.O_THRUST + 2 * n)
+        self.steps = 0
+        self.advance(np.zeros(n), 0)
+
+    def _default_parameters(self) -> NDArray[np.float64]:
+        k, v, b = self._kernel, self.vehicle, self.battery
+        top = self.pair.speed_max_rpm * math.pi / 30.0
+        p = np.zeros(k.PARAMETERS)
+        p[k.MASS], p[[k.IXX, k.IYY, k.IZZ]] = v.mass_kg, v.inertia_kg_m2
+        p[k.GRAVITY], p[k.GROUND_Z], p[k.LAG] = GRAVITY, FOOT_Z_M, v.motor_lag_s
+        p[k.TOP_RATE], p[k.TIP_SPEED] = top, top * ROTOR_RADIUS_M
+        p[k.GROUND_SCALE], p[k.FOOT_XY], p[k.FOOT_Z] = 0.5, 0.2, FOOT_Z_M
+        p[k.VOLT_REF], p[k.CELLS], p[k.CAPACITY] = b.reference_V, b.cells, b.capacity_Ah * 3600.0
+        p[k.RESISTANCE], p[k.EFFICIENCY] = b.resistance_ohm, b.efficiency
+        return p
+
+    def advance(self, command: NDArray[np.float64], steps: int, step_s: float = STEP_S) -> None:
+        """Move on by `steps` steps at constant motor commands (N,) in 0..1."""
+        v = self.vehicle
+        self._kernel.advance(
+            self.state,
+            command,
+            self.parameters,
+            self.geometry,
+            v.level,
+            v.partner,
+            self.pair.coefficients,
+            self._order,
+            step_s,
+            steps,
+            self.out,
+        )
+        self.steps += steps
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time (of 1 ms steps)."""
+        return self.steps * STEP_S
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """(3,) NED, m."""
+        return self.state[0:3]
+
+    @property
+    def velocity(self) -> NDArray[np.float64]:
+        """(3,) NED, m/s."""
+        return self.state[3:6]
+
+    @property
+    def quaternion(self) -> NDArray[np.float64]:
+        """(4,) w, x, y, z, body to NED."""
+        return self.state[6:10]
+
+    @property
+    def rates(self) -> NDArray[np.float64]:
+        """(3,) body, rad/s."""
+        return self.state[10:13]
+
+    @property
+    def charge(self) -> float:
+        """State of charge, 0..1."""
+        return float(self.state[13])
+
+    @property
+    def voltage(self) -> float:
+        """At the terminals, V."""
+        return float(self.state[14])
+
+    @property
+    def current(self) -> float:
+        """Drawn, A."""
+        return float(self.state[15])
+
+    @property
+    def speeds(self) -> NDArray[np.float64]:
+        """(N,) normalised."""
+        return self.state[16:]
+
+    @property
+    def specific_force(self) -> NDArray[np.float64]:
+        """(3,) body, at its origin, m/s^2."""
+        return self.out[0:3]
+
+    @property
+    def thrust(self) -> NDArray[np.float64]:
+        """(N,) N."""
+        return self.out[6 : 6 + self.vehicle.rotors]
+
+    @property
+    def torque(self) -> NDArray[np.float64]:
+        """(N,) N m."""
+        return self.out[6 + self.vehicle.rotors :]
+
+    @property
+    def height(self) -> float:
+        """Of the body origin above the ground, m."""
+        return FOOT_Z_M - float(self.state[2])
+
+
+def _order(c: NDArray[np.float64]) -> tuple[int, int]:
+    used = [(a, b) for a in range(ORDER + 1) for b in range(ORDER + 1) if c[a, b]]
+    return max((a for a, _ in used), default=0), max((b for _, b in used), default=0)

@@ -1,0 +1,96 @@
+"""What the vehicle measures of the truth: noise, bias and quantisation, by seed.
+
+Figures are those of an autopilot's corrected outputs (bias estimated away to a remainder), not of raw parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.plant import Plant
+
+BLOCK = 1024
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations; biases are drawn once a flight."""
+
+    accel_m_s2: float = 0.05
+    accel_bias_m_s2: float = 0.01
+    gyro_rad_s: float = 0.001
+    gyro_bias_rad_s: float = 0.0002
+    attitude_rad: float = 0.0005
+    position_m: float = 0.01
+    velocity_m_s: float = 0.01
+    range_m: float = 0.01
+    voltage_V: float = 0.02
+    rpm: float = 5.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One sample of everything, stamped with simulated time."""
+
+    time_s: float
+    accel: NDArray[np.float64]  # (3,) specific force, body, m/s^2
+    rates: NDArray[np.float64]  # (3,) body, rad/s
+    quaternion: NDArray[np.float64]  # (4,)
+    position: NDArray[np.float64]  # (3,) NED, m
+    velocity: NDArray[np.float64]  # (3,) NED, m/s
+    height: float  # above ground, m
+    voltage: float
+    current: float
+    speeds: NDArray[np.float64]  # (N,) normalised
+
+
+class Sensors:
+    """Reads a plant; the same seed reads the same noise."""
+
+    def __init__(self, plant: Plant, seed: int, noise: Noise | None = None) -> None:
+        self._plant, self.noise = plant, noise or Noise()
+        self._random = np.random.default_rng([seed, 0x5E45])
+        n = plant.vehicle.rotors
+        s = self.noise
+        top = plant.pair.speed_max_rpm
+        self._accel_bias = s.accel_bias_m_s2 * self._random.standard_normal(3)
+        self._gyro_bias = s.gyro_bias_rad_s * self._random.standard_normal(3)
+        sizes = [s.accel_m_s2] * 3 + [s.gyro_rad_s] * 3 + [s.attitude_rad] * 3 + [s.position_m] * 3
+        sizes += [s.velocity_m_s] * 3 + [s.range_m, s.voltage_V] + [s.rpm / top] * n
+        self._sizes = np.array(sizes)
+        self._block = np.empty((0, len(sizes)))
+        self._next = 0
+
+    def read(self) -> Reading:
+        """A sample of the present state."""
+        if self._next >= len(self._block):
+            self._block = self._sizes * self._random.standard_normal((BLOCK, len(self._sizes)))
+            self._next = 0
+        noise = self._block[self._next]
+        self._next += 1
+        p = self._plant
+        q, half = p.quaternion, 0.5 * noise[6:9]
+        # a small rotation about the body axes: q * (1, e / 2)
+        turned = np.array(
+            [
+                q[0] - q[1] * half[0] - q[2] * half[1] - q[3] * half[2],
+                q[1] + q[0] * half[0] + q[2] * half[2] - q[3] * half[1],
+                q[2] + q[0] * half[1] + q[3] * half[0] - q[1] * half[2],
+                q[3] + q[0] * half[2] + q[1] * half[1] - q[2] * half[0],
+            ]
+        )
+        return Reading(
+            p.time_s,
+            p.specific_force + self._accel_bias + noise[0:3],
+            p.rates + self._gyro_bias + noise[3:6],
+            turned,
+            p.position + noise[9:12],
+            p.velocity + noise[12:15],
+            max(p.height + noise[15], 0.0),
+            p.voltage + noise[16],
+            p.current,
+            np.maximum(p.speeds + noise[17:], 0.0),
+        )

@@ -1,0 +1,98 @@
+"""The vehicle of the world, read from an airframe file by the world's own reader (`x8_paper.toml` shows the format).
+
+Body frame FRD from the nominal centre of mass, SI units. Spin is seen from above; a counter-clockwise rotor
+pushes the body to +yaw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.errors import WorldError
+from sim.rotors import read_document, read_number
+
+UPPER, LOWER, SINGLE = 0, 1, 2
+LEVELS = {"upper": UPPER, "lower": LOWER, "single": SINGLE}
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """N rotors in the order of their numbers, and the body they carry."""
+
+    name: str
+    mass_kg: float
+    inertia_kg_m2: NDArray[np.float64]  # (3,)
+    position_m: NDArray[np.float64]  # (N, 3)
+    axis: NDArray[np.float64]  # (N, 3) unit vectors of thrust
+    spin: NDArray[np.float64]  # (N,) +1 counter-clockwise, -1 clockwise
+    level: NDArray[np.int64]  # (N,) UPPER, LOWER or SINGLE
+    partner: NDArray[np.int64]  # (N,) index of the other rotor of the pair, or -1
+    motor_lag_s: float
+    rotor_file: Path | None
+
+    @property
+    def rotors(self) -> int:
+        """How many."""
+        return len(self.spin)
+
+
+def read_vehicle(path: Path) -> Vehicle:
+    """Read an airframe file. Raises WorldError naming the key."""
+    document = read_document(path)
+    tables = document.get("rotors")
+    if not isinstance(tables, list) or not 3 <= len(tables) <= 16:
+        raise WorldError(path, "rotors", "3 to 16 [[rotors]] are expected")
+    by_number = {t.get("number"): t for t in tables if isinstance(t, dict)}
+    if set(by_number) != set(range(1, len(tables) + 1)):
+        raise WorldError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")
+    ordered = [by_number[n] for n in range(1, len(tables) + 1)]
+    axis = np.array(
+        [_vector(path, f"rotors[{t['number']}].axis", t.get("axis", [0, 0, -1])) for t in ordered]
+    )
+    lag = read_number(path, "motor_lag_s", document.get("motor_lag_s", 0.0))
+    rotor = document.get("rotor_model")
+    mass = read_number(path, "mass_kg", document.get("mass_kg"))
+    inertia = _vector(path, "inertia_kg_m2", document.get("inertia_kg_m2"))
+    if mass <= 0 or min(inertia) <= 0 or lag < 0:
+        raise WorldError(path, "mass_kg, inertia_kg_m2, motor_lag_s", "positive numbers are expected")
+    return Vehicle(
+        str(document.get("name", path.stem)),
+        mass,
+        np.array(inertia),
+        np.array([_vector(path, f"rotors[{t['number']}].position_m", t.get("position_m")) for t in ordered]),
+        axis / np.linalg.norm(axis, axis=1, keepdims=True),
+        np.array([_choice(path, t, "spin", {"ccw": 1.0, "cw": -1.0}) for t in ordered]),
+        np.array([_choice(path, t, "level", LEVELS) for t in ordered], dtype=np.int64),
+        np.array([_partner(path, t, by_number) for t in ordered], dtype=np.int64),
+        lag,
+        path.parent / rotor if isinstance(rotor, str) else None,
+    )
+
+
+def _vector(path: Path, where: str, value: object) -> list[float]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise WorldError(path, where, f"three numbers are expected, found {value!r}")
+    return [read_number(path, where, v) for v in value]
+
+
+def _choice(path: Path, table: dict[str, Any], key: str, known: dict[str, Any]) -> Any:
+    if table.get(key) not in known:
+        where = f"rotors[{table['number']}].{key}"
+        raise WorldError(path, where, f"one of {', '.join(known)} is expected, found {table.get(key)!r}")
+    return known[table[key]]
+
+
+def _partner(path: Path, table: dict[str, Any], by_number: dict[Any, dict[str, Any]]) -> int:
+    if table["level"] == "single":
+        return -1
+    other = by_number.get(table.get("pair"))
+    levels = {table["level"], other["level"]} if other else set()
+    if not other or other.get("pair") != table["number"] or levels != {"upper", "lower"}:
+        where = f"rotors[{table['number']}].pair"
+        raise WorldError(path, where, "a pair is an upper and a lower rotor that name each other")
+    return int(table["pair"]) - 1
