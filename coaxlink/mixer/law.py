@@ -92,5 +92,5 @@ def checked_wrench(wrench: ArrayLike) -> NDArray[np.float64]:
     """The wrench as (4,) floats. Raises InputError on another shape and on what is not finite."""
     demand = np.array(wrench, float)
     if demand.shape != (len(AXES),) or not np.isfinite(demand).all():
-        raise InputError("wrench", "", f"four finite numbers expected ({', '.join(AXES)}), found {wrench}")
+        raise InputError("wrench", "", f"four finite numbers expected ({', '.join(AXES)}), found {wrench!r}")
     return demand

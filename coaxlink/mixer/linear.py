@@ -44,7 +44,7 @@ def square_law(name: str, airframe: Airframe, matrix: NDArray[np.float64]) -> Sq
         raise InputError(
             airframe.source or airframe.name, "rotors", "these rotors cannot make thrust, roll, pitch and yaw"
         )
-    return SquareLaw(name, matrix, np.linalg.pinv(matrix))
+    return SquareLaw(name, matrix, np.asarray(np.linalg.pinv(matrix), np.float64))
 
 
 def reduced_matrix(airframe: Airframe, c: ReducedCoefficients) -> NDArray[np.float64]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
-from coaxlink.mixer import linear
+from coaxlink.mixer import coaxial, linear
 from coaxlink.mixer.law import Law
 from coaxlink.rotor import RotorModel
 
-LAWS = ("standard", "standard-printed", "reduced")
+LAWS = ("standard", "standard-printed", "reduced", "coaxial", "coaxial-printed")
 
 
 def make_law(name: str, airframe: Airframe, model: RotorModel, **options: Any) -> Law:
@@ -18,10 +19,13 @@ def make_law(name: str, airframe: Airframe, model: RotorModel, **options: Any) -
 
     Raises InputError on an unknown name and on an airframe that the law cannot serve.
     """
-    if name == "standard":
-        return linear.standard(airframe, model, **options)
-    if name == "standard-printed":
-        return linear.standard_printed(airframe, model, **options)
-    if name == "reduced":
-        return linear.reduced(airframe, model, **options)
-    raise InputError("--law", name, f"no such law; expected one of {', '.join(LAWS)}")
+    makers: dict[str, Callable[..., Law]] = {
+        "standard": linear.standard,
+        "standard-printed": linear.standard_printed,
+        "reduced": linear.reduced,
+        "coaxial": coaxial.coaxial,
+        "coaxial-printed": coaxial.coaxial_printed,
+    }
+    if name not in makers:
+        raise InputError("--law", name, f"no such law; expected one of {', '.join(LAWS)}")
+    return makers[name](airframe, model, **options)

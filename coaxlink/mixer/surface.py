@@ -1,0 +1,70 @@
+"""One load of a coaxial pair as plain numbers, for laws that evaluate it one speed at a time.
+
+A `Polynomial` of numpy arrays costs tens of microseconds a call; these are lists and floats.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from coaxlink.rotor.polynomial import Polynomial
+
+
+@dataclass(frozen=True)
+class Surface:
+    """f(u_u, u_l) = sum_ab coefficients[a][b] u_u^a u_l^b, dense."""
+
+    coefficients: tuple[tuple[float, ...], ...]  # [power of u_u][power of u_l]
+
+    @classmethod
+    def of(cls, load: Polynomial) -> Surface:
+        """The dense form of a polynomial (terms of equal powers are added up)."""
+        orders = [max((e[i] for e in load.exponents), default=0) + 1 for i in (0, 1)]
+        dense = [[0.0] * orders[1] for _ in range(orders[0])]
+        for (a, b), c in zip(load.exponents, load.coefficients, strict=True):
+            dense[a][b] += c
+        return cls(tuple(tuple(row) for row in dense))
+
+    def at(self, upper: float, lower: float) -> tuple[float, float, float]:
+        """(f, df/du_u, df/du_l) at one pair of normalised speeds, by Horner's rule."""
+        value = slope_upper = slope_lower = 0.0
+        for row in reversed(self.coefficients):
+            inner = inner_slope = 0.0
+            for c in reversed(row):
+                inner_slope = inner_slope * lower + inner
+                inner = inner * lower + c
+            slope_upper = slope_upper * upper + value
+            value = value * upper + inner
+            slope_lower = slope_lower * upper + inner_slope
+        return value, slope_upper, slope_lower
+
+    def upper_for(self, load: float, lower: float = 0.0) -> float:
+        """The u_u in [0, 1] that gives `load` at u_l = lower, or the nearer end when none does."""
+        return _invert(lambda u: self.at(u, lower)[:2], load)
+
+    def lower_for(self, load: float, upper: float) -> float:
+        """The u_l in [0, 1] that gives `load` at u_u = upper, or the nearer end when none does."""
+        return _invert(lambda u: self.at(upper, u)[::2], load)
+
+
+def _invert(curve, target: float) -> float:  # type: ignore[no-untyped-def]
+    """Newton kept inside a shrinking bracket: sure on any curve that rises from one end to the other."""
+    low, high = 0.0, 1.0
+    if curve(low)[0] >= target:
+        return low
+    if curve(high)[0] <= target:
+        return high
+    u = 0.5
+    for _ in range(60):
+        value, slope = curve(u)
+        miss = value - target
+        if miss > 0:
+            high = u
+        else:
+            low = u
+        step = u - miss / slope if slope > 0 else low
+        new = step if low < step < high else 0.5 * (low + high)
+        if abs(new - u) < 1e-14:
+            return new
+        u = new
+    return u
