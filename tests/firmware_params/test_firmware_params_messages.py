@@ -1,0 +1,68 @@
+"""The two hand-written messages against what pymavlink's own generator makes of their definition."""
+
+import importlib.util
+import io
+
+import pytest
+from pymavlink.dialects.v20 import common
+from pymavlink.generator import mavgen
+
+from firmware_params.px4 import messages
+
+FIELDS = {
+    "ESC_INFO": "uint8_t index/uint64_t time_usec/uint16_t counter/uint8_t count/uint8_t connection_type/"
+    "uint8_t info/uint16_t[4] failure_flags/uint32_t[4] error_count/int16_t[4] temperature",
+    "ESC_STATUS": "uint8_t index/uint64_t time_usec/int32_t[4] rpm/float[4] voltage/float[4] current",
+}
+VALUES = {
+    "ESC_INFO": (4, 2**40 + 7, 65000, 8, 3, 15, [1, 2, 3, 4], [2**31, 0, 5, 6], [-4000, 3210, 0, 1]),
+    "ESC_STATUS": (4, 2**40 + 7, [-5, 4000, 2**30, 0], [16.5, 0.25, 1e9, -1.0], [0.5, 80.0, 3.0, 0.0]),
+}
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dialect")
+    text = "<mavlink><version>3</version><messages>"
+    for number, (name, fields) in zip((290, 291), FIELDS.items(), strict=True):
+        text += f'<message id="{number}" name="{name}"><description>d</description>'
+        for field in fields.split("/"):
+            kind, label = field.split()
+            instance = ' instance="true"' if label == "index" else ""
+            text += f'<field type="{kind}" name="{label}"{instance}>f</field>'
+        text += "</message>"
+    (folder / "esc.xml").write_text(f'<?xml version="1.0"?>\n{text}</messages></mavlink>')
+    options = mavgen.Opts(str(folder / "esc_dialect.py"), wire_protocol="2.0", language="Python3")
+    assert mavgen.mavgen(options, [str(folder / "esc.xml")])
+    spec = importlib.util.spec_from_file_location("esc_dialect", folder / "esc_dialect.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("number", [290, 291])
+def test_layout_is_the_generator_s(generated, number):
+    ours, theirs = common.mavlink_map[number], generated.mavlink_map[number]
+    layout = "id msgname fieldnames ordered_fieldnames fieldtypes native_format orders lengths array_lengths"
+    for name in (*layout.split(), "crc_extra", "instance_field", "instance_offset"):
+        assert getattr(ours, name) == getattr(theirs, name), name
+    assert ours.unpacker.format == theirs.unpacker.format
+
+
+@pytest.mark.parametrize("number", [290, 291])
+def test_each_side_reads_the_other(generated, number):
+    values = VALUES[common.mavlink_map[number].msgname]
+    for sender, receiver in ((common, generated), (generated, common)):
+        frame = sender.mavlink_map[number](*values).pack(sender.MAVLink(io.BytesIO(), 1, 1))
+        (read,) = receiver.MAVLink(None).parse_buffer(frame)
+        assert [getattr(read, name) for name in read.fieldnames] == list(values)
+        assert read.get_type() == common.mavlink_map[number].msgname
+
+
+def test_a_dialect_that_knows_them_keeps_its_own():
+    class Dialect:
+        mavlink_map = {290: "its own"}  # noqa: RUF012
+
+    messages.register(Dialect)
+    assert Dialect.mavlink_map[290] == "its own"
+    assert Dialect.mavlink_map[291] is messages.MAVLink_esc_status_message
