@@ -20,23 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.law import checked_wrench
-from coaxlink.mixer.surface import Surface
+from coaxlink.mixer.plain import PlainRotors
 from coaxlink.rotor import RotorModel
-
-
-@dataclass(frozen=True)
-class _Rotors:
-    """A rotor model as plain numbers."""
-
-    upper_thrust: Surface
-    upper_torque: Surface
-    lower_thrust: Surface
-    lower_torque: Surface
-
-    @classmethod
-    def of(cls, model: RotorModel) -> _Rotors:
-        loads = (model.upper_thrust, model.upper_torque, model.lower_thrust, model.lower_torque)
-        return cls(*(Surface.of(load) for load in loads))
 
 
 @dataclass(frozen=True)
@@ -44,7 +29,7 @@ class CoaxialPrinted:
     """Algorithm 1 as printed, for pairs; a single rotor is an upper one with nothing below."""
 
     airframe: Airframe
-    rotors: _Rotors
+    rotors: PlainRotors
     inverse: NDArray[np.float64]  # (N, 4) rotor thrust per wrench: the upper half of A+ (eq. 12)
     name: str = "coaxial-printed"
     dropped: tuple[str, ...] = ("yaw",)
@@ -84,7 +69,7 @@ class Coaxial:
         ]
         lone = [rotors.upper_thrust.at(u[i], 0.0)[0] for i in frame.singles]
         for _ in range(self.passes):
-            missing = demand - self._wrench(u)
+            missing = demand - rotors.wrench(u)
             if np.abs(missing).max() < 1e-10:
                 break
             share = self.shares @ missing
@@ -97,22 +82,6 @@ class Coaxial:
                 u[i] = rotors.upper_thrust.upper_for(thrust)
         return u
 
-    def _wrench(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        frame, rotors = self.printed.airframe, self.printed.rotors
-        thrust, torque = np.zeros(len(u)), np.zeros(len(u))
-        for a, b in frame.pairs:
-            thrust[a], torque[a] = (
-                rotors.upper_thrust.at(u[a], u[b])[0],
-                rotors.upper_torque.at(u[a], u[b])[0],
-            )
-            thrust[b], torque[b] = (
-                rotors.lower_thrust.at(u[a], u[b])[0],
-                rotors.lower_torque.at(u[a], u[b])[0],
-            )
-        for i in frame.singles:
-            thrust[i], torque[i] = rotors.upper_thrust.at(u[i], 0.0)[0], rotors.upper_torque.at(u[i], 0.0)[0]
-        return frame.wrench(thrust, torque)
-
 
 def coaxial_printed(airframe: Airframe, model: RotorModel) -> CoaxialPrinted:
     """Algorithm 1 as printed. Raises InputError when thrusts alone cannot make thrust, roll and pitch."""
@@ -122,7 +91,7 @@ def coaxial_printed(airframe: Airframe, model: RotorModel) -> CoaxialPrinted:
         raise InputError(source, "rotors", "these rotors cannot make thrust, roll and pitch")
     both = np.concatenate([per_thrust, per_torque], axis=1)  # (4, 2N), A of eq. 8
     return CoaxialPrinted(
-        airframe, _Rotors.of(model), np.asarray(np.linalg.pinv(both))[: per_thrust.shape[1]]
+        airframe, PlainRotors.of(airframe, model), np.asarray(np.linalg.pinv(both))[: per_thrust.shape[1]]
     )
 
 
@@ -141,7 +110,7 @@ def coaxial(airframe: Airframe, model: RotorModel) -> Coaxial:
 
 
 def _pair_loads(
-    rotors: _Rotors, upper: float, lower: float, sign: float
+    rotors: PlainRotors, upper: float, lower: float, sign: float
 ) -> tuple[float, float, float, float, float, float]:
     """Thrust and net torque (in the upper's sense) of a pair, and their slopes by u_u and u_l."""
     fu, fu_u, fu_l = rotors.upper_thrust.at(upper, lower)
@@ -155,7 +124,7 @@ def _pair_loads(
 
 
 def solve_pair(
-    rotors: _Rotors, thrust: float, torque: float, sign: float, upper: float, lower: float
+    rotors: PlainRotors, thrust: float, torque: float, sign: float, upper: float, lower: float
 ) -> tuple[float, float]:
     """Both speeds of a pair for its thrust (N) and net torque (N m, upper's sense), from a first guess.
 

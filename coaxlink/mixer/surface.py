@@ -25,6 +25,16 @@ class Surface:
             dense[a][b] += c
         return cls(tuple(tuple(row) for row in dense))
 
+    def value(self, upper: float, lower: float) -> float:
+        """f at one pair of normalised speeds."""
+        value = 0.0
+        for row in reversed(self.coefficients):
+            inner = 0.0
+            for c in reversed(row):
+                inner = inner * lower + c
+            value = value * upper + inner
+        return value
+
     def at(self, upper: float, lower: float) -> tuple[float, float, float]:
         """(f, df/du_u, df/du_l) at one pair of normalised speeds, by Horner's rule."""
         value = slope_upper = slope_lower = 0.0

@@ -1,0 +1,62 @@
+"""The rotors of one airframe as plain numbers: speeds to loads to wrench in tens of microseconds.
+
+The same physics as `Airframe.loads` and `Airframe.wrench`, for laws and the live loop, which ask one point
+at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.airframe import Airframe
+from coaxlink.mixer.surface import Surface
+from coaxlink.rotor import RotorModel
+
+
+@dataclass(frozen=True)
+class PlainRotors:
+    """Pairs and singles with their four surfaces, and what each load does to the body."""
+
+    pairs: tuple[tuple[int, int], ...]  # (upper, lower) indices
+    singles: tuple[int, ...]
+    upper_thrust: Surface
+    upper_torque: Surface
+    lower_thrust: Surface
+    lower_torque: Surface
+    per_load: NDArray[np.float64]  # (4, 2N) wrench per unit thrust of each rotor, then per unit torque
+
+    @classmethod
+    def of(cls, airframe: Airframe, model: RotorModel) -> PlainRotors:
+        """The rotors of `airframe`, all alike, each pair by `model`."""
+        return cls(
+            airframe.pairs,
+            airframe.singles,
+            Surface.of(model.upper_thrust),
+            Surface.of(model.upper_torque),
+            Surface.of(model.lower_thrust),
+            Surface.of(model.lower_torque),
+            np.concatenate(airframe.effectiveness(), axis=1),
+        )
+
+    def wrench(self, speeds: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+        """(4,) wrench of normalised speeds (N,)."""
+        n = self.per_load.shape[1] // 2
+        loads = [0.0] * (2 * n)
+        for a, b in self.pairs:
+            upper, lower = float(speeds[a]), float(speeds[b])
+            loads[a], loads[n + a] = (
+                self.upper_thrust.value(upper, lower),
+                self.upper_torque.value(upper, lower),
+            )
+            loads[b], loads[n + b] = (
+                self.lower_thrust.value(upper, lower),
+                self.lower_torque.value(upper, lower),
+            )
+        for i in self.singles:
+            u = float(speeds[i])
+            loads[i], loads[n + i] = self.upper_thrust.value(u, 0.0), self.upper_torque.value(u, 0.0)
+        return self.per_load @ loads
