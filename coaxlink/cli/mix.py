@@ -54,7 +54,7 @@ def mix(
     if lost:
         raise LinkError(connect, lost)
     if summary["unanswered"]["failures"]:
-        raise CheckFailed("the law or the link failed during the run; nothing was sent after that")
+        raise CheckFailed(f"live mixing stopped itself and fell silent: {live.error}")
     if not summary["cycles"]:
         raise CheckFailed("the autopilot sent no wrench demand (ACTUATOR_CONTROL_TARGET)")
 
@@ -64,16 +64,12 @@ def _watch(live: LiveMixer, seconds: float | None) -> str | None:
     from rich.live import Live
 
     started = time.monotonic()
-    seen, seen_at = None, started
     with Live(console=talk(), refresh_per_second=4) as screen:
         while seconds is None or time.monotonic() - started < seconds:
             if live.failed.wait(0.25 if seconds is None else min(0.25, seconds)):
                 return None
             screen.update(_line(live.summary()))
-            heartbeat = live.session.latest("HEARTBEAT")
-            if heartbeat is not seen:
-                seen, seen_at = heartbeat, time.monotonic()
-            elif time.monotonic() - seen_at > QUIET_S:
+            if live.session.silence_s > QUIET_S:
                 return f"no heartbeat for {QUIET_S:.0f} s"
     return None
 

@@ -165,16 +165,19 @@ class LiveMixer:
         self.rate_hz = rate_hz
         self.session = session
         self.failed = threading.Event()
+        self.error: Exception | None = None
         self._unsubscribe: Callable[[], None] | None = None
         self._started = self._stopped = 0.0
 
     def start(self) -> None:
         """Check the autopilot, ask for the demand, and answer it from now on."""
         identity = self.session.identity
-        require_path(identity.autopilot, identity.firmware_version)
+        require_path(identity.autopilot, identity.version)
         self._started = time.monotonic()
         self._unsubscribe = self.session.subscribe(self._on_message)
-        self.session.request_stream(mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET, self.rate_hz)
+        if not self.session.request_stream(mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET, self.rate_hz):
+            self.stop()
+            raise SafetyRefusal("the autopilot will not send its wrench demand (ACTUATOR_CONTROL_TARGET)")
 
     def stop(self) -> None:
         """Answer no more; the autopilot notices and flies its own mixer."""
@@ -204,11 +207,12 @@ class LiveMixer:
                     )
                 )
                 self.core.account(time.perf_counter() - began)
-        except Exception:
-            # a law or a socket that fails must not fail again at 250 Hz: silence hands the vehicle back
+        except Exception as error:
+            # what fails once must not fail again at 250 Hz, nor take the whole session down in flight:
+            # silence hands the vehicle back, and whoever watches `failed` says why
             self.core.counters.failures += 1
+            self.error = error
             self.failed.set()
-            raise
 
     def summary(self) -> dict[str, Any]:
         """Counters, latency and allocation error so far, as `coaxlink mix --json` writes them."""

@@ -34,7 +34,8 @@ class ScriptedSession:
     def __init__(
         self, version: tuple[int, ...] = (1, 13, 3), autopilot: int = mavlink.MAV_AUTOPILOT_PX4
     ) -> None:
-        self.identity = SimpleNamespace(system=1, component=1, autopilot=autopilot, firmware_version=version)
+        self.identity = SimpleNamespace(system=1, component=1, autopilot=autopilot, version=version)
+        self.takes_requests = True
         self.sent: list[Any] = []
         self.requests: list[tuple[int, float]] = []
         self.listeners: list[Callable[[Any], None]] = []
@@ -43,8 +44,9 @@ class ScriptedSession:
         self.listeners.append(callback)
         return lambda: self.listeners.remove(callback)
 
-    def request_stream(self, message_id: int, rate_hz: float) -> None:
+    def request_stream(self, message_id: int, rate_hz: float) -> bool:
         self.requests.append((message_id, rate_hz))
+        return self.takes_requests
 
     def send(self, message: Any) -> None:
         self.sent.append(message)
@@ -148,8 +150,9 @@ def test_a_failing_law_falls_silent_instead_of_failing_at_every_demand() -> None
     law = SimpleNamespace(name="broken", speeds=broken, dropped=())
     mixer = LiveMixer(session, X8, law, CRM)  # type: ignore[arg-type]
     mixer.start()
-    with pytest.raises(RuntimeError):
-        session.demand(1000, HOVER)
+    session.demand(1000, HOVER)
+    assert mixer.failed.is_set()
+    assert str(mixer.error) == "no"
     session.demand(2000, HOVER)
     assert session.sent == []
     assert mixer.summary()["unanswered"]["failures"] == 1
@@ -175,6 +178,14 @@ def test_an_autopilot_that_ignores_the_stream_is_refused_with_the_reason(
         LiveMixer(session, X8, make_law("reduced", X8, CRM), CRM).start()  # type: ignore[arg-type]
     assert session.listeners == []
     assert session.requests == []
+
+
+def test_an_autopilot_that_will_not_send_its_demand_is_refused_and_left_alone() -> None:
+    session = ScriptedSession()
+    session.takes_requests = False
+    with pytest.raises(SafetyRefusal, match="will not send"):
+        LiveMixer(session, X8, make_law("reduced", X8, CRM), CRM).start()  # type: ignore[arg-type]
+    assert session.listeners == []
 
 
 def test_older_px4_is_accepted() -> None:
