@@ -1,0 +1,102 @@
+"""Flight logs of every kind as Samples in the contract's flight columns."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from coaxlink.data.samples import Samples
+from coaxlink.data.table import read_table
+from coaxlink.errors import InputError
+
+MOTOR = re.compile(r"motor([1-9]\d?)")
+MOTION = (
+    *(f"{what}_{axis}_{unit}" for what, unit in (("accel", "m_s2"), ("gyro", "rad_s")) for axis in "xyz"),
+    "roll_rad",
+    "pitch_rad",
+    "yaw_rad",
+)
+_ULOG = b"ULog\x01\x12\x35"
+_DATAFLASH = b"\xa3\x95"
+_MAVLINK = (0xFD, 0xFE)
+
+
+def read_flight_log(path: Path) -> Samples:
+    """ULog, DataFlash, tlog or CSV, told by content, as the contract's flight columns on one time base.
+
+    Columns: time_s, motor1..N (0..1, after the thrust curve), accel_* (specific force, m/s^2), gyro_*,
+    roll_rad, pitch_rad, yaw_rad, vel_{n,e,d}_m_s, height_m; voltage_V, rpm1..N, armed, landed where logged.
+    Raises InputError.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    if kind == "ulog":
+        from coaxlink.data.ulog import read_ulog
+
+        return read_ulog(path)
+    if kind == "dataflash":
+        from coaxlink.data.dataflash import read_dataflash
+
+        return read_dataflash(path)
+    if kind == "tlog":
+        from coaxlink.data.tlog import read_tlog
+
+        return read_tlog(path)
+    return read_flight_csv(path)
+
+
+def is_flight_log(path: Path) -> bool:
+    """Whether a log is of a flight (motor commands, or binary), not of a stand. Raises InputError."""
+    path = Path(path)
+    return _kind(path) != "text" or any(MOTOR.fullmatch(name) for name in read_table(path).headings)
+
+
+def _kind(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(16)
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
+    if head.startswith(_ULOG):
+        return "ulog"
+    if head.startswith(_DATAFLASH):
+        return "dataflash"
+    if len(head) > 9 and head[8] in _MAVLINK and b"," not in head:
+        return "tlog"
+    suffixes = {".ulg": "ULog", ".tlog": "tlog", ".bin": "DataFlash"}
+    if path.suffix.lower() in suffixes:
+        found = "an empty file" if not head else "something else"
+        raise InputError(path, "", f"a {suffixes[path.suffix.lower()]} file is expected, found {found}")
+    return "text"
+
+
+def read_flight_csv(path: Path) -> Samples:
+    """A CSV flight log in our own columns, every column a number in every row. Raises InputError."""
+    table = read_table(path)
+    columns = {
+        name: table.numbers(i)
+        for i, name in enumerate(table.headings)
+        if name and not table.column_is_empty(i)
+    }
+    samples = Samples(columns, str(path), (), np.array(table.lines))
+    samples.require("time_s", "motor1", *MOTION)
+    count = sum(MOTOR.fullmatch(name) is not None for name in columns)
+    samples.require(*(f"motor{n}" for n in range(1, count + 1)))
+    for n in range(1, count + 1):
+        outside = (samples[f"motor{n}"] < 0) | (samples[f"motor{n}"] > 1)
+        if outside.any():
+            row = int(np.argmax(outside))
+            found = f"0..1 is expected, found {samples[f'motor{n}'][row]:g}"
+            raise InputError(path, f"{samples.place(row)}, column motor{n}", found)
+    step = np.diff(samples["time_s"])
+    if (step < 0).any():
+        place = samples.place(int(np.argmax(step < 0)) + 1)
+        raise InputError(path, f"{place}, column time_s", "time goes back; increasing stamps are expected")
+    repeated = np.concatenate([[False], step == 0])
+    if repeated.any():
+        samples = samples.take(~repeated).with_notes(
+            f"{int(repeated.sum())} rows with a repeated stamp left out"
+        )
+    return samples

@@ -1,0 +1,204 @@
+"""Flight logs: CSV and tlog, written here with pymavlink's own packer, and the real logs where they are."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common
+
+from coaxlink.data import is_flight_log, read_flight_log
+from coaxlink.errors import InputError
+
+SHARED = Path(__file__).parents[2] / ".." / "shared" / "data"
+needs_shared = pytest.mark.skipif(
+    not SHARED.is_dir(), reason="the shared real logs are not beside this checkout"
+)
+CSV = "time_s,motor1,motor2,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,"
+CSV += "roll_rad,pitch_rad,yaw_rad,vel_n_m_s,vel_e_m_s,vel_d_m_s,height_m,humidity\n"
+
+
+def csv_row(time: float, motor: float) -> str:
+    return f"{time},{motor},0.5,0,0,-9.8,0,0,0,0,0,0,0,0,0,2,40\n"
+
+
+def test_csv_in_our_columns(tmp_path: Path) -> None:
+    path = tmp_path / "flight.csv"
+    path.write_text(CSV + csv_row(0, 0.25) + csv_row(0.01, 0.5) + csv_row(0.01, 0.5) + csv_row(0.02, 1.0))
+    log = read_flight_log(path)
+    assert log["motor1"].tolist() == [0.25, 0.5, 1.0]
+    assert log["humidity"].tolist() == [40, 40, 40]
+    assert any("repeated stamp" in note for note in log.notes)
+    assert is_flight_log(path)
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        (CSV + csv_row(0, 1.5), "line 2, column motor1: 0..1 is expected, found 1.5"),
+        (CSV + csv_row(1, 0.5) + csv_row(0, 0.5), "line 3, column time_s: time goes back"),
+        (CSV + csv_row(0, math.nan), "line 2, column 'motor1': a finite number is expected"),
+        (CSV.replace("gyro_y_rad_s", "q") + csv_row(0, 0.5), "column gyro_y_rad_s: missing"),
+        (CSV.replace("motor2", "motor3") + csv_row(0, 0.5), "column motor2: missing"),
+        ("", "empty"),
+    ],
+)
+def test_bad_csv(tmp_path: Path, text: str, expected: str) -> None:
+    path = tmp_path / "flight.csv"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_flight_log(path)
+    assert expected in str(caught.value)
+
+
+class Recorder:
+    """Frames of one autopilot behind a wall clock that has nothing to do with its own."""
+
+    def __init__(self, path: Path) -> None:
+        self.mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
+        self.path, self.data, self.wall = path, bytearray(), 1_700_000_000_000_000
+
+    def add(self, message: common.MAVLink_message, mav: common.MAVLink | None = None) -> None:
+        self.wall += 137
+        self.data += struct.pack(">Q", self.wall) + message.pack(mav or self.mav)
+
+    def write(self) -> Path:
+        self.path.write_bytes(self.data)
+        return self.path
+
+
+def recorded(path: Path, *, seconds: float = 4.0, imu_hz: int = 200, vibration_hz: float = 0.0) -> Recorder:
+    """Motors at 50 Hz ramping up, a roll rate of 2 rad/s^2 x t, IMU faster than the motors."""
+    log = Recorder(path)
+    ground = common.MAVLink(None, srcSystem=255, srcComponent=190)
+    for ms in range(0, int(seconds * 1000)):
+        t = ms / 1000
+        if ms % 1000 == 0:
+            log.add(common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), ground)
+            log.add(common.MAVLink_heartbeat_message(2, 12, 128 if t >= 2 else 0, 0, 4, 3))
+            volts = [int(25000 - 100 * t)] + [65535] * 9
+            log.add(common.MAVLink_battery_status_message(0, 0, 0, 0, volts, 0, 0, 0, 50))
+        if ms % (1000 // imu_hz) == 0:
+            shake = 5 * math.sin(2 * math.pi * vibration_hz * t)
+            log.add(
+                common.MAVLink_highres_imu_message(
+                    ms * 1000, 0.1, 0.2, -9.8 + shake, 2 * t, 0, 0, 0, 0, 0, 0, 0, 0, 20, 63, 0
+                )
+            )
+        if ms % 20 == 0:
+            outputs = [1000 + 100 * t + n for n in range(8)] + [0.0] * 24
+            log.add(common.MAVLink_actuator_output_status_message(ms * 1000, 8, outputs))
+            log.add(
+                common.MAVLink_attitude_message(ms, t * t, 0.1, math.remainder(3 * t, 2 * math.pi), 0, 0, 0)
+            )
+        if ms % 50 == 0:
+            log.add(common.MAVLink_local_position_ned_message(ms, 0, 0, -t, 1, 2, -1))
+    return log
+
+
+def test_tlog_times_are_the_messages_own(tmp_path: Path) -> None:
+    log = read_flight_log(recorded(tmp_path / "flight.tlog").write())
+    t = log["time_s"]
+    np.testing.assert_allclose(np.diff(t), 0.02, atol=1e-9)
+    assert t[0] == pytest.approx(0.0, abs=0.021) and t[-1] > 3.9
+    np.testing.assert_allclose(log["motor1"], 0.1 * t, atol=1e-6)
+    np.testing.assert_allclose(log["motor8"], 0.1 * t + 0.007, atol=1e-6)
+    assert not log.has("motor9")
+    inside = slice(1, -1)
+    np.testing.assert_allclose(log["gyro_x_rad_s"][inside], 2 * t[inside], atol=1e-5)
+    np.testing.assert_allclose(log["accel_z_m_s2"], -9.8, atol=1e-5)
+    np.testing.assert_allclose(np.unwrap(log["yaw_rad"]), 3 * t, atol=1e-5)
+    np.testing.assert_allclose(log["vel_e_m_s"], 2.0)
+    np.testing.assert_allclose(log["height_m"][:-2], t[:-2], atol=1e-5)
+    np.testing.assert_allclose(log["voltage_V"][t < 3], (25 - 0.1 * t)[t < 3], atol=0.02)
+    assert set(log["armed"][t < 1.95]) == {0.0} and set(log["armed"][t > 2.02]) == {1.0}
+    assert any("DISTANCE_SENSOR" in note for note in log.notes)
+
+
+def test_vibration_above_the_motor_rate_does_not_alias(tmp_path: Path) -> None:
+    log = read_flight_log(recorded(tmp_path / "v.tlog", vibration_hz=52.0).write())
+    assert np.std(log["accel_z_m_s2"][2:-2]) < 0.5  # plain sampling at 50 Hz would show 3.5 at 2 Hz
+
+
+def test_a_pause_in_the_log_is_left_out(tmp_path: Path) -> None:
+    whole = recorded(tmp_path / "gap.tlog").data
+    records, at = [], 0
+    while at < len(whole):
+        size = 8 + 12 + whole[at + 9]
+        records.append(bytes(whole[at : at + size]))
+        at += size
+    cut = [r for i, r in enumerate(records) if not len(records) * 0.4 < i < len(records) * 0.6]
+    path = tmp_path / "cut.tlog"
+    path.write_bytes(b"".join(cut) + b"\x00\x01torn")
+    log = read_flight_log(path)
+    step = np.diff(log["time_s"])
+    assert step.max() > 0.5 and any("gaps" in note for note in log.notes)
+
+
+def test_esc_batches_that_repeat_the_first_four_are_left_out(tmp_path: Path) -> None:
+    from firmware_params.px4 import messages
+
+    log = recorded(tmp_path / "esc.tlog")
+    for ms in range(0, 4000, 100):
+        rpm = [1000 + ms, 2000, 3000, 4000]
+        for index in (0, 4):
+            log.add(messages.MAVLink_esc_status_message(index, ms * 1000, rpm, [20.0] * 4, [1.0] * 4))
+    samples = read_flight_log(log.write())
+    assert samples.has("rpm1", "rpm4") and not samples.has("rpm5")
+    np.testing.assert_allclose(samples["rpm1"][5:-10], 1000 + 1e3 * samples["time_s"][5:-10], atol=1)
+
+
+@needs_shared
+@pytest.mark.shared_data
+@pytest.mark.parametrize(
+    "name, rows", [("px4_null_fitted.ulg", 13000), ("px4_rotor_drag.ulg", 15000), ("ap_null.bin", 5500)]
+)
+def test_real_flights_carry_their_weight(name: str, rows: int) -> None:
+    """With the plant's own rotors (eq. 17, written out here) the mean thrust carries 20 kg."""
+    log = read_flight_log(SHARED / "flights" / name)
+    assert log.rows > rows
+    flying = (log["landed"] == 0) & (log["height_m"] > 1)
+    upper = [1, 2, 3, 4]
+    lower = [6, 5, 8, 7]
+    thrust = np.zeros(log.rows)
+    for a, b in zip(upper, lower, strict=True):
+        u, v = log[f"motor{a}"], log[f"motor{b}"]
+        thrust += 55.9517 * u**2 + 22.4464 * u + 2.755 * u**2 * v**2 + 64.721 * v**2 - 2.547 * u * v
+        thrust += 12.402 * v - 37.502 * u**2 + 0.801
+    force = -20 * log["accel_z_m_s2"]
+    assert abs(np.mean((thrust - force)[flying])) < 1.0
+    assert np.corrcoef(thrust[flying], force[flying])[0, 1] > 0.9
+
+
+@needs_shared
+@pytest.mark.shared_data
+def test_other_real_logs_read_too() -> None:
+    old_px4 = read_flight_log(SHARED / "logs" / "sample_log_small.ulg")
+    assert old_px4.has("motor1", "gyro_x_rad_s", "voltage_V")
+    quad = read_flight_log(SHARED / "logs" / "ardupilot_24.bin")
+    assert quad.has("motor4", "accel_z_m_s2", "voltage_V") and quad.rows > 1800
+    assert -11 < np.median(quad["accel_z_m_s2"]) < -9
+
+
+@pytest.mark.parametrize(
+    "head, name", [(b"ULog\x01\x12\x35\x01" + b"x" * 40, "u.ulg"), (b"\xa3\x95\x80" + b"x" * 40, "d.bin")]
+)
+def test_broken_binary_logs_are_one_line(tmp_path: Path, head: bytes, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(head)
+    with pytest.raises(InputError) as caught:
+        read_flight_log(path)
+    assert name in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_not_a_tlog(tmp_path: Path) -> None:
+    path = tmp_path / "x.tlog"
+    path.write_bytes(bytes(recorded(path).data[:200]) + b"garbage that is long enough to be seen")
+    with pytest.raises(InputError, match="byte"):
+        read_flight_log(path)
+    path.write_bytes(b"")
+    with pytest.raises(InputError, match="an empty file"):
+        read_flight_log(path)
