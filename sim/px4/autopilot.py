@@ -1,0 +1,298 @@
+"""The stand-in's flight code: modes, arming, goals, failsafe, and one step of loops, mixer and plant.
+
+It knows no MAVLink; `protocol.py` talks for it. Time is the plant's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.plant import FOOT_Z_M, Plant
+from sim.px4.cascade import IDLE, Cascade, Demand, Four, Goal, Three, euler
+from sim.px4.mixer import Mixer
+from sim.px4.store import Store
+from sim.px4.tuning import tune
+from sim.sensors import Reading, Sensors
+from sim.truth import Truth
+
+RATE_HZ = 250
+STEPS = 1000 // RATE_HZ
+LIVE_TIMEOUT_S = 0.1
+CHARGED = 0.95
+
+
+class Mode(IntEnum):
+    """PX4's main mode << 16 | sub mode << 24, as HEARTBEAT.custom_mode."""
+
+    MANUAL = 1 << 16
+    ALTCTL = 2 << 16
+    POSCTL = 3 << 16
+    ACRO = 5 << 16
+    OFFBOARD = 6 << 16
+    STABILIZED = 7 << 16
+    READY = 4 << 16 | 1 << 24
+    TAKEOFF = 4 << 16 | 2 << 24
+    HOLD = 4 << 16 | 3 << 24
+    MISSION = 4 << 16 | 4 << 24
+    RTL = 4 << 16 | 5 << 24
+    LAND = 4 << 16 | 6 << 24
+
+
+FLOWN = (Mode.POSCTL, Mode.ALTCTL, Mode.OFFBOARD, Mode.TAKEOFF, Mode.HOLD, Mode.RTL, Mode.LAND)
+
+
+@dataclass(frozen=True)
+class AttitudeGoal:
+    """What SET_ATTITUDE_TARGET asks: an attitude or body rates, and thrust 0..1."""
+
+    attitude: Four | None
+    rates: Three
+    thrust: float
+
+
+class Refused(Exception):
+    """The autopilot says no, and why."""
+
+
+class Autopilot:
+    """One vehicle with its plant. `step()` moves it on by 4 ms."""
+
+    def __init__(
+        self, plant: Plant, truth: Truth, *, version: tuple[int, int, int] = (1, 16, 1), seed: int = 0
+    ) -> None:
+        self.plant, self.truth, self.version = plant, truth, version
+        self.sensors = Sensors(plant, seed)
+        self.store = Store(version, plant.vehicle)
+        tune(self.store, plant)
+        self.rotors = plant.vehicle.rotors
+        self.mixer = Mixer(self.store, self.rotors)
+        self.cascade = Cascade(self.store, 1.0 / RATE_HZ)
+        self.say: Callable[[int, str], None] = lambda severity, text: None
+        self.exchange: Callable[[Demand], None] = lambda demand: None
+        self.command: NDArray[np.float64] = np.zeros(self.rotors)  # what the motors were told last
+        self.boot()
+
+    def boot(self) -> None:
+        """As after power-up: disarmed, in Hold, parameters kept."""
+        self.mode, self.armed, self.landed = Mode.HOLD, False, True
+        self.demand: Demand = IDLE
+        self.goal = Goal((0.0, 0.0, 0.0))
+        self.attitude_goal: AttitudeGoal | None = None
+        self._offboard_at = self._live_at = -math.inf
+        self._live = np.zeros(self.rotors)
+        self._armed_at = self._landed_at = self._mode_at = self.plant.time_s
+        self._settled_since: float | None = None
+        self.reading: Reading = self.sensors.read()
+        self.cascade.reset()
+
+    # -- what others ask of it -----------------------------------------------------------------
+
+    def arm(self) -> None:
+        """Raises Refused."""
+        if self.armed:
+            return
+        if self.mixer.mix is None:
+            raise Refused("Arming denied: the control allocation has no valid rotors")
+        if self.landed and self.plant.charge < 0.4:
+            self.plant.state[self.plant.index.CHARGE] = CHARGED  # someone swapped the pack
+        self.armed, self._armed_at = True, self.plant.time_s
+        self.say(6, "Armed by external command")
+
+    def disarm(self, force: bool = False) -> None:
+        """Raises Refused in the air unless forced."""
+        if not self.armed:
+            return
+        if not self.landed and not force:
+            raise Refused("Disarming denied: not landed")
+        self.armed = False
+        self.cascade.reset()
+        if self.mode != Mode.OFFBOARD:
+            self._enter(Mode.HOLD)
+        self.say(6, "Disarmed by external command")
+
+    def set_mode(self, mode: Mode) -> None:
+        """Raises Refused."""
+        if mode == Mode.OFFBOARD and not self.offboard_fresh:
+            raise Refused("Switching to Offboard denied: no setpoints are streamed")
+        if mode not in FLOWN:
+            raise Refused(f"Switching to {mode.name.title()} denied: no manual control")
+        if mode == Mode.TAKEOFF:
+            self.take_off(math.nan)
+        else:
+            self._enter(mode)
+
+    def take_off(self, altitude_m: float) -> None:
+        """Climb to `altitude_m` above home (NaN: MIS_TAKEOFF_ALT)."""
+        height = float(self.store["MIS_TAKEOFF_ALT"]) if math.isnan(altitude_m) else altitude_m
+        self._enter(Mode.TAKEOFF)
+        n, e, _ = self._position()
+        self._target = (n, e, -height)
+
+    def go_to(self, position: Three, yaw: float) -> None:
+        """Hold somewhere else (NaN keeps)."""
+        self._enter(Mode.HOLD)
+        here = self._position()
+        n, e, d = (h if math.isnan(p) else p for p, h in zip(position, here, strict=True))
+        self._target = (n, e, d)
+        if not math.isnan(yaw):
+            self._yaw = yaw
+
+    def offboard(self, goal: Goal | AttitudeGoal) -> None:
+        """A set-point arrived."""
+        self._offboard_at = self.plant.time_s
+        if isinstance(goal, AttitudeGoal):
+            self.attitude_goal = goal
+        else:
+            self._offboard_goal, self.attitude_goal = goal, None
+
+    @property
+    def offboard_fresh(self) -> bool:
+        """Whether set-points stream."""
+        return self.plant.time_s - self._offboard_at < float(self.store["COM_OF_LOSS_T"])
+
+    @property
+    def takes_live(self) -> bool:
+        """Whether SET_ACTUATOR_CONTROL_TARGET drives the motors: v1.13 and older with the old mixer."""
+        return self.version < (1, 14, 0) and self.mixer.legacy
+
+    @property
+    def live(self) -> bool:
+        """Whether a companion's motor commands are fresh."""
+        return self.plant.time_s - self._live_at <= LIVE_TIMEOUT_S
+
+    def drive(self, commands: NDArray[np.float64]) -> None:
+        """A companion's motor commands (N,)."""
+        if self.takes_live and np.isfinite(commands).all():
+            self._live, self._live_at = np.clip(commands[: self.rotors], 0.0, 1.0), self.plant.time_s
+
+    # -- one step ------------------------------------------------------------------------------
+
+    def step(self) -> Reading:
+        """Sense, decide, mix, and let 4 ms pass; returns the reading the decision rests on."""
+        self.truth.act(self.plant)
+        self.reading = self.sensors.read()
+        self.demand = self._decide(self.reading) if self.armed else IDLE
+        self.exchange(self.demand)
+        d = self.demand
+        if not self.armed:
+            command = np.zeros(self.rotors)
+        elif self.live and not self.landed:
+            command = self._live
+        else:
+            command = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
+        self.command = np.round(command, 3)  # a PWM output has a thousand steps
+        self.plant.advance(self.command, STEPS)
+        return self.reading
+
+    def _decide(self, reading: Reading) -> Demand:
+        position: Three = tuple(reading.position.tolist())
+        velocity: Three = tuple(reading.velocity.tolist())
+        attitude: Four = tuple(reading.quaternion.tolist())
+        rates: Three = tuple(reading.rates.tolist())
+        self._watch(reading, position)
+        if self.mode == Mode.OFFBOARD and self.attitude_goal is not None:
+            return self._fly_attitude(self.attitude_goal, attitude, rates)
+        self._move_goal(position)
+        if self.landed:
+            self.cascade.reset()
+            return IDLE
+        return self.cascade.track(self.goal, position, velocity, attitude, rates)
+
+    def _fly_attitude(self, goal: AttitudeGoal, attitude: Four, rates: Three) -> Demand:
+        self.landed = self.landed and goal.thrust < 0.15
+        if self.landed:
+            return IDLE
+        if goal.attitude is None:
+            return self.cascade.hold_rates(goal.rates, goal.thrust, rates, attitude)
+        return self.cascade.hold_attitude(goal.attitude, goal.thrust, attitude, rates, goal.rates[2])
+
+    def _watch(self, reading: Reading, position: Three) -> None:
+        """Failsafe, landing, disarming."""
+        now = self.plant.time_s
+        if self.mode == Mode.OFFBOARD and not self.offboard_fresh:
+            self.say(4, "Offboard setpoints lost, holding position")
+            self._enter(Mode.HOLD)
+        if self.mode == Mode.LAND and not self.landed:
+            still = abs(reading.velocity[2]) < 0.15 and reading.height < FOOT_Z_M + 0.06
+            if not still:
+                self._settled_since = None
+            elif self._settled_since is None:
+                self._settled_since = now
+            elif now - self._settled_since > 0.5:
+                self.landed, self._landed_at = True, now
+                self.say(6, "Landing detected")
+        if self.landed:
+            flown = self._landed_at > self._armed_at
+            wait = float(self.store["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"])
+            if wait > 0 and now - max(self._landed_at, self._armed_at) > wait and self.mode != Mode.TAKEOFF:
+                self.disarm()
+
+    def _enter(self, mode: Mode) -> None:
+        """Change the mode; what it flies to starts from where the vehicle is."""
+        self.mode, self._mode_at, self._settled_since = mode, self.plant.time_s, None
+        here = self._position()
+        self._target = here
+        self.goal = Goal(here, (0.0, 0.0, 0.0))
+        self._yaw = euler(tuple(self.reading.quaternion.tolist()))[2]
+
+    def _position(self) -> Three:
+        n, e, d = self.reading.position.tolist()
+        return (n, e, d)
+
+    def _move_goal(self, position: Three) -> None:
+        """Where to be 4 ms from now, by mode."""
+        if self.mode == Mode.OFFBOARD:
+            self.goal = self._offboard_goal
+            if self.landed and self._goes_up(position):
+                self.landed = False
+            return
+        n, e, d = self._target
+        climb = cruise = 0.0
+        if self.mode == Mode.TAKEOFF:
+            if self.landed:
+                self.landed, self._mode_at = False, self.plant.time_s
+            ramp = max(float(self.store["MPC_TKO_RAMP_T"]), 0.1)
+            climb = float(self.store["MPC_TKO_SPEED"]) * min((self.plant.time_s - self._mode_at) / ramp, 1.0)
+            if abs(position[2] - d) < 0.2 and abs(self.goal.position[2] - d) < 0.05:
+                self._enter(Mode.HOLD)
+                self._target = (n, e, d)
+        elif self.mode == Mode.LAND:
+            low = -position[2] < float(self.store["MPC_LAND_ALT2"])
+            sink = float(self.store["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
+            d, climb = self.goal.position[2] + 1.0, sink
+        elif self.mode == Mode.RTL:
+            n, e, cruise = 0.0, 0.0, float(self.store["MPC_XY_CRUISE"])
+            if math.hypot(position[0], position[1]) < 0.5:
+                self._enter(Mode.LAND)
+                return
+        else:
+            climb, cruise = float(self.store["MPC_TKO_SPEED"]), float(self.store["MPC_XY_CRUISE"])
+        self.goal = self._step_towards((n, e, d), cruise, climb)
+
+    def _goes_up(self, position: Three) -> bool:
+        """Whether an offboard goal asks a landed vehicle to leave the ground."""
+        p, v = self._offboard_goal.position[2], self._offboard_goal.velocity[2]
+        higher = not math.isnan(p) and p < position[2] - 0.2
+        return higher or (math.isnan(p) and not math.isnan(v) and v < -0.1)
+
+    def _step_towards(self, target: Three, cruise: float, climb: float) -> Goal:
+        """The goal moved on: speed and acceleration limited, straight in the plane, straight up or down."""
+        dt = 1.0 / RATE_HZ
+        p, v = self.goal.position, self.goal.velocity
+        gap = (target[0] - p[0], target[1] - p[1])
+        far = math.hypot(*gap)
+        # slow enough to stop with 2 m/s^2 of braking
+        level = min(cruise, math.sqrt(2 * 2.0 * far)) if far > 1e-6 else 0.0
+        wanted = [gap[0] / far * level, gap[1] / far * level] if far > 1e-6 else [0.0, 0.0]
+        rise = target[2] - p[2]
+        vertical = math.copysign(min(climb, math.sqrt(2 * 1.5 * abs(rise))), rise)
+        speeds = [*wanted, vertical]
+        out = [v[k] + min(max(speeds[k] - v[k], -3.0 * dt), 3.0 * dt) for k in range(3)]
+        place = [p[k] + out[k] * dt for k in range(3)]
+        return Goal((place[0], place[1], place[2]), (out[0], out[1], out[2]), (0.0, 0.0, 0.0), self._yaw)
