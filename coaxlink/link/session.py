@@ -1,0 +1,401 @@
+"""A MAVLink session with one vehicle: who it is, what it says, what we tell it.
+
+One thread receives, calls the subscribers and sends our heartbeat; every other call may come from any thread.
+Messages are pymavlink objects of the `common` dialect, plus ESC_STATUS and ESC_INFO.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import struct
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+from pymavlink.dialects.v20 import common as mavlink
+
+import firmware_params.px4.messages  # noqa: F401 - teaches the dialect ESC_STATUS and ESC_INFO
+from coaxlink.errors import InputError, LinkError
+from coaxlink.link.address import parse_address
+from coaxlink.link.transport import Transport, open_transport
+
+Message = Any  # a pymavlink message
+Match = Callable[[Message], bool]
+COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
+_TICK_S = 0.2
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who answers. The fields from `version` on come from AUTOPILOT_VERSION and may be missing."""
+
+    system: int
+    component: int
+    autopilot: int  # MAV_AUTOPILOT
+    vehicle_type: int  # MAV_TYPE
+    version: tuple[int, int, int] | None = None  # firmware, e.g. (1, 16, 1)
+    capabilities: int | None = None  # MAV_PROTOCOL_CAPABILITY
+    uid: str = ""  # board id, hex
+    board: str = ""  # vendor:product:board version
+    git_hash: str = ""
+
+    @property
+    def is_px4(self) -> bool:
+        """True for PX4."""
+        return self.autopilot == mavlink.MAV_AUTOPILOT_PX4
+
+    @property
+    def is_ardupilot(self) -> bool:
+        """True for ArduPilot."""
+        return self.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+    @property
+    def name(self) -> str:
+        """Firmware and version in words, e.g. "PX4 1.16.1"."""
+        known = {mavlink.MAV_AUTOPILOT_PX4: "PX4", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
+        firmware = known.get(self.autopilot, f"autopilot {self.autopilot}")
+        return f"{firmware} {'.'.join(map(str, self.version))}" if self.version else firmware
+
+
+def connect(
+    url: str,
+    *,
+    timeout_s: float = 10.0,
+    record: Path | None = None,
+    source_system: int = COMPANION_SYSTEM,
+    source_component: int = COMPANION_COMPONENT,
+    target_system: int | None = None,
+) -> Session:
+    """Open a line and wait for an autopilot's heartbeat.
+
+    `record` writes a tlog of all that passes. `target_system` picks one of several vehicles on the line.
+    Raises InputError for a bad address, LinkError when no autopilot is heard within `timeout_s`.
+    """
+    address = parse_address(url)
+    session = Session(
+        open_transport(address, timeout_s), url, source_system, source_component, target_system, record
+    )
+    try:
+        session.start(timeout_s)
+    except BaseException:
+        session.close()
+        raise
+    return session
+
+
+class Session:
+    """See the module; make one with `connect` and use it as a context manager."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        address: str,
+        source_system: int = COMPANION_SYSTEM,
+        source_component: int = COMPANION_COMPONENT,
+        target_system: int | None = None,
+        record: Path | None = None,
+    ) -> None:
+        self.address = address
+        self.armed = False
+        self._transport = transport
+        self._target = target_system
+        self._identity: Identity | None = None
+        self._peer: Any = None
+        self._out = mavlink.MAVLink(None, source_system, source_component)
+        self._in = mavlink.MAVLink(None, source_system, source_component)
+        self._in.robust_parsing = True
+        self._lock = threading.Lock()
+        self._latest: dict[str, Message] = {}
+        self._subscribers: tuple[Callable[[Message], None], ...] = ()
+        self._heard_s = 0.0
+        self._sequence: int | None = None
+        self._sent_by_vehicle = self._received_from_vehicle = 1
+        self._stopping = threading.Event()
+        self._failure: BaseException | None = None
+        self._log: BinaryIO | None = _open_log(record) if record else None
+        self._thread = threading.Thread(target=self._run, name="coaxlink-link", daemon=True)
+
+    # -- life ----------------------------------------------------------------------------------------------
+
+    def start(self, timeout_s: float) -> None:
+        """Start receiving; return once an autopilot is known. Raises LinkError."""
+        with self.listen(("HEARTBEAT",)) as inbox:
+            self._thread.start()
+            end = time.monotonic() + timeout_s
+            while self._identity is None:
+                if self._take(inbox, end) is None and self._identity is None:
+                    who = f"system {self._target}" if self._target else "autopilot"
+                    raise LinkError(self.address, f"no {who} heard within {timeout_s:g} s")
+        self._ask_version()
+
+    def close(self) -> None:
+        """Stop receiving and let the line go; may be called twice."""
+        self._stopping.set()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(2.0)
+        self._transport.close()
+        with self._lock:
+            if self._log:
+                self._log.close()
+                self._log = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # -- what is known -------------------------------------------------------------------------------------
+
+    @property
+    def identity(self) -> Identity:
+        """Who answers. Raises LinkError before an autopilot was heard."""
+        if self._identity is None:
+            raise LinkError(self.address, "no autopilot heard yet")
+        return self._identity
+
+    @property
+    def source(self) -> tuple[int, int]:
+        """Our own system and component."""
+        return self._out.srcSystem, self._out.srcComponent
+
+    @property
+    def silence_s(self) -> float:
+        """Seconds since the autopilot's last heartbeat."""
+        return time.monotonic() - self._heard_s
+
+    @property
+    def loss(self) -> float:
+        """Share of the autopilot's messages that did not arrive, from their sequence numbers."""
+        return max(0.0, 1.0 - self._received_from_vehicle / self._sent_by_vehicle)
+
+    def latest(self, type_name: str) -> Message | None:
+        """The vehicle's last message of a type, None if there was none."""
+        return self._latest.get(type_name)
+
+    # -- talking -------------------------------------------------------------------------------------------
+
+    def send(self, message: Message) -> None:
+        """Send a message; thread-safe. What a link loses is not sent again here."""
+        with self._lock:
+            frame = bytes(message.pack(self._out))
+            self._out.seq = (self._out.seq + 1) % 256
+            self._record(frame)
+            self._transport.write(frame, self._peer)
+
+    def command(self, command_id: int, *params: float, timeout_s: float = 1.5, tries: int = 3) -> int:
+        """Send COMMAND_LONG until it is acknowledged; the MAV_RESULT. Raises LinkError on silence."""
+        target = self.identity
+        values = [*map(float, params), *([0.0] * (7 - len(params)))]
+        with self.listen(("COMMAND_ACK",), lambda m: m.command == command_id) as inbox:
+            for attempt in range(tries):
+                self.send(
+                    mavlink.MAVLink_command_long_message(
+                        target.system, target.component, command_id, attempt, *values
+                    )
+                )
+                end = time.monotonic() + timeout_s
+                while (ack := self._take(inbox, end)) is not None:
+                    if ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
+                        return int(ack.result)
+                    end = time.monotonic() + max(timeout_s, LOST_S)
+        raise LinkError(self.address, f"command {command_id} was not acknowledged ({tries} tries)")
+
+    def request_stream(self, message_id: int, rate_hz: float) -> bool:
+        """Ask for a message at a rate; False when the autopilot will not send it."""
+        interval_us = -1.0 if rate_hz <= 0 else 1e6 / rate_hz
+        result = self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, interval_us)
+        return result == mavlink.MAV_RESULT_ACCEPTED
+
+    # -- listening -----------------------------------------------------------------------------------------
+
+    def subscribe(self, callback: Callable[[Message], None]) -> Callable[[], None]:
+        """Call back with every message of the vehicle, on the receiver thread; returns the way out.
+
+        An error in a callback ends the session's receiving and is raised by the next wait.
+        """
+        with self._lock:
+            self._subscribers = (*self._subscribers, callback)
+
+        def unsubscribe() -> None:
+            with self._lock:
+                self._subscribers = tuple(s for s in self._subscribers if s is not callback)
+
+        return unsubscribe
+
+    @contextlib.contextmanager
+    def listen(
+        self, type_names: Collection[str], match: Match | None = None
+    ) -> Iterator[queue.SimpleQueue[Message]]:
+        """A queue of the messages of these types that arrive inside the block."""
+        inbox: queue.SimpleQueue[Message] = queue.SimpleQueue()
+
+        def keep(message: Message) -> None:
+            if message.get_type() in type_names and (match is None or match(message)):
+                inbox.put(message)
+
+        leave = self.subscribe(keep)
+        try:
+            yield inbox
+        finally:
+            leave()
+
+    def wait(
+        self, type_names: str | Collection[str], timeout_s: float, match: Match | None = None
+    ) -> Message | None:
+        """The next message of these types, None after `timeout_s`. Raises LinkError when the line broke."""
+        names = (type_names,) if isinstance(type_names, str) else type_names
+        with self.listen(names, match) as inbox:
+            return self._take(inbox, time.monotonic() + timeout_s)
+
+    def exchange(
+        self,
+        request: Message,
+        type_names: Collection[str],
+        match: Match,
+        *,
+        timeout_s: float = 0.6,
+        tries: int = 4,
+    ) -> tuple[Message | None, int]:
+        """Send a request until an answer matches; (answer or None, how often it was sent again)."""
+        with self.listen(type_names, match) as inbox:
+            for attempt in range(tries):
+                self.send(request)
+                answer = self._take(inbox, time.monotonic() + timeout_s)
+                if answer is not None:
+                    return answer, attempt
+        return None, tries - 1
+
+    def take(self, inbox: queue.SimpleQueue[Message], timeout_s: float) -> Message | None:
+        """The next message of a `listen` queue, None after `timeout_s`."""
+        return self._take(inbox, time.monotonic() + timeout_s)
+
+    # -- inside --------------------------------------------------------------------------------------------
+
+    def _take(self, inbox: queue.SimpleQueue[Message], end: float) -> Message | None:
+        while True:
+            if self._failure is not None:
+                raise self._failure
+            left = end - time.monotonic()
+            try:
+                return inbox.get(timeout=min(max(left, 0.0), _TICK_S)) if left > 0 else inbox.get_nowait()
+            except queue.Empty:
+                if left <= 0:
+                    return None
+
+    def _run(self) -> None:
+        beat = 0.0
+        try:
+            while not self._stopping.is_set():
+                if time.monotonic() >= beat:
+                    beat = time.monotonic() + 1.0
+                    self._heartbeat()
+                data, peer = self._transport.read(_TICK_S)
+                if data:
+                    for message in self._in.parse_buffer(data) or ():
+                        self._received(message, peer)
+        except BaseException as error:
+            if not self._stopping.is_set():
+                self._failure = error
+
+    def _heartbeat(self) -> None:
+        self.send(
+            mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                mavlink.MAV_AUTOPILOT_INVALID,
+                0,
+                0,
+                mavlink.MAV_STATE_ACTIVE,
+                3,
+            )
+        )
+
+    def _received(self, message: Message, peer: Any) -> None:
+        name = message.get_type()
+        if name == "BAD_DATA" or name.startswith("UNKNOWN"):
+            return
+        system, component = message.get_srcSystem(), message.get_srcComponent()
+        known = self._identity
+        if known is None:
+            if name != "HEARTBEAT" or not self._is_vehicle(message, system):
+                return
+            known = Identity(system, component, message.autopilot, message.type)
+        elif system != known.system:
+            return
+        if component == known.component:
+            self._count(message.get_seq())
+        if name == "HEARTBEAT" and component == known.component:
+            self._peer = peer or self._peer
+            self._heard_s = time.monotonic()
+            self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            self._identity = self._identity or known
+        with self._lock:
+            self._record(bytes(message.get_msgbuf()))
+        self._latest[name] = message
+        for subscriber in self._subscribers:
+            subscriber(message)
+
+    def _count(self, sequence: int) -> None:
+        step = 1 if self._sequence is None else (sequence - self._sequence) % 256
+        if 0 < step < 128:  # a step back is a late or doubled message
+            self._sent_by_vehicle += step
+            self._sequence = sequence
+        if step:
+            self._received_from_vehicle += 1
+
+    def _is_vehicle(self, heartbeat: Message, system: int) -> bool:
+        if self._target is not None and system != self._target:
+            return False
+        others = (mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_TYPE_GIMBAL)
+        return heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type not in others
+
+    def _ask_version(self) -> None:
+        target = self.identity
+        request = mavlink.MAVLink_command_long_message(
+            target.system,
+            target.component,
+            mavlink.MAV_CMD_REQUEST_MESSAGE,
+            0,
+            float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+            *([0.0] * 6),
+        )
+        answer, _ = self.exchange(request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.7, tries=3)
+        if answer is None:
+            return
+        version = (
+            answer.flight_sw_version >> 24,
+            answer.flight_sw_version >> 16,
+            answer.flight_sw_version >> 8,
+        )
+        long_uid = bytes(getattr(answer, "uid2", b"") or b"")
+        self._identity = Identity(
+            target.system,
+            target.component,
+            target.autopilot,
+            target.vehicle_type,
+            (version[0] & 255, version[1] & 255, version[2] & 255),
+            int(answer.capabilities),
+            long_uid.hex() if any(long_uid) else f"{answer.uid:016x}",
+            f"{answer.vendor_id}:{answer.product_id}:{answer.board_version}",
+            bytes(answer.flight_custom_version).hex(),
+        )
+
+    def _record(self, frame: bytes) -> None:
+        if self._log:
+            self._log.write(struct.pack(">Q", time.time_ns() // 1000) + frame)
+
+
+def _open_log(path: Path) -> BinaryIO:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("wb")
+    except OSError as error:
+        raise InputError(path, "", f"cannot be written ({error.strerror})") from error

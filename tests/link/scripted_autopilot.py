@@ -1,0 +1,165 @@
+"""A small autopilot for the tests: heartbeats, AUTOPILOT_VERSION, the parameter protocol, faults to order.
+
+It shares no code with coaxlink; frames are pymavlink's.
+"""
+
+import random
+import socket
+import struct
+import threading
+import time
+
+from pymavlink.dialects.v20 import common as m
+
+INT32, FLOAT = 6, 9
+BYTEWISE = 16
+
+
+class ScriptedAutopilot:
+    """Answers on a free loopback port (`url`) until closed. Attributes may be changed while it runs."""
+
+    def __init__(self, params, *, px4=True, version=(1, 16, 1), system=1, seed=0, uid=0xC0A1):
+        self.params = dict(params)  # name -> (value, type)
+        self.px4, self.version, self.system, self.uid = px4, version, system, uid
+        self.vehicle_type = m.MAV_TYPE_OCTOROTOR
+        self.armed = False
+        self.loss = 0.0  # share of frames lost, each way
+        self.param_errors = False  # answer unknown names with PARAM_ERROR
+        self.keeps = {}  # name -> value it keeps, whatever is set
+        self.refuses = set()  # names answered with PARAM_ERROR on set
+        self.arm_after = None  # number of sets after which it arms
+        self.mute_after = None  # number of sets after which it falls silent
+        self.deaf = False
+        self.skip_in_list = set()  # indices the next list loses
+        self.sets = []
+        self.commands = []
+        self.heard = []
+        self._random = random.Random(seed)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.settimeout(0.02)
+        self.url = f"udpout:127.0.0.1:{self._socket.getsockname()[1]}"
+        self._out, self._in = m.MAVLink(None, system, 1), m.MAVLink(None, system, 1)
+        self._in.robust_parsing = True
+        self._peer = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def close(self):
+        self._stop.set()
+        self._thread.join(2)
+        self._socket.close()
+
+    def send(self, message):
+        frame = message.pack(self._out)
+        self._out.seq = (self._out.seq + 1) % 256
+        if self._peer and not self.deaf and self._random.random() >= self.loss:
+            self._socket.sendto(frame, self._peer)
+
+    def _run(self):
+        beat = 0.0
+        while not self._stop.is_set():
+            if time.monotonic() > beat:
+                beat = time.monotonic() + 0.2
+                autopilot = m.MAV_AUTOPILOT_PX4 if self.px4 else m.MAV_AUTOPILOT_ARDUPILOTMEGA
+                mode = 128 if self.armed else 0
+                self.send(m.MAVLink_heartbeat_message(self.vehicle_type, autopilot, mode, 0, 4, 3))
+            try:
+                data, self._peer = self._socket.recvfrom(4096)
+            except TimeoutError:
+                continue
+            for message in self._in.parse_buffer(data) or []:
+                if not self.deaf and self._random.random() >= self.loss:
+                    self._handle(message)
+
+    def _handle(self, message):
+        kind = message.get_type()
+        self.heard.append(message)
+        if kind == "COMMAND_LONG":
+            self.commands.append((message.command, message.param1, message.param2))
+            if message.command == 512 and message.param1 == 148:
+                self._send_version()
+            known = message.command in (400, 511, 512)
+            self.send(m.MAVLink_command_ack_message(message.command, 0 if known else 3))
+        elif kind == "PARAM_REQUEST_READ":
+            names = list(self.params)
+            name = message.param_id if message.param_index < 0 else names[message.param_index]
+            self._send_value(name) if name in self.params else self._unknown(name)
+        elif kind == "PARAM_REQUEST_LIST":
+            skip, self.skip_in_list = self.skip_in_list, set()
+            if self.px4:
+                self._send_raw("_HASH_CHECK", struct.pack("<I", 0x12345678), 5, 65535)
+            for index, name in enumerate(self.params):
+                if index not in skip:
+                    self._send_value(name)
+        elif kind == "PARAM_SET":
+            self._set(message)
+
+    def _set(self, message):
+        name = message.param_id
+        self.sets.append(name)
+        if self.arm_after is not None and len(self.sets) >= self.arm_after:
+            self.armed, self.arm_after = True, None
+            self.send(m.MAVLink_heartbeat_message(self.vehicle_type, 12 if self.px4 else 3, 128, 0, 4, 3))
+        if self.mute_after is not None and len(self.sets) >= self.mute_after:
+            self.deaf = True
+        if name not in self.params or message.param_type != self.params[name][1]:
+            self._unknown(name)
+            return
+        if name in self.refuses:
+            self.send(m.MAVLink_param_error_message(255, 0, name.encode(), -1, 5))
+            return
+        bits = bytes(message.get_msgbuf()[10:14])
+        if self.params[name][1] == INT32 and self.px4:
+            value = struct.unpack("<i", bits)[0]
+        else:
+            value = struct.unpack("<f", bits)[0]
+            value = int(value) if self.params[name][1] == INT32 else value
+        self.params[name] = (self.keeps.get(name, value), self.params[name][1])
+        self._send_value(name)
+
+    def _unknown(self, name):
+        if self.param_errors:
+            self.send(m.MAVLink_param_error_message(255, 0, name.encode(), -1, 1))
+
+    def _send_value(self, name):
+        value, kind = self.params[name]
+        code = "<i" if kind == INT32 and self.px4 else "<f"
+        self._send_raw(name, struct.pack(code, value), kind, list(self.params).index(name))
+
+    def _send_raw(self, name, bits, kind, index):
+        count = len(self.params)
+        message = m.MAVLink_param_value_message(name.encode(), 0.0, kind, count, index)
+        rest = message.unpacker.pack(0.0, count, index, name.encode(), kind)
+        message.pack = lambda mav, force_mavlink1=False: message._pack(
+            mav, message.crc_extra, bits + rest[4:]
+        )
+        self.send(message)
+
+    def _send_version(self):
+        packed = (self.version[0] << 24) | (self.version[1] << 16) | (self.version[2] << 8) | 255
+        capabilities = BYTEWISE if self.px4 else 2
+        zeros = [0] * 8
+        self.send(
+            m.MAVLink_autopilot_version_message(
+                capabilities,
+                packed,
+                0,
+                0,
+                7,
+                [1, 2, 3, 4, 5, 6, 7, 8],
+                zeros,
+                zeros,
+                12,
+                34,
+                self.uid,
+                [0] * 18,
+            )
+        )
