@@ -130,6 +130,18 @@ class Collector:
                 bytewise = heartbeat is not None and heartbeat.message.autopilot == AUTOPILOT_PX4
                 self._parameters[str(message.param_id)] = parameter_value(message, bytewise)
 
+    def follow(self, system: int, component: int) -> None:
+        """Watch this autopilot from now on; what another one said is forgotten."""
+        with self._lock:
+            if self._target == (system, component):
+                return
+            if self._target is not None:
+                self._latest.clear()
+                self._parameters.clear()
+                self._clock_s = None
+            self._target = (system, component)
+            self._others.discard(system)
+
     def put_parameters(self, values: Mapping[str, float], replace_prefix: str = "") -> None:
         """Take parameters read elsewhere; those under `replace_prefix` that are not among them go."""
         with self._lock:

@@ -60,11 +60,14 @@ class ArmPanel(Static):
 
 
 class Monitor(App[None]):
-    """`look(now_s)` gives the view; `folder` is where snapshots go."""
+    """`look(now_s)` gives the view; once `trouble()` is not None the feed is dead and the screen ends.
+
+    `folder` is where snapshots go (default: the current one).
+    """
 
     TITLE = "coaxlink monitor"
     ENABLE_COMMAND_PALETTE = False
-    HORIZONTAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [(0, "-narrow"), (150, "-wide")]
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual types it
     BINDINGS: ClassVar[list[BindingType]] = [
         ("q", "quit", "Quit"),
         ("p", "pause", "Pause"),
@@ -95,10 +98,15 @@ class Monitor(App[None]):
     """
 
     def __init__(
-        self, look: Callable[[float], View], *, folder: Path | None = None, plot_span_s: float = 60.0
+        self,
+        look: Callable[[float], View],
+        *,
+        trouble: Callable[[], BaseException | None] = lambda: None,
+        folder: Path | None = None,
+        plot_span_s: float = 60.0,
     ) -> None:
         super().__init__()
-        self.look = look
+        self.look, self.trouble = look, trouble
         self.folder = folder or Path.cwd()
         self.paused = False
         self.view: View | None = None
@@ -130,6 +138,9 @@ class Monitor(App[None]):
 
     def tick(self) -> None:
         """Take a new view; a paused picture stands still while the history goes on."""
+        if self.trouble() is not None:
+            self.exit()
+            return
         now = time.monotonic()
         view = self.look(now)
         self._history = self._history.extended(view, now)

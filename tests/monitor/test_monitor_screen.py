@@ -1,0 +1,184 @@
+"""The screen driven by Textual's pilot, fed by hand-made messages."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Coroutine
+from pathlib import Path
+from typing import Any
+
+import pytest
+from monitor_messages import EscStatus, Sender, attitude, battery, heartbeat, position, servo
+from test_monitor_board import table
+from textual.widgets import Static
+
+from coaxlink import files
+from coaxlink.airframe import load_airframe
+from coaxlink.monitor.screen import Monitor
+from coaxlink.monitor.watch import Watch
+from coaxlink.rotor import load_rotor_model
+
+
+class Scene:
+    """A watch and its screen, with a vehicle played by hand."""
+
+    def __init__(self, folder: Path) -> None:
+        airframe = load_airframe(files.example("x8_paper.toml"))
+        model = load_rotor_model(files.example("rotor_paper.toml"))
+        self.watch = Watch("udpin:0.0.0.0:14550", airframe, model)
+        self.app = Monitor(self.watch.look, folder=folder)
+        self.sender = Sender()
+
+    def hear(self, *messages: Any, ago_s: float = 0.0) -> None:
+        for message in messages:
+            self.watch.collector.take(self.sender(message), time.monotonic() - ago_s)
+        self.app.tick()
+
+    def fly(self, boot_ms: int = 1000, upper_rpm: int = 2381) -> None:
+        self.hear(heartbeat(), servo(), attitude(boot_ms=boot_ms), position(boot_ms=boot_ms), battery())
+        self.hear(EscStatus(0, [upper_rpm] * 4), EscStatus(4, [3499] * 4))
+
+    def text(self, name: str) -> str:
+        widget = self.app.screen_stack[0].query_one(f"#{name}", Static)
+        return str(widget.visual)
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    return Scene(tmp_path)
+
+
+def run(story: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(story)
+
+
+def test_waits_then_fills_and_fits_80_by_24(scene: Scene) -> None:
+    async def story() -> None:
+        async with scene.app.run_test(size=(80, 24)) as pilot:
+            await pilot.pause()
+            assert "waiting for a heartbeat" in scene.text("waiting")
+            assert not scene.app.query_one("#arms").display
+            scene.fly()
+            await pilot.pause()
+            scene.app.draw()
+            assert not scene.app.query_one("#waiting").display
+            assert "2381" in scene.text("arm0") and "▼6" in scene.text("arm0")
+            assert scene.app.query_one("#arm0").border_title == "front right"
+            assert "ARMED" in scene.text("head")
+            assert "ESC_STATUS rpm" in scene.text("vehicle")
+            assert scene.app.screen.max_scroll_y == 0
+            for name in ("arm0", "arm3", "balance", "board", "plot"):
+                assert scene.app.query_one(f"#{name}").region.bottom <= 24
+
+    run(story())
+
+
+@pytest.mark.parametrize(("size", "rows"), [((80, 24), 2), ((200, 50), 1)])
+def test_arms_stand_side_by_side_where_there_is_room(scene: Scene, size: tuple[int, int], rows: int) -> None:
+    async def story() -> None:
+        async with scene.app.run_test(size=size) as pilot:
+            scene.fly()
+            await pilot.pause()
+            assert len({scene.app.query_one(f"#arm{k}").region.y for k in range(4)}) == rows
+
+    run(story())
+
+
+@pytest.mark.parametrize("size", [(20, 5), (40, 12), (300, 90)])
+def test_odd_sizes_do_no_harm(scene: Scene, size: tuple[int, int]) -> None:
+    async def story() -> None:
+        async with scene.app.run_test(size=size) as pilot:
+            scene.fly()
+            await pilot.pause()
+            scene.fly(2000)
+            await pilot.resize_terminal(90, 30)
+            await pilot.pause()
+            assert "2381" in scene.text("arm0")
+
+    run(story())
+
+
+def test_pause_holds_the_picture_and_says_so(scene: Scene) -> None:
+    async def story() -> None:
+        async with scene.app.run_test(size=(80, 24)) as pilot:
+            scene.fly()
+            await pilot.press("p")
+            scene.fly(2000, upper_rpm=3000)
+            await pilot.pause()
+            assert "PAUSED" in scene.text("head") and "2381" in scene.text("arm0")
+            await pilot.press("p")
+            await pilot.pause()
+            assert "PAUSED" not in scene.text("head") and "3000" in scene.text("arm0")
+
+    run(story())
+
+
+def test_save_writes_an_svg_and_a_bad_folder_is_only_told(scene: Scene, tmp_path: Path) -> None:
+    async def story() -> None:
+        async with scene.app.run_test(size=(80, 24)) as pilot:
+            scene.fly()
+            await pilot.pause()
+            await pilot.press("s")
+            await pilot.pause()
+            (saved,) = tmp_path.glob("coaxlink-monitor-*.svg")
+            text = saved.read_text()
+            assert text.startswith("<svg") and "front&#160;right" in text
+            (tmp_path / "file").write_text("")
+            scene.app.folder = tmp_path / "file" / "below"
+            await pilot.press("s")
+            await pilot.pause()
+            assert any("cannot be written" in n.message for n in scene.app._notifications)
+
+    run(story())
+
+
+def test_help_opens_and_closes_while_the_picture_runs(scene: Scene) -> None:
+    async def story() -> None:
+        async with scene.app.run_test(size=(80, 24)) as pilot:
+            scene.fly()
+            await pilot.press("question_mark")
+            await pilot.pause()
+            assert scene.app.screen.query("#help")
+            scene.fly(2000, upper_rpm=2500)
+            await pilot.press("escape")
+            await pilot.pause()
+            assert not scene.app.screen.query("#help")
+            assert "2500" in scene.text("arm0")
+
+    run(story())
+
+
+def test_quit(scene: Scene) -> None:
+    async def story() -> None:
+        async with scene.app.run_test() as pilot:
+            await pilot.press("q")
+            await pilot.pause()
+            assert not scene.app.is_running
+
+    run(story())
+
+
+def test_link_lost_is_written_across_and_table_is_named(scene: Scene) -> None:
+    async def story() -> None:
+        async with scene.app.run_test(size=(100, 30)) as pilot:
+            scene.watch.collector.follow(1, 1)
+            scene.watch.collector.put_parameters(table(46.95, 69.89))
+            scene.hear(heartbeat(), servo(), ago_s=6.0)
+            await pilot.pause()
+            assert "LINK LOST 6" in scene.text("notes")
+            assert "lost" in scene.text("head")
+            assert "reduced" in scene.text("board") and "47.0 / 69.9" in scene.text("board")
+
+    run(story())
+
+
+def test_a_dead_feed_ends_the_screen(scene: Scene) -> None:
+    async def story() -> None:
+        async with scene.app.run_test() as pilot:
+            scene.app.trouble = lambda: RuntimeError("boom")
+            scene.app.tick()
+            await pilot.pause()
+            assert not scene.app.is_running
+
+    run(story())
