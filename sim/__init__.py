@@ -1,1 +1,1 @@
-"""The world: rotors, airframe, sensors, battery, hidden effects, stand-in autopilots; never imports coaxlink."""
+"""The world: rotors, airframe, sensors, battery, hidden effects, stand-in autopilots. No coaxlink in it."""

@@ -1,6 +1,7 @@
 """What is true of this world and written nowhere the guest reads: effects, their sizes, when they set in.
 
-A truth file holds [[effects]] with `name`, `size` and optionally `onset_s` and the keys an effect knows (see FORMS).
+A truth file holds [[effects]] with `name`, `size` and optionally `onset_s` and the keys an effect knows
+(see FORMS).
 A hidden world draws one effect from its seed, worth 3 to 10 % of thrust where the demo flies.
 """
 
@@ -134,7 +135,7 @@ def read_truth(path: Path) -> Truth:
         raise WorldError(path, "effects", "an array of tables [[effects]] is expected")
     for number, table in enumerate(tables, 1):
         where = f"effects[{number}]"
-        form = FORMS.get(table.get("name")) if isinstance(table, dict) else None
+        form = FORMS.get(str(table.get("name"))) if isinstance(table, dict) else None
         if form is None:
             raise WorldError(path, f"{where}.name", f"one of {', '.join(FORMS)} is expected")
         extra = {}

@@ -1,4 +1,4 @@
-"""The vehicle of the world, read from an airframe file by the world's own reader (`x8_paper.toml` shows the format).
+"""The vehicle, read from an airframe file by the world's own reader (`x8_paper.toml` shows the format).
 
 Body frame FRD from the nominal centre of mass, SI units. Spin is seen from above; a counter-clockwise rotor
 pushes the body to +yaw.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -15,24 +17,68 @@ from coaxlink.errors import InputError, LinkError
 
 
 def sim(
+    firmware: Annotated[str, typer.Option(help="px4, px4:1.13, px4:MAJOR.MINOR.PATCH.")] = "px4",
+    airframe: Annotated[Path | None, typer.Option(help="The world's vehicle.")] = None,
+    rotor: Annotated[Path | None, typer.Option(help="The world's rotor; else the airframe's.")] = None,
+    truth: Annotated[Path | None, typer.Option(help="Effects and faults that are true here.")] = None,
+    hidden_seed: Annotated[int | None, typer.Option(help="Draw one hidden effect from this seed.")] = None,
+    truth_out: Annotated[Path | None, typer.Option(help="For a judge: write what is true here.")] = None,
+    listen: Annotated[
+        list[str] | None, typer.Option(help="udpin:HOST:PORT or tcpin:HOST:PORT; may be given again.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="Times real time; 0 is as fast as it goes.")] = 1.0,
+    seed: Annotated[int, typer.Option(help="Seed of all noise.")] = 0,
     stand: Annotated[
         Path | None, typer.Option(metavar="OUT.csv", help="Run the virtual thrust stand and leave.")
     ] = None,
-    rotor: Annotated[Path | None, typer.Option(help="Rotor file of the world.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of all noise.")] = 0,
 ) -> None:
     """Fly a stand-in autopilot on a simulated vehicle, or measure a simulated rotor pair."""
+    if not 0.0 <= speed < 1e6:
+        raise InputError("--speed", "", f"a positive number, or 0, is expected, found {speed}")
+    if truth is not None and hidden_seed is not None:
+        raise InputError("--hidden-seed", "", "not with --truth")
     with world_errors():
         if stand is not None:
-            from sim.rotors import read_pair
-            from sim.stand import stand_rows, write_stand
-
-            pair = read_pair(rotor or files.example("rotor_paper.toml"))
-            rows = stand_rows(pair, seed=seed)
-            write_stand(stand, rows)
-            say(f"{stand}: {len(rows)} points")
+            _measure(stand, rotor, seed)
             return
-    raise InputError("sim", "", "the stand-in autopilot is not built yet")
+        from sim.world import World, build, open_links
+
+        world = World(
+            airframe or files.example("x8_demo.toml"), rotor, firmware, truth, hidden_seed, truth_out, seed
+        )
+        ports = open_links(listen or [])
+        try:
+            _fly(build(world, ports, speed), firmware, ports)
+        finally:
+            for port in ports:
+                port.close()
+
+
+def _measure(out: Path, rotor: Path | None, seed: int) -> None:
+    from sim.rotors import read_pair
+    from sim.stand import stand_rows, write_stand
+
+    rows = stand_rows(read_pair(rotor or files.example("rotor_paper.toml")), seed=seed)
+    write_stand(out, rows)
+    say(f"{out}: {len(rows)} points")
+
+
+def _fly(standin: Any, firmware: str, ports: Any) -> None:
+    """Until someone says stop."""
+    stopping = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopping
+        stopping = True
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        sys.stdout.write(f"ready {firmware} {' '.join(port.name for port in ports)}\n")
+        sys.stdout.flush()
+        standin.run(lambda: stopping)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

@@ -1,1 +1,1 @@
-"""A stand-in for PX4: its parameters, modes, commands, control cascade and telemetry, on the world's plant."""
+"""A stand-in for PX4: parameters, modes, commands, control cascade and telemetry on the world's plant."""

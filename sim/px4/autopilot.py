@@ -72,17 +72,24 @@ class Autopilot:
         tune(self.store, plant)
         self.rotors = plant.vehicle.rotors
         self.mixer = Mixer(self.store, self.rotors)
+        self._wires: list[int] | None = None
+        self.store.listen(self._heard)
         self.cascade = Cascade(self.store, 1.0 / RATE_HZ)
         self.say: Callable[[int, str], None] = lambda severity, text: None
         self.exchange: Callable[[Demand], None] = lambda demand: None
         self.command: NDArray[np.float64] = np.zeros(self.rotors)  # what the motors were told last
         self.boot()
 
+    def _heard(self, name: str) -> None:
+        if name.startswith(("PWM_MAIN_FUNC", "SYS_CTRL_ALLOC")):
+            self._wires = None
+
     def boot(self) -> None:
         """As after power-up: disarmed, in Hold, parameters kept."""
         self.mode, self.armed, self.landed = Mode.HOLD, False, True
         self.demand: Demand = IDLE
         self.goal = Goal((0.0, 0.0, 0.0))
+        self._offboard_goal = self.goal
         self.attitude_goal: AttitudeGoal | None = None
         self._offboard_at = self._live_at = -math.inf
         self._live = np.zeros(self.rotors)
@@ -110,11 +117,14 @@ class Autopilot:
             return
         if not self.landed and not force:
             raise Refused("Disarming denied: not landed")
+        self._stop("Disarmed by external command")
+
+    def _stop(self, why: str) -> None:
         self.armed = False
         self.cascade.reset()
         if self.mode != Mode.OFFBOARD:
             self._enter(Mode.HOLD)
-        self.say(6, "Disarmed by external command")
+        self.say(6, why)
 
     def set_mode(self, mode: Mode) -> None:
         """Raises Refused."""
@@ -171,6 +181,22 @@ class Autopilot:
         if self.takes_live and np.isfinite(commands).all():
             self._live, self._live_at = np.clip(commands[: self.rotors], 0.0, 1.0), self.plant.time_s
 
+    @property
+    def outputs_us(self) -> list[float]:
+        """Pulse width of every output, 900 us when disarmed."""
+        if not self.armed:
+            return [900.0] * self.rotors
+        return [1000.0 + 1000.0 * u for u in self.command.tolist()]
+
+    def _wiring(self) -> list[int]:
+        """The motor that each output carries; the rotor on output n is number n."""
+        if self._wires is None:
+            last = self.rotors  # a zero after the motors, for an output without one
+            functions = [int(self.store[f"PWM_MAIN_FUNC{n}"]) - 101 for n in range(1, self.rotors + 1)]
+            legacy = self.mixer.legacy
+            self._wires = [n if legacy else f if 0 <= f < last else last for n, f in enumerate(functions)]
+        return self._wires
+
     # -- one step ------------------------------------------------------------------------------
 
     def step(self) -> Reading:
@@ -185,7 +211,8 @@ class Autopilot:
         elif self.live and not self.landed:
             command = self._live
         else:
-            command = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
+            motors = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
+            command = np.append(motors, 0.0)[self._wiring()]
         self.command = np.round(command, 3)  # a PWM output has a thousand steps
         self.plant.advance(self.command, STEPS)
         return self.reading
@@ -231,7 +258,7 @@ class Autopilot:
             flown = self._landed_at > self._armed_at
             wait = float(self.store["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"])
             if wait > 0 and now - max(self._landed_at, self._armed_at) > wait and self.mode != Mode.TAKEOFF:
-                self.disarm()
+                self._stop("Disarmed by landing" if flown else "Disarmed by auto preflight disarming")
 
     def _enter(self, mode: Mode) -> None:
         """Change the mode; what it flies to starts from where the vehicle is."""

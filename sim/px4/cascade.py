@@ -168,7 +168,7 @@ class Cascade:
 
     def _learn_hover(self, attitude: Four) -> None:
         """Follow the thrust that would hover, slowly, and not far from where it was set."""
-        w, x, y, z = attitude
+        _, x, y, _ = attitude
         upright = 1.0 - 2.0 * (x * x + y * y)
         lift = G - self._accel[2]
         if upright < 0.9 or lift < 5.0 or self._thrust < 0.1:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from firmware_params.px4 import Px4Mix, Px4Table, params_to_table, realise
 from numpy.typing import NDArray
 
 from firmware_params.errors import TableError
+from firmware_params.px4 import Px4Mix, Px4Table, params_to_table, realise
 from sim.px4.store import Store
 
 NAMES = ("CA_", "THR_MDL_FAC", "MC_AIRMODE", "SYS_CTRL_ALLOC")

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable
 from importlib import resources
 
 from firmware_params.px4.parameters import FLOAT, INT32, PARAMETERS
-
 from sim.vehicle import Vehicle
 
 HASH_CHECK = "_HASH_CHECK"
@@ -35,6 +34,7 @@ class Store:
             self._drop(["SYS_CTRL_ALLOC"])
         else:
             self._drop([name for name in self._values if _rotor_of(name) >= 8])
+        self.names = sorted(self._values)  # their places are their indices on the wire
         self._listeners: list[Callable[[str], None]] = []
         self._geometry(vehicle)
 
@@ -59,11 +59,6 @@ class Store:
         """Set without telling anyone; unknown names are left out."""
         if name in self._values:
             self._add(name, self._types[name], value)
-
-    @property
-    def names(self) -> list[str]:
-        """Sorted, as their indices on the wire."""
-        return sorted(self._values)
 
     def values(self) -> dict[str, int | float]:
         """A copy of all."""

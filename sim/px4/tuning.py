@@ -31,9 +31,7 @@ def tune(store: Store, plant: Plant) -> None:
     hover = round(0.5 * (low + high), 3)
     store.preset("MPC_THR_HOVER", hover)
     for k, name in enumerate(NAMES):
-        control = np.zeros(3)
-        control[k] = 0.01
-        a, b = (wrench(plant, mixer.command(*(s * control), hover))[1 + k] for s in (1.0, -1.0))
+        a, b = (wrench(plant, mixer.command(*_nudge(k, s), hover))[1 + k] for s in (0.01, -0.01))
         authority = float(a - b) / 0.02
         if authority <= 0:
             continue
@@ -41,6 +39,10 @@ def tune(store: Store, plant: Plant) -> None:
         store.preset(f"MC_{name}_P", round(gain, 3))
         store.preset(f"MC_{name}_I", round(gain * 1.5, 3))
         store.preset(f"MC_{name}_D", round(gain * 0.015, 4) if k < 2 else 0.0)
+
+
+def _nudge(axis: int, size: float) -> tuple[float, float, float]:
+    return size * (axis == 0), size * (axis == 1), size * (axis == 2)
 
 
 def wrench(plant: Plant, u: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,290 @@
+"""The stand-in's MAVLink manners: parameters, commands, set-points, streams. One `Conversation` a peer."""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as m
+
+from sim.links import Peer
+from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Refused
+from sim.px4.store import HASH_CHECK
+from sim.px4.telemetry import BUILDERS, DEFAULT_HZ, HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG, stamp_us
+
+UINT32 = 5
+LIST_HZ = 2000.0  # parameters a second of wall time while a list goes out
+FORCE = 21196.0
+ACCEPTED, TEMPORARILY, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
+
+
+class Conversation:
+    """What one peer has asked for, and the answers."""
+
+    def __init__(self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None]) -> None:
+        self.autopilot, self.peer, self._everyone = autopilot, peer, everyone
+        self.interval_us = {k: 1e6 / hz for k, hz in DEFAULT_HZ.items()}
+        self._due_us: dict[int, float] = {}
+        self._listing: deque[int] = deque()
+        self._listed_at = 0.0
+        self._handlers: dict[str, Callable[[Any], None]] = {
+            "PARAM_REQUEST_READ": self._param_read,
+            "PARAM_REQUEST_LIST": self._param_list,
+            "PARAM_SET": self._param_set,
+            "COMMAND_LONG": self._command_long,
+            "COMMAND_INT": self._command_int,
+            "SET_MODE": self._set_mode,
+            "SET_POSITION_TARGET_LOCAL_NED": self._position_target,
+            "SET_ATTITUDE_TARGET": self._attitude_target,
+            "SET_ACTUATOR_CONTROL_TARGET": self._actuator_target,
+            "TIMESYNC": self._timesync,
+            "PING": self._ping,
+            "MISSION_REQUEST_LIST": self._mission_list,
+        }
+
+    # -- outgoing ------------------------------------------------------------------------------
+
+    def send(self, message: Any) -> None:
+        """One message or several."""
+        for one in message if isinstance(message, list) else [message]:
+            self.peer.send(one)
+
+    def stream(self) -> None:
+        """Send what has come due at this reading."""
+        now = stamp_us(self.autopilot)
+        for message_id, interval in self.interval_us.items():
+            due = self._due_us.get(message_id, 0.0)
+            if now + 1 < due:
+                continue
+            self._due_us[message_id] = max(due + interval, now + 0.5 * interval)
+            if message_id != 140:
+                self.send(BUILDERS[message_id](self.autopilot))
+
+    def demand_due(self) -> bool:
+        """Whether ACTUATOR_CONTROL_TARGET goes out now: before mixing, so that the answer can count."""
+        interval = self.interval_us.get(140)
+        return interval is not None and stamp_us(self.autopilot) + 1 >= self._due_us.get(140, 0.0)
+
+    def list_on(self) -> None:
+        """Go on with a parameter list, at the pace a real link has."""
+        if not self._listing:
+            return
+        now = time.monotonic()
+        share = int(min((now - self._listed_at) * LIST_HZ, 40.0))
+        if share:
+            self._listed_at = now
+        for _ in range(min(share, len(self._listing))):
+            self._param_value(self._listing.popleft())
+
+    def _param_value(self, index: int) -> None:
+        store = self.autopilot.store
+        names = store.names
+        if index < 0:
+            field = struct.unpack("<f", struct.pack("<I", store.hash()))[0]
+            self.send(m.MAVLink_param_value_message(HASH_CHECK.encode(), field, UINT32, len(names), 65535))
+            return
+        name = names[index]
+        self.send(
+            m.MAVLink_param_value_message(
+                name.encode(), store.wire(name), store.type(name), len(names), index
+            )
+        )
+
+    # -- incoming ------------------------------------------------------------------------------
+
+    def hear(self, message: Any) -> None:
+        """Deal with one message; one for another system is not ours."""
+        if getattr(message, "target_system", 0) not in (0, self.peer.packer.srcSystem):
+            return
+        if getattr(message, "target_component", 0) not in (0, 1):
+            return
+        handler = self._handlers.get(message.get_type())
+        if handler:
+            handler(message)
+
+    def _param_read(self, message: Any) -> None:
+        names = self.autopilot.store.names
+        if message.param_index >= 0:
+            if message.param_index < len(names):
+                self._param_value(message.param_index)
+            return
+        name = _text(message.param_id)
+        if name == HASH_CHECK:
+            self._param_value(-1)
+        elif name in self.autopilot.store:  # an unknown one gets no answer
+            self._param_value(names.index(name))
+
+    def _param_list(self, message: Any) -> None:
+        self._listed_at = time.monotonic()
+        self._param_value(-1)
+        self._listing = deque(range(len(self.autopilot.store.names)))
+
+    def _param_set(self, message: Any) -> None:
+        name, store = _text(message.param_id), self.autopilot.store
+        if name == HASH_CHECK:
+            self._listing.clear()  # "I have them all"
+            return
+        changed = store.write(name, message.param_type, message.param_value)
+        if changed is None:
+            return
+        index = store.names.index(name)
+        self._param_value(index)
+        if changed:
+            # and once more, to everyone, as news
+            self._everyone(
+                m.MAVLink_param_value_message(
+                    name.encode(), store.wire(name), store.type(name), len(store.names), index
+                )
+            )
+
+    def _set_mode(self, message: Any) -> None:
+        try:
+            self.autopilot.set_mode(Mode(message.custom_mode))
+        except (ValueError, Refused) as error:
+            self._everyone(_status(4, str(error)))
+
+    def _command_long(self, message: Any) -> None:
+        params = [getattr(message, f"param{k}") for k in range(1, 8)]
+        self._command(message, message.command, params)
+
+    def _command_int(self, message: Any) -> None:
+        lat = math.nan if message.x == 2**31 - 1 else message.x * 1e-7
+        lon = math.nan if message.y == 2**31 - 1 else message.y * 1e-7
+        params = [message.param1, message.param2, message.param3, message.param4, lat, lon, message.z]
+        self._command(message, message.command, params)
+
+    def _command(self, message: Any, command: int, params: list[float]) -> None:
+        try:
+            result, after = self._execute(command, params)
+        except Refused as error:
+            self._everyone(_status(4, str(error)))
+            result, after = (TEMPORARILY if command == 400 else DENIED), None
+        source = message.get_srcSystem(), message.get_srcComponent()
+        self.send(m.MAVLink_command_ack_message(command, result, 0, 0, *source))
+        if after is not None:
+            self.send(after)
+
+    def _execute(self, command: int, p: list[float]) -> tuple[int, Any]:
+        """Result and a message to send after the acknowledgement. Raises Refused."""
+        a = self.autopilot
+        if command == 400:  # arm, disarm
+            a.arm() if p[0] == 1 else a.disarm(force=p[1] == FORCE)
+        elif command == 22:  # take off; altitude above mean sea level
+            a.take_off(p[6] - HOME_ALT if math.isfinite(p[6]) else math.nan)
+        elif command in (20, 21):
+            a.set_mode(Mode.RTL if command == 20 else Mode.LAND)
+        elif command == 176:
+            return self._do_set_mode(p), None
+        elif command == 192:  # reposition
+            place = (
+                (p[4] - HOME_LAT) * M_PER_DEG,
+                (p[5] - HOME_LON) * M_PER_DEG * math.cos(math.radians(HOME_LAT)),
+                HOME_ALT - p[6],
+            )
+            a.go_to(place, p[3])
+        elif command == 511:
+            return self._set_interval(round(p[0]), p[1]), None
+        elif command == 510:
+            known = self.interval_us.get(round(p[0]), 0.0)
+            return ACCEPTED, m.MAVLink_message_interval_message(round(p[0]), round(known) or -1)
+        elif command == 512:
+            builder = BUILDERS.get(round(p[0]))
+            return (ACCEPTED, builder(a)) if builder else (UNSUPPORTED, None)
+        elif command in (519, 520):
+            return (ACCEPTED, BUILDERS[148](a)) if command == 520 else (UNSUPPORTED, None)
+        elif command == 246:
+            return self._reboot(p[0]), None
+        elif command == 310:  # actuator test: on the ground only, and too short to matter
+            return (TEMPORARILY if a.armed else ACCEPTED), None
+        elif command not in (178, 179, 245):  # speed, home, storage: taken, of no effect
+            return UNSUPPORTED, None
+        return ACCEPTED, None
+
+    def _do_set_mode(self, p: list[float]) -> int:
+        if not int(p[0]) & 1:
+            return DENIED
+        try:
+            mode = Mode(int(p[1]) << 16 | int(p[2]) << 24)
+        except ValueError:
+            return DENIED
+        self.autopilot.set_mode(mode)
+        return ACCEPTED
+
+    def _set_interval(self, message_id: int, interval_us: float) -> int:
+        if message_id not in BUILDERS:
+            return UNSUPPORTED
+        if interval_us < 0:
+            self.interval_us.pop(message_id, None)
+        elif interval_us == 0:
+            if message_id in DEFAULT_HZ:
+                self.interval_us[message_id] = 1e6 / DEFAULT_HZ[message_id]
+            else:
+                self.interval_us.pop(message_id, None)
+        else:
+            self.interval_us[message_id] = max(interval_us, 4000.0)
+        self._due_us.pop(message_id, None)
+        return ACCEPTED
+
+    def _reboot(self, action: float) -> int:
+        if self.autopilot.armed:
+            return DENIED
+        if action == 1:
+            self.autopilot.boot()
+        return ACCEPTED
+
+    def _position_target(self, message: Any) -> None:
+        if message.coordinate_frame != 1:
+            return
+        mask = message.type_mask
+
+        def pick(bits: int, values: tuple[float, ...]) -> tuple[float, float, float]:
+            x, y, z = (math.nan if mask & (bits << k) else v for k, v in enumerate(values))
+            return x, y, z
+
+        yaw = message.yaw if not mask & 1024 else math.nan
+        self.autopilot.offboard(
+            Goal(
+                pick(1, (message.x, message.y, message.z)),
+                pick(8, (message.vx, message.vy, message.vz)),
+                pick(64, (message.afx, message.afy, message.afz)),
+                self.autopilot.goal.yaw if math.isnan(yaw) else yaw,
+                0.0 if mask & 2048 else message.yaw_rate,
+            )
+        )
+
+    def _attitude_target(self, message: Any) -> None:
+        rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+        w, x, y, z = message.q
+        attitude = None if message.type_mask & 128 else (w, x, y, z)
+        self.autopilot.offboard(AttitudeGoal(attitude, rates, min(max(message.thrust, 0.0), 1.0)))
+
+    def _actuator_target(self, message: Any) -> None:
+        if message.group_mlx == 0:
+            self.autopilot.drive(np.array(message.controls, float))
+
+    def _timesync(self, message: Any) -> None:
+        if message.tc1 == 0:
+            self.send(m.MAVLink_timesync_message(stamp_us(self.autopilot) * 1000, message.ts1))
+
+    def _ping(self, message: Any) -> None:
+        if message.target_system == 0:
+            source = message.get_srcSystem(), message.get_srcComponent()
+            self.send(m.MAVLink_ping_message(message.time_usec, message.seq, *source))
+
+    def _mission_list(self, message: Any) -> None:
+        source = message.get_srcSystem(), message.get_srcComponent()
+        self.send(m.MAVLink_mission_count_message(*source, 0, message.mission_type))
+
+
+def _text(param_id: str | bytes) -> str:
+    raw = param_id.encode() if isinstance(param_id, str) else param_id
+    return raw.split(b"\0")[0].decode(errors="replace")
+
+
+def _status(severity: int, text: str) -> Any:
+    return m.MAVLink_statustext_message(severity, text.encode()[:50])

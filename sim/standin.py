@@ -1,0 +1,109 @@
+"""Run a stand-in autopilot on its links: one thread, paced by wall time, or as fast as it goes.
+
+The vehicle's own clock is the plant's. A live mixer in the loop is waited for (a little) when the clock does
+not run at its natural speed, for otherwise the speed itself would look like latency.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pymavlink.dialects.v20 import common as m
+
+from sim.links import Peer, Port, wait
+from sim.px4.autopilot import RATE_HZ, Autopilot
+from sim.px4.cascade import Demand
+from sim.px4.protocol import Conversation
+from sim.px4.telemetry import BUILDERS, heartbeat
+
+PATIENCE_S = 0.020
+SLIP_S = 0.25  # further behind than this, the clock gives up catching up
+
+
+class Standin:
+    """An autopilot and everyone who talks to it."""
+
+    def __init__(self, autopilot: Autopilot, ports: Sequence[Port], *, speed: float = 1.0) -> None:
+        self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
+        self._conversations: dict[Peer, Conversation] = {}
+        self._answers = 0
+        autopilot.say = self._say
+        autopilot.exchange = self._exchange
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Until `stop()`; speed 0 is as fast as it goes."""
+        tick = 1.0 / RATE_HZ
+        start, done = time.monotonic(), 0
+        beat = 0.0
+        while not stop():
+            self.tick()
+            done += 1
+            now = time.monotonic()
+            if now - beat > 1.0:  # however slow the vehicle's clock, who listens must see that it lives
+                beat = now
+                if self.speed and self.speed < 1.0:
+                    self._everyone(heartbeat(self.autopilot))
+            if not self.speed:
+                continue
+            ahead = start + done * tick / self.speed - now
+            if ahead < -SLIP_S:
+                start, done = now, 0
+            # short naps cost more than they pace
+            while ahead > 0.001:
+                wait(self.ports, ahead)
+                self.hear()
+                ahead = start + done * tick / self.speed - time.monotonic()
+
+    def tick(self) -> None:
+        """4 ms of the vehicle's time, with everything said and heard in it."""
+        self.hear()
+        self.autopilot.step()
+        for conversation in self._conversations.values():
+            conversation.stream()
+            conversation.list_on()
+
+    def hear(self) -> None:
+        """Deal with everything that has come."""
+        for port in self.ports:
+            for peer, data in port.receive():
+                conversation = self._meet(peer)
+                for message in peer.parse(data):
+                    self._answers += message.get_msgId() == 139
+                    conversation.hear(message)
+            for peer in port.peers:
+                self._meet(peer)
+        for peer in [p for p in self._conversations if p.gone]:
+            del self._conversations[peer]
+
+    def _meet(self, peer: Peer) -> Conversation:
+        if peer not in self._conversations:
+            self._conversations[peer] = Conversation(self.autopilot, peer, self._everyone)
+        return self._conversations[peer]
+
+    def _everyone(self, message: Any) -> None:
+        for conversation in self._conversations.values():
+            conversation.send(message)
+
+    def _say(self, severity: int, text: str) -> None:
+        self._everyone(m.MAVLink_statustext_message(severity, text.encode()[:50]))
+
+    def _exchange(self, demand: Demand) -> None:
+        """Send the demand to whoever mixes, and wait for the answer where that is fair."""
+        due = [c for c in self._conversations.values() if c.demand_due()]
+        if not due:
+            return
+        lockstep = self.speed != 1.0 and self.autopilot.takes_live and self.autopilot.live
+        if lockstep:
+            self.hear()  # an answer to an older demand is not the one to wait for
+        before = self._answers
+        for conversation in due:
+            conversation.send(BUILDERS[140](self.autopilot))
+        end = time.monotonic() + PATIENCE_S
+        while lockstep and self._answers == before:
+            left = end - time.monotonic()
+            if left <= 0:
+                return
+            wait(self.ports, left)
+            self.hear()

@@ -1,0 +1,82 @@
+"""Put a world together from files and options."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sim.errors import WorldError
+from sim.links import Port, open_port
+from sim.plant import Plant
+from sim.rotors import read_pair
+from sim.stand import write_whole
+from sim.standin import Standin
+from sim.truth import Truth, hidden_truth, read_truth, truth_text
+from sim.vehicle import read_vehicle
+
+CURRENT = (1, 16, 1)
+LAST_PATCH = {(1, 12): 3, (1, 13): 3, (1, 14): 4, (1, 15): 4, (1, 16): 1}
+# where PX4's own simulation sends: a ground station and a companion
+SITL = ("udpout:127.0.0.1:14550", "udpout:127.0.0.1:14540")
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything that decides a world."""
+
+    airframe: Path
+    rotor: Path | None = None  # else the airframe's own
+    firmware: str = "px4"
+    truth: Path | None = None
+    hidden_seed: int | None = None
+    truth_out: Path | None = None
+    seed: int = 0
+
+
+def open_links(addresses: Sequence[str]) -> list[Port]:
+    """The ports to listen on, or PX4's own two. Raises WorldError, PortError."""
+    ports: list[Port] = []
+    try:
+        for address in addresses or SITL:
+            ports.append(open_port(address))
+    except Exception:
+        for port in ports:
+            port.close()
+        raise
+    return ports
+
+
+def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
+    """A stand-in ready to run. Raises WorldError."""
+    from sim.px4.autopilot import Autopilot
+
+    version = firmware_version(world.firmware)
+    vehicle = read_vehicle(world.airframe)
+    rotor = world.rotor or vehicle.rotor_file
+    if rotor is None:
+        raise WorldError(world.airframe, "rotor_model", "a rotor file is expected")
+    truth = Truth()
+    if world.truth is not None:
+        truth = read_truth(world.truth)
+    elif world.hidden_seed is not None:
+        truth = hidden_truth(world.hidden_seed, vehicle.rotors)
+    if world.truth_out is not None:
+        write_whole(world.truth_out, truth_text(truth))
+    plant = Plant(vehicle, read_pair(rotor))
+    return Standin(Autopilot(plant, truth, version=version, seed=world.seed), ports, speed=speed)
+
+
+def firmware_version(firmware: str) -> tuple[int, int, int]:
+    """(major, minor, patch) of `px4`, `px4:1.13` or `px4:1.14.3`. Raises WorldError."""
+    name, _, wanted = firmware.partition(":")
+    if name != "px4":
+        raise WorldError("--firmware", "", f"px4 or px4:VERSION is expected, found '{firmware}'")
+    if not wanted:
+        return CURRENT
+    parts = wanted.split(".")
+    if not 2 <= len(parts) <= 3 or not all(part.isdecimal() and int(part) < 256 for part in parts):
+        raise WorldError("--firmware", "", f"a version such as 1.13 is expected, found '{wanted}'")
+    numbers = [int(part) for part in parts]
+    major, minor = numbers[:2]
+    return major, minor, numbers[2] if len(numbers) == 3 else LAST_PATCH.get((major, minor), 0)
