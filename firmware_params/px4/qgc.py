@@ -124,8 +124,6 @@ def write_params_file(
 
 def _shortest(value: float) -> str:
     """The shortest decimal that is this float32 and no other."""
-    return (
-        np.format_float_positional(np.float32(value), trim="-")
-        if 1e-5 <= abs(value) < 1e9
-        else str(np.float32(value))
-    )
+    if value == 0.0 or 1e-5 <= abs(value) < 1e9:
+        return np.format_float_positional(np.float32(value), trim="-")
+    return str(np.float32(value))

@@ -48,9 +48,8 @@ def table_to_params(table: Px4Table) -> dict[str, float | int]:
         "THR_MDL_FAC": table.thr_mdl_fac,
     }
     for n, rotor in enumerate(table.rotors):
-        for axis, position, direction in zip("XYZ", rotor.position_m, rotor.axis, strict=True):
-            params[f"CA_ROTOR{n}_P{axis}"] = position
-            params[f"CA_ROTOR{n}_A{axis}"] = direction
+        for kind, vector in (("P", rotor.position_m), ("A", rotor.axis)):
+            params |= {f"CA_ROTOR{n}_{kind}{axis}": value for axis, value in zip("XYZ", vector, strict=True)}
         params[f"CA_ROTOR{n}_CT"] = rotor.ct
         params[f"CA_ROTOR{n}_KM"] = rotor.km
     return {name: as_stored(name, value) for name, value in params.items()}

@@ -1,0 +1,175 @@
+"""A mixing law as PX4's table, and what PX4 will make of it in the vehicle's own units.
+
+PX4's table is one column a rotor: CT * axis and CT * (position x axis) - CT * KM * axis. The reduced coaxial
+mixer (Berra, Trujillo and Heredia 2024, eq. 7 and 15) fits it exactly: an upper rotor's CT is p~_u = p_0u +
+p_1l, its KM the torque of both rotors of the pair per u_u^2 over that thrust.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.airframe import Airframe
+from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.mixer import reduced_coefficients, standard_coefficients
+from coaxlink.rotor import RotorModel
+from firmware_params import px4
+from firmware_params.errors import Finding, TableError
+
+GRAVITY = 9.80665
+TABLE_LAWS = ("reduced", "standard")
+
+
+@dataclass(frozen=True)
+class PairSplit:
+    """How a coaxial pair shares the work in pure thrust."""
+
+    upper: int  # rotor numbers of the airframe
+    lower: int
+    squared_ratio: float  # lower / upper u^2, before the thrust curve bends it: that of the setpoints
+    hover: tuple[float, float]  # normalised speeds in hover
+
+
+@dataclass(frozen=True)
+class TableReport:
+    """A table, its parameters, and what PX4 and the rotors make of them."""
+
+    law: str
+    table: px4.Px4Table
+    params: dict[str, float | int]  # the table and MPC_THR_HOVER
+    mix: px4.Px4Mix
+    splits: tuple[PairSplit, ...]
+    hover_thrust: float  # thrust setpoint, 0..1, that carries the weight on the rotor model
+    hover_thrust_table: float  # the same if the rotors were what the table says
+    hover_speeds: tuple[float, ...]
+    ceiling_N: float  # thrust by the table's own numbers at thrust setpoint 1
+    ceiling_model_N: float  # thrust of the rotor model there
+    full_N: float  # thrust by the table's numbers with every rotor at 1
+    findings: tuple[Finding, ...]
+
+    @property
+    def blocking(self) -> tuple[Finding, ...]:
+        """Findings that forbid flying with this table."""
+        return tuple(f for f in self.findings if f.severity == "error")
+
+
+def px4_table(airframe: Airframe, model: RotorModel, law: str) -> px4.Px4Table:
+    """The table of a law, rotors in the airframe's numbering (motor n is CA_ROTOR n-1).
+
+    Raises InputError on an unknown law and on an airframe that PX4 cannot hold.
+    """
+    if law not in TABLE_LAWS:
+        raise InputError("--law", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
+    count = len(airframe.rotors)
+    ct, torque = np.zeros(count), np.zeros(count)  # N and N m along the axis, per unit setpoint
+    spin = np.array([rotor.yaw_sign for rotor in airframe.rotors], float)
+    if law == "standard":
+        alone = standard_coefficients(model)
+        ct[:], torque[:] = alone.p, alone.q * spin
+    else:
+        c = reduced_coefficients(model)
+        for upper, lower in airframe.pairs:
+            ct[upper], ct[lower] = c.p_0u + c.p_1l, c.p_0l
+            torque[upper], torque[lower] = spin[upper] * c.q_0u + spin[lower] * c.q_1l, spin[lower] * c.q_0l
+        for single in airframe.singles:
+            ct[single], torque[single] = c.p_0u, spin[single] * c.q_0u
+    if (ct <= 0).any():
+        worst = int(np.argmin(ct))
+        problem = (
+            f"the {law} law gives rotor {worst + 1} {ct[worst]:.4g} N per u^2: a positive thrust is expected"
+        )
+        raise InputError(airframe.source or airframe.name, "rotor_model", problem)
+    rotors = tuple(
+        px4.RotorEntry(rotor.position_m, rotor.axis, float(ct[n]), float(torque[n] / ct[n]))
+        for n, rotor in enumerate(airframe.rotors)
+    )
+    return px4.Px4Table(rotors, 1.0)
+
+
+def report_px4(airframe: Airframe, model: RotorModel, law: str) -> TableReport:
+    """The table of a law with all that is known about its flight. Raises InputError."""
+    return assess_px4(airframe, model, law, px4_table(airframe, model, law))
+
+
+def assess_px4(airframe: Airframe, model: RotorModel, law: str, table: px4.Px4Table) -> TableReport:
+    """What PX4 makes of `table` on this airframe and these rotors. Raises InputError."""
+    source = airframe.source or airframe.name
+    try:
+        params = px4.table_to_params(table)
+        mix = px4.realise(table)
+    except (TableError, ValueError) as error:
+        raise InputError(source, "rotors", f"PX4 cannot hold this table: {error}") from error
+    weight = airframe.mass_kg * GRAVITY
+    ct = np.array([rotor.ct for rotor in px4.params_to_table(params).rotors])
+    up = -np.array([rotor.axis[2] for rotor in airframe.rotors])
+    findings = list(mix.warnings)
+    by_model = _hover(lambda t: _model_thrust(airframe, model, mix, t), weight)
+    by_table = _hover(lambda t: float(ct * up @ mix.setpoints(_thrust(t))), weight)
+    if by_model is None:
+        top = _model_thrust(airframe, model, mix, 1.0)
+        text = f"the vehicle cannot hover: {top:.1f} N at full thrust setpoint, {weight:.1f} N are needed"
+        findings.append(Finding("px4.no-hover", "error", text))
+    limits = px4.PARAMETERS["MPC_THR_HOVER"]
+    hover = 1.0 if by_model is None else by_model
+    if not limits.minimum <= hover <= limits.maximum:
+        text = f"hover needs thrust setpoint {hover:.3f}, PX4 takes {limits.minimum:g}..{limits.maximum:g}"
+        findings.append(Finding("px4.hover-range", "warning", text))
+    params["MPC_THR_HOVER"] = px4.as_stored(
+        "MPC_THR_HOVER", round(min(max(hover, limits.minimum), limits.maximum), 3)
+    )
+    speeds = mix.throttle(mix.setpoints(_thrust(hover)))
+    share = -mix.mix[:, 5]
+    splits = tuple(
+        PairSplit(
+            u + 1,
+            w + 1,
+            float(share[w] / share[u]) if share[u] else float("inf"),
+            (float(speeds[u]), float(speeds[w])),
+        )
+        for u, w in airframe.pairs
+    )
+    return TableReport(
+        law,
+        table,
+        params,
+        mix,
+        splits,
+        hover,
+        1.0 if by_table is None else by_table,
+        tuple(float(s) for s in speeds),
+        float(ct * up @ mix.setpoints(_thrust(1.0))),
+        _model_thrust(airframe, model, mix, 1.0),
+        float(ct @ up),
+        tuple(findings),
+    )
+
+
+def refuse_traps(report: TableReport) -> None:
+    """Raise SafetyRefusal when a finding forbids flying with the table."""
+    if report.blocking:
+        raise SafetyRefusal(str(report.blocking[0]))
+
+
+def _thrust(setpoint: float) -> list[float]:
+    return [0.0, 0.0, 0.0, 0.0, 0.0, -setpoint]
+
+
+def _model_thrust(airframe: Airframe, model: RotorModel, mix: px4.Px4Mix, setpoint: float) -> float:
+    thrust, torque = airframe.loads(model, mix.throttle(mix.setpoints(_thrust(setpoint))))
+    wrench: NDArray[np.float64] = airframe.wrench(thrust, torque)
+    return float(wrench[0])
+
+
+def _hover(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
+    """The setpoint in 0..1 whose thrust carries the weight, None when none does; thrust grows with it."""
+    if thrust_N(1.0) < weight_N:
+        return None
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if thrust_N(middle) < weight_N else (low, middle)
+    return high
