@@ -86,16 +86,15 @@ class Autopilot:
 
     def boot(self) -> None:
         """As after power-up: disarmed, in Hold, parameters kept."""
-        self.mode, self.armed, self.landed = Mode.HOLD, False, True
+        self.armed, self.landed = False, True
         self.demand: Demand = IDLE
-        self.goal = Goal((0.0, 0.0, 0.0))
+        self.reading: Reading = self.sensors.read()
+        self._enter(Mode.HOLD)
         self._offboard_goal = self.goal
         self.attitude_goal: AttitudeGoal | None = None
         self._offboard_at = self._live_at = -math.inf
         self._live = np.zeros(self.rotors)
-        self._armed_at = self._landed_at = self._mode_at = self.plant.time_s
-        self._settled_since: float | None = None
-        self.reading: Reading = self.sensors.read()
+        self._armed_at = self._landed_at = self.plant.time_s
         self.cascade.reset()
 
     # -- what others ask of it -----------------------------------------------------------------
@@ -262,7 +261,8 @@ class Autopilot:
 
     def _enter(self, mode: Mode) -> None:
         """Change the mode; what it flies to starts from where the vehicle is."""
-        self.mode, self._mode_at, self._settled_since = mode, self.plant.time_s, None
+        self.mode, self._mode_at = mode, self.plant.time_s
+        self._settled_since = None
         here = self._position()
         self._target = here
         self.goal = Goal(here, (0.0, 0.0, 0.0))

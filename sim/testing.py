@@ -1,0 +1,41 @@
+"""Start a stand-in as a process of its own, for tests: on a free port, gone when the block ends."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sim.errors import SimError
+
+
+@contextmanager
+def standin(*arguments: str, kind: str = "udpin") -> Iterator[int]:
+    """Run `coaxlink sim ARGUMENTS` listening on loopback; yields the port. Raises SimError."""
+    command = [sys.executable, "-m", "coaxlink", "sim", "--listen", f"{kind}:127.0.0.1:0", *arguments]
+    with tempfile.TemporaryFile("w+") as talk:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=talk, text=True)
+        try:
+            assert process.stdout is not None
+            ready = process.stdout.readline().strip()
+            if not ready.startswith("ready"):
+                process.wait(10.0)
+                talk.seek(0)
+                raise SimError(talk.read().strip() or "the stand-in ended without a word")
+            yield int(ready.rpartition(":")[2])
+        finally:
+            process.send_signal(signal.SIGTERM)
+            try:
+                code = process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                code = process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
+            talk.seek(0)
+            last = talk.read()
+    if code != 0:
+        raise SimError(f"the stand-in ended with {code}: {last}")

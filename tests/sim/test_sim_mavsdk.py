@@ -1,0 +1,84 @@
+"""MAVSDK, which nobody here wrote, flies the stand-in."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from mavsdk.mavsdk import Configuration, Mavsdk
+from mavsdk.plugins.action import Action
+from mavsdk.plugins.info import Info
+from mavsdk.plugins.offboard import Offboard, PositionNedYaw
+from mavsdk.plugins.param import Param, ParamError
+from mavsdk.plugins.telemetry import FlightMode, LandedState, Telemetry
+from mavsdk.system import System
+
+from sim.testing import standin
+
+
+@pytest.fixture
+def vehicle() -> Iterator[System]:
+    with standin("--speed", "4", "--seed", "7") as port:
+        mavsdk = Mavsdk(Configuration.create_manual(245, 190, True))
+        try:
+            mavsdk.add_any_connection(f"udpout://127.0.0.1:{port}")
+            system = mavsdk.first_autopilot(timeout_s=10.0)
+            assert system is not None
+            yield system
+        finally:
+            mavsdk.destroy()
+
+
+def until(met: Callable[[], bool], seconds: float, what: str) -> None:
+    end = time.monotonic() + seconds
+    while not met():
+        assert time.monotonic() < end, what
+        time.sleep(0.02)
+
+
+def test_mavsdk_reads_and_sets_parameters(vehicle: System) -> None:
+    param = Param(vehicle)
+    assert param.get_param_int("CA_ROTOR_COUNT") == 8
+    assert param.get_param_float("CA_ROTOR0_CT") == pytest.approx(6.5)
+    param.set_param_float("CA_ROTOR4_CT", 69.89)
+    param.set_param_int("COM_RC_IN_MODE", 4)
+    assert param.get_param_float("CA_ROTOR4_CT") == pytest.approx(69.89, abs=1e-5)
+    assert param.get_param_int("COM_RC_IN_MODE") == 4
+    everything = param.get_all_params()
+    assert len(everything.int_params) + len(everything.float_params) > 350
+    with pytest.raises(ParamError):
+        param.get_param_float("NO_SUCH_PARAM")
+
+
+def test_mavsdk_arms_takes_off_flies_offboard_and_lands(vehicle: System) -> None:
+    telemetry, action = Telemetry(vehicle), Action(vehicle)
+    version = Info(vehicle).get_version()
+    assert (version.flight_sw_major, version.flight_sw_minor, version.flight_sw_patch) == (1, 16, 1)
+    until(telemetry.health_all_ok, 10.0, "never healthy")
+    assert not telemetry.armed() and not telemetry.in_air()
+    action.set_takeoff_altitude(3.0)
+    action.arm()
+    until(telemetry.armed, 5.0, "not armed")
+    action.takeoff()
+    until(lambda: telemetry.position().relative_altitude_m > 2.7, 15.0, "did not climb")
+    until(lambda: telemetry.flight_mode() == FlightMode.HOLD, 10.0, "does not hold")
+    assert telemetry.in_air() and telemetry.landed_state() == LandedState.IN_AIR
+    assert 28.0 < telemetry.battery().voltage_v < 33.6
+    assert sum(v > 1300 for v in telemetry.actuator_output_status().actuator[:8]) == 8
+    attitude = telemetry.attitude_euler()
+    assert math.hypot(attitude.roll_deg, attitude.pitch_deg) < 5.0
+
+    offboard = Offboard(vehicle)
+    offboard.set_position_ned(PositionNedYaw(2.0, -1.0, -4.0, 30.0))
+    offboard.start()
+    until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD, 5.0, "not offboard")
+
+    def arrived() -> bool:
+        p = telemetry.position_velocity_ned().position
+        return math.dist((p.north_m, p.east_m, p.down_m), (2.0, -1.0, -4.0)) < 0.2
+
+    until(arrived, 10.0, "did not follow the set-point")
+    offboard.stop()
+    action.land()
+    until(lambda: not telemetry.armed(), 20.0, "did not land")
+    assert telemetry.landed_state() == LandedState.ON_GROUND
