@@ -13,8 +13,8 @@ from coaxlink.link.vehicle import Track, Vehicle
 
 # message id: rate in Hz of the vehicle's own time; what a flight log of the contract needs
 STREAMS = {
-    105: 100.0,  # HIGHRES_IMU
-    375: 100.0,  # ACTUATOR_OUTPUT_STATUS
+    105: 125.0,  # HIGHRES_IMU
+    375: 125.0,  # ACTUATOR_OUTPUT_STATUS
     31: 50.0,  # ATTITUDE_QUATERNION
     30: 50.0,  # ATTITUDE
     32: 50.0,  # LOCAL_POSITION_NED

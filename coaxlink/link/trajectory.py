@@ -129,7 +129,7 @@ class Plan:
 
 
 def paper_flight() -> Plan:
-    """Hover at 3 m, the circle of 2 m at 4.5 m slow and fast, climb and descent, yaw, low hover; about 60 s."""
+    """Hover at 3 m, the circle of 2 m at 4.5 m slow and fast, climb and descent, yaw, low hover; about 65 s."""
     hover, rim, high, low = (0.0, 0.0, -3.0), (2.0, 0.0, -4.5), (0.0, 0.0, -8.0), (0.0, 0.0, -0.55)
     turn = math.radians(100)
     return Plan(
@@ -139,7 +139,7 @@ def paper_flight() -> Plan:
             Circle("circle", 2.0, -4.5, 8.0, 2),
             Circle("fast circle", 2.0, -4.5, 3.6, 3),
             Move("climb", rim, high, 3.0),
-            Move("descent", high, hover, 3.5),
+            Move("descent", high, hover, 6.5),
             Move("yaw right", hover, hover, 2.5, 0.0, turn),
             Move("yaw left", hover, hover, 2.5, turn, 0.0),
             Move("to low hover", hover, low, 2.5),
