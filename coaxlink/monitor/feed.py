@@ -107,14 +107,18 @@ def begin(watch: Watch, session: Session) -> None:
     for name in ("HEARTBEAT", "AUTOPILOT_VERSION"):
         heard = session.latest(name)
         if heard is not None:
-            watch.collector.take(heard, time.monotonic())
+            watch.collector.take(heard, time.monotonic(), counted=False)
     session.subscribe(lambda message: watch.collector.take(message, time.monotonic()))
 
 
 def request_missing_streams(watch: Watch, session: Session) -> None:
     """Ask for what has not come by itself; a vehicle that refuses is left alone."""
     heard = {key.partition("[")[0] for key in watch.collector.readings(time.monotonic()).latest}
-    for name, (message_id, rate_hz) in STREAMS_HZ.items():
+    wanted = dict(STREAMS_HZ)
+    if session.identity.is_px4 and (session.identity.version or (99,)) < (1, 14):
+        # only a legacy mixer's demand can be turned into newtons
+        wanted["ACTUATOR_CONTROL_TARGET"] = (mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET, 10.0)
+    for name, (message_id, rate_hz) in wanted.items():
         if name in heard:
             continue
         try:

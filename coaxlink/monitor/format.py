@@ -82,7 +82,7 @@ def arm_split(arm: ArmView, stale: bool = False) -> Text:
 def balance(view: View) -> Text:
     """Thrust, torques and moments: by the model, as the table means them, and the difference."""
     b, style = view.balance, DIM if view.speeds_stale else ""
-    lines = [Text(f"{'':<8}{'model':>7}{'table':>7}{'error':>7}", DIM)]
+    lines = [Text(f"{'':<8}{'model':>7}{b.basis:>7}{'error':>7}", DIM)]
     for k, (axis, unit, digits) in enumerate(
         (("thrust", "N", 1), ("roll", "Nm", 2), ("pitch", "Nm", 2), ("yaw", "Nm", 2))
     ):
@@ -130,14 +130,14 @@ def vehicle(view: View) -> Text:
         number(None if a is None else math.degrees(a), d, signed=s)
         for a, d, s in ((v.roll_rad, 1, True), (v.pitch_rad, 1, True), (v.yaw_rad, 0, True))
     )
-    source = view.speeds.source or "no speeds yet"
+    source, where = view.speeds.source or "no speeds yet", f" {v.height_source}"
     return Text("\n").join(
         (
             _stale(battery, v.battery_stale),
-            _stale(f"roll  {roll} deg", v.attitude_stale),
-            _stale(f"pitch {pitch} deg", v.attitude_stale),
-            _stale(f"yaw   {yaw} deg", v.attitude_stale),
-            _stale(f"height {number(v.height_m, 2)} m {v.height_source}", v.height_stale),
+            _stale(f"roll  {roll}°", v.attitude_stale),
+            _stale(f"pitch {pitch}°", v.attitude_stale),
+            _stale(f"yaw   {yaw}°", v.attitude_stale),
+            _stale(f"height {number(v.height_m, 2)} m{'' if v.height_stale else where}", v.height_stale),
             _stale(source, view.speeds_stale, "" if view.speeds.source else WARN),
         )
     )
@@ -174,22 +174,27 @@ def head(view: View, width: int, paused: bool = False) -> Text:
     if paused:
         left.append("  PAUSED", f"bold {WARN}")
     right = link_words(view)
+    if width and left.cell_len + right.cell_len + 2 > width:
+        right = link_words(view, short=True)
     if width >= 110:
         right.append(f"  {link.address}", DIM)
     gap = max(width - left.cell_len - right.cell_len, 2)
     return Text.assemble(left, " " * gap, right)
 
 
-def link_words(view: View) -> Text:
-    """`● live 131/s loss 0.0 % age 0.1 s`."""
+def link_words(view: View, *, short: bool = False) -> Text:
+    """`● live 131/s loss 0.0 % age 0.1 s`; `short` leaves out the rate, and the age while it is young."""
     link = view.link
     if link.state == "waiting":
         return Text(f"○ waiting for {link.detail}", WARN)
     colour = GOOD if link.state == "live" else BAD
-    words = Text(f"● {link.state} ", colour)
-    words.append(f"{link.rate_hz:.0f}/s", "")
+    words = Text(f"● {link.state}", colour)
+    if not short:
+        words.append(f" {link.rate_hz:.0f}/s", "")
     words.append("  loss ", DIM)
     words.append(percent(link.loss, 1), WARN if (link.loss or 0.0) > 0.02 else "")
+    if short and link.state == "live":
+        return words
     words.append("  age ", DIM)
     words.append(seconds(link.age_s or 0.0), "" if link.state == "live" else BAD)
     return words

@@ -103,8 +103,8 @@ class Collector:
         self._last_s: float | None = None
         self._clock_s: float | None = None
 
-    def take(self, message: Any, received_s: float) -> None:
-        """Fold one message in."""
+    def take(self, message: Any, received_s: float, *, counted: bool = True) -> None:
+        """Fold one message in; `counted` is False for one of before we listened to all of them."""
         kind = message.get_type()
         if kind == "BAD_DATA" or kind.startswith("UNKNOWN"):
             return
@@ -117,7 +117,8 @@ class Collector:
                     self._others.add(system)
             if self._target is None or self._target[0] != system:
                 return
-            self._count(message.get_seq(), component, received_s)
+            if counted:
+                self._count(message.get_seq(), component, received_s)
             if component != self._target[1]:
                 return  # a gimbal or companion of the same vehicle: part of the traffic, not of the picture
             self._last_s = received_s

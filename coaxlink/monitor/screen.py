@@ -27,16 +27,21 @@ REFRESH_S = 0.2
 HELP = """\
 [b]coaxlink monitor[/b] watches; it commands nothing.
 
-Thrust and torque are the rotor model's at the speeds that the vehicle reports:
-measured (ESC_STATUS rpm) before commanded (SERVO_OUTPUT_RAW, ACTUATOR_OUTPUT_STATUS).
+Thrust and torque are the rotor model's at the speeds the vehicle reports:
+measured ones (ESC_STATUS rpm) before commanded ones (SERVO_OUTPUT_RAW,
+ACTUATOR_OUTPUT_STATUS). The vehicle panel names the source.
 
-[#5cc8ff]▲ upper[/]  [#ffb454]▼ lower[/]  thrust, speed, commanded throttle; a full bar is the
-rotor's most thrust; below, the arm's thrust and its split upper : lower.
-[b]model[/b] is what the rotors make by the model, [b]table[/b] what the mixer table on
-board means by the same commands, [b]error[/b] the difference: the allocation error.
+[#5cc8ff]▲ upper[/]  [#ffb454]▼ lower[/]  thrust, speed, commanded throttle. A full bar is the
+rotor's most thrust; below it the arm's thrust, split upper : lower.
+
+[b]model[/b]   what the rotors make, by the rotor model
+[b]table[/b]   what the mixer table on board means by the same commands
+[b]demand[/b]  instead, on PX4 up to 1.13: what its controllers ask for
+[b]error[/b]   model less table (or demand): the allocation error
+
 Grey and "stale" is old. The plot runs on the vehicle's own clock.
 
- q quit   p pause the picture   s save it as SVG   ? this help
+q quit   p pause the picture   s save it as SVG   ? this help
 """
 
 
@@ -68,6 +73,7 @@ class Monitor(App[None]):
     TITLE = "coaxlink monitor"
     ENABLE_COMMAND_PALETTE = False
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual types it
+    VERTICAL_BREAKPOINTS = [(0, "-short"), (30, "-tall")]  # noqa: RUF012
     BINDINGS: ClassVar[list[BindingType]] = [
         ("q", "quit", "Quit"),
         ("p", "pause", "Pause"),
@@ -90,8 +96,9 @@ class Monitor(App[None]):
     #vehicle { width: 1fr; }
     #board { width: 23; }
     .-wide #info Static { width: 1fr; }
-    #plot { height: 1fr; min-height: 5; border: round $primary-darken-2; padding: 0 1; }
-    #notes { height: auto; max-height: 6; padding: 0 1; }
+    #plot { height: 1fr; min-height: 4; border: round $primary-darken-2; padding: 0 1; }
+    #notes { height: auto; max-height: 8; padding: 0 1; }
+    .-short #notes { max-height: 2; }
     Help { align: center middle; }
     #help { width: auto; max-width: 100%; height: auto; padding: 0 1; }
     #help { border: round $accent; background: $surface; }

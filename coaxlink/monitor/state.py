@@ -10,23 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from coaxlink.airframe import Airframe
+from coaxlink.link.mixing import DemandScale
+from coaxlink.mixer.coefficients import standard_coefficients
 from coaxlink.monitor import board as boards
 from coaxlink.monitor.board import Board
-from coaxlink.monitor.modes import ARMED_FLAG, firmware_name, mode_name
-from coaxlink.monitor.readings import Arrival, Readings
+from coaxlink.monitor.readings import Readings
 from coaxlink.monitor.speeds import STALE_S, Speeds, rotor_speeds
+from coaxlink.monitor.vehicle import Vehicle, finite, is_old, vehicle_of, version_of
 from coaxlink.rotor import RotorModel
 
 LOST_S = 3.0  # without any message for this long the link counts as lost
 GRAVITY_M_S2 = 9.80665
 _STANDING = 0.005  # normalised speed below which a rotor stands still
-_DOWN = 25  # MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks down
-_TEXT_S = 15.0  # how long a status text stays on the screen
 
 
 @dataclass(frozen=True)
@@ -66,33 +65,10 @@ class Balance:
     upper_torque_Nm: float | None = None  # rotor torque magnitudes, added
     lower_torque_Nm: float | None = None
     wrench: tuple[float, ...] | None = None  # by the rotor model
-    intended: tuple[float, ...] | None = None  # what the table on board means by the same commands
+    intended: tuple[float, ...] | None = None  # what was wanted, see `basis`
+    basis: str = "table"  # what the table on board means by the same commands, or the autopilot's own demand
     error: tuple[float, ...] | None = None  # wrench less intended
     error_note: str = ""  # why there is no error
-
-
-@dataclass(frozen=True)
-class Vehicle:
-    """What the autopilot says about itself."""
-
-    system: int
-    firmware: str
-    version: str
-    mode: str
-    armed: bool
-    voltage_V: float | None
-    current_A: float | None
-    remaining: float | None  # 0..1
-    battery_stale: bool
-    roll_rad: float | None
-    pitch_rad: float | None
-    yaw_rad: float | None
-    attitude_stale: bool
-    height_m: float | None
-    height_source: str  # range (above ground), local or global (above home)
-    height_stale: bool
-    clock_s: float | None
-    text: str  # newest status text, if it is fresh
 
 
 @dataclass(frozen=True)
@@ -157,12 +133,12 @@ def observe(
         airframe.name,
         model.form,
         link,
-        _vehicle(readings, now_s),
+        vehicle_of(readings, now_s),
         speeds,
         age,
         age is not None and age > STALE_S,
         arms,
-        _balance(airframe, rotors, readings.parameters, table),
+        _balance(airframe, model, rotors, readings, table, now_s),
         table,
         tuple(notes),
     )
@@ -206,8 +182,8 @@ def _rotors(airframe: Airframe, model: RotorModel, speeds: Speeds) -> tuple[Roto
             speeds.u[i],
             speeds.rpm[i],
             speeds.throttle[i],
-            _finite(thrust[i]) if speeds.u[i] is not None else None,
-            _finite(torque[i]) if speeds.u[i] is not None else None,
+            finite(thrust[i]) if speeds.u[i] is not None else None,
+            finite(torque[i]) if speeds.u[i] is not None else None,
             full[rotor.level],
         )
         for i, rotor in enumerate(airframe.rotors)
@@ -234,7 +210,12 @@ def _share(upper: float | None, lower: float | None) -> float | None:
 
 
 def _balance(
-    airframe: Airframe, rotors: tuple[RotorView, ...], parameters: Mapping[str, float], table: Board
+    airframe: Airframe,
+    model: RotorModel,
+    rotors: tuple[RotorView, ...],
+    readings: Readings,
+    table: Board,
+    now_s: float,
 ) -> Balance:
     thrusts, torques = [r.thrust_N for r in rotors], [r.torque_Nm for r in rotors]
     thrust = [t for t in thrusts if t is not None]
@@ -245,7 +226,10 @@ def _balance(
     lower = sum(t for t, r in zip(thrust, rotors, strict=True) if r.level == "lower")
     upper = sum(thrust) - lower
     lower_torque = sum(t for t, r in zip(torque, rotors, strict=True) if r.level == "lower")
-    intended, note = _intended(rotors, parameters, table, wrench[0])
+    intended, note, basis = _demand(airframe, model, readings, now_s), "", "demand"
+    if intended is None:
+        intended, note = _intended(rotors, readings.parameters, table, wrench[0])
+        basis = "table"
     error = None if intended is None else tuple(a - b for a, b in zip(wrench, intended, strict=True))
     return Balance(
         wrench[0],
@@ -257,9 +241,25 @@ def _balance(
         lower_torque,
         wrench,
         intended,
+        basis,
         error,
         note,
     )
+
+
+def _demand(
+    airframe: Airframe, model: RotorModel, readings: Readings, now_s: float
+) -> tuple[float, ...] | None:
+    """The wrench a legacy mixer (PX4 <= 1.13) is asked for: what live mixing answers to. None if unheard."""
+    arrival = readings.batches("ACTUATOR_CONTROL_TARGET").get(0)
+    version = version_of(readings)
+    if arrival is None or is_old(arrival, now_s, STALE_S) or not version:
+        return None
+    controls = [float(c) for c in arrival.message.controls[:4]]
+    if tuple(map(int, version.split(".")[:2])) > (1, 13) or not all(map(math.isfinite, controls)):
+        return None
+    scale = DemandScale(airframe, standard_coefficients(model))
+    return tuple(float(w) for w in scale.wrench(controls))
 
 
 def _intended(
@@ -274,97 +274,5 @@ def _intended(
     if meant is None:
         return None, "the table on board cannot be realised"
     if thrust_N > 1.0 and not 0.4 < meant[0] / thrust_N < 2.5:
-        return None, f"CT on board is not in newtons: it means {meant[0]:.0f} N by {thrust_N:.0f} N"
+        return None, f"the CT on board are not in newtons ({meant[0]:.0f} N for {thrust_N:.0f} N)"
     return meant, ""
-
-
-def _vehicle(readings: Readings, now_s: float) -> Vehicle | None:
-    heartbeat = readings.get("HEARTBEAT")
-    if heartbeat is None:
-        return None
-    beat = heartbeat.message
-    voltage, current, remaining, battery_s = _battery(readings)
-    attitude = readings.get("ATTITUDE")
-    roll, pitch, yaw = (_field(attitude, name) for name in ("roll", "pitch", "yaw"))
-    height, source, height_s = _height(readings, now_s)
-    text = readings.get("STATUSTEXT")
-    return Vehicle(
-        readings.target[0] if readings.target else 0,
-        firmware_name(beat.autopilot),
-        _version(readings),
-        mode_name(beat.autopilot, beat.custom_mode),
-        bool(beat.base_mode & ARMED_FLAG),
-        voltage,
-        current,
-        remaining,
-        battery_s is not None and now_s - battery_s > 5.0,
-        roll,
-        pitch,
-        yaw,
-        _old(attitude, now_s, 2.0),
-        height,
-        source,
-        height_s is not None and now_s - height_s > 2.0,
-        readings.clock_s,
-        _plain(text.message.text) if text and now_s - text.received_s <= _TEXT_S else "",
-    )
-
-
-def _battery(readings: Readings) -> tuple[float | None, float | None, float | None, float | None]:
-    """Voltage in V, current in A, remaining 0..1 of the first battery, and when it was told."""
-    batteries = readings.batches("BATTERY_STATUS")
-    if batteries:
-        arrival = next(iter(batteries.values()))
-        m = arrival.message
-        cells = [v for v in m.voltages if v != 0xFFFF]
-        voltage = sum(cells) / 1e3 if cells else None
-    elif (found := readings.get("SYS_STATUS")) is not None:
-        arrival, m = found, found.message
-        voltage = m.voltage_battery / 1e3 if m.voltage_battery != 0xFFFF else None
-    else:
-        return None, None, None, None
-    current = m.current_battery / 100 if m.current_battery >= 0 else None
-    remaining = m.battery_remaining / 100 if m.battery_remaining >= 0 else None
-    return voltage, current, remaining, arrival.received_s
-
-
-def _height(readings: Readings, now_s: float) -> tuple[float | None, str, float | None]:
-    """Height in m, whose it is, and when it was told: above ground if a range finder says so."""
-    for arrival in readings.batches("DISTANCE_SENSOR").values():
-        m = arrival.message
-        seen = m.min_distance < m.current_distance < m.max_distance
-        if m.orientation == _DOWN and seen and not _old(arrival, now_s, 2.0):
-            return m.current_distance / 100, "range", arrival.received_s
-    local = readings.get("LOCAL_POSITION_NED")
-    down = _field(local, "z")
-    if local is not None and down is not None:
-        return -down, "local", local.received_s
-    place = readings.get("GLOBAL_POSITION_INT")
-    if place is not None:
-        return place.message.relative_alt / 1e3, "global", place.received_s
-    return None, "", None
-
-
-def _version(readings: Readings) -> str:
-    arrival = readings.get("AUTOPILOT_VERSION")
-    number = int(arrival.message.flight_sw_version) if arrival else 0
-    return ".".join(str(number >> shift & 0xFF) for shift in (24, 16, 8)) if number else ""
-
-
-def _old(arrival: Arrival | None, now_s: float, limit_s: float) -> bool:
-    return arrival is not None and now_s - arrival.received_s > limit_s
-
-
-def _field(arrival: Arrival | None, name: str) -> float | None:
-    return None if arrival is None else _finite(getattr(arrival.message, name))
-
-
-def _finite(value: Any) -> float | None:
-    number = float(value)
-    return number if math.isfinite(number) else None
-
-
-def _plain(text: Any) -> str:
-    """A status text without what a terminal would act on."""
-    raw = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
-    return "".join(c for c in raw if c.isprintable()).strip()

