@@ -1,0 +1,120 @@
+"""Least squares on held-out blocks, all from the blocks' Gram matrices.
+
+Once X_b' X_b and X_b' y_b are known for every block, a fit, its cross-validation, its robust variance and
+its bootstrap cost nothing that grows with the rows. Base corrections are ridge-shrunk and stay inside their
+bounds; effect columns are free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Normal equations by block and channel, whitened by the channels' noise.
+
+    `gram[b, c]` is the (P, P) Gram matrix of the design in block b, channel c; `moment` its (P,) product with
+    the residual; `power` the residual's square sum; `rows` the judged rows of every block.
+    """
+
+    gram: Array  # (B, C, P, P)
+    moment: Array  # (B, C, P)
+    power: Array  # (B, C)
+    rows: Array  # (B,)
+    fold: NDArray[np.intp]  # (B,)
+    bounds: Array  # (P,) largest believable coefficient; inf for effects
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return len(self.rows)
+
+
+def accumulate(design: Array, residual: Array, block: Index, fold: Index, bounds: Array) -> Blocks:
+    """Gram matrices of a whitened design (rows, C, P) and residual (rows, C); `block` (rows,) from 0."""
+    count = int(block.max()) + 1
+    channels, width = design.shape[1:]
+    gram = np.zeros((count, channels, width, width))
+    moment = np.zeros((count, channels, width))
+    power = np.zeros((count, channels))
+    rows = np.zeros(count)
+    for b in range(count):
+        mine = block == b
+        rows[b] = mine.sum()
+        for c in range(channels):
+            x, y = design[mine, c], residual[mine, c]
+            gram[b, c], moment[b, c], power[b, c] = x.T @ x, x.T @ y, y @ y
+    return Blocks(gram, moment, power, rows, fold, bounds)
+
+
+def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
+    """Coefficients (P,), zero outside `use`, of the bounded ridge fit with block weights (B,)."""
+    gram = np.einsum("b,bcij->ij", weights, blocks.gram[:, :, use][:, :, :, use])
+    moment = np.einsum("b,bcj->j", weights, blocks.moment[:, :, use])
+    bounds = blocks.bounds[use]
+    # half a bound is one standard deviation of what a base may be off by
+    gram = gram + np.diag(np.where(np.isfinite(bounds), (2.0 / np.maximum(bounds, 1e-300)) ** 2, 0.0))
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    gram, moment = gram / np.outer(scale, scale), moment / scale
+    limit = bounds * scale
+    gram = gram + 1e-10 * np.eye(len(use))
+    fixed = np.zeros(len(use), bool)
+    value = np.zeros(len(use))
+    for _ in range(len(use) + 1):
+        free = ~fixed
+        value[free] = np.linalg.solve(
+            gram[np.ix_(free, free)], moment[free] - gram[np.ix_(free, fixed)] @ value[fixed]
+        )
+        beyond = free & (np.abs(value) > limit * (1.0 + 1e-9))
+        if not beyond.any():
+            break
+        worst = int(np.argmax(np.where(beyond, np.abs(value) / limit, 0.0)))
+        fixed[worst] = True
+        value[worst] = np.sign(value[worst]) * limit[worst]
+    out = np.zeros(len(blocks.bounds))
+    out[use] = value / scale
+    return out
+
+
+def squares(blocks: Blocks, coefficients: Array, which: Array | None = None) -> Array:
+    """(B, C) sum of squared whitened residuals under coefficients (P,); `which` (B,) bool picks blocks."""
+    use = np.flatnonzero(coefficients)
+    c = coefficients[use]
+    pick = slice(None) if which is None else which
+    linear = blocks.moment[pick][:, :, use] @ c
+    square = np.einsum("bcij,i,j->bc", blocks.gram[pick][:, :, use][:, :, :, use], c, c)
+    return np.maximum(blocks.power[pick] - 2.0 * linear + square, 0.0)
+
+
+def held_out(blocks: Blocks, use: Index) -> tuple[Array, Array]:
+    """(B, C) squared errors on blocks the fit did not see, and (folds, P) the coefficients of every fold."""
+    out = np.zeros_like(blocks.power)
+    folds = np.unique(blocks.fold)
+    fits = np.zeros((len(folds), len(blocks.bounds)))
+    for k, fold in enumerate(folds):
+        test = blocks.fold == fold
+        fits[k] = solve(blocks, use, (~test).astype(float))
+        out[test] = squares(blocks, fits[k], test)
+    return out, fits
+
+
+def bootstrap(blocks: Blocks, use: Index, draws: int, seed: int = 0) -> Array:
+    """(draws, P) coefficients with whole blocks drawn again."""
+    random = np.random.default_rng(seed)
+    weights = random.multinomial(blocks.count, np.full(blocks.count, 1.0 / blocks.count), size=draws)
+    return np.stack([solve(blocks, use, w.astype(float)) for w in weights])
+
+
+def error_interval(square_sums: Array, rows: Array, draws: int = 400, seed: int = 0) -> tuple[float, float]:
+    """95 % interval of an rms error over blocks: (B,) square sums and rows."""
+    random = np.random.default_rng(seed)
+    pick = random.integers(0, len(rows), size=(draws, len(rows)))
+    values = np.sqrt(square_sums[pick].sum(axis=1) / rows[pick].sum(axis=1))
+    return float(np.quantile(values, 0.025)), float(np.quantile(values, 0.975))

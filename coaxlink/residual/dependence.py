@@ -1,0 +1,120 @@
+"""What is left after the effects: does it still depend on anything that was recorded?
+
+Each channel's residual is held against each variable through a smooth of eight hats; a dependence counts
+when it is found again on held-out blocks, stands far outside coloured noise over all looks, and is large
+enough to matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from coaxlink.residual.select import autocorrelation_time
+
+Array = NDArray[np.float64]
+HATS = 8
+ALPHA = 1e-4
+SHARE = 0.12  # of the residual's variance, held out
+SIZE = 0.006  # of the reference load, 95th percentile
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """A residual channel that follows a variable."""
+
+    channel: int
+    variable: str
+    share: float  # of the held-out variance
+    size: float  # 95th percentile of the smooth over the reference load
+    rms: float  # of the smooth, in the channel's unit
+    where: str
+
+
+def hats(values: Array, knots: Array) -> Array:
+    """(rows, K) piecewise linear basis on increasing knots (K,)."""
+    at = np.clip(np.searchsorted(knots, values) - 1, 0, len(knots) - 2)
+    share = np.clip((values - knots[at]) / (knots[at + 1] - knots[at]), 0.0, 1.0)
+    out = np.zeros((len(values), len(knots)))
+    rows = np.arange(len(values))
+    out[rows, at], out[rows, at + 1] = 1.0 - share, share
+    return out
+
+
+def knots_of(values: Array, count: int = HATS) -> Array | None:
+    """Knots at quantiles, or None where the variable does not vary."""
+    knots = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count)))
+    if len(knots) < 3 or knots[-1] - knots[0] < 1e-9 * max(1.0, abs(float(knots[-1]))):
+        return None
+    return knots
+
+
+def dependences(
+    residual: Array,
+    variables: Mapping[str, Array],
+    block: NDArray[np.intp],
+    fold: NDArray[np.intp],
+    reference: Array,
+    floor: Array,
+) -> list[Dependence]:
+    """Significant dependences of residual (rows, C) on variables (rows,), strongest of each channel first.
+
+    `fold` (rows,) says in which fold a row is held out; `floor` (C,) is the noise floor in the channels'
+    unit.
+    """
+    out: list[Dependence] = []
+    looks = max(1, len(variables) * residual.shape[1])
+    inflation = autocorrelation_time(residual, block)
+    for name, values in variables.items():
+        knots = knots_of(values)
+        if knots is None:
+            continue
+        basis = hats(values, knots)
+        for c in range(residual.shape[1]):
+            found = _one(residual[:, c], basis, fold, float(inflation[c]))
+            if found is None:
+                continue
+            share, statistic, smooth, width = found
+            size = float(np.quantile(np.abs(smooth), 0.95) / reference[c])
+            p_value = min(1.0, looks * float(chi2.sf(statistic, width)))
+            rms = float(np.sqrt(np.mean(smooth**2)))
+            if share > SHARE and p_value < ALPHA and size > SIZE and rms > 0.5 * floor[c]:
+                out.append(Dependence(c, name, share, size, rms, _where(values, smooth)))
+    return sorted(out, key=lambda d: (d.channel, -d.share))
+
+
+def _one(
+    r: Array, basis: Array, fold: NDArray[np.intp], inflation: float
+) -> tuple[float, float, Array, int] | None:
+    """Held-out share, chi-square, in-sample smooth and width of one residual on one basis."""
+    width = basis.shape[1]
+    ridge = 1e-6 * np.eye(width) * len(r)
+    left = np.zeros_like(r)
+    for f in np.unique(fold):
+        test = fold == f
+        gram = basis[~test].T @ basis[~test] + ridge
+        left[test] = r[test] - basis[test] @ np.linalg.solve(gram, basis[~test].T @ r[~test])
+    power = float(np.sum((r - r.mean()) ** 2))
+    if power <= 0:
+        return None
+    share = 1.0 - float(np.sum(left**2)) / power
+    if share <= SHARE:
+        return None
+    smooth = basis @ np.linalg.solve(basis.T @ basis + ridge, basis.T @ r)
+    smooth = smooth - smooth.mean()
+    rest = r - r.mean() - smooth
+    statistic = float((power - np.sum(rest**2)) / (np.mean(rest**2) * inflation))
+    return share, statistic, smooth, width
+
+
+def _where(values: Array, smooth: Array) -> str:
+    """Where the smooth is largest, in words."""
+    peak = int(np.argmax(np.abs(smooth)))
+    low, high = float(values.min()), float(values.max())
+    place = (values[peak] - low) / max(high - low, 1e-12)
+    region = "at the low end" if place < 0.25 else "at the high end" if place > 0.75 else "in the middle"
+    return f"{smooth[peak]:+.3g} near {values[peak]:.3g} ({region} of {low:.3g} .. {high:.3g})"

@@ -1,0 +1,61 @@
+"""What every effect module provides, so that the selection can treat them alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Shape = Mapping[str, float]
+Frame = TypeVar("Frame")
+
+
+@dataclass(frozen=True)
+class Effect(Generic[Frame]):
+    """One physical effect on top of the rotor model, linear in its coefficients once its shape is fixed.
+
+    `shapes` lists the shapes worth trying (a height scale, a rotor number; `[{}]` where there is none);
+    `columns` gives (rows, channels, K) of what unit coefficients add to the *measured minus predicted* side;
+    `parameters` turns shape and coefficients (K,) into named physical numbers; `inverse` turns those back;
+    `refuse` says why physics does not allow them, or None. `cause` is the variable its picture is drawn over.
+    """
+
+    name: str
+    physics: str
+    source: str
+    needs: tuple[str, ...]
+    channels: tuple[str, ...]
+    units: Mapping[str, str]
+    missing: Callable[[Frame], str | None]
+    shapes: Callable[[Frame], Sequence[Shape]]
+    columns: Callable[[Frame, Shape], Array]
+    parameters: Callable[[Frame, Shape, Array], dict[str, float]]
+    inverse: Callable[[Frame, Mapping[str, float]], tuple[Shape, Array]]
+    refuse: Callable[[Mapping[str, float]], str | None]
+    cause: Callable[[Frame, Shape], tuple[str, Array]]
+
+    def contribution(self, frame: Frame, parameters: Mapping[str, float]) -> Array:
+        """(rows, channels) that the effect adds with these physical parameters."""
+        shape, coefficients = self.inverse(frame, parameters)
+        return np.asarray(self.columns(frame, shape) @ coefficients)
+
+
+def one_shape(_: object) -> Sequence[Shape]:
+    """For effects without a shape."""
+    return [{}]
+
+
+def present(_: object) -> str | None:
+    """For effects that every frame can show."""
+    return None
+
+
+def outside(name: str, value: float, low: float, high: float, unit: str = "") -> str | None:
+    """Why a value is not physical, or None."""
+    if low <= value <= high:
+        return None
+    return f"{name} = {value:.3g}{' ' + unit if unit else ''} is outside {low:g} .. {high:g}"

@@ -1,0 +1,81 @@
+"""Ground effect: near the ground the rotors' inflow falls and the thrust at given speed grows.
+
+Source: Cheeseman and Bennett 1955, T / T_inf = 1 / (1 - (R / 4 h)^2), for which (R / 4 h)^2 is the first
+term; for multirotors the effective radius is larger than one rotor's (Sanchez-Cuevas, Heredia and Ollero
+2017), and an exponential in height fits flights as well (He, Lee and Leang 2019). Both are tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from coaxlink.residual.effects.base import Array, Effect, Shape, outside
+from coaxlink.residual.frames import FlightFrame
+
+SCALES_M = (0.15, 0.25, 0.4, 0.6, 0.9, 1.4)
+LOWEST_M = 0.08
+
+
+def _height(frame: FlightFrame) -> Array:
+    assert frame.height is not None
+    return np.maximum(frame.height, LOWEST_M)
+
+
+def _missing(frame: FlightFrame) -> str | None:
+    if frame.height is None:
+        return "height_m is not in the log"
+    lowest = float(np.min(frame.height[frame.keep]))
+    return None if lowest < 1.5 else f"never below {lowest:.1f} m"
+
+
+def _shapes(_: FlightFrame) -> Sequence[Shape]:
+    return [{"inverse_square": 1.0}, *({"height_scale_m": s} for s in SCALES_M)]
+
+
+def _gain(frame: FlightFrame, shape: Shape) -> Array:
+    h = _height(frame)
+    if "height_scale_m" in shape:
+        return np.exp(-h / shape["height_scale_m"])
+    return 1.0 / (16.0 * h * h)
+
+
+def _columns(frame: FlightFrame, shape: Shape) -> Array:
+    thrust = frame.thrust * _gain(frame, shape)[:, None]
+    return frame.airframe.body_loads(thrust, np.zeros_like(thrust))[..., None]
+
+
+def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
+    if "height_scale_m" in shape:
+        return {"gain_at_ground": float(c[0]), "height_scale_m": shape["height_scale_m"]}
+    return {"effective_radius_m": float(np.sign(c[0]) * np.sqrt(abs(c[0])))}
+
+
+def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    if "height_scale_m" in p:
+        return {"height_scale_m": p["height_scale_m"]}, np.array([p["gain_at_ground"]])
+    return {"inverse_square": 1.0}, np.array([p["effective_radius_m"] * abs(p["effective_radius_m"])])
+
+
+def _refuse(p: Mapping[str, float]) -> str | None:
+    if "height_scale_m" in p:
+        return outside("gain_at_ground", p["gain_at_ground"], 0.0, 3.0)
+    return outside("effective_radius_m", p["effective_radius_m"], 0.0, 2.0, "m")
+
+
+FLIGHT: Effect[FlightFrame] = Effect(
+    name="ground_effect",
+    physics="thrust at given speed grows near the ground",
+    source="Cheeseman and Bennett 1955; Sanchez-Cuevas, Heredia and Ollero 2017; He, Lee and Leang 2019",
+    needs=("height_m",),
+    channels=("force_z",),
+    units={"gain_at_ground": "1", "height_scale_m": "m", "effective_radius_m": "m"},
+    missing=_missing,
+    shapes=_shapes,
+    columns=_columns,
+    parameters=_parameters,
+    inverse=_inverse,
+    refuse=_refuse,
+    cause=lambda frame, _: ("height_m", _height(frame)),
+)

@@ -1,0 +1,47 @@
+"""Another mass than declared: the same force accelerates it differently, while the torques do not change.
+
+Source: Newton's second law. The accelerometer times the declared mass reads F m_declared / m. A rotor model
+that is off by the same few per cent looks alike in force: only what exceeds the stand's own doubt is a
+mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside, present
+from coaxlink.residual.frames import FlightFrame
+
+
+def _columns(frame: FlightFrame, _: Shape) -> Array:
+    out = np.zeros((len(frame.predicted), 6, 1))
+    out[:, :3, 0] = -frame.predicted[:, :3]
+    return out
+
+
+def _parameters(frame: FlightFrame, _: Shape, c: Array) -> dict[str, float]:
+    # m_declared / m = 1 - c
+    return {"mass_kg": float(frame.airframe.mass_kg / max(1.0 - c[0], 0.05))}
+
+
+def _inverse(frame: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    return {}, np.array([1.0 - frame.airframe.mass_kg / p["mass_kg"]])
+
+
+FLIGHT: Effect[FlightFrame] = Effect(
+    name="mass_change",
+    physics="the vehicle weighs something else than declared",
+    source="Newton's second law",
+    needs=("accel_z_m_s2",),
+    channels=("force_x", "force_y", "force_z"),
+    units={"mass_kg": "kg"},
+    missing=present,
+    shapes=one_shape,
+    columns=_columns,
+    parameters=_parameters,
+    inverse=_inverse,
+    refuse=lambda p: outside("mass_kg", p["mass_kg"], 1e-3, 1e4, "kg"),
+    cause=lambda frame, _: ("total_thrust_N", frame.thrust.sum(axis=1)),
+)

@@ -1,0 +1,102 @@
+"""Rotor drag: a rotor moving in its own plane is dragged back, nearly in proportion to the air speed.
+
+Source: blade flapping and induced drag (Mahony, Kumar and Corke 2012; Faessler, Franchi and Scaramuzza
+2018): F_i = -k w_i V_i in the rotor's plane, V_i the hub's own velocity (turning adds to it, which damps
+yaw). What the drag grows with, w_i, is its form: the rotor's speed, its thrust, or its thrust times the air
+speed; and it may level off with speed, V / sqrt(1 + (V / V_s)^2), as measured drag does (Kai, Allibert, Hua
+and Hamel 2017).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from coaxlink.residual.effects.base import Array, Effect, Shape, outside
+from coaxlink.residual.frames import FlightFrame
+
+_FORMS = {
+    "by_speed": "drag_per_speed_N_s_m",
+    "by_thrust": "drag_per_thrust_s_m",
+    "by_square": "drag_per_thrust_s2_m2",
+}
+
+SATURATIONS_M_S = (2.0, 3.0, 4.5, 7.0, 12.0)
+
+
+def _missing(frame: FlightFrame) -> str | None:
+    fast = float(np.quantile(np.hypot(*frame.velocity[frame.keep, :2].T), 0.95))
+    return None if fast > 0.3 else f"never faster than {fast:.2f} m/s in the rotors' plane"
+
+
+def hub_drag(frame: FlightFrame, velocity: Array, shape: Shape, turning: bool = True) -> Array:
+    """(rows, 6) drag of unit coefficient for the body's velocity (rows, 3) through the air."""
+    position = np.array([r.position_m for r in frame.airframe.rotors])
+    axis = np.array([r.axis for r in frame.airframe.rotors])
+    hub = np.repeat(velocity[:, None, :], len(position), axis=1)
+    if turning:
+        hub = hub + np.cross(frame.rates[:, None, :], position)
+    hub = hub - np.einsum("rni,ni->rn", hub, axis)[..., None] * axis
+    weight = frame.speeds if "by_speed" in shape else np.clip(frame.thrust, 0.0, None)
+    if "by_square" in shape:
+        weight = weight * np.linalg.norm(hub, axis=-1)
+    if "saturation_m_s" in shape:
+        weight = weight / np.hypot(1.0, np.linalg.norm(hub, axis=-1) / shape["saturation_m_s"])
+    force = -weight[..., None] * hub
+    return np.concatenate([force.sum(axis=1), np.cross(position, force).sum(axis=1)], axis=1)
+
+
+def _columns(frame: FlightFrame, shape: Shape) -> Array:
+    # the moment comes apart from the force: drag may act away from the hubs' planes
+    whole = hub_drag(frame, frame.velocity, shape)
+    force, moment = whole.copy(), whole.copy()
+    force[:, 3:], moment[:, :3] = 0.0, 0.0
+    return np.stack([force, moment], axis=-1)
+
+
+def _shapes(_: FlightFrame) -> Sequence[Shape]:
+    level = [{form: 1.0, "saturation_m_s": v} for form in ("by_speed", "by_thrust") for v in SATURATIONS_M_S]
+    return [*({form: 1.0} for form in _FORMS), *level]
+
+
+def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
+    extra = {k: v for k, v in shape.items() if k == "saturation_m_s"}
+    share = float(c[1] / c[0]) if abs(c[0]) > 1e-12 else 0.0
+    return {_FORMS[next(iter(shape))]: float(c[0]), "moment_share": share, **extra}
+
+
+def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    for form, name in _FORMS.items():
+        if name in p:
+            extra = {k: v for k, v in p.items() if k == "saturation_m_s"}
+            return {form: 1.0, **extra}, np.array([p[name], p[name] * p["moment_share"]])
+    raise KeyError(f"rotor_drag knows {', '.join(_FORMS.values())}")
+
+
+def _refuse(p: Mapping[str, float]) -> str | None:
+    name, value = next(iter(p.items()))
+    return outside(name, value, 0.0, 50.0)
+
+
+FLIGHT: Effect[FlightFrame] = Effect(
+    name="rotor_drag",
+    physics="drag of the rotors in their plane, growing with the hub's velocity",
+    source="Mahony, Kumar and Corke 2012; Faessler, Franchi and Scaramuzza 2018",
+    needs=("vel_n_m_s", "vel_e_m_s", "vel_d_m_s"),
+    channels=("force_x", "force_y", "torque_x", "torque_y", "torque_z"),
+    units={
+        "drag_per_speed_N_s_m": "N s/m",
+        "drag_per_thrust_s_m": "s/m",
+        "drag_per_thrust_s2_m2": "s2/m2",
+        "saturation_m_s": "m/s",
+        "moment_share": "1",
+    },
+    missing=_missing,
+    shapes=_shapes,
+    columns=_columns,
+    parameters=_parameters,
+    inverse=_inverse,
+    refuse=_refuse,
+    cause=lambda frame, _: ("vel_x_body_m_s", frame.velocity[:, 0]),
+)

@@ -1,0 +1,78 @@
+"""Wind: the air moves, and with it the velocity that drags the rotors: F_xy = -k sum(u_i) (v - w)_xy.
+
+Source: rotor drag (see `rotor_drag`) on the air speed; constant wind in the world frame, seen by the body
+through its attitude. Needs turns of heading or speed to be told from a sensor bias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
+from coaxlink.residual.effects.rotor_drag import hub_drag
+from coaxlink.residual.frames import FlightFrame
+
+_BY_SPEED: Shape = {"by_speed": 1.0}
+
+
+def _missing(frame: FlightFrame) -> str | None:
+    turned = float(np.ptp(frame.attitude[frame.keep, 2]))
+    return (
+        None
+        if turned > 0.5
+        else f"heading turns by only {np.degrees(turned):.0f} deg: wind looks like a bias"
+    )
+
+
+def _columns(frame: FlightFrame, _: Shape) -> Array:
+    own = hub_drag(frame, frame.velocity, _BY_SPEED)
+    force, moment = own.copy(), own.copy()
+    force[:, 3:], moment[:, :3] = 0.0, 0.0
+    north, east = (hub_drag(frame, -way, _BY_SPEED, turning=False) for way in (frame.north, frame.east))
+    north[:, 3:], east[:, 3:] = 0.0, 0.0
+    return np.stack([force, north, east, moment], axis=-1)
+
+
+def _parameters(_: FlightFrame, __: Shape, c: Array) -> dict[str, float]:
+    k = c[0] if abs(c[0]) > 1e-9 else 1e-9
+    return {
+        "drag_per_speed_N_s_m": float(c[0]),
+        "wind_north_m_s": float(c[1] / k),
+        "wind_east_m_s": float(c[2] / k),
+        "moment_share": float(c[3] / k),
+    }
+
+
+def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    k = p["drag_per_speed_N_s_m"]
+    return {}, np.array([k, k * p["wind_north_m_s"], k * p["wind_east_m_s"], k * p["moment_share"]])
+
+
+def _refuse(p: Mapping[str, float]) -> str | None:
+    return outside("drag_per_speed_N_s_m", p["drag_per_speed_N_s_m"], 0.0, 50.0, "N s/m") or outside(
+        "wind", float(np.hypot(p["wind_north_m_s"], p["wind_east_m_s"])), 0.2, 30.0, "m/s"
+    )
+
+
+FLIGHT: Effect[FlightFrame] = Effect(
+    name="wind",
+    physics="drag of the rotors on the air speed, the air itself moving",
+    source="rotor drag on v - w (Mahony, Kumar and Corke 2012)",
+    needs=("vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "yaw_rad"),
+    channels=("force_x", "force_y", "torque_x", "torque_y", "torque_z"),
+    units={
+        "drag_per_speed_N_s_m": "N s/m",
+        "wind_north_m_s": "m/s",
+        "wind_east_m_s": "m/s",
+        "moment_share": "1",
+    },
+    missing=_missing,
+    shapes=one_shape,
+    columns=_columns,
+    parameters=_parameters,
+    inverse=_inverse,
+    refuse=_refuse,
+    cause=lambda frame, _: ("yaw_rad", frame.attitude[:, 2]),
+)

@@ -1,0 +1,260 @@
+"""From flight samples to measured and predicted body force and torque.
+
+Measured: mass times specific force, and I dw/dt + w x I w (rigid body, Euler). Predicted: the rotor model at
+the commanded speeds after the declared first-order lag. Both sides go through the same zero-phase 4 Hz
+low-pass; what an effect adds goes through it too. Rows on the ground are not judged: the ground pushes back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coaxlink.airframe import Airframe
+from coaxlink.data.samples import Samples
+from coaxlink.errors import InputError
+from coaxlink.residual.frames import Array, FlightFrame
+from coaxlink.residual.signals import lagged, low_pass
+from coaxlink.rotor import RotorModel
+
+CUTOFF_HZ = 4.0
+TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 4 Hz is judged
+JUDGED_RATE_HZ = 10.0
+EDGE_S = 0.4  # the low-pass still feels what happened outside
+NEEDED = (
+    "time_s",
+    *(f"accel_{a}_m_s2" for a in "xyz"),
+    *(f"gyro_{a}_rad_s" for a in "xyz"),
+    "roll_rad",
+    "pitch_rad",
+    "yaw_rad",
+    *(f"vel_{a}_m_s" for a in "ned"),
+)
+OPTIONAL = ("height_m", "voltage_V")
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """A gapless piece of one log on a uniform grid."""
+
+    log: int
+    rate_hz: float
+    step_s: float
+    columns: dict[str, Array]
+
+
+def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel) -> FlightFrame:
+    """Bring logs onto uniform time bases and compute both sides of the residual.
+
+    Raises InputError: a column is missing, time does not run, or less than 8 s were flown.
+    """
+    motors = [f"motor{r.number}" for r in airframe.rotors]
+    stretches: list[_Stretch] = []
+    for number, log in enumerate(logs):
+        log.require(*NEEDED, *motors)
+        stretches += _uniform(number, log, [*NEEDED[1:], *motors], airframe.motor_lag_s, motors)
+    source = logs[0].source if logs else ""
+    if not stretches:
+        raise InputError(source, "time_s", "no gapless stretch of 4 s or more")
+    rate = min(s.rate_hz for s in stretches)
+    stretches = [_at_rate(s, rate) for s in stretches]
+    parts = [_side(i, s, airframe, motors) for i, s in enumerate(stretches)]
+    whole = {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+    thrust, torque = airframe.loads(model, whole["speeds"])
+    predicted = airframe.body_loads(thrust, torque)
+    keep, notes = _judged(whole, parts, stretches, -predicted[:, 2], airframe)
+    if len(keep) < 8 * JUDGED_RATE_HZ:
+        raise InputError(
+            source,
+            "height_m" if "height" in whole else "motor1",
+            f"{len(keep) / JUDGED_RATE_HZ:.0f} s in the air; 8 s are needed",
+        )
+    return FlightFrame(
+        airframe=airframe,
+        model=model,
+        rate_hz=rate,
+        time_s=whole["time"],
+        stretch=whole["stretch"],
+        log=whole["log"],
+        commands=whole["commands"],
+        speeds=whole["speeds"],
+        thrust=thrust,
+        torque=torque,
+        rates=whole["rates"],
+        angular_acceleration=whole["turning"],
+        specific_force=whole["specific_force"],
+        attitude=whole["attitude"],
+        velocity=whole["velocity"],
+        north=whole["north"],
+        east=whole["east"],
+        height=whole.get("height"),
+        voltage=whole.get("voltage"),
+        predicted=predicted,
+        measured=whole["measured"],
+        keep=keep,
+        cutoff_hz=CUTOFF_HZ,
+        step_s=max(s.step_s for s in stretches),
+        notes=tuple(notes),
+    )
+
+
+def reduce_columns(frame: FlightFrame, columns: Array) -> Array:
+    """Low-pass (rows, ...) stretch by stretch and keep the judged rows: (kept, ...)."""
+    out = np.empty((len(frame.keep), *columns.shape[1:]))
+    position = 0
+    for number in np.unique(frame.stretch):
+        rows = np.flatnonzero(frame.stretch == number)
+        kept = frame.keep[(frame.keep >= rows[0]) & (frame.keep <= rows[-1])]
+        if len(kept):
+            piece = columns[rows[0] : rows[-1] + 1]
+            if np.any(piece):
+                piece = low_pass(piece, frame.rate_hz, frame.cutoff_hz)
+            out[position : position + len(kept)] = piece[kept - rows[0]]
+        position += len(kept)
+    return out
+
+
+def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: list[str]) -> list[_Stretch]:
+    wanted = [*names, *(name for name in OPTIONAL if log.has(name))]
+    time = log["time_s"]
+    order = np.argsort(time, kind="stable")
+    finite = np.isfinite(time)
+    for name in names:
+        finite &= np.isfinite(log[name])
+    order = order[finite[order]]
+    order = order[np.concatenate([[True], np.diff(time[order]) > 0])] if len(order) else order
+    t = time[order]
+    if len(t) < 40:
+        raise InputError(log.source, "time_s", f"{len(t)} usable rows with increasing time; 40 are needed")
+    step = float(np.median(np.diff(t)))
+    cuts = np.flatnonzero(np.diff(t) > max(6.0 * step, 0.25)) + 1
+    pieces: list[_Stretch] = []
+    for rows in np.split(np.arange(len(t)), cuts):
+        if len(rows) < 40 or t[rows[-1]] - t[rows[0]] < 4.0:
+            continue
+        grid = np.arange(t[rows[0]], t[rows[-1]], step)
+        columns = {"time_s": grid}
+        for name in wanted:
+            values = log[name][order][rows]
+            good = np.isfinite(values)
+            if not good.any():
+                continue
+            values = np.unwrap(values) if name in ("roll_rad", "yaw_rad") else values
+            columns[name] = np.interp(grid, t[rows][good], values[good])
+        commands = np.stack([columns.pop(m) for m in motors], axis=1)
+        columns["commands"] = np.clip(commands, 0.0, 1.0)
+        columns["speeds"] = lagged(columns["commands"], step, lag_s)
+        pieces.append(_thin(_Stretch(number, 1.0 / step, step, columns)))
+    return pieces
+
+
+def _thin(piece: _Stretch) -> _Stretch:
+    """At most TOP_RATE_HZ, by an integer factor after a zero-phase anti-alias filter."""
+    factor = int(piece.rate_hz // TOP_RATE_HZ)
+    if factor < 2:
+        return piece
+    rate = piece.rate_hz / factor
+    columns = {
+        name: (values if name == "time_s" else low_pass(values, piece.rate_hz, 0.4 * rate))[::factor]
+        for name, values in piece.columns.items()
+    }
+    return _Stretch(piece.log, rate, piece.step_s, columns)
+
+
+def _at_rate(piece: _Stretch, rate_hz: float) -> _Stretch:
+    """The same piece on a grid of another, slower rate (several logs share one)."""
+    if abs(piece.rate_hz / rate_hz - 1.0) < 1e-3:
+        return piece
+    t = piece.columns["time_s"]
+    grid = np.arange(t[0], t[-1], 1.0 / rate_hz)
+    columns = {}
+    for name, values in piece.columns.items():
+        flat = values.reshape(len(t), -1)
+        columns[name] = np.stack([np.interp(grid, t, v) for v in flat.T], axis=-1).reshape(
+            len(grid), *values.shape[1:]
+        )
+    columns["time_s"] = grid
+    return _Stretch(piece.log, rate_hz, piece.step_s, columns)
+
+
+def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -> dict[str, Array]:
+    c = piece.columns
+    rows = len(c["time_s"])
+    roll, pitch, yaw = c["roll_rad"], c["pitch_rad"], c["yaw_rad"]
+    world_to_body = _world_to_body(roll, pitch, yaw)
+    velocity = np.einsum("rij,rj->ri", world_to_body, np.stack([c[f"vel_{a}_m_s"] for a in "ned"], axis=1))
+    rates = np.stack([c[f"gyro_{a}_rad_s"] for a in "xyz"], axis=1)
+    # differentiate only what the low-pass will keep: the noise above it would fold into the gradient
+    smooth = low_pass(rates, piece.rate_hz, 3.0 * CUTOFF_HZ)
+    turning = np.gradient(smooth, 1.0 / piece.rate_hz, axis=0)
+    force = np.stack([c[f"accel_{a}_m_s2"] for a in "xyz"], axis=1)
+    inertia = np.asarray(airframe.inertia_kg_m2)
+    moment = inertia * turning + np.cross(smooth, inertia * smooth)
+    out = {
+        "time": c["time_s"],
+        "stretch": np.full(rows, float(number)),
+        "log": np.full(rows, float(piece.log)),
+        "commands": c["commands"],
+        "speeds": np.clip(c["speeds"], 0.0, None),
+        "rates": smooth,
+        "turning": turning,
+        "specific_force": force,
+        "attitude": np.stack([roll, pitch, yaw], axis=1),
+        "velocity": velocity,
+        "north": world_to_body[:, :, 0],
+        "east": world_to_body[:, :, 1],
+        "measured": np.concatenate([airframe.mass_kg * force, moment], axis=1),
+    }
+    for name, key in (("height_m", "height"), ("voltage_V", "voltage")):
+        if name in c:
+            out[key] = c[name]
+    return out
+
+
+def _world_to_body(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """(rows, 3, 3) rotation from NED to FRD for the angles yaw, pitch, roll (z, y, x)."""
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
+    return np.stack(
+        [
+            np.stack([cp * cy, cp * sy, -sp], axis=-1),
+            np.stack([sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp], axis=-1),
+            np.stack([cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp], axis=-1),
+        ],
+        axis=-2,
+    )
+
+
+def _judged(
+    whole: dict[str, Array],
+    parts: list[dict[str, Array]],
+    stretches: list[_Stretch],
+    lift: Array,
+    airframe: Airframe,
+) -> tuple[np.ndarray, list[str]]:
+    """Rows in the air and away from every edge, thinned to about JUDGED_RATE_HZ."""
+    flying = lift > 0.4 * airframe.mass_kg * 9.80665
+    notes: list[str] = []
+    if "height" in whole:
+        idle = lift < 0.3 * airframe.mass_kg * 9.80665
+        ground = (
+            float(np.median(whole["height"][idle])) if idle.sum() > 5 else min(0.0, whole["height"].min())
+        )
+        moving = np.abs(whole["velocity"]).max(axis=1) > 0.05
+        flying &= (whole["height"] > ground + 0.12) | (moving & (whole["height"] > ground + 0.06))
+    else:
+        notes.append("height_m is not in the log: rows on the ground are told by thrust alone")
+    keep: list[np.ndarray] = []
+    start = 0
+    for part, piece in zip(parts, stretches, strict=True):
+        rows = len(part["time"])
+        edge = int(np.ceil(EDGE_S * piece.rate_hz))
+        every = max(1, round(piece.rate_hz / JUDGED_RATE_HZ))
+        inside = flying[start : start + rows].copy()
+        inside[:1] = inside[-1:] = False
+        # shrink every run of flying rows by the edge
+        blocked = np.convolve(~inside, np.ones(2 * edge + 1), mode="same") > 0.5
+        keep.append(start + np.flatnonzero(~blocked & (np.arange(rows) % every == 0)))
+        start += rows
+    return np.concatenate(keep), notes

@@ -1,0 +1,95 @@
+"""Small corrections of the base that every explanation of a flight may use: what a stand and an IMU leave
+open.
+
+A rotor model from a stand is off by a per cent or two, an accelerometer has a bias, clocks differ by
+milliseconds, inertia is an estimate. None of that is an effect, so all of it is fitted together with every
+candidate, inside bounds. What these corrections can absorb is not reported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coaxlink.residual.frames import Array, FlightFrame
+
+LEVEL = 0.03  # thrust and torque level of a stand-identified model
+TILT = 0.03  # the same, growing with speed
+WAKE = 0.03  # of the lower rotor's load, with the upper's speed
+FORCE_DELAY_S = 0.012  # measured on real firmware: 5 to 8 ms
+TORQUE_DELAY_S = 0.006  # measured: 2 ms
+ACCEL_BIAS_M_S2 = 0.12
+INERTIA = 0.05
+IMU_PLACE_M = 0.05
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One column of the base: its name, its largest believable coefficient, what a unit of it adds."""
+
+    name: str
+    bound: float
+    columns: Array  # (rows, 6)
+
+
+def flight_corrections(frame: FlightFrame) -> list[Correction]:
+    """All base corrections of a flight."""
+    out: list[Correction] = []
+    none = np.zeros_like(frame.thrust)
+    airframe = frame.airframe
+    middle = np.median(frame.speeds[frame.keep], axis=0)
+    upper_of = {lower: upper for upper, lower in airframe.pairs}
+    for level in ("upper", "lower", "single"):
+        mask = np.array([r.level == level for r in airframe.rotors], float)
+        if not mask.any():
+            continue
+        tilt = 2.0 * (frame.speeds - middle)
+        for load in ("thrust", "torque"):
+            base = (frame.thrust if load == "thrust" else frame.torque) * mask
+
+            def body(values: Array, load: str = load) -> Array:
+                return (
+                    airframe.body_loads(values, none)
+                    if load == "thrust"
+                    else airframe.body_loads(none, values)
+                )
+
+            out.append(Correction(f"{level}_{load}_level", LEVEL, body(base)))
+            out.append(Correction(f"{level}_{load}_tilt", TILT, body(base * tilt)))
+            if level == "lower":
+                wake = np.zeros_like(base)
+                for lower, upper in upper_of.items():
+                    wake[:, lower] = base[:, lower] * tilt[:, upper]
+                out.append(Correction(f"lower_{load}_wake", WAKE, body(wake)))
+    out += _instruments(frame)
+    return out
+
+
+def _instruments(frame: FlightFrame) -> list[Correction]:
+    rows, mass = len(frame.time_s), frame.airframe.mass_kg
+    out: list[Correction] = []
+    for k, axis in enumerate("xyz"):
+        bias = np.zeros((rows, 6))
+        bias[:, k] = mass
+        out.append(Correction(f"accel_{axis}_bias_m_s2", ACCEL_BIAS_M_S2, bias))
+    slope = np.gradient(frame.predicted, 1.0 / frame.rate_hz, axis=0)
+    for name, part, bound in (
+        ("force_delay_s", slice(0, 3), FORCE_DELAY_S),
+        ("torque_delay_s", slice(3, 6), TORQUE_DELAY_S),
+    ):
+        late = np.zeros((rows, 6))
+        late[:, part] = -slope[:, part]
+        # commands hold between rows, speeds are computed as if they ran straight: half a row of delay
+        out.append(Correction(name, bound + 0.5 * frame.step_s, late))
+    for k, axis in enumerate("xyz"):
+        share = np.zeros((rows, 6))
+        share[:, 3 + k] = -frame.measured[:, 3 + k]
+        out.append(Correction(f"inertia_{axis}_share", INERTIA, share))
+    for k, axis in enumerate("xyz"):
+        place = np.zeros((rows, 6))
+        arm = np.eye(3)[k]
+        turning, rates = frame.angular_acceleration, frame.rates
+        place[:, :3] = mass * (np.cross(turning, arm) + np.cross(rates, np.cross(rates, arm)))
+        out.append(Correction(f"imu_place_{axis}_m", IMU_PLACE_M, place))
+    return out

@@ -1,0 +1,127 @@
+"""The regression that a refinement is: whitened residual, base corrections, and every effect's columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.residual.blocks import Blocks, accumulate
+from coaxlink.residual.effects.base import Array, Effect, Shape
+
+Index = NDArray[np.intp]
+FOLDS = 6
+
+
+@dataclass(frozen=True)
+class Option:
+    """An effect in one shape, and where its columns stand in the design."""
+
+    effect: Effect[Any]
+    shape: Shape
+    columns: Index
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.effect.name
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything the selection needs; rows are judged rows, errors are in units of `sigma`."""
+
+    frame: Any
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    reference: Array  # (C,) load that a size is a share of
+    sigma: Array  # (C,) whitening scale
+    design: Array  # (rows, C, P) whitened
+    residual: Array  # (rows, C) whitened
+    block: Index  # (rows,)
+    blocks: Blocks
+    base: Index
+    base_names: tuple[str, ...]
+    options: tuple[Option, ...]
+    impossible: tuple[tuple[str, str], ...]  # effects that cannot be tried, and why
+    floor_of: Callable[[Array], Array]  # residual (rows, C) -> noise floor (C,)
+
+
+def build(
+    *,
+    frame: Any,
+    channels: Sequence[str],
+    units: Sequence[str],
+    reference: Array,
+    residual: Array,
+    sigma: Array,
+    corrections: Sequence[tuple[str, float, Array]],
+    effects: Sequence[Effect[Any]],
+    reduce: Callable[[Array], Array],
+    block: Index,
+    floor_of: Callable[[Array], Array],
+    fold: Index | None = None,
+) -> Problem:
+    """Assemble the design. `corrections` are (name, bound, reduced (rows, C) columns), `reduce` maps what an
+    effect adds on the frame's rows onto judged rows, `residual` (rows, C) is measured minus predicted."""
+    pieces = [np.stack([c for _, _, c in corrections], axis=-1)]
+    bounds = [b for _, b, _ in corrections]
+    options: list[Option] = []
+    impossible: list[tuple[str, str]] = []
+    at = len(bounds)
+    for effect in effects:
+        why = effect.missing(frame)
+        if why is not None:
+            impossible.append((effect.name, why))
+            continue
+        for shape in effect.shapes(frame):
+            columns = reduce(effect.columns(frame, shape))
+            pieces.append(columns)
+            width = columns.shape[-1]
+            options.append(Option(effect, shape, np.arange(at, at + width)))
+            bounds += [np.inf] * width
+            at += width
+    design = np.concatenate(pieces, axis=-1) / sigma[:, None]
+    whitened = residual / sigma
+    count = int(block.max()) + 1
+    fold = np.arange(count) % min(FOLDS, count) if fold is None else fold
+    blocks = accumulate(design, whitened, block, fold, np.array(bounds))
+    return Problem(
+        frame=frame,
+        channels=tuple(channels),
+        units=tuple(units),
+        reference=reference,
+        sigma=sigma,
+        design=design,
+        residual=whitened,
+        block=block,
+        blocks=blocks,
+        base=np.arange(len(corrections)),
+        base_names=tuple(name for name, _, _ in corrections),
+        options=tuple(options),
+        impossible=tuple(impossible),
+        floor_of=floor_of,
+    )
+
+
+def contiguous_blocks(time_s: Array, run: Array, *, least_s: float, count: int) -> Index:
+    """(rows,) block numbers: contiguous pieces of runs, about `count` of them, none shorter than needed."""
+    total = 0.0
+    for number in np.unique(run):
+        t = time_s[run == number]
+        total += float(t[-1] - t[0]) if len(t) > 1 else 0.0
+    length = max(least_s, total / count)
+    out = np.zeros(len(time_s), np.intp)
+    at = 0
+    for number in np.unique(run):
+        rows = np.flatnonzero(run == number)
+        t = time_s[rows] - time_s[rows[0]]
+        pieces = max(1, round(float(t[-1]) / length))
+        local = np.minimum((t / max(float(t[-1]), 1e-9) * pieces).astype(np.intp), pieces - 1)
+        out[rows] = at + local
+        at += int(local.max()) + 1
+    _, dense = np.unique(out, return_inverse=True)
+    return dense.astype(np.intp)

@@ -1,0 +1,299 @@
+"""Measured data against a model: find the residual, trace it to effects, report before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from coaxlink.airframe import Airframe
+from coaxlink.data.samples import Samples
+from coaxlink.residual.blocks import bootstrap, error_interval, held_out, solve
+from coaxlink.residual.dependence import dependences
+from coaxlink.residual.effects import FLIGHT_EFFECTS
+from coaxlink.residual.flight import flight_frame, reduce_columns
+from coaxlink.residual.flight_base import flight_corrections
+from coaxlink.residual.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
+from coaxlink.residual.problem import Option, Problem, build, contiguous_blocks
+from coaxlink.residual.result import (
+    Ambiguous,
+    ChannelError,
+    FoundEffect,
+    ParameterValue,
+    Refinement,
+    Rejected,
+    Series,
+    Unexplained,
+)
+from coaxlink.residual.select import Selection, columns_of, select
+from coaxlink.residual.signals import difference_gain, noise_floor
+from coaxlink.rotor import Effect as ModelEffect
+from coaxlink.rotor import RotorModel
+
+Progress = Callable[[str], None]
+DRAWS = 200
+SERIES_ROWS = 4000
+
+
+def refine(
+    logs: Samples | Sequence[Samples],
+    airframe: Airframe,
+    model: RotorModel,
+    *,
+    progress: Progress = lambda _: None,
+) -> Refinement:
+    """Hold flight logs against a rotor model on its airframe.
+
+    `model` may carry effects already: they are part of the prediction. `progress` is told each stage.
+    Raises InputError when a log lacks what every flight needs.
+    """
+    several = [logs] if isinstance(logs, Samples) else list(logs)
+    progress("aligning")
+    frame = flight_frame(several, airframe, model)
+    progress("fitting candidates")
+    problem = flight_problem(frame)
+    progress("selecting")
+    selection = select(problem)
+    progress("judging")
+    return _report(
+        problem, selection, _flight_variables(frame), "; ".join(s.source for s in several), several
+    )
+
+
+def known_effects(frame: FlightFrame) -> Array:
+    """(rows, 6) what the effects already in the model add."""
+    total = np.zeros((len(frame.time_s), 6))
+    by_name = {e.name: e for e in FLIGHT_EFFECTS}
+    for known in frame.model.effects:
+        effect = by_name.get(known.name)
+        if effect is not None and effect.missing(frame) is None:
+            total += effect.contribution(frame, known.parameters)
+    return total
+
+
+def flight_problem(frame: FlightFrame) -> Problem:
+    """The regression of a flight: 4 Hz low-passed residual at the judged rows, whitened by its noise."""
+
+    def reduce(columns: Array) -> Array:
+        return reduce_columns(frame, columns)
+
+    residual = reduce(frame.measured - frame.predicted - known_effects(frame))
+    every = max(1, round(frame.rate_hz / 10.0))
+    rates = (frame.rate_hz, frame.cutoff_hz, every)
+    gain = np.array([difference_gain(*rates)] * 3 + [difference_gain(*rates, differentiated=True)] * 3)
+    broken = np.concatenate([[0], np.cumsum(np.diff(frame.keep) != every)])
+
+    def floor_of(left: Array) -> Array:
+        return noise_floor(left, broken, gain)
+
+    time = frame.time_s[frame.keep]
+    block = contiguous_blocks(time, broken, least_s=2.0, count=40)
+    floor = floor_of(residual)
+    reference = frame.reference
+    return build(
+        frame=frame,
+        channels=FLIGHT_CHANNELS,
+        units=FLIGHT_UNITS,
+        reference=reference,
+        residual=residual,
+        sigma=np.sqrt(floor**2 + (1e-3 * reference) ** 2),
+        corrections=[(c.name, c.bound, reduce(c.columns)) for c in flight_corrections(frame)],
+        effects=FLIGHT_EFFECTS,
+        reduce=reduce,
+        block=block,
+        floor_of=floor_of,
+    )
+
+
+def _flight_variables(frame: FlightFrame) -> dict[str, Array]:
+    """(kept,) recorded and derived variables that a residual may still depend on."""
+    upper = [i for i, r in enumerate(frame.airframe.rotors) if r.level != "lower"]
+    lower = [i for i, r in enumerate(frame.airframe.rotors) if r.level == "lower"]
+    out = {
+        "time_s": frame.time_s,
+        "upper_speed": frame.speeds[:, upper].mean(axis=1),
+        "vel_x_body_m_s": frame.velocity[:, 0],
+        "vel_y_body_m_s": frame.velocity[:, 1],
+        "vel_z_body_m_s": frame.velocity[:, 2],
+        "airspeed_m_s": np.linalg.norm(frame.velocity, axis=1),
+        "roll_rad": frame.attitude[:, 0],
+        "pitch_rad": frame.attitude[:, 1],
+        "yaw_rad": frame.attitude[:, 2],
+        "yaw_rate_rad_s": frame.rates[:, 2],
+    }
+    if lower:
+        out["lower_speed"] = frame.speeds[:, lower].mean(axis=1)
+    if frame.height is not None:
+        out["height_m"] = frame.height
+    if frame.voltage is not None:
+        out["voltage_V"] = frame.voltage
+    return {name: values[frame.keep] for name, values in out.items()}
+
+
+def _report(
+    problem: Problem,
+    selection: Selection,
+    variables: Mapping[str, Array],
+    source: str,
+    logs: Sequence[Samples],
+) -> Refinement:
+    """Put numbers, intervals and doubts on a selection."""
+    p, members = problem, selection.members
+    none, use = columns_of(p, []), columns_of(p, members)
+    squares_before, fits_before = held_out(p.blocks, none)
+    squares_after, fits_after = held_out(p.blocks, use)
+    before, after = (_held_out_residual(p, fits) for fits in (fits_before, fits_after))
+    floor = p.floor_of(after)
+    rows = p.blocks.rows
+    channels = {}
+    for c, name in enumerate(p.channels):
+        scale = float(p.sigma[c])
+        low_b, high_b = error_interval(squares_before[:, c], rows)
+        low_a, high_a = error_interval(squares_after[:, c], rows)
+        channels[name] = ChannelError(
+            unit=p.units[c],
+            noise_floor=float(floor[c]),
+            rmse_before=scale * _rms(squares_before[:, c], rows),
+            rmse_after=scale * _rms(squares_after[:, c], rows),
+            ci_before=(scale * low_b, scale * high_b),
+            ci_after=(scale * low_a, scale * high_a),
+            held_out_rows=int(rows.sum()),
+            rmse_as_given=float(scale * np.sqrt(np.mean(p.residual[:, c] ** 2))),
+        )
+    draws = bootstrap(p.blocks, use, DRAWS) if members else np.zeros((0, len(p.blocks.bounds)))
+    final = solve(p.blocks, use, np.ones(p.blocks.count))
+    effects = tuple(_found(p, selection, m, final, draws) for m in members)
+    fold = p.blocks.fold[p.block]
+    open_ends = dependences(after, variables, p.block, fold, p.reference, floor)
+    return Refinement(
+        kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
+        channels=channels,
+        effects=effects,
+        unexplained=tuple(_unexplained(p, open_ends)),
+        ambiguous=tuple(selection.ambiguous),
+        suspect_data=(),
+        rejected=_rejected(p, selection),
+        model=_with_effects(p.frame.model, effects),
+        corrections={name: float(final[i]) for i, name in enumerate(p.base_names)},
+        trace=tuple(selection.trace),
+        notes=(*p.frame.notes, *(note for log in logs for note in log.notes)),
+        series=_series(p, members, before, after, floor, variables),
+        source=source,
+    )
+
+
+def _rms(squares: Array, rows: Array) -> float:
+    return float(np.sqrt(squares.sum() / rows.sum()))
+
+
+def _held_out_residual(p: Problem, fits: Array) -> Array:
+    """(rows, C) residual of every row under the fit that did not see it, in the channels' units."""
+    out = np.empty_like(p.residual)
+    folds = np.unique(p.blocks.fold)
+    for k, fold in enumerate(folds):
+        rows = p.blocks.fold[p.block] == fold
+        used = np.flatnonzero(fits[k])
+        out[rows] = p.residual[rows] - p.design[rows][:, :, used] @ fits[k][used]
+    return out * p.sigma
+
+
+def _found(p: Problem, selection: Selection, member: Option, final: Array, draws: Array) -> FoundEffect:
+    named = member.effect.parameters(p.frame, member.shape, final[member.columns])
+    sampled = [member.effect.parameters(p.frame, member.shape, d[member.columns]) for d in draws]
+    parameters = []
+    for name, value in named.items():
+        values = np.array([s[name] for s in sampled])
+        low, high = np.quantile(values, [0.025, 0.975]) if len(values) else (value, value)
+        parameters.append(
+            ParameterValue(
+                name, value, (min(float(low), value), max(float(high), value)), member.effect.units[name]
+            )
+        )
+    rest = [m for m in selection.members if m is not member]
+    without = held_out(p.blocks, columns_of(p, rest))[0].sum(axis=0)
+    with_it = held_out(p.blocks, columns_of(p, selection.members))[0].sum(axis=0)
+    rows = p.blocks.rows.sum()
+    rmse = {
+        name: (float(p.sigma[c] * np.sqrt(without[c] / rows)), float(p.sigma[c] * np.sqrt(with_it[c] / rows)))
+        for c, name in enumerate(p.channels)
+    }
+    touched = tuple(
+        name for name, (a, b) in rmse.items() if name in member.effect.channels and b < 0.98 * a
+    ) or tuple(member.effect.channels)
+    steps = [s for s in selection.trace if s.kept and s.name.endswith(member.name)]
+    evidence = (
+        {
+            "p_value": steps[-1].p_value,
+            "gain_in_noise_variances": steps[-1].gain,
+            "size_of_reference": steps[-1].size,
+        }
+        if steps
+        else {}
+    )
+    return FoundEffect(
+        member.name,
+        touched,
+        tuple(parameters),
+        {k: rmse[k] for k in touched},
+        evidence,
+        f"{member.effect.physics}; {member.effect.source}",
+        member.effect.needs,
+    )
+
+
+def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
+    out = []
+    for c, name in enumerate(p.channels):
+        mine = [d for d in found if d.channel == c]
+        if mine:
+            strongest = mine[0]
+            related = tuple(d.variable for d in mine if d.share > 0.5 * strongest.share)[:3]
+            out.append(Unexplained(name, related, strongest.rms, f"{strongest.variable}: {strongest.where}"))
+    return out
+
+
+def _rejected(p: Problem, selection: Selection) -> tuple[Rejected, ...]:
+    chosen = {m.name for m in selection.members}
+    out = [Rejected(name, f"cannot be judged: {why}") for name, why in p.impossible]
+    for name, trial in selection.last.items():
+        if name not in chosen:
+            out.append(Rejected(name, trial.why_not or "adds nothing to what was chosen"))
+    return tuple(out)
+
+
+def _with_effects(model: RotorModel, effects: Sequence[FoundEffect]) -> RotorModel:
+    """The model with the effects added; one it had under the same name is replaced."""
+    added = tuple(
+        ModelEffect(e.name, {q.name: q.value for q in e.parameters}, tuple(e.needs)) for e in effects
+    )
+    names = {e.name for e in added}
+    return replace(model, effects=(*(e for e in model.effects if e.name not in names), *added))
+
+
+def _series(
+    p: Problem,
+    members: Sequence[Option],
+    before: Array,
+    after: Array,
+    floor: Array,
+    variables: Mapping[str, Array],
+) -> Series:
+    step = max(1, len(before) // SERIES_ROWS)
+    causes, labels = {}, {}
+    for m in members:
+        label, values = m.effect.cause(p.frame, m.shape)
+        causes[m.name], labels[m.name] = values[p.frame.keep][::step], label
+    return Series(
+        time_s=variables["time_s"][::step],
+        channels=p.channels,
+        before=before[::step],
+        after=after[::step],
+        causes=causes,
+        cause_labels=labels,
+        noise={name: float(floor[c]) for c, name in enumerate(p.channels)},
+    )
+
+
+__all__ = ["Ambiguous", "Refinement", "refine"]

@@ -1,0 +1,197 @@
+"""What `refine` found, as one plain object: renderers format it, nothing is computed there.
+
+All errors are on held-out rows: blocks (a stretch of flight, a sweep or level of a stand) that the fit
+they are judged by has not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.rotor import RotorModel
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """Held-out error of one channel before and after the effects, with 95 % intervals over blocks."""
+
+    unit: str
+    noise_floor: float
+    rmse_before: float
+    rmse_after: float
+    ci_before: Interval
+    ci_after: Interval
+    held_out_rows: int
+    rmse_as_given: float  # the model as it came, without the small corrections that every candidate may use
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """One number of an effect with its 95 % interval."""
+
+    name: str
+    value: float
+    ci: Interval
+    unit: str
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that the data demand."""
+
+    name: str
+    channels: tuple[str, ...]
+    parameters: tuple[ParameterValue, ...]
+    rmse: Mapping[str, tuple[float, float]]  # channel -> held-out error without it and with it
+    evidence: Mapping[str, Any]
+    source: str
+    needs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """A residual that still depends on something, by no physics we know."""
+
+    channel: str
+    depends_on: tuple[str, ...]
+    rmse: float
+    where: str
+
+
+@dataclass(frozen=True)
+class Ambiguous:
+    """Explanations that these data cannot tell apart, and the experiment that would."""
+
+    names: tuple[str, ...]
+    separate_by: str
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A column that cannot be what it says."""
+
+    column: str
+    rows: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """An effect that was tried, or could not be, and why it is not in the answer."""
+
+    name: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing the selection tried: `gain` is the drop of the held-out squared error, in noise variances."""
+
+    number: int
+    action: str  # add, swap, drop
+    name: str
+    gain: float
+    p_value: float
+    size: float  # 95th percentile of its contribution over the reference load
+    kept: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class Series:
+    """What the pictures need, thinned to at most a few thousand rows; residual rows are (rows, channels)."""
+
+    time_s: NDArray[np.float64]  # (rows,)
+    channels: tuple[str, ...]
+    before: NDArray[np.float64]  # (rows, channels) held-out residual of the base model
+    after: NDArray[np.float64]  # (rows, channels) held-out residual with the effects
+    causes: Mapping[str, NDArray[np.float64]]  # effect name -> (rows,) the variable it depends on
+    cause_labels: Mapping[str, str]
+    noise: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """The whole answer; `to_json` is the contract's object."""
+
+    kind: str  # stand or flight
+    channels: Mapping[str, ChannelError]
+    effects: tuple[FoundEffect, ...]
+    unexplained: tuple[Unexplained, ...]
+    ambiguous: tuple[Ambiguous, ...]
+    suspect_data: tuple[Suspect, ...]
+    rejected: tuple[Rejected, ...]
+    model: RotorModel | None
+    corrections: Mapping[str, float] = field(default_factory=dict)  # small base corrections, by name
+    trace: tuple[Step, ...] = ()
+    notes: tuple[str, ...] = ()
+    series: Series | None = None
+    source: str = ""
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether nothing was left to explain: no effect, doubt or open dependence."""
+        return not (self.effects or self.unexplained or self.ambiguous or self.suspect_data)
+
+    def to_json(self) -> dict[str, Any]:
+        """The JSON object of `refine` in the contract (extra keys: corrections, trace, notes, source)."""
+        return {
+            "kind": self.kind,
+            "source": self.source,
+            "channels": {
+                name: {
+                    "unit": c.unit,
+                    "noise_floor": c.noise_floor,
+                    "rmse_before": c.rmse_before,
+                    "rmse_after": c.rmse_after,
+                    "ci_before": list(c.ci_before),
+                    "ci_after": list(c.ci_after),
+                    "held_out_rows": c.held_out_rows,
+                    "rmse_as_given": c.rmse_as_given,
+                }
+                for name, c in self.channels.items()
+            },
+            "effects": [
+                {
+                    "name": e.name,
+                    "channels": list(e.channels),
+                    "parameters": [
+                        {"name": p.name, "value": p.value, "ci": list(p.ci), "unit": p.unit}
+                        for p in e.parameters
+                    ],
+                    "rmse": {channel: list(pair) for channel, pair in e.rmse.items()},
+                    "evidence": dict(e.evidence),
+                    "source": e.source,
+                }
+                for e in self.effects
+            ],
+            "unexplained": [
+                {"channel": u.channel, "depends_on": list(u.depends_on), "rmse": u.rmse, "where": u.where}
+                for u in self.unexplained
+            ],
+            "ambiguous": [{"names": list(a.names), "separate_by": a.separate_by} for a in self.ambiguous],
+            "suspect_data": [{"column": s.column, "rows": s.rows, "why": s.why} for s in self.suspect_data],
+            "rejected": [{"name": r.name, "why": r.why} for r in self.rejected],
+            "corrections": dict(self.corrections),
+            "trace": [
+                {
+                    "step": s.number,
+                    "action": s.action,
+                    "name": s.name,
+                    "gain": s.gain,
+                    "p_value": s.p_value,
+                    "size": s.size,
+                    "kept": s.kept,
+                    "why": s.why,
+                }
+                for s in self.trace
+            ],
+            "notes": list(self.notes),
+        }

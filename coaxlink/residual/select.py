@@ -1,0 +1,248 @@
+"""Which effects the residual demands: forward steps, each judged on held-out blocks, then doubts removed.
+
+An effect is added only if (1) the held-out error falls, (2) the fall is far outside what coloured noise gives
+(a chi-square test whose variance carries the residual's own autocorrelation, corrected for all looks),
+(3) what it adds beyond anything the base corrections can absorb is large enough to matter, and (4) its
+parameters are physical. After every addition each member may be dropped or swapped for a better one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from coaxlink.residual.blocks import held_out, solve, squares
+from coaxlink.residual.problem import Option, Problem
+from coaxlink.residual.result import Ambiguous, Step
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+ALPHA = 1e-3  # over all looks of one step
+SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
+GAIN = 0.03  # of the squared error of the channel that gains most
+MOST = 4
+TIE = 0.04  # of the gain: a special case this close to the general one is preferred
+RIVAL = 0.75  # a rival must reach this share of the gain to be taken for an equal
+LITTLE = 15.0  # of a log-likelihood ratio: less than this decides nothing
+NESTED = {("rotor_drag", "wind")}  # (special case, general case)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One option judged against a set of members."""
+
+    option: Option
+    gain: float  # drop of the held-out square sum, in variances of the remaining error
+    share: float  # largest relative drop of any channel's held-out square sum
+    p_value: float  # corrected for all looks
+    size: float
+    refused: str | None
+    total: float  # held-out square sum left
+
+    @property
+    def why_not(self) -> str | None:
+        """The first gate it fails, or None."""
+        if self.gain <= 0:
+            return "no better on held-out blocks"
+        if self.p_value > ALPHA:
+            return f"within noise (p = {self.p_value:.2g} over all looks)"
+        if self.size < SIZE:
+            return (
+                f"adds {100 * self.size:.2f} % of the reference load beyond what the base corrections absorb"
+            )
+        if self.share < GAIN:
+            return f"lowers no channel's held-out squared error by more than {100 * self.share:.1f} %"
+        return self.refused
+
+
+@dataclass
+class Selection:
+    """What was chosen and how it went."""
+
+    members: list[Option] = field(default_factory=list)
+    trace: list[Step] = field(default_factory=list)
+    last: dict[str, Trial] = field(default_factory=dict)  # best failed trial of every effect, by name
+    ambiguous: list[Ambiguous] = field(default_factory=list)
+
+
+def columns_of(problem: Problem, members: list[Option]) -> Index:
+    """Design columns of the base and the members."""
+    return np.concatenate([problem.base, *(m.columns for m in members)]).astype(np.intp)
+
+
+def autocorrelation_time(residual: Array, block: Index) -> Array:
+    """(C,) variance inflation of sums of residuals (rows, C): 1 + 2 sum rho, summed while rho is positive."""
+    same = [block[k:] == block[:-k] for k in range(1, 60) if k < len(block)]
+    out = np.ones(residual.shape[1])
+    for c in range(residual.shape[1]):
+        r = residual[:, c]
+        power = float(np.mean(r * r)) or 1.0
+        for k, inside in enumerate(same, start=1):
+            if inside.sum() < 30:
+                break
+            rho = float(np.mean(r[k:][inside] * r[:-k][inside])) / power
+            if rho < 0.05:
+                break
+            out[c] += 2.0 * rho
+    return out
+
+
+class Judge:
+    """Tries options against sets of members; remembers the held-out errors of sets."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.looks = len(problem.options)
+        self._known: dict[tuple[int, ...], Array] = {}
+
+    def held_out(self, members: list[Option]) -> Array:
+        """(B, C) held-out square sums of a set."""
+        use = columns_of(self.problem, members)
+        key = tuple(use)
+        if key not in self._known:
+            self._known[key] = held_out(self.problem.blocks, use)[0]
+        return self._known[key]
+
+    def trial(self, members: list[Option], option: Option) -> Trial:
+        """`option` on top of `members`."""
+        p = self.problem
+        before, after = self.held_out(members), self.held_out([*members, option])
+        ones = np.ones(p.blocks.count)
+        null = solve(p.blocks, columns_of(p, members), ones)
+        full = solve(p.blocks, columns_of(p, [*members, option]), ones)
+        rows = p.blocks.rows.sum()
+        left = p.residual - p.design @ full
+        variance = np.maximum(np.mean(left**2, axis=0), 1e-12)
+        inflation = autocorrelation_time(left, p.block)
+        drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0)
+        statistic = float(np.sum(drop / (variance * inflation)))
+        p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(option.columns))))
+        moved = np.abs(p.design @ (full - null)) * p.sigma / p.reference
+        size = float(np.quantile(moved, 0.95, axis=0).max())
+        held_before, held_after = before.sum(axis=0), after.sum(axis=0)
+        share = float(np.max((held_before - held_after) / np.maximum(held_before, 1e-12)))
+        gain = float(np.sum((held_before - held_after) / np.maximum(held_after / rows, 1e-12)))
+        total = float(after.sum())
+        named = option.effect.parameters(p.frame, option.shape, full[option.columns])
+        return Trial(
+            option,
+            gain if total < before.sum() else -1.0,
+            share,
+            p_value,
+            size,
+            option.effect.refuse(named),
+            total,
+        )
+
+    def _refused(self, members: list[Option], option: Option) -> str | None:
+        """Why physics does not allow the option's coefficients beside the others'."""
+        p = self.problem
+        full = solve(p.blocks, columns_of(p, members), np.ones(p.blocks.count))
+        return option.effect.refuse(option.effect.parameters(p.frame, option.shape, full[option.columns]))
+
+    def best_of_each(self, members: list[Option], allowed: set[str] | None = None) -> list[Trial]:
+        """The best shape of every effect that is not a member, best first."""
+        taken = {m.name for m in members}
+        best: dict[str, tuple[bool, float, Option]] = {}
+        for option in self.problem.options:
+            if option.name in taken or (allowed is not None and option.name not in allowed):
+                continue
+            total = float(self.held_out([*members, option]).sum())
+            ranked = (self._refused([*members, option], option) is not None, total)
+            if option.name not in best or ranked < best[option.name][:2]:
+                best[option.name] = (*ranked, option)
+        trials = [self.trial(members, option) for _, _, option in best.values()]
+        return sorted(trials, key=lambda t: t.total)
+
+
+def select(problem: Problem) -> Selection:
+    """Choose effects for a problem; see the module's text."""
+    judge, out = Judge(problem), Selection()
+    for number in range(1, MOST + 1):
+        trials = judge.best_of_each(out.members)
+        good = [t for t in trials if t.why_not is None]
+        winner = _simplest(good) if good else None
+        for t in trials:
+            kept = winner is not None and t is winner
+            why = "best on held-out blocks" if kept else (t.why_not or "another explains more")
+            out.trace.append(Step(number, "add", t.option.name, t.gain, t.p_value, t.size, kept, why))
+        out.last = {t.option.name: t for t in trials}
+        if winner is None:
+            break
+        _note_tie(judge, out, winner, good)
+        out.members.append(winner.option)
+        _reconsider(judge, out, number)
+    out.last = {t.option.name: t for t in judge.best_of_each(out.members)}
+    return out
+
+
+def _simplest(good: list[Trial]) -> Trial:
+    """The best, unless a special case of it does as well within the tie margin."""
+    best = good[0]
+    for other in good[1:]:
+        if (other.option.name, best.option.name) in NESTED and other.gain >= (1.0 - TIE) * best.gain:
+            return other
+    return best
+
+
+def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) -> None:
+    """Rivals that explain as much on the same blocks, and nothing more once the winner is in."""
+    best = judge.held_out([*out.members, winner.option]).sum(axis=1)
+    start = judge.held_out(out.members).sum(axis=1)
+    rivals = []
+    for t in good:
+        if t is winner or any({t.option.name, winner.option.name} == set(pair) for pair in NESTED):
+            continue
+        other = judge.held_out([*out.members, t.option]).sum(axis=1)
+        lead = other - best  # (B,) by block
+        rows = judge.problem.residual.size
+        likelihood = float(lead.sum()) * rows / max(float(best.sum()), 1e-12)
+        spread = float(np.sqrt(np.sum((lead - lead.mean()) ** 2))) or 1e-12
+        steady = float(lead.sum()) / spread > 2.5
+        reached = float((start - other).sum()) >= RIVAL * float((start - best).sum())
+        if likelihood > LITTLE and (steady or not reached):
+            continue
+        if judge.trial([*out.members, winner.option], t.option).why_not is not None:
+            rivals.append(t.option.name)
+    if rivals:
+        out.ambiguous.append(Ambiguous((winner.option.name, *rivals), ""))
+
+
+def _reconsider(judge: Judge, out: Selection, number: int) -> None:
+    """Swap members for better ones, then drop what the others made needless."""
+    if len(out.members) < 2:
+        return
+    for i in range(len(out.members)):
+        rest = [m for k, m in enumerate(out.members) if k != i]
+        now = float(judge.held_out(out.members).sum())
+        trials = [t for t in judge.best_of_each(rest) if t.why_not is None]
+        if not trials:
+            continue
+        best = _simplest(trials)
+        name = out.members[i].name
+        if best.option is not out.members[i] and best.total < now - max(15.0, TIE * best.gain):
+            out.trace.append(
+                Step(
+                    number,
+                    "swap",
+                    f"{name} -> {best.option.name}",
+                    best.gain,
+                    best.p_value,
+                    best.size,
+                    True,
+                    "explains more beside the others",
+                )
+            )
+            out.members = [*rest, best.option]
+    for member in list(out.members):
+        rest = [m for m in out.members if m is not member]
+        again = judge.trial(rest, member)
+        if rest and again.why_not is not None:
+            out.members = rest
+            out.trace.append(
+                Step(number, "drop", member.name, again.gain, again.p_value, again.size, True, again.why_not)
+            )
