@@ -61,7 +61,7 @@ class Plant:
         p[k.MASS], p[[k.IXX, k.IYY, k.IZZ]] = v.mass_kg, v.inertia_kg_m2
         p[k.GRAVITY], p[k.GROUND_Z], p[k.LAG] = GRAVITY, FOOT_Z_M, v.motor_lag_s
         p[k.TOP_RATE], p[k.TIP_SPEED] = top, top * ROTOR_RADIUS_M
-        p[k.GROUND_SCALE], p[k.FOOT_XY], p[k.FOOT_Z] = 0.5, 0.2, FOOT_Z_M
+        p[k.GROUND_SCALE], p[k.FOOT_XY], p[k.FOOT_Z] = 0.8, 0.2, FOOT_Z_M
         p[k.VOLT_REF], p[k.CELLS], p[k.CAPACITY] = b.reference_V, b.cells, b.capacity_Ah * 3600.0
         p[k.RESISTANCE], p[k.EFFICIENCY] = b.resistance_ohm, b.efficiency
         return p

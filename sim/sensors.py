@@ -1,6 +1,7 @@
 """What the vehicle measures of the truth: noise, bias and quantisation, by seed.
 
 Figures are those of an autopilot's corrected outputs (bias estimated away to a remainder), not of raw parts.
+Attitude, position and velocity come out of an estimator: their errors wander, they do not jump.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from sim.plant import Plant
 
 BLOCK = 1024
+READ_S = 0.004
+WANDER_S = np.repeat([0.2, 1.0, 0.5], 3)  # correlation times of attitude, position and velocity errors
 
 
 @dataclass(frozen=True)
@@ -23,9 +26,9 @@ class Noise:
     accel_bias_m_s2: float = 0.01
     gyro_rad_s: float = 0.001
     gyro_bias_rad_s: float = 0.0002
-    attitude_rad: float = 0.0005
-    position_m: float = 0.01
-    velocity_m_s: float = 0.01
+    attitude_rad: float = 0.001
+    position_m: float = 0.02
+    velocity_m_s: float = 0.015
     range_m: float = 0.01
     voltage_V: float = 0.02
     rpm: float = 5.0
@@ -61,18 +64,22 @@ class Sensors:
         sizes = [s.accel_m_s2] * 3 + [s.gyro_rad_s] * 3 + [s.attitude_rad] * 3 + [s.position_m] * 3
         sizes += [s.velocity_m_s] * 3 + [s.range_m, s.voltage_V] + [s.rpm / top] * n
         self._sizes = np.array(sizes)
+        self._keep = np.exp(-READ_S / WANDER_S)
+        self._fresh = np.sqrt(1.0 - self._keep**2)
+        self._wander = self._sizes[6:15] * self._random.standard_normal(9)
         self._block = np.empty((0, len(sizes)))
         self._next = 0
 
     def read(self) -> Reading:
-        """A sample of the present state."""
+        """A sample of the present state; called every 4 ms."""
         if self._next >= len(self._block):
             self._block = self._sizes * self._random.standard_normal((BLOCK, len(self._sizes)))
             self._next = 0
         noise = self._block[self._next]
         self._next += 1
+        self._wander = self._keep * self._wander + self._fresh * noise[6:15]
         p = self._plant
-        q, half = p.quaternion, 0.5 * noise[6:9]
+        q, half = p.quaternion, 0.5 * self._wander[0:3]
         # a small rotation about the body axes: q * (1, e / 2)
         turned = np.array(
             [
@@ -87,8 +94,8 @@ class Sensors:
             p.specific_force + self._accel_bias + noise[0:3],
             p.rates + self._gyro_bias + noise[3:6],
             turned,
-            p.position + noise[9:12],
-            p.velocity + noise[12:15],
+            p.position + self._wander[3:6],
+            p.velocity + self._wander[6:9],
             max(p.height + noise[15], 0.0),
             p.voltage + noise[16],
             p.current,

@@ -40,7 +40,7 @@ def _battery(plant: Plant, e: Effect) -> None:
 
 def _ground(plant: Plant, e: Effect) -> None:
     plant.parameters[plant.index.GROUND_GAIN] = e.size
-    plant.parameters[plant.index.GROUND_SCALE] = e.extra.get("scale_m", 0.5)
+    plant.parameters[plant.index.GROUND_SCALE] = e.extra.get("scale_m", 0.8)
 
 
 def _drag(plant: Plant, e: Effect) -> None:
@@ -163,9 +163,9 @@ def hidden_truth(seed: int, rotors: int) -> Truth:
     elif name == "axial_inflow":
         size = worth / 0.02  # climbing at 1.5 m/s, tips at 73 m/s
     elif name == "ground_effect":
-        size = worth / 0.37  # one scale height up
+        size = worth / 0.39  # hovering with the discs 0.75 m up
     elif name == "degraded_rotor":
-        size = worth * rotors * 0.75  # one rotor's share, and half as heavy again on the lower ones
+        size = min(worth * rotors, 0.6)  # of one rotor's share; with less left it could not hold attitude
         extra["rotor"] = float(random.integers(1, rotors + 1))
     else:
         size = 0.18 * worth  # of the arm
