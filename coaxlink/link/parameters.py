@@ -92,7 +92,8 @@ class Parameters:
             return Value(name, int(value), kind, struct.pack(f"<{code}", int(value)).ljust(4, b"\0"))
         return Value(name, int(value), kind, struct.pack("<f", float(value)))
 
-    def _decode(self, message: Message) -> Value:
+    def decode(self, message: Message) -> Value:
+        """The value in a PARAM_VALUE."""
         bits, kind = raw_bits(message), int(message.param_type)
         if kind not in _INTEGERS:
             return Value(message.param_id, struct.unpack("<f", bits)[0], kind, bits)
@@ -125,7 +126,7 @@ class Parameters:
             if message.get_type() == "PARAM_ERROR":
                 refused[name] = _error_text(message.error)
             else:
-                found[name] = self._decode(message)
+                found[name] = self.decode(message)
             return name
 
         left = self._gather(requests, settle)
@@ -154,7 +155,7 @@ class Parameters:
                         checksum = struct.unpack("<I", raw_bits(message))[0]
                     elif message.param_index != _NO_INDEX:
                         count = message.param_count
-                        by_index[message.param_index] = self._decode(message)
+                        by_index[message.param_index] = self.decode(message)
                         if progress:
                             progress(len(by_index), count)
                     if count and len(by_index) >= count:
@@ -182,7 +183,7 @@ class Parameters:
         def settle(message: Message) -> str | None:
             if message.get_type() != "PARAM_VALUE" or message.param_index == _NO_INDEX:
                 return None
-            by_index[message.param_index] = self._decode(message)
+            by_index[message.param_index] = self.decode(message)
             return str(message.param_index)
 
         left = self._gather({str(index): request(index) for index in gaps}, settle)
@@ -219,7 +220,7 @@ class Parameters:
                 return None
             if message.get_type() == "PARAM_ERROR":
                 raise CheckFailed(f"{name}: the vehicle refused it ({_error_text(message.error)})")
-            seen[name] = self._decode(message)
+            seen[name] = self.decode(message)
             return name if seen[name].same(by_name[name]) else None
 
         left = self._gather(requests, settle)

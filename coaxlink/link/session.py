@@ -81,6 +81,7 @@ def connect(
     session = Session(
         open_transport(address, timeout_s), url, source_system, source_component, target_system, record
     )
+    session.reopen = lambda: open_transport(address, 0.0)
     try:
         session.start(timeout_s)
     except BaseException:
@@ -103,6 +104,7 @@ class Session:
     ) -> None:
         self.address = address
         self.armed = False
+        self.reopen: Callable[[], Transport] | None = None  # a line that broke is opened again with it
         self._transport = transport
         self._target = target_system
         self._identity: Identity | None = None
@@ -292,19 +294,39 @@ class Session:
                     return None
 
     def _run(self) -> None:
-        beat = 0.0
-        try:
-            while not self._stopping.is_set():
-                if time.monotonic() >= beat:
-                    beat = time.monotonic() + 1.0
-                    self._heartbeat()
-                data, peer = self._transport.read(_TICK_S)
-                if data:
-                    for message in self._in.parse_buffer(data) or ():
-                        self._received(message, peer)
-        except BaseException as error:
-            if not self._stopping.is_set():
+        while not self._stopping.is_set():
+            try:
+                self._receive()
+            except BaseException as error:
+                if self._stopping.is_set():
+                    return
                 self._failure = error
+                if not isinstance(error, LinkError) or not self._reopened():
+                    return
+
+    def _receive(self) -> None:
+        beat = 0.0
+        while not self._stopping.is_set():
+            if time.monotonic() >= beat:
+                beat = time.monotonic() + 1.0
+                self._heartbeat()
+            data, peer = self._transport.read(_TICK_S)
+            if data:
+                for message in self._in.parse_buffer(data) or ():
+                    self._received(message, peer)
+
+    def _reopened(self) -> bool:
+        """Try to open the line again until it works or the session ends; waits raise LinkError meanwhile."""
+        while self.reopen and not self._stopping.wait(0.5):
+            try:
+                transport = self.reopen()
+            except LinkError:
+                continue
+            with self._lock:
+                self._transport.close()
+                self._transport, self._failure = transport, None
+            return True
+        return False
 
     def _heartbeat(self) -> None:
         self.send(

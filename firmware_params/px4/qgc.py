@@ -28,8 +28,9 @@ class ParamsFile:
     component: int = 1
 
 
-def read_params_file(path: Path) -> ParamsFile:
-    """Read a `.params` file. Raises ParamsFileError naming the line; NaN and a doubled name are refused."""
+def read_params_file(path: Path, *, finite: bool = True) -> ParamsFile:
+    """Read a `.params` file. Raises ParamsFileError naming the line, also for a name that stands twice and,
+    unless `finite` is False, for a NaN."""
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
     except OSError as error:
@@ -46,7 +47,7 @@ def read_params_file(path: Path) -> ParamsFile:
             continue
         if not line.strip():
             continue
-        system, component, name, value, kind = _parse(path, number, line)
+        system, component, name, value, kind = _parse(path, number, line, finite)
         if address not in (None, (system, component)):
             raise ParamsFileError(
                 path, number, f"{system}/{component} beside {address}: one vehicle is expected"
@@ -62,7 +63,7 @@ def read_params_file(path: Path) -> ParamsFile:
     return ParamsFile(params, types, tuple(header), *address)
 
 
-def _parse(path: Path, number: int, line: str) -> tuple[int, int, str, float | int, int]:
+def _parse(path: Path, number: int, line: str, finite: bool) -> tuple[int, int, str, float | int, int]:
     fields = line.rstrip("\r\n").split("\t")
     if len(fields) != 5:
         problem = (
@@ -85,7 +86,7 @@ def _parse(path: Path, number: int, line: str) -> tuple[int, int, str, float | i
     except ValueError as error:
         expected = "an integer" if kind in _INTEGERS else "a number"
         raise ParamsFileError(path, number, f"{name}: {expected} is expected, found '{fields[3]}'") from error
-    if not math.isfinite(value):
+    if finite and not math.isfinite(value):
         raise ParamsFileError(path, number, f"{name}: a finite number is expected, found '{fields[3]}'")
     known = PARAMETERS.get(name)
     if known and known.type != kind:

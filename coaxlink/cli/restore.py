@@ -1,0 +1,48 @@
+"""`coaxlink restore`: a backup back on the board it was taken from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from coaxlink.cli._shell import JsonOption, say
+from coaxlink.cli.upload import (
+    BackupOption,
+    ConnectOption,
+    DryRunOption,
+    SystemOption,
+    TimeoutOption,
+    YesOption,
+    conversation,
+    finish,
+)
+
+
+def restore(
+    backup: Annotated[Path, typer.Argument(metavar="BACKUP", help="A file that upload wrote.")],
+    connect: ConnectOption,
+    dry_run: DryRunOption = False,
+    yes: YesOption = False,
+    json_file: JsonOption = None,
+    timeout: TimeoutOption = 10.0,
+    system: SystemOption = None,
+    backup_dir: BackupOption = Path("backups"),
+) -> None:
+    """Put a backup back: all parameters that differ, read back and compared; roll back on any failure."""
+    from coaxlink.link import connect as open_session
+    from coaxlink.link.backup import read_backup
+    from coaxlink.link.upload import Uploader
+
+    saved = read_backup(backup)
+    with open_session(connect, timeout_s=timeout, target_system=system) as session:
+        say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
+        worker = Uploader(session, backup_folder=backup_dir, talk=conversation(yes or dry_run))
+        outcome = worker.restore(saved, dry_run=dry_run)
+    finish(outcome, json_file)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command("restore")(restore)

@@ -1,0 +1,103 @@
+"""`coaxlink upload`: a table on board, all or nothing."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.errors import SafetyRefusal
+
+if TYPE_CHECKING:
+    from coaxlink.link.upload import Change, Outcome, Talk
+
+ConnectOption = Annotated[
+    str, typer.Option(metavar="URL", help="Where the vehicle is, udpin:0.0.0.0:14550 ...")
+]
+YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before writing.")]
+DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Show the difference and write nothing.")]
+TimeoutOption = Annotated[float, typer.Option(metavar="S", help="How long to wait for the vehicle.")]
+SystemOption = Annotated[
+    int | None, typer.Option(metavar="ID", help="System id, if several are on the line.")
+]
+BackupOption = Annotated[Path, typer.Option(metavar="DIR", help="Where backups go.")]
+
+
+def upload(
+    source: Annotated[Path, typer.Argument(metavar="DIR", help="What `coaxlink table` wrote.")],
+    connect: ConnectOption,
+    dry_run: DryRunOption = False,
+    yes: YesOption = False,
+    json_file: JsonOption = None,
+    timeout: TimeoutOption = 10.0,
+    system: SystemOption = None,
+    backup_dir: BackupOption = Path("backups"),
+    new_geometry: Annotated[
+        bool, typer.Option("--new-geometry", help="Allow other rotor places or spins than the board has.")
+    ] = False,
+) -> None:
+    """Show the difference, back up, write, read back, compare; roll back on any failure."""
+    from coaxlink.link import connect as open_session
+    from coaxlink.link.plan import load_plan, refuse_values
+    from coaxlink.link.upload import REFUSED, Outcome, Uploader
+
+    plan = load_plan(source)
+    try:
+        refuse_values(plan)
+    except SafetyRefusal as error:
+        finish(Outcome(REFUSED, files=tuple(map(str, plan.files)), reason=str(error), error=error), json_file)
+    with open_session(connect, timeout_s=timeout, target_system=system) as session:
+        say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
+        worker = Uploader(session, backup_folder=backup_dir, talk=conversation(yes or dry_run))
+        outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry)
+    finish(outcome, json_file)
+
+
+def conversation(yes: bool) -> Talk:
+    """Differences on stdout, talk on stderr, and a question unless `yes`."""
+    from coaxlink.link.upload import Talk
+
+    def ask() -> bool:
+        if yes:
+            return True
+        say("write this to the vehicle? [y/N]")
+        return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+    return Talk(say=say, difference=show, confirm=ask)
+
+
+def show(changes: tuple[Change, ...]) -> None:
+    """The difference, a row a parameter."""
+    from rich.table import Table
+
+    if not changes:
+        return
+    rows = Table("parameter", "on board", "new", box=None)
+    for change in changes:
+        rows.add_row(change.name, f"{change.old.value:.7g}", f"{change.new.value:.7g}")
+    console().print(rows)
+
+
+def finish(outcome: Outcome, json_file: Path | None) -> None:
+    """Write the JSON, say the result, end with its exit code."""
+    from coaxlink import files
+
+    if json_file:
+        files.write_json(json_file, outcome.to_json())
+    if outcome.error is not None:
+        raise outcome.error
+    out = console()
+    count = len(outcome.changed)
+    if outcome.result == "dry_run":
+        out.print(f"dry run: {count} parameters would change; nothing was written")
+    else:
+        detail = f"{count} parameters written and read back" if count else outcome.reason
+        out.print(f"verified: {detail} ({outcome.retries} repeats)")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command("upload")(upload)

@@ -1,0 +1,103 @@
+"""What is being done to a board, on disk, so that a killed upload is known about and can be undone.
+
+One file a board. It is written before the first parameter is, and removed only when the board is known to
+hold the old table or the new one whole. Floats are kept as the bits of the wire.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from coaxlink import files
+from coaxlink.errors import InputError
+from coaxlink.link.parameters import Value
+from coaxlink.link.session import Identity
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An upload that has not ended: values by name, as they were and as they are to be."""
+
+    board: str
+    old: Mapping[str, Value]
+    new: Mapping[str, Value]
+    backup: str
+    files: tuple[str, ...]
+    started: str
+
+
+def state_folder() -> Path:
+    """Where journals live: COAXLINK_STATE, else the user's XDG state folder."""
+    own = os.environ.get("COAXLINK_STATE")
+    if own:
+        return Path(own)
+    base = os.environ.get("XDG_STATE_HOME")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "coaxlink"
+
+
+class Journal:
+    """The journal of one board."""
+
+    def __init__(self, identity: Identity, folder: Path | None = None) -> None:
+        self.board = identity.uid or f"system{identity.system}"
+        self.path = (folder or state_folder()) / f"{self.board}.journal.json"
+
+    def open_entry(self) -> Entry | None:
+        """The upload that did not end, None when there is none. Raises InputError on a damaged file."""
+        if not self.path.exists():
+            return None
+        try:
+            raw = json.loads(files.read_text(self.path))
+            return Entry(
+                raw["board"],
+                {n: _value(n, v) for n, v in raw["old"].items()},
+                {n: _value(n, v) for n, v in raw["new"].items()},
+                raw["backup"],
+                tuple(raw["files"]),
+                raw["started"],
+            )
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                self.path, "", f"a damaged journal ({error}); restore a backup, then delete it"
+            ) from error
+
+    def begin(self, entry: Entry) -> None:
+        """Write the entry; it is on disk when this returns. Raises InputError."""
+        document = {
+            "board": entry.board,
+            "started": entry.started,
+            "backup": entry.backup,
+            "files": list(entry.files),
+            "old": {n: _raw(v) for n, v in entry.old.items()},
+            "new": {n: _raw(v) for n, v in entry.new.items()},
+        }
+        files.write_json(self.path, document)
+        _sync_folder(self.path.parent)
+
+    def end(self) -> None:
+        """The board holds one whole table again."""
+        self.path.unlink(missing_ok=True)
+        _sync_folder(self.path.parent)
+
+
+def _raw(value: Value) -> dict[str, Any]:
+    return {"value": value.value, "type": value.type, "bits": value.bits.hex()}
+
+
+def _value(name: str, raw: Mapping[str, Any]) -> Value:
+    return Value(name, raw["value"], int(raw["type"]), bytes.fromhex(raw["bits"]))
+
+
+def _sync_folder(folder: Path) -> None:
+    if not folder.exists():
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

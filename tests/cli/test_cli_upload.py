@@ -1,0 +1,104 @@
+"""`coaxlink upload` and `restore` as a user runs them, against a scripted autopilot."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parents[1] / "link"))
+
+from px4_board import params_text, x8
+from scripted_autopilot import ScriptedAutopilot
+
+from coaxlink.cli import main
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "t").mkdir()
+    (tmp_path / "t" / "x8.params").write_text(params_text())
+
+
+@pytest.fixture
+def board():
+    with ScriptedAutopilot(x8()) as vehicle:
+        yield vehicle
+
+
+def _run(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(list(map(str, arguments)))
+    captured = capsys.readouterr()
+    return ended.value.code, captured.out, captured.err
+
+
+def test_upload_then_restore(board, capsys):
+    before = dict(board.params)
+    code, out, _ = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    assert code == 0 and "CA_ROTOR0_CT" in out and "verified: 18 parameters" in out
+    result = json.loads(Path("u.json").read_text())
+    assert result["result"] == "verified" and len(result["changed"]) == 18 and result["mismatches"] == []
+    assert set(result) >= {"result", "changed", "files", "backup", "mismatches", "retries"}
+    assert Path(result["backup"]).is_file() and result["files"] == ["t/x8.params"]
+    code, out, err = _run(capsys, "restore", result["backup"], "--connect", board.url, "--yes")
+    assert code == 0 and "verified" in out and "PX4 1.16.1" in err
+    assert board.params == {n: (pytest.approx(v), kind) for n, (v, kind) in before.items()}
+
+
+def test_dry_run_shows_and_writes_nothing(board, capsys):
+    code, out, _ = _run(capsys, "upload", "t", "--connect", board.url, "--dry-run", "--json", "u.json")
+    assert code == 0 and "CA_ROTOR0_CT" in out and "18 parameters would change" in out
+    assert board.sets == [] and json.loads(Path("u.json").read_text())["result"] == "dry_run"
+
+
+def test_nobody_to_ask_means_no(board):
+    command = [sys.executable, "-m", "coaxlink", "upload", "t", "--connect", board.url]
+    ended = subprocess.run(
+        command, input="", capture_output=True, text=True, env=os.environ.copy(), timeout=60
+    )
+    assert ended.returncode == 4 and "not confirmed" in ended.stderr and board.sets == []
+    ended = subprocess.run(
+        command, input="y\n", capture_output=True, text=True, env=os.environ.copy(), timeout=60
+    )
+    assert ended.returncode == 0 and len(board.sets) == 18
+
+
+@pytest.mark.parametrize(
+    ("prepare", "options", "code", "text"),
+    [
+        (lambda v: setattr(v, "armed", True), {}, 4, "the vehicle is armed"),
+        (lambda v: None, {"count": 6}, 4, "another vehicle"),
+        (lambda v: None, {"CA_ROTOR0_CT": "nan"}, 4, "CA_ROTOR0_CT is nan"),
+        (lambda v: None, {"CA_ROTOR0_CT": 150}, 4, "outside 0..100"),
+        (lambda v: None, {"CA_ROTOR0_CT": "x"}, 2, "a number is expected"),
+        (lambda v: setattr(v, "keeps", {"CA_ROTOR0_CT": 6.5}), {}, 1, "rolled back"),
+    ],
+)
+def test_each_no_has_its_code_and_one_line(board, capsys, prepare, options, code, text):
+    prepare(board)
+    Path("t/x8.params").write_text(params_text(**options))
+    got, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    assert got == code and text in err.splitlines()[-1]
+    if code != 2:
+        assert json.loads(Path("u.json").read_text())["result"] == ("refused" if code == 4 else "rolled_back")
+    if code != 1:
+        assert board.sets == []
+
+
+def test_a_dead_port_is_three(capsys):
+    code, _, err = _run(capsys, "upload", "t", "--connect", "udpin:127.0.0.1:0", "--yes")
+    assert code == 2 and "port" in err
+    with ScriptedAutopilot({}) as gone:
+        url = gone.url
+    code, _, err = _run(capsys, "upload", "t", "--connect", url, "--yes", "--timeout", "0.5")
+    assert code == 3 and err.count("\n") == 1 and "no autopilot heard" in err
+
+
+def test_what_is_no_backup_is_refused(board, capsys):
+    code, _, err = _run(capsys, "restore", "t/x8.params", "--connect", board.url, "--yes")
+    assert code == 2 and "not a coaxlink backup" in err

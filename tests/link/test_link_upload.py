@@ -1,0 +1,293 @@
+"""Uploads against a scripted autopilot: what is on board afterwards is what counts."""
+
+import json
+import struct
+
+import pytest
+from px4_board import params_text, x8
+from pymavlink.dialects.v20 import common as m
+from scripted_autopilot import ScriptedAutopilot
+
+from coaxlink.errors import InputError, LinkError, SafetyRefusal
+from coaxlink.link import connect
+from coaxlink.link.backup import read_backup
+from coaxlink.link.journal import Journal
+from coaxlink.link.parameters import Parameters
+from coaxlink.link.plan import load_plan
+from coaxlink.link.upload import Talk, Uploader
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path, monkeypatch):
+    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
+
+
+@pytest.fixture
+def board():
+    with ScriptedAutopilot(x8()) as vehicle:
+        yield vehicle
+
+
+def _plan(tmp_path, **options):
+    folder = tmp_path / "table"
+    folder.mkdir(exist_ok=True)
+    (folder / "x8.params").write_text(params_text(**options))
+    return load_plan(folder)
+
+
+def _upload(vehicle, plan, tmp_path, talk=None, patience_s=2.0, **options):
+    with connect(vehicle.url) as session:
+        worker = Uploader(
+            session,
+            backup_folder=tmp_path / "backups",
+            talk=talk,
+            patience_s=patience_s,
+            parameters=Parameters(session, timeout_s=0.1),
+        )
+        return worker.upload(plan, **options)
+
+
+def _f32(value):
+    return struct.unpack("<f", struct.pack("<f", value))[0]
+
+
+def _same(params, other):
+    return {n: _f32(v) for n, (v, _) in params.items()} == {n: _f32(v) for n, (v, _) in other.items()}
+
+
+def test_a_table_arrives_whole_and_everything_else_stays(board, tmp_path):
+    before = dict(board.params)
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "verified" and outcome.reason == ""
+    expected = before | {
+        n: (v, t) for n, (v, t) in x8(46.98, 69.89, 0.04, 1.0).items() if n.split("_")[1] in _rotors(8)
+    }
+    expected |= {"THR_MDL_FAC": (1.0, 9), "MPC_THR_HOVER": (0.4, 9)}
+    assert _same(board.params, expected)
+    changed = {c["name"]: (c["old"], c["new"]) for c in outcome.to_json()["changed"]}
+    assert changed["CA_ROTOR0_CT"] == (6.5, _f32(46.98)) and "CA_ROTOR0_PX" not in changed
+    assert len(changed) == 8 * 2 + 2
+    assert not Journal(_Identity).path.exists()
+
+
+class _Identity:
+    uid, system = f"{0xC0A1:016x}", 1
+
+
+def _rotors(count):
+    return {f"ROTOR{n}" for n in range(count)}
+
+
+def test_the_backup_is_complete_and_goes_back(board, tmp_path):
+    before = dict(board.params)
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    saved = read_backup(next((tmp_path / "backups").iterdir()))
+    assert outcome.backup == str(saved.path)
+    assert set(saved.params) == set(before)
+    assert (saved.board, saved.firmware) == (f"{0xC0A1:016x}", "PX4 1.16.1")
+    assert not _same(board.params, before)
+    with connect(board.url) as session:
+        again = Uploader(session, backup_folder=tmp_path / "backups").restore(saved)
+    assert again.result == "verified" and len(again.changed) == 18
+    assert _same(board.params, before)
+
+
+def test_a_backup_of_another_board_and_a_cut_one_are_refused(board, tmp_path):
+    _upload(board, _plan(tmp_path), tmp_path)
+    path = next((tmp_path / "backups").iterdir())
+    with ScriptedAutopilot(x8(), uid=0xBEEF) as other, connect(other.url) as session:
+        outcome = Uploader(session, backup_folder=tmp_path / "b").restore(read_backup(path))
+        assert outcome.result == "refused" and "is of board" in outcome.reason and other.sets == []
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-3]))
+    with pytest.raises(InputError, match="it was cut"):
+        read_backup(path)
+
+
+def test_a_second_upload_finds_nothing_to_do(board, tmp_path):
+    _upload(board, _plan(tmp_path), tmp_path)
+    count = len(board.sets)
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "verified" and outcome.changed == () and len(board.sets) == count
+
+
+def test_a_dry_run_and_a_no_write_nothing(board, tmp_path):
+    seen = []
+    outcome = _upload(board, _plan(tmp_path), tmp_path, Talk(difference=seen.extend), dry_run=True)
+    assert outcome.result == "dry_run" and len(seen) == 18 and not (tmp_path / "backups").exists()
+    outcome = _upload(board, _plan(tmp_path), tmp_path, Talk(confirm=lambda: False))
+    assert outcome.result == "refused" and "not confirmed" in outcome.reason
+    assert board.sets == []
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"count": 6}, "another vehicle: the table is for 6 rotors"),
+        ({"CA_ROTOR2_KM": 0.05, "CA_ROTOR1_KM": 0.05}, "another vehicle: rotor 2 changes spin"),
+        ({"CA_ROTOR0_PX": -0.18}, "rotor 1 changes front or rear"),
+        ({"CA_ROTOR0_CT": 150.0}, "px4.out-of-range: CA_ROTOR0_CT = 150"),
+        ({"CA_ROTOR0_CT": "nan"}, "px4.not-finite: CA_ROTOR0_CT is nan"),
+        ({"ct_upper": 0.9, "ct_lower": 1.2}, "px4.weak-axis: PX4 drops yaw"),
+        ({"CA_UNHEARD_OF": 1.0}, "has no parameter CA_UNHEARD_OF"),
+    ],
+)
+def test_refusals_write_nothing(board, tmp_path, options, text):
+    board.vehicle_type = m.MAV_TYPE_GENERIC
+    outcome = _upload(board, _plan(tmp_path, **options), tmp_path)
+    assert outcome.result == "refused" and text in outcome.reason
+    assert isinstance(outcome.error, SafetyRefusal) and outcome.error.exit_code == 4
+    assert board.sets == [] and not (tmp_path / "backups").exists()
+    json.dumps(outcome.to_json())
+
+
+def test_new_geometry_can_be_meant(board, tmp_path):
+    outcome = _upload(board, _plan(tmp_path, CA_ROTOR0_PX=-0.19), tmp_path, new_geometry=True)
+    assert outcome.result == "verified"
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"armed": True}, "armed"),
+        ({"px4": False}, "is for PX4, the vehicle runs ArduPilot"),
+        ({"version": (1, 12, 3)}, "PX4 1.12.3 reads no CA_ table"),
+        ({"vehicle_type": m.MAV_TYPE_FIXED_WING}, "of type fixed_wing, not a multirotor"),
+        ({"vehicle_type": m.MAV_TYPE_HEXAROTOR}, "another vehicle: the table is for 8 rotors"),
+    ],
+)
+def test_the_wrong_vehicle_is_refused(board, tmp_path, change, text):
+    for name, value in change.items():
+        setattr(board, name, value)
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "refused" and text in outcome.reason and board.sets == []
+
+
+def test_v1_13_must_have_its_allocation_switched_on(board, tmp_path):
+    board.version = (1, 13, 3)
+    board.params["SYS_CTRL_ALLOC"] = (0, 6)
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "refused" and "SYS_CTRL_ALLOC is 0" in outcome.reason
+    board.params["SYS_CTRL_ALLOC"] = (1, 6)
+    assert _upload(board, _plan(tmp_path), tmp_path).result == "verified"
+
+
+def test_arming_under_way_stops_the_write_and_brings_the_old_table_back(board, tmp_path):
+    before = dict(board.params)
+    board.arm_after = 5
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "rolled_back" and "armed" in outcome.reason
+    assert outcome.error.exit_code == 4
+    assert _same(board.params, before)
+
+
+@pytest.mark.parametrize("fault", ["refuses", "keeps"])
+def test_a_value_the_board_will_not_take_rolls_everything_back(board, tmp_path, fault):
+    before = dict(board.params)
+    board.refuses = {"CA_ROTOR7_KM"} if fault == "refuses" else set()
+    board.keeps = {"CA_ROTOR7_KM": before["CA_ROTOR7_KM"][0]} if fault == "keeps" else {}
+    if fault == "refuses":  # the way back must not be refused as well
+        board.refuses = _Once({"CA_ROTOR7_KM"})
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "rolled_back" and "CA_ROTOR7_KM" in outcome.reason
+    assert outcome.error.exit_code == 1
+    assert _same(board.params, before)
+    assert Journal(_Identity).open_entry() is None
+
+
+class _Once(set):
+    def __contains__(self, name):
+        if set.__contains__(self, name):
+            self.discard(name)
+            return True
+        return False
+
+
+def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(board, tmp_path):
+    before = dict(board.params)
+    board.mute_after = 7
+    with connect(board.url) as session:
+        worker = Uploader(
+            session,
+            backup_folder=tmp_path / "backups",
+            patience_s=0.0,
+            parameters=Parameters(session, timeout_s=0.02),
+        )
+        session._heard_s -= 10.0
+        outcome = worker.upload(_plan(tmp_path))
+    assert (
+        outcome.result == "failed"
+        and "coaxlink restore " in outcome.reason
+        and outcome.backup in outcome.reason
+    )
+    assert outcome.error.exit_code == 3
+    assert not _same(board.params, before)  # the mixture that the journal is for
+    entry = Journal(_Identity).open_entry()
+    assert entry.backup == outcome.backup and entry.old["CA_ROTOR0_CT"].value == 6.5
+
+    board.deaf, board.mute_after = False, None
+    board.keeps = {"MPC_THR_HOVER": 0.5}  # this one fails too, and must go back to the table before both
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "rolled_back"
+    assert _same(board.params, before)
+    assert Journal(_Identity).open_entry() is None
+
+
+def test_the_old_table_comes_back_when_the_link_does(board, tmp_path):
+    before = dict(board.params)
+    board.mute_after = 7
+    said = []
+
+    def say(text):
+        said.append(text)
+        if "putting the old table back" in text:
+            board.mute_after, board.deaf = None, False
+
+    with connect(board.url) as session:
+        worker = Uploader(
+            session,
+            backup_folder=tmp_path,
+            talk=Talk(say=say),
+            parameters=Parameters(session, timeout_s=0.02),
+        )
+        session._heard_s -= 10.0
+        outcome = worker.upload(_plan(tmp_path))
+    assert outcome.result == "rolled_back" and isinstance(outcome.error, Exception)
+    assert _same(board.params, before)
+
+
+def test_another_writer_is_noticed(board, tmp_path):
+    """Another station sets one of the table's values behind our back: written again, or rolled back."""
+    original = board._set
+    meddled = []
+
+    def meddle(message):
+        original(message)
+        if len(board.sets) == 18:
+            meddled.append(message.param_id)
+            board.params["CA_ROTOR2_CT"] = (11.0, 9)
+
+    board._set = meddle
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert meddled and outcome.result == "verified"
+    assert _f32(board.params["CA_ROTOR2_CT"][0]) == _f32(46.98)
+
+
+def test_a_bad_line_costs_time_not_the_table(board, tmp_path):
+    with connect(board.url) as session:
+        board.loss = 0.2
+        outcome = Uploader(session, backup_folder=tmp_path).upload(_plan(tmp_path))
+    assert outcome.result == "verified" and outcome.retries > 0
+    assert _f32(board.params["CA_ROTOR7_CT"][0]) == _f32(69.89)
+
+
+def test_a_folder_without_one_table_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"no .params file in it"):
+        load_plan(tmp_path)
+    for name in "ab":
+        (tmp_path / f"{name}.params").write_text(params_text())
+    with pytest.raises(InputError, match=r"2 .params files"):
+        load_plan(tmp_path)
+    assert load_plan(tmp_path / "a.params").rotor_count == 8
+    with pytest.raises(InputError, match="cannot be read"):
+        load_plan(tmp_path / "none.params")
+    assert LinkError("a", "b").exit_code == 3
