@@ -281,17 +281,17 @@ def _series(
     variables: Mapping[str, Array],
 ) -> Series:
     step = max(1, len(before) // SERIES_ROWS)
-    causes, labels = {}, {}
+    causes = {}
     for m in members:
-        label, values = m.effect.cause(p.frame, m.shape)
-        causes[m.name], labels[m.name] = values[p.frame.keep][::step], label
+        for channel in m.effect.channels:
+            label, values = m.effect.cause(p.frame, m.shape, channel)
+            causes[m.name, channel] = label, values[p.frame.keep][::step]
     return Series(
         time_s=variables["time_s"][::step],
         channels=p.channels,
         before=before[::step],
         after=after[::step],
         causes=causes,
-        cause_labels=labels,
         noise={name: float(floor[c]) for c, name in enumerate(p.channels)},
     )
 

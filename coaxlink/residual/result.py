@@ -112,8 +112,8 @@ class Series:
     channels: tuple[str, ...]
     before: NDArray[np.float64]  # (rows, channels) held-out residual of the base model
     after: NDArray[np.float64]  # (rows, channels) held-out residual with the effects
-    causes: Mapping[str, NDArray[np.float64]]  # effect name -> (rows,) the variable it depends on
-    cause_labels: Mapping[str, str]
+    # (effect, channel) -> label and (rows,) of the variable it depends on there
+    causes: Mapping[tuple[str, str], tuple[str, NDArray[np.float64]]]
     noise: Mapping[str, float]
 
 

@@ -30,6 +30,13 @@ def _columns(frame: FlightFrame, _: Shape) -> Array:
     return frame.airframe.body_loads(thrust, np.zeros_like(thrust))[..., None]
 
 
+def _cause(frame: FlightFrame, _: Shape, channel: str) -> tuple[str, Array]:
+    if channel in ("torque_x", "torque_y"):
+        axis = channel[-1]
+        return f"rate_{axis}_rad_s", frame.rates[:, "xy".index(axis)]
+    return "climb_m_s", hub_climb(frame).mean(axis=1)
+
+
 FLIGHT: Effect[FlightFrame] = Effect(
     name="axial_inflow",
     physics="thrust falls with the hub's speed along its axis: dT = -c u V",
@@ -43,5 +50,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
     parameters=lambda _, __, c: {"thrust_per_climb_N_s_m": float(c[0])},
     inverse=lambda _, p: ({}, np.array([p["thrust_per_climb_N_s_m"]])),
     refuse=lambda p: outside("thrust_per_climb_N_s_m", p["thrust_per_climb_N_s_m"], 0.0, 30.0, "N s/m"),
-    cause=lambda frame, _: ("climb_m_s", hub_climb(frame).mean(axis=1)),
+    cause=_cause,
 )

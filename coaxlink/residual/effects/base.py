@@ -21,7 +21,8 @@ class Effect(Generic[Frame]):
     `shapes` lists the shapes worth trying (a height scale, a rotor number; `[{}]` where there is none);
     `columns` gives (rows, channels, K) of what unit coefficients add to the *measured minus predicted* side;
     `parameters` turns shape and coefficients (K,) into named physical numbers; `inverse` turns those back;
-    `refuse` says why physics does not allow them, or None. `cause` is the variable its picture is drawn over.
+    `refuse` says why physics does not allow them, or None. `cause` is the variable (label, rows) that its
+    picture of one channel is drawn over.
     """
 
     name: str
@@ -36,7 +37,7 @@ class Effect(Generic[Frame]):
     parameters: Callable[[Frame, Shape, Array], dict[str, float]]
     inverse: Callable[[Frame, Mapping[str, float]], tuple[Shape, Array]]
     refuse: Callable[[Mapping[str, float]], str | None]
-    cause: Callable[[Frame, Shape], tuple[str, Array]]
+    cause: Callable[[Frame, Shape, str], tuple[str, Array]]
 
     def contribution(self, frame: Frame, parameters: Mapping[str, float]) -> Array:
         """(rows, channels) that the effect adds with these physical parameters."""

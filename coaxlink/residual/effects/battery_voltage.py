@@ -78,5 +78,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
     parameters=_parameters,
     inverse=_inverse,
     refuse=_refuse,
-    cause=lambda frame, _: ("voltage_V", _voltage(frame)),
+    cause=lambda frame, _, channel: ("voltage_V", _voltage(frame)),
 )

@@ -38,5 +38,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
     parameters=lambda _, __, c: {"offset_x_m": float(c[0]), "offset_y_m": float(c[1])},
     inverse=lambda _, p: ({}, np.array([p["offset_x_m"], p["offset_y_m"]])),
     refuse=_refuse,
-    cause=lambda frame, _: ("total_thrust_N", frame.thrust.sum(axis=1)),
+    cause=lambda frame, _, channel: ("total_thrust_N", frame.thrust.sum(axis=1)),
 )

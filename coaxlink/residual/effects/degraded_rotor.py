@@ -55,7 +55,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     },
     inverse=lambda _, p: ({"rotor": p["rotor"]}, np.array([p["thrust_loss"], p["torque_loss"]])),
     refuse=_refuse,
-    cause=lambda frame, shape: (
+    cause=lambda frame, shape, _: (
         f"thrust of rotor {int(shape['rotor'])}, N",
         frame.thrust[:, int(shape["rotor"]) - 1],
     ),

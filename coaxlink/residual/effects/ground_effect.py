@@ -77,5 +77,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
     parameters=_parameters,
     inverse=_inverse,
     refuse=_refuse,
-    cause=lambda frame, _: ("height_m", _height(frame)),
+    cause=lambda frame, _, channel: ("height_m", _height(frame)),
 )

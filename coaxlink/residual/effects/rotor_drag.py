@@ -47,6 +47,14 @@ def hub_drag(frame: FlightFrame, velocity: Array, shape: Shape, turning: bool = 
     return np.concatenate([force.sum(axis=1), np.cross(position, force).sum(axis=1)], axis=1)
 
 
+def drag_cause(frame: FlightFrame, _: Shape, channel: str) -> tuple[str, Array]:
+    """The velocity, or for yaw the rate, that the drag of a channel follows."""
+    if channel == "torque_z":
+        return "yaw_rate_rad_s", frame.rates[:, 2]
+    axis = "y" if channel in ("force_y", "torque_x") else "x"
+    return f"vel_{axis}_body_m_s", frame.velocity[:, "xy".index(axis)]
+
+
 def _columns(frame: FlightFrame, shape: Shape) -> Array:
     # the moment comes apart from the force: drag may act away from the hubs' planes
     whole = hub_drag(frame, frame.velocity, shape)
@@ -98,5 +106,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
     parameters=_parameters,
     inverse=_inverse,
     refuse=_refuse,
-    cause=lambda frame, _: ("vel_x_body_m_s", frame.velocity[:, 0]),
+    cause=drag_cause,
 )

@@ -41,7 +41,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     parameters=lambda _, __, c: {"rotor_inertia_kg_m2": float(c[0])},
     inverse=lambda _, p: ({}, np.array([p["rotor_inertia_kg_m2"]])),
     refuse=lambda p: outside("rotor_inertia_kg_m2", p["rotor_inertia_kg_m2"], 1e-7, 0.05, "kg m2"),
-    cause=lambda frame, _: (
+    cause=lambda frame, _, channel: (
         "yaw_speed_rate_1_s",
         np.gradient(
             frame.speeds @ np.array([r.yaw_sign for r in frame.airframe.rotors], float), 1 / frame.rate_hz

@@ -53,7 +53,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     parameters=lambda _, shape, c: {"lag_s": shape["lag_s"], "share": float(c[0])},
     inverse=lambda _, p: ({"lag_s": p["lag_s"]}, np.array([p["share"]])),
     refuse=_refuse,
-    cause=lambda frame, _: (
+    cause=lambda frame, _, channel: (
         "command_rate_1_s",
         np.gradient(frame.commands.mean(axis=1), 1.0 / frame.rate_hz),
     ),

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
-from coaxlink.residual.effects.rotor_drag import hub_drag
+from coaxlink.residual.effects.rotor_drag import drag_cause, hub_drag
 from coaxlink.residual.frames import FlightFrame
 
 _BY_SPEED: Shape = {"by_speed": 1.0}
@@ -74,5 +74,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
     parameters=_parameters,
     inverse=_inverse,
     refuse=_refuse,
-    cause=lambda frame, _: ("yaw_rad", frame.attitude[:, 2]),
+    cause=drag_cause,
 )

@@ -1,0 +1,78 @@
+"""`coaxlink refine`: measured data against a model: residual, effect, error before and after."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from coaxlink.cli._shell import JsonOption, console, say, talk
+
+
+def refine(
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="Stand or flight logs, all of one kind.")
+    ],
+    airframe: Annotated[
+        Path | None, typer.Option(metavar="AIRFRAME.toml", help="Of a flight (default: the shipped X8).")
+    ] = None,
+    rotor: Annotated[
+        Path | None,
+        typer.Option(metavar="ROTOR.toml", help="Model to hold against (default: the airframe's)."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="ROTOR.toml", help="Write the model with the effects added.")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="R.html", help="Write one self-contained page.")
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Find what the model lacks in measured data, name it, and report the error before and after."""
+    from coaxlink import files
+    from coaxlink.airframe import load_airframe
+    from coaxlink.data import is_flight_log, read_flight_log
+    from coaxlink.errors import InputError
+    from coaxlink.report.refine import remarks, tables, verdict
+    from coaxlink.residual import refine as run
+    from coaxlink.rotor import load_rotor_model, save_rotor_model
+
+    kinds = [is_flight_log(path) for path in logs]
+    if any(kinds) != all(kinds):
+        raise InputError(
+            logs[kinds.index(False)], "", "a stand log among flight logs: refine one kind at a time"
+        )
+    if not all(kinds):
+        raise InputError(logs[0], "", "a flight log is expected (motor1.. columns, ULog, DataFlash or tlog)")
+    body = load_airframe(airframe or files.example("x8_paper.toml"))
+    model_file = rotor or body.rotor_model
+    if model_file is None:
+        raise InputError(body.source or "airframe", "rotor_model", "missing: name a rotor file with --rotor")
+    model = load_rotor_model(model_file)
+    with talk().status("reading") as status:
+        samples = []
+        for path in logs:
+            status.update(f"reading {path.name}")
+            samples.append(read_flight_log(path))
+        result = run(samples, body, model, progress=status.update)
+        if report is not None:
+            from coaxlink.report.page import page
+
+            status.update("drawing")
+            files.write_atomic(report, page(result))
+    if out is not None and result.model is not None:
+        save_rotor_model(out, result.model)
+    if json is not None:
+        files.write_json(json, result.to_json())
+    screen = console()
+    screen.print(verdict(result))
+    for table in tables(result):
+        screen.print(table)
+    for remark in remarks(result):
+        say(remark)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command("refine")(refine)

@@ -1,0 +1,151 @@
+"""Pictures of a refinement: the residual before and after, over time and over its cause."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coaxlink import files
+from coaxlink.residual.result import Refinement, Series
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BEFORE, AFTER, FLOOR = "#c4703f", "#1f5f8b", "#8a8f98"
+DPI = 130
+
+
+def overview(result: Refinement) -> bytes:
+    """PNG: each touched channel's residual over time and over the cause of its effect."""
+    series = _series(result)
+    shown = _rows(result)
+    figure = _figure(11.0, 1.0 + 2.3 * len(shown))
+    axes = figure.subplots(len(shown), 2, squeeze=False, width_ratios=(3, 2))
+    for i, (channel, effect) in enumerate(shown):
+        _over_time(axes[i, 0], result, series, channel)
+        _over_cause(axes[i, 1], result, series, channel, effect)
+    axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8)
+    axes[-1, 0].set_xlabel("time, s")
+    figure.suptitle(_title(result), x=0.01, ha="left", fontsize=11)
+    return _png(figure)
+
+
+def errors(result: Refinement) -> bytes:
+    """PNG: the error of every channel before and after in units of its noise floor."""
+    figure = _figure(7.0, 0.9 + 0.42 * len(result.channels))
+    axis = figure.subplots()
+    names = list(result.channels)
+    for i, name in enumerate(names):
+        c = result.channels[name]
+        unit = max(c.noise_floor, 1e-12)
+        for value, interval, colour, shift, label in (
+            (c.rmse_before, c.ci_before, BEFORE, 0.17, "before"),
+            (c.rmse_after, c.ci_after, AFTER, -0.17, "after"),
+        ):
+            axis.plot(
+                [x / unit for x in interval], [i + shift] * 2, color=colour, lw=2, solid_capstyle="butt"
+            )
+            axis.plot(value / unit, i + shift, "o", color=colour, ms=5, label=label if i == 0 else None)
+    axis.axvline(1.0, color=FLOOR, lw=1, ls="--")
+    axis.set_xscale("log")
+    axis.set_yticks(range(len(names)), names)
+    axis.set_xlabel("held-out RMS error / noise floor")
+    axis.legend(frameon=False, fontsize=8)
+    _plain(axis)
+    return _png(figure)
+
+
+def save_overview(result: Refinement, path: Path) -> None:
+    """Write the overview as a PNG, atomically. Raises InputError when it cannot be written."""
+    files.write_atomic(path, overview(result))
+
+
+def _series(result: Refinement) -> Series:
+    if result.series is None:
+        raise ValueError("this refinement carries no series to draw")
+    return result.series
+
+
+def _rows(result: Refinement) -> list[tuple[str, str | None]]:
+    """(channel, effect) pairs worth a row: what each effect improved most, else the worst channels."""
+    out: list[tuple[str, str | None]] = []
+    for effect in result.effects:
+        gain = {c: before / max(after, 1e-12) for c, (before, after) in effect.rmse.items()}
+        best = sorted(gain, key=lambda c: -gain[c])[:2]
+        out += [(c, effect.name) for c in best]
+    if out:
+        return out[:6]
+    ratio = {n: c.rmse_before / max(c.noise_floor, 1e-12) for n, c in result.channels.items()}
+    return [(name, None) for name in sorted(ratio, key=lambda n: -ratio[n])[:3]]
+
+
+def _over_time(axis: Axes, result: Refinement, series: Series, channel: str) -> None:
+    c = series.channels.index(channel)
+    time = series.time_s - series.time_s[0]
+    floor = series.noise[channel]
+    gaps = np.flatnonzero(np.diff(time) > 5 * np.median(np.diff(time))) + 1
+    axis.axhspan(-2 * floor, 2 * floor, color=FLOOR, alpha=0.25, lw=0, label="within 2 x noise floor")
+    for values, colour, label, width in (
+        (series.before[:, c], BEFORE, "before", 0.9),
+        (series.after[:, c], AFTER, "after", 0.9),
+    ):
+        axis.plot(
+            np.insert(time, gaps, np.nan),
+            np.insert(values, gaps, np.nan),
+            color=colour,
+            lw=width,
+            label=label,
+        )
+    axis.set_ylabel(f"{channel}, {result.channels[channel].unit}")
+    _plain(axis)
+
+
+def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, effect: str | None) -> None:
+    c = series.channels.index(channel)
+    if effect is None or (effect, channel) not in series.causes:
+        axis.hist(series.after[:, c], bins=50, color=AFTER, alpha=0.8)
+        axis.set_xlabel(f"{channel} residual, {result.channels[channel].unit}")
+        axis.set_ylabel("rows")
+        _plain(axis)
+        return
+    label, cause = series.causes[effect, channel]
+    for values, colour in ((series.before[:, c], BEFORE), (series.after[:, c], AFTER)):
+        axis.plot(cause, values, ".", ms=2, alpha=0.35, color=colour)
+        edges = np.unique(np.quantile(cause, np.linspace(0, 1, 13)))
+        at = np.clip(np.searchsorted(edges, cause, side="right") - 1, 0, max(len(edges) - 2, 0))
+        middles = [(np.mean(cause[at == k]), np.mean(values[at == k])) for k in np.unique(at)]
+        axis.plot(*zip(*middles, strict=True), "-o", ms=3, lw=1.4, color=colour)
+    axis.axhline(0.0, color=FLOOR, lw=0.8)
+    axis.set_xlabel(label)
+    axis.set_title(effect, fontsize=9, loc="left")
+    _plain(axis)
+
+
+def _title(result: Refinement) -> str:
+    if not result.effects:
+        return "residual: no effect found"
+    return "residual before and after: " + ", ".join(e.name for e in result.effects)
+
+
+def _plain(axis: Axes) -> None:
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.tick_params(labelsize=8)
+    axis.grid(alpha=0.25, lw=0.6)
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _png(figure: Any) -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=DPI)
+    return stream.getvalue()
