@@ -7,6 +7,7 @@ cells, a regulated supply.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -53,12 +54,12 @@ def stand_rows(
     return np.column_stack([time, rpm * upper, rpm * lower, upper, lower, *loads, voltage])
 
 
-def write_stand(path: Path, rows: NDArray[np.float64]) -> None:
-    """Write the readings as a stand log, whole or not at all. Raises WorldError."""
-    digits = {"time_s": 2, "upper_rpm": 1, "lower_rpm": 1, "voltage_V": 3}
-    lines = [",".join(COLUMNS)]
+def write_stand(path: Path, rows: NDArray[np.float64], columns: Sequence[str] = COLUMNS) -> None:
+    """Write readings (rows, columns) as a stand log, whole or not at all. Raises WorldError."""
+    digits = {"time_s": 2, "upper_rpm": 1, "lower_rpm": 1, "voltage_V": 3, "air_pressure_Pa": 0}
+    lines = [",".join(columns)]
     lines += [
-        ",".join(f"{value:.{digits.get(name, 4)}f}" for name, value in zip(COLUMNS, row, strict=True))
+        ",".join(f"{value:.{digits.get(name, 4)}f}" for name, value in zip(columns, row, strict=True))
         for row in rows
     ]
     write_whole(path, "\n".join(lines) + "\n")

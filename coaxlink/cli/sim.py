@@ -39,7 +39,7 @@ def sim(
         raise InputError("--hidden-seed", "", "not with --truth")
     with world_errors():
         if stand is not None:
-            _measure(stand, rotor, seed)
+            _measure(stand, rotor, truth, seed)
             return
         from sim.world import World, build, open_links
 
@@ -54,12 +54,21 @@ def sim(
                 port.close()
 
 
-def _measure(out: Path, rotor: Path | None, seed: int) -> None:
+def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int) -> None:
+    from sim.bench import measure, read_bench
     from sim.rotors import read_pair
     from sim.stand import stand_rows, write_stand
 
-    rows = stand_rows(read_pair(rotor or files.example("rotor_paper.toml")), seed=seed)
-    write_stand(out, rows)
+    pair = read_pair(rotor or files.example("rotor_paper.toml"))
+    if truth is None:
+        rows = stand_rows(pair, seed=seed)
+        write_stand(out, rows)
+    else:
+        import numpy as np
+
+        columns = measure(pair, read_bench(truth), seed=seed)
+        rows = np.column_stack(list(columns.values()))
+        write_stand(out, rows, list(columns))
     say(f"{out}: {len(rows)} points")
 
 
