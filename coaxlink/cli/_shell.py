@@ -16,6 +16,7 @@ JsonOption = Annotated[
 ]
 
 INTERRUPTED = 130
+PIPE_WIDTH = 140  # columns of text that no screen bounds
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
@@ -47,10 +48,10 @@ def say(text: str) -> None:
 
 
 def console() -> Any:
-    """Rich console for results (stdout)."""
+    """Rich console for results (stdout); a pipe or file gets whole rows."""
     from rich.console import Console
 
-    return Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+    return Console(highlight=False, width=None if sys.stdout.isatty() else PIPE_WIDTH)
 
 
 def talk() -> Any:

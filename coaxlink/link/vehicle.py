@@ -26,7 +26,7 @@ _TYPE_MASK = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 class Track:
     """What was asked and where the vehicle was, one row a set-point (rows, ...)."""
 
-    time_s: tuple[float, ...]
+    time_s: tuple[float, ...]  # the vehicle's own clock
     segment: tuple[str, ...]
     wanted_m: tuple[tuple[float, float, float], ...]  # NED
     flown_m: tuple[tuple[float, float, float], ...]  # NED
@@ -68,7 +68,6 @@ class Vehicle:
 
         The stream starts before the mode changes, as PX4 asks. Raises LinkError when positions stop.
         """
-        start = self.now_s()
         for _ in range(15):
             self._send(self._position().time_boot_ms, plan.at(0.0)[1])
         self._mode(OFFBOARD)
@@ -81,7 +80,7 @@ class Vehicle:
                 return Track(*(tuple(column) for column in zip(*rows, strict=True)))
             segment, setpoint = plan.at(t)
             self._send(position.time_boot_ms, setpoint)
-            rows.append((t, segment, setpoint.position_m, (position.x, position.y, position.z)))
+            rows.append((start + t, segment, setpoint.position_m, (position.x, position.y, position.z)))
             if watch:
                 watch(segment, t)
 

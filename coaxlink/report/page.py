@@ -11,7 +11,8 @@ from coaxlink.residual.result import Refinement
 
 _STYLE = """
 :root{color-scheme:light dark;--ink:#1c2430;--dim:#5c6675;--line:#d8dde5;--paper:#fff;--mark:#1f5f8b}
-@media(prefers-color-scheme:dark){:root{--ink:#e6eaf0;--dim:#9aa5b5;--line:#39424f;--paper:#161b22;
+@media(prefers-color-scheme:dark){:root{
+--ink:#e6eaf0;--dim:#9aa5b5;--line:#39424f;--paper:#161b22;
 --mark:#79b8e8}}
 body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:62rem;margin:2rem auto;
 padding:0 1rem}
@@ -25,8 +26,10 @@ li{margin:.2rem 0}
 """
 
 
-def page(result: Refinement, title: str = "What the model lacks") -> str:
-    """The whole report as HTML."""
+def page(
+    result: Refinement, title: str = "What the model lacks", sections: Sequence[tuple[str, str]] = ()
+) -> str:
+    """The whole report as HTML; `sections` (heading, HTML) stand before what was tried."""
     parts = [
         f"<h1>{escape(title)}</h1>",
         f'<p class="verdict">{escape(verdict(result))}</p>',
@@ -41,12 +44,14 @@ def page(result: Refinement, title: str = "What the model lacks") -> str:
     listed = list(remarks(result))
     if listed:
         parts += ["<h2>Remarks</h2><ul>", *(f"<li>{escape(r)}</li>" for r in listed), "</ul>"]
+    for heading, html in sections:
+        parts += [f"<h2>{escape(heading)}</h2>", html]
     parts += ["<h2>What was tried, and why it lost</h2>", _trace(result)]
     if result.corrections:
         parts += [
             "<h2>Small corrections of the base</h2>",
             '<p class="dim">Fitted with every candidate, inside bounds; none of them is an effect.</p>',
-            _table(("correction", "value"), [(n, number(v)) for n, v in result.corrections.items()]),
+            html_table(("correction", "value"), [(n, number(v)) for n, v in result.corrections.items()]),
         ]
     body = "\n".join(parts)
     return (
@@ -85,7 +90,7 @@ def _errors(result: Refinement) -> str:
         for name, c in result.channels.items()
     ]
     heads = ("channel", "unit", "as given", "before", "95 %", "after", "95 %", "noise floor", "rows")
-    return _table(heads, rows)
+    return html_table(heads, rows)
 
 
 def _effects(result: Refinement) -> str:
@@ -95,7 +100,7 @@ def _effects(result: Refinement) -> str:
             interval = " .. ".join(map(number, p.ci))
             source = e.source if i == 0 else ""
             rows.append((e.name if i == 0 else "", p.name, number(p.value), interval, p.unit, source))
-    return _table(("effect", "parameter", "value", "95 %", "unit", "physics and source"), rows, wide=(5,))
+    return html_table(("effect", "parameter", "value", "95 %", "unit", "physics and source"), rows, wide=(5,))
 
 
 def _trace(result: Refinement) -> str:
@@ -106,10 +111,11 @@ def _trace(result: Refinement) -> str:
     ]  # fmt: skip
     rows += [("", "", r.name, "", "", "", "no", r.why) for r in result.rejected if "cannot" in r.why]
     heads = ("step", "action", "effect", "gain", "p", "size", "kept", "why")
-    return _table(heads, rows, wide=(7,))
+    return html_table(heads, rows, wide=(7,))
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], wide: Sequence[int] = ()) -> str:
+def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]], wide: Sequence[int] = ()) -> str:
+    """An HTML table; the columns in `wide` may wrap."""
     head = "".join(f"<th>{escape(h)}</th>" for h in heads)
     body = "\n".join(
         "<tr>"

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 BEFORE, AFTER, FLOOR = "#c4703f", "#1f5f8b", "#8a8f98"
 DPI = 130
+LOG_GAP_S = 2.0  # drawn between logs and pieces of a log, which stand one after another
 
 
 def overview(result: Refinement) -> bytes:
@@ -28,7 +29,7 @@ def overview(result: Refinement) -> bytes:
         _over_time(axes[i, 0], result, series, channel)
         _over_cause(axes[i, 1], result, series, channel, effect)
     axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8)
-    axes[-1, 0].set_xlabel("time, s")
+    axes[-1, 0].set_xlabel("time in the data, s")
     figure.suptitle(_title(result), x=0.01, ha="left", fontsize=11)
     return _png(figure)
 
@@ -84,9 +85,11 @@ def _rows(result: Refinement) -> list[tuple[str, str | None]]:
 
 def _over_time(axis: Axes, result: Refinement, series: Series, channel: str) -> None:
     c = series.channels.index(channel)
-    time = series.time_s - series.time_s[0]
     floor = series.noise[channel]
-    gaps = np.flatnonzero(np.diff(time) > 5 * np.median(np.diff(time))) + 1
+    steps = np.diff(series.time_s)
+    broken = (steps < 0) | (steps > 5 * np.median(steps))  # another log starts, or rows are left out
+    time = np.concatenate([[0.0], np.cumsum(np.where(broken, LOG_GAP_S, steps))])
+    gaps = np.flatnonzero(broken) + 1
     axis.axhspan(-2 * floor, 2 * floor, color=FLOOR, alpha=0.25, lw=0, label="within 2 x noise floor")
     for values, colour, label, width in (
         (series.before[:, c], BEFORE, "before", 0.9),
