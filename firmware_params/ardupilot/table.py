@@ -1,0 +1,104 @@
+"""A mixer table as ArduCopter holds it: factors of each motor, and the MOT_ parameters around them.
+
+FRAME_CLASS 4 (OCTAQUAD) and 5 (Y6) have factors of their own; class 15 takes them from a script and scales
+every axis to a largest factor of 0.5 (throttle to 1); class 17 takes them from a script as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_params.errors import TableError
+
+OCTAQUAD, Y6, SCRIPTING_MATRIX, DYNAMIC_MATRIX = 4, 5, 15, 17
+MAX_MOTORS = 12
+Factors = tuple[float, float, float, float]  # roll, pitch, yaw, throttle
+
+# (angle from the nose, clockwise, deg; yaw factor)
+_X8 = [(45, 1), (-45, -1), (-135, 1), (135, -1), (-45, 1), (45, -1), (135, 1), (-135, -1)]
+# roll, pitch, yaw as the firmware lists them
+_Y6 = {
+    1: [
+        (-1, 0.666, 1),
+        (1, 0.666, -1),
+        (1, 0.666, 1),
+        (0, -1.333, -1),
+        (-1, 0.666, -1),
+        (0, -1.333, 1),
+    ],
+    10: [(-1, 0.5, -1), (-1, 0.5, 1), (0, -1, -1), (0, -1, 1), (1, 0.5, -1), (1, 0.5, 1)],
+}
+
+
+@dataclass(frozen=True)
+class MotorParameters:
+    """The MOT_ parameters that shape a motor's output."""
+
+    thst_expo: float = 0.65
+    spin_min: float = 0.15
+    spin_max: float = 0.95
+    spin_arm: float = 0.1
+    yaw_headroom: float = 200.0
+    pwm_min: float = 1000.0
+    pwm_max: float = 2000.0
+    thst_hover: float = 0.35
+
+    @classmethod
+    def from_params(cls, params: Mapping[str, float | int]) -> MotorParameters:
+        """From MOT_ names; a missing one has ArduPilot's default."""
+        given = {
+            name: float(params[f"MOT_{name.upper()}"])
+            for name in cls.__dataclass_fields__
+            if f"MOT_{name.upper()}" in params
+        }
+        return replace(cls(), **given)
+
+    def to_params(self) -> dict[str, float]:
+        """{"MOT_THST_EXPO": ..., ...}."""
+        return {f"MOT_{name.upper()}": float(getattr(self, name)) for name in self.__dataclass_fields__}
+
+
+@dataclass(frozen=True)
+class ApTable:
+    """Everything ArduPilot's multirotor mixer reads."""
+
+    frame_class: int
+    factors: tuple[Factors, ...] = ()  # (N,) as the script gives them; empty for a built-in frame
+    parameters: MotorParameters = field(default_factory=MotorParameters)
+    frame_type: int = 1
+
+
+def used_factors(table: ApTable) -> NDArray[np.float64]:
+    """(N, 4) factors inside ArduPilot. Raises TableError for a frame or factors that it would not take."""
+    if table.frame_class == OCTAQUAD and table.frame_type == 1:
+        given = [
+            (math.cos(math.radians(angle + 90)), math.cos(math.radians(angle)), float(yaw), 1.0)
+            for angle, yaw in _X8
+        ]
+    elif table.frame_class == Y6 and table.frame_type in _Y6:
+        given = [(float(r), float(p), float(y), 1.0) for r, p, y in _Y6[table.frame_type]]
+    elif table.frame_class in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
+        given = list(table.factors)
+    else:
+        raise TableError(f"FRAME_CLASS {table.frame_class} type {table.frame_type} is not known here")
+    if not 1 <= len(given) <= MAX_MOTORS:
+        raise TableError(f"{len(given)} motors: 1..{MAX_MOTORS} are expected")
+    factors = np.array(given, float)
+    if not np.isfinite(factors).all():
+        raise TableError("a motor factor is not a finite number")
+    return factors if table.frame_class == DYNAMIC_MATRIX else _normalised(factors)
+
+
+def _normalised(factors: NDArray[np.float64]) -> NDArray[np.float64]:
+    scaled = factors.copy()
+    scaled[:, 3] = np.maximum(scaled[:, 3], 0.0)
+    for axis, largest in ((0, 0.5), (1, 0.5), (2, 0.5), (3, 1.0)):
+        top = np.abs(scaled[:, axis]).max()
+        if top > 0.0:
+            scaled[:, axis] *= largest / top
+    return scaled
