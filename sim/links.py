@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pymavlink.dialects.v20 import common as mavlink
 
 from sim.errors import PortError, WorldError
+from sim.wire import Wire
 
 SILENT_S = 30.0  # wall time after which a UDP peer that spoke once is forgotten
 DATAGRAM = 65536
@@ -27,11 +28,24 @@ class Peer:
         self.parser.robust_parsing = True
         self.heard_at = time.monotonic()
         self.gone = False
+        self.out: Wire | None = None  # faults on the way there and back
+        self.back: Wire | None = None
 
     def send(self, message: mavlink.MAVLink_message) -> None:
         """Pack and send; a peer that is gone is marked, not raised."""
         data = message.pack(self.packer)
         self.packer.seq = (self.packer.seq + 1) % 256
+        for one in [data] if self.out is None else self.out.carry(data):
+            self._put(one)
+
+    def late(self) -> list[mavlink.MAVLink_message]:
+        """Let pass what the wire held back; returns what came in that way."""
+        if self.out is not None:
+            for data in self.out.due():
+                self._put(data)
+        return [] if self.back is None else self._read(self.back.due())
+
+    def _put(self, data: bytes) -> None:
         for _ in range(3):
             try:
                 if self.address is None:
@@ -51,7 +65,10 @@ class Peer:
     def parse(self, data: bytes) -> list[mavlink.MAVLink_message]:
         """Messages in what it sent."""
         self.heard_at = time.monotonic()
-        found = self.parser.parse_buffer(data) or []
+        return self._read([data] if self.back is None else self.back.carry(data))
+
+    def _read(self, chunks: list[bytes]) -> list[mavlink.MAVLink_message]:
+        found = [message for data in chunks for message in self.parser.parse_buffer(data) or []]
         return [message for message in found if message.get_type() != "BAD_DATA"]
 
 

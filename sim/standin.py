@@ -17,15 +17,27 @@ from sim.px4.autopilot import RATE_HZ, Autopilot
 from sim.px4.cascade import Demand
 from sim.px4.protocol import Conversation
 from sim.px4.telemetry import BUILDERS, heartbeat
+from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
 SLIP_S = 0.25  # further behind than this, the clock gives up catching up
+REBOOT_S = 1.5
 
 
 class Standin:
     """An autopilot and everyone who talks to it."""
 
-    def __init__(self, autopilot: Autopilot, ports: Sequence[Port], *, speed: float = 1.0) -> None:
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        ports: Sequence[Port],
+        *,
+        speed: float = 1.0,
+        faults: WireFaults | None = None,
+        seed: int = 0,
+    ) -> None:
+        self._faults, self._seed = faults, seed
+        self._sets, self._silent_until = 0, 0.0
         self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
         self._conversations: dict[Peer, Conversation] = {}
         self._answers = 0
@@ -60,6 +72,8 @@ class Standin:
         """4 ms of the vehicle's time, with everything said and heard in it."""
         self.hear()
         self.autopilot.step()
+        if self._booting:
+            return
         for conversation in self._conversations.values():
             conversation.stream()
             conversation.list_on()
@@ -68,17 +82,34 @@ class Standin:
         """Deal with everything that has come."""
         for port in self.ports:
             for peer, data in port.receive():
-                conversation = self._meet(peer)
-                for message in peer.parse(data):
-                    self._answers += message.get_msgId() == 139
-                    conversation.hear(message)
+                self._heed(self._meet(peer), peer.parse(data))
             for peer in port.peers:
-                self._meet(peer)
+                conversation = self._meet(peer)
+                if peer.back is not None:
+                    self._heed(conversation, peer.late())
         for peer in [p for p in self._conversations if p.gone]:
             del self._conversations[peer]
 
+    def _heed(self, conversation: Conversation, messages: list[Any]) -> None:
+        for message in messages:
+            self._answers += message.get_msgId() == 139
+            if not self._booting:
+                conversation.hear(message)
+            if self._faults and message.get_msgId() == 23:
+                self._sets += 1
+                if self._sets == self._faults.reboot_after_sets and not self.autopilot.armed:
+                    self.autopilot.boot()
+                    self._silent_until = time.monotonic() + REBOOT_S
+
+    @property
+    def _booting(self) -> bool:
+        return self._silent_until > 0.0 and time.monotonic() < self._silent_until
+
     def _meet(self, peer: Peer) -> Conversation:
         if peer not in self._conversations:
+            if self._faults is not None:
+                number = 2 * len(self._conversations) + 1000 * self._seed
+                peer.out, peer.back = Wire(self._faults, number), Wire(self._faults, number + 1)
             self._conversations[peer] = Conversation(self.autopilot, peer, self._everyone)
         return self._conversations[peer]
 

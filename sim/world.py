@@ -14,6 +14,7 @@ from sim.stand import write_whole
 from sim.standin import Standin
 from sim.truth import Truth, hidden_truth, read_truth, truth_text
 from sim.vehicle import read_vehicle
+from sim.wire import parse_faults
 
 CURRENT = (1, 16, 1)
 LAST_PATCH = {(1, 12): 3, (1, 13): 3, (1, 14): 4, (1, 15): 4, (1, 16): 1}
@@ -32,6 +33,7 @@ class World:
     hidden_seed: int | None = None
     truth_out: Path | None = None
     seed: int = 0
+    wire: str = ""  # faults, as `wire.parse_faults` reads them
 
 
 def open_links(addresses: Sequence[str]) -> list[Port]:
@@ -52,6 +54,7 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
     from sim.px4.autopilot import Autopilot
 
     version = firmware_version(world.firmware)
+    faults = parse_faults(world.wire) if world.wire else None
     vehicle = read_vehicle(world.airframe)
     rotor = world.rotor or vehicle.rotor_file
     if rotor is None:
@@ -64,7 +67,8 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
     if world.truth_out is not None:
         write_whole(world.truth_out, truth_text(truth))
     plant = Plant(vehicle, read_pair(rotor))
-    return Standin(Autopilot(plant, truth, version=version, seed=world.seed), ports, speed=speed)
+    autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
+    return Standin(autopilot, ports, speed=speed, faults=faults, seed=world.seed)
 
 
 def firmware_version(firmware: str) -> tuple[int, int, int]:

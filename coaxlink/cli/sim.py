@@ -28,6 +28,11 @@ def sim(
     ] = None,
     speed: Annotated[float, typer.Option(help="Times real time; 0 is as fast as it goes.")] = 1.0,
     seed: Annotated[int, typer.Option(help="Seed of all noise.")] = 0,
+    wire: Annotated[
+        str, typer.Option(help="Faults: loss=P,copies=P,disorder=P,corruption=P,delay=S,dead=S:S,reboot=N.")
+    ] = "",
+    flight: Annotated[str, typer.Option("--fly", help="Fly a plan without a client: paper, vigorous.")] = "",
+    log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="With --fly: keep its log.")] = None,
     stand: Annotated[
         Path | None, typer.Option(metavar="OUT.csv", help="Run the virtual thrust stand and leave.")
     ] = None,
@@ -44,8 +49,18 @@ def sim(
         from sim.world import World, build, open_links
 
         world = World(
-            airframe or files.example("x8_demo.toml"), rotor, firmware, truth, hidden_seed, truth_out, seed
+            airframe or files.example("x8_demo.toml"),
+            rotor,
+            firmware,
+            truth,
+            hidden_seed,
+            truth_out,
+            seed,
+            wire,
         )
+        if flight:
+            _alone(build(world, []).autopilot, flight, log)
+            return
         ports = open_links(listen or [])
         try:
             _fly(build(world, ports, speed), firmware, ports)
@@ -70,6 +85,18 @@ def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int) -> No
         rows = np.column_stack(list(columns.values()))
         write_stand(out, rows, list(columns))
     say(f"{out}: {len(rows)} points")
+
+
+def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
+    from sim.flights import PLANS, fly, write_flight
+
+    if plan not in PLANS:
+        raise InputError("--fly", "", f"one of {', '.join(PLANS)} is expected, found '{plan}'")
+    flown = fly(autopilot, plan)
+    seconds = autopilot.plant.time_s
+    if log is not None:
+        write_flight(log, flown)
+        say(f"{log}: {len(flown['time_s'])} rows, {seconds:.0f} s of flight")
 
 
 def _fly(standin: Any, firmware: str, ports: Any) -> None:
