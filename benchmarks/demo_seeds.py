@@ -33,7 +33,14 @@ def main(count: int) -> int:
             result = folder / "demo.json"
             command = [sys.executable, "-m", "coaxlink", "demo", "--seed", str(seed)]
             command += ["--out", str(folder / "demo"), "--json", str(result)]
-            subprocess.run(command, check=True, capture_output=True)
+            run = subprocess.run(command, capture_output=True, text=True)
+            if run.returncode:
+                bad += 1
+                print(
+                    f"{seed:4}  exit {run.returncode}: {(run.stderr.strip().splitlines() or [''])[-1]}",
+                    flush=True,
+                )
+                continue
             demo = json.loads(result.read_text())
             hidden, found = hidden_by(seed), str(demo["hidden_effect_found"])
             before, after = demo["before"], demo["after"]
