@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,16 @@ class Entry:
     started: str
 
 
+@dataclass(frozen=True)
+class Verified:
+    """What a board held when it was verified last."""
+
+    time: str
+    files: tuple[str, ...]
+    hash: int
+    values: Mapping[str, Value]
+
+
 def state_folder() -> Path:
     """Where journals live: COAXLINK_STATE, else the user's XDG state folder."""
     own = os.environ.get("COAXLINK_STATE")
@@ -45,7 +56,9 @@ class Journal:
 
     def __init__(self, identity: Identity, folder: Path | None = None) -> None:
         self.board = identity.uid or f"system{identity.system}"
-        self.path = (folder or state_folder()) / f"{self.board}.journal.json"
+        place = folder or state_folder()
+        self.path = place / f"{self.board}.journal.json"
+        self.record_path = place / f"{self.board}.verified.json"
 
     def open_entry(self) -> Entry | None:
         """The upload that did not end, None when there is none. Raises InputError on a damaged file."""
@@ -78,6 +91,30 @@ class Journal:
         }
         files.write_json(self.path, document)
         _sync_folder(self.path.parent)
+
+    def record(self, files_: tuple[str, ...], values: Mapping[str, Value], checksum: int) -> None:
+        """Keep what was verified last, and the board's own hash of all parameters then (0: it has none)."""
+        files.write_json(
+            self.record_path,
+            {
+                "board": self.board,
+                "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                "files": list(files_),
+                "hash": checksum,
+                "values": {n: _raw(v) for n, v in values.items()},
+            },
+        )
+
+    def last(self) -> Verified | None:
+        """What `record` kept, None when there is nothing. Raises InputError on a damaged file."""
+        if not self.record_path.exists():
+            return None
+        try:
+            raw = json.loads(files.read_text(self.record_path))
+            values = {n: _value(n, v) for n, v in raw["values"].items()}
+            return Verified(raw["time"], tuple(raw["files"]), int(raw["hash"]), values)
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(self.record_path, "", f"damaged ({error}); verify with DIR instead") from error
 
     def end(self) -> None:
         """The board holds one whole table again."""

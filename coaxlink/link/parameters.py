@@ -172,6 +172,13 @@ class Parameters:
             self._read_indices(gaps, by_index)
         return Snapshot({by_index[i].name: by_index[i] for i in range(count)}, checksum)
 
+    def read_hash(self) -> int:
+        """The board's own hash of all its parameters, 0 when it has none."""
+        if not self._session.identity.is_px4:
+            return 0
+        found = self.read_many([HASH], missing_ok=True)
+        return struct.unpack("<I", found[HASH].bits)[0] if HASH in found else 0
+
     def _read_indices(self, gaps: Sequence[int], by_index: dict[int, Value]) -> None:
         target = self._session.identity
 

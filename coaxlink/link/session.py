@@ -28,7 +28,7 @@ Message = Any  # a pymavlink message
 Match = Callable[[Message], bool]
 COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
-_TICK_S = 0.2
+_TICK_S = 0.05
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ class Uploader:
             if dry_run:
                 return self._outcome("dry_run")
             if not self._changes:
-                self._journal.end()
+                self._keep(target)
                 return self._outcome(VERIFIED, reason="the board holds it already")
             self._save(board)
             if not self._talk.confirm():
@@ -211,8 +211,16 @@ class Uploader:
         except BaseException:
             self._roll_back(old, CheckFailed("interrupted"))
             raise
-        self._journal.end()
+        self._keep(target)
         return self._outcome(VERIFIED)
+
+    def _keep(self, target: Mapping[str, Value]) -> None:
+        """The board holds the new table whole: end the journal, remember the table for `verify`."""
+        self._journal.end()
+        try:
+            self._journal.record(self._files, target, self._parameters.read_hash())
+        except CoaxlinkError as error:
+            self._talk.say(f"the table is on board and verified, but cannot be remembered: {error}")
 
     # -- writing and its undoing ---------------------------------------------------------------------------
 

@@ -102,3 +102,44 @@ def test_a_dead_port_is_three(capsys):
 def test_what_is_no_backup_is_refused(board, capsys):
     code, _, err = _run(capsys, "restore", "t/x8.params", "--connect", board.url, "--yes")
     assert code == 2 and "not a coaxlink backup" in err
+
+
+def test_verify_knows_the_last_upload_and_a_change_since(board, capsys):
+    code, _, err = _run(capsys, "verify", "--connect", board.url)
+    assert code == 2 and "nothing was uploaded" in err
+    assert _run(capsys, "verify", "t", "--connect", board.url)[0] == 1
+    assert _run(capsys, "upload", "t", "--connect", board.url, "--yes")[0] == 0
+    assert _run(capsys, "verify", "t", "--connect", board.url)[0] == 0
+    code, out, _ = _run(capsys, "verify", "--connect", board.url)
+    assert code == 0 and "verified: 69 parameters" in out
+    board.params["CA_ROTOR2_CT"] = (47.0, 9)
+    board.hash = 0x9999
+    code, out, err = _run(capsys, "verify", "--connect", board.url, "--json", "v.json")
+    assert code == 1 and "CA_ROTOR2_CT: 46.9799995 expected, 47 on board" in out and "1 of 69" in err
+    shown = json.loads(Path("v.json").read_text())
+    assert shown["result"] == "failed" and shown["other_parameters_changed"]
+    assert shown["mismatches"] == [{"name": "CA_ROTOR2_CT", "wanted": pytest.approx(46.98), "found": 47.0}]
+
+
+def test_a_killed_upload_is_seen_by_verify_and_ended_by_the_next(board, capsys, tmp_path):
+    """kill -9 in the middle of the writing: the journal stays, verify says no, restore brings the old back."""
+    before = dict(board.params)
+    board.after_set = {9: board.close_ears}
+    command = [sys.executable, "-m", "coaxlink", "upload", "t", "--connect", board.url, "--yes"]
+    process = subprocess.Popen(
+        command, env=os.environ.copy(), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+    )
+    assert board.ears_closed.wait(30)
+    process.kill()
+    process.wait()
+    board.deaf = False
+    assert any(board.params[n] != v for n, v in before.items())
+    code, _, err = _run(capsys, "verify", "t", "--connect", board.url)
+    assert code == 1 and "did not end" in err
+    (backup,) = (tmp_path / "backups").iterdir()
+    code, _, err = _run(capsys, "restore", backup, "--connect", board.url, "--yes")
+    assert code == 0 and "did not end" in err
+    assert board.params == {n: (pytest.approx(v), kind) for n, (v, kind) in before.items()}
+    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes")
+    assert code == 0 and "did not end" not in err
+    assert _run(capsys, "verify", "t", "--connect", board.url)[0] == 0

@@ -30,6 +30,9 @@ class ScriptedAutopilot:
         self.arm_after = None  # number of sets after which it arms
         self.mute_after = None  # number of sets after which it falls silent
         self.deaf = False
+        self.hash = 0x12345678
+        self.after_set = {}  # number of sets -> what then happens
+        self.ears_closed = threading.Event()
         self.skip_in_list = set()  # indices the next list loses
         self.sets = []
         self.commands = []
@@ -67,7 +70,7 @@ class ScriptedAutopilot:
         beat = 0.0
         while not self._stop.is_set():
             if time.monotonic() > beat:
-                beat = time.monotonic() + 0.2
+                beat = time.monotonic() + 0.05
                 autopilot = m.MAV_AUTOPILOT_PX4 if self.px4 else m.MAV_AUTOPILOT_ARDUPILOTMEGA
                 mode = 128 if self.armed else 0
                 self.send(m.MAVLink_heartbeat_message(self.vehicle_type, autopilot, mode, 0, 4, 3))
@@ -91,11 +94,14 @@ class ScriptedAutopilot:
         elif kind == "PARAM_REQUEST_READ":
             names = list(self.params)
             name = message.param_id if message.param_index < 0 else names[message.param_index]
-            self._send_value(name) if name in self.params else self._unknown(name)
+            if name == "_HASH_CHECK" and self.px4:
+                self._send_hash()
+            else:
+                self._send_value(name) if name in self.params else self._unknown(name)
         elif kind == "PARAM_REQUEST_LIST":
             skip, self.skip_in_list = self.skip_in_list, set()
             if self.px4:
-                self._send_raw("_HASH_CHECK", struct.pack("<I", 0x12345678), 5, 65535)
+                self._send_hash()
             for index, name in enumerate(self.params):
                 if index not in skip:
                     self._send_value(name)
@@ -124,6 +130,15 @@ class ScriptedAutopilot:
             value = int(value) if self.params[name][1] == INT32 else value
         self.params[name] = (self.keeps.get(name, value), self.params[name][1])
         self._send_value(name)
+
+        self.after_set.pop(len(self.sets), lambda: None)()
+
+    def close_ears(self):
+        self.deaf = True
+        self.ears_closed.set()
+
+    def _send_hash(self):
+        self._send_raw("_HASH_CHECK", struct.pack("<I", self.hash), 5, 65535)
 
     def _unknown(self, name):
         if self.param_errors:

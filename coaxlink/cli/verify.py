@@ -1,0 +1,57 @@
+"""`coaxlink verify`: is the table still on board, bit for bit?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.cli.upload import ConnectOption, SystemOption, TimeoutOption
+from coaxlink.errors import CheckFailed
+
+
+def verify(
+    connect: ConnectOption,
+    source: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="The table; without it, what was uploaded last.")
+    ] = None,
+    json_file: JsonOption = None,
+    timeout: TimeoutOption = 10.0,
+    system: SystemOption = None,
+) -> None:
+    """Read the table back from the board and compare it bit for bit; exit 1 when it differs."""
+    from coaxlink import files
+    from coaxlink.link import connect as open_session
+    from coaxlink.link.plan import load_plan
+    from coaxlink.link.verify import verify as check
+
+    plan = load_plan(source) if source else None
+    with open_session(connect, timeout_s=timeout, target_system=system) as session:
+        say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
+        result = check(session, plan)
+    if json_file:
+        files.write_json(json_file, result.to_json())
+    out = console()
+    for wrong in result.mismatches:
+        found = "nothing" if wrong["found"] is None else f"{wrong['found']:.9g}"
+        out.print(f"{wrong['name']}: {wrong['wanted']:.9g} expected, {found} on board")
+    if result.hash_then and result.hash != result.hash_then:
+        out.print(
+            f"hash {result.hash:08x}, {result.hash_then:08x} at the upload: some parameter changed since"
+        )
+    if result.interrupted:
+        raise CheckFailed(
+            f"the upload of {result.interrupted} did not end: upload again, or restore its backup"
+        )
+    if result.mismatches:
+        raise CheckFailed(
+            f"{len(result.mismatches)} of {result.checked} parameters differ from {result.source}"
+        )
+    out.print(f"verified: {result.checked} parameters as in {result.source}")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command("verify")(verify)
