@@ -122,7 +122,7 @@ def test_verify_knows_the_last_upload_and_a_change_since(board, capsys):
 
 
 def test_a_killed_upload_is_seen_by_verify_and_ended_by_the_next(board, capsys, tmp_path):
-    """kill -9 in the middle of the writing: the journal stays, verify says no, restore brings the old back."""
+    """kill -9 while writing: the journal stays, verify says no, restore brings the old table back."""
     before = dict(board.params)
     board.after_set = {9: board.close_ears}
     command = [sys.executable, "-m", "coaxlink", "upload", "t", "--connect", board.url, "--yes"]
