@@ -14,7 +14,8 @@ _STYLE = """
 @media(prefers-color-scheme:dark){:root{
 --ink:#e6eaf0;--dim:#9aa5b5;--line:#39424f;--paper:#161b22;
 --mark:#79b8e8}}
-body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:62rem;margin:2rem auto;
+body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);
+max-width:62rem;margin:2rem auto;
 padding:0 1rem}
 h1{font-size:1.4rem;margin:0 0 .2rem}h2{font-size:1.05rem;margin:2rem 0 .5rem}
 p.dim,td.dim{color:var(--dim)}.verdict{font-size:1.15rem;color:var(--mark);margin:.3rem 0 1rem}

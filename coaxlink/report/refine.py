@@ -54,46 +54,41 @@ def number(value: float) -> str:
     return f"{value:.{DIGITS}g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
-def _errors(result: Refinement) -> Any:
-    from rich.table import Table
+def _with_interval(value: float, interval: tuple[float, float]) -> str:
+    return f"{number(value)} ({number(interval[0])}–{number(interval[1])})"
 
-    table = Table(
-        title="residual on held-out blocks (RMS)", title_justify="left", box=None, header_style="bold"
-    )
-    table.add_column("channel", no_wrap=True)
-    for heading in ("before", "95 %", "after", "95 %", "noise floor", "rows"):
+
+def _errors(result: Refinement) -> Any:
+    rows = next((c.held_out_rows for c in result.channels.values()), 0)
+    table = _table(f"residual: RMS and 95 % interval on {rows} held-out rows")
+    for heading in ("channel", "unit"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("before", "after", "noise floor"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, c in result.channels.items():
         table.add_row(
-            f"{name} [{c.unit}]".replace("[", r"\["),
-            number(c.rmse_before),
-            " .. ".join(number(x) for x in c.ci_before),
-            number(c.rmse_after),
-            " .. ".join(number(x) for x in c.ci_after),
+            name,
+            c.unit,
+            _with_interval(c.rmse_before, c.ci_before),
+            _with_interval(c.rmse_after, c.ci_after),
             number(c.noise_floor),
-            str(c.held_out_rows),
         )
     return table
 
 
 def _effects(result: Refinement) -> Any:
-    from rich.table import Table
-
-    table = Table(title="effects added", title_justify="left", box=None, header_style="bold")
+    table = _table("effects added")
     for heading in ("effect", "parameter"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("value", "95 %"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("value (95 %)", justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
-    table.add_column("channels")
     for effect in result.effects:
         for i, p in enumerate(effect.parameters):
-            table.add_row(
-                effect.name if i == 0 else "",
-                p.name,
-                number(p.value),
-                " .. ".join(number(x) for x in p.ci),
-                p.unit,
-                ", ".join(effect.channels) if i == 0 else "",
-            )
+            table.add_row(effect.name if i == 0 else "", p.name, _with_interval(p.value, p.ci), p.unit)
     return table
+
+
+def _table(title: str) -> Any:
+    from rich.table import Table
+
+    return Table(title=title, title_justify="left", box=None, header_style="bold")

@@ -21,7 +21,7 @@ ABOVE = np.array([5, 4, 7, 6]), np.array([0, 1, 2, 3])  # lower rotor under each
 MASS, INERTIA = 20.0, np.array([0.92, 0.95, 1.60])
 SUPPLY = 25.0
 G = 9.80665
-RATE = 400.0
+RATE = 250.0
 
 
 def rotor_loads(u):
@@ -63,7 +63,7 @@ def _smooth_path(seconds):
     """Grid of times and wanted (x, y, z, yaw), the corners rounded over half a second."""
     t = np.arange(-3.0, seconds + 3.0, 1 / RATE)
     raw = np.array([(*_path(max(x, 0.0))[0], _path(max(x, 0.0))[1]) for x in t])
-    kernel = np.exp(-0.5 * (np.arange(-600, 601) / RATE / 0.4) ** 2)
+    kernel = np.exp(-0.5 * (np.arange(-400, 401) / RATE / 0.4) ** 2)
     smooth = np.stack([np.convolve(c, kernel / kernel.sum(), mode="same") for c in raw.T], axis=1)
     return t, smooth
 
@@ -174,8 +174,9 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
         # autopilot
         now = k + round(3.0 * RATE)
         want, yaw = path[now, :3], path[now, 3]
-        ahead, behind = path[now + 20, :3], path[now - 20, :3]
-        want_v, want_a = (ahead - behind) / 0.1, (ahead - 2 * want + behind) / 0.0025
+        ahead, behind = path[now + 12, :3], path[now - 12, :3]
+        step = 12 / RATE
+        want_v, want_a = (ahead - behind) / (2 * step), (ahead - 2 * want + behind) / step**2
         error = p - want
         integral = np.clip(integral + error * dt, -2, 2)
         a_sp = (

@@ -14,7 +14,7 @@ import numpy as np
 from coaxlink.residual.effects.base import Array, Effect, Shape, outside
 from coaxlink.residual.frames import FlightFrame
 
-SCALES_M = (0.15, 0.25, 0.4, 0.6, 0.9, 1.4)
+SCALES_M = (0.15, 0.2, 0.27, 0.36, 0.48, 0.6, 0.75, 0.95, 1.2, 1.6)
 LOWEST_M = 0.08
 
 
