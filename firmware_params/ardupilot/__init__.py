@@ -1,6 +1,23 @@
 """ArduPilot (ArduCopter): what its tables can say, and the mix it will make of them."""
 
+from firmware_params.ardupilot.param_file import ParamFile, read_param_file, write_param_file
+from firmware_params.ardupilot.parameters import PARAMETERS, as_stored, out_of_range, servo_function
 from firmware_params.ardupilot.realise import ApMix, Demand, Output, realise
 from firmware_params.ardupilot.table import ApTable, MotorParameters, used_factors
 
-__all__ = ["ApMix", "ApTable", "Demand", "MotorParameters", "Output", "realise", "used_factors"]
+__all__ = [
+    "PARAMETERS",
+    "ApMix",
+    "ApTable",
+    "Demand",
+    "MotorParameters",
+    "Output",
+    "ParamFile",
+    "as_stored",
+    "out_of_range",
+    "read_param_file",
+    "realise",
+    "servo_function",
+    "used_factors",
+    "write_param_file",
+]

@@ -1,0 +1,81 @@
+"""ArduCopter's table parameters: type and range of each, as its own metadata states them.
+
+Every value travels as a float; the board keeps int8 and int16 parameters truncated (3.7 becomes 3, 300 in an
+int8 becomes 127) and checks no range.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from firmware_params.errors import Finding
+
+INT8, INT16, INT32, FLOAT = 2, 4, 6, 9  # MAV_PARAM_TYPE
+_LIMITS = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: `minimum` and `maximum` are inclusive."""
+
+    name: str
+    type: int
+    minimum: float
+    maximum: float
+
+
+def _table() -> dict[str, Parameter]:
+    rows = [
+        Parameter("FRAME_CLASS", INT8, 0, 17),
+        Parameter("FRAME_TYPE", INT8, 0, 19),
+        Parameter("MOT_PWM_MAX", INT16, 0, 2000),
+        Parameter("MOT_PWM_MIN", INT16, 0, 2000),
+        Parameter("MOT_SPIN_ARM", FLOAT, 0, 0.3),
+        Parameter("MOT_SPIN_MAX", FLOAT, 0.9, 1.0),
+        Parameter("MOT_SPIN_MIN", FLOAT, 0, 0.3),
+        Parameter("MOT_THST_EXPO", FLOAT, -1, 1),
+        Parameter("MOT_THST_HOVER", FLOAT, 0.125, 0.6875),
+        Parameter("MOT_YAW_HEADROOM", INT16, 0, 500),
+        Parameter("SCR_ENABLE", INT8, 0, 2),
+        Parameter("SCR_LD_CHECKSUM", INT32, -1, 0x7FFFFF),
+    ]
+    rows += [Parameter(f"SERVO{n}_FUNCTION", INT16, -1, 200) for n in range(1, 33)]
+    return {row.name: row for row in rows}
+
+
+PARAMETERS: Mapping[str, Parameter] = _table()
+
+
+def as_stored(name: str, value: float, kind: int | None = None) -> float:
+    """The value the board keeps: integers truncated towards zero and clipped, else the nearest float32."""
+    known = PARAMETERS.get(name)
+    kind = kind if kind is not None else known.type if known else FLOAT
+    if kind not in _LIMITS or not math.isfinite(value):
+        return float(np.float32(value))
+    low, high = _LIMITS[kind]
+    return float(min(max(math.trunc(value), low), high))
+
+
+def out_of_range(params: Mapping[str, float]) -> list[Finding]:
+    """Findings for values that are not finite, out of ArduPilot's documented range, or to be truncated."""
+    found = []
+    for name, value in params.items():
+        known = PARAMETERS.get(name)
+        if not math.isfinite(value):
+            found.append(Finding("ap.not-finite", "error", f"{name} is {value}; a number is expected"))
+        elif known and not known.minimum <= value <= known.maximum:
+            text = f"{name} = {value:g} is outside {known.minimum:g}..{known.maximum:g}"
+            found.append(Finding("ap.out-of-range", "error", text, "ArduPilot stores it unchecked"))
+        elif known and known.type != FLOAT and value != int(value):
+            text = f"{name} = {value:g} would be kept as {int(value)}"
+            found.append(Finding("ap.truncated", "error", text))
+    return found
+
+
+def servo_function(motor: int) -> int:
+    """SERVOn_FUNCTION of a motor, counted from 1: 33..40, then 82..85."""
+    return 32 + motor if motor <= 8 else 73 + motor
