@@ -7,7 +7,6 @@ p_1l, its KM the torque of both rotors of the pair per u_u^2 over that thrust.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,12 +14,12 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.link.behaviour import GRAVITY, Behaviour, Speeds, behaviour, solve
 from coaxlink.mixer import reduced_coefficients, standard_coefficients
 from coaxlink.rotor import RotorModel
 from firmware_params import px4
 from firmware_params.errors import Finding, TableError
 
-GRAVITY = 9.80665
 TABLE_LAWS = ("reduced", "standard")
 
 
@@ -43,11 +42,9 @@ class TableReport:
     params: dict[str, float | int]  # the table and MPC_THR_HOVER
     mix: px4.Px4Mix
     splits: tuple[PairSplit, ...]
-    hover_thrust: float  # thrust setpoint, 0..1, that carries the weight on the rotor model
-    hover_thrust_table: float  # the same if the rotors were what the table says
-    hover_speeds: tuple[float, ...]
+    behaviour: Behaviour  # on the rotor model
+    hover_thrust_table: float  # thrust setpoint of hover if the rotors were what the table says
     ceiling_N: float  # thrust by the table's own numbers at thrust setpoint 1
-    ceiling_model_N: float  # thrust of the rotor model there
     full_N: float  # thrust by the table's numbers with every rotor at 1
     findings: tuple[Finding, ...]
 
@@ -107,28 +104,22 @@ def assess_px4(airframe: Airframe, model: RotorModel, law: str, table: px4.Px4Ta
     ct = np.array([rotor.ct for rotor in px4.params_to_table(params).rotors])
     up = -np.array([rotor.axis[2] for rotor in airframe.rotors])
     findings = list(mix.warnings)
-    by_model = _hover(lambda t: _model_thrust(airframe, model, mix, t), weight)
-    by_table = _hover(lambda t: float(ct * up @ mix.setpoints(_thrust(t))), weight)
-    if by_model is None:
-        top = _model_thrust(airframe, model, mix, 1.0)
-        text = f"the vehicle cannot hover: {top:.1f} N at full thrust setpoint, {weight:.1f} N are needed"
-        findings.append(Finding("px4.no-hover", "error", text))
+    flown = behaviour(airframe, model, px4_speeds(mix))
+    by_table = solve(lambda t: float(ct * up @ mix.setpoints(_thrust(t))), weight)
+    findings += _hover_findings(flown, weight)
     limits = px4.PARAMETERS["MPC_THR_HOVER"]
-    hover = 1.0 if by_model is None else by_model
-    if not limits.minimum <= hover <= limits.maximum:
-        text = f"hover needs thrust setpoint {hover:.3f}, PX4 takes {limits.minimum:g}..{limits.maximum:g}"
-        findings.append(Finding("px4.hover-range", "warning", text))
+    hover = limits.maximum if flown.hover is None else flown.hover
     params["MPC_THR_HOVER"] = px4.as_stored(
         "MPC_THR_HOVER", round(min(max(hover, limits.minimum), limits.maximum), 3)
     )
-    speeds = mix.throttle(mix.setpoints(_thrust(hover)))
+    speeds = flown.hover_speeds
     share = -mix.mix[:, 5]
     splits = tuple(
         PairSplit(
             u + 1,
             w + 1,
             float(share[w] / share[u]) if share[u] else float("inf"),
-            (float(speeds[u]), float(speeds[w])),
+            (speeds[u], speeds[w]),
         )
         for u, w in airframe.pairs
     )
@@ -138,11 +129,9 @@ def assess_px4(airframe: Airframe, model: RotorModel, law: str, table: px4.Px4Ta
         params,
         mix,
         splits,
-        hover,
+        flown,
         1.0 if by_table is None else by_table,
-        tuple(float(s) for s in speeds),
         float(ct * up @ mix.setpoints(_thrust(1.0))),
-        _model_thrust(airframe, model, mix, 1.0),
         float(ct @ up),
         tuple(findings),
     )
@@ -154,22 +143,27 @@ def refuse_traps(report: TableReport) -> None:
         raise SafetyRefusal(str(report.blocking[0]))
 
 
+def px4_speeds(mix: px4.Px4Mix) -> Speeds:
+    """Normalised speeds under a PX4 mix: setpoints, then the thrust curve."""
+
+    def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
+        return mix.throttle(mix.setpoints([roll, pitch, yaw, 0.0, 0.0, -thrust]))
+
+    return speeds
+
+
+def _hover_findings(flown: Behaviour, weight_N: float) -> list[Finding]:
+    limits = px4.PARAMETERS["MPC_THR_HOVER"]
+    if flown.hover is None:
+        text = f"no hover: {flown.ceiling_N:.1f} N at full thrust setpoint, {weight_N:.1f} N are needed"
+        return [Finding("px4.no-hover", "error", text)]
+    if not limits.minimum <= flown.hover <= limits.maximum:
+        text = (
+            f"hover needs thrust setpoint {flown.hover:.3f}, PX4 takes {limits.minimum:g}..{limits.maximum:g}"
+        )
+        return [Finding("px4.hover-range", "warning", text)]
+    return []
+
+
 def _thrust(setpoint: float) -> list[float]:
     return [0.0, 0.0, 0.0, 0.0, 0.0, -setpoint]
-
-
-def _model_thrust(airframe: Airframe, model: RotorModel, mix: px4.Px4Mix, setpoint: float) -> float:
-    thrust, torque = airframe.loads(model, mix.throttle(mix.setpoints(_thrust(setpoint))))
-    wrench: NDArray[np.float64] = airframe.wrench(thrust, torque)
-    return float(wrench[0])
-
-
-def _hover(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
-    """The setpoint in 0..1 whose thrust carries the weight, None when none does; thrust grows with it."""
-    if thrust_N(1.0) < weight_N:
-        return None
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if thrust_N(middle) < weight_N else (low, middle)
-    return high

@@ -64,3 +64,24 @@ def test_a_trap_is_refused_and_nothing_written(tmp_path, capsys):
     code, _, err = _run(capsys, X8, "--firmware", "px4", "--rotor", weak, "--out", tmp_path / "t")
     assert code == 4 and "px4.weak-axis: PX4 drops yaw" in err
     assert not (tmp_path / "t").exists()
+
+
+def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
+    code, out, err = _run(
+        capsys,
+        X8,
+        "--firmware",
+        "ardupilot",
+        "--out",
+        tmp_path / "a",
+        "--explain",
+        "--json",
+        tmp_path / "a.json",
+    )
+    assert code == 0 and "FRAME_CLASS 15" in out and "ATC_RAT_RLL_* x" in out and "wrote" in err
+    names = sorted(p.relative_to(tmp_path / "a").as_posix() for p in (tmp_path / "a").rglob("*.*"))
+    assert names == ["paper-x8.param", "scripts/coaxlink_matrix.lua"]
+    shown = json.loads((tmp_path / "a.json").read_text())
+    assert shown["explain"]["worst_relative"]["roll"] < 1e-6 and shown["explain"]["against"] == "standard law"
+    code, out, _ = _run(capsys, X8, "--firmware", "px4", "--explain")
+    assert code == 0 and "MC_YAWRATE_K x" in out and "asked -> done" in out

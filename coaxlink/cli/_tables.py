@@ -1,0 +1,208 @@
+"""What `coaxlink table` writes and shows, one pair of functions a firmware."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coaxlink.cli._shell import console
+from coaxlink.errors import InputError
+
+if TYPE_CHECKING:
+    from coaxlink.airframe import Airframe
+    from coaxlink.link.ap_tables import ApReport
+    from coaxlink.link.behaviour import Behaviour
+    from coaxlink.link.tables import TableReport
+    from firmware_params.errors import Finding
+
+AP_GAINS = ("ATC_RAT_RLL_*", "ATC_RAT_PIT_*", "ATC_RAT_YAW_*")
+PX4_GAINS = ("MC_ROLLRATE_K", "MC_PITCHRATE_K", "MC_YAWRATE_K")
+
+
+def header(frame: Airframe, model_path: Path, law: str, firmware: str) -> list[str]:
+    """The comment lines of every file: what it is for and what it was made from."""
+    import coaxlink
+    from coaxlink import files
+
+    return [
+        f"coaxlink {coaxlink.__version__}: mixer table of {frame.name}",
+        "",
+        f"Firmware: {firmware}",
+        f"Vehicle: {frame.name}",
+        f"Rotors: {len(frame.rotors)}",
+        f"Law: {law}",
+        f"Rotor model: {model_path.name} sha256 {files.sha256(model_path)}",
+        "",
+    ]
+
+
+def file_name(name: str) -> str:
+    """A vehicle's name as a file name."""
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip("-.") or "vehicle"
+
+
+def write_px4(folder: Path, frame: Airframe, model_path: Path, report: TableReport) -> list[str]:
+    """Write DIR/NAME.params. Raises InputError when the place cannot be written."""
+    from firmware_params import px4
+
+    lines = header(frame, model_path, report.law, "PX4 v1.14 or later")
+    path = folder / f"{file_name(frame.name)}.params"
+    try:
+        px4.write_params_file(path, report.params, header=[*lines, "Vehicle-Id Component-Id Name Value Type"])
+    except OSError as error:
+        raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+    return [str(path)]
+
+
+def write_ap(folder: Path, frame: Airframe, model_path: Path, report: ApReport) -> list[str]:
+    """Write DIR/NAME.param and DIR/scripts/*.lua. Raises InputError when the place cannot be written."""
+    from coaxlink import files
+    from firmware_params import ardupilot
+
+    path = folder / f"{file_name(frame.name)}.param"
+    written = []
+    for name, text in report.scripts.items():
+        files.write_atomic(folder / "scripts" / name, text)
+        written.append(str(folder / "scripts" / name))
+    try:
+        ardupilot.write_param_file(
+            path, report.params, header(frame, model_path, report.law, "ArduCopter 4.3 or later")
+        )
+    except OSError as error:
+        raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+    return [str(path), *written]
+
+
+def px4_json(frame: Airframe, report: TableReport, written: list[str]) -> dict[str, Any]:
+    """The report as `--json` writes it."""
+    return {
+        "airframe": frame.name,
+        "firmware": "px4",
+        "law": report.law,
+        "parameters": report.params,
+        "mix": {
+            "axes": ["roll", "pitch", "yaw", "thrust_x", "thrust_y", "thrust_z"],
+            "rows": report.mix.mix.tolist(),
+        },
+        "pairs": [
+            {
+                "upper": s.upper,
+                "lower": s.lower,
+                "lower_over_upper_u2": s.squared_ratio,
+                "hover_u": list(s.hover),
+            }
+            for s in report.splits
+        ],
+        "hover_thrust_setpoint": report.behaviour.hover,
+        "hover_thrust_setpoint_by_table": report.hover_thrust_table,
+        "ceiling_N": report.ceiling_N,
+        "full_throttle_N": report.full_N,
+        "rotor_model": behaviour_json(report.behaviour),
+        "findings": [finding_json(f) for f in report.findings],
+        "files": written,
+    }
+
+
+def ap_json(frame: Airframe, report: ApReport, written: list[str]) -> dict[str, Any]:
+    """The report as `--json` writes it."""
+    return {
+        "airframe": frame.name,
+        "firmware": "ardupilot",
+        "law": report.law,
+        "parameters": report.params,
+        "factors": {"axes": ["roll", "pitch", "yaw", "throttle"], "rows": report.mix.factors.tolist()},
+        "pairs": [
+            {"upper": u + 1, "lower": w + 1, "lower_over_upper_u2": ratio}
+            for (u, w), ratio in zip(frame.pairs, report.squared_ratio, strict=True)
+        ],
+        "hover_throttle": report.behaviour.hover,
+        "rotor_model": behaviour_json(report.behaviour),
+        "findings": [finding_json(f) for f in report.findings],
+        "files": written,
+    }
+
+
+def behaviour_json(flown: Behaviour) -> dict[str, Any]:
+    """A behaviour as JSON."""
+    return {
+        "hover": flown.hover,
+        "hover_speeds": list(flown.hover_speeds),
+        "ceiling_N": flown.ceiling_N,
+        "gain_Nm": list(flown.gain_Nm),
+        "authority_Nm": list(flown.authority_Nm),
+    }
+
+
+def finding_json(finding: Finding) -> dict[str, str]:
+    """A finding as JSON."""
+    return {
+        "id": finding.id,
+        "severity": finding.severity,
+        "text": finding.text,
+        "evidence": finding.evidence,
+    }
+
+
+def show_px4(frame: Airframe, report: TableReport) -> None:
+    """The mix PX4 will make, in words and columns."""
+    from rich.table import Table
+
+    out = console()
+    out.print(f"{frame.name}: {report.law} law as PX4 parameters, THR_MDL_FAC {report.table.thr_mdl_fac:g}")
+    rows = Table("rotor", "CT N", "KM m", "roll", "pitch", "yaw", "thrust", "hover u", box=None)
+    for n, (rotor, entry) in enumerate(zip(frame.rotors, report.table.rotors, strict=True)):
+        roll, pitch, yaw, _, _, thrust = report.mix.mix[n]
+        numbers = [f"{entry.ct:.3f}", f"{entry.km:+.5f}", *(f"{x:+.4f}" for x in (roll, pitch, yaw, -thrust))]
+        rows.add_row(f"{rotor.number} {rotor.level}", *numbers, f"{report.behaviour.hover_speeds[n]:.4f}")
+    out.print(rows)
+    for split in report.splits:
+        out.print(
+            f"pair {split.upper}/{split.lower}: lower/upper u^2 = {split.squared_ratio:.4f} (setpoints), "
+            f"u = {split.hover[0]:.4f} / {split.hover[1]:.4f} in hover"
+        )
+    hover = "no hover" if report.behaviour.hover is None else f"{report.behaviour.hover:.3f}"
+    out.print(
+        f"hover at thrust setpoint {hover} on the rotor model ({report.hover_thrust_table:.3f} by the "
+        f"table's own numbers): MPC_THR_HOVER {report.params['MPC_THR_HOVER']:.3f}"
+    )
+    out.print(
+        f"ceiling {report.ceiling_N:.1f} N by the table at thrust setpoint 1 (every rotor full: "
+        f"{report.full_N:.1f} N); {report.behaviour.ceiling_N:.1f} N on the rotor model"
+    )
+    show_findings(report.findings, "traps: none (every axis survives PX4's zeroing)")
+
+
+def show_ap(frame: Airframe, report: ApReport) -> None:
+    """The factors ArduPilot will use, in words and columns."""
+    from rich.table import Table
+
+    out, p = console(), report.table.parameters
+    out.print(
+        f"{frame.name}: {report.law} law for FRAME_CLASS {report.table.frame_class}, "
+        f"MOT_THST_EXPO {p.thst_expo:g}, MOT_SPIN_MIN {p.spin_min:g}"
+    )
+    rows = Table("motor", "roll", "pitch", "yaw", "throttle", "hover u", box=None)
+    for n, rotor in enumerate(frame.rotors):
+        numbers = [f"{x:+.4f}" for x in report.mix.factors[n]]
+        rows.add_row(f"{rotor.number} {rotor.level}", *numbers, f"{report.behaviour.hover_speeds[n]:.4f}")
+    out.print(rows)
+    for (upper, lower), ratio in zip(frame.pairs, report.squared_ratio, strict=True):
+        factor = report.mix.factors[lower, 3] / report.mix.factors[upper, 3]
+        out.print(
+            f"pair {upper + 1}/{lower + 1}: lower/upper throttle {factor:.4f}, "
+            f"u^2 in hover {ratio:.4f} (spin range)"
+        )
+    hover = "no hover" if report.behaviour.hover is None else f"{report.behaviour.hover:.3f}"
+    out.print(
+        f"hover at throttle {hover}, ceiling {report.behaviour.ceiling_N:.1f} N, both on the rotor model"
+    )
+    show_findings(report.findings, "traps: none")
+
+
+def show_findings(findings: tuple[Finding, ...], none: str) -> None:
+    """Findings, a line each."""
+    out = console()
+    for finding in findings:
+        out.print(f"{finding.severity}: {finding}")
+    if not findings:
+        out.print(none)

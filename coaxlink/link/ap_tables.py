@@ -1,0 +1,132 @@
+"""A mixing law as ArduPilot's factors, and what ArduPilot will make of them in the vehicle's own units.
+
+ArduPilot's factors are mixing columns: those of A+, u^2 = A+ mu (Berra, Trujillo and Heredia 2024, eq. 7 and
+15), each axis scaled to a largest entry of 0.5 and throttle to 1. The scale of an axis is lost on board and
+belongs in the rate gains (ATC_RAT_*).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.airframe import Airframe
+from coaxlink.errors import InputError
+from coaxlink.link.behaviour import GRAVITY, Behaviour, Speeds, behaviour
+from coaxlink.link.tables import px4_table
+from coaxlink.rotor import RotorModel
+from firmware_params import ardupilot as ap
+from firmware_params import px4
+from firmware_params.ardupilot import scripts
+from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX, Factors
+from firmware_params.errors import Finding, TableError
+
+SPIN_MIN = 0.05  # motors that stop in flight restart badly; 0 would keep every ratio exact
+
+
+@dataclass(frozen=True)
+class ApReport:
+    """A table, its files, and what ArduPilot and the rotors make of them."""
+
+    law: str
+    table: ap.ApTable
+    params: dict[str, float]
+    scripts: dict[str, str]  # file name -> text
+    mix: ap.ApMix
+    behaviour: Behaviour
+    squared_ratio: tuple[float, ...]  # lower / upper u^2 in hover, one a pair
+    findings: tuple[Finding, ...]
+
+    @property
+    def blocking(self) -> tuple[Finding, ...]:
+        """Findings that forbid flying with this table."""
+        return tuple(f for f in self.findings if f.severity == "error")
+
+
+def ap_factors(airframe: Airframe, model: RotorModel, law: str) -> tuple[Factors, ...]:
+    """Factors (N,) of roll, pitch, yaw and throttle, motor n being rotor n. Raises InputError."""
+    columns = px4.effectiveness(px4_table(airframe, model, law))
+    matrix = np.stack([columns[0], columns[1], columns[2], -columns[5]])  # per unit u^2
+    mixing: NDArray[np.float64] = np.linalg.pinv(matrix)  # (N, 4)
+    for axis, largest in ((0, 0.5), (1, 0.5), (2, 0.5), (3, 1.0)):
+        top = np.abs(mixing[:, axis]).max()
+        if top > 0:
+            mixing[:, axis] *= largest / top
+    if (mixing[:, 3] <= 0).any():
+        problem = (
+            f"rotor {int(np.argmin(mixing[:, 3])) + 1} would have to push down: no throttle factor holds that"
+        )
+        raise InputError(airframe.source or airframe.name, "rotors", problem)
+    return tuple(
+        (float(r), float(p), float(y), float(t)) for r, p, y, t in np.where(np.abs(mixing) < 1e-9, 0, mixing)
+    )
+
+
+def report_ap(
+    airframe: Airframe,
+    model: RotorModel,
+    law: str,
+    *,
+    frame_class: int = SCRIPTING_MATRIX,
+    spin_min: float = SPIN_MIN,
+    expo: float = 1.0,
+) -> ApReport:
+    """The table of a law for ArduPilot with all that is known about its flight. Raises InputError."""
+    source = airframe.source or airframe.name
+    if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
+        raise InputError("--frame-class", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
+    factors = ap_factors(airframe, model, law)
+    motor = ap.MotorParameters(
+        thst_expo=expo, spin_min=spin_min, spin_max=1.0, spin_arm=max(0.0, round(spin_min - 0.02, 3))
+    )
+    table = ap.ApTable(frame_class, factors, motor, 0)
+    try:
+        mix = ap.realise(table)
+        loaded = scripts.loader_params(factors) if frame_class == DYNAMIC_MATRIX else {}
+        title = f"{airframe.name}, {law} law"
+        if frame_class == DYNAMIC_MATRIX:
+            texts = {scripts.LOADER_NAME: scripts.loader_script(title=title)}
+        else:
+            texts = {scripts.MATRIX_NAME: scripts.matrix_script(factors, title=title)}
+    except TableError as error:
+        raise InputError(source, "rotors", f"ArduPilot cannot hold this table: {error}") from error
+    flown = behaviour(airframe, model, ap_speeds(mix))
+    findings = [*mix.warnings, *_hover_findings(flown, airframe.mass_kg * GRAVITY)]
+    hover = min(max(flown.hover or 0.6875, 0.125), 0.6875)
+    params = {
+        "FRAME_CLASS": float(frame_class),
+        "MOT_THST_EXPO": motor.thst_expo,
+        "MOT_SPIN_ARM": motor.spin_arm,
+        "MOT_SPIN_MIN": motor.spin_min,
+        "MOT_SPIN_MAX": motor.spin_max,
+        "MOT_THST_HOVER": round(hover, 4),
+        "SCR_ENABLE": 1.0,
+        "SCR_LD_CHECKSUM": float(scripts.load_checksum(text.encode() for text in texts.values())),
+    }
+    params |= {f"SERVO{n}_FUNCTION": float(ap.servo_function(n)) for n in range(1, len(factors) + 1)}
+    speeds = flown.hover_speeds
+    ratios = tuple((speeds[w] / speeds[u]) ** 2 if speeds[u] else float("inf") for u, w in airframe.pairs)
+    return ApReport(law, table, params | loaded, texts, mix, flown, ratios, tuple(findings))
+
+
+def ap_speeds(mix: ap.ApMix) -> Speeds:
+    """Normalised speeds under an ArduPilot mix: PWM over its calibrated range is speed."""
+
+    def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
+        return mix.output(ap.Demand(roll, pitch, yaw, thrust)).actuator
+
+    return speeds
+
+
+def _hover_findings(flown: Behaviour, weight_N: float) -> list[Finding]:
+    if flown.hover is None:
+        text = (
+            f"the vehicle cannot hover: {flown.ceiling_N:.1f} N at full throttle, {weight_N:.1f} N are needed"
+        )
+        return [Finding("ap.no-hover", "error", text)]
+    if not 0.125 <= flown.hover <= 0.6875:
+        text = f"hover needs throttle {flown.hover:.3f}, ArduPilot learns 0.125..0.6875"
+        return [Finding("ap.hover-range", "warning", text)]
+    return []

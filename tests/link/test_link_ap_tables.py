@@ -1,0 +1,92 @@
+"""Laws as ArduPilot tables, and tables explained."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coaxlink.airframe import load_airframe
+from coaxlink.errors import InputError
+from coaxlink.link.ap_tables import ap_factors, report_ap
+from coaxlink.link.explain import explain_ap, explain_px4
+from coaxlink.link.tables import report_px4
+from coaxlink.rotor import load_rotor_model
+from firmware_params.ardupilot import scripts
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FRAMES = ["x8_paper", "coax_quad_plus", "y6", "mixed_hexa"]
+
+
+def _load(frame="x8_paper", rotor="rotor_eq15"):
+    return load_airframe(EXAMPLES / f"{frame}.toml"), load_rotor_model(EXAMPLES / f"{rotor}.toml")
+
+
+def test_the_paper_s_normalised_matrix():
+    """The table of eq. 15 as ArduCopter was flown with it."""
+    factors = np.array(ap_factors(*_load(), "reduced"))
+    np.testing.assert_allclose(np.abs(factors[:4]), [[0.336, 0.336, 0.5, 0.672]] * 4, atol=1e-3)
+    np.testing.assert_allclose(np.abs(factors[4:]), [[0.5, 0.5, 0.410, 1.0]] * 4, atol=1e-3)
+    assert (np.sign(factors[0]) == [-1, 1, 1, 1]).all()  # front right, counter-clockwise
+
+
+def test_the_standard_law_is_ardupilot_s_own_x8():
+    from firmware_params.ardupilot import ApTable, used_factors
+
+    factors = np.array(ap_factors(*_load(), "standard"))
+    np.testing.assert_allclose(factors, used_factors(ApTable(4)), atol=1e-6)
+
+
+def test_the_files_carry_one_table():
+    airframe, model = _load()
+    report = report_ap(airframe, model, "reduced", spin_min=0.0)
+    (text,) = report.scripts.values()
+    assert report.params["SCR_LD_CHECKSUM"] == scripts.load_checksum([text.encode()])
+    assert report.params["FRAME_CLASS"] == 15 and report.params["SERVO8_FUNCTION"] == 40
+    assert report.params["MOT_THST_HOVER"] == pytest.approx(
+        0.272, abs=0.002
+    )  # 196.1 N of 4 (46.98 x 0.672 + 69.89)
+    assert report.squared_ratio == pytest.approx([1.487654] * 4, abs=1e-4)
+    bent = report_ap(airframe, model, "reduced", spin_min=0.05)
+    assert bent.squared_ratio[0] < 1.47
+    loader = report_ap(airframe, model, "reduced", frame_class=17)
+    assert loader.params["CXL_N"] == 8 and loader.params["FRAME_CLASS"] == 17
+    with pytest.raises(InputError, match="expected 15"):
+        report_ap(airframe, model, "reduced", frame_class=4)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_done_is_asked_where_the_firmware_can(frame):
+    airframe, model = _load(frame)
+    for explained in (
+        explain_ap(airframe, model, report_ap(airframe, model, "reduced", spin_min=0.0)),
+        explain_px4(airframe, model, report_px4(airframe, model, "reduced")),
+    ):
+        assert max(explained.worst.values()) < 1e-3
+        assert set(explained.to_json()["gain_scale"]) == {"roll", "pitch", "yaw"}
+
+
+def test_a_gain_is_the_slope_that_the_paper_s_numbers_give():
+    """Eq. 15 on its own rotors: roll torque per unit roll demand is the row of A times PX4's column."""
+    airframe, model = _load()
+    report = report_px4(airframe, model, "reduced")
+    roll = 4 * (8.48929 * 0.557875 + 12.62912 * 0.829925)
+    assert report.behaviour.gain_Nm[0] == pytest.approx(roll, rel=1e-3)
+    yaw = 4 * (2.44 * 1.0 + 2.0 * 0.819672)
+    assert report.behaviour.gain_Nm[2] == pytest.approx(yaw, rel=1e-3)
+    explained = explain_px4(airframe, model, report)
+    assert explained.to_json()["gain_scale"]["roll"] == pytest.approx(
+        explained.reference.gain_Nm[0] / roll, rel=1e-3
+    )
+
+
+def test_against_the_board():
+    airframe, model = _load()
+    report = report_px4(airframe, model, "reduced")
+    board = dict(report.params) | {"CA_ROTOR0_CT": 50.0}
+    explained = explain_px4(airframe, model, report, board)
+    assert explained.reference_name == "on board"
+    assert explained.changed == (("CA_ROTOR0_CT", 50.0, pytest.approx(46.98)),)
+    with pytest.raises(InputError, match="holds no multirotor table"):
+        explain_px4(airframe, model, report, {"CA_ROTOR_COUNT": 0})
+    with pytest.raises(InputError, match="6 rotors"):
+        explain_px4(airframe, model, report, board | {"CA_ROTOR_COUNT": 6})
