@@ -42,9 +42,8 @@ def test_the_files_carry_one_table():
     (text,) = report.scripts.values()
     assert report.params["SCR_LD_CHECKSUM"] == scripts.load_checksum([text.encode()])
     assert report.params["FRAME_CLASS"] == 15 and report.params["SERVO8_FUNCTION"] == 40
-    assert report.params["MOT_THST_HOVER"] == pytest.approx(
-        0.272, abs=0.002
-    )  # 196.1 N of 4 (46.98 x 0.672 + 69.89)
+    hover = 20 * 9.80665 / (4 * (46.98 * 46.98 / 69.89 + 69.89))
+    assert report.params["MOT_THST_HOVER"] == pytest.approx(hover, abs=2e-4)
     assert report.squared_ratio == pytest.approx([1.487654] * 4, abs=1e-4)
     bent = report_ap(airframe, model, "reduced", spin_min=0.05)
     assert bent.squared_ratio[0] < 1.47
