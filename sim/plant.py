@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rotors import ORDER, Pair
-from sim.vehicle import Vehicle
+from sim.rotors import Pair
+from sim.vehicle import SINGLE, UPPER, Vehicle
 
 STEP_S = 0.001
 GRAVITY = 9.80665
@@ -39,12 +39,20 @@ class Plant:
         self.vehicle, self.pair, self.battery = vehicle, pair, battery or Battery()
         n = vehicle.rotors
         self.parameters = self._default_parameters()
-        self.geometry = np.zeros((n, kernel.GEOMETRY))
-        self.geometry[:, kernel.G_POS : kernel.G_POS + 3] = vehicle.position_m
-        self.geometry[:, kernel.G_AXIS : kernel.G_AXIS + 3] = vehicle.axis
-        self.geometry[:, kernel.G_SPIN] = vehicle.spin
-        self.geometry[:, kernel.G_THRUST] = self.geometry[:, kernel.G_TORQUE] = 1.0
-        self._order = np.array([_order(pair.coefficients[s]) for s in range(4)], dtype=np.int64)
+        self.geometry = np.zeros((kernel.GEOMETRY, n))
+        self.geometry[kernel.G_POS : kernel.G_POS + 3] = vehicle.position_m.T
+        self.geometry[kernel.G_AXIS : kernel.G_AXIS + 3] = vehicle.axis.T
+        self.geometry[kernel.G_SPIN] = vehicle.spin
+        self.geometry[kernel.G_THRUST] = self.geometry[kernel.G_TORQUE] = 1.0
+        uppers = [i for i in range(n) if vehicle.level[i] == UPPER]
+        # unsigned, for an index that may be negative costs a test
+        self._pairs = np.array([(i, vehicle.partner[i]) for i in uppers], np.uint64).reshape(-1, 2)
+        self._singles: NDArray[np.uint64] | None = np.array(
+            [i for i in range(n) if vehicle.level[i] == SINGLE], np.uint64
+        )
+        quadratic, self._surfaces = _surfaces(pair.coefficients)
+        if quadratic and not len(self._singles):
+            self._singles = None  # the fast way
         self.state = np.zeros(kernel.SPEED + n)
         self.state[kernel.QUAT] = 1.0
         self.state[kernel.POS + 2] = GRAVITY / (4 * 300.0)  # resting on its four springs
@@ -68,21 +76,34 @@ class Plant:
 
     def advance(self, command: NDArray[np.float64], steps: int, step_s: float = STEP_S) -> None:
         """Move on by `steps` steps at constant motor commands (N,) in 0..1."""
-        v = self.vehicle
         self._kernel.advance(
             self.state,
             command,
             self.parameters,
             self.geometry,
-            v.level,
-            v.partner,
-            self.pair.coefficients,
-            self._order,
+            self._pairs,
+            self._singles,
+            self._surfaces,
             step_s,
             steps,
             self.out,
         )
         self.steps += steps
+
+    def advance_many(
+        self,
+        states: NDArray[np.float64],
+        commands: NDArray[np.float64],
+        steps: int,
+        outs: NDArray[np.float64],
+        step_s: float = STEP_S,
+    ) -> None:
+        """Move M vehicles like this one on: states (M, 16 + N), commands (M, N), outs (M, 6 + 2 N).
+
+        In place; this vehicle itself does not move.
+        """
+        rotors = self.parameters, self.geometry, self._pairs, self._singles, self._surfaces
+        self._kernel.advance_many(states, commands, *rotors, step_s, steps, outs)
 
     @property
     def time_s(self) -> float:
@@ -150,6 +171,9 @@ class Plant:
         return FOOT_Z_M - float(self.state[2])
 
 
-def _order(c: NDArray[np.float64]) -> tuple[int, int]:
-    used = [(a, b) for a in range(ORDER + 1) for b in range(ORDER + 1) if c[a, b]]
-    return max((a for a, _ in used), default=0), max((b for _, b in used), default=0)
+def _surfaces(c: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64]]:
+    """Whether the upper rotor is alone and no power is above two, and the coefficients that are used."""
+    used = np.nonzero(c.any(axis=0))
+    top = max(2, *(int(axis.max(initial=0)) for axis in used)) + 1
+    small = np.ascontiguousarray(c[:, :top, :top])
+    return top == 3 and not small[:2, :, 1:].any(), small

@@ -53,9 +53,9 @@ def _inflow(plant: Plant, e: Effect) -> None:
 
 def _degraded(plant: Plant, e: Effect) -> None:
     rotor = int(e.extra.get("rotor", 1)) - 1
-    plant.geometry[rotor, plant.index.G_THRUST] *= 1.0 - e.size
+    plant.geometry[plant.index.G_THRUST, rotor] *= 1.0 - e.size
     # a chipped blade loses less torque than thrust
-    plant.geometry[rotor, plant.index.G_TORQUE] *= 1.0 - 0.6 * e.size
+    plant.geometry[plant.index.G_TORQUE, rotor] *= 1.0 - 0.6 * e.size
 
 
 def _offset(plant: Plant, e: Effect) -> None:

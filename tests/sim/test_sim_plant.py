@@ -221,7 +221,7 @@ def test_a_truth_survives_its_file(tmp_path: Path) -> None:
     path = tmp_path / "truth.toml"
     path.write_text(truth_text(truth))
     assert read_truth(path).effects == truth.effects
-    for example in EXAMPLES.glob("truth_*.toml"):
+    for example in EXAMPLES.glob("truth_[bd]*.toml"):
         assert all(e.name in FORMS for e in read_truth(example).effects)
 
 
@@ -241,3 +241,33 @@ def test_a_bad_truth_is_one_clear_line(tmp_path: Path, text: str, where: str) ->
     with pytest.raises(WorldError) as caught:
         read_truth(path)
     assert where in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_calm_air_is_the_general_case_with_nothing_in_it(plant: Plant) -> None:
+    u = HOVER + np.array([0.01, -0.01, 0.02, 0.0, 0.01, 0.0, -0.02, 0.01])
+
+    def end() -> np.ndarray:
+        spin_up(plant, np.full(8, 0.5), 50.0)
+        plant.state[10:13] = 1.0, -2.0, 0.5
+        plant.advance(u, 800)
+        return plant.state.copy()
+
+    calm = end()
+    plant.parameters[plant.index.ROTOR_INERTIA] = 1e-300  # nothing, yet no longer exactly nothing
+    assert end() == pytest.approx(calm, rel=1e-9, abs=1e-9)
+
+
+def test_other_rotors_and_higher_powers_take_the_general_way(tmp_path: Path) -> None:
+    text = (EXAMPLES / "x8_demo.toml").read_text().replace('level = "upper"\npair = 6', 'level = "single"')
+    text = text.replace('level = "lower"\npair = 1', 'level = "single"')
+    (tmp_path / "x8.toml").write_text(text)
+    cubic = read_pair(EXAMPLES / "rotor_paper.toml")
+    cubic.coefficients[0, 3, 1] = 2.0
+    p = Plant(read_vehicle(tmp_path / "x8.toml"), cubic)
+    u = np.array([0.5, 0.45, 0.5, 0.45, 0.6, 0.65, 0.6, 0.65])
+    spin_up(p, u)
+    pairs = [eq17(a, b) for a, b in ((0.45, 0.6), (0.5, 0.65), (0.45, 0.6))]
+    extra = [2.0 * a**3 * b for a, b in ((0.45, 0.6), (0.5, 0.65), (0.45, 0.6))]
+    upper = [pairs[k][0] + extra[k] for k in range(3)]
+    assert p.thrust[[1, 2, 3]] == pytest.approx([upper[0], upper[1], upper[2]])
+    assert p.thrust[[0, 5]] == pytest.approx([eq17(0.5, 0)[0], eq17(0.65, 0)[0]])
