@@ -1,6 +1,29 @@
 """Rotor models: the ladder SRM, CPCM, R-CRM, CRM, how each is identified, and its file."""
 
+from typing import TYPE_CHECKING, Any
+
 from coaxlink.rotor.model import Effect, PairLoads, RotorModel, load_rotor_model, save_rotor_model
 from coaxlink.rotor.polynomial import Polynomial
 
-__all__ = ["Effect", "PairLoads", "Polynomial", "RotorModel", "load_rotor_model", "save_rotor_model"]
+if TYPE_CHECKING:
+    from coaxlink.rotor.identification import Identification, identify
+
+__all__ = [
+    "Effect",
+    "Identification",
+    "PairLoads",
+    "Polynomial",
+    "RotorModel",
+    "identify",
+    "load_rotor_model",
+    "save_rotor_model",
+]
+
+
+def __getattr__(name: str) -> Any:
+    # identification brings scipy and compiled code along: only who asks for it waits for it
+    if name in ("Identification", "identify"):
+        from coaxlink.rotor import identification
+
+        return getattr(identification, name)
+    raise AttributeError(name)

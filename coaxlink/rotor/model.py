@@ -73,8 +73,11 @@ class RotorModel:
     def from_terms(
         cls, form: str, speed_max_rpm: float, terms: Mapping[str, Mapping[str, float]], **rest: Any
     ) -> RotorModel:
-        """The inverse of `terms`. Raises ValueError on a name that is not a term, KeyError on a missing load."""
-        return cls(form, speed_max_rpm, *(Polynomial.from_terms(terms[load]) for load in LOADS), **rest)
+        """The inverse of `terms`. Raises ValueError on a name that is no term, KeyError on a missing load."""
+        upper_thrust, upper_torque, lower_thrust, lower_torque = (
+            Polynomial.from_terms(terms[load]) for load in LOADS
+        )
+        return cls(form, speed_max_rpm, upper_thrust, upper_torque, lower_thrust, lower_torque, **rest)
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -109,16 +112,17 @@ def load_rotor_model(path: Path) -> RotorModel:
     except ValidationError as error:
         raise input_error(path, error) from error
     sides = {"upper": parsed.upper, "lower": parsed.lower}
-    polynomials = []
+    terms = {}
     for load in LOADS:
         side, quantity = load.split(".")
+        terms[load] = getattr(sides[side], quantity)
         try:
-            polynomials.append(Polynomial.from_terms(getattr(sides[side], quantity)))
+            Polynomial.from_terms(terms[load])
         except ValueError as error:
             raise InputError(path, load, str(error)) from error
     effects = tuple(Effect(e.name, e.parameters, tuple(e.columns)) for e in parsed.effects)
-    return RotorModel(
-        parsed.form, parsed.speed_max_rpm, *polynomials, effects=effects, identified=parsed.identified
+    return RotorModel.from_terms(
+        parsed.form, parsed.speed_max_rpm, terms, effects=effects, identified=parsed.identified
     )
 
 

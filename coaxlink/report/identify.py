@@ -1,0 +1,78 @@
+"""An identification as tables for the terminal. Numbers come from the result; nothing is computed here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from coaxlink.rotor.identification import COAXIAL, Identification
+
+NAMES = {"srm": "SRM", "cpcm": "CPCM", "rcrm": "R-CRM", "crm": "CRM", "mutual": "mutual CRM"}
+
+
+def tables(result: Identification) -> Iterator[Any]:
+    """Rich tables: the terms of the chosen form, then the held-out errors of every form."""
+    yield _terms(result)
+    yield _errors(result)
+
+
+def remarks(result: Identification) -> Iterator[str]:
+    """What a reader of the tables must know besides."""
+    yield from result.notes
+    for load, intervals in result.intervals.items():
+        for group in intervals.indistinct:
+            shown = (
+                ", ".join(group)
+                if len(group) <= 6
+                else f"{len(group)} of the dictionary's {len(intervals.bounds)}"
+            )
+            yield f"{load}: the data cannot tell these terms apart: {shown}"
+    for row in result.wild:
+        yield (
+            f"wild: {row.place}, {row.load} = {row.measured:.4g} where {row.expected:.4g} is expected "
+            f"({row.deviations:.0f} standard deviations); kept with less weight"
+        )
+
+
+def _terms(result: Identification) -> Any:
+    from rich.table import Table
+
+    table = Table(title=f"{NAMES[result.form]}: terms", title_justify="left")
+    for heading, justify in (
+        ("load", "left"),
+        ("term", "left"),
+        ("value", "right"),
+        ("95 % interval", "right"),
+    ):
+        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+    for load, terms in result.model.terms().items():
+        bounds = result.intervals[load].bounds if load in result.intervals else {}
+        for i, (term, value) in enumerate(terms.items()):
+            low, high = bounds.get(term, (float("nan"), float("nan")))
+            table.add_row(load if i == 0 else "", term, f"{value:.4f}", f"{low:.4f} .. {high:.4f}")
+        table.add_section()
+    return table
+
+
+def _errors(result: Identification) -> Any:
+    from rich.table import Table
+
+    table = Table(title="errors on held-out blocks", title_justify="left")
+    for heading in ("channel", "form"):
+        table.add_column(heading)
+    for heading in ("RMSE", "NRMSE", "R", "rows"):
+        table.add_column(heading, justify="right")
+    for channel in (*COAXIAL, *(c for c in result.channels if c not in COAXIAL)):
+        if channel not in result.channels:
+            continue
+        unit = "N" if channel.endswith("thrust") else "N m"
+        for form, channels in result.comparison.items():
+            e = channels[channel]
+            name = f"[bold]{NAMES[form]}[/bold]" if form == result.form else NAMES[form]
+            table.add_row(
+                channel, name, f"{e.rmse:.4f} {unit}", f"{e.nrmse:.4f}", f"{e.r:.5f}", str(e.held_out_rows)
+            )
+        if channel in result.noise_floor:
+            table.add_row("", "noise floor", f"{result.noise_floor[channel]:.4f} {unit}")
+        table.add_section()
+    return table

@@ -1,0 +1,296 @@
+"""Stand data to a rotor model: every form's held-out errors, the chosen form's terms and their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink import files
+from coaxlink.data import Samples
+from coaxlink.errors import InputError
+from coaxlink.rotor import forms
+from coaxlink.rotor.fit import WILD, LoadFit, Options, fit_load, huber_weights, least_squares, orders
+from coaxlink.rotor.folds import blocks, folds
+from coaxlink.rotor.intervals import Intervals, term_intervals
+from coaxlink.rotor.metrics import NORMALISER, ChannelError, channel_error
+from coaxlink.rotor.model import LOADS, RotorModel
+from coaxlink.rotor.noise import noise_floor
+from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.speeds import Speeds, normalised_speeds
+
+CHANNELS = {load: load.replace(".", "_").rsplit("_", 1)[0] for load in LOADS}  # upper.thrust_N: upper_thrust
+COAXIAL = {
+    "coaxial_thrust": ("upper.thrust_N", "lower.thrust_N"),
+    "coaxial_torque": ("upper.torque_Nm", "lower.torque_Nm"),
+}
+Values = dict[str, NDArray[np.float64]]  # load: (rows,), NaN where not measured
+
+
+@dataclass(frozen=True)
+class WildRow:
+    """A row that the robust fit does not believe: down-weighted, reported, kept."""
+
+    place: str
+    load: str
+    measured: float
+    expected: float
+    deviations: float
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What identification sees of a log: speeds, measured loads, folds."""
+
+    samples: Samples
+    speeds: Speeds
+    loads: Values
+    fold: NDArray[np.int64]  # (rows,)
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The loads with enough rows to fit."""
+        return tuple(load for load in LOADS if np.isfinite(self.loads[load]).sum() >= 6)
+
+
+@dataclass(frozen=True)
+class Identification:
+    """An identified model, and everything said about it."""
+
+    form: str
+    model: RotorModel
+    channels: Mapping[str, ChannelError]  # held out
+    comparison: Mapping[str, Mapping[str, ChannelError]]  # every form tried: its channels
+    noise_floor: Mapping[str, float]  # channel: N or N m
+    fits: Mapping[str, LoadFit]
+    intervals: Mapping[str, Intervals]
+    wild: tuple[WildRow, ...]
+    bench: Bench
+    predicted: Values  # held-out predictions of the chosen form
+    notes: tuple[str, ...] = field(default=())
+
+    def as_json(self) -> dict[str, Any]:
+        """The contract's JSON of `identify`, and more."""
+        return {
+            "form": self.form,
+            "speed_max_rpm": self.model.speed_max_rpm,
+            "rows": self.bench.samples.rows,
+            "terms": self.model.terms(),
+            "channels": {name: error.as_json() for name, error in self.channels.items()},
+            "nrmse_normaliser": NORMALISER,
+            "noise_floor": dict(self.noise_floor),
+            "forms": {f: {n: e.as_json() for n, e in c.items()} for f, c in self.comparison.items()},
+            "intervals": {
+                load: {t: list(b) for t, b in i.bounds.items()} for load, i in self.intervals.items()
+            },
+            "standard_errors": {load: dict(i.standard_error) for load, i in self.intervals.items()},
+            "indistinct": {load: [list(g) for g in i.indistinct] for load, i in self.intervals.items()},
+            "orders": {load: fit.order for load, fit in self.fits.items()},
+            "selection": {
+                load: [vars(candidate) for candidate in fit.history]
+                for load, fit in self.fits.items()
+                if fit.history
+            },
+            "wild_rows": [vars(row) for row in self.wild],
+            "notes": list(self.notes),
+        }
+
+
+def bench(samples: Samples, speed_max_rpm: float | None = None) -> Bench:
+    """Speeds, loads and folds of a stand log. Raises InputError when nothing can be identified from it."""
+    speeds = normalised_speeds(samples, speed_max_rpm)
+    loads: Values = {}
+    for load in LOADS:
+        name = load.replace(".", "_")
+        loads[load] = samples[name] if samples.has(name) else np.full(samples.rows, np.nan)
+    found = Bench(samples, speeds, loads, folds(blocks(samples, speeds)))
+    if not found.measured:
+        samples.require("upper_thrust_N")
+        raise InputError(
+            samples.source, "", f"{samples.rows} rows are too few to identify anything (6 at least)"
+        )
+    return found
+
+
+def identify(
+    samples: Samples, form: str = "crm", *, speed_max_rpm: float | None = None, options: Options | None = None
+) -> Identification:
+    """Fit `form` (crm, rcrm, srm, cpcm, mutual or auto) to a stand log.
+
+    Errors of all forms are held out in blocks; order, penalty and terms are chosen again without each block.
+    auto keeps the simplest form within one standard error of the best. Raises InputError.
+    """
+    options = options or Options()
+    if form != "auto":
+        try:
+            forms.load_terms(form, LOADS[0])
+        except ValueError as error:
+            raise InputError("--form", "", str(error)) from error
+    data = bench(samples, speed_max_rpm)
+    tried = list(forms.FORMS) + ([form] if form not in (*forms.FORMS, "auto") else [])
+    predicted = {name: held_out(name, data, options) for name in tried}
+    comparison = {name: channel_errors(data, values) for name, values in predicted.items()}
+    chosen = _simplest(data, predicted) if form == "auto" else form
+    fits = fit_form(chosen, data, np.ones(samples.rows, bool), options)
+    intervals, rich = _rich_fits(data, fits, chosen, options)
+    wild = _wild(data, rich)
+    terms = {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS}
+    model = RotorModel.from_terms(chosen, data.speeds.speed_max_rpm, terms)
+    notes = (*samples.notes, *_notes(data, form, chosen))
+    result = Identification(
+        chosen, model, comparison[chosen], comparison, _floors(data, rich), fits, intervals, wild, data,
+        predicted[chosen], notes,
+    )  # fmt: skip
+    return replace(result, model=replace(model, identified=_provenance(result)))
+
+
+def fit_form(form: str, data: Bench, rows: NDArray[np.bool_], options: Options) -> dict[str, LoadFit]:
+    """Every measured load of a form fitted on the masked rows (rows,)."""
+    fits: dict[str, LoadFit] = {}
+    for load in data.measured:
+        partner = forms.shared_load(form, load)
+        if partner in fits:
+            continue
+        y = data.loads[load]
+        mask = rows & np.isfinite(y)
+        u, v = data.speeds.upper[mask], data.speeds.lower[mask]
+        if form == "srm":
+            fits.update(_shared(load, data, rows))
+        else:
+            fits[load] = fit_load(form, load, u, v, y[mask], data.fold[mask], options)
+    return fits
+
+
+def _shared(load: str, data: Bench, rows: NDArray[np.bool_]) -> dict[str, LoadFit]:
+    """One k for both rotors (srm)."""
+    partner = LOADS[(LOADS.index(load) + 2) % 4]
+    pairs = [(load, data.speeds.upper if load.startswith("upper") else data.speeds.lower)]
+    if partner in data.measured:
+        pairs.append((partner, data.speeds.upper if partner.startswith("upper") else data.speeds.lower))
+    squares, values = [], []
+    for name, u in pairs:
+        mask = rows & np.isfinite(data.loads[name])
+        squares.append(u[mask] ** 2)
+        values.append(data.loads[name][mask])
+    x, y = np.concatenate(squares)[:, None], np.concatenate(values)
+    k = least_squares(x, y, huber_weights(x, y)[0])
+    return {name: LoadFit((f"u_{name[0]}^2",), k, 2, 0.0, k) for name, _ in pairs}
+
+
+def held_out(form: str, data: Bench, options: Options) -> Values:
+    """Predictions of each row by a model that has not seen its block."""
+    predicted = {load: np.full(data.samples.rows, np.nan) for load in LOADS}
+    for number in np.unique(data.fold):
+        out = data.fold == number
+        for load, fit in fit_form(form, data, ~out, options).items():
+            predicted[load][out] = fit.predict(data.speeds.upper[out], data.speeds.lower[out])
+    return predicted
+
+
+def channel_errors(data: Bench, predicted: Values) -> dict[str, ChannelError]:
+    """Errors of the coaxial channels and of each load."""
+    errors = {}
+    for name, pair in COAXIAL.items():
+        if all(load in data.measured for load in pair):
+            measured, model = (np.sum([v[p] for p in pair], axis=0) for v in (data.loads, predicted))
+            errors[name] = channel_error(measured, model)
+    for load in data.measured:
+        errors[CHANNELS[load]] = channel_error(data.loads[load], predicted[load])
+    return errors
+
+
+def _simplest(data: Bench, predicted: Mapping[str, Values]) -> str:
+    """The first form of the ladder whose held-out error is within one standard error of the best."""
+    loss = {}
+    for name, values in predicted.items():
+        squared = np.zeros(data.samples.rows)
+        for load in data.measured:
+            least = min(float(np.nanmean((data.loads[load] - p[load]) ** 2)) for p in predicted.values())
+            squared += np.nan_to_num((data.loads[load] - values[load]) ** 2) / max(least, 1e-300)
+        loss[name] = np.array([squared[data.fold == k].sum() for k in np.unique(data.fold)])
+    best = min(loss, key=lambda name: float(loss[name].sum()))
+    for name in predicted:
+        difference = loss[name] - loss[best]
+        if difference.sum() <= difference.std(ddof=1) * np.sqrt(len(difference)):
+            return name
+    return best
+
+
+def _rich_fits(
+    data: Bench, fits: Mapping[str, LoadFit], form: str, options: Options
+) -> tuple[dict[str, Intervals], Values]:
+    """Intervals on the whole dictionary of the chosen order; residuals of the richest fit for the noise."""
+    intervals, residuals = {}, {}
+    u, v = data.speeds.upper, data.speeds.lower
+    for load, fit in fits.items():
+        mask = np.isfinite(data.loads[load])
+        y = data.loads[load][mask]
+        X = design_matrix(fit.terms, u[mask], v[mask])
+        weights = huber_weights(X, y)[0] if options.robust else np.ones(len(y))
+        intervals[load] = term_intervals(fit.terms, X, y, weights)
+        richest = forms.load_terms("mutual", load, orders("mutual", load, len(y), options)[-1])
+        if not np.any(v) or not np.any(u):
+            richest = forms.load_terms("crm", "upper", min(options.max_order, len(y) // 3))
+        Z = design_matrix(richest, u[mask], v[mask])
+        b = least_squares(Z, y, huber_weights(Z, y)[0])
+        residuals[load] = np.full(len(mask), np.nan)
+        residuals[load][mask] = (y - Z @ b) * np.sqrt(len(y) / max(len(y) - Z.shape[1], 1))
+    return intervals, residuals
+
+
+def _floors(data: Bench, residuals: Values) -> dict[str, float]:
+    floors = {}
+    u, v = data.speeds.upper, data.speeds.lower
+    for name, pair in COAXIAL.items():
+        if all(load in residuals for load in pair):
+            floors[name] = noise_floor(u, v, np.sum([residuals[p] for p in pair], axis=0), 0)
+    for load, residual in residuals.items():
+        floors[CHANNELS[load]] = noise_floor(u, v, residual, 0)
+    return floors
+
+
+def _wild(data: Bench, residuals: Values) -> tuple[WildRow, ...]:
+    found = []
+    for load, residual in residuals.items():
+        scale = 1.4826 * float(np.nanmedian(np.abs(residual)))
+        for row in np.flatnonzero(np.abs(np.nan_to_num(residual)) > WILD * max(scale, 1e-12)):
+            value = float(data.loads[load][row])
+            off = float(residual[row])
+            found.append(WildRow(data.samples.place(int(row)), load, value, value - off, abs(off) / scale))
+    return tuple(found)
+
+
+def _notes(data: Bench, asked: str, chosen: str) -> Sequence[str]:
+    count = len(np.unique(data.fold))
+    said = [
+        f"u = 1 is {data.speeds.speed_max_rpm:.0f} rpm ({data.speeds.source})"
+        if not data.speeds.from_throttle
+        else data.speeds.source,
+        f"errors on held-out blocks: {count} sweeps or stretches, each left out once",
+        f"NRMSE = RMSE / ({NORMALISER})",
+    ]
+    if asked == "auto":
+        said.append(f"auto: {chosen} is the simplest form within one standard error of the best")
+    missing = [load for load in LOADS if load not in data.measured]
+    if missing:
+        said.append(f"not measured, left without terms: {', '.join(missing)}")
+    return said
+
+
+def _provenance(result: Identification) -> dict[str, Any]:
+    path = Path(result.bench.samples.source)
+    return {
+        "file": path.name,
+        "sha256": files.sha256(path) if path.is_file() else "",
+        "rows": result.bench.samples.rows,
+        "law": "LASSO on standardised terms, refitted on the support, blocks held out",
+        "errors": {name: error.as_json() for name, error in result.channels.items()},
+        "noise_floor": dict(result.noise_floor),
+        "intervals": {
+            load: {t: list(b) for t, b in i.bounds.items()} for load, i in result.intervals.items()
+        },
+    }
