@@ -16,7 +16,6 @@ from sim.links import Peer, Port, wait
 from sim.px4.autopilot import RATE_HZ, Autopilot
 from sim.px4.cascade import Demand
 from sim.px4.protocol import Conversation
-from sim.px4.telemetry import BUILDERS, heartbeat
 from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
@@ -35,7 +34,9 @@ class Standin:
         speed: float = 1.0,
         faults: WireFaults | None = None,
         seed: int = 0,
+        manners: type[Conversation] = Conversation,
     ) -> None:
+        self._manners = manners
         self._faults, self._seed = faults, seed
         self._sets, self._silent_until = 0, 0.0
         self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
@@ -56,7 +57,7 @@ class Standin:
             if now - beat > 1.0:  # however slow the vehicle's clock, who listens must see that it lives
                 beat = now
                 if self.speed and self.speed < 1.0:
-                    self._everyone(heartbeat(self.autopilot))
+                    self._everyone(self._manners.builders[0](self.autopilot))
             if not self.speed:
                 continue
             ahead = start + done * tick / self.speed - now
@@ -110,7 +111,7 @@ class Standin:
             if self._faults is not None:
                 number = 2 * len(self._conversations) + 1000 * self._seed
                 peer.out, peer.back = Wire(self._faults, number), Wire(self._faults, number + 1)
-            self._conversations[peer] = Conversation(self.autopilot, peer, self._everyone)
+            self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone)
         return self._conversations[peer]
 
     def _everyone(self, message: Any) -> None:
@@ -130,7 +131,7 @@ class Standin:
             self.hear()  # an answer to an older demand is not the one to wait for
         before = self._answers
         for conversation in due:
-            conversation.send(BUILDERS[140](self.autopilot))
+            conversation.send(self._manners.builders[140](self.autopilot))
         end = time.monotonic() + PATIENCE_S
         while lockstep and self._answers == before:
             left = end - time.monotonic()

@@ -9,12 +9,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.plant import FOOT_Z_M, Plant
-from sim.px4.cascade import IDLE, Cascade, Demand, Four, Goal, Three, euler
+from sim.px4.cascade import IDLE, Cascade, Demand, Four, Goal, Settings, Three, euler
 from sim.px4.mixer import Mixer
 from sim.px4.store import Store
 from sim.px4.tuning import tune
@@ -68,17 +69,26 @@ class Autopilot:
     ) -> None:
         self.plant, self.truth, self.version = plant, truth, version
         self.sensors = Sensors(plant, seed)
-        self.store = Store(version, plant.vehicle)
-        tune(self.store, plant)
         self.rotors = plant.vehicle.rotors
-        self.mixer = Mixer(self.store, self.rotors)
         self._wires: list[int] | None = None
-        self.store.listen(self._heard)
-        self.cascade = Cascade(self.store, 1.0 / RATE_HZ)
+        self._fit_out()
+        self.cascade = Cascade(self.settings, 1.0 / RATE_HZ)
         self.say: Callable[[int, str], None] = lambda severity, text: None
         self.exchange: Callable[[Demand], None] = lambda demand: None
         self.command: NDArray[np.float64] = np.zeros(self.rotors)  # what the motors were told last
         self.boot()
+
+    def _fit_out(self) -> None:
+        """Parameters, mixer, and where the loops read their settings."""
+        self.store: Any = Store(self.version, self.plant.vehicle)
+        self.settings: Settings = self.store
+        self.mixer: Any = Mixer(self.store, self.rotors)
+        tuned = tune(self.mixer, self.plant)
+        self.store.preset("MPC_THR_HOVER", tuned.hover)
+        for axis, gains in zip(("ROLL", "PITCH", "YAW"), tuned.gains, strict=True):
+            for letter, gain in zip("PID", gains, strict=True):
+                self.store.preset(f"MC_{axis}RATE_{letter}", gain)
+        self.store.listen(self._heard)
 
     def _heard(self, name: str) -> None:
         if name.startswith(("PWM_MAIN_FUNC", "SYS_CTRL_ALLOC")):
@@ -138,7 +148,7 @@ class Autopilot:
 
     def take_off(self, altitude_m: float) -> None:
         """Climb to `altitude_m` above home (NaN: MIS_TAKEOFF_ALT)."""
-        height = float(self.store["MIS_TAKEOFF_ALT"]) if math.isnan(altitude_m) else altitude_m
+        height = float(self.settings["MIS_TAKEOFF_ALT"]) if math.isnan(altitude_m) else altitude_m
         self._enter(Mode.TAKEOFF)
         n, e, _ = self._position()
         self._target = (n, e, -height)
@@ -163,7 +173,7 @@ class Autopilot:
     @property
     def offboard_fresh(self) -> bool:
         """Whether set-points stream."""
-        return self.plant.time_s - self._offboard_at < float(self.store["COM_OF_LOSS_T"])
+        return self.plant.time_s - self._offboard_at < float(self.settings["COM_OF_LOSS_T"])
 
     @property
     def takes_live(self) -> bool:
@@ -204,17 +214,20 @@ class Autopilot:
         self.reading = self.sensors.read()
         self.demand = self._decide(self.reading) if self.armed else IDLE
         self.exchange(self.demand)
-        d = self.demand
+        self.command = self._outputs(self.demand)
+        self.plant.advance(self.command, STEPS)
+        return self.reading
+
+    def _outputs(self, d: Demand) -> NDArray[np.float64]:
+        """(N,) what the ESCs are told, 0..1."""
         if not self.armed:
-            command = np.zeros(self.rotors)
-        elif self.live and not self.landed:
+            return np.zeros(self.rotors)
+        if self.live and not self.landed:
             command = self._live
         else:
             motors = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
             command = np.append(motors, 0.0)[self._wiring()]
-        self.command = np.round(command, 3)  # a PWM output has a thousand steps
-        self.plant.advance(self.command, STEPS)
-        return self.reading
+        return np.round(command, 3)  # a PWM output has a thousand steps
 
     def _decide(self, reading: Reading) -> Demand:
         position: Three = tuple(reading.position.tolist())
@@ -255,7 +268,7 @@ class Autopilot:
                 self.say(6, "Landing detected")
         if self.landed:
             flown = self._landed_at > self._armed_at
-            wait = float(self.store["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"])
+            wait = float(self.settings["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"])
             if wait > 0 and now - max(self._landed_at, self._armed_at) > wait and self.mode != Mode.TAKEOFF:
                 self._stop("Disarmed by landing" if flown else "Disarmed by auto preflight disarming")
 
@@ -284,22 +297,24 @@ class Autopilot:
         if self.mode == Mode.TAKEOFF:
             if self.landed:
                 self.landed, self._mode_at = False, self.plant.time_s
-            ramp = max(float(self.store["MPC_TKO_RAMP_T"]), 0.1)
-            climb = float(self.store["MPC_TKO_SPEED"]) * min((self.plant.time_s - self._mode_at) / ramp, 1.0)
+            ramp = max(float(self.settings["MPC_TKO_RAMP_T"]), 0.1)
+            climb = float(self.settings["MPC_TKO_SPEED"]) * min(
+                (self.plant.time_s - self._mode_at) / ramp, 1.0
+            )
             if abs(position[2] - d) < 0.2 and abs(self.goal.position[2] - d) < 0.05:
                 self._enter(Mode.HOLD)
                 self._target = (n, e, d)
         elif self.mode == Mode.LAND:
-            low = -position[2] < float(self.store["MPC_LAND_ALT2"])
-            sink = float(self.store["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
+            low = -position[2] < float(self.settings["MPC_LAND_ALT2"])
+            sink = float(self.settings["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
             d, climb = self.goal.position[2] + 1.0, sink
         elif self.mode == Mode.RTL:
-            n, e, cruise = 0.0, 0.0, float(self.store["MPC_XY_CRUISE"])
+            n, e, cruise = 0.0, 0.0, float(self.settings["MPC_XY_CRUISE"])
             if math.hypot(position[0], position[1]) < 0.5:
                 self._enter(Mode.LAND)
                 return
         else:
-            climb, cruise = float(self.store["MPC_TKO_SPEED"]), float(self.store["MPC_XY_CRUISE"])
+            climb, cruise = float(self.settings["MPC_TKO_SPEED"]), float(self.settings["MPC_XY_CRUISE"])
         self.goal = self._step_towards((n, e, d), cruise, climb)
 
     def _goes_up(self, position: Three) -> bool:

@@ -8,10 +8,9 @@ eight numpy calls on three numbers cost more than the whole loop.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
-
-from sim.px4.store import Store
+from typing import NamedTuple, Protocol
 
 G = 9.80665
 Three = tuple[float, float, float]
@@ -44,10 +43,19 @@ class Demand(NamedTuple):
 IDLE = Demand(0.0, 0.0, 0.0, 0.0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
+class Settings(Protocol):
+    """Parameters by PX4's names, wherever they come from."""
+
+    def __getitem__(self, name: str) -> float: ...
+    def listen(self, callback: Callable[[str], None]) -> None:
+        """Call `callback(name)` after every change."""
+        ...
+
+
 class Gains:
     """The parameters the cascade reads, as plain numbers."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Settings) -> None:
         def get(name: str) -> float:
             return float(store[name])
 
@@ -77,7 +85,7 @@ class Gains:
 class Cascade:
     """The loops' memory: integrals, filters, the hover thrust learnt."""
 
-    def __init__(self, store: Store, dt: float) -> None:
+    def __init__(self, store: Settings, dt: float) -> None:
         self._store, self.dt = store, dt
         self.gains = Gains(store)
         self.hover = self.gains.hover

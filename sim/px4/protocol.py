@@ -26,9 +26,12 @@ ACCEPTED, TEMPORARILY, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 class Conversation:
     """What one peer has asked for, and the answers."""
 
+    builders = BUILDERS
+    default_hz = DEFAULT_HZ
+
     def __init__(self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None]) -> None:
         self.autopilot, self.peer, self._everyone = autopilot, peer, everyone
-        self.interval_us = {k: 1e6 / hz for k, hz in DEFAULT_HZ.items()}
+        self.interval_us = {k: 1e6 / hz for k, hz in self.default_hz.items()}
         self._due_us: dict[int, float] = {}
         self._listing: deque[int] = deque()
         self._listed_at = 0.0
@@ -63,7 +66,7 @@ class Conversation:
                 continue
             self._due_us[message_id] = max(due + interval, now + 0.5 * interval)
             if message_id != 140:
-                self.send(BUILDERS[message_id](self.autopilot))
+                self.send(self.builders[message_id](self.autopilot))
 
     def demand_due(self) -> bool:
         """Whether ACTUATOR_CONTROL_TARGET goes out now: before mixing, so that the answer can count."""
@@ -193,10 +196,10 @@ class Conversation:
             known = self.interval_us.get(round(p[0]), 0.0)
             return ACCEPTED, m.MAVLink_message_interval_message(round(p[0]), round(known) or -1)
         elif command == 512:
-            builder = BUILDERS.get(round(p[0]))
+            builder = self.builders.get(round(p[0]))
             return (ACCEPTED, builder(a)) if builder else (UNSUPPORTED, None)
         elif command in (519, 520):
-            return (ACCEPTED, BUILDERS[148](a)) if command == 520 else (UNSUPPORTED, None)
+            return (ACCEPTED, self.builders[148](a)) if command == 520 else (UNSUPPORTED, None)
         elif command == 246:
             return self._reboot(p[0]), None
         elif command == 310:  # actuator test: on the ground only, and too short to matter
@@ -216,13 +219,13 @@ class Conversation:
         return ACCEPTED
 
     def _set_interval(self, message_id: int, interval_us: float) -> int:
-        if message_id not in BUILDERS:
+        if message_id not in self.builders:
             return UNSUPPORTED
         if interval_us < 0:
             self.interval_us.pop(message_id, None)
         elif interval_us == 0:
-            if message_id in DEFAULT_HZ:
-                self.interval_us[message_id] = 1e6 / DEFAULT_HZ[message_id]
+            if message_id in self.default_hz:
+                self.interval_us[message_id] = 1e6 / self.default_hz[message_id]
             else:
                 self.interval_us.pop(message_id, None)
         else:

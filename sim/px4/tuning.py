@@ -6,39 +6,48 @@ rate: gain = bandwidth * inertia / (torque per unit of normalised control), meas
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.plant import GRAVITY, Plant
-from sim.px4.mixer import Mixer
-from sim.px4.store import Store
 
 BANDWIDTH = (12.0, 12.0, 5.0)  # rad/s of the rate loops; the motors' lag allows about a quarter of 1 / lag
-NAMES = ("ROLLRATE", "PITCHRATE", "YAWRATE")
 
 
-def tune(store: Store, plant: Plant) -> None:
-    """Preset MPC_THR_HOVER and MC_*RATE_{P,I,D} for this plant and the mixer of the parameters on board."""
-    mixer = Mixer(store, plant.vehicle.rotors)
-    if mixer.mix is None:
-        return
+class Mixing(Protocol):
+    """A mixer to tune for."""
+
+    def command(self, roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
+        """(N,) motor commands."""
+        ...
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The thrust that hovers, and P, I, D of roll, pitch and yaw rate."""
+
+    hover: float
+    gains: tuple[tuple[float, float, float], ...]  # (3, 3)
+
+
+def tune(mixer: Mixing, plant: Plant) -> Tuning:
+    """Settings for this plant and this mixer."""
     low, high = 0.02, 1.0
     weight = plant.vehicle.mass_kg * GRAVITY
     for _ in range(40):
         middle = 0.5 * (low + high)
         lifted = wrench(plant, mixer.command(0.0, 0.0, 0.0, middle))[0] > weight
         low, high = (low, middle) if lifted else (middle, high)
-    hover = round(0.5 * (low + high), 3)
-    store.preset("MPC_THR_HOVER", hover)
-    for k, name in enumerate(NAMES):
+    hover, gains = round(0.5 * (low + high), 3), []
+    for k in range(3):
         a, b = (wrench(plant, mixer.command(*_nudge(k, s), hover))[1 + k] for s in (0.01, -0.01))
-        authority = float(a - b) / 0.02
-        if authority <= 0:
-            continue
+        authority = max(float(a - b) / 0.02, 1e-3)
         gain = BANDWIDTH[k] * float(plant.vehicle.inertia_kg_m2[k]) / authority
-        store.preset(f"MC_{name}_P", round(gain, 3))
-        store.preset(f"MC_{name}_I", round(gain * 1.5, 3))
-        store.preset(f"MC_{name}_D", round(gain * 0.015, 4) if k < 2 else 0.0)
+        gains.append((round(gain, 3), round(gain * 1.5, 3), round(gain * 0.015, 4) if k < 2 else 0.0))
+    return Tuning(hover, tuple(gains))
 
 
 def _nudge(axis: int, size: float) -> tuple[float, float, float]:
