@@ -12,6 +12,7 @@ from coaxlink.cli.upload import (
     BackupOption,
     ConnectOption,
     DryRunOption,
+    SigningOption,
     SystemOption,
     TimeoutOption,
     YesOption,
@@ -28,6 +29,7 @@ def restore(
     json_file: JsonOption = None,
     timeout: TimeoutOption = 10.0,
     system: SystemOption = None,
+    signing_key: SigningOption = None,
     backup_dir: BackupOption = Path("backups"),
 ) -> None:
     """Put a backup back: all parameters that differ, read back and compared; roll back on any failure."""
@@ -36,7 +38,7 @@ def restore(
     from coaxlink.link.upload import Uploader
 
     saved = read_backup(backup)
-    with open_session(connect, timeout_s=timeout, target_system=system) as session:
+    with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
         say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
         worker = Uploader(session, backup_folder=backup_dir, talk=conversation(yes or dry_run))
         outcome = worker.restore(saved, dry_run=dry_run)

@@ -23,6 +23,9 @@ TimeoutOption = Annotated[float, typer.Option(metavar="S", help="How long to wai
 SystemOption = Annotated[
     int | None, typer.Option(metavar="ID", help="System id, if several are on the line.")
 ]
+SigningOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="MAVLink 2 signing key, mode 600; both sides must sign.")
+]
 BackupOption = Annotated[Path, typer.Option(metavar="DIR", help="Where backups go.")]
 
 
@@ -34,6 +37,7 @@ def upload(
     json_file: JsonOption = None,
     timeout: TimeoutOption = 10.0,
     system: SystemOption = None,
+    signing_key: SigningOption = None,
     backup_dir: BackupOption = Path("backups"),
     new_geometry: Annotated[
         bool, typer.Option("--new-geometry", help="Allow other rotor places or spins than the board has.")
@@ -49,7 +53,7 @@ def upload(
         refuse_values(plan)
     except SafetyRefusal as error:
         finish(Outcome(REFUSED, files=tuple(map(str, plan.files)), reason=str(error), error=error), json_file)
-    with open_session(connect, timeout_s=timeout, target_system=system) as session:
+    with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
         say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
         worker = Uploader(session, backup_folder=backup_dir, talk=conversation(yes or dry_run))
         outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from coaxlink.cli._shell import JsonOption, console, say
-from coaxlink.cli.upload import ConnectOption, SystemOption, TimeoutOption
+from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, TimeoutOption
 from coaxlink.errors import CheckFailed
 
 
@@ -20,6 +20,7 @@ def verify(
     json_file: JsonOption = None,
     timeout: TimeoutOption = 10.0,
     system: SystemOption = None,
+    signing_key: SigningOption = None,
 ) -> None:
     """Read the table back from the board and compare it bit for bit; exit 1 when it differs."""
     from coaxlink import files
@@ -28,7 +29,7 @@ def verify(
     from coaxlink.link.verify import verify as check
 
     plan = load_plan(source) if source else None
-    with open_session(connect, timeout_s=timeout, target_system=system) as session:
+    with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
         say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
         result = check(session, plan)
     if json_file:

@@ -15,20 +15,34 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, Self
 
 from pymavlink.dialects.v20 import common as mavlink
 
 import firmware_params.px4.messages  # noqa: F401 - teaches the dialect ESC_STATUS and ESC_INFO
-from coaxlink.errors import InputError, LinkError
+from coaxlink.errors import InputError, LinkError, SafetyRefusal
 from coaxlink.link.address import parse_address
 from coaxlink.link.transport import Transport, open_transport
+
+if TYPE_CHECKING:
+    from coaxlink.link.signing import Signer
 
 Message = Any  # a pymavlink message
 Match = Callable[[Message], bool]
 COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
 _TICK_S = 0.05
+
+
+class Tap(Protocol):
+    """Sees the line's bytes first, on the receiver thread; must not raise."""
+
+    @property
+    def tick_s(self) -> float:
+        """It is called at least so often, with no bytes if none came."""
+
+    def take(self, data: bytes) -> None:
+        """Bytes as they came."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +85,19 @@ def connect(
     source_system: int = COMPANION_SYSTEM,
     source_component: int = COMPANION_COMPONENT,
     target_system: int | None = None,
+    signing_key: Path | None = None,
 ) -> Session:
     """Open a line and wait for an autopilot's heartbeat.
 
     `record` writes a tlog of all that passes. `target_system` picks one of several vehicles on the line.
-    Raises InputError for a bad address, LinkError when no autopilot is heard within `timeout_s`.
+    With `signing_key` (a file of mode 600) both sides must sign. Raises InputError for a bad address,
+    LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that does not
+    sign with this key.
     """
+    signer = _signer(signing_key) if signing_key else None
     address = parse_address(url)
-    session = Session(
-        open_transport(address, timeout_s), url, source_system, source_component, target_system, record
-    )
+    line = open_transport(address, timeout_s)
+    session = Session(line, url, source_system, source_component, target_system, record, signer)
     session.reopen = lambda: open_transport(address, 0.0)
     try:
         session.start(timeout_s)
@@ -101,10 +118,12 @@ class Session:
         source_component: int = COMPANION_COMPONENT,
         target_system: int | None = None,
         record: Path | None = None,
+        signer: Signer | None = None,
     ) -> None:
         self.address = address
         self.armed = False
         self.reopen: Callable[[], Transport] | None = None  # a line that broke is opened again with it
+        self.tap: Tap | None = None  # gets the bytes ahead of the parser: live mixing
         self._transport = transport
         self._target = target_system
         self._identity: Identity | None = None
@@ -112,6 +131,10 @@ class Session:
         self._out = mavlink.MAVLink(None, source_system, source_component)
         self._in = mavlink.MAVLink(None, source_system, source_component)
         self._in.robust_parsing = True
+        self._signer = signer
+        if signer:
+            signer.attach(self._out)
+            signer.attach(self._in)
         self._lock = threading.Lock()
         self._latest: dict[str, Message] = {}
         self._subscribers: tuple[Callable[[Message], None], ...] = ()
@@ -132,6 +155,8 @@ class Session:
             end = time.monotonic() + timeout_s
             while self._identity is None:
                 if self._take(inbox, end) is None and self._identity is None:
+                    if self._signer and self._signer.refused:
+                        raise SafetyRefusal("the vehicle is heard, but does not sign with this key")
                     who = f"system {self._target}" if self._target else "autopilot"
                     raise LinkError(self.address, f"no {who} heard within {timeout_s:g} s")
         self._ask_version()
@@ -142,6 +167,8 @@ class Session:
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(2.0)
         self._transport.close()
+        if self._signer:
+            self._signer.save()
         with self._lock:
             if self._log:
                 self._log.close()
@@ -170,6 +197,17 @@ class Session:
         return self._out.srcSystem, self._out.srcComponent
 
     @property
+    def signed(self) -> bool:
+        """Whether this side signs and asks for signatures."""
+        return self._signer is not None
+
+    @property
+    def fileno(self) -> int:
+        """Of the line as it is now, to poll; -1 when it has none."""
+        fileno = getattr(self._transport, "fileno", None)
+        return fileno() if fileno else -1
+
+    @property
     def silence_s(self) -> float:
         """Seconds since the autopilot's last heartbeat."""
         return time.monotonic() - self._heard_s
@@ -188,7 +226,17 @@ class Session:
     def send(self, message: Message) -> None:
         """Send a message; thread-safe. What a link loses is not sent again here."""
         with self._lock:
+            if self._signer:
+                self._signer.tick()
             frame = bytes(message.pack(self._out))
+            self._out.seq = (self._out.seq + 1) % 256
+            self._record(frame)
+            self._transport.write(frame, self._peer)
+
+    def send_frame(self, pack: Callable[[int, int, int], bytes]) -> None:
+        """Send what `pack(sequence, system, component)` makes; for those who have a codec of their own."""
+        with self._lock:
+            frame = pack(self._out.seq, self._out.srcSystem, self._out.srcComponent)
             self._out.seq = (self._out.seq + 1) % 256
             self._record(frame)
             self._transport.write(frame, self._peer)
@@ -310,7 +358,10 @@ class Session:
             if time.monotonic() >= beat:
                 beat = time.monotonic() + 1.0
                 self._heartbeat()
-            data, peer = self._transport.read(_TICK_S)
+            tap = self.tap
+            data, peer = self._transport.read(tap.tick_s if tap else _TICK_S)
+            if tap:
+                tap.take(data)
             if data:
                 for message in self._in.parse_buffer(data) or ():
                     self._received(message, peer)
@@ -413,6 +464,13 @@ class Session:
     def _record(self, frame: bytes) -> None:
         if self._log:
             self._log.write(struct.pack(">Q", time.time_ns() // 1000) + frame)
+
+
+def _signer(key_file: Path) -> Signer:
+    from coaxlink.link.journal import state_folder
+    from coaxlink.link.signing import Signer, load_key
+
+    return Signer(load_key(key_file), state_folder())
 
 
 def _open_log(path: Path) -> BinaryIO:

@@ -18,7 +18,7 @@ BYTEWISE = 16
 class ScriptedAutopilot:
     """Answers on a free loopback port (`url`) until closed. Attributes may be changed while it runs."""
 
-    def __init__(self, params, *, px4=True, version=(1, 16, 1), system=1, seed=0, uid=0xC0A1):
+    def __init__(self, params, *, px4=True, version=(1, 16, 1), system=1, seed=0, uid=0xC0A1, key=None):
         self.params = dict(params)  # name -> (value, type)
         self.px4, self.version, self.system, self.uid = px4, version, system, uid
         self.vehicle_type = m.MAV_TYPE_OCTOROTOR
@@ -35,6 +35,7 @@ class ScriptedAutopilot:
         self.ears_closed = threading.Event()
         self.skip_in_list = set()  # indices the next list loses
         self.sets = []
+        self.sent = []
         self.commands = []
         self.heard = []
         self._random = random.Random(seed)
@@ -44,6 +45,11 @@ class ScriptedAutopilot:
         self.url = f"udpout:127.0.0.1:{self._socket.getsockname()[1]}"
         self._out, self._in = m.MAVLink(None, system, 1), m.MAVLink(None, system, 1)
         self._in.robust_parsing = True
+        if key:
+            for mav in (self._out, self._in):
+                mav.signing.secret_key, mav.signing.link_id = key, 3
+                mav.signing.timestamp = int((time.time() - 1420070400) * 1e5)
+                mav.signing.sign_outgoing = True
         self._peer = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -65,6 +71,7 @@ class ScriptedAutopilot:
         self._out.seq = (self._out.seq + 1) % 256
         if self._peer and not self.deaf and self._random.random() >= self.loss:
             self._socket.sendto(frame, self._peer)
+        self.sent.append(frame)
 
     def _run(self):
         beat = 0.0
