@@ -12,7 +12,7 @@ import queue
 import struct
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -24,6 +24,7 @@ Number = float | int
 HASH = "_HASH_CHECK"
 _NO_INDEX = 65535
 _WINDOW = 12  # requests in the air at a time
+_FEW_GAPS = 0.12  # of the list; with more missing the whole list is quicker than its parts
 _ANSWERS = ("PARAM_VALUE", "PARAM_ERROR")
 _INTEGERS = {
     mavlink.MAV_PARAM_TYPE_UINT8: ("B", 0, 255),
@@ -56,6 +57,22 @@ class Snapshot:
 
     values: Mapping[str, Value]
     hash: int = 0
+
+
+@dataclass
+class _Listing:
+    """What came of a parameter list so far."""
+
+    by_index: dict[int, Value] = field(default_factory=dict)
+    count: int = 0
+    hash: int = 0
+
+    @property
+    def gaps(self) -> list[int]:
+        """Indices that are missing."""
+        if len(self.by_index) >= self.count:
+            return []
+        return [index for index in range(self.count) if index not in self.by_index]
 
 
 class Parameters:
@@ -138,39 +155,54 @@ class Parameters:
             raise InputError(unknown[0], "", f"the vehicle has no such parameter ({why})")
         return {name: found[name] for name in wanted if name in found}
 
-    def read_all(
-        self, *, quiet_s: float = 0.7, progress: Callable[[int, int], None] | None = None
-    ) -> Snapshot:
-        """Every parameter; what the list lost is read again by index. Raises LinkError when gaps remain."""
-        by_index: dict[int, Value] = {}
-        count, checksum = 0, 0
+    def read_all(self, *, progress: Callable[[int, int], None] | None = None) -> Snapshot:
+        """Every parameter; what the list lost is read again. Raises LinkError when gaps remain.
+
+        The list is asked for again while a good part of it is missing, then single parameters by index.
+        """
+        listing = _Listing()
         with self._session.listen(("PARAM_VALUE",)) as inbox:
             for _ in range(self._tries()):
-                target = self._session.identity
-                self._session.send(
-                    mavlink.MAVLink_param_request_list_message(target.system, target.component)
-                )
-                while (message := self._session.take(inbox, quiet_s)) is not None:
-                    if message.param_id == HASH:
-                        checksum = struct.unpack("<I", raw_bits(message))[0]
-                    elif message.param_index != _NO_INDEX:
-                        count = message.param_count
-                        by_index[message.param_index] = self.decode(message)
-                        if progress:
-                            progress(len(by_index), count)
-                    if count and len(by_index) >= count:
-                        break
-                if count:
+                self._list_once(inbox, listing, progress)
+                if not listing.count:
+                    self.retries += 1
+                    self._require_link("no answer to the request for all parameters")
+                elif len(listing.gaps) <= _FEW_GAPS * listing.count:
                     break
-                self.retries += 1
-                self._require_link("no answer to the request for all parameters")
-        if not count:
+        if not listing.count:
             raise LinkError(self._session.address, "no answer to the request for all parameters")
-        gaps = [index for index in range(count) if index not in by_index]
-        if gaps:
+        if gaps := listing.gaps:
             self.retries += len(gaps)
-            self._read_indices(gaps, by_index)
-        return Snapshot({by_index[i].name: by_index[i] for i in range(count)}, checksum)
+            self._read_indices(gaps, listing.by_index)
+        values = {v.name: v for _, v in sorted(listing.by_index.items())}
+        if len(values) != listing.count:
+            raise LinkError(
+                self._session.address, "the parameters changed places while they were read: try again"
+            )
+        return Snapshot(values, listing.hash)
+
+    def _list_once(
+        self,
+        inbox: queue.SimpleQueue[Message],
+        listing: _Listing,
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        """One request for the list, heard until it falls quiet for much longer than its own pace."""
+        target = self._session.identity
+        self._session.send(mavlink.MAVLink_param_request_list_message(target.system, target.component))
+        quiet_s, heard, started = self._timeout_s + 0.3, 0, time.monotonic()
+        while (message := self._session.take(inbox, quiet_s)) is not None:
+            if message.param_id == HASH:
+                listing.hash = struct.unpack("<I", raw_bits(message))[0]
+            elif message.param_index != _NO_INDEX:
+                listing.count = message.param_count
+                listing.by_index[message.param_index] = self.decode(message)
+                heard += 1
+                quiet_s = min(max(40.0 * (time.monotonic() - started) / heard, 0.15), self._timeout_s + 0.3)
+                if progress:
+                    progress(len(listing.by_index), listing.count)
+            if listing.count and not listing.gaps:
+                return
 
     def read_hash(self) -> int:
         """The board's own hash of all its parameters, 0 when it has none."""

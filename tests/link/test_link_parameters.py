@@ -73,7 +73,7 @@ def test_a_lost_link_is_not_an_unknown_name(vehicle):
         with pytest.raises(LinkError, match="no heartbeat"):
             Parameters(session, timeout_s=0.05).read("P1")
         with pytest.raises(LinkError, match="no answer to the request"):
-            Parameters(session, timeout_s=0.05).read_all(quiet_s=0.05)
+            Parameters(session, timeout_s=0.05).read_all()
 
 
 def test_a_value_the_vehicle_does_not_keep_is_found(vehicle):
