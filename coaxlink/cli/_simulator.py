@@ -8,6 +8,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import IO
 
 from coaxlink.errors import LinkError
 
@@ -28,9 +29,13 @@ def simulator(arguments: Sequence[str]) -> Iterator[str]:
             assert process.stdout is not None
             if not process.stdout.readline().startswith("ready"):
                 process.wait(READY_S)
-                talk.seek(0)
-                raise LinkError("coaxlink sim", (talk.read().split("\n")[-2:] or ["ended without a word"])[0])
-            yield f"udpout:127.0.0.1:{port}"
+                raise LinkError("coaxlink sim", f"did not start: {_last_line(talk)}")
+            try:
+                yield f"udpout:127.0.0.1:{port}"
+            except LinkError as error:
+                if process.poll() is None:
+                    raise
+                raise LinkError("coaxlink sim", f"ended by itself: {_last_line(talk)}") from error
         finally:
             process.terminate()
             try:
@@ -38,6 +43,11 @@ def simulator(arguments: Sequence[str]) -> Iterator[str]:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.communicate()
+
+
+def _last_line(talk: IO[str]) -> str:
+    talk.seek(0)
+    return (talk.read().strip().splitlines() or ["without a word"])[-1]
 
 
 def free_port() -> int:

@@ -18,7 +18,7 @@ from coaxlink.link.session import Session
 from coaxlink.link.trajectory import Plan, Setpoint
 
 OFFBOARD = 6  # PX4 main mode
-SILENCE_S = 5.0  # wall time without a position before the link counts as lost
+SILENCE_S = 15.0  # wall time without a position before the link counts as lost; a busy machine may stall
 _TYPE_MASK = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 
 
