@@ -53,7 +53,8 @@ class Vehicle:
 
     def take_off(self, height_m: float, timeout_s: float = 30.0) -> None:
         """Climb to `height_m` and wait until there (vehicle's time)."""
-        ground = self.session.latest("GLOBAL_POSITION_INT") or self.session.wait("GLOBAL_POSITION_INT", SILENCE_S)
+        heard = self.session
+        ground = heard.latest("GLOBAL_POSITION_INT") or heard.wait("GLOBAL_POSITION_INT", SILENCE_S)
         if ground is None:
             raise LinkError(self.session.address, f"no global position for {SILENCE_S:.0f} s")
         nan, altitude = math.nan, ground.alt / 1e3 + height_m
