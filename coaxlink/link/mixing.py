@@ -3,188 +3,137 @@
 Demand: ACTUATOR_CONTROL_TARGET (140), group 0, normalised roll, pitch, yaw (-1..1) and thrust (0..1, up).
 Answer: SET_ACTUATOR_CONTROL_TARGET (139), controls[n] = normalised speed of rotor n + 1.
 
-Every answer belongs to exactly one demand. A demand that is not finite, is not group 0 or is older than the
-one before gets no answer, so when the demand stops or turns to rubbish the answers stop with it, and the
-autopilot flies on its own mixer. Outputs are checked once more on their way out.
+Every answer belongs to exactly one demand, and of several that wait only the newest is answered. A demand
+that is not finite, absurd, of another group or older than the one before gets none. When the demand ends,
+`live_guard` hands the vehicle back to the autopilot's own mixer; outputs are checked on their way out.
+The bytes are taken ahead of the session's own parsing (`Session.tap`), by the codec of `codec.py`; on a
+signed link every message goes through pymavlink, which knows signatures.
 """
 
 from __future__ import annotations
 
-import math
+import select
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import Airframe
-from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.mixer import Law, StandardCoefficients, standard_coefficients
-from coaxlink.mixer.plain import PlainRotors
+from coaxlink.errors import SafetyRefusal
+from coaxlink.link import codec
+from coaxlink.link.live_counts import Counters
+from coaxlink.link.live_guard import Guard, Timing, timing_for
+from coaxlink.link.live_paths import PATHS, path_for, require_path
+from coaxlink.link.live_witness import REPORT_HZ, Witness
+from coaxlink.link.mixing_core import CONTROLS, Compensation, DemandScale, MixCore
+from coaxlink.mixer import Law
 from coaxlink.rotor import RotorModel
-from firmware_params.px4 import Px4Table, RotorEntry, realise
 
 if TYPE_CHECKING:
+    from coaxlink.link.live_record import LiveRecord
     from coaxlink.link.session import Session
 
-CONTROLS = 8  # what the messages carry
-LATENCIES = 65536  # the newest ones are kept for the percentiles
-RESTART_US = (
-    1_000_000  # a demand older than the last by more than this is a rebooted clock, not a late packet
-)
+__all__ = [
+    "CONTROLS", "PATHS", "Counters", "DemandScale", "LiveMixer", "MixCore", "path_for", "require_path",
+]  # fmt: skip
 
-# Which autopilot takes motor commands by message 139, and where that was read or flown.
-PATHS = (
-    (mavlink.MAV_AUTOPILOT_PX4, (1, 13), "legacy mixer only (SYS_CTRL_ALLOC = 0); flown on the stand-in"),
-)
-NO_PATH = {
-    mavlink.MAV_AUTOPILOT_PX4: (
-        "PX4 {version} ignores SET_ACTUATOR_CONTROL_TARGET (139): removed in 1.14, and no other MAVLink "
-        "message flies eight motors; upload a table instead (coaxlink table, coaxlink upload)"
-    ),
-    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: (
-        "ArduPilot has no handler for SET_ACTUATOR_CONTROL_TARGET (139): it needs a Lua bridge on board"
-    ),
-}
-
-
-def require_path(autopilot: int, version: tuple[int, ...] | None) -> None:
-    """Raise SafetyRefusal, with the reason, unless this autopilot takes motor commands by message 139."""
-    for known, newest, _ in PATHS:
-        if autopilot == known and version is not None and tuple(version[:2]) <= newest:
-            return
-    name = ".".join(str(v) for v in version) if version else "of unknown version"
-    text = NO_PATH.get(autopilot, f"no way is known to command the motors of autopilot type {autopilot} live")
-    raise SafetyRefusal(text.format(version=name))
-
-
-class DemandScale:
-    """The wrench that a normalised demand means: W = E (mix s) of a reference table.
-
-    E is the table's effectiveness in N and N m per unit setpoint and `mix` PX4's normalised mix of it. For
-    the legacy mixers (<= 1.13) the reference is the standard table of the airframe.
-    """
-
-    def __init__(self, airframe: Airframe, standard: StandardCoefficients) -> None:
-        table = Px4Table(
-            tuple(RotorEntry(r.position_m, r.axis, standard.p, r.yaw_sign * standard.q / standard.p)
-                  for r in airframe.rotors),
-            thr_mdl_fac=0.0,
-        )  # fmt: skip
-        mix = realise(table)
-        body = mix.effectiveness @ mix.mix  # (6, 6): roll, pitch, yaw, x, y, z of each normalised control
-        per_control = body[:, [0, 1, 2, 5]] * np.array([1.0, 1.0, 1.0, -1.0])  # thrust counts upward
-        self.matrix: NDArray[np.float64] = np.stack([-per_control[5], *per_control[:3]])  # (4, 4)
-
-    def wrench(self, controls: Sequence[float]) -> NDArray[np.float64]:
-        """(4,) wrench, N and N m, of controls [roll, pitch, yaw, thrust]."""
-        return self.matrix @ np.asarray(controls[:4], float)
-
-
-@dataclass
-class Counters:
-    """What the loop did, from the start of it."""
-
-    cycles: int = 0
-    not_finite: int = 0
-    other_group: int = 0
-    late: int = 0
-    clamped: int = 0
-    refused_outputs: int = 0
-    failures: int = 0
-    latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
-    error_sum: NDArray[np.float64] = field(default_factory=lambda: np.zeros(4))  # |delivered - demand|
-    error_max: NDArray[np.float64] = field(default_factory=lambda: np.zeros(4))
-
-
-class MixCore:
-    """Demand in, commands out; no clock, no link: what `LiveMixer` runs and tests drive by hand."""
-
-    def __init__(self, airframe: Airframe, law: Law, model: RotorModel) -> None:
-        if len(airframe.rotors) > CONTROLS:
-            raise InputError(
-                airframe.source or airframe.name, "rotors", f"live mixing carries {CONTROLS} motors at most"
-            )
-        self.law = law
-        self.scale = DemandScale(airframe, standard_coefficients(model))
-        self.counters = Counters()
-        self._rotors = PlainRotors.of(airframe, model)
-        self._count = len(airframe.rotors)
-        self._last_us: int | None = None
-        self.wrench = np.zeros(4)
-        self.speeds = np.zeros(self._count)
-
-    def step(self, time_usec: int, group: int, controls: Sequence[float]) -> list[float] | None:
-        """Eight commands in [0, 1] for one demand, or None when it deserves no answer."""
-        c = self.counters
-        if group != 0:
-            c.other_group += 1
-            return None
-        if not all(math.isfinite(v) for v in controls[:4]):
-            c.not_finite += 1
-            return None
-        if self._last_us is not None and self._last_us - RESTART_US < time_usec <= self._last_us:
-            c.late += 1
-            return None
-        self._last_us = time_usec
-        held = [min(max(v, -1.0), 1.0) for v in controls[:3]] + [min(max(controls[3], 0.0), 1.0)]
-        c.clamped += held != list(controls[:4])
-        self.wrench = self.scale.wrench(held)
-        self.speeds = self.law.speeds(self.wrench)
-        commands = [float(u) for u in self.speeds]
-        if not all(0.0 <= u <= 1.0 for u in commands):  # also false for NaN
-            c.refused_outputs += 1
-            return None
-        return commands + [0.0] * (CONTROLS - self._count)
-
-    def account(self, latency_s: float) -> None:
-        """Book the last step: its latency and what the rotor model says its speeds miss of the demand."""
-        c = self.counters
-        c.cycles += 1
-        c.latency_s.append(latency_s)
-        miss = np.abs(self._rotors.wrench(self.speeds) - self.wrench)
-        c.error_sum += miss
-        np.maximum(c.error_max, miss, out=c.error_max)
+DEMAND, ANSWER = codec.ACTUATOR_CONTROL_TARGET, codec.SET_ACTUATOR_CONTROL_TARGET
+OUTPUTS = codec.ACTUATOR_OUTPUT_STATUS
+PATIENCE_S = 0.004  # newer demands may keep an answer waiting so long, and no longer
+FLYING = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 
 
 class LiveMixer:
     """Live mixing on a session, in its receiver thread: `start`, `stop`, or as a context manager.
 
-    Raises SafetyRefusal on `start` when the autopilot cannot take motor commands.
+    `dry_run` computes everything and sends no motor command. `failed` is set when it gave up for good; then
+    `error` says why. Raises SafetyRefusal on `start` when the autopilot cannot take motor commands.
     """
 
     def __init__(
-        self, session: Session, airframe: Airframe, law: Law, model: RotorModel, *, rate_hz: float = 250.0
+        self,
+        session: Session,
+        airframe: Airframe,
+        law: Law,
+        model: RotorModel,
+        *,
+        rate_hz: float = 250.0,
+        timing: Timing | None = None,
+        dry_run: bool = False,
+        witness: bool = True,
+        compensation: Compensation | None = None,
+        record: LiveRecord | None = None,
+        own_curve: float = 0.0,
     ) -> None:
-        self.core = MixCore(airframe, law, model)
-        self.rate_hz = rate_hz
+        self.core = MixCore(airframe, law, model, compensation, own_curve)
+        self.guard = Guard(timing or timing_for(rate_hz))
+        self.rate_hz, self.dry_run = rate_hz, dry_run
         self.session = session
         self.failed = threading.Event()
         self.error: Exception | None = None
+        self.commands: Sequence[float] = [0.0] * CONTROLS  # the last ones sent
+        self._witness = Witness(self.core.count) if witness and not dry_run else None
+        self._record = record
+        self._scanner = codec.Scanner({DEMAND.number, ANSWER.number, OUTPUTS.number}, codec.known_seeds())
+        self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
+        self._waiting_since = 0.0
+        self._echoes: deque[bytes] = deque(maxlen=64)
+        self._poll: tuple[int, Any] | None = None
+        self._target = (0, 0)
+        self._own_mixer = False
         self._unsubscribe: Callable[[], None] | None = None
         self._started = self._stopped = 0.0
+
+    # -- life ----------------------------------------------------------------------------------------------
+
+    @property
+    def tick_s(self) -> float:
+        """How long the session may wait for bytes before it calls again (Session.tap)."""
+        return self.guard.timing.tick_s
+
+    @property
+    def state(self) -> str:
+        """Of the guard; see `live_guard`."""
+        return self.guard.state
 
     def start(self) -> None:
         """Check the autopilot, ask for the demand, and answer it from now on."""
         identity = self.session.identity
-        require_path(identity.autopilot, identity.version)
+        row = require_path(identity.autopilot, identity.version)
+        self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self._started = time.monotonic()
-        self._unsubscribe = self.session.subscribe(self._on_message)
-        if not self.session.request_stream(mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET, self.rate_hz):
-            self.stop()
+        if self.session.signed:
+            self._unsubscribe = self.session.subscribe(self._on_message)
+        self.session.tap = self
+        if not self.session.request_stream(DEMAND.number, self.rate_hz):
+            self._let_go()
             raise SafetyRefusal("the autopilot will not send its wrench demand (ACTUATOR_CONTROL_TARGET)")
+        if self._witness is not None and not self.session.request_stream(OUTPUTS.number, REPORT_HZ):
+            self._witness = None
 
-    def stop(self) -> None:
-        """Answer no more; the autopilot notices and flies its own mixer."""
+    def stop(self, patience_s: float = 0.25) -> None:
+        """Fade to the autopilot's own mixer if demands come, then answer no more."""
+        if self.session.tap is not self:
+            return
+        self.guard.leaving = True
+        end = time.monotonic() + patience_s
+        while (
+            self._own_mixer and self.guard.answering and not self.failed.is_set() and time.monotonic() < end
+        ):
+            time.sleep(self.tick_s)
+        self._let_go()
+
+    def _let_go(self) -> None:
+        self.session.tap = None
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None
-            self._stopped = time.monotonic()
+        self._stopped = time.monotonic()
+        if self._record is not None:
+            self._record.flush()
 
     def __enter__(self) -> LiveMixer:
         self.start()
@@ -193,46 +142,157 @@ class LiveMixer:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def _on_message(self, message: Any) -> None:
-        if message.get_type() != "ACTUATOR_CONTROL_TARGET" or self.failed.is_set():
+    # -- on the receiver thread ----------------------------------------------------------------------------
+
+    def take(self, data: bytes) -> None:
+        """Bytes from the line, or none when the wait was over: answer what is to be answered."""
+        if self.failed.is_set():
             return
         began = time.perf_counter()
         try:
-            commands = self.core.step(message.time_usec, message.group_mlx, message.controls)
-            if commands is not None:
-                identity = self.session.identity
-                self.session.send(
-                    mavlink.MAVLink_set_actuator_control_target_message(
-                        message.time_usec, 0, identity.system, identity.component, commands
-                    )
-                )
-                self.core.account(time.perf_counter() - began)
+            if data:
+                for frame in self._scanner.feed(data):
+                    self._frame(frame, began)
+            if self._waiting is not None and (
+                began - self._waiting_since > PATIENCE_S or not self._more_waits()
+            ):
+                demand, self._waiting = self._waiting, None
+                self._answer(demand, began)
+            self._tick(time.perf_counter())
         except Exception as error:
             # what fails once must not fail again at 250 Hz, nor take the whole session down in flight:
             # silence hands the vehicle back, and whoever watches `failed` says why
             self.core.counters.failures += 1
-            self.error = error
-            self.failed.set()
+            self._give_up(error)
+
+    def _give_up(self, error: Exception) -> None:
+        self.error = error
+        self.guard.stop(str(error))
+        self.failed.set()
+
+    def _frame(self, frame: codec.Frame, began: float) -> None:
+        if frame.signed and self._unsubscribe is not None:
+            return  # pymavlink checks the signature and hands it on
+        if frame.number == DEMAND.number:
+            if (frame.system, frame.component) != self._target or self._unsubscribe is not None:
+                self.core.counters.foreign += 1
+                return
+            self._queue(DEMAND.unpack(frame.payload), began)
+        elif frame.number == ANSWER.number:
+            if frame.payload not in self._echoes:  # a router may hand us our own words back
+                who = f"system {frame.system} component {frame.component}"
+                self._give_up(SafetyRefusal(f"another companion commands the motors ({who})"))
+        elif self._witness is not None and (frame.system, frame.component) == self._target:
+            self._watch(OUTPUTS.unpack(frame.payload)[2:], began)
+
+    def _queue(self, demand: tuple[Any, ...], began: float) -> None:
+        if self._waiting is None:
+            self._waiting_since = began
+        else:
+            self.core.counters.superseded += 1
+        self._waiting = demand
+
+    def _on_message(self, message: Any) -> None:
+        if message.get_type() != DEMAND.name or self.failed.is_set():
+            return
+        self._queue((message.time_usec, *message.controls, message.group_mlx), time.perf_counter())
+        self.take(b"")
+
+    def _more_waits(self) -> bool:
+        number = self.session.fileno
+        if number < 0:
+            return False
+        if self._poll is None or self._poll[0] != number:
+            poll = select.poll()
+            poll.register(number, select.POLLIN)
+            self._poll = (number, poll)
+        return bool(self._poll[1].poll(0))
+
+    def _answer(self, demand: tuple[Any, ...], began: float) -> None:
+        core, guard = self.core, self.guard
+        stamp = demand[0]
+        if not core.admit(stamp, demand[9], demand[1:5]):
+            return
+        share = guard.good(began)
+        if share is None:
+            core.counters.settling += 1
+            return
+        commands = core.mix(share if self._own_mixer else 1.0)
+        if commands is None:
+            return
+        self._say(stamp, commands, began)
+        latency = time.perf_counter() - began
+        core.account(latency)
+        if self._record is not None:
+            self._record.add(stamp, began, core.held, commands, core.error, latency, guard.state)
+
+    def _say(self, stamp: int, commands: list[float], now: float) -> None:
+        self.commands = commands
+        if self.dry_run:
+            return
+        system, component = self._target
+        if self._unsubscribe is not None:
+            message = mavlink.MAVLink_set_actuator_control_target_message(
+                stamp, 0, system, component, commands
+            )
+            self.session.send(message)
+        else:
+            payload = (stamp, *commands, 0, system, component)
+            self.session.send_frame(lambda *source: ANSWER.pack(*source, *payload))
+            self._echoes.append(ANSWER.layout.pack(*payload).rstrip(b"\0"))
+        if self._witness is not None:
+            self._witness.sent(now, commands)
+
+    def _tick(self, now: float) -> None:
+        guard, core = self.guard, self.core
+        before = guard.hand_overs
+        share = guard.tick(now)
+        if share is not None and self._own_mixer:
+            last = [float(u) for u in core.speeds]
+            if core.compensation is not None:
+                last = [min(max(core.compensation.command(u), 0.0), 1.0) for u in last]
+            self._say((core.last_us or 0) + 1, core.pad(core.blend(last, share)), now)
+        if self._record is not None:
+            self._record.tick(now, handed_over=guard.hand_overs != before)
+        core.counters.hand_overs = guard.hand_overs
+
+    def _watch(self, outputs_us: Sequence[float], now: float) -> None:
+        state = self.session.latest("EXTENDED_SYS_STATE")
+        if (
+            self._witness is None
+            or not self.session.armed
+            or state is None
+            or state.landed_state not in FLYING
+        ):
+            return
+        self._witness.reported(now, outputs_us)
+        if self._witness.rival:
+            self._give_up(SafetyRefusal(self._witness.why))
+
+    # -- account -------------------------------------------------------------------------------------------
 
     def summary(self) -> dict[str, Any]:
         """Counters, latency and allocation error so far, as `coaxlink mix --json` writes them."""
         c = self.core.counters
         seconds = (self._stopped or time.monotonic()) - self._started if self._started else 0.0
-        p50, p99 = np.percentile(c.latency_s, [50, 99]) * 1e6 if c.latency_s else (0.0, 0.0)
-        mean = c.error_sum / max(c.cycles, 1)
+        n = max(c.cycles, 1)
         return {
             "law": self.core.law.name,
+            "state": self.guard.state,
+            "why": self.guard.why,
+            "dry_run": self.dry_run,
             "cycles": c.cycles,
             "seconds": seconds,
             "rate_hz": c.cycles / seconds if seconds > 0 else 0.0,
-            "latency_us": {"p50": float(p50), "p99": float(p99)},
-            "allocation_error": {"mean": mean.tolist(), "max": c.error_max.tolist()},
-            "clamped_demands": c.clamped,
-            "unanswered": {
-                "not_finite": c.not_finite,
-                "late": c.late,
-                "other_group": c.other_group,
-                "refused_outputs": c.refused_outputs,
-                "failures": c.failures,
+            "latency_us": {
+                "p50": c.latency.percentile(50) * 1e6,
+                "p99": c.latency.percentile(99) * 1e6,
+                "max": c.latency.largest_s * 1e6,
             },
+            "allocation_error": {"mean": [e / n for e in c.error_sum], "max": list(c.error_max)},
+            "clamped_demands": c.clamped,
+            "axes_given_up": c.dropped,
+            "hand_overs": c.hand_overs,
+            "outputs_confirmed": self._witness.confirmed if self._witness else None,
+            "unanswered": c.unanswered(),
         }

@@ -76,6 +76,9 @@ class Udp:
             except (BlockingIOError, ConnectionError, OSError):
                 continue  # what a datagram link loses, its protocol asks for again
 
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
     def close(self) -> None:
         self._socket.close()
 
@@ -136,6 +139,9 @@ class Tcp:
         except OSError:
             return  # the reader finds the end of the stream and says so
 
+    def fileno(self) -> int:
+        return self._socket.fileno() if self._socket else -1
+
     def close(self) -> None:
         for part in (self._socket, self._listener):
             if part:
@@ -182,6 +188,9 @@ class Serial:
                     return
             except OSError:
                 return
+
+    def fileno(self) -> int:
+        return self._file
 
     def close(self) -> None:
         os.close(self._file)

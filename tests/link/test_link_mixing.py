@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.link.live_guard import Timing
 from coaxlink.link.mixing import DemandScale, LiveMixer, MixCore, require_path
 from coaxlink.mixer import StandardCoefficients, make_law
 from coaxlink.rotor.model import load_rotor_model
@@ -29,16 +30,27 @@ def core(law: str = "coaxial") -> MixCore:
 
 
 class ScriptedSession:
-    """A peer that says what the test wants and keeps what it is sent."""
+    """A peer that says what the test wants, byte for byte by pymavlink, and keeps what it is sent."""
+
+    fileno = -1
 
     def __init__(
-        self, version: tuple[int, ...] = (1, 13, 3), autopilot: int = mavlink.MAV_AUTOPILOT_PX4
+        self,
+        version: tuple[int, ...] = (1, 13, 3),
+        autopilot: int = mavlink.MAV_AUTOPILOT_PX4,
+        signed: bool = False,
     ) -> None:
         self.identity = SimpleNamespace(system=1, component=1, autopilot=autopilot, version=version)
         self.takes_requests = True
+        self.signed = signed
+        self.armed = True
+        self.tap: Any = None
         self.sent: list[Any] = []
         self.requests: list[tuple[int, float]] = []
         self.listeners: list[Callable[[Any], None]] = []
+        self.landed_state = 2
+        self._packer = mavlink.MAVLink(None, 1, 1)
+        self._parser = mavlink.MAVLink(None)
 
     def subscribe(self, callback: Callable[[Any], None]) -> Callable[[], None]:
         self.listeners.append(callback)
@@ -48,12 +60,27 @@ class ScriptedSession:
         self.requests.append((message_id, rate_hz))
         return self.takes_requests
 
+    def latest(self, name: str) -> Any:
+        return SimpleNamespace(landed_state=self.landed_state)
+
     def send(self, message: Any) -> None:
         self.sent.append(message)
 
-    def demand(self, time_usec: int, controls: list[float], group: int = 0) -> None:
+    def send_frame(self, pack: Callable[[int, int, int], bytes]) -> None:
+        self.sent += self._parser.parse_buffer(pack(len(self.sent) % 256, 245, 191)) or []
+
+    def hear(self, message: Any, system: int = 1, component: int = 1) -> None:
+        packer = self._packer
+        packer.srcSystem, packer.srcComponent = system, component
+        data = bytes(message.pack(packer))
+        packer.seq = (packer.seq + 1) % 256
+        if self.tap is not None:
+            self.tap.take(data)
         for listener in list(self.listeners):
-            listener(mavlink.MAVLink_actuator_control_target_message(time_usec, group, controls))
+            listener(message)
+
+    def demand(self, time_usec: int, controls: list[float], group: int = 0) -> None:
+        self.hear(mavlink.MAVLink_actuator_control_target_message(time_usec, group, controls))
 
 
 def test_a_hover_demand_means_eight_equal_setpoints_of_the_standard_table() -> None:
@@ -99,7 +126,18 @@ def test_old_and_repeated_demands_get_no_answer_but_a_rebooted_clock_does() -> N
     assert c.step(5_000_000, 0, HOVER) is None
     assert c.step(4_996_000, 0, HOVER) is None
     assert c.counters.late == 2
-    assert c.step(10_000, 0, HOVER) is not None
+    assert c.step(10_000, 0, HOVER) is None  # one stray stamp is not a new clock, two in a row are
+    assert c.step(14_000, 0, HOVER) is not None
+    assert c.counters.clock_jumps == 1
+
+
+def test_a_single_stamp_from_elsewhere_does_not_lock_the_right_ones_out() -> None:
+    c = core()
+    assert c.step(5_000_000, 0, HOVER) is not None
+    assert c.step(2**63, 0, HOVER) is None
+    assert c.step(5_004_000, 0, HOVER) is not None
+    assert c.step(0, 0, HOVER) is None
+    assert c.step(5_008_000, 0, HOVER) is not None
 
 
 def test_other_groups_are_not_ours() -> None:
@@ -108,15 +146,21 @@ def test_other_groups_are_not_ours() -> None:
     assert c.counters.other_group == 1
 
 
-def test_absurd_demands_are_held_to_the_messages_range_and_outputs_to_theirs() -> None:
+def test_absurd_demands_get_no_answer_and_outputs_keep_their_range() -> None:
     rng = np.random.default_rng(5)
     for law in ("standard", "reduced", "coaxial", "coaxial-printed"):
-        c = core(law)
-        for k in range(60):
-            out = c.step(1000 * k, 0, list(rng.uniform(-1, 1, 8) * 10.0 ** rng.uniform(-2, 30)))
-            assert out is not None
-            assert all(0.0 <= u <= 1.0 for u in out)
-        assert c.counters.clamped > 0
+        c, answered = core(law), 0
+        for k in range(120):
+            demand = list(rng.uniform(-1, 1, 8) * 10.0 ** rng.uniform(-2, 3))
+            out = c.step(1000 * (k + 1), 0, demand)
+            absurd = max(abs(v) for v in demand[:3]) > 1.5 or not -0.5 <= demand[3] <= 1.5
+            assert (out is None) == absurd
+            if out is not None:
+                answered += 1
+                assert all(0.0 <= u <= 1.0 for u in out)
+        assert answered > 10
+        assert c.counters.absurd == 120 - answered
+    assert c.counters.clamped > 0
 
 
 def test_a_law_that_gives_rubbish_is_not_passed_on() -> None:
@@ -127,19 +171,107 @@ def test_a_law_that_gives_rubbish_is_not_passed_on() -> None:
         assert c.counters.refused_outputs == 1
 
 
-def test_the_loop_answers_each_demand_once_and_with_its_stamp() -> None:
-    session = ScriptedSession()
-    with LiveMixer(session, X8, make_law("coaxial", X8, CRM), CRM) as mixer:  # type: ignore[arg-type]
-        assert session.requests == [(140, 250.0)]
+QUICK = Timing(settle=1, fade_s=0.0)
+
+
+def mixer_on(session: ScriptedSession, law: Any = None, **options: Any) -> LiveMixer:
+    law = law or make_law("coaxial", X8, CRM)
+    return LiveMixer(session, X8, law, CRM, **{"timing": QUICK, **options})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_the_loop_answers_each_demand_once_and_with_its_stamp(signed: bool) -> None:
+    session = ScriptedSession(signed=signed)
+    with mixer_on(session) as mixer:
+        assert session.requests[0] == (140, 250.0)
         for k in range(20):
             session.demand(4000 * (k + 1), HOVER)
+        session.demand(4000 * 10, HOVER)
+    answered = len(session.sent)
     session.demand(999_999, HOVER)  # after stop: silence
-    assert [m.time_usec for m in session.sent] == [4000 * (k + 1) for k in range(20)]
+    assert len(session.sent) == answered
+    assert [m.time_usec for m in session.sent[:20]] == [4000 * (k + 1) for k in range(20)]
     assert all(m.get_type() == "SET_ACTUATOR_CONTROL_TARGET" and m.group_mlx == 0 for m in session.sent)
+    assert all((m.target_system, m.target_component) == (1, 1) for m in session.sent)
     summary = mixer.summary()
     assert summary["cycles"] == 20
+    assert summary["unanswered"]["late"] == 1
     assert max(summary["allocation_error"]["max"]) < 1e-6
     assert 0 < summary["latency_us"]["p50"] <= summary["latency_us"]["p99"]
+
+
+def test_what_goes_out_is_what_the_law_says() -> None:
+    session = ScriptedSession()
+    with mixer_on(session):
+        session.demand(1000, HOVER)
+        session.demand(2000, [0.02, -0.03, 0.05, 0.35, 0, 0, 0, 0])
+    c = core()
+    for message, demand in zip(session.sent, (HOVER, [0.02, -0.03, 0.05, 0.35, 0, 0, 0, 0]), strict=False):
+        float32 = np.array(demand, np.float32).astype(float)
+        assert list(message.controls) == pytest.approx(c.step(message.time_usec, 0, list(float32)), abs=1e-6)
+
+
+def test_a_dry_run_computes_and_sends_nothing() -> None:
+    session = ScriptedSession()
+    with mixer_on(session, dry_run=True) as mixer:
+        for k in range(20):
+            session.demand(4000 * (k + 1), HOVER)
+    assert session.sent == []
+    assert mixer.summary()["cycles"] == 20
+    assert max(mixer.commands) > 0.3
+
+
+def test_it_takes_over_from_the_autopilots_own_mixer_without_a_step() -> None:
+    session = ScriptedSession()
+    with mixer_on(session, timing=Timing(settle=4, fade_s=1e9)):
+        for k in range(8):
+            session.demand(4000 * (k + 1), [0.05, 0.0, 0.1, 0.4, 0, 0, 0, 0])
+        sent = list(session.sent)
+    assert [m.time_usec for m in sent] == [4000 * k for k in range(4, 9)]
+    # setpoints of the geometry mixer: thrust 0.4 on all, roll +-, yaw by spin, each entry +-1 of the axis
+    first = np.array(sent[0].controls)
+    assert first.mean() == pytest.approx(0.4, abs=1e-6)
+    assert np.unique(np.abs(first - 0.4).round(4)).size == 2  # |0.05 e + 0.1| and |0.05 e - 0.1|
+
+
+def test_of_demands_that_wait_only_the_newest_is_answered() -> None:
+    session = ScriptedSession()
+    with mixer_on(session):
+        packer = mavlink.MAVLink(None, 1, 1)
+        burst = b"".join(
+            bytes(mavlink.MAVLink_actuator_control_target_message(1000 * k, 0, HOVER).pack(packer))
+            for k in range(1, 30)
+        )
+        session.tap.take(burst)
+        summary = session.tap.summary()
+        assert [m.time_usec for m in session.sent] == [29_000]
+    assert summary["unanswered"]["superseded"] == 28
+
+
+def test_a_demand_of_someone_else_is_not_answered() -> None:
+    session = ScriptedSession()
+    with mixer_on(session) as mixer:
+        message = mavlink.MAVLink_actuator_control_target_message(1000, 0, HOVER)
+        session.hear(message, system=1, component=50)
+        session.hear(message, system=9)
+    assert session.sent == []
+    assert mixer.summary()["unanswered"]["foreign"] == 2
+
+
+def test_another_companions_commands_on_the_line_end_it() -> None:
+    session = ScriptedSession()
+    mixer = mixer_on(session)
+    mixer.start()
+    session.demand(1000, HOVER)
+    assert len(session.sent) == 1
+    session.hear(session.sent[0], 245, 191)  # our own words, handed back by a router
+    assert not mixer.failed.is_set()
+    rival = mavlink.MAVLink_set_actuator_control_target_message(1500, 0, 1, 1, [0.3] * 8)
+    session.hear(rival, 246, 191)
+    session.demand(2000, HOVER)
+    assert isinstance(mixer.error, SafetyRefusal)
+    assert "another companion" in str(mixer.error)
+    assert len(session.sent) == 1
 
 
 def test_a_failing_law_falls_silent_instead_of_failing_at_every_demand() -> None:
@@ -147,8 +279,7 @@ def test_a_failing_law_falls_silent_instead_of_failing_at_every_demand() -> None
         raise RuntimeError("no")
 
     session = ScriptedSession()
-    law = SimpleNamespace(name="broken", speeds=broken, dropped=())
-    mixer = LiveMixer(session, X8, law, CRM)  # type: ignore[arg-type]
+    mixer = mixer_on(session, SimpleNamespace(name="broken", speeds=broken, dropped=()))
     mixer.start()
     session.demand(1000, HOVER)
     assert mixer.failed.is_set()
@@ -176,7 +307,7 @@ def test_an_autopilot_that_ignores_the_stream_is_refused_with_the_reason(
     session = ScriptedSession(version or (1, 99), autopilot)
     with pytest.raises(SafetyRefusal):
         LiveMixer(session, X8, make_law("reduced", X8, CRM), CRM).start()  # type: ignore[arg-type]
-    assert session.listeners == []
+    assert session.tap is None
     assert session.requests == []
 
 
@@ -185,7 +316,7 @@ def test_an_autopilot_that_will_not_send_its_demand_is_refused_and_left_alone() 
     session.takes_requests = False
     with pytest.raises(SafetyRefusal, match="will not send"):
         LiveMixer(session, X8, make_law("reduced", X8, CRM), CRM).start()  # type: ignore[arg-type]
-    assert session.listeners == []
+    assert session.tap is None
 
 
 def test_older_px4_is_accepted() -> None:

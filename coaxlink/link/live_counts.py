@@ -1,0 +1,79 @@
+"""What the live loop counts, in memory that does not grow: counters, running errors, a latency histogram."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+LOWEST_S = 1e-6
+PER_DECADE = 48  # bins 4.9 % wide
+DECADES = 7
+
+
+@dataclass
+class Histogram:
+    """Times from 1 us to 10 s on a logarithmic scale; percentiles to within a bin (5 %)."""
+
+    bins: list[int] = field(default_factory=lambda: [0] * (PER_DECADE * DECADES + 1))
+    total: int = 0
+    largest_s: float = 0.0
+
+    def add(self, seconds: float) -> None:
+        """Count one time; what is outside goes into the end bins."""
+        place = int(PER_DECADE * math.log10(seconds / LOWEST_S)) if seconds > LOWEST_S else 0
+        self.bins[min(place, len(self.bins) - 1)] += 1
+        self.total += 1
+        if seconds > self.largest_s:
+            self.largest_s = seconds
+
+    def percentile(self, percent: float) -> float:
+        """The time (s) below which `percent` of all lie; 0 when nothing was counted."""
+        wanted, seen = self.total * percent / 100.0, 0
+        for place, count in enumerate(self.bins):
+            seen += count
+            if count and seen >= wanted:
+                return min(LOWEST_S * 10.0 ** ((place + 0.5) / PER_DECADE), self.largest_s)
+        return self.largest_s
+
+
+@dataclass
+class Counters:
+    """What the loop did, from the start of it."""
+
+    cycles: int = 0  # demands answered (or, in a dry run, that would have been)
+    clamped: int = 0  # of them, demands a little over the message's range
+    dropped: int = 0  # of them, demands for which the law gave an axis up
+    not_finite: int = 0
+    absurd: int = 0
+    other_group: int = 0
+    late: int = 0
+    clock_jumps: int = 0
+    superseded: int = 0
+    settling: int = 0
+    foreign: int = 0
+    refused_outputs: int = 0
+    failures: int = 0
+    hand_overs: int = 0
+    latency: Histogram = field(default_factory=Histogram)
+    error_sum: list[float] = field(
+        default_factory=lambda: [0.0] * 4
+    )  # |delivered - demand|, by the rotor model
+    error_max: list[float] = field(default_factory=lambda: [0.0] * 4)
+
+    def miss(self, miss: Any) -> None:
+        """Book one allocation error (4,), N and N m."""
+        total, worst = self.error_sum, self.error_max
+        for k in range(4):
+            m = abs(float(miss[k]))
+            total[k] += m
+            if m > worst[k]:
+                worst[k] = m
+
+    def unanswered(self) -> dict[str, int]:
+        """Demands that got no answer, by reason."""
+        names = (
+            "not_finite", "absurd", "late", "clock_jumps", "other_group", "superseded", "settling", "foreign",
+            "refused_outputs", "failures",
+        )  # fmt: skip
+        return {name: getattr(self, name) for name in names}

@@ -1,0 +1,84 @@
+"""Which autopilot can be mixed for live, by which way, and where that was read or flown.
+
+One table; `path_for` looks an autopilot up in it, `require_path` refuses with the row's reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.errors import SafetyRefusal
+
+PX4, ARDUPILOT = mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+Version = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class LivePath:
+    """What one range of firmware versions does with motor commands from a companion."""
+
+    autopilot: int  # MAV_AUTOPILOT
+    oldest: Version  # first (major, minor) this row speaks of
+    newest: Version  # last one
+    demand: str  # message that brings the wrench demand; empty: none does
+    answer: str  # message that takes the motor commands; empty: none does
+    own_mixer: bool  # whether its own mixer is known here, so that a hand-over can be ramped to it
+    timeout_ms: int  # after so much silence it flies its own mixer; 0: not known
+    reason: str  # what a user reads when there is no way
+    source: str
+
+    @property
+    def open(self) -> bool:
+        """Whether live mixing is possible."""
+        return bool(self.demand and self.answer)
+
+
+ANY: Version = (255, 255)
+PATHS: tuple[LivePath, ...] = (
+    LivePath(
+        PX4, (0, 0), (1, 13), "ACTUATOR_CONTROL_TARGET", "SET_ACTUATOR_CONTROL_TARGET", True, 100, "",
+        "PX4 1.12, 1.13 source: legacy mixer only (SYS_CTRL_ALLOC = 0); flown on the stand-in, not on a board",
+    ),
+    LivePath(
+        PX4, (1, 14), (1, 14), "", "", False, 0,
+        "PX4 {version} ignores SET_ACTUATOR_CONTROL_TARGET (139): removed in 1.14, and no other MAVLink "
+        "message flies eight motors; upload a table instead (coaxlink table, coaxlink upload)",
+        "PX4 1.14 source",
+    ),
+    LivePath(
+        PX4, (1, 15), ANY, "", "", False, 0,
+        "PX4 {version} ignores SET_ACTUATOR_CONTROL_TARGET (139): removed in 1.14, and no other MAVLink "
+        "message flies eight motors; upload a table instead (coaxlink table, coaxlink upload)",
+        "PX4 1.16.1 and main of March 2026, flown in its SITL: 139 is ignored; direct_actuator needs DDS",
+    ),
+    LivePath(
+        ARDUPILOT, (0, 0), ANY, "", "", False, 0,
+        "ArduPilot has no handler for SET_ACTUATOR_CONTROL_TARGET (139): it needs a Lua bridge on board",
+        "ArduPilot master of March 2026: no native handler; a script that takes 139 was flown in its SITL",
+    ),
+)  # fmt: skip
+
+
+def path_for(autopilot: int, version: Version | None) -> LivePath | None:
+    """The row for this autopilot, None when it is in no row. An unknown version gets no open row."""
+    for row in PATHS:
+        if row.autopilot != autopilot:
+            continue
+        if version is None:
+            if not row.open:
+                return row
+        elif row.oldest <= tuple(version[:2]) <= row.newest:
+            return row
+    return None
+
+
+def require_path(autopilot: int, version: Version | None) -> LivePath:
+    """The way to mix for this autopilot. Raises SafetyRefusal with the reason when there is none."""
+    row = path_for(autopilot, version)
+    if row is not None and row.open:
+        return row
+    name = ".".join(str(v) for v in version) if version else "of unknown version"
+    text = row.reason if row else f"no way is known to command the motors of autopilot type {autopilot} live"
+    raise SafetyRefusal(text.format(version=name))

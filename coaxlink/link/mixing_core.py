@@ -1,0 +1,193 @@
+"""One demand through the law: what it means in N and N m, and eight bounded commands; no clock, no link."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.airframe import Airframe
+from coaxlink.errors import InputError
+from coaxlink.link.live_counts import Counters
+from coaxlink.mixer import Law, StandardCoefficients, standard_coefficients
+from coaxlink.mixer.plain import PlainRotors
+from coaxlink.rotor import RotorModel
+from firmware_params.px4 import Px4Table, RotorEntry, realise
+
+CONTROLS = 8  # what the messages carry
+ABSURD = 1.5  # a normalised demand beyond this is no demand; up to it, it is held to the range
+JUMP_US = 1_000_000  # stamps further apart than this are another clock, which must show itself twice
+
+
+class Compensation(Protocol):
+    """Effects beside the rotor model, as `live_effects.LiveEffects` knows them."""
+
+    def wrench(self, speeds: Sequence[float]) -> NDArray[np.float64]:
+        """(4,) what the effects add to the wrench at these speeds."""
+
+    def command(self, speed: float) -> float:
+        """The command that makes a rotor turn at this normalised speed."""
+
+
+class DemandScale:
+    """The wrench that a normalised demand means: W = E (mix s) of a reference table.
+
+    E is the table's effectiveness in N and N m per unit setpoint and `mix` PX4's normalised mix of it. For
+    the legacy mixers (<= 1.13) the reference is the standard table of the airframe. `own_curve` is the
+    THR_MDL_FAC on board, which shapes only what the autopilot's own mixer does.
+    """
+
+    def __init__(self, airframe: Airframe, standard: StandardCoefficients, own_curve: float = 0.0) -> None:
+        table = Px4Table(
+            tuple(RotorEntry(r.position_m, r.axis, standard.p, r.yaw_sign * standard.q / standard.p)
+                  for r in airframe.rotors),
+            thr_mdl_fac=own_curve,
+        )  # fmt: skip
+        self._mix = mix = realise(table)
+        body = mix.effectiveness @ mix.mix  # (6, 6): roll, pitch, yaw, x, y, z of each normalised control
+        per_control = body[:, [0, 1, 2, 5]] * np.array([1.0, 1.0, 1.0, -1.0])  # thrust counts upward
+        self.matrix: NDArray[np.float64] = np.stack([-per_control[5], *per_control[:3]])  # (4, 4)
+
+    def wrench(self, controls: Sequence[float]) -> NDArray[np.float64]:
+        """(4,) wrench, N and N m, of controls [roll, pitch, yaw, thrust]."""
+        return self.matrix @ np.asarray(controls[:4], float)
+
+    def own(self, controls: Sequence[float]) -> list[float]:
+        """(N,) commands that the autopilot's own mixer makes of the controls."""
+        roll, pitch, yaw, thrust = controls[:4]
+        mix = self._mix
+        return [float(u) for u in mix.throttle(mix.setpoints((roll, pitch, yaw, 0.0, 0.0, -thrust)))]
+
+
+class MixCore:
+    """Demand in, commands out: what `LiveMixer` runs and tests drive by hand."""
+
+    def __init__(
+        self,
+        airframe: Airframe,
+        law: Law,
+        model: RotorModel,
+        compensation: Compensation | None = None,
+        own_curve: float = 0.0,
+    ) -> None:
+        if len(airframe.rotors) > CONTROLS:
+            raise InputError(
+                airframe.source or airframe.name, "rotors", f"live mixing carries {CONTROLS} motors at most"
+            )
+        self.law = law
+        self.scale = DemandScale(airframe, standard_coefficients(model), own_curve)
+        self.counters = Counters()
+        self.compensation = compensation
+        self.rotors = PlainRotors.of(airframe, model)
+        self.count = len(airframe.rotors)
+        self._last_us: int | None = None
+        self._strange_us: int | None = None
+        self.wrench: Any = np.zeros(4)  # (4,) demanded
+        self.error: Any = np.zeros(4)  # (4,) delivered by the rotor model at the law's speeds, minus demanded
+        self.speeds: Any = np.zeros(self.count)  # (N,) of the law
+        self.held = (0.0, 0.0, 0.0, 0.0)
+
+    def admit(self, time_usec: int, group: int, controls: Sequence[float]) -> bool:
+        """Whether a demand deserves an answer; keeps it, held to the range, as `held`."""
+        c = self.counters
+        if group != 0:
+            c.other_group += 1
+            return False
+        roll, pitch, yaw, thrust = controls[0], controls[1], controls[2], controls[3]
+        if not math.isfinite(roll + pitch + yaw + thrust):
+            c.not_finite += 1
+            return False
+        if max(abs(roll), abs(pitch), abs(yaw)) > ABSURD or not 1.0 - ABSURD <= thrust <= ABSURD:
+            c.absurd += 1
+            return False
+        if not self._in_order(time_usec):
+            return False
+        held = (
+            min(max(roll, -1.0), 1.0), min(max(pitch, -1.0), 1.0), min(max(yaw, -1.0), 1.0),
+            min(max(thrust, 0.0), 1.0),
+        )  # fmt: skip
+        if held != (roll, pitch, yaw, thrust):
+            c.clamped += 1
+        self.held = held
+        return True
+
+    def _in_order(self, stamp: int) -> bool:
+        """Stamps must rise by less than a second; another clock must come twice in a row to be believed."""
+        c, last = self.counters, self._last_us
+        if last is None or 0 < stamp - last < JUMP_US:
+            self._last_us, self._strange_us = stamp, None
+            return True
+        if -JUMP_US < stamp - last <= 0:
+            c.late += 1
+            return False
+        strange, self._strange_us = self._strange_us, stamp
+        if strange is not None and 0 < stamp - strange < JUMP_US:
+            self._last_us, self._strange_us = stamp, None
+            return True
+        c.clock_jumps += 1
+        return False
+
+    def mix(self, share: float = 1.0) -> list[float] | None:
+        """Eight commands in [0, 1] for the demand held; None when the law gave what is no command.
+
+        `share` is the law's part; the rest is the autopilot's own mixer.
+        """
+        c, extra = self.counters, self.compensation
+        self.wrench = wanted = self.scale.wrench(self.held)
+        if extra is not None:
+            wanted = wanted - extra.wrench(self.speeds)
+        speeds = self.speeds = self.law.speeds(wanted)
+        commands = [float(u) for u in speeds]
+        for u in commands:
+            if not 0.0 <= u <= 1.0:  # also for NaN
+                c.refused_outputs += 1
+                self.speeds = np.zeros(self.count)
+                return None
+        if extra is not None:
+            commands = [min(max(extra.command(u), 0.0), 1.0) for u in commands]
+        if share < 1.0:
+            commands = self.blend(commands, share)
+        return self.pad(commands)
+
+    def pad(self, commands: list[float]) -> list[float]:
+        """Zeros for the motors that are not there."""
+        return commands + [0.0] * (CONTROLS - self.count)
+
+    @property
+    def last_us(self) -> int | None:
+        """Stamp of the last demand admitted."""
+        return self._last_us
+
+    def blend(self, commands: Sequence[float], share: float) -> list[float]:
+        """`share` of these commands and the rest of the autopilot's own for the demand held."""
+        own = self.scale.own(self.held)
+        return [min(max(o + share * (u - o), 0.0), 1.0) for u, o in zip(commands, own, strict=False)]
+
+    def hand_over_thrust(self, weight_N: float) -> float:
+        """Thrust (N) of the autopilot's own mixer at the demand that hovers `weight_N` under the law.
+
+        Far from the weight, taking over and handing back means a climb or a fall until its integrators
+        have learnt the other scale.
+        """
+        hover = (0.0, 0.0, 0.0, weight_N / float(self.scale.matrix[0, 3]))
+        return float(self.rotors.wrench(self.scale.own(hover))[0])
+
+    def step(self, time_usec: int, group: int, controls: Sequence[float]) -> list[float] | None:
+        """Eight commands in [0, 1] for one demand, or None when it deserves no answer."""
+        return self.mix() if self.admit(time_usec, group, controls) else None
+
+    def account(self, latency_s: float) -> None:
+        """Book the last step: its latency and what the rotor model says its speeds miss of the demand."""
+        c = self.counters
+        c.cycles += 1
+        c.latency.add(latency_s)
+        got = self.rotors.wrench(self.speeds)
+        if self.compensation is not None:
+            got = got + self.compensation.wrench(self.speeds)
+        self.error = got - self.wrench
+        c.miss(self.error)
+        if self.law.dropped:
+            c.dropped += 1
