@@ -8,10 +8,11 @@ from typing import Any
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer import coaxial, linear
+from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.law import Law
 from coaxlink.rotor import RotorModel
 
-LAWS = ("standard", "standard-printed", "reduced", "coaxial", "coaxial-printed")
+LAWS = ("standard", "standard-printed", "reduced", "coaxial", "coaxial-printed", "exact")
 
 
 def make_law(name: str, airframe: Airframe, model: RotorModel, **options: Any) -> Law:
@@ -25,6 +26,7 @@ def make_law(name: str, airframe: Airframe, model: RotorModel, **options: Any) -
         "reduced": linear.reduced,
         "coaxial": coaxial.coaxial,
         "coaxial-printed": coaxial.coaxial_printed,
+        "exact": ExactLaw,
     }
     if name not in makers:
         raise InputError("--law", name, f"no such law; expected one of {', '.join(LAWS)}")
