@@ -53,7 +53,8 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
     """A stand-in ready to run. Raises WorldError."""
     from sim.px4.autopilot import Autopilot
 
-    version = firmware_version(world.firmware)
+    ardupilot = world.firmware.partition(":")[0] == "ardupilot"
+    version = CURRENT if ardupilot else firmware_version(world.firmware)
     faults = parse_faults(world.wire) if world.wire else None
     vehicle = read_vehicle(world.airframe)
     rotor = world.rotor or vehicle.rotor_file
@@ -67,6 +68,12 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
     if world.truth_out is not None:
         write_whole(world.truth_out, truth_text(truth))
     plant = Plant(vehicle, read_pair(rotor))
+    if ardupilot:
+        from sim.ardupilot.copter import Copter
+        from sim.ardupilot.protocol import ApConversation
+
+        copter = Copter(plant, truth, version=version, seed=world.seed)
+        return Standin(copter, ports, speed=speed, faults=faults, seed=world.seed, manners=ApConversation)
     autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
     return Standin(autopilot, ports, speed=speed, faults=faults, seed=world.seed)
 
@@ -75,7 +82,7 @@ def firmware_version(firmware: str) -> tuple[int, int, int]:
     """(major, minor, patch) of `px4`, `px4:1.13` or `px4:1.14.3`. Raises WorldError."""
     name, _, wanted = firmware.partition(":")
     if name != "px4":
-        raise WorldError("--firmware", "", f"px4 or px4:VERSION is expected, found '{firmware}'")
+        raise WorldError("--firmware", "", f"px4, px4:VERSION or ardupilot is expected, found '{firmware}'")
     if not wanted:
         return CURRENT
     parts = wanted.split(".")

@@ -17,7 +17,7 @@ from coaxlink.errors import InputError, LinkError
 
 
 def sim(
-    firmware: Annotated[str, typer.Option(help="px4, px4:1.13, px4:MAJOR.MINOR.PATCH.")] = "px4",
+    firmware: Annotated[str, typer.Option(help="px4, px4:1.13, px4:MAJOR.MINOR.PATCH or ardupilot.")] = "px4",
     airframe: Annotated[Path | None, typer.Option(help="The world's vehicle.")] = None,
     rotor: Annotated[Path | None, typer.Option(help="The world's rotor; else the airframe's.")] = None,
     truth: Annotated[Path | None, typer.Option(help="Effects and faults that are true here.")] = None,

@@ -1,0 +1,1 @@
+"""A stand-in for ArduCopter: its parameters, scripts, files, modes and telemetry on the world's plant."""

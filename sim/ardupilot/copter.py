@@ -1,0 +1,253 @@
+"""The stand-in's ArduCopter: modes, arming checks and scripts of its own around the world's flight code."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.ardupilot.files import Files
+from sim.ardupilot.mixer import SCRIPTED, Mixer
+from sim.ardupilot.scripts import Scripts
+from sim.ardupilot.store import Store
+from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Reading, Refused
+from sim.px4.cascade import Demand, Three
+from sim.px4.tuning import tune
+
+STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
+MODES = {STABILIZE, ALT_HOLD, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE}
+
+# the loops' settings by PX4's names: ArduPilot's parameter and a factor, or a number
+_RATES = {
+    f"MC_{px4}RATE_{letter}": (f"ATC_RAT_{ap}_{letter}", 1.0)
+    for px4, ap in (("ROLL", "RLL"), ("PITCH", "PIT"), ("YAW", "YAW"))
+    for letter in ("P", "I", "D", "FF")
+}
+_LIMITS = {f"MC_{a}RATE_{k}": v for a in ("ROLL", "PITCH", "YAW") for k, v in (("K", 1.0), ("MAX", 220.0))}
+SETTINGS: dict[str, tuple[str, float] | float] = {
+    **_RATES,
+    **_LIMITS,
+    "MC_RR_INT_LIM": ("ATC_RAT_RLL_IMAX", 1.0),
+    "MC_PR_INT_LIM": ("ATC_RAT_PIT_IMAX", 1.0),
+    "MC_YR_INT_LIM": ("ATC_RAT_YAW_IMAX", 1.0),
+    "MC_ROLL_P": ("ATC_ANG_RLL_P", 1.0),
+    "MC_PITCH_P": ("ATC_ANG_PIT_P", 1.0),
+    "MC_YAW_P": ("ATC_ANG_YAW_P", 0.6),
+    "MC_YAW_WEIGHT": 0.4,
+    "MPC_XY_P": ("PSC_POSXY_P", 1.0),
+    "MPC_Z_P": ("PSC_POSZ_P", 1.0),
+    "MPC_XY_VEL_P_ACC": ("PSC_VELXY_P", 1.0),
+    "MPC_XY_VEL_I_ACC": ("PSC_VELXY_I", 0.4),
+    "MPC_XY_VEL_D_ACC": ("PSC_VELXY_D", 1.0),
+    "MPC_Z_VEL_P_ACC": ("PSC_VELZ_P", 1.0),
+    "MPC_Z_VEL_I_ACC": ("PSC_ACCZ_I", 2.0),
+    "MPC_Z_VEL_D_ACC": 0.0,
+    "MPC_VELD_LP": 5.0,
+    "MPC_XY_VEL_MAX": ("WPNAV_SPEED", 0.01),
+    "MPC_XY_CRUISE": ("WPNAV_SPEED", 0.005),
+    "MPC_Z_VEL_MAX_UP": 5.0,
+    "MPC_Z_VEL_MAX_DN": 3.0,
+    "MPC_TILTMAX_AIR": ("ANGLE_MAX", 0.01),
+    "MPC_THR_MIN": 0.1,
+    "MPC_THR_MAX": 1.0,
+    "MPC_THR_HOVER": ("MOT_THST_HOVER", 1.0),
+    "MPC_USE_HTE": 1.0,
+    "HTE_THR_RANGE": 0.25,
+    "IMU_DGYRO_CUTOFF": ("ATC_RAT_RLL_FLTD", 1.5),
+    "MPC_TKO_RAMP_T": ("TKOFF_SLEW_TIME", 1.0),
+    "MPC_TKO_SPEED": ("WPNAV_SPEED_UP", 0.006),
+    "MPC_LAND_SPEED": ("LAND_SPEED", 0.01),
+    "MPC_LAND_ALT2": 10.0,
+    "MIS_TAKEOFF_ALT": 2.5,
+    "COM_OF_LOSS_T": ("GUID_TIMEOUT", 1.0),
+    "COM_DISARM_LAND": 0.3,
+    "COM_DISARM_PRFLT": ("DISARM_DELAY", 1.0),
+}
+
+
+class Translated:
+    """ArduPilot's parameters under the names the loops know."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def __getitem__(self, name: str) -> float:
+        found = SETTINGS[name]
+        return self._store[found[0]] * found[1] if isinstance(found, tuple) else found
+
+    def listen(self, callback: Callable[[str], None]) -> None:
+        """Any of ArduPilot's may be any of the loops'."""
+
+        def heard(name: str) -> None:
+            for prefix in ("MPC_", "MC_"):
+                callback(prefix)
+
+        self._store.listen(heard)
+
+
+class Copter(Autopilot):
+    """An ArduCopter. Its own mode numbers are `ap_mode`; flying, it does what the modes of `Mode` do."""
+
+    ap_mode = STABILIZE
+
+    def _fit_out(self) -> None:
+        store = Store(self.plant.vehicle)
+        self.store: Any = store
+        self.settings = Translated(store)
+        self.files = Files()
+        mixer = Mixer(store, self.rotors)
+        self.mixer: Any = mixer
+        tuned = tune(mixer, self.plant)
+        store.preset("MOT_THST_HOVER", min(max(tuned.hover, 0.125), 0.6875))
+        for axis, gains in zip(("RLL", "PIT", "YAW"), tuned.gains, strict=True):
+            for letter, gain in zip("PID", gains, strict=True):
+                store.preset(f"ATC_RAT_{axis}_{letter}", gain)
+        self.scripts = Scripts(self, store, self.files, mixer)
+        self.send_raw: Callable[[int, bytes], None] = lambda number, payload: None
+        self._pwm = [1000] * self.rotors
+
+    def boot(self) -> None:
+        """Scripts start anew, files and parameters stay."""
+        super().boot()
+        self.ap_mode = STABILIZE
+        self.store.reboot()
+        self.mixer.boot()
+        self.scripts = Scripts(self, self.store, self.files, self.mixer)
+        self.scripts.boot()
+
+    def restart_scripts(self) -> None:
+        """MAV_CMD_SCRIPTING 3: new scripts, but a matrix once taken stays."""
+        factors = self.mixer.factors
+        self.scripts = Scripts(self, self.store, self.files, self.mixer)
+        if self.mixer.frame_class == SCRIPTED and factors:
+            self.scripts._initialised = len(factors)
+        self.scripts.boot()
+
+    # -- what scripts ask ----------------------------------------------------------------------
+
+    def text(self, severity: int, text: str) -> None:
+        """STATUSTEXT."""
+        self.say(severity, text)
+
+    def script_demand(self, axis: int) -> float:
+        """1 roll, 2 pitch, 3 yaw, 4 throttle."""
+        return float((self.demand.roll, self.demand.pitch, self.demand.yaw, self.demand.thrust)[axis - 1])
+
+    def script_mode(self) -> int:
+        """As HEARTBEAT has it."""
+        return self.ap_mode
+
+    def script_output(self, channel: int) -> int:
+        """PWM of an output, counted from 0."""
+        return self._pwm[channel] if 0 <= channel < len(self._pwm) else 0
+
+    def script_voltage(self) -> float:
+        """V."""
+        return self.reading.voltage
+
+    def script_send(self, message_id: int, payload: bytes) -> bool:
+        """A message of a script's own."""
+        self.send_raw(message_id, payload)
+        return True
+
+    def millis(self) -> int:
+        """Of the vehicle's clock."""
+        return round(1000 * self.plant.time_s)
+
+    # -- what others ask of it -----------------------------------------------------------------
+
+    def prearm(self) -> str:
+        """Why it would not arm, or nothing."""
+        if self.mixer.mix is None:
+            return "PreArm: Motors: Check frame class and type"
+        if self.scripts.failed:
+            return "PreArm: Scripting: errors, see messages"
+        wanted = int(self.store["SCR_LD_CHECKSUM"])
+        if wanted >= 0 and self.store["SCR_ENABLE"] == 1 and wanted != self.scripts.checksum:
+            return f"PreArm: Scripting: loaded CRC incorrect want: 0x{self.scripts.checksum:x}"
+        motors = len(self.mixer.mix.factors)
+        have = {int(self.store[f"SERVO{n}_FUNCTION"]) for n in range(1, 17)}
+        missing = [n for n in range(1, motors + 1) if (32 + n if n <= 8 else 73 + n) not in have]
+        if missing:
+            return f"PreArm: Motors: no SERVOx_FUNCTION set to Motor{missing[0]}"
+        return ""
+
+    def arm(self) -> None:
+        """Raises Refused."""
+        reason = self.prearm()
+        if reason and not self.armed:
+            raise Refused(reason)
+        super().arm()
+
+    def set_ap_mode(self, number: int) -> None:
+        """By ArduCopter's numbers. Raises Refused."""
+        if number not in MODES:
+            raise Refused(f"Mode change to {number} failed")
+        self.ap_mode = number
+        self._enter({RTL: Mode.RTL, LAND: Mode.LAND}.get(number, Mode.HOLD))
+
+    def take_off(self, altitude_m: float) -> None:
+        """Only in GUIDED and armed. Raises Refused."""
+        if self.ap_mode != GUIDED or not self.armed:
+            raise Refused("Takeoff: GUIDED and armed is required")
+        super().take_off(altitude_m)
+
+    def offboard(self, goal: Goal | AttitudeGoal) -> None:
+        """GUIDED follows what it is told; a landed vehicle waits for a take-off."""
+        if self.ap_mode != GUIDED or not self.armed or self.landed:
+            return
+        super().offboard(goal)
+        if self.mode == Mode.HOLD:
+            self.mode = Mode.OFFBOARD
+
+    @property
+    def offboard_fresh(self) -> bool:
+        """A position stays; a speed or an attitude times out."""
+        place = self.attitude_goal is None and not math.isnan(self._offboard_goal.position[2])
+        return place or super().offboard_fresh
+
+    @property
+    def takes_live(self) -> bool:
+        """Only through a script."""
+        return False
+
+    @property
+    def bridged(self) -> bool:
+        """Whether a script drives outputs, so that a companion's answers are worth waiting for."""
+        return any(self.scripts.held(n) is not None for n in range(self.rotors))
+
+    def _stop(self, why: str) -> None:
+        super()._stop("Disarming motors")
+
+    def _goes_up(self, position: Three) -> bool:
+        return False
+
+    # -- one step ------------------------------------------------------------------------------
+
+    def step(self) -> Reading:
+        """As any; a flight that landed in LAND or RTL is over."""
+        self.scripts.step()
+        return super().step()
+
+    def _outputs(self, d: Demand) -> NDArray[np.float64]:
+        low, high = self.store["MOT_PWM_MIN"], self.store["MOT_PWM_MAX"]
+        spool = "SHUT_DOWN" if not self.armed else "GROUND_IDLE" if self.landed else "THROTTLE_UNLIMITED"
+        motors = self.mixer.pwm(d.roll, d.pitch, d.yaw, d.thrust, spool)
+        self._pwm = [int(low)] * self.rotors
+        for n in range(self.rotors):
+            function = int(self.store[f"SERVO{n + 1}_FUNCTION"])
+            motor = function - 33 if 33 <= function <= 40 else function - 74 if 82 <= function <= 85 else -1
+            if 0 <= motor < len(motors):
+                self._pwm[n] = motors[motor]
+            held = self.scripts.held(n)
+            if held is not None:
+                self._pwm[n] = held
+        return np.clip((np.array(self._pwm, float) - low) / max(high - low, 1.0), 0.0, 1.0)
+
+    @property
+    def outputs_us(self) -> list[float]:
+        """Pulse width of every output."""
+        return [float(p) for p in self._pwm]

@@ -1,0 +1,179 @@
+"""The stand-in ArduCopter's MAVLink manners, where they differ from PX4's."""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as m
+
+from sim.ardupilot.copter import Copter
+from sim.ardupilot.files import Server
+from sim.ardupilot.telemetry import BUILDERS, DEFAULT_HZ, GROUPS
+from sim.links import Peer
+from sim.px4.autopilot import Refused
+from sim.px4.protocol import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Conversation, _status, _text
+from sim.px4.telemetry import HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG
+
+NO_SUCH_PARAM = 1  # MAV_PARAM_ERROR_DOES_NOT_EXIST
+SCRIPTING = 42701
+
+
+class ApConversation(Conversation):
+    """What one peer has asked of an ArduCopter."""
+
+    builders = BUILDERS
+    default_hz = DEFAULT_HZ
+
+    def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None]) -> None:
+        super().__init__(autopilot, peer, everyone)
+        self.copter = autopilot
+        self._files = Server(autopilot.files, autopilot.store, self._file_reply)
+        self._file_source = (255, 190)
+        self._handlers |= {
+            "REQUEST_DATA_STREAM": self._data_stream,
+            "FILE_TRANSFER_PROTOCOL": self._file_transfer,
+        }
+        autopilot.send_raw = lambda number, payload: everyone(_Raw(number, payload))
+
+    def hear(self, message: Any) -> None:
+        """As any; and what a script listens to goes to it."""
+        self.copter.scripts.hear(message.get_msgId(), bytes(message.get_msgbuf()))
+        super().hear(message)
+
+    # -- parameters ----------------------------------------------------------------------------
+
+    def _param_value(self, index: int) -> None:
+        store = self.copter.store
+        if 0 <= index < len(store.names):
+            name = store.names[index]
+            kind, count = store.type(name), len(store.names)
+            self.send(m.MAVLink_param_value_message(name.encode(), store[name], kind, count, index))
+
+    def _param_read(self, message: Any) -> None:
+        store = self.copter.store
+        if message.param_index >= 0:
+            self._param_value(message.param_index)
+            return
+        name = _text(message.param_id)
+        if name in store:
+            self._param_value(store.names.index(name))
+        else:
+            self._param_error(message, name)
+
+    def _param_error(self, message: Any, name: str) -> None:
+        source = message.get_srcSystem(), message.get_srcComponent()
+        self.send(m.MAVLink_param_error_message(*source, name.encode(), -1, NO_SUCH_PARAM))
+
+    def _param_list(self, message: Any) -> None:
+        self._listed_at = time.monotonic()
+        self._listing = deque(range(len(self.copter.store.names)))
+
+    def _param_set(self, message: Any) -> None:
+        name, store = _text(message.param_id), self.copter.store
+        if name not in store or math.isnan(message.param_value):
+            self._param_error(message, name)
+            return
+        store.write(name, message.param_value)
+        index = store.names.index(name)
+        self._everyone(
+            m.MAVLink_param_value_message(
+                name.encode(), store[name], store.type(name), len(store.names), index
+            )
+        )
+
+    # -- commands ------------------------------------------------------------------------------
+
+    def _set_mode(self, message: Any) -> None:
+        try:
+            self.copter.set_ap_mode(message.custom_mode)
+        except Refused as error:
+            self._everyone(_status(4, str(error)))
+
+    def _command(self, message: Any, command: int, params: list[float]) -> None:
+        try:
+            result, after = self._execute(command, params)
+        except Refused as error:
+            self._everyone(_status(2, str(error)))
+            result, after = FAILED, None
+        source = message.get_srcSystem(), message.get_srcComponent()
+        self.send(m.MAVLink_command_ack_message(command, result, 0, 0, *source))
+        if after is not None:
+            self.send(after)
+
+    def _execute(self, command: int, p: list[float]) -> tuple[int, Any]:
+        a = self.copter
+        if command == 22:  # above home
+            a.take_off(p[6])
+        elif command == 176:
+            a.set_ap_mode(int(p[1]))
+        elif command in (20, 21):
+            a.set_ap_mode(6 if command == 20 else 9)
+        elif command == 192:
+            if a.ap_mode != 4:
+                return DENIED, None
+            north, east = (p[4] - HOME_LAT) * M_PER_DEG, (p[5] - HOME_LON) * M_PER_DEG
+            a.go_to((north, east * math.cos(math.radians(HOME_LAT)), HOME_ALT - p[6]), p[3])
+        elif command == SCRIPTING:
+            if p[0] == 3:
+                a.restart_scripts()
+        elif command == 183:  # set servo: not one that a motor holds
+            function = int(a.store[f"SERVO{int(p[0])}_FUNCTION"]) if 1 <= p[0] <= 16 else 33
+            return (FAILED if function else ACCEPTED), None
+        elif command == 209:  # motor test
+            return (FAILED if a.armed else ACCEPTED), None
+        elif command in (187, 310):
+            return UNSUPPORTED, None
+        else:
+            return super()._execute(command, p)
+        return ACCEPTED, None
+
+    def _reboot(self, action: float) -> int:
+        if self.copter.armed:
+            return FAILED
+        return super()._reboot(action)
+
+    def _data_stream(self, message: Any) -> None:
+        groups = list(GROUPS) if message.req_stream_id == 0 else [message.req_stream_id]
+        for group in groups:
+            for number in GROUPS.get(group, ()):
+                self.interval_us.pop(number, None)
+                if message.start_stop and message.req_message_rate:
+                    self.interval_us[number] = 1e6 / message.req_message_rate
+
+    def demand_due(self) -> bool:
+        """No such stream: only a script sends the demand."""
+        return False
+
+    # -- files ---------------------------------------------------------------------------------
+
+    def _file_transfer(self, message: Any) -> None:
+        self._file_source = message.get_srcSystem(), message.get_srcComponent()
+        try:
+            self._files.hear(bytes(message.payload))
+        except (struct.error, UnicodeDecodeError):
+            return
+
+    def _file_reply(self, payload: bytes) -> None:
+        self.send(m.MAVLink_file_transfer_protocol_message(0, *self._file_source, list(payload)))
+
+    def _actuator_target(self, message: Any) -> None:
+        """No handler: only a script can take it."""
+
+
+class _Raw:
+    """A message of a script's own: a number and a payload."""
+
+    def __init__(self, number: int, payload: bytes) -> None:
+        self._message = m.MAVLink_message(number, "SCRIPT")
+        self._payload = payload
+        known = m.mavlink_map.get(number)
+        self._extra = known.crc_extra if known else 0
+
+    def pack(self, mav: Any) -> bytes:
+        """The frame."""
+        return bytes(self._message._pack(mav, self._extra, self._payload))

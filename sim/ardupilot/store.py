@@ -1,0 +1,134 @@
+"""ArduPilot's parameters on board: floats on the wire, integers truncated, tables added by scripts."""
+
+from __future__ import annotations
+
+import struct
+import tomllib
+from collections.abc import Callable
+from importlib import resources
+
+from firmware_params.ardupilot.parameters import FLOAT, INT8, INT16, INT32, as_stored, servo_function
+from sim.vehicle import Vehicle
+
+SECTIONS = {"int8": INT8, "int16": INT16, "int32": INT32, "float": FLOAT}
+# how a packed parameter file numbers the types, and their layout
+PACKED = {INT8: (1, "<b"), INT16: (2, "<h"), INT32: (3, "<i"), FLOAT: (4, "<f")}
+MAGIC = 0x671B
+
+
+class Store:
+    """Name -> value; what is written is what the board would keep."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        document = tomllib.loads((resources.files("sim.ardupilot") / "parameters.toml").read_text())
+        self._types: dict[str, int] = {}
+        self._values: dict[str, float] = {}
+        for section, kind in SECTIONS.items():
+            for name, value in document[section].items():
+                self._types[name], self._values[name] = kind, as_stored(name, float(value), kind)
+        self._listeners: list[Callable[[str], None]] = []
+        self._kept: dict[str, float] = {}  # values of script tables, which outlive the script
+        self._scripted: list[str] = []
+        for n in range(1, vehicle.rotors + 1):
+            self.preset(f"SERVO{n}_FUNCTION", float(servo_function(n)))
+        if vehicle.rotors == 6:
+            self.preset("FRAME_CLASS", 5.0)
+        self.names = sorted(self._values)
+
+    def preset(self, name: str, value: float) -> None:
+        """Set without telling anyone; unknown names are left out."""
+        if name in self._values:
+            self._values[name] = as_stored(name, value, self._types[name])
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._values
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def values(self) -> dict[str, float]:
+        """A copy of all."""
+        return dict(self._values)
+
+    def type(self, name: str) -> int:
+        """MAV_PARAM_TYPE."""
+        return self._types[name]
+
+    def listen(self, callback: Callable[[str], None]) -> None:
+        """Call `callback(name)` after every change."""
+        self._listeners.append(callback)
+
+    def write(self, name: str, value: float) -> bool:
+        """Keep a value as its type allows; False for an unknown name or NaN. No range is checked."""
+        if name not in self._values or value != value:
+            return False
+        kept = as_stored(name, value, self._types[name])
+        changed = kept != self._values[name]
+        self._values[name] = kept
+        if name in self._scripted:
+            self._kept[name] = kept
+        if changed:
+            for callback in self._listeners:
+                callback(name)
+        return True
+
+    def add(self, name: str, default: float) -> bool:
+        """A parameter of a script's own; it takes up the value it had before the reboot."""
+        if name in self._values and name not in self._scripted:
+            return False
+        self._types[name] = FLOAT
+        self._values[name] = self._kept.get(name, as_stored(name, default, FLOAT))
+        if name not in self._scripted:
+            self._scripted.append(name)
+        self.names = sorted(self._values)
+        return True
+
+    def reboot(self) -> None:
+        """Scripts' tables are gone until their scripts add them again."""
+        for name in self._scripted:
+            self._kept[name] = self._values.pop(name)
+            del self._types[name]
+        self._scripted = []
+        self.names = sorted(self._values)
+
+    def packed(self) -> bytes:
+        """`@PARAM/param.pck`: names share what they can with the one before."""
+        out, last = b"", ""
+        for name in self.names:
+            common = 0
+            while common < min(len(last), len(name) - 1, 15) and last[common] == name[common]:
+                common += 1
+            kind, form = PACKED[self._types[name]]
+            value = self._values[name]
+            rest = name[common:]
+            number = struct.pack(form, value if kind == 4 else int(value))
+            out += bytes([kind, common | (len(rest) - 1) << 4]) + rest.encode() + number
+            last = name
+        return struct.pack("<HHH", MAGIC, len(self.names), len(self.names)) + out
+
+    def unpack(self, data: bytes) -> bool:
+        """Take a packed file that was uploaded (its third word is its length); all of it or nothing."""
+        if len(data) < 6:
+            return False
+        magic, count, length = struct.unpack_from("<HHH", data)
+        if magic != MAGIC or length != len(data):
+            return False
+        found, place, last = {}, 6, ""
+        forms = dict(PACKED.values())
+        try:
+            for _ in range(count):
+                while data[place] == 0:
+                    place += 1
+                form = forms[data[place] & 15]
+                common, size = data[place + 1] & 15, (data[place + 1] >> 4) + 1
+                last = last[:common] + data[place + 2 : place + 2 + size].decode()
+                place += 2 + size
+                found[last] = float(struct.unpack_from(form, data, place)[0])
+                place += struct.calcsize(form)
+        except (KeyError, IndexError, struct.error, UnicodeDecodeError):
+            return False
+        if not set(found) <= set(self._values):
+            return False
+        for name, value in found.items():
+            self.write(name, value)
+        return True
