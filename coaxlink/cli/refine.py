@@ -19,7 +19,10 @@ def refine(
     ] = None,
     rotor: Annotated[
         Path | None,
-        typer.Option(metavar="ROTOR.toml", help="Model to hold against (default: the airframe's)."),
+        typer.Option(
+            metavar="ROTOR.toml",
+            help="Model to hold against (default: the airframe's; of a stand log its own fit).",
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="ROTOR.toml", help="Write the model with the effects added.")
@@ -27,15 +30,19 @@ def refine(
     report: Annotated[
         Path | None, typer.Option(metavar="R.html", help="Write one self-contained page.")
     ] = None,
+    columns: Annotated[
+        Path | None, typer.Option(metavar="MAP.toml", help="Columns of a foreign stand log, by our names.")
+    ] = None,
     json: JsonOption = None,
 ) -> None:
     """Find what the model lacks in measured data, name it, and report the error before and after."""
     from coaxlink import files
     from coaxlink.airframe import load_airframe
-    from coaxlink.data import is_flight_log, read_flight_log
+    from coaxlink.data import is_flight_log, read_flight_log, read_stand_log
     from coaxlink.errors import InputError
     from coaxlink.report.refine import remarks, tables, verdict
     from coaxlink.residual import refine as run
+    from coaxlink.residual import refine_stand as run_stand
     from coaxlink.rotor import load_rotor_model, save_rotor_model
 
     kinds = [is_flight_log(path) for path in logs]
@@ -43,19 +50,21 @@ def refine(
         raise InputError(
             logs[kinds.index(False)], "", "a stand log among flight logs: refine one kind at a time"
         )
-    if not all(kinds):
-        raise InputError(logs[0], "", "a flight log is expected (motor1.. columns, ULog, DataFlash or tlog)")
-    body = load_airframe(airframe or files.example("x8_paper.toml"))
-    model_file = rotor or body.rotor_model
-    if model_file is None:
+    flight = all(kinds)
+    body = load_airframe(airframe or files.example("x8_paper.toml")) if flight else None
+    model_file = rotor or (body.rotor_model if body else None)
+    if body is not None and model_file is None:
         raise InputError(body.source or "airframe", "rotor_model", "missing: name a rotor file with --rotor")
-    model = load_rotor_model(model_file)
+    model = load_rotor_model(model_file) if model_file else None
     with talk().status("reading") as status:
         samples = []
         for path in logs:
             status.update(f"reading {path.name}")
-            samples.append(read_flight_log(path))
-        result = run(samples, body, model, progress=status.update)
+            samples.append(read_flight_log(path) if flight else read_stand_log(path, columns))
+        if body is not None and model is not None:
+            result = run(samples, body, model, progress=status.update)
+        else:
+            result = run_stand(samples, model, progress=status.update)
         if report is not None:
             from coaxlink.report.page import page
 

@@ -7,7 +7,7 @@ enough to matter.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from coaxlink.residual.select import autocorrelation_time
 
 Array = NDArray[np.float64]
 HATS = 8
+FINE_ROWS = 4  # rows a hat of a fine smooth, at least
 ALPHA = 1e-4
 SHARE = 0.12  # of the residual's variance, held out
 SIZE = 0.006  # of the reference load, 95th percentile
@@ -53,6 +54,16 @@ def knots_of(values: Array, count: int = HATS) -> Array | None:
     return knots
 
 
+def grid_hats(first: Array, second: Array, count: int = 7) -> Array | None:
+    """(rows, K) tensor basis over two variables, cells without data left out; None if either stands still."""
+    knots = [np.linspace(v.min(), v.max(), count) for v in (first, second)]
+    if any(k[-1] - k[0] < 1e-6 for k in knots):
+        return None
+    a, b = (hats(v, k) for v, k in zip((first, second), knots, strict=True))
+    whole = (a[:, :, None] * b[:, None, :]).reshape(len(first), -1)
+    return whole[:, whole.sum(axis=0) > 1.0]
+
+
 def dependences(
     residual: Array,
     variables: Mapping[str, Array],
@@ -69,13 +80,10 @@ def dependences(
     out: list[Dependence] = []
     looks = max(1, len(variables) * residual.shape[1])
     inflation = autocorrelation_time(residual, block)
-    for name, values in variables.items():
-        knots = knots_of(values)
-        if knots is None:
-            continue
-        basis = hats(values, knots)
+    for name, values, basis, folding in _bases(variables, fold):
         for c in range(residual.shape[1]):
-            found = _one(residual[:, c], basis, fold, float(inflation[c]))
+            scale = float(inflation[c]) if folding is fold else 1.0
+            found = _one(residual[:, c], basis, folding, scale)
             if found is None:
                 continue
             share, statistic, smooth, width = found
@@ -85,6 +93,30 @@ def dependences(
             if share > SHARE and p_value < ALPHA and size > SIZE and rms > 0.5 * floor[c]:
                 out.append(Dependence(c, name, share, size, rms, _where(values, smooth)))
     return sorted(out, key=lambda d: (d.channel, -d.share))
+
+
+def _bases(
+    variables: Mapping[str, Array], fold: NDArray[np.intp]
+) -> Iterator[tuple[str, Array, Array, NDArray[np.intp]]]:
+    """(name, values, basis, folds): smooths of every variable, fine ones of time, the map of both speeds.
+
+    What comes and goes faster than a held-out block can only be found between its neighbours: the folds of
+    the fine smooths are every fifth row.
+    """
+    for name, values in variables.items():
+        knots = knots_of(values)
+        if knots is not None:
+            yield name, values, hats(values, knots), fold
+    near = np.arange(len(fold)) % 5
+    if "log" in variables or "upper_speed" in variables:
+        for count in (25, 75):
+            if FINE_ROWS * count < len(fold):
+                time = np.arange(len(fold), dtype=float)
+                yield "time_s", variables["time_s"], hats(time, np.linspace(0, time[-1], count)), near
+    if {"upper_speed", "lower_speed"} <= set(variables):
+        both = grid_hats(variables["upper_speed"], variables["lower_speed"])
+        if both is not None and both.shape[1] * 2 < len(fold):
+            yield "upper_speed x lower_speed", variables["lower_speed"], both, near
 
 
 def _one(

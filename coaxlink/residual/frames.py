@@ -63,3 +63,50 @@ class FlightFrame:
         drag = float(np.median(np.sum(self.torque[self.keep], axis=1)))
         w = self.weight
         return np.array([w, w, w, w * arm / np.sqrt(2), w * arm / np.sqrt(2), max(drag, 1e-3 * w)])
+
+
+STAND_LOADS = ("upper_thrust", "upper_torque", "lower_thrust", "lower_torque")
+STAND_CHANNELS = (*STAND_LOADS, "upper_speed", "lower_speed")
+STAND_UNITS = ("N", "N m", "N", "N m", "1", "1")
+
+
+@dataclass(frozen=True)
+class StandFrame:
+    """A stand run, one row a sample. Channels beyond the loads are the speeds that the throttles gave.
+
+    `speeds` are what the loads are predicted from: measured where the log has rpm, else the throttles.
+    """
+
+    model: RotorModel
+    time_s: Array  # (rows,)
+    speeds: Array  # (rows, 2) upper, lower, normalised
+    throttles: Array | None  # (rows, 2)
+    driven: bool  # speeds are throttles: whatever slows a motor shows in the loads
+    predicted: Array  # (rows, 6)
+    measured: Array  # (rows, 6), NaN-free; absent channels are zero
+    present: tuple[int, ...]  # channels that were measured
+    slope: Array  # (rows, 4, 2) of the loads over u_u, u_l
+    reference: Array  # (6,)
+    free_base: bool  # the base terms are fitted to this very log
+    columns: Mapping[str, Array]  # everything the log has
+    block: NDArray[np.intp]  # (rows,)
+    keep: NDArray[np.intp]
+    notes: tuple[str, ...] = ()
+
+    def context(self, name: str) -> Array | None:
+        """A recorded column, or None."""
+        return self.columns.get(name)
+
+    def slowed(self, change: Array) -> Array:
+        """(rows, 6) what changes of the normalised speeds (rows, 2) against the throttles do."""
+        out = np.zeros((len(change), 6))
+        if self.driven:
+            out[:, :4] = np.einsum("rcs,rs->rc", self.slope, change)
+        else:
+            out[:, 4:] = change
+        return out
+
+    def loads_at(self, speeds: Array) -> Array:
+        """(rows, 4) base loads at other speeds (rows, 2)."""
+        pair = self.model.loads(speeds[:, 0], speeds[:, 1])
+        return np.stack([pair.upper_thrust, pair.upper_torque, pair.lower_thrust, pair.lower_torque], axis=1)

@@ -12,10 +12,18 @@ from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.residual.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.dependence import dependences
-from coaxlink.residual.effects import FLIGHT_EFFECTS
+from coaxlink.residual.effects import FLIGHT_EFFECTS, STAND_EFFECTS
 from coaxlink.residual.flight import flight_frame, reduce_columns
 from coaxlink.residual.flight_base import flight_corrections
-from coaxlink.residual.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
+from coaxlink.residual.frames import (
+    FLIGHT_CHANNELS,
+    FLIGHT_UNITS,
+    STAND_CHANNELS,
+    STAND_UNITS,
+    Array,
+    FlightFrame,
+    StandFrame,
+)
 from coaxlink.residual.problem import Option, Problem, build, contiguous_blocks
 from coaxlink.residual.result import (
     Ambiguous,
@@ -25,16 +33,118 @@ from coaxlink.residual.result import (
     Refinement,
     Rejected,
     Series,
+    Suspect,
     Unexplained,
 )
 from coaxlink.residual.select import Selection, columns_of, select
 from coaxlink.residual.signals import difference_gain, noise_floor
+from coaxlink.residual.stand import base_corrections, joined, stand_frame
+from coaxlink.residual.suspects import find_suspects
 from coaxlink.rotor import Effect as ModelEffect
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
 DRAWS = 200
+PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 SERIES_ROWS = 4000
+
+
+def refine_stand(
+    logs: Samples | Sequence[Samples],
+    model: RotorModel | None = None,
+    *,
+    progress: Progress = lambda _: None,
+) -> Refinement:
+    """Hold stand logs against a rotor model, or without one against the coaxial model fitted to themselves.
+
+    Raises InputError when speeds or loads are missing.
+    """
+    several = [logs] if isinstance(logs, Samples) else list(logs)
+    progress("reading the stand")
+    samples = joined(several)
+    frame = stand_frame(samples, model)
+    suspects, bad, mislabelled = find_suspects(frame)
+    trusted = np.flatnonzero(np.logical_not(bad))
+    tried: list[tuple[Problem, Selection, float]] = []
+    # a base of high order may swallow an effect that a plain one leaves to be named
+    for order in (None,) if model is not None else (None, 2):
+        progress("fitting candidates")
+        frame = replace(stand_frame(samples, model, order), keep=trusted)
+        if tried and frame.model.terms() == tried[0][0].frame.model.terms():
+            break
+        problem = stand_problem(frame)
+        progress("selecting")
+        selection = Selection() if mislabelled else select(problem)
+        tried.append((problem, selection, _log_error(problem, selection)))
+    problem, selection, _ = tried[0] if len(tried) < 2 or tried[1][2] > tried[0][2] + PLAINER else tried[1]
+    progress("judging")
+    return _report(problem, selection, _stand_variables(frame), several, suspects, judged=not mislabelled)
+
+
+def _log_error(p: Problem, selection: Selection) -> float:
+    """Mean over channels of the logarithm of the held-out error, in the channels' units."""
+    squares = held_out(p.blocks, columns_of(p, selection.members))[0].sum(axis=0)
+    return float(np.mean(np.log(np.sqrt(squares / p.blocks.rows.sum()) * p.sigma)))
+
+
+def stand_problem(frame: StandFrame) -> Problem:
+    """The regression of a stand log: residual of the measured channels at trusted rows."""
+    present, keep = list(frame.present), frame.keep
+
+    def reduce(columns: Array) -> Array:
+        return columns[keep][:, present]
+
+    known = np.zeros_like(frame.predicted)
+    by_name = {e.name: e for e in STAND_EFFECTS}
+    for effect in frame.model.effects:
+        mine = by_name.get(effect.name)
+        if mine is not None and mine.missing(frame) is None:
+            known += mine.contribution(frame, effect.parameters)
+    residual = reduce(frame.measured - frame.predicted - known)
+    _, block = np.unique(frame.block[keep], return_inverse=True)
+    gain = np.full(len(present), 6.0)
+
+    def floor_of(left: Array) -> Array:
+        return noise_floor(left, block.astype(float), gain)
+
+    base = [(name, bound, reduce(columns)) for name, bound, columns in base_corrections(frame)]
+    reference = frame.reference[present]
+    floor = floor_of(_without_base(residual, base))
+    return build(
+        frame=frame,
+        channels=[STAND_CHANNELS[c] for c in present],
+        units=[STAND_UNITS[c] for c in present],
+        reference=reference,
+        residual=residual,
+        sigma=np.sqrt(floor**2 + (2e-4 * reference) ** 2),
+        corrections=base,
+        effects=STAND_EFFECTS,
+        reduce=reduce,
+        block=block.astype(np.intp),
+        floor_of=floor_of,
+    )
+
+
+def _without_base(residual: Array, base: Sequence[tuple[str, float, Array]]) -> Array:
+    """What least squares on the base columns leaves, channel by channel."""
+    out = residual.copy()
+    for c in range(residual.shape[1]):
+        columns = [values[:, c] for _, _, values in base if np.any(values[:, c])]
+        if columns:
+            x = np.stack(columns, axis=1)
+            out[:, c] -= x @ np.linalg.lstsq(x, residual[:, c], rcond=1e-10)[0]
+    return out
+
+
+def _stand_variables(frame: StandFrame) -> dict[str, Array]:
+    """(kept,) recorded variables that a residual may still depend on."""
+    out = {"time_s": frame.time_s, "upper_speed": frame.speeds[:, 0], "lower_speed": frame.speeds[:, 1]}
+    out |= {
+        name: values
+        for name, values in frame.columns.items()
+        if not name.endswith(("_rpm", "_throttle", "_thrust_N", "_torque_Nm")) and name != "time_s"
+    }
+    return {name: values[frame.keep] for name, values in out.items() if np.all(np.isfinite(values))}
 
 
 def refine(
@@ -57,9 +167,7 @@ def refine(
     progress("selecting")
     selection = select(problem)
     progress("judging")
-    return _report(
-        problem, selection, _flight_variables(frame), "; ".join(s.source for s in several), several
-    )
+    return _report(problem, selection, _flight_variables(frame), several)
 
 
 def known_effects(frame: FlightFrame) -> Array:
@@ -113,7 +221,7 @@ def _flight_variables(frame: FlightFrame) -> dict[str, Array]:
     lower = [i for i, r in enumerate(frame.airframe.rotors) if r.level == "lower"]
     out = {
         "time_s": frame.time_s,
-        "upper_speed": frame.speeds[:, upper].mean(axis=1),
+        "upper_speeds": frame.speeds[:, upper].mean(axis=1),
         "vel_x_body_m_s": frame.velocity[:, 0],
         "vel_y_body_m_s": frame.velocity[:, 1],
         "vel_z_body_m_s": frame.velocity[:, 2],
@@ -124,7 +232,7 @@ def _flight_variables(frame: FlightFrame) -> dict[str, Array]:
         "yaw_rate_rad_s": frame.rates[:, 2],
     }
     if lower:
-        out["lower_speed"] = frame.speeds[:, lower].mean(axis=1)
+        out["lower_speeds"] = frame.speeds[:, lower].mean(axis=1)
     if frame.height is not None:
         out["height_m"] = frame.height
     if frame.voltage is not None:
@@ -136,8 +244,10 @@ def _report(
     problem: Problem,
     selection: Selection,
     variables: Mapping[str, Array],
-    source: str,
     logs: Sequence[Samples],
+    suspects: Sequence[Suspect] = (),
+    *,
+    judged: bool = True,
 ) -> Refinement:
     """Put numbers, intervals and doubts on a selection."""
     p, members = problem, selection.members
@@ -164,23 +274,25 @@ def _report(
         )
     draws = bootstrap(p.blocks, use, DRAWS) if members else np.zeros((0, len(p.blocks.bounds)))
     final = solve(p.blocks, use, np.ones(p.blocks.count))
-    effects = tuple(_found(p, selection, m, final, draws) for m in members)
+    named = [_found(p, selection, m, final, draws) for m in members]
+    effects = tuple(e for e, m in zip(named, members, strict=True) if not m.effect.accused)
+    accused = [_accuse(e, m) for e, m in zip(named, members, strict=True) if m.effect.accused]
     fold = p.blocks.fold[p.block]
-    open_ends = dependences(after, variables, p.block, fold, p.reference, floor)
+    open_ends = dependences(after, variables, p.block, fold, p.reference, floor) if judged else []
     return Refinement(
         kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
         channels=channels,
         effects=effects,
         unexplained=tuple(_unexplained(p, open_ends)),
         ambiguous=tuple(selection.ambiguous),
-        suspect_data=(),
+        suspect_data=(*suspects, *accused),
         rejected=_rejected(p, selection),
-        model=_with_effects(p.frame.model, effects),
+        model=_with_effects(_rebased(p, final), effects),
         corrections={name: float(final[i]) for i, name in enumerate(p.base_names)},
         trace=tuple(selection.trace),
         notes=(*p.frame.notes, *(note for log in logs for note in log.notes)),
         series=_series(p, members, before, after, floor, variables),
-        source=source,
+        source="; ".join(log.source for log in logs),
     )
 
 
@@ -243,13 +355,36 @@ def _found(p: Problem, selection: Selection, member: Option, final: Array, draws
     )
 
 
+def _accuse(found: FoundEffect, member: Option) -> Suspect:
+    """An instrument that lies, in words."""
+    numbers = ", ".join(f"{q.name} {q.value:.3g}" for q in found.parameters)
+    return Suspect(member.effect.accused, "all", f"{member.effect.physics} ({numbers})")
+
+
+def _rebased(p: Problem, final: Array) -> RotorModel:
+    """The model, with its polynomials as fitted beside the effects where the base was free."""
+    model: RotorModel = p.frame.model
+    if not (isinstance(p.frame, StandFrame) and p.frame.free_base):
+        return model
+    terms = {load: dict(named) for load, named in model.terms().items()}
+    for i, name in enumerate(p.base_names):
+        load, _, term = name.partition(" ")
+        if term in terms.get(load, {}):
+            terms[load][term] += float(final[i])
+    return replace(
+        RotorModel.from_terms(model.form, model.speed_max_rpm, terms),
+        effects=model.effects,
+        identified=model.identified,
+    )
+
+
 def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
     out = []
     for c, name in enumerate(p.channels):
         mine = [d for d in found if d.channel == c]
         if mine:
             strongest = mine[0]
-            related = tuple(d.variable for d in mine if d.share > 0.5 * strongest.share)[:3]
+            related = tuple(dict.fromkeys(d.variable for d in mine if d.share > 0.5 * strongest.share))[:3]
             out.append(Unexplained(name, related, strongest.rms, f"{strongest.variable}: {strongest.where}"))
     return out
 
@@ -296,4 +431,4 @@ def _series(
     )
 
 
-__all__ = ["Ambiguous", "Refinement", "refine"]
+__all__ = ["Ambiguous", "Refinement", "refine", "refine_stand"]

@@ -26,8 +26,12 @@ SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot a
 GAIN = 0.03  # of the squared error of the channel that gains most
 MOST = 4
 TIE = 0.04  # of the gain: a special case this close to the general one is preferred
-RIVAL = 0.75  # a rival must reach this share of the gain to be taken for an equal
 LITTLE = 15.0  # of a log-likelihood ratio: less than this decides nothing
+# where even the best leaves more than noise, its form is not exact and a likelihood says less: then a rival
+# counts as an equal if it reaches most of the gain and does not lose steadily over the blocks
+INEXACT = 1.25
+RIVAL = 0.9
+STEADY = 1.5
 NESTED = {("rotor_drag", "wind")}  # (special case, general case)
 
 
@@ -42,6 +46,11 @@ class Trial:
     size: float
     refused: str | None
     total: float  # held-out square sum left
+
+    @property
+    def real(self) -> bool:
+        """Whether the data demand it and physics allows it, however small it is."""
+        return self.gain > 0 and self.p_value <= ALPHA and self.refused is None
 
     @property
     def why_not(self) -> str | None:
@@ -164,7 +173,7 @@ def select(problem: Problem) -> Selection:
     judge, out = Judge(problem), Selection()
     for number in range(1, MOST + 1):
         trials = judge.best_of_each(out.members)
-        good = [t for t in trials if t.why_not is None]
+        good = _eligible(trials)
         winner = _simplest(good) if good else None
         for t in trials:
             kept = winner is not None and t is winner
@@ -178,6 +187,14 @@ def select(problem: Problem) -> Selection:
         _reconsider(judge, out, number)
     out.last = {t.option.name: t for t in judge.best_of_each(out.members)}
     return out
+
+
+def _eligible(trials: list[Trial]) -> list[Trial]:
+    """Those that pass every gate; none if the best real one is too small, for no worse one may stand in."""
+    real = [t for t in trials if t.real]
+    if not real or real[0].why_not is not None:
+        return []
+    return [t for t in real if t.why_not is None]
 
 
 def _simplest(good: list[Trial]) -> Trial:
@@ -202,9 +219,10 @@ def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) ->
         rows = judge.problem.residual.size
         likelihood = float(lead.sum()) * rows / max(float(best.sum()), 1e-12)
         spread = float(np.sqrt(np.sum((lead - lead.mean()) ** 2))) or 1e-12
-        steady = float(lead.sum()) / spread > 2.5
+        steady = float(lead.sum()) / spread > STEADY
         reached = float((start - other).sum()) >= RIVAL * float((start - best).sum())
-        if likelihood > LITTLE and (steady or not reached):
+        exact = float(best.sum()) / rows < INEXACT
+        if likelihood > LITTLE and (exact or steady or not reached):
             continue
         if judge.trial([*out.members, winner.option], t.option).why_not is not None:
             rivals.append(t.option.name)
@@ -219,7 +237,7 @@ def _reconsider(judge: Judge, out: Selection, number: int) -> None:
     for i in range(len(out.members)):
         rest = [m for k, m in enumerate(out.members) if k != i]
         now = float(judge.held_out(out.members).sum())
-        trials = [t for t in judge.best_of_each(rest) if t.why_not is None]
+        trials = _eligible(judge.best_of_each(rest))
         if not trials:
             continue
         best = _simplest(trials)

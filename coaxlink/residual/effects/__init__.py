@@ -13,7 +13,10 @@ from coaxlink.residual.effects import (
     wind,
 )
 from coaxlink.residual.effects.base import Effect
-from coaxlink.residual.frames import FlightFrame
+from coaxlink.residual.effects.stand_air import AIR_DENSITY, BLADE_SPEED_LAW, INTERFERENCE, ROTOR_SPACING
+from coaxlink.residual.effects.stand_drive import BATTERY_VOLTAGE, DEAD_BAND, MOTOR_HEATING, ROTOR_LAG
+from coaxlink.residual.effects.stand_rig import HYSTERESIS, SENSOR_DRIFT, TACHOMETERS
+from coaxlink.residual.frames import FlightFrame, StandFrame
 
 FLIGHT_EFFECTS: tuple[Effect[FlightFrame], ...] = (
     battery_voltage.FLIGHT,
@@ -28,4 +31,18 @@ FLIGHT_EFFECTS: tuple[Effect[FlightFrame], ...] = (
     mass_change.FLIGHT,
 )
 
-__all__ = ["FLIGHT_EFFECTS", "Effect"]
+STAND_EFFECTS: tuple[Effect[StandFrame], ...] = (
+    BATTERY_VOLTAGE,
+    AIR_DENSITY,
+    SENSOR_DRIFT,
+    INTERFERENCE,
+    BLADE_SPEED_LAW,
+    HYSTERESIS,
+    ROTOR_LAG,
+    ROTOR_SPACING,
+    MOTOR_HEATING,
+    DEAD_BAND,
+    *TACHOMETERS,
+)
+
+__all__ = ["FLIGHT_EFFECTS", "STAND_EFFECTS", "Effect"]

@@ -38,6 +38,7 @@ class Effect(Generic[Frame]):
     inverse: Callable[[Frame, Mapping[str, float]], tuple[Shape, Array]]
     refuse: Callable[[Mapping[str, float]], str | None]
     cause: Callable[[Frame, Shape, str], tuple[str, Array]]
+    accused: str = ""  # a column: what is found is a wrong instrument, not physics
 
     def contribution(self, frame: Frame, parameters: Mapping[str, float]) -> Array:
         """(rows, channels) that the effect adds with these physical parameters."""

@@ -1,0 +1,188 @@
+"""What happens between the blades and the air on a stand: density, blade speed, interference, spacing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside, present
+from coaxlink.residual.frames import STAND_LOADS, StandFrame
+
+GAS_CONSTANT = 287.05
+POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)
+TIPS = (0.4, 0.55, 0.7)
+
+
+def _rows(frame: StandFrame) -> int:
+    return len(frame.time_s)
+
+
+def density(frame: StandFrame) -> Array | None:
+    """(rows,) air density in kg/m^3 from temperature and pressure; a missing one is the standard's."""
+    t, p = frame.context("air_temperature_C"), frame.context("air_pressure_Pa")
+    if t is None and p is None:
+        return None
+    kelvin = 288.15 if t is None else t + 273.15
+    return np.broadcast_to((101325.0 if p is None else p) / (GAS_CONSTANT * kelvin), (_rows(frame),))
+
+
+def _no_air(frame: StandFrame) -> str | None:
+    rho = density(frame)
+    if rho is None:
+        return "neither air_temperature_C nor air_pressure_Pa is in the log"
+    spread = float(np.ptp(np.quantile(rho, [0.02, 0.98])) / np.median(rho))
+    return None if spread > 0.004 else f"the air's density moves by only {100 * spread:.1f} %"
+
+
+def _air_columns(frame: StandFrame, _: Shape) -> Array:
+    rho = density(frame)
+    assert rho is not None
+    out = np.zeros((_rows(frame), 6, 1))
+    out[:, :4, 0] = frame.predicted[:, :4] * (rho / np.median(rho) - 1.0)[:, None]
+    return out
+
+
+def _air_cause(frame: StandFrame, _: Shape, __: str) -> tuple[str, Array]:
+    rho = density(frame)
+    assert rho is not None
+    return "air density, kg/m3", rho
+
+
+AIR_DENSITY: Effect[StandFrame] = Effect(
+    name="air_density",
+    physics="thrust and torque are proportional to the density of the air",
+    source="blade element theory; ideal gas",
+    needs=("air_temperature_C", "air_pressure_Pa"),
+    channels=STAND_LOADS,
+    units={"density_exponent": "1"},
+    missing=_no_air,
+    shapes=one_shape,
+    columns=_air_columns,
+    parameters=lambda _, __, c: {"density_exponent": float(c[0])},
+    inverse=lambda _, p: ({}, np.array([p["density_exponent"]])),
+    refuse=lambda p: outside("density_exponent", p["density_exponent"], 0.3, 1.8),
+    cause=_air_cause,
+)
+
+
+def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
+    out = np.zeros((_rows(frame), 6, 1))
+    for side, own in ((0, slice(0, 2)), (1, slice(2, 4))):
+        u = np.maximum(frame.speeds[:, side], 1e-3)
+        if "tip" in shape:
+            factor = -(np.maximum(u - shape["tip"], 0.0) ** 2)
+        else:
+            factor = (u ** shape["power"] - 1.0) / shape["power"]
+        out[:, own, 0] = frame.predicted[:, own] * factor[:, None]
+    return out
+
+
+def _blade_refuse(p: dict[str, float] | object) -> str | None:
+    assert isinstance(p, dict)
+    return outside("exponent_change", p.get("exponent_change", 0.0), -1.0, 1.0) or outside(
+        "loss", p.get("loss", 0.1), 0.0, 10.0
+    )
+
+
+BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
+    name="blade_speed_law",
+    physics="the loads grow with another power of speed than the model's (Reynolds number, tip speed)",
+    source="Deters, Ananda and Selig 2014, Reynolds number effects on small propellers",
+    needs=("upper_rpm",),
+    channels=STAND_LOADS,
+    units={"exponent_change": "1", "power": "1", "loss": "1", "tip": "1"},
+    missing=present,
+    shapes=lambda _: [*({"power": p} for p in POWERS), *({"tip": t} for t in TIPS)],
+    columns=_blade_columns,
+    parameters=lambda _, shape, c: {
+        ("loss" if "tip" in shape else "exponent_change"): float(c[0]),
+        **shape,
+    },
+    inverse=lambda _, p: (
+        {k: v for k, v in p.items() if k in ("power", "tip")},
+        np.array([p.get("loss", p.get("exponent_change", 0.0))]),
+    ),
+    refuse=_blade_refuse,
+    cause=lambda frame, _, channel: (
+        f"u_{channel[0]}",
+        frame.speeds[:, 1 if channel.startswith("lower") else 0],
+    ),
+)
+
+
+def _interference_columns(frame: StandFrame, shape: Shape) -> Array:
+    upper, lower = frame.speeds.T
+    term = lower ** shape["lower_power"] * upper ** shape["upper_power"]
+    out = np.zeros((_rows(frame), 6, 2))
+    out[:, 0, 0], out[:, 1, 1] = -term, -term
+    return out
+
+
+INTERFERENCE: Effect[StandFrame] = Effect(
+    name="lower_on_upper_interference",
+    physics="the lower rotor draws air through the upper one, which loses thrust",
+    source="coaxial momentum theory at finite spacing (Leishman and Ananthan 2006)",
+    needs=("upper_rpm", "lower_rpm"),
+    channels=("upper_thrust", "upper_torque"),
+    units={"thrust_loss_N": "N", "torque_loss_Nm": "N m", "lower_power": "1", "upper_power": "1"},
+    missing=lambda frame: (
+        None if float(np.ptp(frame.speeds[:, 1])) > 0.2 else "the lower rotor's speed hardly varies"
+    ),
+    shapes=lambda _: [
+        {"lower_power": a, "upper_power": b} for a in (1.0, 1.5, 2.0) for b in (0.0, 0.5, 1.0, 2.0)
+    ],
+    columns=_interference_columns,
+    parameters=lambda _, shape, c: {"thrust_loss_N": float(c[0]), "torque_loss_Nm": float(c[1]), **shape},
+    inverse=lambda _, p: (
+        {k: v for k, v in p.items() if k.endswith("power")},
+        np.array([p["thrust_loss_N"], p["torque_loss_Nm"]]),
+    ),
+    refuse=lambda p: outside("thrust_loss_N", p["thrust_loss_N"], -1e4, 1e4),
+    cause=lambda frame, _, __: ("u_l", frame.speeds[:, 1]),
+)
+
+
+def _spacing(frame: StandFrame) -> Array:
+    z = frame.context("rotor_spacing_m")
+    assert z is not None
+    return z / float(np.median(z)) - 1.0
+
+
+def _no_spacing(frame: StandFrame) -> str | None:
+    z = frame.context("rotor_spacing_m")
+    if z is None:
+        return "rotor_spacing_m is not in the log"
+    return None if np.ptp(z) > 0.02 * np.median(z) else "rotor_spacing_m does not vary"
+
+
+def _spacing_columns(frame: StandFrame, _: Shape) -> Array:
+    alone = frame.loads_at(np.stack([np.zeros(_rows(frame)), frame.speeds[:, 1]], axis=1))
+    wake = frame.predicted[:, 2:4] - alone[:, 2:4]  # negative: what the lower rotor loses
+    out = np.zeros((_rows(frame), 6, 3))
+    change = _spacing(frame)
+    out[:, 2, 0], out[:, 3, 1] = -wake[:, 0] * change, -wake[:, 1] * change
+    out[:, 0, 2] = frame.speeds[:, 1] ** 2 * change
+    return out
+
+
+ROTOR_SPACING: Effect[StandFrame] = Effect(
+    name="rotor_spacing",
+    physics="further apart, the wake has contracted more and the rotors disturb each other less",
+    source="wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022",
+    needs=("rotor_spacing_m",),
+    channels=("upper_thrust", "lower_thrust", "lower_torque"),
+    units={"wake_thrust_share": "1", "wake_torque_share": "1", "upper_gain_N": "N"},
+    missing=_no_spacing,
+    shapes=one_shape,
+    columns=_spacing_columns,
+    parameters=lambda _, __, c: {
+        "wake_thrust_share": float(c[0]),
+        "wake_torque_share": float(c[1]),
+        "upper_gain_N": float(c[2]),
+    },
+    inverse=lambda _, p: (
+        {},
+        np.array([p["wake_thrust_share"], p["wake_torque_share"], p["upper_gain_N"]]),
+    ),
+    refuse=lambda p: outside("wake_thrust_share", p["wake_thrust_share"], -3.0, 3.0),
+    cause=lambda frame, _, __: ("rotor_spacing_m", frame.columns["rotor_spacing_m"]),
+)

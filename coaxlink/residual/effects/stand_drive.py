@@ -1,0 +1,224 @@
+"""What comes between throttle and speed on a stand: supply, heat, lag, dead band.
+
+They bend the speed that a throttle gives. Where the log has rpm they show there (channels upper_speed,
+lower_speed) and not in the loads; where it has throttles only, in every load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.signal import lfilter
+
+from coaxlink.residual.effects.base import Array, Effect, Shape, outside
+from coaxlink.residual.frames import STAND_CHANNELS, StandFrame
+from coaxlink.residual.signals import lagged
+
+LAGS_S = tuple(round(0.02 * 1.2**k, 4) for k in range(25))
+BANDS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2)
+HEAT_S = (30.0, 100.0, 300.0, 1000.0)
+
+
+def drive(frame: StandFrame) -> Array:
+    """(rows, 2) the throttles."""
+    return frame.speeds if frame.throttles is None else frame.throttles
+
+
+def _drivable(frame: StandFrame) -> str | None:
+    if frame.driven or frame.throttles is not None:
+        return None
+    return "the log has no throttle: speeds were measured, so the drive cannot be judged"
+
+
+def voltages(frame: StandFrame) -> Array | None:
+    """(rows, 2) supply of each motor, V."""
+    sides = [frame.context(f"{side}_voltage_V") for side in ("upper", "lower")]
+    common = frame.context("voltage_V")
+    chosen = [s if s is not None else common for s in sides]
+    if chosen[0] is None or chosen[1] is None:
+        return None
+    return np.stack([chosen[0], chosen[1]], axis=1)
+
+
+def _no_voltage(frame: StandFrame) -> str | None:
+    v = voltages(frame)
+    if v is None:
+        return "voltage_V is not in the log"
+    spread = float(np.ptp(np.quantile(v, [0.02, 0.98])) / max(float(np.median(v)), 1e-6))
+    return _drivable(frame) or (None if spread > 0.005 else f"the voltage moves by only {100 * spread:.1f} %")
+
+
+def _voltage_columns(frame: StandFrame, shape: Shape) -> Array:
+    v = voltages(frame)
+    assert v is not None
+    u, centre = drive(frame), float(np.median(v))
+    power = shape["power"]
+    columns = [frame.slowed(u * ((v / centre) ** power - 1.0) / power)]
+    if not frame.free_base:
+        columns.append(frame.slowed(u))  # the voltage at which the model holds need not be this run's
+    return np.stack(columns, axis=-1)
+
+
+def _voltage_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
+    v = voltages(frame)
+    assert v is not None
+    centre = float(np.median(v))
+    level = float(c[1]) if len(c) > 1 else 0.0
+    reference = centre * (1.0 - level / c[0]) if abs(c[0]) > 1e-9 else centre
+    return {"speed_exponent": float(c[0]), "reference_voltage_V": float(reference), **shape}
+
+
+def _voltage_inverse(frame: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    v = voltages(frame)
+    assert v is not None
+    k, centre = p["speed_exponent"], float(np.median(v))
+    level = k * (1.0 - p["reference_voltage_V"] / centre)
+    return {"power": p["power"]}, np.array([k] if frame.free_base else [k, level])
+
+
+def _voltage_cause(frame: StandFrame, _: Shape, channel: str) -> tuple[str, Array]:
+    v = voltages(frame)
+    assert v is not None
+    return "voltage_V", v[:, 1 if channel.startswith("lower") else 0]
+
+
+BATTERY_VOLTAGE: Effect[StandFrame] = Effect(
+    name="battery_voltage",
+    physics="rotor speed follows the supply voltage: u = throttle (V / V_ref)^k",
+    source="no-load speed of a duty-cycle driven brushless motor (Drela 2007)",
+    needs=("voltage_V",),
+    channels=STAND_CHANNELS,
+    units={"speed_exponent": "1", "reference_voltage_V": "V", "power": "1"},
+    missing=_no_voltage,
+    shapes=lambda _: [{"power": p} for p in (0.4, 0.7, 1.0)],
+    columns=_voltage_columns,
+    parameters=_voltage_parameters,
+    inverse=_voltage_inverse,
+    refuse=lambda p: outside("speed_exponent", p["speed_exponent"], 0.02, 2.5),
+    cause=_voltage_cause,
+)
+
+
+def _heat(frame: StandFrame, shape: Shape) -> Array:
+    """(rows,) winding temperature over 25 C in 100 K, or a first-order answer to u^3 if none was logged."""
+    if "memory_s" not in shape:
+        logged = frame.context("motor_temperature_C")
+        assert logged is not None
+        return (logged - 25.0) / 100.0
+    power = np.sum(drive(frame) ** 3, axis=1)
+    step = float(np.median(np.diff(frame.time_s)))
+    share = 1.0 - np.exp(-step / shape["memory_s"])
+    return np.asarray(lfilter([share], [1.0, share - 1.0], power))
+
+
+def _no_heat(frame: StandFrame) -> str | None:
+    logged = frame.context("motor_temperature_C")
+    if logged is not None and np.ptp(logged) < 3.0:
+        return f"motor_temperature_C moves by only {np.ptp(logged):.1f} K"
+    return _drivable(frame)
+
+
+def _heat_shapes(frame: StandFrame) -> Sequence[Shape]:
+    if frame.context("motor_temperature_C") is not None:
+        return [{}]
+    span = float(np.ptp(frame.time_s))
+    return [{"memory_s": s} for s in HEAT_S if s < span] or [{"memory_s": HEAT_S[0]}]
+
+
+MOTOR_HEATING: Effect[StandFrame] = Effect(
+    name="motor_heating",
+    physics="a warm winding has more resistance and its motor turns slower at the same throttle",
+    source="copper's temperature coefficient in the first-order motor model (Drela 2007)",
+    needs=("motor_temperature_C",),
+    channels=STAND_CHANNELS,
+    units={"speed_loss_per_100K": "1", "memory_s": "s"},
+    missing=_no_heat,
+    shapes=_heat_shapes,
+    columns=lambda frame, shape: frame.slowed(-drive(frame) * _heat(frame, shape)[:, None])[..., None],
+    parameters=lambda _, shape, c: {"speed_loss_per_100K": float(c[0]), **shape},
+    inverse=lambda _, p: (
+        {k: v for k, v in p.items() if k == "memory_s"},
+        np.array([p["speed_loss_per_100K"]]),
+    ),
+    refuse=lambda p: outside("speed_loss_per_100K", p["speed_loss_per_100K"], 0.0, 1.0),
+    cause=lambda frame, shape, _: (
+        "motor_temperature_C" if not shape else "heat put in",
+        25.0 + 100.0 * _heat(frame, shape) if not shape else _heat(frame, shape),
+    ),
+)
+
+
+def _no_time(frame: StandFrame) -> str | None:
+    step = float(np.median(np.diff(frame.time_s))) if len(frame.time_s) > 2 else np.inf
+    if not step < 0.6:
+        return f"rows are {step:.1f} s apart: a lag has settled between them"
+    return _drivable(frame)
+
+
+def _late(frame: StandFrame, lag_s: float) -> Array:
+    u = drive(frame)
+    return lagged(u, float(np.median(np.diff(frame.time_s))), lag_s)
+
+
+def _bent(frame: StandFrame, speeds: Array) -> Array:
+    """(rows, 6) what other speeds than the throttles' do, in full."""
+    out = np.zeros((len(speeds), 6))
+    u = drive(frame)
+    if frame.driven:
+        out[:, :4] = frame.loads_at(speeds) - frame.loads_at(u)
+    else:
+        out[:, 4:] = speeds - u
+    return out
+
+
+ROTOR_LAG: Effect[StandFrame] = Effect(
+    name="rotor_lag",
+    physics="the speed follows the throttle as a first-order lag",
+    source="first-order motor dynamics (Hamandi, Tognon and Franchi 2020)",
+    needs=("time_s", "upper_throttle"),
+    channels=STAND_CHANNELS,
+    units={"lag_s": "s", "share": "1"},
+    missing=_no_time,
+    shapes=lambda _: [{"lag_s": s} for s in LAGS_S],
+    columns=lambda frame, shape: _bent(frame, _late(frame, shape["lag_s"]))[..., None],
+    parameters=lambda _, shape, c: {"lag_s": shape["lag_s"], "share": float(c[0])},
+    inverse=lambda _, p: ({"lag_s": p["lag_s"]}, np.array([p["share"]])),
+    refuse=lambda p: outside("share", p["share"], 0.7, 1.4),
+    cause=lambda frame, _, channel: (
+        "throttle_rate_1_s",
+        np.gradient(drive(frame)[:, 1 if channel.startswith("lower") else 0], frame.time_s),
+    ),
+)
+
+
+def _dead(frame: StandFrame, shape: Shape) -> Array:
+    u, band = drive(frame), shape["band"]
+    if "stretched" in shape:
+        return np.maximum(u - band, 0.0) / (1.0 - band)
+    return np.where(u < band, 0.0, u)
+
+
+def _no_low(frame: StandFrame) -> str | None:
+    low = float(np.mean((drive(frame) > 0.0) & (drive(frame) < 0.2)))
+    return _drivable(frame) or (None if low > 0.01 else "no rows at low throttle")
+
+
+DEAD_BAND: Effect[StandFrame] = Effect(
+    name="dead_band",
+    physics="below a throttle the motor does not turn",
+    source="speed controllers' start threshold",
+    needs=("upper_throttle",),
+    channels=STAND_CHANNELS,
+    units={"band": "1", "share": "1", "stretched": "1"},
+    missing=_no_low,
+    shapes=lambda _: [{"band": b, **form} for b in BANDS for form in ({}, {"stretched": 1.0})],
+    columns=lambda frame, shape: _bent(frame, _dead(frame, shape))[..., None],
+    parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
+    inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
+    refuse=lambda p: outside("share", p["share"], 0.6, 1.5),
+    cause=lambda frame, _, channel: (
+        "throttle",
+        drive(frame)[:, 1 if channel.startswith("lower") else 0],
+    ),
+)

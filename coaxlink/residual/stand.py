@@ -1,0 +1,201 @@
+"""From stand samples to measured and predicted loads of both rotors.
+
+With a rotor model given, the base may be off by the few per cent that another day on the stand costs.
+Without one, the polynomials of the coaxial rotor model (Berra, Trujillo and Heredia 2024, eq. 1-3) are fitted
+to the log itself, all their terms free beside every candidate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from coaxlink.data.samples import Samples
+from coaxlink.errors import InputError
+from coaxlink.residual.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
+from coaxlink.rotor import RotorModel
+from coaxlink.rotor.model import LOADS
+from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.speeds import normalised_speeds
+
+COLUMN_OF = {
+    "upper_thrust": "upper_thrust_N",
+    "upper_torque": "upper_torque_Nm",
+    "lower_thrust": "lower_thrust_N",
+    "lower_torque": "lower_torque_Nm",
+}
+ORDERS = (2, 3, 4)
+RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
+LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
+LEAST_ROWS = 24
+Base = list[tuple[str, float, Array]]  # name, bound, (rows, 6)
+
+
+def joined(logs: Sequence[Samples]) -> Samples:
+    """Logs one after the other; a column stays if all have it. Times run on."""
+    if len(logs) == 1:
+        return logs[0]
+    names = [n for n in logs[0].columns if all(log.has(n) for log in logs)]
+    columns = {n: np.concatenate([log[n] for log in logs]) for n in names}
+    if "time_s" in columns:
+        parts, end = [], 0.0
+        for log in logs:
+            own = log["time_s"] - log["time_s"][0]
+            parts.append(end + own)
+            end += float(own[-1]) + 60.0
+        columns["time_s"] = np.concatenate(parts)
+    columns["log"] = np.concatenate([np.full(log.rows, float(i)) for i, log in enumerate(logs)])
+    notes = tuple(note for log in logs for note in log.notes)
+    return Samples(columns, "; ".join(log.source for log in logs), notes)
+
+
+def stand_frame(samples: Samples, model: RotorModel | None, order: int | None = None) -> StandFrame:
+    """Both sides of a stand log; without a model, one of this order, or of the order the log supports.
+
+    Raises InputError: nothing measured, no speeds, too few rows.
+    """
+    names = [c for c in STAND_LOADS if samples.has(COLUMN_OF[c])]
+    if not names:
+        samples.require(*COLUMN_OF.values())
+    if samples.rows < LEAST_ROWS:
+        raise InputError(samples.source, "", f"{samples.rows} rows; {LEAST_ROWS} are needed")
+    speeds = normalised_speeds(samples, model.speed_max_rpm if model else None)
+    u = np.stack([speeds.upper, speeds.lower], axis=1)
+    measured = np.zeros((samples.rows, 6))
+    for c, name in enumerate(STAND_LOADS):
+        if name in names:
+            measured[:, c] = samples[COLUMN_OF[name]]
+    present = [c for c, name in enumerate(STAND_LOADS) if name in names]
+    throttles = None
+    if not speeds.from_throttle and samples.has("upper_throttle", "lower_throttle"):
+        throttles = np.stack([samples["upper_throttle"], samples["lower_throttle"]], axis=1)
+        for side in (0, 1):
+            if np.ptp(throttles[:, side]) > 0.05:
+                present.append(4 + side)
+                measured[:, 4 + side] = u[:, side]
+    time = samples["time_s"] if samples.has("time_s") else np.arange(float(samples.rows))
+    if np.any(np.diff(time) < 0):
+        time = np.arange(float(samples.rows))
+    free = model is None
+    orders = ORDERS if order is None else (order,)
+    base = model or own_model(u, measured, present, speeds.speed_max_rpm, orders)
+    frame = StandFrame(
+        model=base,
+        time_s=time,
+        speeds=u,
+        throttles=throttles,
+        driven=speeds.from_throttle,
+        predicted=np.zeros((samples.rows, 6)),
+        measured=measured,
+        present=tuple(present),
+        slope=np.zeros((samples.rows, 4, 2)),
+        reference=np.ones(6),
+        free_base=free,
+        columns=samples.columns,
+        block=_blocks(u if throttles is None else throttles, time),
+        keep=np.arange(samples.rows),
+        notes=(f"speeds: {speeds.source}",),
+    )
+    return predict(frame)
+
+
+def predict(frame: StandFrame) -> StandFrame:
+    """The frame with loads, slopes and references of its model at its speeds."""
+    u, step = frame.speeds, 1e-4
+    predicted = np.zeros((len(u), 6))
+    predicted[:, :4] = frame.loads_at(u)
+    if frame.throttles is not None:
+        predicted[:, 4:] = frame.throttles
+    ahead = [frame.loads_at(u + step * np.eye(2)[s]) for s in (0, 1)]
+    behind = [frame.loads_at(u - step * np.eye(2)[s]) for s in (0, 1)]
+    slope = np.stack([(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)], axis=-1)
+    reference = np.ones(6)
+    reference[:4] = np.maximum(np.quantile(np.abs(predicted[:, :4]), 0.95, axis=0), 1e-9)
+    # thrust grows with the square: a per cent of speed is two of thrust
+    reference[4:] = max(0.5 * float(np.quantile(u, 0.95)), 1e-9)
+    return replace(frame, predicted=predicted, slope=slope, reference=reference)
+
+
+def dictionary_of(load: str, order: int) -> list[str]:
+    """Terms of one load's polynomial: the upper rotor's own speed, or both (eq. 1-3)."""
+    from coaxlink.rotor.polynomial import term_name
+
+    if load.startswith("upper"):
+        return [term_name(a, 0) for a in range(order + 1)]
+    return [term_name(a, b) for a in range(order + 1) for b in range(order + 1) if a + b <= max(order, 4)]
+
+
+def own_model(
+    u: Array, measured: Array, present: Sequence[int], speed_max_rpm: float, orders: Sequence[int] = ORDERS
+) -> RotorModel:
+    """The polynomials that this log itself asks for, of the lowest order that held-out rows support."""
+    terms: dict[str, dict[str, float]] = {load: {"u_u" if "upper" in load else "u_l": 0.0} for load in LOADS}
+    fold = (np.arange(len(u)) * 20 // len(u)) % 5
+    for c in present:
+        if c > 3:
+            continue
+        load, best = LOADS[c], np.inf
+        for order in orders:
+            names = dictionary_of(load, order)
+            if len(names) > len(u) // 4:
+                break
+            x = design_matrix(names, u[:, 0], u[:, 1])
+            left = 0.0
+            for f in range(5):
+                fit = np.linalg.lstsq(x[fold != f], measured[fold != f, c], rcond=1e-10)[0]
+                left += float(np.sum((measured[fold == f, c] - x[fold == f] @ fit) ** 2))
+            if left < RICHER * best:
+                best = left
+                fit = np.linalg.lstsq(x, measured[:, c], rcond=1e-10)[0]
+                terms[load] = dict(zip(names, map(float, fit), strict=True))
+    return RotorModel.from_terms("crm", speed_max_rpm, terms)
+
+
+def base_corrections(frame: StandFrame) -> Base:
+    """What the base may be off by: its own terms, free or bounded, and the throttles' curves."""
+    out: Base = []
+    rows = len(frame.time_s)
+
+    def column(name: str, bound: float, channel: int, values: Array) -> None:
+        if channel in frame.present:
+            full = np.zeros((rows, 6))
+            full[:, channel] = values
+            out.append((name, bound, full))
+
+    terms = frame.model.terms()
+    for c, load in enumerate(LOADS):
+        if frame.free_base:
+            for term in terms[load]:
+                values = design_matrix([term], frame.speeds[:, 0], frame.speeds[:, 1])[:, 0]
+                column(f"{load} {term}", np.inf, c, values)
+            continue
+        own, other = (0, 1) if c < 2 else (1, 0)
+        base = frame.predicted[:, c]
+        column(f"{STAND_CHANNELS[c]}_level", LEVEL, c, base)
+        column(f"{STAND_CHANNELS[c]}_tilt", TILT, c, base * (2.0 * frame.speeds[:, own] - 1.0))
+        column(f"{STAND_CHANNELS[c]}_offset", OFFSET * frame.reference[c], c, np.ones(rows))
+        if c > 1:
+            column(f"{STAND_CHANNELS[c]}_wake", WAKE, c, base * (2.0 * frame.speeds[:, other] - 1.0))
+    if frame.throttles is not None:
+        for side in (0, 1):
+            for power in (1, 2):
+                name = f"{STAND_CHANNELS[4 + side]}_throttle^{power}"
+                column(name, np.inf, 4 + side, frame.throttles[:, side] ** power)
+    return out
+
+
+def _blocks(u: Array, time: Array) -> np.ndarray:
+    """(rows,) held-out blocks: sweeps of a slow axis, cut to about two dozen contiguous pieces."""
+    rows = len(u)
+    jumps = np.zeros(rows, bool)
+    for side in (0, 1):
+        step = np.abs(np.diff(u[:, side], prepend=u[0, side]))
+        jumps |= step > 0.3  # a new sweep starts where a speed jumps back
+    sweep = np.cumsum(jumps)
+    if not 6 <= sweep[-1] + 1 <= rows // 5:
+        return np.asarray(np.arange(rows) * min(24, max(6, rows // 8)) // rows, np.intp)
+    if sweep[-1] + 1 > 40:
+        sweep = sweep * 24 // (sweep[-1] + 1)
+    return np.asarray(sweep, np.intp)
