@@ -1,0 +1,321 @@
+"""The stand-in ArduCopter: pymavlink and MAVSDK talk to it, scripts bring it tables, it flies them."""
+
+import math
+import os
+import re
+import struct
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+os.environ.setdefault("MAVLINK20", "1")
+from mavsdk.plugins.ftp import FtpResult
+from pymavlink import mavutil
+
+from firmware_params.ardupilot.scripts import loader_params, loader_script, matrix_script
+from sim.ardupilot.copter import GUIDED, Copter
+from sim.ardupilot.files import Server
+from sim.plant import Plant
+from sim.px4.autopilot import Goal, Refused
+from sim.rotors import read_pair
+from sim.testing import standin
+from sim.truth import Truth
+from sim.vehicle import read_vehicle
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+REDUCED = [
+    (s * 0.336, p * 0.336, y * 0.5, 0.672) if k < 4 else (s * 0.5, p * 0.5, y * 0.41, 1.0)
+    for k, (s, p, y) in enumerate(
+        [(-1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, -1, -1), (1, 1, 1), (-1, 1, -1), (-1, -1, 1), (1, -1, -1)]
+    )
+]
+
+
+@pytest.fixture(scope="module")
+def link() -> Iterator[Any]:
+    with standin("--firmware", "ardupilot", "--speed", "4") as port:
+        address = f"udpout:127.0.0.1:{port}"
+        c = mavutil.mavlink_connection(address, source_system=255, dialect="ardupilotmega")
+        c.mav.heartbeat_send(6, 8, 0, 0, 4)
+        assert c.wait_heartbeat(timeout=10) is not None
+        yield c
+        c.close()
+
+
+def get(link: Any, kind: str, timeout: float = 3.0, met: Callable[[Any], bool] = lambda _: True) -> Any:
+    end = time.monotonic() + timeout
+    while time.monotonic() < end:
+        message = link.recv_match(type=kind, blocking=True, timeout=0.2)
+        if message is not None and met(message):
+            return message
+    return None
+
+
+def command(link: Any, number: int, *p: float) -> int:
+    link.mav.command_long_send(1, 1, number, 0, *[*p, *[0.0] * (7 - len(p))])
+    ack = get(link, "COMMAND_ACK", met=lambda a: a.command == number)
+    assert ack is not None
+    return int(ack.result)
+
+
+def test_values_come_back_as_the_board_keeps_them(link: Any) -> None:
+    def put(name: str, value: float) -> float:
+        link.mav.param_set_send(1, 1, name.encode(), value, 9)
+        return float(get(link, "PARAM_VALUE", met=lambda v: v.param_id == name).param_value)
+
+    assert put("FRAME_CLASS", 3.7) == 3.0
+    assert put("FRAME_CLASS", 300.0) == 127.0
+    assert put("FRAME_CLASS", 4.0) == 4.0
+    assert put("MOT_THST_EXPO", 5.0) == 5.0
+    assert put("MOT_THST_EXPO", 0.65) == pytest.approx(0.65)
+    link.mav.param_request_read_send(1, 1, b"NO_SUCH", -1)
+    assert get(link, "PARAM_ERROR") is not None
+    link.mav.param_request_list_send(1, 1)
+    names = set()
+    while (message := get(link, "PARAM_VALUE")) is not None and len(names) < message.param_count:
+        names.add(message.param_id)
+        if len(names) == message.param_count:
+            break
+    assert {"SERVO8_FUNCTION", "SCR_ENABLE", "ATC_RAT_RLL_P"} <= names and len(names) > 400
+
+
+def test_it_says_nothing_unasked_and_streams_what_is_asked(link: Any) -> None:
+    assert get(link, "ATTITUDE", 0.5) is None
+    link.mav.request_data_stream_send(1, 1, 10, 5, 1)
+    assert get(link, "ATTITUDE") is not None
+    assert command(link, 511, 32, 100000) == 0
+    assert get(link, "LOCAL_POSITION_NED") is not None
+
+
+def test_a_guided_flight(link: Any) -> None:
+    link.mav.request_data_stream_send(1, 1, 0, 10, 1)
+    assert command(link, 22, 0, 0, 0, 0, 0, 0, 3.0) == 4  # neither guided nor armed
+    assert command(link, 176, 1, GUIDED) == 0
+    assert command(link, 400, 1) == 0
+    assert command(link, 246, 1) == 4  # no reboot while armed
+    assert command(link, 183, 1, 1500) == 4  # a motor's output is taken
+    assert command(link, 22, 0, 0, 0, 0, 0, 0, 3.0) == 0
+    assert get(link, "LOCAL_POSITION_NED", 10.0, lambda p: p.z < -2.8) is not None
+    time.sleep(0.6)
+    link.mav.set_position_target_local_ned_send(0, 1, 1, 1, 0xDF8, 2, 1, -4, 0, 0, 0, 0, 0, 0, 0, 0)
+
+    def there(p: Any) -> bool:
+        return math.dist((p.x, p.y, p.z), (2, 1, -4)) < 0.2
+
+    assert get(link, "LOCAL_POSITION_NED", 8.0, there) is not None  # told once, it goes and stays
+    assert command(link, 21) == 0
+    assert get(link, "HEARTBEAT", 10.0, lambda h: not h.base_mode & 128) is not None
+
+
+def test_mavsdk_connects_reads_parameters_and_moves_files(tmp_path: Path) -> None:
+    from mavsdk.mavsdk import Configuration, Mavsdk
+    from mavsdk.plugins.ftp import Ftp
+    from mavsdk.plugins.param import Param
+
+    with standin("--firmware", "ardupilot", "--speed", "2") as port:
+        mavsdk = Mavsdk(Configuration.create_manual(245, 190, True))
+        try:
+            mavsdk.add_any_connection(f"udpout://127.0.0.1:{port}")
+            system = mavsdk.first_autopilot(timeout_s=10.0)
+            assert system is not None
+            assert Param(system).get_param_float("MOT_THST_EXPO") == pytest.approx(0.65)
+            ftp = Ftp(system)
+            ftp.create_directory("scripts")
+            assert [e.name for e in ftp.list_directory("/").entries] == ["scripts"]
+            script, back = tmp_path / "table.lua", tmp_path / "back"
+            script.write_text(matrix_script(REDUCED, title="test"))
+            back.mkdir()
+            transfer(ftp.upload_async, str(script), "scripts")
+            assert ftp.are_files_identical(str(script), "scripts/table.lua")
+            for burst in (False, True):
+                transfer(ftp.download_async, "scripts/table.lua", str(back), burst)
+                assert (back / "table.lua").read_bytes() == script.read_bytes()
+        finally:
+            mavsdk.destroy()
+
+
+def transfer(start: Callable[..., None], *arguments: object) -> None:
+    """Run one of MAVSDK's transfers to its end."""
+    results: list[int] = []
+    start(*arguments, lambda result, progress, data: results.append(int(result)))
+    end = time.monotonic() + 10.0
+    while not results or results[-1] == FtpResult.NEXT:
+        assert time.monotonic() < end, results
+        time.sleep(0.01)
+    assert results[-1] == FtpResult.SUCCESS, results
+
+
+class Board:
+    """A Copter with files, without a wire."""
+
+    def __init__(self) -> None:
+        plant = Plant(read_vehicle(EXAMPLES / "x8_demo.toml"), read_pair(EXAMPLES / "rotor_paper.toml"))
+        self.copter = Copter(plant, Truth())
+        self.said: list[str] = []
+        self.copter.say = lambda severity, text: self.said.append(text)
+
+    def boot_with(self, frame: int, **scripts: str) -> None:
+        c = self.copter
+        c.store.write("SCR_ENABLE", 1)
+        c.store.write("FRAME_CLASS", frame)
+        c.files.folders.add("scripts")
+        c.files.files = {f"scripts/{name}.lua": text.encode() for name, text in scripts.items()}
+        c.boot()
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(250 * seconds)):
+            self.copter.step()
+
+    def hover(self) -> list[float]:
+        c = self.copter
+        c.set_ap_mode(GUIDED)
+        c.arm()
+        c.take_off(3.0)
+        self.run(8.0)
+        return c.outputs_us
+
+
+@pytest.fixture
+def board() -> Board:
+    return Board()
+
+
+def split(us: list[float], board: Board) -> float:
+    """Lower over upper thrust command."""
+    mix = board.copter.mixer.mix
+    thrust = [mix.thrust_of((p - 1000) / 1000) for p in us]
+    return float(sum(thrust[4:]) / sum(thrust[:4]))
+
+
+def test_the_built_in_frame_flies_equal_motors(board: Board) -> None:
+    us = board.hover()
+    assert max(us) - min(us) < 25 and -board.copter.plant.position[2] == pytest.approx(3.0, abs=0.2)
+
+
+def test_a_matrix_script_needs_a_reboot_and_flies_its_ratio(board: Board) -> None:
+    pytest.importorskip("lupa")
+    script = matrix_script(REDUCED, title="test")
+    board.copter.files.files["scripts/coaxlink.lua"] = script.encode()
+    assert board.copter.mixer.mix.factors.shape == (8, 4)
+    board.boot_with(15, coaxlink=script)
+    assert any("matrix of 8 motors" in text for text in board.said)
+    assert split(board.hover(), board) == pytest.approx(1 / 0.672, rel=0.02)
+
+
+def test_without_its_script_a_matrix_frame_does_not_arm(board: Board) -> None:
+    board.boot_with(15)
+    with pytest.raises(Refused, match="frame class"):
+        board.hover()
+
+
+@pytest.mark.parametrize(
+    ("script", "error"),
+    [
+        ("this is not Lua", "syntax error|unexpected|near"),
+        ("no_such:call()", "no_such"),
+        ("while true do end", "exceeded time limit"),
+        ("return function() error('later') end, 10", "later"),
+        ("io.open('x')", "io"),
+    ],
+)
+def test_a_script_with_an_error_is_caught(board: Board, script: str, error: str) -> None:
+    pytest.importorskip("lupa")
+    board.boot_with(4, bad=script)
+    board.run(0.1)
+    assert any(re.search(f"Lua: .*({error})", text) for text in board.said), board.said
+    with pytest.raises(Refused, match="Scripting"):
+        board.copter.arm()
+
+
+def test_the_checksum_keeps_altered_scripts_from_arming(board: Board) -> None:
+    pytest.importorskip("lupa")
+    script = matrix_script(REDUCED, title="test")
+    crc = zlib.crc32(script.encode(), 0xFFFFFFFF) ^ 0xFFFFFFFF
+    board.copter.store.write("SCR_LD_CHECKSUM", float(crc & 0x7FFFFF))
+    board.boot_with(15, coaxlink=script)
+    board.copter.arm()
+    board.copter.disarm()
+    board.boot_with(15, coaxlink=script.replace("test", "tess"))
+    with pytest.raises(Refused, match="CRC"):
+        board.copter.arm()
+
+
+def test_a_loader_takes_a_new_table_in_flight(board: Board) -> None:
+    pytest.importorskip("lupa")
+    equal = [(r / abs(r) * 0.5, p / abs(p) * 0.5, y / abs(y) * 0.5, 1.0) for r, p, y, _ in REDUCED]
+    board.boot_with(17, coaxlink=loader_script(title="test"))
+    for name, value in loader_params(equal).items():
+        assert board.copter.store.write(name, value), name
+    board.run(0.5)
+    assert split(board.hover(), board) == pytest.approx(1.0, rel=0.02)
+    for name, value in loader_params(REDUCED).items():
+        board.copter.store.write(name, value)
+    board.run(4.0)
+    assert split(board.copter.outputs_us, board) == pytest.approx(1 / 0.672, rel=0.02)
+    assert -board.copter.plant.position[2] == pytest.approx(3.0, abs=0.3)
+    kept = board.copter.store["CXL_SUM"]
+    board.boot_with(17, coaxlink=loader_script(title="test"))
+    assert board.copter.store["CXL_SUM"] == kept  # the table is there again after a reboot
+
+
+def test_a_script_may_hold_outputs_for_a_while(board: Board) -> None:
+    pytest.importorskip("lupa")
+    text = """
+    local n = 0
+    function update()
+      n = n + 1
+      if n < 20 and arming:is_armed() then
+        for k = 0, 7 do SRV_Channels:set_output_pwm_chan_timeout(k, 1580, 100) end
+      end
+      return update, 10
+    end
+    return update()
+    """
+    board.copter.arm()
+    board.boot_with(4, hold=text)
+    board.copter.arm()
+    board.run(0.1)
+    assert board.copter.outputs_us == [1580.0] * 8
+    board.run(0.4)
+    assert board.copter.outputs_us != [1580.0] * 8
+
+
+def test_setpoints_are_for_guided_and_in_the_air_only(board: Board) -> None:
+    board.copter.offboard(Goal((1.0, 1.0, -2.0)))
+    board.run(1.0)
+    assert board.copter.landed and not board.copter.armed
+
+
+def ftp(server: Server, sent: list[bytes], seq: int, code: int, data: bytes = b"", offset: int = 0) -> bytes:
+    server.hear(struct.pack("<HBBBBBBI", seq, 0, code, len(data), 0, 0, 0, offset) + data.ljust(239, b"\0"))
+    return sent[-1]
+
+
+def test_files_over_mavlink(board: Board) -> None:
+    sent: list[bytes] = []
+    store, files = board.copter.store, board.copter.files
+    files.folders.add("scripts")
+    server = Server(files, store, sent.append)
+    text = bytes(range(256)) * 3
+    assert ftp(server, sent, 1, 6, b"/APM/scripts/a.lua")[3] == 128
+    for k in range(0, len(text), 200):
+        assert ftp(server, sent, 2 + k, 7, text[k : k + 200], k)[3] == 128
+    ftp(server, sent, 900, 1)
+    assert files.files["scripts/a.lua"] == text
+    crc = ftp(server, sent, 901, 14, b"scripts/a.lua")
+    assert struct.unpack_from("<I", crc, 12)[0] == zlib.crc32(text, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    assert b"Fa.lua\t768" in ftp(server, sent, 902, 3, b"/APM/scripts")
+    assert ftp(server, sent, 903, 4, b"/nothing")[3] == 129
+    count = len(sent)
+    ftp(server, sent, 903, 4, b"/nothing")
+    assert len(sent) == count + 1 and sent[-1] == sent[-2]  # a repeated request gets the same answer
+    before = store.values()
+    packed = store.packed()
+    head = struct.pack("<HHH", 0x671B, len(store.names), len(packed))
+    store.write("MOT_THST_EXPO", 0.1)
+    assert store.unpack(head + packed[6:]) and store.values() == before
+    assert not store.unpack(head + packed[6:-1])
