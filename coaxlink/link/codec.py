@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from fastcrc.crc16 import mcrf4xx
 
@@ -136,7 +136,9 @@ class Scanner:
         self._rest = data[at:] if at < end else b""
         return found
 
-    def _frame(self, data: bytes, at: int, head: int, length: int, signed: bool) -> Frame | bool | None:
+    def _frame(
+        self, data: bytes, at: int, head: int, length: int, signed: bool
+    ) -> Frame | Literal[False] | None:
         """The frame; False for one that is not wanted; None for one that is damaged."""
         if head == 10:
             if data[at + 2] & ~SIGNED:  # an incompatibility nobody here knows

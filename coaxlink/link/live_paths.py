@@ -39,7 +39,7 @@ ANY: Version = (255, 255)
 PATHS: tuple[LivePath, ...] = (
     LivePath(
         PX4, (0, 0), (1, 13), "ACTUATOR_CONTROL_TARGET", "SET_ACTUATOR_CONTROL_TARGET", True, 100, "",
-        "PX4 1.12, 1.13 source: legacy mixer only (SYS_CTRL_ALLOC = 0); flown on the stand-in, not on a board",
+        "PX4 1.12, 1.13 source: legacy mixer only (SYS_CTRL_ALLOC = 0); flown on the stand-in, no board",
     ),
     LivePath(
         PX4, (1, 14), (1, 14), "", "", False, 0,

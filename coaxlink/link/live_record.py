@@ -35,7 +35,7 @@ _TYPE = np.dtype(
 
 
 class LiveRecord:
-    """Append-only. Raises InputError when the file cannot be made; a full disk later ends the record alone."""
+    """Append-only. Raises InputError if the file cannot be made; a full disk later ends only the record."""
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
         self.path = path

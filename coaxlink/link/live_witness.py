@@ -12,9 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 
 WINDOW_S = 0.25  # a report may rest on anything sent within it
+GAP_S = 0.05  # after a longer pause in our answers the outputs are not ours for a while, rightly
 TOLERANCE = 0.02  # of full command
-REPORTS = 25  # in a row before a verdict
 REPORT_HZ = 50.0
+REPORTS = 50  # the newest judged
+STRANGE = 20  # so many of them not ours: two companions take turns, neither is lost track of for long
+NEWCOMER_STRANGE = 8  # the one that never had the motors to itself is the one to go
+SURE = 25  # so many in a row ours: the outputs can be read
 
 
 class Witness:
@@ -23,32 +27,33 @@ class Witness:
     def __init__(self, count: int) -> None:
         self._count = count
         self._sent: deque[tuple[float, Sequence[float]]] = deque(maxlen=512)
-        self.agreed = self.differed = 0  # reports in a row
+        self._since = 0.0  # we have been answering without a pause
+        self._judged: deque[bool] = deque(maxlen=REPORTS)
+        self._agreed = 0
         self.confirmed = False  # the outputs were ours at some time
 
     def sent(self, now: float, commands: Sequence[float]) -> None:
         """Commands (8,) went out."""
+        if not self._sent or now - self._sent[-1][0] > GAP_S:
+            self._since = now
         self._sent.append((now, commands))
 
     def reported(self, now: float, outputs_us: Sequence[float]) -> None:
         """The autopilot's outputs while it flies, us. Judged only where we have been answering all along."""
-        recent = [commands for t, commands in self._sent if now - t <= WINDOW_S]
-        if not recent or self._sent[-1][0] < now - 0.05 or now - self._sent[0][0] < WINDOW_S:
-            self.agreed = self.differed = 0
+        if not self._sent or now - self._sent[-1][0] > GAP_S or now - self._since < WINDOW_S:
             return
-        envelope = np.array(recent)[:, : self._count]
+        envelope = np.array([c[: self._count] for t, c in self._sent if now - t <= WINDOW_S])
         u = (np.array(outputs_us[: self._count]) - 1000.0) / 1000.0
         inside = (u >= envelope.min(axis=0) - TOLERANCE) & (u <= envelope.max(axis=0) + TOLERANCE)
-        if inside.all():
-            self.agreed, self.differed = self.agreed + 1, 0
-            self.confirmed = self.confirmed or self.agreed >= REPORTS
-        else:
-            self.agreed, self.differed = 0, self.differed + 1
+        ours = bool(inside.all())
+        self._judged.append(ours)
+        self._agreed = self._agreed + 1 if ours else 0
+        self.confirmed = self.confirmed or self._agreed >= SURE
 
     @property
     def rival(self) -> bool:
         """Whether the outputs have not been ours for as long as counts."""
-        return self.differed >= REPORTS
+        return self._judged.count(False) >= (STRANGE if self.confirmed else NEWCOMER_STRANGE)
 
     @property
     def why(self) -> str:

@@ -1,0 +1,166 @@
+"""A stand-in PX4 1.13 in the test's own hands: ticked by the test, in real time or as fast as it goes.
+
+What the motors were told, whether a companion drove them and where the vehicle was is read off the world
+itself, tick by tick. `Faults` sits on the companion's line and does what lines do when they fail.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.link.address import parse_address
+from coaxlink.link.session import Session
+from coaxlink.link.transport import Udp
+from sim.px4.autopilot import Mode
+from sim.world import World, build, open_links
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TICK_S = 0.004
+HEIGHT_M = 4.0
+
+
+class Flight:
+    """A vehicle in the air."""
+
+    def __init__(self, own_curve: float = 1.0) -> None:
+        # the vehicle and its companion share one interpreter here: neither may hold it for long
+        sys.setswitchinterval(0.0005)
+        self.ports = open_links(["udpin:127.0.0.1:0"])
+        self.address = "udpout:" + self.ports[0].name.partition(":")[2]
+        self.standin = build(World(EXAMPLES / "x8_demo.toml", firmware="px4:1.13"), self.ports)
+        self.autopilot: Any = self.standin.autopilot
+        self.autopilot.store.write("THR_MDL_FAC", 9, own_curve)
+        self.rows: list[tuple[float, bool, list[float], float, float]] = []
+        self._next = time.monotonic()
+        self.autopilot.arm()
+        self.autopilot.take_off(HEIGHT_M)
+        self.rush(12.0)
+        assert self.autopilot.mode == Mode.HOLD
+
+    def close(self) -> None:
+        for port in self.ports:
+            port.close()
+
+    def rush(self, seconds: float) -> None:
+        """As fast as it goes, nobody listening."""
+        for _ in range(round(seconds / TICK_S)):
+            self._tick()
+
+    def fly(self, seconds: float, until: Callable[[], bool] = lambda: False) -> float:
+        """In real time; returns the seconds flown, fewer if `until` came true."""
+        start = self._next = time.monotonic()
+        for _ in range(round(seconds / TICK_S)):
+            self._tick()
+            if until():
+                break
+            self._next += TICK_S
+            ahead = self._next - time.monotonic()
+            if ahead > 0:
+                time.sleep(ahead)
+            elif ahead < -0.1:
+                self._next = time.monotonic()
+        return time.monotonic() - start
+
+    def back_to_hover(self) -> None:
+        self.autopilot.go_to((0.0, 0.0, -HEIGHT_M), 0.0)
+        self.rush(8.0)
+        self.rows.clear()
+
+    def _tick(self) -> None:
+        self.standin.tick()
+        a = self.autopilot
+        _, x, y, _ = a.plant.quaternion.tolist()
+        tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
+        self.rows.append((time.monotonic(), a.live, a.command.tolist(), a.plant.height, tilt))
+
+    @property
+    def driven(self) -> bool:
+        return bool(self.autopilot.live)
+
+    def outputs_are_sound(self) -> bool:
+        u = np.array([row[2] for row in self.rows])
+        return bool(np.isfinite(u).all() and (u >= 0.0).all() and (u <= 1.0).all())
+
+    @property
+    def lowest_m(self) -> float:
+        return min(row[3] for row in self.rows)
+
+    @property
+    def steepest_deg(self) -> float:
+        return max(row[4] for row in self.rows)
+
+    def own_since(self, since: float) -> float | None:
+        """Seconds from `since` to the first tick flown on the autopilot's own mixer for good."""
+        found = None
+        for at, live, *_ in self.rows:
+            if at >= since:
+                found = None if live else (at if found is None else found)
+        return None if found is None else found - since
+
+
+class Faults:
+    """A UDP line whose traffic the test may lose or change, message by message (pymavlink's parser)."""
+
+    def __init__(self, address: str) -> None:
+        self._inner = Udp(parse_address(address))
+        self.dead = False
+        self.change: Callable[[Any], Any] | None = None  # of demands; it may lose one by returning None
+        self._parser = mavlink.MAVLink(None)
+        self._packer = mavlink.MAVLink(None, 1, 1)
+
+    def read(self, timeout_s: float) -> tuple[bytes, Any]:
+        data, peer = self._inner.read(timeout_s)
+        if not data or self.dead:
+            return b"", None
+        if self.change is None:
+            return data, peer
+        out = b""
+        for message in self._parser.parse_buffer(data) or []:
+            frame = bytes(message.get_msgbuf())
+            if message.get_type() == "ACTUATOR_CONTROL_TARGET":
+                changed = self.change(message)
+                if changed is None:
+                    continue
+                if changed is not message:
+                    self._packer.seq = message.get_seq()
+                    frame = bytes(changed.pack(self._packer))
+            out += frame
+        return out, peer
+
+    def write(self, data: bytes, peer: Any = None) -> None:
+        if not self.dead:
+            self._inner.write(data, peer)
+
+    def fileno(self) -> int:
+        return self._inner.fileno()
+
+    def close(self) -> None:
+        self._inner.close()
+
+
+class Companion:
+    """A session on a faulty line; needs the vehicle ticked while it connects."""
+
+    def __init__(self, flight: Flight, component: int = 191) -> None:
+        self.line = Faults(flight.address)
+        self.session = Session(self.line, flight.address, 245, component)
+        starting = threading.Thread(target=self.session.start, args=(5.0,))
+        starting.start()
+        flight.fly(5.0, until=lambda: not starting.is_alive())
+        starting.join()
+
+    def close(self) -> None:
+        self.session.close()
+
+
+def demand(time_usec: int, controls: list[float]) -> Any:
+    return mavlink.MAVLink_actuator_control_target_message(time_usec, 0, controls)
