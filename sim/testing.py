@@ -14,7 +14,7 @@ from sim.errors import SimError
 
 @contextmanager
 def standin(*arguments: str, kind: str = "udpin") -> Iterator[int]:
-    """Run `coaxlink sim ARGUMENTS` listening on loopback; yields the port. Raises SimError."""
+    """Run `coaxlink sim ARGUMENTS` listening on loopback; yields the (last) port. Raises SimError."""
     command = [sys.executable, "-m", "coaxlink", "sim", "--listen", f"{kind}:127.0.0.1:0", *arguments]
     with tempfile.TemporaryFile("w+") as talk:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=talk, text=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sim.errors import WorldError
 from sim.links import Port, open_port
@@ -56,6 +57,19 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
     ardupilot = world.firmware.partition(":")[0] == "ardupilot"
     version = CURRENT if ardupilot else firmware_version(world.firmware)
     faults = parse_faults(world.wire) if world.wire else None
+    plant, truth = build_plant(world)
+    if ardupilot:
+        from sim.ardupilot.copter import Copter
+        from sim.ardupilot.protocol import ApConversation
+
+        copter = Copter(plant, truth, version=version, seed=world.seed)
+        return Standin(copter, ports, speed=speed, faults=faults, seed=world.seed, manners=ApConversation)
+    autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
+    return Standin(autopilot, ports, speed=speed, faults=faults, seed=world.seed)
+
+
+def build_plant(world: World) -> tuple[Plant, Truth]:
+    """The vehicle, and what is true of it. Raises WorldError."""
     vehicle = read_vehicle(world.airframe)
     rotor = world.rotor or vehicle.rotor_file
     if rotor is None:
@@ -67,15 +81,27 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
         truth = hidden_truth(world.hidden_seed, vehicle.rotors)
     if world.truth_out is not None:
         write_whole(world.truth_out, truth_text(truth))
-    plant = Plant(vehicle, read_pair(rotor))
-    if ardupilot:
-        from sim.ardupilot.copter import Copter
-        from sim.ardupilot.protocol import ApConversation
+    return Plant(vehicle, read_pair(rotor)), truth
 
-        copter = Copter(plant, truth, version=version, seed=world.seed)
-        return Standin(copter, ports, speed=speed, faults=faults, seed=world.seed, manners=ApConversation)
-    autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
-    return Standin(autopilot, ports, speed=speed, faults=faults, seed=world.seed)
+
+def build_bridge(world: World, to: str, address: str = "") -> Any:
+    """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError."""
+    kinds = {"px4": ("tcpin", 4560), "ardupilot": ("udpin", 9002)}
+    if to not in kinds:
+        raise WorldError("--bridge", "", f"px4 or ardupilot is expected, found '{to}'")
+    kind, usual = kinds[to]
+    given, _, rest = (address or f"{kind}:127.0.0.1:{usual}").partition(":")
+    host, _, port = rest.rpartition(":")
+    if given != kind or not host or not port.isdecimal() or int(port) > 65535:
+        raise WorldError("--listen", address, f"{kind}:HOST:PORT is expected for a bridge to {to}")
+    plant, truth = build_plant(world)
+    if to == "px4":
+        from sim.bridge.px4_hil import Px4Bridge
+
+        return Px4Bridge(plant, truth, host=host, port=int(port), seed=world.seed)
+    from sim.bridge.ardupilot_json import ArduPilotBridge
+
+    return ArduPilotBridge(plant, truth, host=host, port=int(port))
 
 
 def firmware_version(firmware: str) -> tuple[int, int, int]:

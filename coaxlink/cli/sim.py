@@ -31,6 +31,7 @@ def sim(
     wire: Annotated[
         str, typer.Option(help="Faults: loss=P,copies=P,disorder=P,corruption=P,delay=S,dead=S:S,reboot=N.")
     ] = "",
+    bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
     flight: Annotated[str, typer.Option("--fly", help="Fly a plan without a client: paper, vigorous.")] = "",
     log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="With --fly: keep its log.")] = None,
     stand: Annotated[
@@ -46,7 +47,7 @@ def sim(
         if stand is not None:
             _measure(stand, rotor, truth, seed)
             return
-        from sim.world import World, build, open_links
+        from sim.world import World, build, build_bridge, open_links
 
         world = World(
             airframe or files.example("x8_demo.toml"),
@@ -60,6 +61,9 @@ def sim(
         )
         if flight:
             _alone(build(world, []).autopilot, flight, log)
+            return
+        if bridge:
+            _bridge(build_bridge(world, bridge, (listen or [""])[0]), bridge)
             return
         ports = open_links(listen or [])
         try:
@@ -97,6 +101,13 @@ def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
     if log is not None:
         write_flight(log, flown)
         say(f"{log}: {len(flown['time_s'])} rows, {seconds:.0f} s of flight")
+
+
+def _bridge(bridge: Any, to: str) -> None:
+    try:
+        _fly(bridge, f"bridge {to}", [bridge])
+    finally:
+        bridge.close()
 
 
 def _fly(standin: Any, firmware: str, ports: Any) -> None:

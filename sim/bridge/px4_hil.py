@@ -1,0 +1,178 @@
+"""PX4's simulator interface: we listen on TCP 4560, it connects, HIL_SENSOR sets its clock.
+
+Free-running until its first HIL_ACTUATOR_CONTROLS, then lockstep one to one: a step of 4 ms, a HIL_SENSOR,
+and nothing moves until the controls for it are there. IMU at 250 Hz, magnetometer, barometer 50, GPS 10;
+every reading is noisy, for more than a hundred equal ones are a dead sensor to it.
+"""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as m
+
+from sim.errors import PortError
+from sim.plant import Plant
+from sim.px4.telemetry import HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG
+from sim.sensors import Sensors
+from sim.truth import Truth
+
+STEPS = 4
+ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00
+SILENCE_S = 2.0  # wall time: it may be stopped in a debugger, or gone
+LOCKSTEP = 1
+FREE_RUN_S = 0.004
+
+
+class Px4Bridge:
+    """One vehicle behind one TCP port. `missed` counts steps whose controls did not come in time."""
+
+    def __init__(
+        self, plant: Plant, truth: Truth, *, host: str = "127.0.0.1", port: int = 4560, seed: int = 0
+    ) -> None:
+        self.plant, self.truth = plant, truth
+        self._sensors = Sensors(plant, seed)
+        self._random = np.random.default_rng([seed, 0x411])
+        self.steps = self.missed = 0
+        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._listener.bind((host, port))
+            self._listener.listen(1)
+        except OSError as error:
+            self._listener.close()
+            raise PortError(f"tcpin:{host}:{port}", f"cannot be opened ({error.strerror})") from error
+        self._listener.settimeout(0.1)
+        self.name = "tcpin:{}:{}".format(*self._listener.getsockname())
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._listener.close()
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Serve one autopilot after another until `stop()`."""
+        while not stop():
+            try:
+                stream, _ = self._listener.accept()
+            except TimeoutError:
+                continue
+            with stream:
+                stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                stream.settimeout(0.1)
+                try:
+                    self._serve(stream, stop)
+                except (ConnectionError, BrokenPipeError):
+                    continue
+
+    def _serve(self, stream: socket.socket, stop: Callable[[], bool]) -> None:
+        mav, parser = m.MAVLink(None, srcSystem=1, srcComponent=200), m.MAVLink(None)
+        parser.robust_parsing = True
+        command: NDArray[np.float64] = np.zeros(self.plant.vehicle.rotors)
+        lockstep = False
+        while not stop():
+            self.truth.act(self.plant)
+            self._send(stream, mav)
+            controls = self._controls(stream, parser, SILENCE_S if lockstep else FREE_RUN_S, stop)
+            if controls is not None:
+                lockstep = True
+                command = controls[: len(command)]
+            elif lockstep:
+                self.missed += 1
+            self.plant.advance(command, STEPS)
+            self.steps += 1
+
+    def _controls(
+        self, stream: socket.socket, parser: Any, patience_s: float, stop: Callable[[], bool]
+    ) -> NDArray[np.float64] | None:
+        """Controls in answer to the last reading, 0..1 a motor; None when they do not come."""
+        end = time.monotonic() + patience_s
+        while not stop():
+            stream.settimeout(max(min(end - time.monotonic(), 0.1), 1e-4))
+            try:
+                data = stream.recv(65536)
+            except TimeoutError:
+                if time.monotonic() >= end:
+                    return None
+                continue
+            if not data:
+                raise ConnectionError("it hung up")
+            found = None
+            for message in parser.parse_buffer(data) or []:
+                if message.get_msgId() == m.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
+                    found = np.clip(np.nan_to_num(np.array(message.controls, float)), 0.0, 1.0)
+            if found is not None:
+                return found
+        return None
+
+    def _send(self, stream: socket.socket, mav: Any) -> None:
+        now = round(1e6 * self.plant.time_s) + 1_000_000
+        tick = self.plant.steps // STEPS
+        r = self._sensors.read()
+        fields = ACCEL | GYRO | (MAG | BARO if tick % 5 == 0 else 0)
+        noise = self._random.standard_normal(6)
+        alt = HOME_ALT - float(self.plant.position[2]) + 0.05 * noise[3]
+        pressure = 1013.25 * (1 - 2.25577e-5 * alt) ** 5.25588
+        messages = [
+            m.MAVLink_hil_sensor_message(
+                now,
+                *r.accel.tolist(),
+                *r.rates.tolist(),
+                *(self._field() + 0.001 * noise[:3]).tolist(),
+                pressure,
+                0.0,
+                alt,
+                25.0 + 0.01 * noise[4],
+                fields,
+                0,
+            )
+        ]
+        if tick % 25 == 0:
+            messages.append(self._gps(now, r.position, r.velocity))
+        messages.append(self._state(now))
+        data = b""
+        for message in messages:
+            data += message.pack(mav)
+            mav.seq = (mav.seq + 1) % 256
+        stream.settimeout(SILENCE_S)
+        stream.sendall(data)
+
+    def _field(self) -> NDArray[np.float64]:
+        """Magnetic field in body axes, gauss."""
+        w, x, y, z = self.plant.quaternion.tolist()
+        n, d = 0.21, 0.43
+        return np.array(
+            [
+                n * (1 - 2 * (y * y + z * z)) + d * 2 * (x * z - w * y),
+                n * 2 * (x * y - w * z) + d * 2 * (y * z + w * x),
+                n * 2 * (x * z + w * y) + d * (1 - 2 * (x * x + y * y)),
+            ]
+        )
+
+    def _gps(self, now: int, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> Any:
+        n, e, d = position.tolist()
+        vn, ve, vd = (round(100 * v) for v in velocity.tolist())
+        lat = round(1e7 * (HOME_LAT + n / M_PER_DEG))
+        lon = round(1e7 * (HOME_LON + e / (M_PER_DEG * math.cos(math.radians(HOME_LAT)))))
+        course = round(100 * math.degrees(math.atan2(ve, vn))) % 36000
+        alt, speed = round(1000 * (HOME_ALT - d)), round(math.hypot(vn, ve))
+        return m.MAVLink_hil_gps_message(now, 3, lat, lon, alt, 70, 90, speed, vn, ve, vd, course, 14)
+
+    def _state(self, now: int) -> Any:
+        """Ground truth: PX4 logs it, and does not fly by it."""
+        p = self.plant
+        n, e, d = p.position.tolist()
+        lat = round(1e7 * (HOME_LAT + n / M_PER_DEG))
+        lon = round(1e7 * (HOME_LON + e / (M_PER_DEG * math.cos(math.radians(HOME_LAT)))))
+        speeds = [round(100 * v) for v in p.velocity.tolist()]
+        accel = [round(1000 * a / 9.80665) for a in p.specific_force.tolist()]
+        quaternion, rates = p.quaternion.tolist(), p.rates.tolist()
+        alt = round(1000 * (HOME_ALT - d))
+        return m.MAVLink_hil_state_quaternion_message(
+            now, quaternion, *rates, lat, lon, alt, *speeds, 0, 0, *accel
+        )
