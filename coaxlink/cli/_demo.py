@@ -70,7 +70,14 @@ def fly_tables(
 
 
 def fly_live(
-    world: list[str], speed: float, airframe: Airframe, model: RotorModel, plan: Plan, out: Path, watch: Watch
+    world: list[str],
+    speed: float,
+    airframe: Airframe,
+    model: RotorModel,
+    plan: Plan,
+    out: Path,
+    watch: Watch,
+    law: str = LIVE_LAW,
 ) -> tuple[Flight, Demands, dict[str, Any]]:
     """Fly the plan with the companion mixing: the flight, the demands answered, the mixer's account."""
     from coaxlink.link.mixing import LiveMixer
@@ -82,7 +89,7 @@ def fly_live(
     @contextmanager
     def mixing(session: Session) -> Iterator[None]:
         forget = session.subscribe(demands.hear)
-        live = LiveMixer(session, airframe, make_law(LIVE_LAW, airframe, model), model)
+        live = LiveMixer(session, airframe, make_law(law, airframe, model), model)
         with live:
             yield
         forget()
@@ -90,7 +97,7 @@ def fly_live(
 
     companion: Callable[[Session], AbstractContextManager[object]] = mixing
     with simulator(["--firmware", "px4:1.13", "--speed", str(min(speed, LIVE_SPEED)), *world]) as address:
-        flight = fly(LIVE, address, plan, out / "live.tlog", watch=watch, mixing=companion)
+        flight = fly(f"live {law}", address, plan, out / f"live_{law}.tlog", watch=watch, mixing=companion)
     return flight, demands, account
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +15,7 @@ from coaxlink.cli._shell import JsonOption, console, say, talk
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.cli._demo import Watch
+    from coaxlink.link.tables import TableReport
     from coaxlink.link.trajectory import Plan
     from coaxlink.report.demo import DemoResult
 
@@ -68,10 +69,13 @@ def run_demo(seed: int, out: Path, speed: float) -> DemoResult:
 
         step("writing the standard and the reduced table")
         reports = {law: tables.report_px4(airframe, model, law) for law in steps.TABLES}
-        folders = {law: _write_table(out, airframe, law, report) for law, report in reports.items()}
+        folders = {
+            law: write_table(out, airframe, law, report, out / "rotor.toml")
+            for law, report in reports.items()
+        }
 
         step("uploading and flying each table")
-        flown, uploads = steps.fly_tables(world, speed, folders, _upload(out), plan, out, watch)
+        flown, uploads = steps.fly_tables(world, speed, folders, upload_into(out), plan, out, watch)
         step("flying with the companion mixing live")
         live, demands, account = steps.fly_live(world, speed, airframe, model, plan, out, watch)
 
@@ -89,15 +93,18 @@ def run_demo(seed: int, out: Path, speed: float) -> DemoResult:
     return DemoResult(seed, identification, uploads, errors, account, refinement)
 
 
-def _write_table(out: Path, airframe: Airframe, law: str, report: Any) -> Path:
+def write_table(out: Path, airframe: Airframe, name: str, report: TableReport, rotor_file: Path) -> Path:
+    """Write a PX4 table to OUT/tables/NAME and return that folder."""
     from coaxlink.cli.table import write_px4
 
-    folder = out / "tables" / law
-    write_px4(folder, airframe, out / "rotor.toml", report)
+    folder = out / "tables" / name
+    write_px4(folder, airframe, rotor_file, report)
     return folder
 
 
-def _upload(out: Path) -> Any:
+def upload_into(out: Path) -> Callable[[str, Path], dict[str, Any]]:
+    """An upload that keeps its backups in OUT/backups and raises unless the table is verified."""
+
     def upload(address: str, folder: Path) -> dict[str, Any]:
         from coaxlink.errors import CheckFailed
         from coaxlink.link import connect

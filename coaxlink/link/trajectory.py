@@ -1,8 +1,8 @@
 """Where to fly: smooth position set-points as pure functions of time.
 
 Positions are local NED relative to the place of take-off, in m; heights are given positive up.
-`paper_flight` is the paper's test (hover at 3 m, circle of radius 2 m at 4.5 m; Berra, Trujillo and
-Heredia 2024, section 5.3) followed by the manoeuvres that a residual needs: speed, climb, low hover, yaw.
+`table_4_flight` is the paper's test (hover at 3 m, circle of radius 2 m at 4.5 m; Berra, Trujillo and
+Heredia 2024, section 5.3); `paper_flight` adds what a residual needs: speed, climb, low hover, yaw.
 """
 
 from __future__ import annotations
@@ -128,15 +128,26 @@ class Plan:
         return segment.name, segment.at(min(max(t - start, 0.0), segment.duration_s))
 
 
+HOVER, RIM = (0.0, 0.0, -3.0), (2.0, 0.0, -4.5)
+_PAPER: tuple[Segment, ...] = (
+    Hold("hover", HOVER, 6.0),
+    Move("to the circle", HOVER, RIM, 3.0),
+    Circle("circle", 2.0, -4.5, 8.0, 2),
+)
+
+
+def table_4_flight() -> Plan:
+    """The paper's own test: hover at 3 m, the circle of 2 m at 4.5 m; 27 s."""
+    return Plan(_PAPER)
+
+
 def paper_flight() -> Plan:
-    """Hover at 3 m, the circle of 2 m at 4.5 m slow and fast, climb and descent, yaw, low hover; about 65 s."""
-    hover, rim, high, low = (0.0, 0.0, -3.0), (2.0, 0.0, -4.5), (0.0, 0.0, -8.0), (0.0, 0.0, -0.55)
+    """The paper's test, then a fast circle, climb and descent, yaw, low hover; about 65 s."""
+    hover, rim, high, low = HOVER, RIM, (0.0, 0.0, -8.0), (0.0, 0.0, -0.55)
     turn = math.radians(100)
     return Plan(
         (
-            Hold("hover", hover, 6.0),
-            Move("to the circle", hover, rim, 3.0),
-            Circle("circle", 2.0, -4.5, 8.0, 2),
+            *_PAPER,
             Circle("fast circle", 2.0, -4.5, 3.6, 3),
             Move("climb", rim, high, 3.0),
             Move("descent", high, hover, 6.5),

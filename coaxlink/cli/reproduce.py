@@ -1,0 +1,117 @@
+"""`coaxlink reproduce`: the paper's tables and figures against what its own numbers give."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from coaxlink.cli._shell import JsonOption, console, say
+
+if TYPE_CHECKING:
+    from coaxlink.paper import Ledger
+    from coaxlink.paper.tables import Flown
+
+SPEED = 8.0  # of the simulator, times real time
+
+
+def reproduce(
+    no_fly: Annotated[bool, typer.Option("--no-fly", help="Leave Table 4's flights out.")] = False,
+    pair: Annotated[
+        Path | None,
+        typer.Option(metavar="LOG", help="A real stand log of a close pair, for contradiction 11."),
+    ] = None,
+    markdown: Annotated[
+        Path | None, typer.Option(metavar="FILE.md", help="Write the ledger as a page (docs/paper.md).")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Recompute what the paper prints, and each place where it disagrees with itself."""
+    from coaxlink import files
+    from coaxlink.report.paper import markdown as page
+    from coaxlink.report.paper import tables
+
+    ledger = build(fly_table_4=not no_fly, pair=pair)
+    for table in tables(ledger):
+        console().print(table)
+    if markdown:
+        files.write_atomic(markdown, page(ledger))
+    if json_file:
+        files.write_json(json_file, ledger.to_json())
+
+
+def build(*, fly_table_4: bool, pair: Path | None) -> Ledger:
+    """All entries; flights take about a minute."""
+    from coaxlink import files
+    from coaxlink.airframe import load_airframe
+    from coaxlink.data import read_stand_log
+    from coaxlink.paper import Ledger, contradictions, equations, tables
+    from coaxlink.rotor import identify, load_rotor_model
+
+    airframe = load_airframe(files.example("x8_paper.toml"))
+    crm, rcrm, srm = (
+        load_rotor_model(files.example(f"rotor_{name}.toml")) for name in ("paper", "eq15", "srm_paper")
+    )
+    say("identifying 121 points made with eq. 17")
+    identified = identify(read_stand_log(files.example("stand_eq17.csv")), "crm")
+    flights = _fly() if fly_table_4 else {}
+    return Ledger(
+        (
+            tables.table_1(identified),
+            tables.table_2(identified),
+            tables.table_4(flights),
+            tables.table_5(flights),
+            tables.figure_4(identified),
+            equations.figure_5(crm),
+            equations.equation_15(airframe),
+            equations.equation_16(airframe),
+            equations.equation_18(),
+            *contradictions.contradictions(airframe, crm, rcrm, srm, pair),
+        )
+    )
+
+
+def _fly() -> dict[str, Flown]:
+    """The paper's mixers and the mended ones on the eq. 17 plant, by the names of Table 4's columns."""
+    from coaxlink import files
+    from coaxlink.airframe import load_airframe
+    from coaxlink.cli import _demo as steps
+    from coaxlink.cli.demo import upload_into, write_table
+    from coaxlink.link import tables
+    from coaxlink.link.trajectory import table_4_flight
+    from coaxlink.paper.tables import Flown
+    from coaxlink.rotor import load_rotor_model
+
+    airframe_file = files.example("x8_demo.toml")
+    airframe, plan, world = load_airframe(airframe_file), table_4_flight(), ["--airframe", str(airframe_file)]
+    crm = load_rotor_model(files.example("rotor_paper.toml"))
+    asked = {"standard": ("standard", "srm_paper"), "reduced": ("reduced", "eq15")}
+    if "fitted" in tables.TABLE_LAWS:
+        asked["fitted table"] = ("fitted", "paper")
+    errors = {}
+    with tempfile.TemporaryDirectory() as name:
+        out = Path(name)
+        reports, folders = {}, {}
+        for title, (law, rotor) in asked.items():
+            file = files.example(f"rotor_{rotor}.toml")
+            reports[title] = tables.report_px4(airframe, load_rotor_model(file), law)
+            folders[title] = write_table(out, airframe, title, reports[title], file)
+        say(f"flying {', '.join(asked)} as PX4 tables")
+        flown, _ = steps.fly_tables(world, SPEED, folders, upload_into(out), plan, out, lambda *_: None)
+        for title, flight in flown.items():
+            errors[title] = steps.errors_of_table(flight, airframe, crm, reports[title].params)
+        for title, law in (("coaxial", "coaxial-printed"), ("exact, live", "exact")):
+            say(f"flying {law} live")
+            live, demands, _ = steps.fly_live(world, SPEED, airframe, crm, plan, out, lambda *_: None, law)
+            errors[title] = steps.errors_of_live(live, airframe, crm, demands)
+    return {
+        title: Flown(title, e.position_error_m, e.delivered.torque_error_Nm, e.delivered.thrust_error_N)
+        for title, e in errors.items()
+    }
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command("reproduce")(reproduce)
