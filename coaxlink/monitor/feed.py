@@ -148,6 +148,8 @@ class TableReader:
             count = table.get("CA_ROTOR_COUNT", 0.0)
             rotors = rotor_names(int(count)) if 0 < count <= 16 else ()
             table |= self._read(rotors)
+            if (self._session.identity.version or (99,)) < (1, 14):
+                self._watch.collector.put_parameters(self._read(("SYS_CTRL_ALLOC",)))
         except CoaxlinkError:
             return
         self._watch.collector.put_parameters(table, replace_prefix="CA_")

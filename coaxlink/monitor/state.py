@@ -25,6 +25,7 @@ from coaxlink.rotor import RotorModel
 
 LOST_S = 3.0  # without any message for this long the link counts as lost
 GRAVITY_M_S2 = 9.80665
+_OWN_MIX = 0.08  # commands nearer than this to the legacy mixer's are its own; messages are 0.1 s apart
 _STANDING = 0.005  # normalised speed below which a rotor stands still
 
 
@@ -226,10 +227,7 @@ def _balance(
     lower = sum(t for t, r in zip(thrust, rotors, strict=True) if r.level == "lower")
     upper = sum(thrust) - lower
     lower_torque = sum(t for t, r in zip(torque, rotors, strict=True) if r.level == "lower")
-    intended, note, basis = _demand(airframe, model, readings, now_s), "", "demand"
-    if intended is None:
-        intended, note = _intended(rotors, readings.parameters, table, wrench[0])
-        basis = "table"
+    intended, note, basis = _wanted(airframe, model, rotors, readings, table, wrench[0], now_s)
     error = None if intended is None else tuple(a - b for a, b in zip(wrench, intended, strict=True))
     return Balance(
         wrench[0],
@@ -247,19 +245,38 @@ def _balance(
     )
 
 
-def _demand(
-    airframe: Airframe, model: RotorModel, readings: Readings, now_s: float
-) -> tuple[float, ...] | None:
-    """The wrench a legacy mixer (PX4 <= 1.13) is asked for: what live mixing answers to. None if unheard."""
-    arrival = readings.batches("ACTUATOR_CONTROL_TARGET").get(0)
+def _wanted(
+    airframe: Airframe,
+    model: RotorModel,
+    rotors: tuple[RotorView, ...],
+    readings: Readings,
+    table: Board,
+    thrust_N: float,
+    now_s: float,
+) -> tuple[tuple[float, ...] | None, str, str]:
+    """Wanted wrench or None, why there is none, and whose it is: the demand's or the table's."""
     version = version_of(readings)
-    if arrival is None or is_old(arrival, now_s, STALE_S) or not version:
-        return None
+    legacy = bool(version) and tuple(map(int, version.split(".")[:2])) <= (1, 13)
+    if not legacy or readings.parameters.get("SYS_CTRL_ALLOC") == 1.0:
+        return *_intended(rotors, readings.parameters, table, thrust_N), "table"
+    arrival = readings.batches("ACTUATOR_CONTROL_TARGET").get(0)
+    if arrival is None or is_old(arrival, now_s, STALE_S):
+        return None, f"PX4 {version} flies its legacy mixer, and its demand is not heard", "demand"
     controls = [float(c) for c in arrival.message.controls[:4]]
-    if tuple(map(int, version.split(".")[:2])) > (1, 13) or not all(map(math.isfinite, controls)):
-        return None
-    scale = DemandScale(airframe, standard_coefficients(model))
-    return tuple(float(w) for w in scale.wrench(controls))
+    commands = [r.throttle for r in rotors]
+    if not all(map(math.isfinite, controls)) or any(c is None for c in commands):
+        return None, "the demand or the commands are not numbers", "demand"
+    curve = readings.parameters.get("THR_MDL_FAC", 0.0)
+    scale = DemandScale(airframe, standard_coefficients(model), curve if 0.0 <= curve <= 1.0 else 0.0)
+    # a demand means newtons to a companion that mixes; the legacy mixer makes throttle of it, as it comes
+    apart = max(abs(float(c or 0.0) - own) for c, own in zip(commands, scale.own(controls), strict=True))
+    if apart < _OWN_MIX:
+        return (
+            None,
+            f"PX4 {version} flies its own legacy mixer: its demand is throttle, not newtons",
+            "demand",
+        )
+    return tuple(float(w) for w in scale.wrench(controls)), "", "demand"
 
 
 def _intended(

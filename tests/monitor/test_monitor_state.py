@@ -311,3 +311,26 @@ def test_watch_describes_the_table_again_after_an_upload(airframe: Airframe, mod
     assert watch.look(1.0).board.state == "unread"
     watch.collector.put_parameters({"CA_ROTOR_COUNT": 8.0})
     assert watch.look(1.0).board.state == "partial"
+
+
+@pytest.mark.parametrize(("pulses", "live"), [((1441,) * 4 + (1648,) * 4, True), ((1290,) * 8, False)])
+def test_a_legacy_demand_is_newtons_only_while_a_companion_mixes(
+    airframe: Airframe, model: RotorModel, pulses: tuple[int, ...], live: bool
+) -> None:
+    from pymavlink.dialects.v20 import common as mavlink
+
+    version = mavlink.MAVLink_autopilot_version_message(
+        0, 1 << 24 | 13 << 16 | 3 << 8, 0, 0, 0, *[[0] * 8] * 3, 0, 0, 0
+    )
+    controls = [0.0, 0.0, 0.0, 0.29, 0.0, 0.0, 0.0, 0.0]
+    demand = mavlink.MAVLink_actuator_control_target_message(1000, 0, controls)
+    b = look(airframe, model, heartbeat(), version, servo(pulses), demand).balance
+    grid = [0.09 * k for k in range(11)]  # the lone rotor of eq. 18: least squares of p u^2 over 0..0.9
+    thrust = [55.9517 * u**2 + 22.4464 * u for u in grid]
+    p = sum(f * u**2 for f, u in zip(thrust, grid, strict=True)) / sum(u**4 for u in grid)
+    if live:
+        assert b.basis == "demand" and b.intended is not None and b.error is not None
+        assert b.intended == pytest.approx((8 * p * 0.29, 0, 0, 0), rel=1e-4, abs=1e-4)
+        assert b.error[0] == pytest.approx(4 * (UPPER_441 + LOWER_441_648) - 8 * p * 0.29, abs=0.1)
+    else:
+        assert b.error is None and "legacy mixer" in b.error_note
