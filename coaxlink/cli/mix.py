@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, console, talk
+from coaxlink.cli._shell import JsonOption, say
 from coaxlink.cli.allocate import rotor_path
-from coaxlink.errors import CheckFailed, LinkError
+from coaxlink.cli.upload import SigningOption, SystemOption
+from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
 if TYPE_CHECKING:
+    from coaxlink.airframe import Airframe
+    from coaxlink.link import Session
     from coaxlink.link.mixing import LiveMixer
+    from coaxlink.mixer import Law
+    from coaxlink.rotor import RotorModel
 
 QUIET_S = 3.0  # wall time without a heartbeat after which the link counts as lost
+SWITCH_S = 2e-4  # how long the screen may keep the live loop from the interpreter
 
 
 def mix(
@@ -27,57 +34,182 @@ def mix(
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     rate: Annotated[float, typer.Option(min=1, max=1000, help="Demands a second to ask for.")] = 250.0,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="Stop by itself after this long.")] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Compute and show, send no motor command.")
+    ] = False,
+    props_off: Annotated[
+        bool, typer.Option("--props-off", help="Only turn the motors one by one and ask what turned.")
+    ] = False,
+    record: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Keep mix.live and mix.tlog there.")
+    ] = None,
+    plot: Annotated[
+        bool, typer.Option("--plot", help="Send split, error and latency for QGC to plot.")
+    ] = False,
+    forward: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Share the line with a ground station (UDP).")
+    ] = None,
+    witness: Annotated[
+        bool,
+        typer.Option("--witness/--no-witness", help="Let go when the motors do not follow our commands."),
+    ] = True,
+    system: SystemOption = None,
+    signing_key: SigningOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Mix live: answer every wrench demand of the autopilot with motor commands, until interrupted."""
-    from coaxlink import files, mixer
+    """Mix live: answer every wrench demand of the autopilot with motor commands, until interrupted.
+
+    Arming stays with the pilot. Begin with --props-off, then --dry-run.
+    """
+    from coaxlink import mixer
     from coaxlink.airframe import load_airframe
     from coaxlink.link import connect as open_session
-    from coaxlink.link.mixing import LiveMixer
     from coaxlink.rotor.model import load_rotor_model
 
+    sys.setswitchinterval(SWITCH_S)
     frame = load_airframe(airframe)
     model = load_rotor_model(rotor_path(frame.rotor_model, rotor, airframe))
     chosen = mixer.make_law(law, frame, model)
-    with open_session(connect) as session:
-        live = LiveMixer(session, frame, chosen, model, rate_hz=rate)
-        lost = None
-        with live:
+    log = record / "mix.tlog" if record else None
+    with open_session(connect, target_system=system, signing_key=signing_key, record=log) as session:
+        if props_off:
+            _motors(session, frame, json_file)
+            return
+        options = _Options(rate, seconds, dry_run, record, plot, forward, witness)
+        _fly(session, frame, chosen, model, options, json_file)
+
+
+class _Options:
+    def __init__(
+        self, rate: float, seconds: float | None, dry_run: bool, record: Path | None, plot: bool,
+        forward: str | None, witness: bool,
+    ) -> None:  # fmt: skip
+        self.rate, self.seconds, self.dry_run, self.record = rate, seconds, dry_run, record
+        self.plot, self.forward, self.witness = plot, forward, witness
+
+
+def _fly(
+    session: Session, frame: Airframe, law: Law, model: RotorModel, o: _Options, json_file: Path | None
+) -> None:
+    from coaxlink import files
+    from coaxlink.link.live_effects import LiveEffects
+    from coaxlink.link.live_paths import require_path
+    from coaxlink.link.live_record import LiveRecord
+    from coaxlink.link.mixing import LiveMixer
+
+    require_path(session.identity.autopilot, session.identity.version)
+    effects = LiveEffects(session, frame, model) if model.effects else None
+    for name, why in effects.left_out.items() if effects else ():
+        say(f"not compensated live: {name} ({why})")
+    about = {"law": law.name, "airframe": frame.name, "rotors": len(frame.rotors), "rotor_form": model.form}
+    kept = LiveRecord(o.record / "mix.live", about) if o.record else None
+    live = LiveMixer(
+        session, frame, law, model, rate_hz=o.rate, dry_run=o.dry_run, witness=o.witness,
+        compensation=effects, record=kept, own_curve=_own_curve(session),
+    )  # fmt: skip
+    _warn_of_hand_over(live, frame)
+    lost = None
+    try:
+        with _sharing(session, o.forward), live:
             try:
-                lost = _watch(live, seconds)
+                lost = _watch(live, o)
             except KeyboardInterrupt:
-                talk().print("stopping: the autopilot flies its own mixer again")
-        summary = live.summary()
+                say("stopping: the autopilot flies its own mixer again")
+    finally:
+        if kept:
+            kept.close()
+    summary = live.summary()
     if json_file:
         files.write_json(json_file, summary)
-    console().print(_line(summary))
+    sys.stdout.write(_line(summary) + "\n")
     if lost:
-        raise LinkError(connect, lost)
+        raise LinkError(session.address, lost)
+    if isinstance(live.error, SafetyRefusal):
+        raise live.error
     if summary["unanswered"]["failures"]:
         raise CheckFailed(f"live mixing stopped itself and fell silent: {live.error}")
     if not summary["cycles"]:
-        raise CheckFailed("the autopilot sent no wrench demand (ACTUATOR_CONTROL_TARGET)")
+        raise CheckFailed("no wrench demand (ACTUATOR_CONTROL_TARGET) came that could be answered")
 
 
-def _watch(live: LiveMixer, seconds: float | None) -> str | None:
+def _own_curve(session: Session) -> float:
+    """THR_MDL_FAC on board; 0, its default, where it does not say."""
+    from coaxlink.link.parameters import Parameters
+
+    found = Parameters(session).read_many(["THR_MDL_FAC"], missing_ok=True)
+    return float(found["THR_MDL_FAC"].value) if "THR_MDL_FAC" in found else 0.0
+
+
+def _warn_of_hand_over(live: LiveMixer, frame: Airframe) -> None:
+    weight = 9.80665 * frame.mass_kg
+    own = live.core.hand_over_thrust(weight)
+    if own < 0.8 * weight:
+        say(
+            f"warning: handed back in hover, the autopilot's own mixer first gives {own:.0f} N of "
+            f"{weight:.0f} N; with THR_MDL_FAC = 1 it would lose less height"
+        )
+
+
+def _sharing(session: Session, where: str | None) -> Any:
+    from contextlib import nullcontext
+
+    if where is None:
+        return nullcontext()
+    from coaxlink.link.forward import Forwarder
+
+    return Forwarder(session, where)
+
+
+def _watch(live: LiveMixer, o: _Options) -> str | None:
     """Show the state until the time is up, the loop failed or the link is lost (then the reason)."""
-    from rich.live import Live
+    from coaxlink.link.live_plot import Plotter
 
+    plotter = Plotter(live) if o.plot else None
+    screen = sys.stderr.isatty()
+    if not screen:
+        say("dry run: no motor command is sent" if o.dry_run else "live mixing")
     started = time.monotonic()
-    with Live(console=talk(), refresh_per_second=4) as screen:
-        while seconds is None or time.monotonic() - started < seconds:
-            if live.failed.wait(0.25 if seconds is None else min(0.25, seconds)):
-                return None
-            screen.update(_line(live.summary()))
-            if live.session.silence_s > QUIET_S:
-                return f"no heartbeat for {QUIET_S:.0f} s"
+    while o.seconds is None or time.monotonic() - started < o.seconds:
+        if live.failed.wait(0.2 if o.seconds is None else min(0.2, o.seconds)):
+            return None
+        if plotter:
+            plotter.send()
+        if screen:
+            sys.stderr.write(f"\r\x1b[K{_line(live.summary())}")
+            sys.stderr.flush()
+        if live.session.silence_s > QUIET_S:
+            return f"no heartbeat for {QUIET_S:.0f} s"
     return None
+
+
+def _motors(session: Session, frame: Airframe, json_file: Path | None) -> None:
+    from coaxlink import files
+    from coaxlink.link.live_motor_test import turn_motors
+
+    typed = typer.prompt("Are all propellers off? Type: they are off", err=True)
+    if typed.strip() != "they are off":
+        raise SafetyRefusal("motors are tested with the propellers off")
+
+    def ask(number: int, place: str) -> bool:
+        return typer.confirm(f"motor {number}: did this one turn: {place}?", err=True)
+
+    answers = turn_motors(session, frame, ask)
+    if json_file:
+        files.write_json(json_file, {"motors": [a.to_json() for a in answers]})
+    for a in answers:
+        sys.stdout.write(f"motor {a.number}: {a.place}: {'right' if a.right else 'WRONG'}\n")
+    wrong = [str(a.number) for a in answers if not a.right]
+    if wrong:
+        raise CheckFailed(
+            f"motors {', '.join(wrong)} are not where, or not turning as, the airframe file says"
+        )
 
 
 def _line(s: dict[str, Any]) -> str:
     error = s["allocation_error"]["mean"]
     return (
-        f"{s['law']}: {s['cycles']} demands answered in {s['seconds']:.1f} s ({s['rate_hz']:.0f} Hz), "
+        f"{s['law']}{' (dry run)' if s['dry_run'] else ''}, {s['state']}: "
+        f"{s['cycles']} demands answered in {s['seconds']:.1f} s ({s['rate_hz']:.0f} Hz), "
         f"latency {s['latency_us']['p50']:.0f} / {s['latency_us']['p99']:.0f} us, "
         f"error {error[0]:.2g} N, {max(error[1:]):.2g} N m, "
         f"unanswered {sum(s['unanswered'].values())}"

@@ -241,6 +241,12 @@ class Session:
             self._record(frame)
             self._transport.write(frame, self._peer)
 
+    def send_bytes(self, frames: bytes) -> None:
+        """Pass on frames that someone else packed."""
+        with self._lock:
+            self._record(frames)
+            self._transport.write(frames, self._peer)
+
     def command(self, command_id: int, *params: float, timeout_s: float = 1.5, tries: int = 3) -> int:
         """Send COMMAND_LONG until it is acknowledged; the MAV_RESULT. Raises LinkError on silence."""
         target = self.identity
