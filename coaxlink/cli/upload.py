@@ -45,6 +45,7 @@ def upload(
 ) -> None:
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink.link import connect as open_session
+    from coaxlink.link.ap_upload import ApUploader
     from coaxlink.link.plan import load_plan, refuse_values
     from coaxlink.link.upload import REFUSED, Outcome, Uploader
 
@@ -55,8 +56,12 @@ def upload(
         finish(Outcome(REFUSED, files=tuple(map(str, plan.files)), reason=str(error), error=error), json_file)
     with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
         say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
-        worker = Uploader(session, backup_folder=backup_dir, talk=conversation(yes or dry_run))
-        outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry)
+        talk = conversation(yes or dry_run)
+        if plan.firmware == "ardupilot":
+            outcome = ApUploader(session, backup_folder=backup_dir, talk=talk).upload(plan, dry_run=dry_run)
+        else:
+            worker = Uploader(session, backup_folder=backup_dir, talk=talk)
+            outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry)
     finish(outcome, json_file)
 
 
@@ -81,7 +86,8 @@ def show(changes: tuple[Change, ...]) -> None:
         return
     rows = Table("parameter", "on board", "new", box=None)
     for change in changes:
-        rows.add_row(change.name, f"{change.old.value:.7g}", f"{change.new.value:.7g}")
+        old = f"{change.old.value:.7g}" if change.old.bits else "not there yet"
+        rows.add_row(change.name, old, f"{change.new.value:.7g}")
     console().print(rows)
 
 
@@ -98,7 +104,8 @@ def finish(outcome: Outcome, json_file: Path | None) -> None:
     if outcome.result == "dry_run":
         out.print(f"dry run: {count} parameters would change; nothing was written")
     else:
-        detail = f"{count} parameters written and read back" if count else outcome.reason
+        written = f"{count} parameters" + (f" and {len(outcome.scripts)} scripts" if outcome.scripts else "")
+        detail = outcome.reason or f"{written} written and read back"
         out.print(f"verified: {detail} ({outcome.retries} repeats)")
 
 

@@ -36,8 +36,15 @@ def verify(
         files.write_json(json_file, result.to_json())
     out = console()
     for wrong in result.mismatches:
-        found = "nothing" if wrong["found"] is None else f"{wrong['found']:.9g}"
-        out.print(f"{wrong['name']}: {wrong['wanted']:.9g} expected, {found} on board")
+        found, wanted = (
+            "nothing"
+            if wrong[k] is None
+            else f"{wrong[k]:08x}"
+            if "/" in wrong["name"]
+            else f"{wrong[k]:.9g}"
+            for k in ("found", "wanted")
+        )
+        out.print(f"{wrong['name']}: {wanted} expected, {found} on board")
     if result.hash_then and result.hash != result.hash_then:
         out.print(
             f"hash {result.hash:08x}, {result.hash_then:08x} at the upload: some parameter changed since"
@@ -50,7 +57,7 @@ def verify(
         raise CheckFailed(
             f"{len(result.mismatches)} of {result.checked} parameters differ from {result.source}"
         )
-    out.print(f"verified: {result.checked} parameters as in {result.source}")
+    out.print(f"verified: {result.checked} values as in {result.source}")
 
 
 def register(app: typer.Typer) -> None:

@@ -16,6 +16,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.link.behaviour import GRAVITY, Behaviour, Speeds, behaviour
 from coaxlink.link.tables import px4_table
+from coaxlink.mixer.fitted import fit_table, px4_columns
 from coaxlink.rotor import RotorModel
 from firmware_params import ardupilot as ap
 from firmware_params import px4
@@ -45,9 +46,11 @@ class ApReport:
         return tuple(f for f in self.findings if f.severity == "error")
 
 
-def ap_factors(airframe: Airframe, model: RotorModel, law: str) -> tuple[Factors, ...]:
+def ap_factors(
+    airframe: Airframe, model: RotorModel, law: str, table: px4.Px4Table | None = None
+) -> tuple[Factors, ...]:
     """Factors (N,) of roll, pitch, yaw and throttle, motor n being rotor n. Raises InputError."""
-    columns = px4.effectiveness(px4_table(airframe, model, law))
+    columns = px4.effectiveness(table or px4_table(airframe, model, law))
     matrix = np.stack([columns[0], columns[1], columns[2], -columns[5]])  # per unit u^2
     mixing: NDArray[np.float64] = np.linalg.pinv(matrix)  # (N, 4)
     for axis, largest in ((0, 0.5), (1, 0.5), (2, 0.5), (3, 1.0)):
@@ -77,7 +80,11 @@ def report_ap(
     source = airframe.source or airframe.name
     if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         raise InputError("--frame-class", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
-    factors = ap_factors(airframe, model, law)
+    fitted = None
+    if law == "fitted":
+        fit = fit_table(airframe, model, spin_min=spin_min)
+        fitted, expo = px4_columns(airframe, fit), round(fit.curve, 6)
+    factors = ap_factors(airframe, model, law, fitted)
     motor = ap.MotorParameters(
         thst_expo=expo, spin_min=spin_min, spin_max=1.0, spin_arm=max(0.0, round(spin_min - 0.02, 3))
     )
@@ -87,7 +94,7 @@ def report_ap(
         loaded = scripts.loader_params(factors) if frame_class == DYNAMIC_MATRIX else {}
         title = f"{airframe.name}, {law} law"
         if frame_class == DYNAMIC_MATRIX:
-            texts = {scripts.LOADER_NAME: scripts.loader_script(title=title)}
+            texts = {scripts.LOADER_NAME: scripts.loader_script()}
         else:
             texts = {scripts.MATRIX_NAME: scripts.matrix_script(factors, title=title)}
     except TableError as error:

@@ -30,7 +30,7 @@ class Backup:
 def backup_path(folder: Path, identity: Identity) -> Path:
     """A name that no other backup has: board and UTC time."""
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-    board = (identity.uid or f"system{identity.system}")[-16:]
+    board = identity.uid.strip("0")[:16] or f"system{identity.system}"
     path, again = folder / f"{board}-{stamp}.params", 1
     while path.exists():
         again += 1

@@ -10,7 +10,7 @@ import json
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,8 @@ class Entry:
     backup: str
     files: tuple[str, ...]
     started: str
+    old_scripts: Mapping[str, bytes | None] = field(default_factory=dict)  # by path; None: not there
+    new_scripts: Mapping[str, bytes | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Verified:
     files: tuple[str, ...]
     hash: int
     values: Mapping[str, Value]
+    scripts: Mapping[str, int | None] = field(default_factory=dict)  # CRC by path
 
 
 def state_folder() -> Path:
@@ -73,6 +76,8 @@ class Journal:
                 raw["backup"],
                 tuple(raw["files"]),
                 raw["started"],
+                {n: _bytes(v) for n, v in raw.get("old_scripts", {}).items()},
+                {n: _bytes(v) for n, v in raw.get("new_scripts", {}).items()},
             )
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
@@ -88,12 +93,21 @@ class Journal:
             "files": list(entry.files),
             "old": {n: _raw(v) for n, v in entry.old.items()},
             "new": {n: _raw(v) for n, v in entry.new.items()},
+            "old_scripts": {n: None if v is None else v.hex() for n, v in entry.old_scripts.items()},
+            "new_scripts": {n: None if v is None else v.hex() for n, v in entry.new_scripts.items()},
         }
         files.write_json(self.path, document)
         _sync_folder(self.path.parent)
 
-    def record(self, files_: tuple[str, ...], values: Mapping[str, Value], checksum: int) -> None:
-        """Keep what was verified last, and the board's own hash of all parameters then (0: it has none)."""
+    def record(
+        self,
+        files_: tuple[str, ...],
+        values: Mapping[str, Value],
+        checksum: int,
+        scripts: Mapping[str, int | None] | None = None,
+    ) -> None:
+        """Keep what was verified last: values, the board's own hash of all parameters (0: it has none), and
+        the CRC of each script by path (None: removed)."""
         files.write_json(
             self.record_path,
             {
@@ -102,6 +116,7 @@ class Journal:
                 "files": list(files_),
                 "hash": checksum,
                 "values": {n: _raw(v) for n, v in values.items()},
+                "scripts": dict(scripts or {}),
             },
         )
 
@@ -112,7 +127,8 @@ class Journal:
         try:
             raw = json.loads(files.read_text(self.record_path))
             values = {n: _value(n, v) for n, v in raw["values"].items()}
-            return Verified(raw["time"], tuple(raw["files"]), int(raw["hash"]), values)
+            scripts = dict(raw.get("scripts", {}))
+            return Verified(raw["time"], tuple(raw["files"]), int(raw["hash"]), values, scripts)
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(self.record_path, "", f"damaged ({error}); verify with DIR instead") from error
 
@@ -128,6 +144,10 @@ def _raw(value: Value) -> dict[str, Any]:
 
 def _value(name: str, raw: Mapping[str, Any]) -> Value:
     return Value(name, raw["value"], int(raw["type"]), bytes.fromhex(raw["bits"]))
+
+
+def _bytes(text: str | None) -> bytes | None:
+    return None if text is None else bytes.fromhex(text)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link.parameters import Number, Value
 from coaxlink.link.session import Identity
-from firmware_params import px4
+from firmware_params import ardupilot, px4
 from firmware_params.errors import ParamsFileError, TableError
 
 # MAV_TYPE of multirotors, and the rotor counts each may stand for (a coaxial vehicle has twice the arms)
@@ -34,32 +34,42 @@ _SAME_PLACE_M = 0.02
 class Plan:
     """Files and what they want on board."""
 
-    firmware: str  # px4
+    firmware: str  # px4 or ardupilot
     files: tuple[Path, ...]
     params: Mapping[str, Number]
     types: Mapping[str, int]  # MAV_PARAM_TYPE
     notes: tuple[str, ...] = field(default=())
+    scripts: Mapping[str, bytes] = field(default_factory=dict)  # by file name, ArduPilot only
 
     @property
     def rotor_count(self) -> int | None:
         """Rotors of the table, None when it does not say."""
+        if self.firmware == "ardupilot":
+            return motor_outputs(self.params) or None
         count = self.params.get("CA_ROTOR_COUNT")
         return None if count is None else int(count)
+
+
+def motor_outputs(params: Mapping[str, Number]) -> int:
+    """How many outputs are motors on an ArduPilot board."""
+    motors = {ardupilot.servo_function(n) for n in range(1, 13)}
+    return sum(params.get(f"SERVO{n}_FUNCTION") in motors for n in range(1, 33))
 
 
 def load_plan(source: Path) -> Plan:
     """Read a folder with one table (or one file). Raises InputError with the file and line."""
     if source.is_dir():
-        found = sorted(source.glob("*.params"))
+        found = sorted([*source.glob("*.params"), *source.glob("*.param")])
         if len(found) != 1:
+            names = ", ".join(path.name for path in found)
             problem = (
-                "no .params file in it"
-                if not found
-                else f"{len(found)} .params files: name the one to upload"
+                "no .params or .param file in it" if not found else f"{len(found)} tables ({names}): name one"
             )
-            raise InputError(source, "", f"{problem} (one is expected)")
+            raise InputError(source, "", f"{problem}; one is expected")
         source = found[0]
     try:
+        if source.suffix == ".param":
+            return _load_ardupilot(source)
         read = px4.read_params_file(source, finite=False)
     except ParamsFileError as error:
         place = f"line {error.line}" if error.line else ""
@@ -67,24 +77,35 @@ def load_plan(source: Path) -> Plan:
     return Plan("px4", (source,), read.params, read.types, read.header)
 
 
+def _load_ardupilot(source: Path) -> Plan:
+    read = ardupilot.read_param_file(source, finite=False)
+    paths = sorted((source.parent / "scripts").glob("*.lua"))
+    scripts = {path.name: path.read_bytes() for path in paths}
+    if read.params.get("FRAME_CLASS") in (15, 17) and not scripts:
+        raise InputError(source.parent / "scripts", "", "FRAME_CLASS 15 and 17 need a script, found none")
+    return Plan("ardupilot", (source, *paths), read.params, {}, read.header, scripts)
+
+
 def refuse_values(plan: Plan) -> None:
     """Raise SafetyRefusal for a value that is not finite or out of the firmware's range."""
-    for finding in px4.out_of_range(plan.params):
+    found = px4.out_of_range(plan.params) if plan.firmware == "px4" else ardupilot.out_of_range(plan.params)
+    for finding in found:
         raise SafetyRefusal(f"{plan.files[0].name}: {finding}")
 
 
 def refuse_vehicle(plan: Plan, identity: Identity) -> None:
     """Raise SafetyRefusal when this is not a vehicle the plan can be for."""
-    if not identity.is_px4:
-        raise SafetyRefusal(f"{plan.files[0].name} is for PX4, the vehicle runs {identity.name}")
-    if identity.version and identity.version < _OLDEST:
+    if not (identity.is_px4 if plan.firmware == "px4" else identity.is_ardupilot):
+        firmware = "PX4" if plan.firmware == "px4" else "ArduPilot"
+        raise SafetyRefusal(f"{plan.files[0].name} is for {firmware}, the vehicle runs {identity.name}")
+    if identity.is_px4 and identity.version and identity.version < _OLDEST:
         raise SafetyRefusal(f"{identity.name} reads no CA_ table; v1.14 or later is needed")
     counts = _MULTIROTORS.get(identity.vehicle_type)
     kind = mavlink.enums["MAV_TYPE"].get(identity.vehicle_type)
     name = kind.name.removeprefix("MAV_TYPE_").lower() if kind else f"type {identity.vehicle_type}"
     if counts is None:
         raise SafetyRefusal(f"another vehicle: of type {name}, not a multirotor")
-    if plan.rotor_count is not None and plan.rotor_count not in counts:
+    if identity.is_px4 and plan.rotor_count is not None and plan.rotor_count not in counts:
         raise SafetyRefusal(
             f"another vehicle: the table is for {plan.rotor_count} rotors, the vehicle is of type {name}"
         )

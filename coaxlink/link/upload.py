@@ -46,6 +46,7 @@ class Outcome:
     reason: str = ""
     vehicle: str = ""
     error: CoaxlinkError | None = field(default=None, compare=False)
+    scripts: tuple[str, ...] = ()  # paths of scripts that changed
 
     def to_json(self) -> dict[str, Any]:
         """The JSON of `upload`."""
@@ -59,6 +60,7 @@ class Outcome:
             "backup": self.backup,
             "mismatches": list(self.mismatches),
             "retries": self.retries,
+            "scripts": list(self.scripts),
             "reason": self.reason,
             "vehicle": self.vehicle,
         }

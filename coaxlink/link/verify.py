@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from coaxlink.errors import InputError
+from coaxlink.link.ftp import Files
 from coaxlink.link.journal import Journal
-from coaxlink.link.parameters import Parameters, Value
+from coaxlink.link.parameters import FLOAT, Parameters, Value
 from coaxlink.link.plan import Plan
 from coaxlink.link.session import Session
+from firmware_params import ardupilot
+from firmware_params.ardupilot import scripts
 
 
 @dataclass(frozen=True)
@@ -50,27 +54,57 @@ def verify(session: Session, plan: Plan | None, journal: Journal | None = None) 
     journal = journal or Journal(session.identity)
     parameters = Parameters(session)
     last = journal.last()
+    crcs: Mapping[str, int | None] = {}
     if plan is not None:
-        wanted = {n: parameters.encode(n, v, plan.types[n]) for n, v in plan.params.items()}
+        found = parameters.read_many(plan.params, missing_ok=True)
+        wanted = _wanted(plan, parameters, found)
         source = ", ".join(map(str, plan.files))
+        crcs = {name: scripts.file_crc(data) for name, data in plan.scripts.items()}
     elif last is not None:
-        wanted, source = dict(last.values), f"upload of {last.time}"
+        wanted, source, crcs = dict(last.values), f"upload of {last.time}", last.scripts
+        found = parameters.read_many(wanted, missing_ok=True)
     else:
         raise InputError(
             journal.board, "", "nothing was uploaded to this board from here; name the table's DIR"
         )
-    found = parameters.read_many(wanted, missing_ok=True)
+    wrong = [_mismatch(v, found.get(n)) for n, v in wanted.items() if n not in found or not v.same(found[n])]
+    if crcs:
+        wrong += _wrong_scripts(Files(session), crcs)
     entry = journal.open_entry()
     return Verification(
-        tuple(
-            _mismatch(v, found.get(n)) for n, v in wanted.items() if n not in found or not v.same(found[n])
-        ),
-        len(wanted),
+        tuple(wrong),
+        len(wanted) + len(crcs),
         source,
         parameters.read_hash(),
         last.hash if last else 0,
         entry.started if entry else "",
     )
+
+
+def _wanted(plan: Plan, parameters: Parameters, found: Mapping[str, Value]) -> dict[str, Value]:
+    """The plan's values as this board would store them."""
+    if plan.firmware == "px4":
+        return {n: parameters.encode(n, v, plan.types[n]) for n, v in plan.params.items()}
+    wanted = {}
+    for name, value in plan.params.items():
+        if name == "SCR_LD_CHECKSUM":
+            continue  # it counts every script on board; each of ours is checked by itself
+        kind = found[name].type if name in found else FLOAT
+        wanted[name] = parameters.encode(name, ardupilot.as_stored(name, float(value), kind), kind)
+    return wanted
+
+
+def _wrong_scripts(board: Files, crcs: Mapping[str, int | None]) -> list[dict[str, Any]]:
+    """Scripts (by path, or by name in the script folder) whose CRC on board is another."""
+    folder = next(
+        (f for f in scripts.SCRIPT_FOLDERS if board.listing(f) is not None), scripts.SCRIPT_FOLDERS[0]
+    )
+    wrong = []
+    for path, wanted in crcs.items():
+        found = board.crc(path if "/" in path else f"{folder}/{path}")
+        if found != wanted:
+            wrong.append({"name": path, "wanted": wanted, "found": found})
+    return wrong
 
 
 def _mismatch(wanted: Value, found: Value | None) -> dict[str, Any]:

@@ -69,9 +69,9 @@ def matrix_script(factors: Sequence[Factors], *, title: str) -> str:
     return _MATRIX.format(title=_comment(title), count=len(rows), sum=checksum(rows), table=table)
 
 
-def loader_script(*, title: str, max_motors: int = MAX_LOADER_MOTORS) -> str:
-    """The FRAME_CLASS 17 script; its table comes from `loader_params`."""
-    return _LOADER.format(title=_comment(title), motors=max_motors, key=TABLE_KEY, prefix=PREFIX)
+def loader_script(max_motors: int = MAX_LOADER_MOTORS) -> str:
+    """The FRAME_CLASS 17 script, the same for every vehicle; its table comes from `loader_params`."""
+    return _LOADER.format(motors=max_motors, key=TABLE_KEY, prefix=PREFIX)
 
 
 def loader_params(factors: Sequence[Factors], max_motors: int = MAX_LOADER_MOTORS) -> dict[str, float]:
@@ -153,7 +153,6 @@ gcs:send_text(6, string.format("coaxlink: matrix of %d motors, checksum %d", MOT
 """
 
 _LOADER = """\
--- {title}
 -- Mixer table loader for FRAME_CLASS 17 (dynamic matrix). Written by coaxlink.
 -- The table is this script's own parameters: {prefix}N motors, {prefix}R1, {prefix}P1, {prefix}Y1, {prefix}T1
 -- and so on (roll, pitch, yaw, throttle), and {prefix}SUM, the checksum of all of them in millionths.

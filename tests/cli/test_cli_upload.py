@@ -111,7 +111,7 @@ def test_verify_knows_the_last_upload_and_a_change_since(board, capsys):
     assert _run(capsys, "upload", "t", "--connect", board.url, "--yes")[0] == 0
     assert _run(capsys, "verify", "t", "--connect", board.url)[0] == 0
     code, out, _ = _run(capsys, "verify", "--connect", board.url)
-    assert code == 0 and "verified: 69 parameters" in out
+    assert code == 0 and "verified: 69 values" in out
     board.params["CA_ROTOR2_CT"] = (47.0, 9)
     board.hash = 0x9999
     code, out, err = _run(capsys, "verify", "--connect", board.url, "--json", "v.json")

@@ -134,7 +134,7 @@ def test_the_matrix_script_checks_itself(alter, board, why):
 
 
 def _loader(board):
-    update, period = board.run(scripts.loader_script(title="t"))
+    update, period = board.run(scripts.loader_script())
     assert period == 100
     return update
 

@@ -281,11 +281,11 @@ def test_a_bad_line_costs_time_not_the_table(board, tmp_path):
 
 
 def test_a_folder_without_one_table_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"no .params file in it"):
+    with pytest.raises(InputError, match=r"no .params or .param file in it"):
         load_plan(tmp_path)
     for name in "ab":
         (tmp_path / f"{name}.params").write_text(params_text())
-    with pytest.raises(InputError, match=r"2 .params files"):
+    with pytest.raises(InputError, match=r"2 tables"):
         load_plan(tmp_path)
     assert load_plan(tmp_path / "a.params").rotor_count == 8
     with pytest.raises(InputError, match="cannot be read"):

@@ -1,0 +1,208 @@
+"""Tables on the stand-ins of `sim`, which share no code with the upload."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coaxlink.airframe import load_airframe
+from coaxlink.link import connect
+from coaxlink.link.ap_tables import report_ap
+from coaxlink.link.ap_upload import ApBackup, ApUploader
+from coaxlink.link.backup import read_backup
+from coaxlink.link.ftp import Files
+from coaxlink.link.journal import Journal
+from coaxlink.link.parameters import Parameters
+from coaxlink.link.plan import load_plan
+from coaxlink.link.upload import Talk, Uploader
+from coaxlink.link.verify import verify
+from coaxlink.rotor import load_rotor_model
+from firmware_params.ardupilot import scripts
+from sim.testing import standin
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+X8 = EXAMPLES / "x8_paper.toml"
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path, monkeypatch):
+    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    """Folders by name, each written by the verb."""
+    place = tmp_path_factory.mktemp("tables")
+    wanted = {
+        "px4": ["--firmware", "px4", "--rotor", str(EXAMPLES / "rotor_eq15.toml")],
+        "matrix": ["--firmware", "ardupilot"],
+        "loader": ["--firmware", "ardupilot", "--frame-class", "17", "--spin-min", "0"],
+        "loader-standard": [
+            "--firmware",
+            "ardupilot",
+            "--frame-class",
+            "17",
+            "--spin-min",
+            "0",
+            "--law",
+            "standard",
+        ],
+    }
+    for name, options in wanted.items():
+        command = [sys.executable, "-m", "coaxlink", "table", str(X8), *options, "--out", str(place / name)]
+        subprocess.run(command, check=True, capture_output=True)
+    return {name: place / name for name in wanted}
+
+
+def test_px4_takes_a_table_over_a_bad_line_and_gives_it_back(tables, tmp_path):
+    wire = "loss=0.05,copies=0.03,disorder=0.05,corruption=0.005,delay=0.003"
+    with standin("--firmware", "px4", "--wire", wire) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        before = Parameters(session).read_all().values
+        outcome = Uploader(session, backup_folder=tmp_path).upload(load_plan(tables["px4"]))
+        assert outcome.result == "verified" and len(outcome.changed) == 18 and outcome.retries > 0
+        assert verify(session, None).holds
+        back = Uploader(session, backup_folder=tmp_path).restore(read_backup(Path(outcome.backup)))
+        assert back.result == "verified"
+        after = Parameters(session).read_all().values
+        assert all(after[n].same(v) for n, v in before.items())
+
+
+def test_a_reboot_in_the_middle_does_not_leave_a_mixture(tables, tmp_path):
+    with (
+        standin("--firmware", "px4", "--wire", "reboot=7") as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        plan = load_plan(tables["px4"])
+        outcome = Uploader(session, backup_folder=tmp_path).upload(plan)
+        assert outcome.result in ("verified", "rolled_back")
+        found = Parameters(session).read_many(plan.params)
+        changed = {c.name: c for c in outcome.changed}
+        side = "new" if outcome.result == "verified" else "old"
+        assert all(found[n].same(getattr(c, side)) for n, c in changed.items())
+        assert Journal(session.identity).open_entry() is None
+
+
+def _ap(session, folder, **options):
+    return ApUploader(session, backup_folder=folder, reboot_s=2.0, script_s=2.0, **options)
+
+
+def _ardupilot_said(session):
+    said = []
+    session.subscribe(lambda m: said.append(m.text) if m.get_type() == "STATUSTEXT" else None)
+    return said
+
+
+def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables, tmp_path):
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        said = _ardupilot_said(session)
+        before = Parameters(session).read_all().values
+
+        def upload(name):
+            talk = []
+            worker = _ap(session, tmp_path / "b", talk=Talk(say=talk.append))
+            outcome = worker.upload(load_plan(tables[name]))
+            assert outcome.result == "verified", outcome.reason
+            return outcome, talk
+
+        first, talk = upload("matrix")
+        assert "rebooting" in talk and first.scripts == (f"/APM/scripts/{scripts.MATRIX_NAME}",)
+        assert any("matrix of 8 motors" in text for text in said)
+        assert Parameters(session).read("FRAME_CLASS").value == 15
+
+        _, talk = upload("loader")
+        assert "rebooting" in talk and Files(session).crc(f"/APM/scripts/{scripts.MATRIX_NAME}") is None
+        said.clear()
+        _, talk = upload("loader-standard")
+        assert "rebooting" not in talk
+        session.wait("HEARTBEAT", 2.0)
+        assert any("table of 8 motors live" in text for text in said)  # no reboot, no second init
+        assert verify(session, None).holds and verify(session, load_plan(tables["loader-standard"])).holds
+        other = verify(session, load_plan(tables["loader"]))
+        assert {w["name"] for w in other.mismatches} >= {"CXL_SUM", "CXL_T1"}
+        Files(session).write(f"/APM/scripts/{scripts.LOADER_NAME}", b"-- altered")
+        assert [w["name"] for w in verify(session, None).mismatches] == [
+            f"/APM/scripts/{scripts.LOADER_NAME}"
+        ]
+
+        back = _ap(session, tmp_path / "b").restore(ApBackup(Path(first.backup)))
+        assert back.result == "verified", back.reason
+        after = Parameters(session).read_all().values
+        assert {n: v.value for n, v in after.items()} == {n: v.value for n, v in before.items()}
+        assert Files(session).listing("/APM/scripts") == []
+
+
+def test_ardupilot_refuses_what_it_must(tables, tmp_path):
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        folder = tmp_path / "t"
+        (folder / "scripts").mkdir(parents=True)
+        text = next(tables["matrix"].glob("*.param")).read_text()
+        (folder / "scripts" / "a.lua").write_text("-- a")
+
+        def upload(change):
+            (folder / "x.param").write_text(re.sub(*change, text))
+            return _ap(session, tmp_path / "b").upload(load_plan(folder))
+
+        for change, why in (
+            ((r"MOT_THST_EXPO,1\n", "MOT_THST_EXPO,5\n"), "MOT_THST_EXPO = 5 is outside"),
+            ((r"FRAME_CLASS,15", "FRAME_CLASS,15.5"), "would be kept as 15"),
+            ((r"MOT_SPIN_MIN,0.05", "MOT_SPIN_MIN,nan"), "MOT_SPIN_MIN is nan"),
+            ((r"SERVO[78]_FUNCTION,\d+\n", ""), "for 6 motors, the board drives 8"),
+            ((r"SCR_ENABLE", "SCR_ENABLED"), "has no parameter SCR_ENABLED"),
+        ):
+            outcome = upload(change)
+            assert outcome.result == "refused" and why in outcome.reason and outcome.error.exit_code == 4
+        outcome = Uploader(session, backup_folder=tmp_path).upload(load_plan(tables["px4"]))
+        assert outcome.result == "refused" and "is for PX4, the vehicle runs ArduPilot" in outcome.reason
+        assert not (tmp_path / "b").exists()
+
+
+def test_a_script_that_fails_its_own_check_is_rolled_back_or_cannot_arm(tables, tmp_path):
+    """A table that asks for a loader whose checksum parameter never appears goes back whole."""
+    folder = tmp_path / "t"
+    (folder / "scripts").mkdir(parents=True)
+    (folder / "x.param").write_text(next(tables["loader"].glob("*.param")).read_text())
+    (folder / "scripts" / scripts.LOADER_NAME).write_text("error('broken')\n")
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        before = Parameters(session).read_all().values
+        outcome = _ap(session, tmp_path / "b").upload(load_plan(folder))
+        assert outcome.result == "rolled_back" and "CXL_SUM does not appear" in outcome.reason
+        after = Parameters(session).read_all().values
+        assert {n: v.value for n, v in after.items()} == {n: v.value for n, v in before.items()}
+        assert Files(session).listing("/APM/scripts") == []
+
+
+def test_files_over_a_bad_line(tmp_path):
+    data = np.random.default_rng(3).integers(0, 256, 1500, dtype=np.uint8).tobytes()
+    wire = "loss=0.1,copies=0.05,disorder=0.05,corruption=0.01"
+    with (
+        standin("--firmware", "ardupilot", "--wire", wire) as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        files = Files(session, timeout_s=0.15)
+        files.make_folder("/APM/scripts")
+        files.write("/APM/scripts/a.lua", data)
+        assert files.read("/APM/scripts/a.lua") == data and files.crc(
+            "/APM/scripts/a.lua"
+        ) == scripts.file_crc(data)
+        assert files.listing("/APM/scripts") == ["a.lua"] and files.listing("/APM/none") is None
+        assert files.read("/APM/scripts/none") is None and files.crc("/APM/none") is None
+        assert files.remove("/APM/scripts/a.lua") and files.retries > 0
+
+
+def test_the_stand_in_mixes_what_realise_says():
+    """One number along the whole way: the factors that went on board are those the report shows."""
+    report = report_ap(
+        load_airframe(X8), load_rotor_model(EXAMPLES / "rotor_eq15.toml"), "reduced", spin_min=0.0
+    )
+    (text,) = report.scripts.values()
+    rows = np.array(
+        [
+            [int(x) for x in re.findall(r"-?\d+", line)[:4]]
+            for line in text.splitlines()
+            if line.startswith("  {")
+        ]
+    )
+    np.testing.assert_allclose(rows / 1e6, report.mix.factors, atol=1e-6)
