@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def table(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
     firmware: Annotated[str, typer.Option(help="px4 or ardupilot.")],
-    law: Annotated[str, typer.Option(help="reduced or standard.")] = "reduced",
+    law: Annotated[str, typer.Option(help="fitted, reduced or standard.")] = "fitted",
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write the files here.")] = None,
     explain: Annotated[

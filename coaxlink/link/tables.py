@@ -16,11 +16,12 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link.behaviour import GRAVITY, Behaviour, Speeds, behaviour, solve
 from coaxlink.mixer import reduced_coefficients, standard_coefficients
+from coaxlink.mixer.fitted import fit_table, px4_columns
 from coaxlink.rotor import RotorModel
 from firmware_params import px4
 from firmware_params.errors import Finding, TableError
 
-TABLE_LAWS = ("reduced", "standard")
+TABLE_LAWS = ("fitted", "reduced", "standard")
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ def px4_table(airframe: Airframe, model: RotorModel, law: str) -> px4.Px4Table:
     """
     if law not in TABLE_LAWS:
         raise InputError("--law", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
+    if law == "fitted":
+        return px4_columns(airframe, fit_table(airframe, model))
     count = len(airframe.rotors)
     ct, torque = np.zeros(count), np.zeros(count)  # N and N m along the axis, per unit setpoint
     spin = np.array([rotor.yaw_sign for rotor in airframe.rotors], float)

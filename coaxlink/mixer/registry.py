@@ -9,10 +9,11 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer import coaxial, linear
 from coaxlink.mixer.exact import ExactLaw
+from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.mixer.law import Law
 from coaxlink.rotor import RotorModel
 
-LAWS = ("standard", "standard-printed", "reduced", "coaxial", "coaxial-printed", "exact")
+LAWS = ("standard", "standard-printed", "reduced", "coaxial", "coaxial-printed", "exact", "fitted")
 
 
 def make_law(name: str, airframe: Airframe, model: RotorModel, **options: Any) -> Law:
@@ -27,6 +28,7 @@ def make_law(name: str, airframe: Airframe, model: RotorModel, **options: Any) -
         "coaxial": coaxial.coaxial,
         "coaxial-printed": coaxial.coaxial_printed,
         "exact": ExactLaw,
+        "fitted": FittedLaw,
     }
     if name not in makers:
         raise InputError("--law", name, f"no such law; expected one of {', '.join(LAWS)}")
