@@ -29,7 +29,7 @@ class Plotter:
     def messages(self) -> list[Any]:
         """What `send` sends, stamped with the last demand's time."""
         live, core = self._live, self._live.core
-        speeds = [float(u) for u in core.speeds]
+        speeds = core.speeds
         thrust = [0.0] * 8
         lower = total = 0.0
         rotors = core.rotors

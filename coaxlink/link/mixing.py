@@ -81,7 +81,8 @@ class LiveMixer:
         self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
         self._waiting_since = 0.0
         self._echoes: deque[bytes] = deque(maxlen=64)
-        self._poll: tuple[int, Any] | None = None
+        self._poll, self._polled = select.poll(), -1
+        self._payload: tuple[Any, ...] = ()
         self._target = (0, 0)
         self._own_mixer = False
         self._unsubscribe: Callable[[], None] | None = None
@@ -151,8 +152,12 @@ class LiveMixer:
         began = time.perf_counter()
         try:
             if data:
-                for frame in self._scanner.feed(data):
-                    self._frame(frame, began)
+                alone = self._alone(data) if self._scanner.whole and self._unsubscribe is None else None
+                if alone is not None:
+                    self._queue(alone, began)
+                else:
+                    for frame in self._scanner.feed(data):
+                        self._frame(frame, began)
             if self._waiting is not None and (
                 began - self._waiting_since > PATIENCE_S or not self._more_waits()
             ):
@@ -164,6 +169,9 @@ class LiveMixer:
             # silence hands the vehicle back, and whoever watches `failed` says why
             self.core.counters.failures += 1
             self._give_up(error)
+
+    def _alone(self, data: bytes) -> tuple[Any, ...] | None:
+        return DEMAND.alone(data, *self._target)
 
     def _give_up(self, error: Exception) -> None:
         self.error = error
@@ -200,13 +208,11 @@ class LiveMixer:
 
     def _more_waits(self) -> bool:
         number = self.session.fileno
-        if number < 0:
-            return False
-        if self._poll is None or self._poll[0] != number:
-            poll = select.poll()
-            poll.register(number, select.POLLIN)
-            self._poll = (number, poll)
-        return bool(self._poll[1].poll(0))
+        if number != self._polled:
+            self._poll, self._polled = select.poll(), number
+            if number >= 0:
+                self._poll.register(number, select.POLLIN)
+        return bool(number >= 0 and self._poll.poll(0))
 
     def _answer(self, demand: tuple[Any, ...], began: float) -> None:
         core, guard = self.core, self.guard
@@ -238,17 +244,22 @@ class LiveMixer:
             self.session.send(message)
         else:
             payload = (stamp, *commands, 0, system, component)
-            self.session.send_frame(lambda *source: ANSWER.pack(*source, *payload))
-            self._echoes.append(ANSWER.layout.pack(*payload).rstrip(b"\0"))
+            self._payload = payload
+            self.session.send_frame(self._pack)
         if self._witness is not None:
             self._witness.sent(now, commands)
+
+    def _pack(self, sequence: int, system: int, component: int) -> bytes:
+        frame = ANSWER.pack(sequence, system, component, *self._payload)
+        self._echoes.append(frame[10:-2])
+        return frame
 
     def _tick(self, now: float) -> None:
         guard, core = self.guard, self.core
         before = guard.hand_overs
         share = guard.tick(now)
         if share is not None and self._own_mixer:
-            last = [float(u) for u in core.speeds]
+            last = list(core.speeds)
             if core.compensation is not None:
                 last = [min(max(core.compensation.command(u), 0.0), 1.0) for u in last]
             self._say((core.last_us or 0) + 1, core.pad(core.blend(last, share)), now)

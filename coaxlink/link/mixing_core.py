@@ -50,10 +50,12 @@ class DemandScale:
         body = mix.effectiveness @ mix.mix  # (6, 6): roll, pitch, yaw, x, y, z of each normalised control
         per_control = body[:, [0, 1, 2, 5]] * np.array([1.0, 1.0, 1.0, -1.0])  # thrust counts upward
         self.matrix: NDArray[np.float64] = np.stack([-per_control[5], *per_control[:3]])  # (4, 4)
+        self._rows = self.matrix.tolist()
 
-    def wrench(self, controls: Sequence[float]) -> NDArray[np.float64]:
-        """(4,) wrench, N and N m, of controls [roll, pitch, yaw, thrust]."""
-        return self.matrix @ np.asarray(controls[:4], float)
+    def wrench(self, controls: Sequence[float]) -> list[float]:
+        """(4,) wrench, N and N m, of controls [roll, pitch, yaw, thrust]; a list, which costs less here."""
+        a, b, c, d = controls[:4]
+        return [r[0] * a + r[1] * b + r[2] * c + r[3] * d for r in self._rows]
 
     def own(self, controls: Sequence[float]) -> list[float]:
         """(N,) commands that the autopilot's own mixer makes of the controls."""
@@ -85,9 +87,9 @@ class MixCore:
         self.count = len(airframe.rotors)
         self._last_us: int | None = None
         self._strange_us: int | None = None
-        self.wrench: Any = np.zeros(4)  # (4,) demanded
+        self.wrench: list[float] = [0.0] * 4  # demanded
         self.error: Any = np.zeros(4)  # (4,) delivered by the rotor model at the law's speeds, minus demanded
-        self.speeds: Any = np.zeros(self.count)  # (N,) of the law
+        self.speeds: list[float] = [0.0] * self.count  # of the law
         self.held = (0.0, 0.0, 0.0, 0.0)
 
     def admit(self, time_usec: int, group: int, controls: Sequence[float]) -> bool:
@@ -136,15 +138,15 @@ class MixCore:
         `share` is the law's part; the rest is the autopilot's own mixer.
         """
         c, extra = self.counters, self.compensation
-        self.wrench = wanted = self.scale.wrench(self.held)
+        wanted: Any = self.scale.wrench(self.held)
+        self.wrench = wanted
         if extra is not None:
             wanted = wanted - extra.wrench(self.speeds)
-        speeds = self.speeds = self.law.speeds(wanted)
-        commands = [float(u) for u in speeds]
+        self.speeds = commands = self.law.speeds(wanted).tolist()
         for u in commands:
             if not 0.0 <= u <= 1.0:  # also for NaN
                 c.refused_outputs += 1
-                self.speeds = np.zeros(self.count)
+                self.speeds = [0.0] * self.count
                 return None
         if extra is not None:
             commands = [min(max(extra.command(u), 0.0), 1.0) for u in commands]
@@ -154,7 +156,7 @@ class MixCore:
 
     def pad(self, commands: list[float]) -> list[float]:
         """Zeros for the motors that are not there."""
-        return commands + [0.0] * (CONTROLS - self.count)
+        return commands + [0.0] * (CONTROLS - len(commands)) if len(commands) < CONTROLS else commands
 
     @property
     def last_us(self) -> int | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import select
 import socket
+import struct
 import time
 from typing import Any, Protocol
 
@@ -12,6 +13,7 @@ from coaxlink.errors import LinkError
 from coaxlink.link.address import Address
 
 _CHUNK = 65536
+_SEND_S = 0.02  # a full buffer may hold a sender up so long: then the datagram is lost
 
 
 class Transport(Protocol):
@@ -39,6 +41,10 @@ def open_transport(address: Address, timeout_s: float) -> Transport:
         raise LinkError(address.text, f"cannot be opened ({error.strerror or error})") from error
 
 
+def _timeval(seconds: float) -> bytes:
+    return struct.pack("@ll", int(seconds), max(round(seconds % 1.0 * 1e6), 1))
+
+
 class Udp:
     """Datagrams; `udpin` answers those it hears, `udpout` sends first."""
 
@@ -53,16 +59,20 @@ class Udp:
             else:
                 info = socket.getaddrinfo(address.host, address.port, family, socket.SOCK_DGRAM)[0]
                 self._peer = info[4]
-            self._socket.setblocking(False)
+            # the kernel keeps the time of a wait: one call a datagram, not two, where every microsecond shows
+            self._socket.settimeout(None)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _timeval(_SEND_S))
+            self._timeout_s = -1.0
         except OSError:
             self._socket.close()
             raise
 
     def read(self, timeout_s: float) -> tuple[bytes, Any]:
-        if not select.select([self._socket], [], [], timeout_s)[0]:
-            return b"", None
+        if timeout_s != self._timeout_s and timeout_s > 0:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(timeout_s))
+            self._timeout_s = timeout_s
         try:
-            data, peer = self._socket.recvfrom(_CHUNK)
+            data, peer = self._socket.recvfrom(_CHUNK, 0 if timeout_s > 0 else socket.MSG_DONTWAIT)
         except (BlockingIOError, ConnectionError):  # an ICMP "nobody there" is not the end of a UDP link
             return b"", None
         self._peers.add(peer)
