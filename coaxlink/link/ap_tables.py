@@ -21,7 +21,7 @@ from coaxlink.rotor import RotorModel
 from firmware_params import ardupilot as ap
 from firmware_params import px4
 from firmware_params.ardupilot import scripts
-from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX, Factors
+from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX, Factors, expo_for
 from firmware_params.errors import Finding, TableError
 
 SPIN_MIN = 0.05  # motors that stop in flight restart badly; 0 would keep every ratio exact
@@ -74,9 +74,12 @@ def report_ap(
     *,
     frame_class: int = SCRIPTING_MATRIX,
     spin_min: float = SPIN_MIN,
-    expo: float = 1.0,
+    expo: float | None = None,
 ) -> ApReport:
-    """The table of a law for ArduPilot with all that is known about its flight. Raises InputError."""
+    """The table of a law for ArduPilot with all that is known about its flight. Raises InputError.
+
+    `expo` is MOT_THST_EXPO; without it the one that keeps the law's thrust curve over this spin range.
+    """
     source = airframe.source or airframe.name
     if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         raise InputError("--frame-class", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
@@ -84,6 +87,8 @@ def report_ap(
     if law == "fitted":
         fit = fit_table(airframe, model, spin_min=spin_min)
         fitted, expo = px4_columns(airframe, fit), round(fit.curve, 6)
+    elif expo is None:
+        expo = round(expo_for(1.0, spin_min), 4)  # both other laws count in u^2
     factors = ap_factors(airframe, model, law, fitted)
     motor = ap.MotorParameters(
         thst_expo=expo, spin_min=spin_min, spin_max=1.0, spin_arm=max(0.0, round(spin_min - 0.02, 3))

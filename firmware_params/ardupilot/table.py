@@ -73,6 +73,18 @@ class ApTable:
     frame_type: int = 1
 
 
+def expo_for(factor: float, spin_min: float, spin_max: float = 1.0) -> float:
+    """MOT_THST_EXPO that keeps the curve thrust = f u^2 + (1 - f) u over the spin range, up to a constant.
+
+    With u = s + (S - s) a the quadratic in a has its terms in the ratio Q : L, and ArduPilot's curve is
+    e a^2 + (1 - e) a. What stays is the thrust at SPIN_MIN, the same share of every motor.
+    """
+    span = spin_max - spin_min
+    quadratic = factor * span**2
+    linear = span * (2.0 * factor * spin_min + 1.0 - factor)
+    return quadratic / (quadratic + linear)
+
+
 def used_factors(table: ApTable) -> NDArray[np.float64]:
     """(N, 4) factors inside ArduPilot. Raises TableError for a frame or factors that it would not take."""
     if table.frame_class == OCTAQUAD and table.frame_type == 1:

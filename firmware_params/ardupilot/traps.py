@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_params.ardupilot.table import SCRIPTING_MATRIX, ApTable
+from firmware_params.ardupilot.table import SCRIPTING_MATRIX, ApTable, expo_for
 from firmware_params.errors import Finding
 
 _BALANCE = (
@@ -24,9 +24,13 @@ def findings(table: ApTable, factors: NDArray[np.float64]) -> tuple[Finding, ...
         text = "the thrust-balance check trips in hover: a throttle factor is a third of the largest or less"
         found.append(Finding("ap.thrust-balance", "warning", text, f"{throttle.min() / throttle.max():.3f}"))
     p = table.parameters
-    if p.spin_min > 0.0 and p.thst_expo > 0.0 and np.ptp(throttle) > 1e-6:
-        text = "MOT_SPIN_MIN above 0 bends the ratio between motors: it is exact in u^2 only with 0"
-        found.append(Finding("ap.spin-min", "warning", text, f"MOT_SPIN_MIN = {p.spin_min:g}"))
+    fair = expo_for(1.0, p.spin_min, p.spin_max)
+    if np.ptp(throttle) > 1e-6 and p.thst_expo > fair + 1e-3:
+        text = (
+            f"MOT_SPIN_MIN bends the ratio between motors: MOT_THST_EXPO {fair:.3f} keeps it for u^2 rotors"
+        )
+        evidence = f"MOT_SPIN_MIN = {p.spin_min:g}, MOT_THST_EXPO = {p.thst_expo:g}"
+        found.append(Finding("ap.spin-min", "warning", text, evidence))
     if np.ptp(throttle) > 1e-6:
         text = "saturation ignores throttle factors: motors below 1 can clip on yaw without a limit flag"
         found.append(Finding("ap.silent-clip", "warning", text, f"smallest factor {throttle.min():.3f}"))

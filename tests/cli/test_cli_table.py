@@ -20,7 +20,7 @@ def _run(capsys, *arguments):
 
 
 def test_writes_a_file_that_qgc_reads_and_says_the_mix(tmp_path, capsys):
-    arguments = (X8, "--firmware", "px4", "--rotor", EXAMPLES / "rotor_eq15.toml")
+    arguments = (X8, "--firmware", "px4", "--law", "reduced", "--rotor", EXAMPLES / "rotor_eq15.toml")
     code, out, err = _run(capsys, *arguments, "--out", tmp_path / "t", "--json", tmp_path / "t.json")
     assert code == 0 and "lower/upper u^2 = 1.4877" in out and "ceiling 405.9 N" in out
     (path,) = (tmp_path / "t").iterdir()
@@ -61,7 +61,9 @@ def test_a_trap_is_refused_and_nothing_written(tmp_path, capsys):
     for old, new in (("77.68", "1.5536"), ("69.89", "1.3978"), ("-30.7", "-0.614"), ("1.94", "0.0388")):
         text = text.replace(old, new)
     weak.write_text(text.replace("= 2.0\n", "= 0.04\n").replace("= -0.5\n", "= -0.01\n"))
-    code, _, err = _run(capsys, X8, "--firmware", "px4", "--rotor", weak, "--out", tmp_path / "t")
+    code, _, err = _run(
+        capsys, X8, "--firmware", "px4", "--law", "reduced", "--rotor", weak, "--out", tmp_path / "t"
+    )
     assert code == 4 and "px4.weak-axis: PX4 drops yaw" in err
     assert not (tmp_path / "t").exists()
 
@@ -83,5 +85,5 @@ def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
     assert names == ["paper-x8.param", "scripts/coaxlink_matrix.lua"]
     shown = json.loads((tmp_path / "a.json").read_text())
     assert shown["explain"]["worst_relative"]["roll"] < 1e-6 and shown["explain"]["against"] == "standard law"
-    code, out, _ = _run(capsys, X8, "--firmware", "px4", "--explain")
+    code, out, _ = _run(capsys, X8, "--firmware", "px4", "--law", "reduced", "--explain")
     assert code == 0 and "MC_YAWRATE_K x" in out and "asked -> done" in out

@@ -37,9 +37,9 @@ def tables(tmp_path_factory):
     """Folders by name, each written by the verb."""
     place = tmp_path_factory.mktemp("tables")
     wanted = {
-        "px4": ["--firmware", "px4", "--rotor", str(EXAMPLES / "rotor_eq15.toml")],
-        "matrix": ["--firmware", "ardupilot"],
-        "loader": ["--firmware", "ardupilot", "--frame-class", "17", "--spin-min", "0"],
+        "px4": ["--firmware", "px4", "--law", "reduced", "--rotor", str(EXAMPLES / "rotor_eq15.toml")],
+        "matrix": ["--firmware", "ardupilot", "--law", "reduced"],
+        "loader": ["--firmware", "ardupilot", "--law", "reduced", "--frame-class", "17", "--spin-min", "0"],
         "loader-standard": [
             "--firmware",
             "ardupilot",
@@ -146,7 +146,7 @@ def test_ardupilot_refuses_what_it_must(tables, tmp_path):
             return _ap(session, tmp_path / "b").upload(load_plan(folder))
 
         for change, why in (
-            ((r"MOT_THST_EXPO,1\n", "MOT_THST_EXPO,5\n"), "MOT_THST_EXPO = 5 is outside"),
+            ((r"MOT_THST_EXPO,[\d.]+\n", "MOT_THST_EXPO,5\n"), "MOT_THST_EXPO = 5 is outside"),
             ((r"FRAME_CLASS,15", "FRAME_CLASS,15.5"), "would be kept as 15"),
             ((r"MOT_SPIN_MIN,0.05", "MOT_SPIN_MIN,nan"), "MOT_SPIN_MIN is nan"),
             ((r"SERVO[78]_FUNCTION,\d+\n", ""), "for 6 motors, the board drives 8"),
