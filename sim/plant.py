@@ -71,6 +71,7 @@ class Plant:
         p[k.TOP_RATE], p[k.TIP_SPEED] = top, top * ROTOR_RADIUS_M
         p[k.GROUND_SCALE], p[k.FOOT_XY], p[k.FOOT_Z] = 0.8, 0.2, FOOT_Z_M
         p[k.VOLT_REF], p[k.CELLS], p[k.CAPACITY] = b.reference_V, b.cells, b.capacity_Ah * 3600.0
+        p[k.INFLOW], p[k.DRAG] = self.pair.inflow, self.pair.in_plane_drag
         p[k.RESISTANCE], p[k.EFFICIENCY] = b.resistance_ohm, b.efficiency
         return p
 

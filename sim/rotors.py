@@ -28,6 +28,16 @@ class Pair:
     speed_max_rpm: float
     coefficients: NDArray[np.float64]  # (4, ORDER + 1, ORDER + 1)
 
+    @property
+    def inflow(self) -> float:
+        """Thrust lost per climb speed over tip speed: nothing, in the declared world."""
+        return 0.0
+
+    @property
+    def in_plane_drag(self) -> float:
+        """N s/m of one rotor at full speed: nothing, in the declared world."""
+        return 0.0
+
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> NDArray[np.float64]:
         """(4, ...) upper thrust, upper torque, lower thrust, lower torque at normalised speeds."""
         upper, lower = np.broadcast_arrays(np.asarray(u_upper, float), np.asarray(u_lower, float))
@@ -59,8 +69,21 @@ def read_number(path: Path, where: str, value: object) -> float:
 
 
 def read_pair(path: Path) -> Pair:
-    """Read a rotor file (`rotor_paper.toml` shows the format). Raises WorldError."""
+    """Read a rotor file, of surfaces (`rotor_paper.toml` shows the format) or of blades (`pairs/*.toml`).
+
+    A name without a file is looked up among the world's own pairs. Raises WorldError.
+    """
+    own = Path(__file__).parent / "pairs" / f"{path.name}.toml"
+    if not path.exists() and own.is_file():
+        path = own
     document = read_document(path)
+    top = read_number(path, "speed_max_rpm", document.get("speed_max_rpm"))
+    if top <= 0:
+        raise WorldError(path, "speed_max_rpm", f"a positive number is expected, found {top}")
+    if document.get("form") == "bemt":
+        from sim.bemt import bemt_pair
+
+        return bemt_pair(path, document, top)
     coefficients = np.zeros((4, ORDER + 1, ORDER + 1))
     for s, (rotor, load) in enumerate(SURFACES):
         section = document.get(rotor)
@@ -71,9 +94,6 @@ def read_pair(path: Path) -> Pair:
             where = f"{rotor}.{load}.{name}"
             a, b = _powers(path, where, name)
             coefficients[s, a, b] += read_number(path, where, value)
-    top = read_number(path, "speed_max_rpm", document.get("speed_max_rpm"))
-    if top <= 0:
-        raise WorldError(path, "speed_max_rpm", f"a positive number is expected, found {top}")
     return Pair(top, coefficients)
 
 

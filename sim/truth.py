@@ -44,11 +44,11 @@ def _ground(plant: Plant, e: Effect) -> None:
 
 
 def _drag(plant: Plant, e: Effect) -> None:
-    plant.parameters[plant.index.DRAG] = e.size
+    plant.parameters[plant.index.DRAG] += e.size
 
 
 def _inflow(plant: Plant, e: Effect) -> None:
-    plant.parameters[plant.index.INFLOW] = e.size
+    plant.parameters[plant.index.INFLOW] += e.size
 
 
 def _degraded(plant: Plant, e: Effect) -> None:

@@ -25,13 +25,17 @@ from sim.truth import Truth
 
 STEPS = 4
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00
-SILENCE_S = 2.0  # wall time: it may be stopped in a debugger, or gone
-LOCKSTEP = 1
+SILENCE_S = 2.0  # wall time after which a step counts as late
+SEND_S = 10.0
 FREE_RUN_S = 0.004
 
 
 class Px4Bridge:
-    """One vehicle behind one TCP port. `missed` counts steps whose controls did not come in time."""
+    """One vehicle behind one TCP port.
+
+    In lockstep a step waits for its controls however long they take (it may be stopped in a debugger), until
+    the link ends; `late` counts those that took over 2 s.
+    """
 
     def __init__(
         self, plant: Plant, truth: Truth, *, host: str = "127.0.0.1", port: int = 4560, seed: int = 0
@@ -39,7 +43,7 @@ class Px4Bridge:
         self.plant, self.truth = plant, truth
         self._sensors = Sensors(plant, seed)
         self._random = np.random.default_rng([seed, 0x411])
-        self.steps = self.missed = 0
+        self.steps = self.late = 0
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -79,11 +83,12 @@ class Px4Bridge:
             self.truth.act(self.plant)
             self._send(stream, mav)
             controls = self._controls(stream, parser, SILENCE_S if lockstep else FREE_RUN_S, stop)
+            while controls is None and lockstep and not stop():
+                self.late += 1
+                controls = self._controls(stream, parser, math.inf, stop)
             if controls is not None:
                 lockstep = True
                 command = controls[: len(command)]
-            elif lockstep:
-                self.missed += 1
             self.plant.advance(command, STEPS)
             self.steps += 1
 
@@ -139,7 +144,7 @@ class Px4Bridge:
         for message in messages:
             data += message.pack(mav)
             mav.seq = (mav.seq + 1) % 256
-        stream.settimeout(SILENCE_S)
+        stream.settimeout(SEND_S)
         stream.sendall(data)
 
     def _field(self) -> NDArray[np.float64]:
