@@ -247,7 +247,7 @@ def test_the_checksum_keeps_altered_scripts_from_arming(board: Board) -> None:
 def test_a_loader_takes_a_new_table_in_flight(board: Board) -> None:
     pytest.importorskip("lupa")
     equal = [(r / abs(r) * 0.5, p / abs(p) * 0.5, y / abs(y) * 0.5, 1.0) for r, p, y, _ in REDUCED]
-    board.boot_with(17, coaxlink=loader_script(title="test"))
+    board.boot_with(17, coaxlink=loader_script())
     for name, value in loader_params(equal).items():
         assert board.copter.store.write(name, value), name
     board.run(0.5)
@@ -258,7 +258,7 @@ def test_a_loader_takes_a_new_table_in_flight(board: Board) -> None:
     assert split(board.copter.outputs_us, board) == pytest.approx(1 / 0.672, rel=0.02)
     assert -board.copter.plant.position[2] == pytest.approx(3.0, abs=0.3)
     kept = board.copter.store["CXL_SUM"]
-    board.boot_with(17, coaxlink=loader_script(title="test"))
+    board.boot_with(17, coaxlink=loader_script())
     assert board.copter.store["CXL_SUM"] == kept  # the table is there again after a reboot
 
 
