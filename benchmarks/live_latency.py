@@ -1,0 +1,185 @@
+"""Wrench in, eight outputs out: `coaxlink mix` on loopback UDP beside a C echo server, in the same run.
+
+    python benchmarks/live_latency.py [--law exact] [--cycles 8000] [--blocks 4]
+
+Blocks of the two alternate, so that a machine with other things to do slows both. The client (C too) paces
+the demands and times the answers. Prints p50 and p99 of each, their ratio, the time from start to the first
+heartbeat of `mix`, and its resident memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import common as m
+
+HERE = Path(__file__).parent
+AIRFRAME = HERE.parent / "examples" / "x8_paper.toml"
+
+
+def build(folder: Path) -> Path:
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        sys.exit("a C compiler is needed for the echo server")
+    binary = folder / "live_latency"
+    subprocess.run([compiler, "-O2", "-o", str(binary), str(HERE / "live_latency.c")], check=True)
+    return binary
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def measure(binary: Path, sock: socket.socket, rate: float, cycles: int, warm: int) -> np.ndarray:
+    command = [str(binary), "client", str(sock.fileno()), str(rate), str(cycles), str(warm)]
+    done = subprocess.run(command, pass_fds=[sock.fileno()], stdout=subprocess.PIPE, check=True)
+    return np.frombuffer(done.stdout, "<i8") / 1e3
+
+
+class Mixing:
+    """`coaxlink mix` and as much of an autopilot as it asks for."""
+
+    def __init__(self, law: str, extra: list[str]) -> None:
+        port = free_port()
+        self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.sock.connect(("127.0.0.1", port))
+        self.sock.settimeout(0.002)
+        self._mav = m.MAVLink(None, 1, 1)
+        started = time.monotonic()
+        self.process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "coaxlink",
+                "mix",
+                str(AIRFRAME),
+                "--law",
+                law,
+                "--no-witness",
+                "--connect",
+                f"udpin:127.0.0.1:{port}",
+                "--rate",
+                "1000",
+                *extra,
+            ],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        self._shake_hands()
+        self.ready_s = time.monotonic() - started
+        self._stop = threading.Event()
+        self._beat = threading.Thread(target=self._beats, daemon=True)
+        self._beat.start()
+
+    def _send(self, message: m.MAVLink_message) -> None:
+        with contextlib.suppress(ConnectionRefusedError):
+            self.sock.send(message.pack(self._mav))
+
+    def _heartbeat(self) -> None:
+        self._send(m.MAVLink_heartbeat_message(14, 12, 81, 0, 3, 3))
+
+    def _shake_hands(self) -> None:
+        """Until it has asked for the demand: version, THR_MDL_FAC, the stream."""
+        end = time.monotonic() + 20.0
+        beat = 0.0
+        while time.monotonic() < end:
+            if time.monotonic() > beat:
+                beat = time.monotonic() + 0.01
+                self._heartbeat()
+            try:
+                data = self.sock.recv(2048)
+            except OSError:
+                continue
+            for message in self._mav.parse_buffer(data) or []:
+                if message.get_type() == "PARAM_REQUEST_READ":
+                    self._send(m.MAVLink_param_value_message(b"THR_MDL_FAC", 1.0, 9, 1, 0))
+                if message.get_type() != "COMMAND_LONG":
+                    continue
+                self._send(m.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 191))
+                if message.command == 512:
+                    number = 1 << 24 | 13 << 16 | 3 << 8 | 255
+                    none = [0] * 8
+                    self._send(
+                        m.MAVLink_autopilot_version_message(0, number, 0, 0, 0, none, none, none, 0, 0, 0)
+                    )
+                if message.command == 511 and round(message.param1) == 140:
+                    return
+        sys.exit("coaxlink mix did not ask for the demand")
+
+    def _beats(self) -> None:
+        while not self._stop.wait(1.0):
+            self._heartbeat()
+
+    def memory_mb(self) -> float:
+        status = Path(f"/proc/{self.process.pid}/status").read_text()
+        return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1]) / 1024
+
+    def close(self) -> None:
+        self._stop.set()
+        self.process.terminate()
+        self.process.wait()
+        self.sock.close()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--law", default="coaxial")
+    parser.add_argument("--compiled", action="store_true")
+    parser.add_argument("--cycles", type=int, default=4000)
+    parser.add_argument("--blocks", type=int, default=3)
+    parser.add_argument("--rates", type=float, nargs="+", default=[400.0, 1000.0])
+    o = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        binary = build(Path(folder))
+        port = free_port()
+        server = subprocess.Popen([str(binary), "echo", str(port)])
+        echo = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        echo.connect(("127.0.0.1", port))
+        mixing = Mixing(o.law, ["--compiled"] if o.compiled else [])
+        try:
+            run(binary, echo, mixing, o)
+        finally:
+            mixing.close()
+            server.kill()
+            server.wait()
+            echo.close()
+
+
+def run(binary: Path, echo: socket.socket, mixing: Mixing, o: argparse.Namespace) -> None:
+    cycles = o.cycles // o.blocks
+    memory = 0.0
+    for rate in o.rates:
+        times: dict[str, list[np.ndarray]] = {"C echo": [], "coaxlink": []}
+        for _ in range(o.blocks):
+            times["C echo"].append(measure(binary, echo, rate, cycles, 50))
+            times["coaxlink"].append(measure(binary, mixing.sock, rate, cycles, round(0.6 * rate)))
+            memory = memory or mixing.memory_mb()
+        rows = {}
+        for name, blocks in times.items():
+            all_us = np.concatenate(blocks)
+            lost = int((all_us < 0).sum())
+            p50, p99 = np.percentile(all_us[all_us >= 0], [50, 99])
+            rows[name] = (p50, p99)
+            shown = f"p50 {p50:6.1f} us  p99 {p99:6.1f} us  lost {lost} of {len(all_us)}"
+            print(f"{rate:6.0f} Hz  {name:9s} {shown}")
+        ratio = [a / b for a, b in zip(rows["coaxlink"], rows["C echo"], strict=True)]
+        print(f"{rate:6.0f} Hz  {o.law} / C echo: p50 {ratio[0]:.2f}, p99 {ratio[1]:.2f}")
+    print(
+        f"ready after {mixing.ready_s:.2f} s, resident {memory:.0f} MB, after all {mixing.memory_mb():.0f} MB"
+    )
+
+
+if __name__ == "__main__":
+    main()
