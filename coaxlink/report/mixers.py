@@ -1,0 +1,58 @@
+"""Pictures of mixers: errors of the laws side by side, and what a fitted table trades."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from coaxlink import files
+from coaxlink.mixer.comparison import THRUSTS, Row
+from coaxlink.mixer.fitted import FittedTable
+
+COLOURS = ("#4477aa", "#66ccee", "#228833", "#ccbb44", "#ee6677", "#aa3377", "#777777", "#222222")
+FLOOR = 1e-4  # N, N m: what is drawn for an error that is none
+
+
+def draw_comparison(path: Path, name: str, weight_N: float, rows: Sequence[Row], table: FittedTable) -> None:
+    """Write a PNG of three panels: thrust error over thrust, mean errors, the fitted table's trade."""
+    import io
+
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(15, 5.2), layout="constrained")
+    over, bars, trade = figure.subplots(1, 3)
+    for row, colour in zip(rows, COLOURS, strict=False):
+        over.plot(THRUSTS * weight_N, row.thrust_error_N, color=colour, label=row.label, lw=1.8)
+    over.axvline(weight_N, color="#bbbbbb", lw=1, ls=":")
+    over.annotate("hover", (weight_N, 0.96), xycoords=("data", "axes fraction"), fontsize=8, color="#777777")
+    over.set(xlabel="thrust asked for, N", ylabel="delivered minus asked, N", title=f"{name}: level flight")
+    over.legend(fontsize=8)
+    width = 0.8 / len(rows)
+    for k, (row, colour) in enumerate(zip(rows, COLOURS, strict=False)):
+        at = [axis + (k - (len(rows) - 1) / 2) * width for axis in range(4)]
+        bars.bar(at, [max(float(e), FLOOR) for e in row.mean_error], width, color=colour)
+    bars.set_yscale("log")
+    bars.set_xticks(range(4), ["thrust, N", "roll, N m", "pitch, N m", "yaw, N m"])
+    bars.set(ylabel="mean |error|", title=f"over the envelope (bars at {FLOOR:g}: none)")
+    _draw_trade(trade, table)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    files.write_atomic(path, stream.getvalue())
+
+
+def _draw_trade(axes: object, table: FittedTable) -> None:
+    shares = [t.share for t in table.trade]
+    curves = (
+        ("thrust error, N", [t.error[0] for t in table.trade], COLOURS[4]),
+        ("power above least, %", [100 * t.power_excess for t in table.trade], COLOURS[0]),
+        ("ceiling, 100 N", [t.ceiling_N / 100 for t in table.trade], COLOURS[2]),
+        ("yaw at hover, N m", [t.yaw_Nm for t in table.trade], COLOURS[3]),
+    )
+    for label, values, colour in curves:
+        axes.plot(shares, [max(v, 1e-3) for v in values], "o-", color=colour, label=label, ms=4)  # type: ignore[attr-defined]
+    axes.axvline(table.chosen.share, color="#222222", lw=1, ls="--", label="chosen")  # type: ignore[attr-defined]
+    axes.set_yscale("log")  # type: ignore[attr-defined]
+    axes.set(  # type: ignore[attr-defined]
+        xlabel="thrust column, upper / lower", title="the fitted table: error, power, authority"
+    )
+    axes.legend(fontsize=8)  # type: ignore[attr-defined]
