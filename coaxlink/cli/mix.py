@@ -121,9 +121,9 @@ def _fly(
     _warn_of_hand_over(live, frame)
     lost = None
     try:
-        with _sharing(session, o.forward), live:
+        with _sharing(session, o.forward) as ground, live:
             try:
-                lost = _watch(live, o)
+                lost = _watch(live, o, ground)
             except KeyboardInterrupt:
                 say("stopping: the autopilot flies its own mixer again")
     finally:
@@ -171,11 +171,11 @@ def _sharing(session: Session, where: str | None) -> Any:
     return Forwarder(session, where)
 
 
-def _watch(live: LiveMixer, o: _Options) -> str | None:
+def _watch(live: LiveMixer, o: _Options, ground: Any) -> str | None:
     """Show the state until the time is up, the loop failed or the link is lost (then the reason)."""
     from coaxlink.link.live_plot import Plotter
 
-    plotter = Plotter(live) if o.plot else None
+    plotter = Plotter(live, ground) if o.plot else None
     screen = sys.stderr.isatty()
     if not screen:
         say("dry run: no motor command is sent" if o.dry_run else "live mixing")

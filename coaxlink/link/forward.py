@@ -11,6 +11,8 @@ import socket
 import threading
 from typing import TYPE_CHECKING, Any
 
+from pymavlink.dialects.v20 import common as mavlink
+
 from coaxlink.errors import InputError
 from coaxlink.link import codec
 
@@ -37,6 +39,7 @@ class Forwarder:
         self._stopping = threading.Event()
         self._leave: Any = None
         self._thread = threading.Thread(target=self._run, name="coaxlink-forward", daemon=True)
+        self._out = mavlink.MAVLink(None, *session.source)
         self.held_back = 0  # motor commands that did not pass
 
     def __enter__(self) -> Forwarder:
@@ -49,6 +52,12 @@ class Forwarder:
         self._leave()
         self._thread.join(2 * WAIT_S)
         self._socket.close()
+
+    def send(self, message: Any) -> None:
+        """Our own message, to the ground station alone."""
+        with contextlib.suppress(OSError):
+            self._socket.sendto(bytes(message.pack(self._out)), self._peer)
+        self._out.seq = (self._out.seq + 1) % 256
 
     def _from_vehicle(self, message: Any) -> None:
         # a ground station that is not there must not matter

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.link.live_guard import STATES
 
 if TYPE_CHECKING:
+    from coaxlink.link.forward import Forwarder
     from coaxlink.link.mixing import LiveMixer
 
 ARRAY_ID = 191
@@ -23,8 +24,8 @@ FLOATS = 58
 class Plotter:
     """`send` as often as the plots should move."""
 
-    def __init__(self, live: LiveMixer) -> None:
-        self._live = live
+    def __init__(self, live: LiveMixer, forwarder: Forwarder | None = None) -> None:
+        self._live, self._forwarder = live, forwarder
 
     def messages(self) -> list[Any]:
         """What `send` sends, stamped with the last demand's time."""
@@ -58,6 +59,8 @@ class Plotter:
         ]
 
     def send(self) -> None:
-        """Send all."""
+        """Send all: to the vehicle, which may pass them on, and to the ground station on our own port."""
         for message in self.messages():
             self._live.session.send(message)
+            if self._forwarder is not None:
+                self._forwarder.send(message)

@@ -482,6 +482,6 @@ def _signer(key_file: Path) -> Signer:
 def _open_log(path: Path) -> BinaryIO:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("wb")
+        return path.open("wb", buffering=0)  # a killed process keeps its log
     except OSError as error:
         raise InputError(path, "", f"cannot be written ({error.strerror})") from error

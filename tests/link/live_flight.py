@@ -31,7 +31,7 @@ HEIGHT_M = 4.0
 class Flight:
     """A vehicle in the air."""
 
-    def __init__(self, own_curve: float = 1.0) -> None:
+    def __init__(self, own_curve: float = 1.0, airborne: bool = True) -> None:
         # the vehicle and its companion share one interpreter here: neither may hold it for long
         sys.setswitchinterval(0.0005)
         self.ports = open_links(["udpin:127.0.0.1:0"])
@@ -41,6 +41,8 @@ class Flight:
         self.autopilot.store.write("THR_MDL_FAC", 9, own_curve)
         self.rows: list[tuple[float, bool, list[float], float, float]] = []
         self._next = time.monotonic()
+        if not airborne:
+            return
         self.autopilot.arm()
         self.autopilot.take_off(HEIGHT_M)
         self.rush(12.0)
