@@ -7,7 +7,6 @@ estimator's bias (XKF2), since ArduPilot logs them raw.
 from __future__ import annotations
 
 import contextlib
-import io
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.data.quiet import one_line, silenced
 from coaxlink.data.samples import Samples
 from coaxlink.data.streams import Stream, merge
 from coaxlink.errors import InputError
@@ -68,21 +68,23 @@ def _messages(path: Path) -> tuple[dict[str, Rows], dict[str, float]]:
 
     found: dict[str, list[Any]] = {}
     parameters: dict[str, float] = {}
-    reader = None
+    reader = DFReader.DFReader_binary.__new__(
+        DFReader.DFReader_binary
+    )  # to close what a failing start opened
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            reader = DFReader.DFReader_binary(str(path), zero_time_base=True)
+        with silenced():
+            reader.__init__(str(path), zero_time_base=True)
             while (message := reader.recv_match(type=[*TYPES, "PARM"])) is not None:
                 if message.get_type() == "PARM":
                     parameters[message.Name] = message.Value
                 else:
                     found.setdefault(message.get_type(), []).append(message)
-    except (ValueError, IndexError, KeyError, AttributeError, OSError) as error:
-        raise InputError(path, "", f"not a readable DataFlash log ({error})") from error
+    except Exception as error:  # pymavlink raises bare Exception on a torn format message
+        raise InputError(path, "", f"not a readable DataFlash log ({one_line(error)})") from error
     finally:
-        if reader is not None:
-            reader.data_map.close()
-            reader.filehandle.close()
+        for name in ("data_map", "filehandle"):
+            with contextlib.suppress(AttributeError, BufferError):  # not opened; still looked at by an error
+                getattr(reader, name).close()
     rows = {}
     for name, messages in found.items():
         fields = [

@@ -17,6 +17,7 @@ from coaxlink.errors import InputError
 
 ANGLES = ("roll_rad", "pitch_rad", "yaw_rad")
 STATES = ("armed", "landed")  # hold their last value
+MOST_EMPTY = 100  # periods a motor command: a log with more pauses than this has damaged stamps
 GAP_PERIODS = 5.0  # a pause longer than this many periods of a stream is a gap, not jitter
 
 
@@ -30,7 +31,8 @@ class Stream:
     @classmethod
     def of(cls, time_s: NDArray[np.float64], columns: Mapping[str, NDArray[np.float64]]) -> Stream | None:
         """In the order of the stamps, repeated stamps and rows with NaN left out; None without two rows."""
-        stacked = np.stack([np.asarray(column, float) for column in columns.values()])
+        with np.errstate(invalid="ignore"):  # damaged logs hold numbers that are none: left out below
+            stacked = np.stack([np.asarray(column, float) for column in columns.values()])
         good = np.isfinite(time_s) & np.isfinite(stacked).all(axis=0)
         time, index = np.unique(np.asarray(time_s, float)[good], return_index=True)
         if len(time) < 2:
@@ -59,6 +61,10 @@ def merge(
     start = max([motors.time_s[0], *(s.time_s[0] for s in measured if _paces(s))])
     stop = min([motors.time_s[-1], *(s.time_s[-1] for s in measured if _paces(s))])
     first = motors.time_s[np.searchsorted(motors.time_s, start)] if start <= motors.time_s[-1] else start
+    if (stop - first) / period > MOST_EMPTY * len(motors.time_s) + 1000:
+        raise InputError(
+            source, "", f"time stamps are damaged: {stop - first:.3g} s, {len(motors.time_s)} commands"
+        )
     grid = np.arange(first, stop + 1e-9, period)
     if len(grid) < 2:
         raise InputError(source, "", "motor commands and motion do not overlap in time")

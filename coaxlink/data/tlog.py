@@ -42,27 +42,40 @@ Row = tuple[float, Any]
 
 
 def frames(path: Path) -> Iterator[bytes]:
-    """The frames of a tlog in order; a torn last frame is left out. Raises InputError on anything else."""
+    """The frames of a tlog in order; a torn last frame is left out, damage is skipped.
+
+    Raises InputError when there is more damage than log.
+    """
     data = path.read_bytes()
-    at = 0
-    while at + 8 < len(data):
-        start = at + 8
-        if data[start] == 0xFD and start + 3 <= len(data):
-            size = 12 + data[start + 1] + (13 if data[start + 2] & 1 else 0)
-        elif data[start] == 0xFE and start + 2 <= len(data):
-            size = 8 + data[start + 1]
-        else:
-            raise InputError(path, f"byte {start}", "a MAVLink frame is expected after each time stamp")
-        if start + size > len(data):
-            return
-        yield data[start : start + size]
-        at = start + size
+    at = skipped = 0
+    while at + 16 < len(data):
+        size = _frame_size(data, at + 8)
+        # a frame is believed when another, or the end, follows it: its first byte alone says little
+        if size and (at + 8 + size + 9 > len(data) or _frame_size(data, at + 8 + size + 8)):
+            if at + 8 + size <= len(data):
+                yield data[at + 8 : at + 8 + size]
+            at += 8 + size
+            continue
+        if not skipped:
+            first = at + 8
+        at, skipped = at + 1, skipped + 1
+    if 2 * skipped > len(data):
+        raise InputError(path, f"byte {first}", "a MAVLink frame is expected after each time stamp")
+
+
+def _frame_size(data: bytes, at: int) -> int:
+    """Bytes of the frame that starts here, 0 if none does."""
+    if data[at] == 0xFD and at + 3 <= len(data):
+        return 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
+    return 8 + data[at + 1] if data[at] == 0xFE and at + 2 <= len(data) else 0
 
 
 def read_tlog(path: Path) -> Samples:
     """A recorded link as flight columns. Raises InputError."""
-    rows = _messages(path)
-    notes = [f"tlog: {', '.join(f'{name} {len(found)}' for name, found in rows.items())}"]
+    rows, garbled = _messages(path)
+    notes = [f"tlog: {', '.join(f'{name} {len(found)}' for name, found in rows.items() if found)}"]
+    if garbled:
+        notes.append(f"{garbled} frames left out: garbled on their way")
     motors = _motors(rows, notes)
     streams = [
         _imu(rows),
@@ -77,8 +90,8 @@ def read_tlog(path: Path) -> Samples:
     return merge(str(path), motors, streams, notes)
 
 
-def _messages(path: Path) -> dict[str, list[Row]]:
-    """(time in s since boot, message) by name, of the autopilot that sends the most."""
+def _messages(path: Path) -> tuple[dict[str, list[Row]], int]:
+    """(time in s since boot, message) by name, of the autopilot that sends the most; frames lost."""
     from pymavlink.dialects.v20 import common
 
     from firmware_params.px4 import messages as _esc_status  # noqa: F401  registers ESC_STATUS
@@ -86,6 +99,7 @@ def _messages(path: Path) -> dict[str, list[Row]]:
     parser = common.MAVLink(None)
     wanted = {i for i, cls in common.mavlink_map.items() if cls.msgname in NAMES}
     by_sender: dict[tuple[int, int], list[Any]] = defaultdict(list)
+    garbled = 0
     for frame in frames(path):
         number = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
         if number not in wanted:
@@ -93,12 +107,13 @@ def _messages(path: Path) -> dict[str, list[Row]]:
         try:
             message = parser.decode(bytearray(frame))
         except common.MAVError:
-            continue  # a frame garbled on its way: its CRC says so
+            garbled += 1  # on its way: its CRC says so
+            continue
         by_sender[(message.get_srcSystem(), message.get_srcComponent())].append(message)
     if not by_sender:
         raise InputError(path, "", "no telemetry of an autopilot in this tlog")
     motion = Counter({who: sum(m.get_type() != "HEARTBEAT" for m in sent) for who, sent in by_sender.items()})
-    return _stamped(_longest_boot(by_sender[motion.most_common(1)[0][0]]))
+    return _stamped(_longest_boot(by_sender[motion.most_common(1)[0][0]])), garbled
 
 
 def _longest_boot(messages: list[Any]) -> list[Any]:

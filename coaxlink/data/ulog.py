@@ -6,10 +6,7 @@ the one after it; the faster of the two is used. Sensor topics are stamped by `t
 
 from __future__ import annotations
 
-import contextlib
-import io
 import re
-import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.data.quiet import one_line, silenced
 from coaxlink.data.samples import Samples
 from coaxlink.data.streams import Stream, euler_of, merge
 from coaxlink.errors import InputError
@@ -45,12 +43,12 @@ def read_ulog(path: Path) -> Samples:
     from pyulog import ULog
 
     try:
-        with path.open("rb") as stream, contextlib.redirect_stdout(io.StringIO()):
+        with path.open("rb") as stream, silenced():
             log = ULog(stream, TOPICS, disable_str_exceptions=True)
-    except (TypeError, ValueError, KeyError, IndexError, struct.error, OSError) as error:
-        raise InputError(path, "", f"not a readable ULog file ({error})") from error
+    except Exception as error:  # pyulog lets whatever a damaged file causes through
+        raise InputError(path, "", f"not a readable ULog file ({one_line(error)})") from error
     topics: dict[str, Topic] = {d.name: d.data for d in reversed(log.data_list)}  # the first instance wins
-    notes: list[str] = []
+    notes: list[str] = ["the file is damaged: some of it could not be read"] if log.file_corruption else []
     streams = [
         *_motion(topics),
         _attitude(topics.get("vehicle_attitude")),
@@ -73,10 +71,16 @@ def _time(topic: Topic, sample: bool = False) -> NDArray[np.float64]:
     )
 
 
+def _float(values: NDArray[Any]) -> NDArray[np.float64]:
+    """As 64 bit; what is no number in a damaged log becomes NaN, without a warning."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(values, np.float64)
+
+
 def _plain(topic: Topic | None, fields: Mapping[str, str], sample: bool = False) -> Stream | None:
     if topic is None or any(field not in topic for field in fields.values()):
         return None
-    columns = {name: np.asarray(topic[field], float) for name, field in fields.items()}
+    columns = {name: _float(topic[field]) for name, field in fields.items()}
     return Stream.of(_time(topic, sample), columns)
 
 
@@ -93,7 +97,7 @@ def _motors(topics: Mapping[str, Topic], parameters: Mapping[str, Any], notes: l
 
 def _from_controls(topic: Topic, parameters: Mapping[str, Any], notes: list[str]) -> Stream | None:
     factor = float(parameters.get("THR_MDL_FAC", 0.0))
-    control = np.stack([np.asarray(topic[f"control[{i}]"], float) for i in range(12)])
+    control = np.stack([_float(topic[f"control[{i}]"]) for i in range(12)])
     used = np.flatnonzero((np.nan_to_num(control) != 0).any(axis=1))
     count = int(parameters.get("CA_ROTOR_COUNT", 0)) or (int(used[-1]) + 1 if len(used) else 0)
     thrust = np.clip(np.nan_to_num(control[:count]), 0, 1)
@@ -106,7 +110,7 @@ def _from_controls(topic: Topic, parameters: Mapping[str, Any], notes: list[str]
 
 
 def _from_outputs(topic: Topic, parameters: Mapping[str, Any], notes: list[str]) -> Stream | None:
-    pwm = np.stack([np.asarray(topic[f"output[{i}]"], float) for i in range(16)])
+    pwm = np.stack([_float(topic[f"output[{i}]"]) for i in range(16)])
     channel = {  # motor: output
         int(value) - FIRST_MOTOR_FUNCTION: int(match[1]) - 1
         for name, value in parameters.items()
@@ -143,7 +147,7 @@ def _motion(topics: Mapping[str, Topic]) -> list[Stream | None]:
 def _attitude(topic: Topic | None) -> Stream | None:
     if topic is None:
         return None
-    q = [np.asarray(topic[f"q[{i}]"], float) for i in range(4)]
+    q = [_float(topic[f"q[{i}]"]) for i in range(4)]
     return Stream.of(_time(topic, sample=True), euler_of(*q))
 
 
@@ -152,7 +156,7 @@ def _height(topics: Mapping[str, Topic], notes: list[str]) -> Stream | None:
     local, ranger = topics.get("vehicle_local_position"), topics.get("distance_sensor")
     if local is not None and "dist_bottom" in local and np.any(local["dist_bottom_valid"]):
         valid = np.asarray(local["dist_bottom_valid"]) != 0
-        bottom, above = np.asarray(local["dist_bottom"], float), -np.asarray(local["z"], float)
+        bottom, above = _float(local["dist_bottom"]), -_float(local["z"])
         if not valid.all():
             notes.append(
                 f"height_m from the estimator's z, level ground, in {(~valid).mean():.0%} of the log"
@@ -164,14 +168,14 @@ def _height(topics: Mapping[str, Topic], notes: list[str]) -> Stream | None:
         return _plain(ranger, {"height_m": "current_distance"})
     if local is not None:
         notes.append("height_m from the estimator's z above its origin: no distance to the ground logged")
-        return Stream.of(_time(local), {"height_m": -np.asarray(local["z"], float)})
+        return Stream.of(_time(local), {"height_m": -_float(local["z"])})
     return None
 
 
 def _rpm(topic: Topic | None, notes: list[str]) -> Stream | None:
     if topic is None:
         return None
-    rpm = [np.asarray(topic[f"esc[{i}].esc_rpm"], float) for i in range(8) if f"esc[{i}].esc_rpm" in topic]
+    rpm = [_float(topic[f"esc[{i}].esc_rpm"]) for i in range(8) if f"esc[{i}].esc_rpm" in topic]
     rpm = rpm[: int(np.max(topic["esc_count"]))]
     if len(rpm) == 8 and np.any(rpm[0]) and all(np.array_equal(rpm[i], rpm[i + 4]) for i in range(4)):
         notes.append("rpm5..8 left out: esc_status repeats motors 1-4 there")

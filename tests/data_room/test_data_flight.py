@@ -196,9 +196,30 @@ def test_broken_binary_logs_are_one_line(tmp_path: Path, head: bytes, name: str)
 
 def test_not_a_tlog(tmp_path: Path) -> None:
     path = tmp_path / "x.tlog"
-    path.write_bytes(bytes(recorded(path).data[:200]) + b"garbage that is long enough to be seen")
-    with pytest.raises(InputError, match="byte"):
+    path.write_bytes(bytes(recorded(path).data[:200]) + b"garbage that is long enough to be seen" * 10)
+    with pytest.raises(InputError, match=r"byte \d+: a MAVLink frame is expected"):
         read_flight_log(path)
     path.write_bytes(b"")
     with pytest.raises(InputError, match="an empty file"):
         read_flight_log(path)
+
+
+def test_garbled_frames_are_counted_and_left_out(tmp_path: Path) -> None:
+    log = recorded(tmp_path / "noise.tlog")
+    clean = read_flight_log(log.write())
+    for part in range(1, 40):
+        log.data[part * len(log.data) // 40] ^= 0xFF
+    log.data[len(log.data) // 3 : len(log.data) // 3 + 70] = b"noise"
+    garbled = read_flight_log(log.write())
+    assert abs(garbled.rows - clean.rows) <= 5
+    assert any("frames left out" in note for note in garbled.notes)
+
+
+def test_damaged_stamps_do_not_fill_the_memory(tmp_path: Path) -> None:
+    log = recorded(tmp_path / "late.tlog")
+    for late in (10**12, 10**12 + 20_000):
+        log.add(common.MAVLink_actuator_output_status_message(late, 8, [1500.0] * 32))
+        log.add(common.MAVLink_highres_imu_message(late, 0, 0, -9.8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 20, 63, 0))
+        log.add(common.MAVLink_attitude_message(2**32 - 1, 0, 0, 0, 0, 0, 0))
+    with pytest.raises(InputError, match="time stamps are damaged"):
+        read_flight_log(log.write())
