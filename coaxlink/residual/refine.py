@@ -320,7 +320,10 @@ def _found(p: Problem, selection: Selection, member: Option, final: Array, draws
         low, high = np.quantile(values, [0.025, 0.975]) if len(values) else (value, value)
         parameters.append(
             ParameterValue(
-                name, value, (min(float(low), value), max(float(high), value)), member.effect.units[name]
+                name,
+                value,
+                (min(float(low), value), max(float(high), value)),
+                member.effect.units.get(name, "1"),
             )
         )
     rest = [m for m in selection.members if m is not member]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from coaxlink.residual.blocks import held_out, solve, squares
+from coaxlink.residual.blocks import held_out, held_out_sum, solve, squares
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Step
 
@@ -107,6 +107,7 @@ class Judge:
         self.problem = problem
         self.looks = len(problem.options)
         self._known: dict[tuple[int, ...], Array] = {}
+        self._sums: dict[tuple[int, ...], Array] = {}
 
     def held_out(self, members: list[Option]) -> Array:
         """(B, C) held-out square sums of a set."""
@@ -115,6 +116,14 @@ class Judge:
         if key not in self._known:
             self._known[key] = held_out(self.problem.blocks, use)[0]
         return self._known[key]
+
+    def sums(self, members: list[Option]) -> Array:
+        """(B,) held-out square sums of a set over all channels."""
+        use = columns_of(self.problem, members)
+        key = tuple(use)
+        if key not in self._sums:
+            self._sums[key] = held_out_sum(self.problem.blocks, use)
+        return self._sums[key]
 
     def trial(self, members: list[Option], option: Option) -> Trial:
         """`option` on top of `members`."""
@@ -160,7 +169,7 @@ class Judge:
         for option in self.problem.options:
             if option.name in taken or (allowed is not None and option.name not in allowed):
                 continue
-            total = float(self.held_out([*members, option]).sum())
+            total = float(self.sums([*members, option]).sum())
             ranked = (self._refused([*members, option], option) is not None, total)
             if option.name not in best or ranked < best[option.name][:2]:
                 best[option.name] = (*ranked, option)
@@ -208,13 +217,13 @@ def _simplest(good: list[Trial]) -> Trial:
 
 def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) -> None:
     """Rivals that explain as much on the same blocks, and nothing more once the winner is in."""
-    best = judge.held_out([*out.members, winner.option]).sum(axis=1)
-    start = judge.held_out(out.members).sum(axis=1)
+    best = judge.sums([*out.members, winner.option])
+    start = judge.sums(out.members)
     rivals = []
     for t in good:
         if t is winner or any({t.option.name, winner.option.name} == set(pair) for pair in NESTED):
             continue
-        other = judge.held_out([*out.members, t.option]).sum(axis=1)
+        other = judge.sums([*out.members, t.option])
         lead = other - best  # (B,) by block
         rows = judge.problem.residual.size
         likelihood = float(lead.sum()) * rows / max(float(best.sum()), 1e-12)
@@ -236,7 +245,7 @@ def _reconsider(judge: Judge, out: Selection, number: int) -> None:
         return
     for i in range(len(out.members)):
         rest = [m for k, m in enumerate(out.members) if k != i]
-        now = float(judge.held_out(out.members).sum())
+        now = float(judge.sums(out.members).sum())
         trials = _eligible(judge.best_of_each(rest))
         if not trials:
             continue

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coaxlink.residual.blocks import accumulate, error_interval, held_out, solve, squares
+from coaxlink.residual.blocks import accumulate, error_interval, held_out, held_out_sum, solve, squares
 from coaxlink.residual.dependence import dependences
 from coaxlink.residual.problem import contiguous_blocks
 from coaxlink.residual.signals import difference_gain, lagged, low_pass, noise_floor
@@ -81,6 +81,7 @@ def test_held_out_errors_are_of_fits_that_did_not_see_the_block():
         want = ((residual[mine] - design[mine] @ fit) ** 2).sum(axis=0)
         assert errors[b] == pytest.approx(want, rel=1e-5)
     assert fits.shape == (4, 3)
+    assert held_out_sum(blocks, np.arange(3)) == pytest.approx(errors.sum(axis=1), rel=1e-6)
 
 
 def test_intervals_cover_the_error_they_are_of():

@@ -1,0 +1,109 @@
+"""Stand logs of a rig of its own: effects by name, faults as suspects, the strange as unexplained."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from residual_rig import run
+
+from coaxlink import files
+from coaxlink.data import Samples
+from coaxlink.errors import InputError
+from coaxlink.residual import refine_stand
+from coaxlink.rotor import load_rotor_model
+
+CASES = {
+    "clean": ({}, []),
+    "battery": ({"battery": 0.7, "rpm": False}, ["battery_voltage"]),
+    "battery, speeds logged": ({"battery": 0.7}, ["battery_voltage"]),
+    "air": ({"air": 1.0}, ["air_density"]),
+    "drift": ({"drift": 0.35}, ["sensor_drift"]),
+    "interference": ({"interference": 5.0}, ["lower_on_upper_interference"]),
+    "power": ({"power": 0.1}, ["blade_speed_law"]),
+    "spacing": ({"spacing": 0.5}, ["rotor_spacing"]),
+    "heat": ({"heat": 0.12, "rpm": False}, ["motor_heating"]),
+    "air and drift": ({"air": 1.0, "drift": 0.35}, ["air_density", "sensor_drift"]),
+}
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return load_rotor_model(files.example("rotor_paper.toml"))
+
+
+def samples(**true) -> Samples:
+    return Samples(run(**true), "rig.csv")
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_named_with_the_paper_model_given(name, paper):
+    true, names = CASES[name]
+    answer = refine_stand(samples(seed=3, **true), paper)
+    assert sorted(e.name for e in answer.effects) == names
+    assert answer.ambiguous == () and answer.suspect_data == ()
+    for effect in answer.effects:
+        for channel in effect.channels:
+            c = answer.channels[channel]
+            assert c.rmse_after < c.rmse_before and c.rmse_after < 1.35 * c.noise_floor
+    assert answer.model is not None and [e.name for e in answer.model.effects] == [
+        e.name for e in answer.effects
+    ]
+
+
+@pytest.mark.parametrize("name", ["clean", "air", "interference", "spacing"])
+def test_named_without_any_model(name):
+    true, names = CASES[name]
+    answer = refine_stand(samples(seed=4, **true))
+    assert [e.name for e in answer.effects] == names and answer.ambiguous == ()
+
+
+def test_a_free_base_comes_back_as_the_model():
+    answer = refine_stand(samples(seed=5, air=1.0))
+    scale = 5400.0 / answer.model.speed_max_rpm  # without a model, u = 1 is what the log shows
+    pair = answer.model.loads(0.6 * scale, 0.7 * scale)
+    assert pair.upper_thrust == pytest.approx(0.6 * (55.9517 * 0.6 + 22.4464), rel=0.05)
+
+
+def test_a_lying_tachometer_is_accused_not_explained(paper):
+    answer = refine_stand(samples(seed=6, tachometer=0.06), paper)
+    assert answer.effects == () and [s.column for s in answer.suspect_data] == ["lower_rpm"]
+
+
+def test_swapped_labels_stop_everything(paper):
+    for model in (paper, None):
+        answer = refine_stand(samples(seed=7, swapped=1), model)
+        assert answer.effects == () and "swapped" in answer.suspect_data[0].why
+
+
+def test_stuck_and_repeated_rows_are_named_and_left_out(paper):
+    stuck = refine_stand(samples(seed=8, stuck=1), paper)
+    assert [(s.column, s.rows) for s in stuck.suspect_data] == [("upper_torque_Nm", "101-130")]
+    assert stuck.effects == () and stuck.channels["upper_torque"].rmse_after < 0.0095
+    repeated = refine_stand(samples(seed=8, repeated=1), paper)
+    assert [s.rows for s in repeated.suspect_data] == ["201-230"] and repeated.effects == ()
+
+
+def test_a_bump_of_no_known_physics_is_unexplained(paper):
+    answer = refine_stand(samples(seed=9, bump=4.0), paper)
+    assert answer.effects == ()
+    assert [u.channel for u in answer.unexplained] == ["upper_thrust"]
+    assert "upper_speed x lower_speed" in answer.unexplained[0].depends_on
+
+
+def test_clean_rigs_get_nothing(paper):
+    for seed in range(20, 25):
+        answer = refine_stand(samples(seed=seed, rpm=seed % 2 == 0), paper if seed % 3 else None)
+        assert answer.effects == () and answer.suspect_data == () and answer.ambiguous == (), seed
+
+
+def test_what_is_missing_is_said(paper):
+    columns = run(seed=1)
+    del columns["voltage_V"]
+    why = {r.name: r.why for r in refine_stand(Samples(columns, "rig.csv"), paper).rejected}
+    assert "voltage_V is not in the log" in why["battery_voltage"]
+    for name in ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm"):
+        del columns[name]
+    with pytest.raises(InputError, match="upper_thrust_N"):
+        refine_stand(Samples(columns, "rig.csv"), paper)
+    with pytest.raises(InputError, match="rows; 24 are needed"):
+        refine_stand(Samples(run(), "rig.csv").take(np.arange(10)), paper)
