@@ -7,6 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from coaxlink.airframe import Airframe
 from coaxlink.mixer.coefficients import reduced_coefficients, standard_coefficients
 from coaxlink.mixer.intent import intended_wrench
@@ -18,6 +20,8 @@ TABLE_NAMES = ("CA_AIRFRAME", "CA_METHOD", "CA_ROTOR_COUNT", "THR_MDL_FAC")
 ROTOR_FIELDS = ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM")
 _NEAR = 0.02  # relative; QGC rounds CT to 0.1
 _PLACE_M = 0.02
+# a vehicle stores whatever it is sent: 1e38 metres, or an infinite CT
+_ABSURD = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True)
@@ -61,9 +65,13 @@ def describe(parameters: Mapping[str, float], airframe: Airframe, model: RotorMo
     digest = hashlib.sha256(text.encode()).hexdigest()[:8]
     try:
         parsed = params_to_table(used)
-        findings = realise(used).warnings
+        with np.errstate(all="ignore"):
+            findings = realise(used).warnings
     except FirmwareParamsError as error:
         return Board("invalid", digest=digest, rotors=int(count), notes=(str(error),))
+    except _ABSURD:
+        note = "its numbers are beyond all arithmetic"
+        return Board("invalid", digest=digest, rotors=int(count), notes=(note,))
     notes = [f.text for f in findings] + _differences(parsed, airframe)
     kind, upper, lower, of_model = _kind(parsed, airframe, model)
     return Board("read", kind, digest, int(count), upper, lower, parsed.thr_mdl_fac, of_model, tuple(notes))
@@ -78,10 +86,11 @@ def intended(parameters: Mapping[str, float], commands: Sequence[float | None]) 
     if len(used) < len(TABLE_NAMES) + len(ROTOR_FIELDS) * len(commands):
         return None
     try:
-        wrench = intended_wrench(used, [float(c or 0.0) for c in commands])
-    except FirmwareParamsError:
+        with np.errstate(all="ignore"):
+            wrench = intended_wrench(used, [float(c or 0.0) for c in commands])
+    except (FirmwareParamsError, *_ABSURD):
         return None
-    return tuple(float(w) for w in wrench)
+    return tuple(float(w) for w in wrench) if np.isfinite(wrench).all() else None
 
 
 def _differences(table: Px4Table, airframe: Airframe) -> list[str]:

@@ -91,3 +91,16 @@ def test_intended_wrench_is_the_tables_own_arithmetic() -> None:
     assert intended(parameters, [0.4] * 7) is None
     assert intended({}, [0.4] * 8) is None
     assert intended(parameters, [0.4] * 7 + [None]) is None
+
+
+@pytest.mark.parametrize("value", [1e38, -1e38, 3e-38, float("nan"), float("inf")])
+@pytest.mark.parametrize(
+    "name", ["CA_ROTOR0_CT", "CA_ROTOR0_PX", "CA_ROTOR0_AZ", "CA_ROTOR0_KM", "THR_MDL_FAC"]
+)
+def test_numbers_that_no_table_should_hold(
+    airframe: Airframe, model: RotorModel, name: str, value: float
+) -> None:
+    parameters = table(46.95, 69.89) | {name: value}
+    assert describe(parameters, airframe, model).state in ("read", "invalid")
+    wrench = intended(parameters, [0.5] * 8)
+    assert wrench is None or all(abs(w) < float("inf") for w in wrench)
