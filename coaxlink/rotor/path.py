@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 SWEEPS = 100_000
+TILE = 128  # rows
 TOLERANCE = 1e-10  # of the largest |c|, on the optimality conditions
 
 
@@ -21,8 +22,38 @@ def gram(
     X: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(p, p) X'WX / n and (p,) X'Wy / n of a design (n, p), a target (n,) and weights (n,)."""
-    weighted = X if weights is None else X * weights[:, None]
-    return weighted.T @ X / len(y), weighted.T @ y / len(y)
+    if weights is not None:
+        root = np.sqrt(weights)
+        X, y = X * root[:, None], y * root
+    G, c = _gram(np.ascontiguousarray(X, np.float64), np.ascontiguousarray(y, np.float64))
+    return G, c
+
+
+@njit(cache=True, fastmath=True)
+def _gram(X, y):  # type: ignore[no-untyped-def]
+    """In tiles that stay in cache, on one thread: a threaded product waits for its slowest part."""
+    n, p = X.shape
+    G, c = np.zeros((p, p)), np.zeros(p)
+    tile = np.empty((p + 1, TILE))
+    for start in range(0, n, TILE):
+        rows = min(TILE, n - start)
+        for i in range(rows):
+            for j in range(p):
+                tile[j, i] = X[start + i, j]
+            tile[p, i] = y[start + i]
+        for j in range(p + 1):
+            for k in range(min(j, p - 1) + 1):
+                total = 0.0
+                for i in range(rows):
+                    total += tile[j, i] * tile[k, i]
+                if j < p:
+                    G[j, k] += total
+                else:
+                    c[k] += total
+    for j in range(p):
+        for k in range(j):
+            G[k, j] = G[j, k]
+    return G / n, c / n
 
 
 def lambda_grid(c: NDArray[np.float64], count: int = 50, ratio: float = 1e-5) -> NDArray[np.float64]:

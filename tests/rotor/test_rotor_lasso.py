@@ -29,6 +29,16 @@ def violation(G: np.ndarray, c: np.ndarray, lam: float, b: np.ndarray) -> float:
     return float(wrong.max() / np.abs(c).max())
 
 
+@pytest.mark.parametrize("rows", [1, 127, 128, 129, 1000])
+def test_gram_is_the_product(rows: int) -> None:
+    random = np.random.default_rng(rows)
+    X, y, w = random.standard_normal((rows, 9)), random.standard_normal(rows), random.uniform(0, 2, rows)
+    for weights, W in ((None, np.eye(rows)), (w, np.diag(w))):
+        G, c = gram(np.asfortranarray(X), y, weights)
+        np.testing.assert_allclose(G, X.T @ W @ X / rows, rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(c, X.T @ W @ y / rows, rtol=1e-12, atol=1e-13)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_every_point_of_the_path_is_the_optimum(seed: int) -> None:
     random = np.random.default_rng(seed)
