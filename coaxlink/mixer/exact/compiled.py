@@ -17,6 +17,9 @@ HELPERS = (
     "quadratic_step", "move", "correct", "worst_met", "expand", "merit", "promise", "persist", "solve",
 )  # fmt: skip
 
+# fused multiply-add, and no check of every division (a pivot is tested before it divides)
+OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
+
 
 @cache
 def compiled() -> tuple[Any, Any]:
@@ -25,7 +28,6 @@ def compiled() -> tuple[Any, Any]:
     from numba.extending import register_jitable
 
     for name in HELPERS:
-        register_jitable(getattr(kernel, name))
-    register_jitable(kernel.optimum)
-    # no fastmath: the exactness promised is that of IEEE arithmetic
-    return numba.njit(kernel.optimum, cache=True), numba.njit(kernel.batch, cache=True)
+        register_jitable(**OPTIONS)(getattr(kernel, name))
+    register_jitable(**OPTIONS)(kernel.optimum)
+    return numba.njit(kernel.optimum, cache=True, **OPTIONS), numba.njit(kernel.batch, cache=True, **OPTIONS)

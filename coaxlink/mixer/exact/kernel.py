@@ -15,32 +15,34 @@ Nothing here but floats, indexing and loops, and no allocation: the same functio
 Python and on arrays when numba compiles them (`exact.compiled`). Everything is normalised by `exact.problem`:
 axes in order of priority and in units of the vehicle's authority, power in units of full power.
 
-Flat arrays, K arms; a single rotor is an arm whose second speed is held at 0:
-    c (K*4*T)      coefficients of upper thrust, upper torque, lower thrust, lower torque; T = (nu+1)(nl+1)
-    g (K*16)       wrench of a unit of each load, 4 loads x 4 axes
-    shape (4)      K, nu, nl, 1 if the upper rotor is deaf to the lower one
+Arrays, K arms; a single rotor is an arm whose second speed is held at 0:
+    c (K, 4, T)    coefficients of upper thrust, upper torque, lower thrust, lower torque; T = (nu+1)(nl+1)
+    g (K, 16)      wrench of a unit of each load, 4 loads x 4 axes
+    shape (4)      K, nu, nl, 1 if nu = nl = 2 and the upper rotor is deaf to the lower one
     lo, hi, x (2K) bounds and speeds, u_u then u_l of each arm
     act (2K)       -1 at lo, 0 free, 1 at hi
     lam, el (4)    price of each axis; 0 met, +1 given up below mu, -1 given up above mu
     cap, mu (4)    price caps, the wrench asked for
-    work           K*ARM + TAIL scratch
+    work (K, ARM), sums (SUMS), box (6K)   scratch
+
+Rows and constant places rather than computed offsets: both Python and the compiler are quicker at them.
 """
 
 from __future__ import annotations
 
-# per arm in `work`: wrench (4), power, slopes of power, Hessian of the Lagrangian, slopes of the wrench,
+# a row of `work`: wrench (4), power, slopes of power, Hessian of the Lagrangian, slopes of the wrench,
 # H^-1 J^T over the free speeds, the step's part that does not depend on the prices, the step
 ARM = 30
 P, GU, GL, HUU, HUL, HLL, JU, JL, YU, YL, BU, BL, DU, DL = 4, 5, 6, 7, 8, 9, 10, 14, 18, 22, 26, 27, 28, 29
-# after the arms: Schur complement (10, lower triangle by rows), its Cholesky factor (10), right side (4),
+# in `sums`: Schur complement (10, lower triangle by rows), its Cholesky factor (10), right side (4),
 # wrench missing (4), power (1), slope of the dual (4), prices kept (4)
-FACTOR, RIGHT, MISS, POWER, SLOPE, KEEP, TAIL = 10, 20, 24, 28, 29, 33, 37
+FACTOR, RIGHT, MISS, POWER, SLOPE, KEEP, SUMS = 10, 20, 24, 28, 29, 33, 37
 
 NO_PIVOT = 1e-14
 TINY_PIVOT = 1e-9  # of the Schur complement: the axis cannot be moved by the rotors still free
 STEP_DONE = 2e-3  # the next quadratic step would be about its square
 GIVEN_UP_DONE = 1e-6  # with axes given up the steps need not be quadratic
-MISS_DONE = 1e-10  # of the vehicle's authority
+MISS_DONE = 1e-9  # of the vehicle's authority
 RIDGE = 1e-9  # on the Schur complement where the free rotors cannot move an axis
 CLIMBS, CUTS = 30, 40  # Newton steps on the dual; trials along each
 ROUNDS = 6  # active-set rounds of one quadratic step
@@ -49,16 +51,16 @@ PERSIST = 60
 CURVATURE = 0.05  # least curvature of a block
 
 
-def surface(c, o, nu, nl, u, l):  # noqa: E741
-    """(f, f_u, f_l, f_uu, f_ul, f_ll) of the coefficients c[o:], by rows of powers of u."""
+def surface(c, nu, nl, u, l):  # noqa: E741
+    """(f, f_u, f_l, f_uu, f_ul, f_ll) of the coefficients, by rows of powers of u."""
     if nu == 2 and nl == 2:
-        b1, b2 = c[o + 1], c[o + 2]
-        m1, m2 = c[o + 4], c[o + 5]
-        h1, h2 = c[o + 7], c[o + 8]
+        b1, b2 = c[1], c[2]
+        m1, m2 = c[4], c[5]
+        h1, h2 = c[7], c[8]
         t2 = h2 * l
-        r0 = c[o] + l * (b1 + l * b2)
-        r1 = c[o + 3] + l * (m1 + l * m2)
-        r2 = c[o + 6] + l * (h1 + h2 * l)
+        r0 = c[0] + l * (b1 + l * b2)
+        r1 = c[3] + l * (m1 + l * m2)
+        r2 = c[6] + l * (h1 + h2 * l)
         s1 = m1 + 2.0 * l * m2
         s2 = h1 + 2.0 * t2
         return (
@@ -75,7 +77,7 @@ def surface(c, o, nu, nl, u, l):  # noqa: E741
         for b in range(nl, -1, -1):
             v2 = v2 * l + v1
             v1 = v1 * l + v0
-            v0 = v0 * l + c[o + a * (nl + 1) + b]
+            v0 = v0 * l + c[a * (nl + 1) + b]
         p2 = p2 * u + p1
         p1 = p1 * u + p0
         p0 = p0 * u + v0
@@ -85,57 +87,67 @@ def surface(c, o, nu, nl, u, l):  # noqa: E741
     return p0, p1, q0, 2.0 * p2, q1, 2.0 * s0
 
 
-def value(c, o, nu, nl, u, l):  # noqa: E741
+def value(c, nu, nl, u, l):  # noqa: E741
     """f alone."""
     if nu == 2 and nl == 2:
         return (
-            c[o] + l * (c[o + 1] + l * c[o + 2])
-            + u * (c[o + 3] + l * (c[o + 4] + l * c[o + 5]) + u * (c[o + 6] + l * (c[o + 7] + l * c[o + 8])))
+            c[0] + l * (c[1] + l * c[2])
+            + u * (c[3] + l * (c[4] + l * c[5]) + u * (c[6] + l * (c[7] + l * c[8])))
         )  # fmt: skip
     total = 0.0
     for a in range(nu, -1, -1):
         row = 0.0
         for b in range(nl, -1, -1):
-            row = row * l + c[o + a * (nl + 1) + b]
+            row = row * l + c[a * (nl + 1) + b]
         total = total * u + row
     return total
 
 
-def line(c, o, nl, u):
-    """`surface` of a quadratic in u alone."""
-    a1, a2 = c[o + nl + 1], c[o + 2 * (nl + 1)]
+def line(c, u):
+    """`surface` of a quadratic in u alone (nu = nl = 2)."""
+    a1, a2 = c[3], c[6]
     t = a2 * u
-    return c[o] + u * (a1 + t), a1 + 2.0 * t, 2.0 * a2
+    return c[0] + u * (a1 + t), a1 + 2.0 * t, 2.0 * a2
 
 
 def expand_arm(c, g, shape, k, u, l, lam, work):  # noqa: E741
     """Second-order expansion of arm k at (u, l): wrench, power, the Lagrangian's Hessian made positive."""
     nu, nl = shape[1], shape[2]
-    size = (nu + 1) * (nl + 1)
-    o, e, at = k * 4 * size, k * 16, k * ARM
+    load, gain, arm = c[k], g[k], work[k]
     l0, l1, l2, l3 = lam[0], lam[1], lam[2], lam[3]
-    if shape[3] and nu == 2:
-        f, fu, fuu = line(c, o, nl, u)
-        q, qu, quu = line(c, o + size, nl, u)
+    if shape[3]:
+        f, fu, fuu = line(load[0], u)
+        q, qu, quu = line(load[1], u)
         fl = ful = fll = ql = qul = qll = 0.0
     else:
-        f, fu, fl, fuu, ful, fll = surface(c, o, nu, nl, u, l)
-        q, qu, ql, quu, qul, qll = surface(c, o + size, nu, nl, u, l)
-    F, Fu, Fl, Fuu, Ful, Fll = surface(c, o + 2 * size, nu, nl, u, l)
-    Q, Qu, Ql, Quu, Qul, Qll = surface(c, o + 3 * size, nu, nl, u, l)
-    for j in range(4):
-        a, b, d, h = g[e + j], g[e + 4 + j], g[e + 8 + j], g[e + 12 + j]
-        work[at + j] = a * f + b * q + d * F + h * Q
-        work[at + JU + j] = a * fu + b * qu + d * Fu + h * Qu
-        work[at + JL + j] = a * fl + b * ql + d * Fl + h * Ql
-    a = l0 * g[e] + l1 * g[e + 1] + l2 * g[e + 2] + l3 * g[e + 3]
-    b = l0 * g[e + 4] + l1 * g[e + 5] + l2 * g[e + 6] + l3 * g[e + 7]
-    d = l0 * g[e + 8] + l1 * g[e + 9] + l2 * g[e + 10] + l3 * g[e + 11]
-    h = l0 * g[e + 12] + l1 * g[e + 13] + l2 * g[e + 14] + l3 * g[e + 15]
+        f, fu, fl, fuu, ful, fll = surface(load[0], nu, nl, u, l)
+        q, qu, ql, quu, qul, qll = surface(load[1], nu, nl, u, l)
+    F, Fu, Fl, Fuu, Ful, Fll = surface(load[2], nu, nl, u, l)
+    Q, Qu, Ql, Quu, Qul, Qll = surface(load[3], nu, nl, u, l)
+    a, b, d, h = gain[0], gain[4], gain[8], gain[12]
+    arm[0] = a * f + b * q + d * F + h * Q
+    arm[JU + 0] = a * fu + b * qu + d * Fu + h * Qu
+    arm[JL + 0] = a * fl + b * ql + d * Fl + h * Ql
+    a, b, d, h = gain[1], gain[5], gain[9], gain[13]
+    arm[1] = a * f + b * q + d * F + h * Q
+    arm[JU + 1] = a * fu + b * qu + d * Fu + h * Qu
+    arm[JL + 1] = a * fl + b * ql + d * Fl + h * Ql
+    a, b, d, h = gain[2], gain[6], gain[10], gain[14]
+    arm[2] = a * f + b * q + d * F + h * Q
+    arm[JU + 2] = a * fu + b * qu + d * Fu + h * Qu
+    arm[JL + 2] = a * fl + b * ql + d * Fl + h * Ql
+    a, b, d, h = gain[3], gain[7], gain[11], gain[15]
+    arm[3] = a * f + b * q + d * F + h * Q
+    arm[JU + 3] = a * fu + b * qu + d * Fu + h * Qu
+    arm[JL + 3] = a * fl + b * ql + d * Fl + h * Ql
+    a = l0 * gain[0] + l1 * gain[1] + l2 * gain[2] + l3 * gain[3]
+    b = l0 * gain[4] + l1 * gain[5] + l2 * gain[6] + l3 * gain[7]
+    d = l0 * gain[8] + l1 * gain[9] + l2 * gain[10] + l3 * gain[11]
+    h = l0 * gain[12] + l1 * gain[13] + l2 * gain[14] + l3 * gain[15]
     # power is q u + Q l: the torques' weights in it are the speeds themselves, less what their yaw is worth
-    work[at + P] = q * u + Q * l
-    work[at + GU] = q + qu * u + Qu * l
-    work[at + GL] = Q + ql * u + Ql * l
+    arm[P] = q * u + Q * l
+    arm[GU] = q + qu * u + Qu * l
+    arm[GL] = Q + ql * u + Ql * l
     b, h = u - b, l - h
     uu = 2.0 * qu + b * quu + h * Quu - a * fuu - d * Fuu
     ul = ql + Qu + b * qul + h * Qul - a * ful - d * Ful
@@ -143,37 +155,34 @@ def expand_arm(c, g, shape, k, u, l, lam, work):  # noqa: E741
     mean, half = 0.5 * (uu + ll), 0.5 * (uu - ll)
     least = mean - (half * half + ul * ul) ** 0.5
     shift = CURVATURE - least if least < CURVATURE else 0.0
-    work[at + HUU] = uu + shift
-    work[at + HUL] = ul
-    work[at + HLL] = ll + shift
+    arm[HUU] = uu + shift
+    arm[HUL] = ul
+    arm[HLL] = ll + shift
 
 
-def miss(c, g, shape, x, mu, work):
+def miss(c, g, shape, x, mu, sums):
     """The wrench still missing at x into MISS, the power into POWER; returns the largest miss of an axis."""
-    arms, nu, nl = shape[0], shape[1], shape[2]
-    size, tail = (nu + 1) * (nl + 1), arms * ARM
+    nu, nl = shape[1], shape[2]
     m0, m1, m2, m3, power = mu[0], mu[1], mu[2], mu[3], 0.0
-    for k in range(arms):
+    for k in range(shape[0]):
         u, l = x[2 * k], x[2 * k + 1]  # noqa: E741
-        o, e = k * 4 * size, k * 16
-        f, q = value(c, o, nu, nl, u, l), value(c, o + size, nu, nl, u, l)
-        F, Q = value(c, o + 2 * size, nu, nl, u, l), value(c, o + 3 * size, nu, nl, u, l)
-        m0 -= g[e] * f + g[e + 4] * q + g[e + 8] * F + g[e + 12] * Q
-        m1 -= g[e + 1] * f + g[e + 5] * q + g[e + 9] * F + g[e + 13] * Q
-        m2 -= g[e + 2] * f + g[e + 6] * q + g[e + 10] * F + g[e + 14] * Q
-        m3 -= g[e + 3] * f + g[e + 7] * q + g[e + 11] * F + g[e + 15] * Q
+        load, gain = c[k], g[k]
+        f, q = value(load[0], nu, nl, u, l), value(load[1], nu, nl, u, l)
+        F, Q = value(load[2], nu, nl, u, l), value(load[3], nu, nl, u, l)
+        m0 -= gain[0] * f + gain[4] * q + gain[8] * F + gain[12] * Q
+        m1 -= gain[1] * f + gain[5] * q + gain[9] * F + gain[13] * Q
+        m2 -= gain[2] * f + gain[6] * q + gain[10] * F + gain[14] * Q
+        m3 -= gain[3] * f + gain[7] * q + gain[11] * F + gain[15] * Q
         power += q * u + Q * l
-    at = tail + MISS
-    work[at], work[at + 1], work[at + 2], work[at + 3] = m0, m1, m2, m3
-    work[tail + POWER] = power
+    sums[MISS], sums[MISS + 1], sums[MISS + 2], sums[MISS + 3] = m0, m1, m2, m3
+    sums[POWER] = power
     return max(abs(m0), abs(m1), abs(m2), abs(m3))
 
 
-def reduce_arm(k, x, lo, hi, act, work):
+def reduce_arm(arm, i, x, lo, hi, act):
     """The arm's step as B + Y lam for the present active set; adds its share to the Schur complement."""
-    at, i = k * ARM, 2 * k
-    uu, ul, ll = work[at + HUU], work[at + HUL], work[at + HLL]
-    gu, gl = work[at + GU], work[at + GL]
+    uu, ul, ll = arm[HUU], arm[HUL], arm[HLL]
+    gu, gl = arm[GU], arm[GL]
     if act[i] == 0 and act[i + 1] == 0:
         det = uu * ll - ul * ul
         a, b, d = ll / det, -ul / det, uu / det
@@ -188,13 +197,13 @@ def reduce_arm(k, x, lo, hi, act, work):
         elif act[i + 1] == 0:
             d = 1.0 / ll
             bl = -d * (gl + ul * bu)
-    u0, u1, u2, u3 = work[at + JU], work[at + JU + 1], work[at + JU + 2], work[at + JU + 3]
-    l0, l1, l2, l3 = work[at + JL], work[at + JL + 1], work[at + JL + 2], work[at + JL + 3]
+    u0, u1, u2, u3 = arm[JU], arm[JU + 1], arm[JU + 2], arm[JU + 3]
+    l0, l1, l2, l3 = arm[JL], arm[JL + 1], arm[JL + 2], arm[JL + 3]
     y0, y1, y2, y3 = a * u0 + b * l0, a * u1 + b * l1, a * u2 + b * l2, a * u3 + b * l3
     z0, z1, z2, z3 = b * u0 + d * l0, b * u1 + d * l1, b * u2 + d * l2, b * u3 + d * l3
-    work[at + YU], work[at + YU + 1], work[at + YU + 2], work[at + YU + 3] = y0, y1, y2, y3
-    work[at + YL], work[at + YL + 1], work[at + YL + 2], work[at + YL + 3] = z0, z1, z2, z3
-    work[at + BU], work[at + BL] = bu, bl
+    arm[YU], arm[YU + 1], arm[YU + 2], arm[YU + 3] = y0, y1, y2, y3
+    arm[YL], arm[YL + 1], arm[YL + 2], arm[YL + 3] = z0, z1, z2, z3
+    arm[BU], arm[BL] = bu, bl
     return (
         u0 * y0 + l0 * z0,
         u1 * y0 + l1 * z0, u1 * y1 + l1 * z1,
@@ -204,13 +213,12 @@ def reduce_arm(k, x, lo, hi, act, work):
     )  # fmt: skip
 
 
-def assemble(arms, x, lo, hi, act, work):
+def assemble(arms, x, lo, hi, act, work, sums):
     """Schur complement and right side over all arms."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
-    t = arms * ARM
-    r0, r1, r2, r3 = work[t + MISS], work[t + MISS + 1], work[t + MISS + 2], work[t + MISS + 3]
+    r0, r1, r2, r3 = sums[MISS], sums[MISS + 1], sums[MISS + 2], sums[MISS + 3]
     for k in range(arms):
-        a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, b0, b1, b2, b3 = reduce_arm(k, x, lo, hi, act, work)
+        a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, b0, b1, b2, b3 = reduce_arm(work[k], 2 * k, x, lo, hi, act)
         s0 += a0
         s1 += a1
         s2 += a2
@@ -225,32 +233,32 @@ def assemble(arms, x, lo, hi, act, work):
         r1 -= b1
         r2 -= b2
         r3 -= b3
-    work[t], work[t + 1], work[t + 2], work[t + 3], work[t + 4] = s0, s1, s2, s3, s4
-    work[t + 5], work[t + 6], work[t + 7], work[t + 8], work[t + 9] = s5, s6, s7, s8, s9
-    work[t + RIGHT], work[t + RIGHT + 1], work[t + RIGHT + 2], work[t + RIGHT + 3] = r0, r1, r2, r3
+    sums[0], sums[1], sums[2], sums[3], sums[4] = s0, s1, s2, s3, s4
+    sums[5], sums[6], sums[7], sums[8], sums[9] = s5, s6, s7, s8, s9
+    sums[RIGHT], sums[RIGHT + 1], sums[RIGHT + 2], sums[RIGHT + 3] = r0, r1, r2, r3
 
 
-def give_up(tail, el, cap, work):
+def give_up(el, cap, sums):
     """Turn each given-up axis into a row of the identity with its price on the right side."""
     for j in range(4):
         if el[j]:
             price = el[j] * cap[j]
             for i in range(4):
-                at = tail + (i * (i + 1) // 2 + j if i > j else j * (j + 1) // 2 + i)
+                at = i * (i + 1) // 2 + j if i > j else j * (j + 1) // 2 + i
                 if i != j:
                     if not el[i]:
-                        work[tail + RIGHT + i] -= work[at] * price
-                    work[at] = 0.0
+                        sums[RIGHT + i] -= sums[at] * price
+                    sums[at] = 0.0
     for j in range(4):
         if el[j]:
-            work[tail + j * (j + 1) // 2 + j] = 1.0
-            work[tail + RIGHT + j] = el[j] * cap[j]
+            sums[j * (j + 1) // 2 + j] = 1.0
+            sums[RIGHT + j] = el[j] * cap[j]
 
 
-def factor(tail, work, tiny):
+def factor(sums, tiny):
     """Cholesky factor of the Schur complement, diagonal inverted; -1, or the first axis that is stuck."""
-    s0, s1, s2, s3, s4 = work[tail], work[tail + 1], work[tail + 2], work[tail + 3], work[tail + 4]
-    s5, s6, s7, s8, s9 = work[tail + 5], work[tail + 6], work[tail + 7], work[tail + 8], work[tail + 9]
+    s0, s1, s2, s3, s4 = sums[0], sums[1], sums[2], sums[3], sums[4]
+    s5, s6, s7, s8, s9 = sums[5], sums[6], sums[7], sums[8], sums[9]
     if s0 <= NO_PIVOT:
         return 0
     i0 = s0**-0.5
@@ -268,23 +276,21 @@ def factor(tail, work, tiny):
     d = s9 - l6 * l6 - l7 * l7 - l8 * l8
     if d <= tiny * s9 or d <= NO_PIVOT:
         return 3
-    t = tail + FACTOR
-    work[t], work[t + 1], work[t + 2], work[t + 3], work[t + 4] = i0, l1, i1, l3, l4
-    work[t + 5], work[t + 6], work[t + 7], work[t + 8], work[t + 9] = i2, l6, l7, l8, d**-0.5
+    sums[10], sums[11], sums[12], sums[13], sums[14] = i0, l1, i1, l3, l4
+    sums[15], sums[16], sums[17], sums[18], sums[19] = i2, l6, l7, l8, d**-0.5
     return -1
 
 
-def substitute(tail, b0, b1, b2, b3, work):
+def substitute(b0, b1, b2, b3, sums):
     """Solve with the factor."""
-    t = tail + FACTOR
-    i0, i1, i2, i3 = work[t], work[t + 2], work[t + 5], work[t + 9]
+    i0, i1, i2, i3 = sums[10], sums[12], sums[15], sums[19]
     l10, l20, l21, l30, l31, l32 = (
-        work[t + 1],
-        work[t + 3],
-        work[t + 4],
-        work[t + 6],
-        work[t + 7],
-        work[t + 8],
+        sums[11],
+        sums[13],
+        sums[14],
+        sums[16],
+        sums[17],
+        sums[18],
     )
     y0 = b0 * i0
     y1 = (b1 - l10 * y0) * i1
@@ -300,30 +306,18 @@ def step_arms(arms, lam, work):
     """The step of each arm for the prices."""
     l0, l1, l2, l3 = lam[0], lam[1], lam[2], lam[3]
     for k in range(arms):
-        at = k * ARM
-        du = (
-            work[at + BU]
-            + l0 * work[at + YU]
-            + l1 * work[at + YU + 1]
-            + l2 * work[at + YU + 2]
-            + l3 * work[at + YU + 3]
-        )
-        dl = (
-            work[at + BL]
-            + l0 * work[at + YL]
-            + l1 * work[at + YL + 1]
-            + l2 * work[at + YL + 2]
-            + l3 * work[at + YL + 3]
-        )
-        work[at + DU], work[at + DL] = du, dl
+        arm = work[k]
+        du = arm[BU] + l0 * arm[YU] + l1 * arm[YU + 1] + l2 * arm[YU + 2] + l3 * arm[YU + 3]
+        dl = arm[BL] + l0 * arm[YL] + l1 * arm[YL + 1] + l2 * arm[YL + 2] + l3 * arm[YL + 3]
+        arm[DU], arm[DL] = du, dl
 
 
 def revise(arms, x, lo, hi, act, lam, work):
     """Primal-dual update of the active set: hold what would leave its bounds, free what is pushed inward."""
     changed = 0
     for k in range(arms):
-        at, i = k * ARM, 2 * k
-        du, dl = work[at + DU], work[at + DL]
+        arm, i = work[k], 2 * k
+        du, dl = arm[DU], arm[DL]
         for side in range(2):
             n = i + side
             if hi[n] <= lo[n]:
@@ -337,26 +331,25 @@ def revise(arms, x, lo, hi, act, lam, work):
                     act[n] = 1
                     changed += 1
             else:
-                j = at + (JL if side else JU)
+                j = JL if side else JU
                 if side:
-                    push = work[at + HUL] * du + work[at + HLL] * dl + work[at + GL]
+                    push = arm[HUL] * du + arm[HLL] * dl + arm[GL]
                 else:
-                    push = work[at + HUU] * du + work[at + HUL] * dl + work[at + GU]
-                push -= lam[0] * work[j] + lam[1] * work[j + 1] + lam[2] * work[j + 2] + lam[3] * work[j + 3]
+                    push = arm[HUU] * du + arm[HUL] * dl + arm[GU]
+                push -= lam[0] * arm[j] + lam[1] * arm[j + 1] + lam[2] * arm[j + 2] + lam[3] * arm[j + 3]
                 if push * act[n] > 1e-12:
                     act[n] = 0
                     changed += 1
     return changed
 
 
-def box_arm(k, x, lo, hi, act, lam, work):
+def box_arm(arm, i, x, lo, hi, act, lam):
     """The arm's best step inside its bounds for the prices: free, else the best of its four edges."""
-    at, i = k * ARM, 2 * k
-    uu, ul, ll = work[at + HUU], work[at + HUL], work[at + HLL]
-    gu, gl = work[at + GU], work[at + GL]
+    uu, ul, ll = arm[HUU], arm[HUL], arm[HLL]
+    gu, gl = arm[GU], arm[GL]
     for j in range(4):
-        gu -= lam[j] * work[at + JU + j]
-        gl -= lam[j] * work[at + JL + j]
+        gu -= lam[j] * arm[JU + j]
+        gl -= lam[j] * arm[JL + j]
     u_lo, u_hi, l_lo, l_hi = lo[i] - x[i], hi[i] - x[i], lo[i + 1] - x[i + 1], hi[i + 1] - x[i + 1]
     det = uu * ll - ul * ul
     du, dl = (ul * gl - ll * gu) / det, (ul * gu - uu * gl) / det
@@ -381,73 +374,68 @@ def box_arm(k, x, lo, hi, act, lam, work):
             cost = u * (gu + 0.5 * uu * u + ul * l) + l * (gl + 0.5 * ll * l)
             if cost < best:
                 best, du, dl, act_u, act_l = cost, u, l, au, al
-    work[at + DU], work[at + DL] = du, dl
+    arm[DU], arm[DL] = du, dl
     act[i], act[i + 1] = act_u, act_l
 
 
-def dual_slope(arms, x, lo, hi, act, lam, work):
+def dual_slope(arms, x, lo, hi, act, lam, work, sums):
     """Steps of all arms for the prices; the wrench they still miss, to first order, into SLOPE."""
-    tail = arms * ARM
     for j in range(4):
-        work[tail + SLOPE + j] = work[tail + MISS + j]
+        sums[SLOPE + j] = sums[MISS + j]
     for k in range(arms):
-        box_arm(k, x, lo, hi, act, lam, work)
-        at = k * ARM
+        box_arm(work[k], 2 * k, x, lo, hi, act, lam)
+        arm = work[k]
         for j in range(4):
-            work[tail + SLOPE + j] -= work[at + JU + j] * work[at + DU] + work[at + JL + j] * work[at + DL]
+            sums[SLOPE + j] -= arm[JU + j] * arm[DU] + arm[JL + j] * arm[DL]
 
 
-def ascent(arms, x, lo, hi, act, lam, el, cap, work):
+def ascent(arms, x, lo, hi, act, lam, el, cap, work, sums):
     """Newton direction of the dual into RIGHT; a price that would be driven beyond its cap stays."""
-    tail = arms * ARM
-    r = tail + RIGHT
     for _ in range(4):
-        assemble(arms, x, lo, hi, act, work)
+        assemble(arms, x, lo, hi, act, work, sums)
         for j in range(4):
-            work[r + j] = work[tail + SLOPE + j]
-            work[tail + j * (j + 1) // 2 + j] += RIDGE
+            sums[RIGHT + j] = sums[SLOPE + j]
+            sums[j * (j + 1) // 2 + j] += RIDGE
         for j in range(4):
             if el[j]:
                 for i in range(4):
-                    work[tail + (i * (i + 1) // 2 + j if i > j else j * (j + 1) // 2 + i)] = 0.0
-                work[tail + j * (j + 1) // 2 + j] = 1.0
-                work[r + j] = 0.0
-        factor(tail, work, 0.0)
-        d0, d1, d2, d3 = substitute(tail, work[r], work[r + 1], work[r + 2], work[r + 3], work)
-        work[r], work[r + 1], work[r + 2], work[r + 3] = d0, d1, d2, d3
+                    sums[(i * (i + 1) // 2 + j if i > j else j * (j + 1) // 2 + i)] = 0.0
+                sums[j * (j + 1) // 2 + j] = 1.0
+                sums[RIGHT + j] = 0.0
+        factor(sums, 0.0)
+        d0, d1, d2, d3 = substitute(sums[RIGHT], sums[RIGHT + 1], sums[RIGHT + 2], sums[RIGHT + 3], sums)
+        sums[RIGHT], sums[RIGHT + 1], sums[RIGHT + 2], sums[RIGHT + 3] = d0, d1, d2, d3
         beyond = 0
         for j in range(4):
-            if el[j] == 0 and abs(lam[j]) >= cap[j] and work[r + j] * lam[j] > 0.0:
+            if el[j] == 0 and abs(lam[j]) >= cap[j] and sums[RIGHT + j] * lam[j] > 0.0:
                 el[j] = 1 if lam[j] > 0.0 else -1
                 beyond += 1
         if beyond == 0:
             return
 
 
-def along(arms, x, lo, hi, act, lam, cap, work):
+def along(arms, x, lo, hi, act, lam, cap, work, sums):
     """Move the prices along RIGHT to where the dual stops rising, or to the first cap."""
-    tail = arms * ARM
-    r = tail + RIGHT
     reach, start, first = 1.0, 0.0, -1
     for j in range(4):
-        d = work[r + j]
+        d = sums[RIGHT + j]
         if d != 0.0:
             most = ((cap[j] if d > 0.0 else -cap[j]) - lam[j]) / d
             if most < reach:
                 reach, first = most, j
-        start += d * work[tail + SLOPE + j]
-        work[tail + KEEP + j] = lam[j]
+        start += d * sums[SLOPE + j]
+        sums[KEEP + j] = lam[j]
     low, high, t = 0.0, reach, reach
     at_low, at_high = start, 0.0
     for cut in range(CUTS):
         for j in range(4):
-            lam[j] = work[tail + KEEP + j] + t * work[r + j]
+            lam[j] = sums[KEEP + j] + t * sums[RIGHT + j]
         if first >= 0 and t == reach:
-            lam[first] = cap[first] if work[r + first] > 0.0 else -cap[first]
-        dual_slope(arms, x, lo, hi, act, lam, work)
+            lam[first] = cap[first] if sums[RIGHT + first] > 0.0 else -cap[first]
+        dual_slope(arms, x, lo, hi, act, lam, work, sums)
         rise = 0.0
         for j in range(4):
-            rise += work[r + j] * work[tail + SLOPE + j]
+            rise += sums[RIGHT + j] * sums[SLOPE + j]
         if abs(rise) <= 0.01 * start or (cut == 0 and rise >= 0.0):
             return
         if rise > 0.0:
@@ -458,17 +446,16 @@ def along(arms, x, lo, hi, act, lam, cap, work):
         t = 0.5 * (low + high) if cut % 2 else low + (high - low) * at_low / (at_low - at_high)
 
 
-def climb(arms, x, lo, hi, act, lam, el, cap, work):
+def climb(arms, x, lo, hi, act, lam, el, cap, work, sums):
     """Settle one quadratic problem surely: Newton on its concave dual in the four prices, each step cut where
     the dual stops rising. Returns the number of Newton steps."""
-    tail = arms * ARM
     for j in range(4):
         lam[j] = min(max(lam[j], -cap[j]), cap[j])
-    dual_slope(arms, x, lo, hi, act, lam, work)
+    dual_slope(arms, x, lo, hi, act, lam, work, sums)
     for count in range(CLIMBS):
         worst = 0.0
         for j in range(4):
-            slope = work[tail + SLOPE + j]
+            slope = sums[SLOPE + j]
             el[j] = 0
             if abs(lam[j]) >= cap[j] and slope * lam[j] > 0.0:
                 el[j] = 1 if lam[j] > 0.0 else -1
@@ -476,8 +463,8 @@ def climb(arms, x, lo, hi, act, lam, el, cap, work):
                 worst = max(worst, abs(slope))
         if worst < 1e-12:
             return count
-        ascent(arms, x, lo, hi, act, lam, el, cap, work)
-        along(arms, x, lo, hi, act, lam, cap, work)
+        ascent(arms, x, lo, hi, act, lam, el, cap, work, sums)
+        along(arms, x, lo, hi, act, lam, cap, work, sums)
     return CLIMBS
 
 
@@ -485,25 +472,24 @@ def largest_step(arms, work):
     """The largest part of the present step."""
     largest = 0.0
     for k in range(arms):
-        largest = max(largest, abs(work[k * ARM + DU]), abs(work[k * ARM + DL]))
+        arm = work[k]
+        largest = max(largest, abs(arm[DU]), abs(arm[DL]))
     return largest
 
 
-def quadratic_step(arms, x, lo, hi, act, lam, el, cap, work):
+def quadratic_step(arms, x, lo, hi, act, lam, el, cap, work, sums):
     """Settle bounds and given-up axes of one quadratic problem; returns the active-set rounds it took.
 
     A few primal-dual rounds from the last active set, nearly always one; else the sure way.
     """
-    tail = arms * ARM
     for rounds in range(ROUNDS):
-        assemble(arms, x, lo, hi, act, work)
+        assemble(arms, x, lo, hi, act, work, sums)
         if el[0] or el[1] or el[2] or el[3]:
-            give_up(tail, el, cap, work)
-        if factor(tail, work, TINY_PIVOT) >= 0:
+            give_up(el, cap, sums)
+        if factor(sums, TINY_PIVOT) >= 0:
             break
-        r = tail + RIGHT
         lam[0], lam[1], lam[2], lam[3] = substitute(
-            tail, work[r], work[r + 1], work[r + 2], work[r + 3], work
+            sums[RIGHT], sums[RIGHT + 1], sums[RIGHT + 2], sums[RIGHT + 3], sums
         )
         changed = 0
         for j in range(4):
@@ -512,131 +498,122 @@ def quadratic_step(arms, x, lo, hi, act, lam, el, cap, work):
         step_arms(arms, lam, work)
         for j in range(4):
             if el[j]:
-                left = work[tail + MISS + j]
+                left = sums[MISS + j]
                 for k in range(arms):
-                    at = k * ARM
-                    left -= work[at + JU + j] * work[at + DU] + work[at + JL + j] * work[at + DL]
+                    arm = work[k]
+                    left -= arm[JU + j] * arm[DU] + arm[JL + j] * arm[DL]
                 if left * el[j] < 0.0:
                     changed += 1
         if changed:
             break
         if revise(arms, x, lo, hi, act, lam, work) == 0:
             return rounds + 1
-    rounds = ROUNDS + climb(arms, x, lo, hi, act, lam, el, cap, work)
+    rounds = ROUNDS + climb(arms, x, lo, hi, act, lam, el, cap, work, sums)
     # leave the factor of the settled set behind, for the corrections
-    assemble(arms, x, lo, hi, act, work)
+    assemble(arms, x, lo, hi, act, work, sums)
     if el[0] or el[1] or el[2] or el[3]:
-        give_up(tail, el, cap, work)
-    factor(tail, work, 1e-16)
+        give_up(el, cap, sums)
+    factor(sums, 1e-16)
     return rounds
 
 
 def move(arms, x, lo, hi, work):
     """Take the step, inside the bounds."""
     for k in range(arms):
-        at, i = k * ARM, 2 * k
-        x[i] = min(max(x[i] + work[at + DU], lo[i]), hi[i])
-        x[i + 1] = min(max(x[i + 1] + work[at + DL], lo[i + 1]), hi[i + 1])
+        arm, i = work[k], 2 * k
+        x[i] = min(max(x[i] + arm[DU], lo[i]), hi[i])
+        x[i + 1] = min(max(x[i + 1] + arm[DL], lo[i + 1]), hi[i + 1])
 
 
-def correct(arms, x, lo, hi, el, work):
+def correct(arms, x, lo, hi, el, work, sums):
     """Move along the factor's own directions until the axes that are met miss nothing (to first order)."""
-    tail = arms * ARM
-    b0 = 0.0 if el[0] else work[tail + MISS]
-    b1 = 0.0 if el[1] else work[tail + MISS + 1]
-    b2 = 0.0 if el[2] else work[tail + MISS + 2]
-    b3 = 0.0 if el[3] else work[tail + MISS + 3]
-    v0, v1, v2, v3 = substitute(tail, b0, b1, b2, b3, work)
+    b0 = 0.0 if el[0] else sums[MISS]
+    b1 = 0.0 if el[1] else sums[MISS + 1]
+    b2 = 0.0 if el[2] else sums[MISS + 2]
+    b3 = 0.0 if el[3] else sums[MISS + 3]
+    v0, v1, v2, v3 = substitute(b0, b1, b2, b3, sums)
     for k in range(arms):
-        at = k * ARM
-        work[at + DU] = (
-            v0 * work[at + YU] + v1 * work[at + YU + 1] + v2 * work[at + YU + 2] + v3 * work[at + YU + 3]
-        )
-        work[at + DL] = (
-            v0 * work[at + YL] + v1 * work[at + YL + 1] + v2 * work[at + YL + 2] + v3 * work[at + YL + 3]
-        )
+        arm = work[k]
+        arm[DU] = v0 * arm[YU] + v1 * arm[YU + 1] + v2 * arm[YU + 2] + v3 * arm[YU + 3]
+        arm[DL] = v0 * arm[YL] + v1 * arm[YL + 1] + v2 * arm[YL + 2] + v3 * arm[YL + 3]
     move(arms, x, lo, hi, work)
 
 
-def worst_met(tail, el, work):
+def worst_met(el, sums):
     """Largest miss among the axes that are not given up."""
     worst = 0.0
     for j in range(4):
         if el[j] == 0:
-            worst = max(worst, abs(work[tail + MISS + j]))
+            worst = max(worst, abs(sums[MISS + j]))
     return worst
 
 
-def expand(c, g, shape, x, lam, mu, work):
+def expand(c, g, shape, x, lam, mu, work, sums):
     """`expand_arm` for all arms, and the wrench missing at x."""
-    tail = shape[0] * ARM
     m0, m1, m2, m3 = mu[0], mu[1], mu[2], mu[3]
     for k in range(shape[0]):
-        at = k * ARM
+        arm = work[k]
         expand_arm(c, g, shape, k, x[2 * k], x[2 * k + 1], lam, work)
-        m0 -= work[at]
-        m1 -= work[at + 1]
-        m2 -= work[at + 2]
-        m3 -= work[at + 3]
-    at = tail + MISS
-    work[at], work[at + 1], work[at + 2], work[at + 3] = m0, m1, m2, m3
+        m0 -= arm[0]
+        m1 -= arm[1]
+        m2 -= arm[2]
+        m3 -= arm[3]
+    sums[MISS], sums[MISS + 1], sums[MISS + 2], sums[MISS + 3] = m0, m1, m2, m3
 
 
-def merit(cap, tail, work):
+def merit(cap, sums):
     """Power plus the price of what is missing, of the last `miss`."""
-    at = tail + MISS
     return (
-        work[tail + POWER]
-        + cap[0] * abs(work[at]) + cap[1] * abs(work[at + 1])
-        + cap[2] * abs(work[at + 2]) + cap[3] * abs(work[at + 3])
+        sums[POWER]
+        + cap[0] * abs(sums[MISS]) + cap[1] * abs(sums[MISS + 1])
+        + cap[2] * abs(sums[MISS + 2]) + cap[3] * abs(sums[MISS + 3])
     )  # fmt: skip
 
 
-def promise(arms, cap, work):
+def promise(arms, cap, work, sums):
     """What the quadratic problem says that its step is worth in merit."""
-    tail = arms * ARM
     gain = 0.0
     for k in range(arms):
-        at = k * ARM
-        du, dl = work[at + DU], work[at + DL]
-        gain -= du * (work[at + GU] + 0.5 * work[at + HUU] * du + work[at + HUL] * dl)
-        gain -= dl * (work[at + GL] + 0.5 * work[at + HLL] * dl)
+        arm = work[k]
+        du, dl = arm[DU], arm[DL]
+        gain -= du * (arm[GU] + 0.5 * arm[HUU] * du + arm[HUL] * dl)
+        gain -= dl * (arm[GL] + 0.5 * arm[HLL] * dl)
     for j in range(4):
-        gain += cap[j] * (abs(work[tail + MISS + j]) - abs(work[tail + SLOPE + j]))
+        gain += cap[j] * (abs(sums[MISS + j]) - abs(sums[SLOPE + j]))
     return gain
 
 
-def persist(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, box):
+def persist(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box):
     """The sure way to the optimum: steps inside a trust region that grows and shrinks with what they bring.
 
     `box` is scratch (6K): the region's low and high ends, the speeds to come back to. Returns the steps
     taken, negative when there were too many.
     """
     arms = shape[0]
-    tail, n = arms * ARM, 2 * arms
+    n = 2 * arms
     radius = 0.3
-    miss(c, g, shape, x, mu, work)
-    here = merit(cap, tail, work)
+    miss(c, g, shape, x, mu, sums)
+    here = merit(cap, sums)
     for count in range(1, PERSIST + 1):
-        expand(c, g, shape, x, lam, mu, work)
+        expand(c, g, shape, x, lam, mu, work, sums)
         for i in range(n):
             box[i], box[n + i] = max(lo[i], x[i] - radius), min(hi[i], x[i] + radius)
             box[2 * n + i] = x[i]
-        climb(arms, x, box[:n], box[n : 2 * n], act, lam, el, cap, work)
-        gain, step = promise(arms, cap, work), largest_step(arms, work)
+        climb(arms, x, box[:n], box[n : 2 * n], act, lam, el, cap, work, sums)
+        gain, step = promise(arms, cap, work, sums), largest_step(arms, work)
         if gain < 1e-11 or step < 1e-10:
             return count
         move(arms, x, lo, hi, work)
-        miss(c, g, shape, x, mu, work)
-        there = merit(cap, tail, work)
+        miss(c, g, shape, x, mu, sums)
+        there = merit(cap, sums)
         if there > here - 0.5 * gain:
             # the wrench is curved: what the step broke to second order may be mended without a new expansion
-            assemble(arms, x, box[:n], box[n : 2 * n], act, work)
-            give_up(tail, el, cap, work)
-            if factor(tail, work, TINY_PIVOT) < 0:
-                correct(arms, x, lo, hi, el, work)
-                miss(c, g, shape, x, mu, work)
-                there = merit(cap, tail, work)
+            assemble(arms, x, box[:n], box[n : 2 * n], act, work, sums)
+            give_up(el, cap, sums)
+            if factor(sums, TINY_PIVOT) < 0:
+                correct(arms, x, lo, hi, el, work, sums)
+                miss(c, g, shape, x, mu, sums)
+                there = merit(cap, sums)
         if there < here - 0.05 * gain:
             if there < here - 0.5 * gain and step > 0.7 * radius:
                 radius = min(2.0 * radius, 1.0)
@@ -648,22 +625,21 @@ def persist(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, box):
     return -PERSIST
 
 
-def solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, limit):
+def solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit):
     """Bring x to the optimum for mu, from wherever x, act, lam and el stand, by full steps.
 
     Returns (quadratic steps, negative when `limit` of them did not settle it; active-set rounds; last step).
     """
     arms = shape[0]
-    tail = arms * ARM
     total = 0
     step = 1.0
     for count in range(1, limit + 1):
-        expand(c, g, shape, x, lam, mu, work)
-        total += quadratic_step(arms, x, lo, hi, act, lam, el, cap, work)
+        expand(c, g, shape, x, lam, mu, work, sums)
+        total += quadratic_step(arms, x, lo, hi, act, lam, el, cap, work, sums)
         step = largest_step(arms, work)
         move(arms, x, lo, hi, work)
-        miss(c, g, shape, x, mu, work)
-        worst = worst_met(tail, el, work)
+        miss(c, g, shape, x, mu, sums)
+        worst = worst_met(el, sums)
         done = STEP_DONE
         if el[0] or el[1] or el[2] or el[3]:
             done = GIVEN_UP_DONE
@@ -671,27 +647,26 @@ def solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, limit):
             for _ in range(CORRECTIONS):
                 if worst <= MISS_DONE:
                     break
-                correct(arms, x, lo, hi, el, work)
-                miss(c, g, shape, x, mu, work)
-                worst = worst_met(tail, el, work)
+                correct(arms, x, lo, hi, el, work, sums)
+                miss(c, g, shape, x, mu, sums)
+                worst = worst_met(el, sums)
             if worst <= MISS_DONE:
                 return count, total, step
     return -limit, total, step
 
 
-def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, box, limit):
+def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, limit):
     """`solve` from where the last call stood; where that does not settle, the sure way from the middle.
 
     Returns (steps, negative when even that did not settle; active-set rounds). Whatever happens x is within
     its bounds, and MISS and POWER in `work` are those of x.
     """
     n = 2 * shape[0]
-    tail = shape[0] * ARM
     for i in range(n):
         x[i] = min(max(x[i], lo[i]), hi[i])
         if hi[i] <= lo[i]:
             act[i] = -1
-    steps, rounds, _ = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, limit)
+    steps, rounds, _ = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
     if steps > 0:
         return steps, rounds
     for i in range(n):
@@ -699,27 +674,28 @@ def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, box, limit):
         act[i] = 0 if hi[i] > lo[i] else -1
     for j in range(4):
         lam[j], el[j] = 0.0, 0
-    sure = persist(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, box)
-    miss(c, g, shape, x, mu, work)
-    before = merit(cap, tail, work)
+    sure = persist(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box)
+    miss(c, g, shape, x, mu, sums)
+    before = merit(cap, sums)
     for i in range(n):
         box[2 * n + i] = x[i]
-    steps, rounds, _ = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, limit)
-    if merit(cap, tail, work) > before + 1e-11 or steps < 0:
+    steps, rounds, _ = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
+    if merit(cap, sums) > before + 1e-11 or steps < 0:
         for i in range(n):
             x[i] = box[2 * n + i]
-        miss(c, g, shape, x, mu, work)
+        miss(c, g, shape, x, mu, sums)
         return limit + sure if sure > 0 else sure - limit, rounds
     return 2 * limit + steps, rounds
 
 
-def batch(c, g, shape, lo, hi, x, act, lam, el, cap, demands, work, box, limit, speeds, misses, steps):
+def batch(c, g, shape, lo, hi, x, act, lam, el, cap, demands, work, sums, box, limit, speeds, misses, steps):
     """`optimum` for each row of `demands` (rows, 4), warm-started by the row before."""
-    tail = shape[0] * ARM
     n = 2 * shape[0]
     for row in range(len(demands)):
-        steps[row], _ = optimum(c, g, shape, lo, hi, x, act, lam, el, cap, demands[row], work, box, limit)
+        steps[row], _ = optimum(
+            c, g, shape, lo, hi, x, act, lam, el, cap, demands[row], work, sums, box, limit
+        )
         for i in range(n):
             speeds[row][i] = x[i]
         for j in range(4):
-            misses[row][j] = work[tail + MISS + j]
+            misses[row][j] = sums[MISS + j]

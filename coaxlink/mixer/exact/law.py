@@ -78,10 +78,10 @@ class ExactLaw:
         middle = np.where(p.hi > p.lo, 0.5 * (p.lo + p.hi), p.lo)
         arrays: list[Any] = [p.c, p.g, p.shape, p.lo.copy(), p.hi.copy(), middle]
         arrays += [np.zeros(2 * p.arms, np.int64), np.zeros(4), np.zeros(4, np.int64), p.cap]
-        arrays += [np.zeros(4), np.zeros(p.work_size), np.zeros(6 * p.arms)]
+        arrays += [np.zeros(4), *p.scratch()]
         self._state = arrays if self.compiled else [a.tolist() for a in arrays]
         self._lo, self._hi, self._x = self._state[3:6]
-        self._mu, self._work = self._state[10], self._state[11]
+        self._mu, self._sums = self._state[10], self._state[12]
         self._scale = [(int(o), 1.0 / float(s)) for o, s in zip(p.order, p.scale, strict=True)]
         self._slots = p.slots.tolist()
         self._calls = self._steps = self._rounds = 0
@@ -122,20 +122,18 @@ class ExactLaw:
     def certificate(self) -> Certificate:
         """Of the last call."""
         p = self.problem
-        tail = p.arms * kernel.ARM
         miss, prices = np.zeros(4), np.zeros(4)
-        miss[p.order] = np.array(self._work[tail + kernel.MISS : tail + kernel.MISS + 4]) * p.scale
+        miss[p.order] = np.array(self._sums[kernel.MISS : kernel.MISS + 4]) * p.scale
         prices[p.order] = np.array(self._state[7]) * p.power / p.scale
         active = np.array([self._state[6][i] for i in self._slots])
-        power = float(self._work[tail + kernel.POWER]) * p.power
+        power = float(self._sums[kernel.POWER]) * p.power
         return Certificate(int(self._steps), int(self._rounds), miss, power, active, prices)
 
     @property
     def dropped(self) -> tuple[str, ...]:
         """Axes that the last call could not deliver whole, the first to be given up first."""
         p = self.problem
-        tail = p.arms * kernel.ARM
-        left = self._work[tail + kernel.MISS : tail + kernel.MISS + 4]
+        left = self._sums[kernel.MISS : kernel.MISS + 4]
         return tuple(AXES[int(p.order[j])] for j in (3, 2, 1, 0) if abs(left[j]) > GIVEN_UP)
 
     def _limit_slew(self, slew: float) -> None:

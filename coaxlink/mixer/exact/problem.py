@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import AXES, Airframe
 from coaxlink.errors import InputError
-from coaxlink.mixer.exact.kernel import ARM, TAIL
+from coaxlink.mixer.exact.kernel import ARM, SUMS
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.polynomial import Polynomial
 
@@ -34,10 +34,9 @@ class Problem:
     slots: NDArray[np.int64]  # (N,) which of the 2K speeds is rotor n's
     arms: int
 
-    @property
-    def work_size(self) -> int:
-        """Floats of scratch that the kernel needs."""
-        return self.arms * ARM + TAIL
+    def scratch(self) -> list[NDArray[np.float64]]:
+        """The kernel's `work`, `sums` and `box`."""
+        return [np.zeros((self.arms, ARM)), np.zeros(SUMS), np.zeros(6 * self.arms)]
 
 
 def build(
@@ -95,9 +94,9 @@ def build(
             g.append(column)
     deaf = all(b == 0 for p in loads[:2] for _, b in p.exponents)
     return Problem(
-        np.concatenate([x.ravel() for x in c]),
-        np.concatenate(g),
-        np.array([len(arms), nu, nl, int(deaf)]),
+        np.array([x.ravel() for x in c]).reshape(len(arms), 4, -1),
+        np.array(g).reshape(len(arms), 16),
+        np.array([len(arms), nu, nl, int(deaf and nu == nl == 2)]),
         np.array(lo),
         np.array(hi),
         np.array(CAPS),
