@@ -2,8 +2,8 @@
 
     python benchmarks/clients.py [--runs 8] [--json FILE]
 
-Every client connects, sets the values by which two tables of the paper's X8 differ, and leaves. What is then on
-board is read over a clean line. Each run has its own seed; a run is right when all values are on board.
+Every client connects, sets the values by which two tables of the paper's X8 differ, and leaves. What is then
+on board is read over a clean line. Each run has its own seed; a run is right when all values are on board.
 """
 
 from __future__ import annotations
@@ -119,9 +119,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as place:
         known = [bits for _, bits in tables(Path(place))]
     names = [n for n in known[0] if known[0][n] != known[1][n]]
-    print(
-        f"{len(names)} values; {'loss':>4} {'client':>10} {'right':>7} {'said so':>8} {'median s':>9} {'max s':>7}"
-    )
+    print(f"{len(names)} values")
+    print(*(f"{h:>10}" for h in ("loss", "client", "right", "said so", "median s", "max s")))
     for loss in LOSSES:
         for client in CLIENTS:
             got = series(client, loss, asked.runs, names, known)

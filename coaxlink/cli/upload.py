@@ -42,6 +42,9 @@ def upload(
     new_geometry: Annotated[
         bool, typer.Option("--new-geometry", help="Allow other rotor places or spins than the board has.")
     ] = False,
+    reboot: Annotated[
+        bool, typer.Option("--reboot", help="PX4: restart the autopilot and read the table once more.")
+    ] = False,
 ) -> None:
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink.link import connect as open_session
@@ -61,7 +64,7 @@ def upload(
             outcome = ApUploader(session, backup_folder=backup_dir, talk=talk).upload(plan, dry_run=dry_run)
         else:
             worker = Uploader(session, backup_folder=backup_dir, talk=talk)
-            outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry)
+            outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry, reboot=reboot)
     finish(outcome, json_file)
 
 

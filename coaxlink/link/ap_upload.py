@@ -12,9 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
-
-from coaxlink.errors import CheckFailed, CoaxlinkError, InputError, LinkError, SafetyRefusal
+from coaxlink.errors import CheckFailed, CoaxlinkError, InputError, SafetyRefusal
 from coaxlink.files import write_atomic
 from coaxlink.link.backup import backup_path
 from coaxlink.link.ftp import Files
@@ -316,32 +314,8 @@ class ApUploader:
         self._talk.say(f"backup of {len(board.values)} parameters and the scripts: {path}")
 
     def _reboot(self) -> None:
-        """Reboot and wait until the vehicle is back. Raises CheckFailed when it refuses, LinkError."""
-        result = self._session.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
-        if result != mavlink.MAV_RESULT_ACCEPTED:
-            raise CheckFailed(f"the vehicle refuses to reboot (result {result})")
         self._talk.say("rebooting")
-        clock, restarted = [0], [False]
-
-        def watch(message: Any) -> None:
-            stamp = getattr(message, "time_boot_ms", None)
-            if stamp is not None:
-                restarted[0] |= stamp + 1000 < clock[0]
-                clock[0] = max(clock[0], stamp)
-
-        leave = self._session.subscribe(watch)
-        gone = time.monotonic() + self._reboot_s
-        while not restarted[0] and self._session.silence_s < 1.6 and time.monotonic() < gone:
-            time.sleep(0.05)
-        leave()
-        back = time.monotonic() + 30.0
-        while time.monotonic() < back:
-            try:
-                if self._session.wait("HEARTBEAT", 1.0) is not None:
-                    return
-            except LinkError:
-                time.sleep(0.5)
-        raise LinkError(self._session.address, "the vehicle did not come back from its reboot within 30 s")
+        self._session.reboot(self._reboot_s)
 
     def _keep(self, new: Mapping[str, Value], texts: Scripts) -> None:
         self._journal.end()

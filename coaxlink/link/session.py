@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, Self
 from pymavlink.dialects.v20 import common as mavlink
 
 import firmware_params.px4.messages  # noqa: F401 - teaches the dialect ESC_STATUS and ESC_INFO
-from coaxlink.errors import InputError, LinkError, SafetyRefusal
+from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
 from coaxlink.link.address import parse_address
 from coaxlink.link.transport import Transport, open_transport
 
@@ -264,6 +264,38 @@ class Session:
                         return int(ack.result)
                     end = time.monotonic() + max(timeout_s, LOST_S)
         raise LinkError(self.address, f"command {command_id} was not acknowledged ({tries} tries)")
+
+    def reboot(self, gone_s: float = 5.0, back_s: float = 30.0) -> None:
+        """Reboot the autopilot and wait until it is back. Raises CheckFailed when it refuses, LinkError.
+
+        `gone_s` bounds the wait for a sign of the restart: its clock starts again, or it falls silent.
+        """
+        clock, restarted = [0], [False]
+
+        def watch(message: Message) -> None:
+            stamp = getattr(message, "time_boot_ms", None)
+            if stamp is not None:
+                restarted[0] |= stamp + 1000 < clock[0]
+                clock[0] = max(clock[0], stamp)
+
+        leave = self.subscribe(watch)
+        try:
+            result = self.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
+            if result != mavlink.MAV_RESULT_ACCEPTED:
+                raise CheckFailed(f"the vehicle refuses to reboot (result {result})")
+            gone = time.monotonic() + gone_s
+            while not restarted[0] and self.silence_s < 1.6 and time.monotonic() < gone:
+                time.sleep(0.05)
+        finally:
+            leave()
+        back = time.monotonic() + back_s
+        while time.monotonic() < back:
+            try:
+                if self.wait("HEARTBEAT", 1.0) is not None:
+                    return
+            except LinkError:
+                time.sleep(0.5)
+        raise LinkError(self.address, f"the vehicle did not come back from its reboot within {back_s:g} s")
 
     def request_stream(self, message_id: int, rate_hz: float) -> bool:
         """Ask for a message at a rate; False when the autopilot will not send it."""

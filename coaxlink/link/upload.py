@@ -88,6 +88,7 @@ class Uploader:
         journal: Journal | None = None,
         patience_s: float = 30.0,
         parameters: Parameters | None = None,
+        reboot_s: float = 5.0,
     ) -> None:
         self._session = session
         self._parameters = parameters or Parameters(session)
@@ -98,9 +99,13 @@ class Uploader:
         self._files: tuple[str, ...] = ()
         self._changes: tuple[Change, ...] = ()
         self._backup = ""
+        self._reboot, self._reboot_s = False, reboot_s
 
-    def upload(self, plan: Plan, *, dry_run: bool = False, new_geometry: bool = False) -> Outcome:
-        """Put a plan on board."""
+    def upload(
+        self, plan: Plan, *, dry_run: bool = False, new_geometry: bool = False, reboot: bool = False
+    ) -> Outcome:
+        """Put a plan on board; with `reboot`, restart the autopilot and read the table once more."""
+        self._reboot = reboot
         self._files = tuple(str(path) for path in plan.files)
 
         def check(board: Mapping[str, Value]) -> None:
@@ -208,6 +213,8 @@ class Uploader:
         try:
             self._journal.begin(Entry(self._journal.board, old, new, self._backup, self._files, started))
             self._put(new, watch_arming=True)
+            if self._reboot:
+                self._prove(new)
         except CoaxlinkError as error:
             return self._roll_back(old, error)
         except BaseException:
@@ -248,6 +255,20 @@ class Uploader:
             {"name": v.name, "wanted": _finite(v.value), "found": _finite(found[v.name].value)} for v in todo
         ]
         raise _Mismatch(wrong)
+
+    def _prove(self, values: Mapping[str, Value]) -> None:
+        """Reboot, read again: what was written is kept. Raises CheckFailed, LinkError."""
+        self._refuse_armed()
+        self._talk.say("rebooting, to read the table once more")
+        self._session.reboot(self._reboot_s)
+        found = self._parameters.read_many(values)
+        lost = [v for n, v in values.items() if not found[n].same(v)]
+        if lost:
+            kept = [
+                {"name": v.name, "wanted": _finite(v.value), "found": _finite(found[v.name].value)}
+                for v in lost
+            ]
+            raise _Mismatch(kept)
 
     def _settle(self) -> None:
         # a repeated request may still be under way and act after the read-back

@@ -1,14 +1,13 @@
 """Tables on the stand-ins of `sim`, which share no code with the upload."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from coaxlink.airframe import load_airframe
+from coaxlink.cli import main
 from coaxlink.link import connect
 from coaxlink.link.ap_tables import report_ap
 from coaxlink.link.ap_upload import ApBackup, ApUploader
@@ -52,22 +51,32 @@ def tables(tmp_path_factory):
         ],
     }
     for name, options in wanted.items():
-        command = [sys.executable, "-m", "coaxlink", "table", str(X8), *options, "--out", str(place / name)]
-        subprocess.run(command, check=True, capture_output=True)
+        with pytest.raises(SystemExit) as ended:
+            main(["table", str(X8), *options, "--out", str(place / name)])
+        assert ended.value.code == 0
     return {name: place / name for name in wanted}
 
 
 def test_px4_takes_a_table_over_a_bad_line_and_gives_it_back(tables, tmp_path):
     wire = "loss=0.05,copies=0.03,disorder=0.05,corruption=0.005,delay=0.003"
     with standin("--firmware", "px4", "--wire", wire) as port, connect(f"udpout:127.0.0.1:{port}") as session:
-        before = Parameters(session).read_all().values
-        outcome = Uploader(session, backup_folder=tmp_path).upload(load_plan(tables["px4"]))
+        plan = load_plan(tables["px4"])
+        before = Parameters(session).read_many(plan.params)
+        outcome = Uploader(session, backup_folder=tmp_path).upload(plan)
         assert outcome.result == "verified" and len(outcome.changed) == 18 and outcome.retries > 0
         assert verify(session, None).holds
         back = Uploader(session, backup_folder=tmp_path).restore(read_backup(Path(outcome.backup)))
         assert back.result == "verified"
-        after = Parameters(session).read_all().values
+        after = Parameters(session).read_many(plan.params)
         assert all(after[n].same(v) for n, v in before.items())
+
+
+def test_px4_keeps_it_over_a_reboot(tables, tmp_path):
+    with standin("--firmware", "px4") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        said = []
+        worker = Uploader(session, backup_folder=tmp_path, talk=Talk(say=said.append), reboot_s=0.4)
+        assert worker.upload(load_plan(tables["px4"]), reboot=True).result == "verified"
+        assert any("rebooting" in text for text in said) and verify(session, None).holds
 
 
 def test_a_reboot_in_the_middle_does_not_leave_a_mixture(tables, tmp_path):
@@ -86,7 +95,7 @@ def test_a_reboot_in_the_middle_does_not_leave_a_mixture(tables, tmp_path):
 
 
 def _ap(session, folder, **options):
-    return ApUploader(session, backup_folder=folder, reboot_s=2.0, script_s=2.0, **options)
+    return ApUploader(session, backup_folder=folder, reboot_s=0.4, script_s=1.5, **options)
 
 
 def _ardupilot_said(session):
