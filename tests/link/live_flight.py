@@ -31,12 +31,12 @@ HEIGHT_M = 4.0
 class Flight:
     """A vehicle in the air."""
 
-    def __init__(self, own_curve: float = 1.0, airborne: bool = True) -> None:
+    def __init__(self, own_curve: float = 1.0, airborne: bool = True, airframe: str = "x8_demo.toml") -> None:
         # the vehicle and its companion share one interpreter here: neither may hold it for long
         sys.setswitchinterval(0.0005)
         self.ports = open_links(["udpin:127.0.0.1:0"])
         self.address = "udpout:" + self.ports[0].name.partition(":")[2]
-        self.standin = build(World(EXAMPLES / "x8_demo.toml", firmware="px4:1.13"), self.ports)
+        self.standin = build(World(EXAMPLES / airframe, firmware="px4:1.13"), self.ports)
         self.autopilot: Any = self.standin.autopilot
         self.autopilot.store.write("THR_MDL_FAC", 9, own_curve)
         self.rows: list[tuple[float, bool, list[float], float, float]] = []
