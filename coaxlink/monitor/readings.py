@@ -46,6 +46,7 @@ class Traffic:
     loss: float | None = None  # 0..1, from gaps in the sequence numbers; None without messages
     received: int = 0
     missed: int = 0
+    disorder: float = 0.0  # 0..1, share that came out of sequence: much of it means two senders of one id
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class Collector:
         self._latest: dict[str, Arrival] = {}
         self._parameters: dict[str, float] = {}
         self._sequence: dict[int, int] = {}  # component -> last sequence number
-        self._bins: deque[list[float]] = deque()  # [start_s, received, missed]
+        self._bins: deque[list[float]] = deque()  # [start_s, received, missed, out of order]
         self._received = self._missed = 0
         self._last_s: float | None = None
         self._clock_s: float | None = None
@@ -161,12 +162,13 @@ class Collector:
             # in the first seconds the window is only as long as we have listened
             span = min(WINDOW_S, max(now_s - self._bins[0][0], 1.0)) if self._bins else WINDOW_S
             loss = missed / (received + missed) if received else None
+            disorder = sum(b[3] for b in self._bins) / received if received else 0.0
             return Readings(
                 self._target,
                 tuple(sorted(self._others)),
                 MappingProxyType(dict(self._latest)),
                 MappingProxyType(dict(self._parameters)),
-                Traffic(received / span, loss, self._received, self._missed),
+                Traffic(received / span, loss, self._received, self._missed, disorder),
                 self._last_s,
                 self._clock_s,
             )
@@ -175,11 +177,13 @@ class Collector:
         previous = self._sequence.get(component)
         self._sequence[component] = sequence
         gap = 0 if previous is None else (sequence - previous - 1) % 256
-        if gap > 127:
+        back = gap > 127
+        if back:
             gap = 0  # out of order, doubled, or the sender restarted: not a loss
         self._received += 1
         self._missed += gap
         if not self._bins or received_s - self._bins[-1][0] >= _BIN_S:
-            self._bins.append([received_s, 0, 0])
+            self._bins.append([received_s, 0, 0, 0])
         self._bins[-1][1] += 1
         self._bins[-1][2] += gap
+        self._bins[-1][3] += back

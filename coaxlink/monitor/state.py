@@ -26,6 +26,7 @@ from coaxlink.rotor import RotorModel
 LOST_S = 3.0  # without any message for this long the link counts as lost
 GRAVITY_M_S2 = 9.80665
 _OWN_MIX = 0.08  # commands nearer than this to the legacy mixer's are its own; messages are 0.1 s apart
+_TWO_SENDERS = 0.02, 0.25  # share out of sequence, and of gaps: a bad line has the second, not the first
 _STANDING = 0.005  # normalised speed below which a rotor stands still
 
 
@@ -128,6 +129,10 @@ def observe(
     if model.effects:
         names = ", ".join(e.name for e in model.effects)
         notes.append(f"effects in the rotor file are not in these thrusts: {names}")
+    if readings.target and _two_senders(readings):
+        notes.insert(
+            0, f"two vehicles call themselves system {readings.target[0]} here: these values are of both"
+        )
     if readings.others:
         notes.append("further autopilots here: system " + ", ".join(map(str, readings.others)))
     return View(
@@ -161,7 +166,15 @@ def _link(readings: Readings, now_s: float, address: str, waiting: str) -> Link:
     state = "waiting" if age is None else "live" if age <= LOST_S else "lost"
     detail = waiting or (f"a heartbeat at {address}" if address else "a heartbeat")
     t = readings.traffic
-    return Link(address, state, detail, age, t.rate_hz, t.loss, t.received, t.missed, readings.others)
+    loss = None if _two_senders(readings) else t.loss  # gaps between two senders are no losses
+    return Link(address, state, detail, age, t.rate_hz, loss, t.received, t.missed, readings.others)
+
+
+def _two_senders(readings: Readings) -> bool:
+    """Whether two vehicles of one system id seem to talk here (two simulators on one port, say)."""
+    disorder, gaps = _TWO_SENDERS
+    t = readings.traffic
+    return t.received > 50 and t.disorder > disorder and (t.loss or 0.0) > gaps
 
 
 def _rotors(airframe: Airframe, model: RotorModel, speeds: Speeds) -> tuple[RotorView, ...]:

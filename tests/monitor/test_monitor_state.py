@@ -334,3 +334,17 @@ def test_a_legacy_demand_is_newtons_only_while_a_companion_mixes(
         assert b.error[0] == pytest.approx(4 * (UPPER_441 + LOWER_441_648) - 8 * p * 0.29, abs=0.1)
     else:
         assert b.error is None and "legacy mixer" in b.error_note
+
+
+def test_two_vehicles_of_one_system_id_are_noticed(airframe: Airframe, model: RotorModel) -> None:
+    collector, one, two = Collector(), Sender(), Sender()
+    two.sequence = 100
+    for k in range(100):
+        for sender in (one, two) if k % 3 else (two, one):
+            collector.take(sender(heartbeat()), 0.02 * k)
+    view = observe(collector.readings(2.0), airframe, model, 2.0)
+    assert view.link.loss is None and "two vehicles call themselves system 1" in view.notes[0]
+    alone, single = Collector(), Sender()
+    for k in range(100):
+        alone.take(single(heartbeat(), skip=k % 4 == 0), 0.02 * k)
+    assert not observe(alone.readings(2.0), airframe, model, 2.0).notes
