@@ -54,6 +54,18 @@ def write_px4(folder: Path, frame: Airframe, model_path: Path, report: TableRepo
     return [str(path)]
 
 
+def write_csv(folder: Path, report: TableReport) -> str:
+    """Write DIR/mixer.csv, the same mix for PX4's research fork. Raises InputError."""
+    from coaxlink import files
+    from coaxlink.cli._shell import say
+    from firmware_params.px4 import csv_mixer
+
+    path = folder / "mixer.csv"
+    files.write_atomic(path, csv_mixer.mixer_csv(report.mix.mix))
+    say(f"mixer.csv goes to {csv_mixer.BOARD_PATH}; {csv_mixer.PARAMETER} = 1 and a reboot make it fly")
+    return str(path)
+
+
 def write_ap(folder: Path, frame: Airframe, model_path: Path, report: ApReport) -> list[str]:
     """Write DIR/NAME.param and DIR/scripts/*.lua. Raises InputError when the place cannot be written."""
     from coaxlink import files

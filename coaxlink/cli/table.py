@@ -31,6 +31,9 @@ def table(
     ] = "",
     frame_class: Annotated[int, typer.Option(help="ArduPilot: 15 scripting, 17 dynamic matrix.")] = 15,
     spin_min: Annotated[float, typer.Option(help="ArduPilot: MOT_SPIN_MIN.")] = 0.05,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="PX4: also mixer.csv, for the research fork that reads one.")
+    ] = False,
     json_file: JsonOption = None,
 ) -> None:
     """Write a mixer table and say what mix the firmware will make of it."""
@@ -44,7 +47,7 @@ def table(
     path = rotor_path(frame.rotor_model, rotor, airframe)
     model = load_rotor_model(path)
     if firmware == "px4":
-        _px4(frame, model, path, law, out, json_file, explain, connect)
+        _px4(frame, model, path, law, out, json_file, explain, connect, csv)
     else:
         _ardupilot(frame, model, path, law, out, json_file, explain, frame_class, spin_min)
 
@@ -58,6 +61,7 @@ def _px4(
     json_file: Path | None,
     explain: bool,
     connect: str,
+    csv: bool,
 ) -> None:
     from coaxlink import files
     from coaxlink.link import tables
@@ -65,6 +69,8 @@ def _px4(
 
     report = tables.report_px4(frame, model, law)
     written = write_px4(out, frame, model_path, report) if out and not report.blocking else []
+    if csv and out and not report.blocking:
+        written.append(_tables.write_csv(out, report))
     document = _tables.px4_json(frame, report, written)
     _tables.show_px4(frame, report)
     if explain:

@@ -87,3 +87,11 @@ def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
     assert shown["explain"]["worst_relative"]["roll"] < 1e-6 and shown["explain"]["against"] == "standard law"
     code, out, _ = _run(capsys, X8, "--firmware", "px4", "--law", "reduced", "--explain")
     assert code == 0 and "MC_YAWRATE_K x" in out and "asked -> done" in out
+
+
+def test_the_research_fork_s_file_is_the_same_mix(tmp_path, capsys):
+    arguments = (X8, "--firmware", "px4", "--law", "reduced", "--out", tmp_path, "--csv")
+    code, _, err = _run(capsys, *arguments)
+    assert code == 0 and "/fs/microsd/etc/mixer.csv" in err
+    mix = px4.realise(px4.read_params_file(tmp_path / "paper-x8.params").params).mix
+    assert px4.read_mixer_csv(tmp_path / "mixer.csv") == pytest.approx(mix, abs=1e-6)
