@@ -8,15 +8,19 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from coaxlink.mixer.exact import kernel
+from coaxlink.mixer.exact import dual, kernel, loads, quadratic, schur
 
-# callees before callers
-HELPERS = (
-    "surface", "value", "line", "expand_arm", "miss", "reduce_arm", "assemble", "give_up", "factor",
-    "substitute", "step_arms", "revise", "box_arm", "dual_slope", "ascent", "along", "climb", "largest_step",
-    "quadratic_step", "move", "correct", "worst_met", "expand", "merit", "promise", "persist", "solve",
-)  # fmt: skip
-
+# callees before callers; numba's cache looks at the stamp of kernel.py alone: touch it after editing another
+HELPERS = {
+    loads: (
+        "surface", "value", "line", "value_of_one", "expand_arm", "expand", "miss", "merit", "move",
+        "largest_step", "worst_met",
+    ),
+    schur: ("reduce_arm", "assemble", "give_up", "factor", "substitute", "correct"),
+    dual: ("box_arm", "dual_slope", "ascent", "along", "climb"),
+    quadratic: ("step_arms", "revise", "quadratic_step"),
+    kernel: ("promise", "persist", "solve", "optimum"),
+}  # fmt: skip
 # fused multiply-add, and no check of every division (a pivot is tested before it divides)
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
 
@@ -27,7 +31,7 @@ def compiled() -> tuple[Any, Any]:
     import numba
     from numba.extending import register_jitable
 
-    for name in HELPERS:
-        register_jitable(**OPTIONS)(getattr(kernel, name))
-    register_jitable(**OPTIONS)(kernel.optimum)
+    for module, names in HELPERS.items():
+        for name in names:
+            register_jitable(**OPTIONS)(getattr(module, name))
     return numba.njit(kernel.optimum, cache=True, **OPTIONS), numba.njit(kernel.batch, cache=True, **OPTIONS)

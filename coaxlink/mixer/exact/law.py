@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from coaxlink.airframe import AXES, Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.exact import kernel
+from coaxlink.mixer.exact.loads import MISS, POWER
 from coaxlink.mixer.exact.problem import PRIORITY, build
 from coaxlink.mixer.law import checked_wrench
 from coaxlink.rotor import RotorModel
@@ -123,17 +124,17 @@ class ExactLaw:
         """Of the last call."""
         p = self.problem
         miss, prices = np.zeros(4), np.zeros(4)
-        miss[p.order] = np.array(self._sums[kernel.MISS : kernel.MISS + 4]) * p.scale
+        miss[p.order] = np.array(self._sums[MISS : MISS + 4]) * p.scale
         prices[p.order] = np.array(self._state[7]) * p.power / p.scale
         active = np.array([self._state[6][i] for i in self._slots])
-        power = float(self._sums[kernel.POWER]) * p.power
+        power = float(self._sums[POWER]) * p.power
         return Certificate(int(self._steps), int(self._rounds), miss, power, active, prices)
 
     @property
     def dropped(self) -> tuple[str, ...]:
         """Axes that the last call could not deliver whole, the first to be given up first."""
         p = self.problem
-        left = self._sums[kernel.MISS : kernel.MISS + 4]
+        left = self._sums[MISS : MISS + 4]
         return tuple(AXES[int(p.order[j])] for j in (3, 2, 1, 0) if abs(left[j]) > GIVEN_UP)
 
     def _limit_slew(self, slew: float) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import AXES, Airframe
 from coaxlink.errors import InputError
-from coaxlink.mixer.exact.kernel import ARM, SUMS
+from coaxlink.mixer.exact.loads import ARM, SUMS
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.polynomial import Polynomial
 
