@@ -149,10 +149,11 @@ def test_help_opens_and_closes_while_the_picture_runs(scene: Scene) -> None:
     run(story())
 
 
-def test_quit(scene: Scene) -> None:
+@pytest.mark.parametrize("key", ["q", "ctrl+c"])
+def test_quit(scene: Scene, key: str) -> None:
     async def story() -> None:
         async with scene.app.run_test() as pilot:
-            await pilot.press("q")
+            await pilot.press(key)
             await pilot.pause()
             assert not scene.app.is_running
 
