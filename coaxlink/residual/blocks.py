@@ -91,14 +91,14 @@ def _bounded(gram: Array, moment: Array, bounds: Array) -> Array:
     limit = bounds * scale
     gram = gram + 1e-10 * np.eye(len(bounds))
     fixed = np.zeros(len(bounds), bool)
-    value = np.zeros(len(bounds))
+    value: Array = np.zeros(len(bounds))
     for _ in range(len(bounds) + 1):
         free = ~fixed
         if fixed.any():
             known = gram[np.ix_(free, fixed)] @ value[fixed]
             value[free] = np.linalg.solve(gram[np.ix_(free, free)], moment[free] - known)
         else:
-            value = np.linalg.solve(gram, moment)
+            value = np.asarray(np.linalg.solve(gram, moment))
         beyond = free & (np.abs(value) > limit * (1.0 + 1e-9))
         if not beyond.any():
             break

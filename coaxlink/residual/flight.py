@@ -16,7 +16,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.residual.frames import Array, FlightFrame
-from coaxlink.residual.signals import lagged, low_pass
+from coaxlink.residual.signals import derivative, lagged, low_pass
 from coaxlink.rotor import RotorModel
 
 CUTOFF_HZ = 4.0
@@ -186,9 +186,8 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
     world_to_body = _world_to_body(roll, pitch, yaw)
     velocity = np.einsum("rij,rj->ri", world_to_body, np.stack([c[f"vel_{a}_m_s"] for a in "ned"], axis=1))
     rates = np.stack([c[f"gyro_{a}_rad_s"] for a in "xyz"], axis=1)
-    # differentiate only what the low-pass will keep: the noise above it would fold into the gradient
     smooth = low_pass(rates, piece.rate_hz, 3.0 * CUTOFF_HZ)
-    turning = np.gradient(smooth, 1.0 / piece.rate_hz, axis=0)
+    turning = derivative(rates, piece.rate_hz)
     force = np.stack([c[f"accel_{a}_m_s2"] for a in "xyz"], axis=1)
     inertia = np.asarray(airframe.inertia_kg_m2)
     moment = inertia * turning + np.cross(smooth, inertia * smooth)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.residual.frames import Array, FlightFrame
+from coaxlink.residual.signals import derivative
 
 LEVEL = 0.03  # thrust and torque level of a stand-identified model
 TILT = 0.03  # the same, growing with speed
@@ -73,7 +74,7 @@ def _instruments(frame: FlightFrame) -> list[Correction]:
         bias = np.zeros((rows, 6))
         bias[:, k] = mass
         out.append(Correction(f"accel_{axis}_bias_m_s2", ACCEL_BIAS_M_S2, bias))
-    slope = np.gradient(frame.predicted, 1.0 / frame.rate_hz, axis=0)
+    slope = derivative(frame.predicted, frame.rate_hz)
     for name, part, bound in (
         ("force_delay_s", slice(0, 3), FORCE_DELAY_S),
         ("torque_delay_s", slice(3, 6), TORQUE_DELAY_S),

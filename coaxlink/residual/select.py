@@ -23,7 +23,7 @@ Index = NDArray[np.intp]
 
 ALPHA = 1e-3  # over all looks of one step
 SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
-GAIN = 0.03  # of the squared error of the channel that gains most
+GAIN = 0.15  # of the squared error of the channel that gains most
 MOST = 4
 TIE = 0.04  # of the gain: a special case this close to the general one is preferred
 LITTLE = 15.0  # of a log-likelihood ratio: less than this decides nothing
@@ -100,6 +100,14 @@ def autocorrelation_time(residual: Array, block: Index) -> Array:
     return out
 
 
+def _witnesses(channels: tuple[str, ...], shares: Array) -> str | None:
+    """An instrument is accused only by two witnesses: the loads and the throttle must contradict it alike."""
+    gains = dict(zip(channels, shares, strict=True))
+    loads = max((g for c, g in gains.items() if not c.endswith("_speed")), default=0.0)
+    speeds = max((g for c, g in gains.items() if c.endswith("_speed")), default=1.0)
+    return None if min(loads, speeds) > GAIN else "the loads and the throttle do not both contradict it"
+
+
 class Judge:
     """Tries options against sets of members; remembers the held-out errors of sets."""
 
@@ -142,17 +150,21 @@ class Judge:
         moved = np.abs(p.design @ (full - null)) * p.sigma / p.reference
         size = float(np.quantile(moved, 0.95, axis=0).max())
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
-        share = float(np.max((held_before - held_after) / np.maximum(held_before, 1e-12)))
+        shares = (held_before - held_after) / np.maximum(held_before, 1e-12)
+        share = float(np.max(shares))
         gain = float(np.sum((held_before - held_after) / np.maximum(held_after / rows, 1e-12)))
         total = float(after.sum())
         named = option.effect.parameters(p.frame, option.shape, full[option.columns])
+        refused = option.effect.refuse(named)
+        if option.effect.accused and refused is None:
+            refused = _witnesses(p.channels, shares)
         return Trial(
             option,
             gain if total < before.sum() else -1.0,
             share,
             p_value,
             size,
-            option.effect.refuse(named),
+            refused,
             total,
         )
 

@@ -180,9 +180,18 @@ def base_corrections(frame: StandFrame) -> Base:
             column(f"{STAND_CHANNELS[c]}_wake", WAKE, c, base * (2.0 * frame.speeds[:, other] - 1.0))
     if frame.throttles is not None:
         for side in (0, 1):
-            for power in (1, 2):
-                name = f"{STAND_CHANNELS[4 + side]}_throttle^{power}"
-                column(name, np.inf, 4 + side, frame.throttles[:, side] ** power)
+            mine, rival = frame.throttles[:, side], frame.throttles[:, 1 - side]
+            # a motor's speed bends with its load, and the load of a pair with both rotors
+            curves = {
+                "1": mine**0,
+                "t": mine,
+                "t^2": mine**2,
+                "t^3": mine**3,
+                "t o": mine * rival,
+                "o": rival,
+            }
+            for name, values in curves.items():
+                column(f"{STAND_CHANNELS[4 + side]}_throttle {name}", np.inf, 4 + side, values)
     return out
 
 

@@ -1,4 +1,4 @@
-"""`coaxlink refine` on a flight CSV: files out, exit codes, one-line errors."""
+"""`coaxlink refine` on a stand CSV: files out, exit codes, one-line errors."""
 
 from __future__ import annotations
 
@@ -14,19 +14,15 @@ from coaxlink import files
 from coaxlink.cli import main
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "residual"))
-from residual_world import fly
+import residual_rig
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("refine")
-    (columns,) = fly([{"drag": 0.06}], seconds=40.0)
-    names = list(columns)
-    rows = np.stack([columns[n] for n in names], axis=1)
-    np.savetxt(out / "flight.csv", rows, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
-    text = files.example("x8_paper.toml").read_text()
-    (out / "x8.toml").write_text(text.replace("mass_kg", "motor_lag_s = 0.02\nmass_kg", 1))
-    (out / "rotor_paper.toml").write_text(files.example("rotor_paper.toml").read_text())
+    columns = residual_rig.run(seed=2, air=1.0)
+    rows = np.stack(list(columns.values()), axis=1)
+    np.savetxt(out / "stand.csv", rows, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
     return out
 
 
@@ -37,23 +33,23 @@ def run(*arguments):
 
 
 def test_everything_is_written(folder, capsys):
+    paper = files.example("rotor_paper.toml")
     code = run(
-        "refine", folder / "flight.csv", "--airframe", folder / "x8.toml",
+        "refine", folder / "stand.csv", "--rotor", paper,
         "--out", folder / "better.toml", "--report", folder / "r.html", "--json", folder / "r.json",
     )  # fmt: skip
     shown = capsys.readouterr()
-    assert code == 0 and "found: rotor_drag" in shown.out
+    assert code == 0 and "found: air_density" in shown.out
     document = json.loads((folder / "r.json").read_text())
-    assert [e["name"] for e in document["effects"]] == ["rotor_drag"]
-    assert document["channels"]["force_x"]["rmse_after"] < document["channels"]["force_x"]["rmse_before"]
+    assert document["kind"] == "stand" and [e["name"] for e in document["effects"]] == ["air_density"]
+    shown = document["channels"]["lower_thrust"]
+    assert shown["rmse_after"] < shown["rmse_before"]
     better = tomllib.loads((folder / "better.toml").read_text())
-    assert better["effects"][0]["name"] == "rotor_drag" and better["upper"]["thrust_N"]["u_u^2"] == 55.9517
+    assert better["effects"][0]["name"] == "air_density" and better["upper"]["thrust_N"]["u_u^2"] == 55.9517
     page = (folder / "r.html").read_text()
-    assert "found: rotor_drag" in page and page.count("data:image/png;base64,") == 2
-    assert "http" not in page.replace("http-equiv", "")  # self-contained
-    code = run(
-        "refine", folder / "flight.csv", "--airframe", folder / "x8.toml", "--rotor", folder / "better.toml"
-    )
+    assert "found: air_density" in page and page.count("data:image/png;base64,") == 2
+    assert "http" not in page  # self-contained
+    code = run("refine", folder / "stand.csv", "--rotor", folder / "better.toml")
     assert code == 0 and "nothing to explain" in capsys.readouterr().out
 
 
@@ -63,3 +59,5 @@ def test_bad_input_is_one_line(folder, capsys):
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1 and "short.csv" in said[0] and "column" in said[0]
     assert not (folder / "no.json").exists()
+    assert run("refine", folder / "short.csv", folder / "stand.csv") == 2
+    assert "one kind at a time" in capsys.readouterr().err

@@ -8,7 +8,7 @@ import pytest
 from coaxlink.residual.blocks import accumulate, error_interval, held_out, held_out_sum, solve, squares
 from coaxlink.residual.dependence import dependences
 from coaxlink.residual.problem import contiguous_blocks
-from coaxlink.residual.signals import difference_gain, lagged, low_pass, noise_floor
+from coaxlink.residual.signals import derivative, difference_gain, lagged, low_pass, noise_floor
 
 
 def test_low_pass_has_no_delay_and_half_power_where_it_should():
@@ -30,6 +30,14 @@ def test_lag_of_a_step_and_a_ramp():
     ramp = lagged(t[:, None], 0.001, 0.05)[:, 0]
     assert ramp[-1] == pytest.approx(t[-1] - 0.05, abs=1e-6)
     assert lagged(np.full((9, 2), 0.7), 0.02, 0.05) == pytest.approx(0.7)
+
+
+def test_derivative_is_exact_where_the_low_pass_lets_through():
+    t = np.arange(0, 10, 0.02)
+    for hertz in (0.5, 2.0, 4.0):
+        rate = derivative(np.sin(2 * np.pi * hertz * t), 50.0)[5:-5]
+        want = 2 * np.pi * hertz * np.cos(2 * np.pi * hertz * t)[5:-5]
+        assert np.abs(rate - want).max() < 3e-4 * np.abs(want).max()
 
 
 @pytest.mark.parametrize("differentiated", [False, True])

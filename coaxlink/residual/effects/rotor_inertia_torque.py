@@ -10,6 +10,7 @@ import numpy as np
 
 from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
 from coaxlink.residual.frames import FlightFrame
+from coaxlink.residual.signals import derivative
 
 
 def _columns(frame: FlightFrame, _: Shape) -> Array:
@@ -18,7 +19,7 @@ def _columns(frame: FlightFrame, _: Shape) -> Array:
     axis = np.array([r.axis for r in frame.airframe.rotors])
     # counter-clockwise from above is a right-handed turn about the upward thrust axis
     momentum = (omega * spin) @ axis
-    rate = np.gradient(momentum, 1.0 / frame.rate_hz, axis=0)
+    rate = derivative(momentum, frame.rate_hz)
     out = np.zeros((len(omega), 6))
     out[:, 3:] = -rate - np.cross(frame.rates, momentum)
     return out[..., None]
