@@ -38,6 +38,7 @@ class ApReport:
     mix: ap.ApMix
     behaviour: Behaviour
     squared_ratio: tuple[float, ...]  # lower / upper u^2 in hover, one a pair
+    columns: px4.Px4Table  # what the factors are the mix of
     findings: tuple[Finding, ...]
 
     @property
@@ -83,13 +84,13 @@ def report_ap(
     source = airframe.source or airframe.name
     if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         raise InputError("--frame-class", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
-    fitted = None
     if law == "fitted":
         fit = fit_table(airframe, model, spin_min=spin_min)
-        fitted, expo = px4_columns(airframe, fit), round(fit.curve, 6)
-    elif expo is None:
-        expo = round(expo_for(1.0, spin_min), 4)  # both other laws count in u^2
-    factors = ap_factors(airframe, model, law, fitted)
+        columns, expo = px4_columns(airframe, fit), round(fit.curve, 6)
+    else:
+        columns = px4_table(airframe, model, law)
+        expo = round(expo_for(1.0, spin_min), 4) if expo is None else expo  # both count in u^2
+    factors = ap_factors(airframe, model, law, columns)
     motor = ap.MotorParameters(
         thst_expo=expo, spin_min=spin_min, spin_max=1.0, spin_arm=max(0.0, round(spin_min - 0.02, 3))
     )
@@ -120,7 +121,7 @@ def report_ap(
     params |= {f"SERVO{n}_FUNCTION": float(ap.servo_function(n)) for n in range(1, len(factors) + 1)}
     speeds = flown.hover_speeds
     ratios = tuple((speeds[w] / speeds[u]) ** 2 if speeds[u] else float("inf") for u, w in airframe.pairs)
-    return ApReport(law, table, params | loaded, texts, mix, flown, ratios, tuple(findings))
+    return ApReport(law, table, params | loaded, texts, mix, flown, ratios, columns, tuple(findings))
 
 
 def ap_speeds(mix: ap.ApMix) -> Speeds:

@@ -17,7 +17,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.link.ap_tables import ApReport, report_ap
 from coaxlink.link.behaviour import TURNS, Behaviour, behaviour
-from coaxlink.link.tables import TableReport, px4_speeds, px4_table, report_px4
+from coaxlink.link.tables import TableReport, px4_speeds, report_px4
 from coaxlink.rotor import RotorModel
 from firmware_params import px4
 from firmware_params.errors import TableError
@@ -111,7 +111,7 @@ def explain_px4(
     Raises InputError when the board holds no table of this vehicle.
     """
     mixed = np.stack([*report.mix.mix.T[:3], -report.mix.mix[:, 5]], axis=-1)
-    asked = _asked(airframe, model, report.law)
+    asked = _asked(report.table)
     changed: tuple[tuple[str, float, float], ...] = ()
     if board is None:
         reference, name = report_px4(airframe, model, "standard").behaviour, "standard law"
@@ -132,7 +132,7 @@ def explain_px4(
 
 def explain_ap(airframe: Airframe, model: RotorModel, report: ApReport) -> Explanation:
     """Explain an ArduPilot table against the standard law on the same frame class."""
-    asked = _asked(airframe, model, report.law)
+    asked = _asked(report.columns)
     standard = report_ap(
         airframe,
         model,
@@ -154,8 +154,8 @@ def present_table(url: str) -> dict[str, float | int]:
     return {name: value.value for name, value in found.items() if name in px4.PARAMETERS}
 
 
-def _asked(airframe: Airframe, model: RotorModel, law: str) -> NDArray[np.float64]:
-    columns = px4.effectiveness(px4_table(airframe, model, law))
+def _asked(table: px4.Px4Table) -> NDArray[np.float64]:
+    columns = px4.effectiveness(table)
     matrix = np.stack([columns[0], columns[1], columns[2], -columns[5]])
     return np.asarray(np.linalg.pinv(matrix), np.float64)
 

@@ -57,12 +57,12 @@ def test_the_files_carry_one_table():
         report_ap(airframe, model, "reduced", frame_class=4)
 
 
-@pytest.mark.parametrize("frame", FRAMES)
-def test_done_is_asked_where_the_firmware_can(frame):
-    airframe, model = _load(frame)
+@pytest.mark.parametrize(("frame", "law"), [*((f, "reduced") for f in FRAMES), ("x8_paper", "fitted")])
+def test_done_is_asked_where_the_firmware_can(frame, law):
+    airframe, model = _load(frame, "rotor_eq15" if law == "reduced" else "rotor_paper")
     for explained in (
-        explain_ap(airframe, model, report_ap(airframe, model, "reduced", spin_min=0.0)),
-        explain_px4(airframe, model, report_px4(airframe, model, "reduced")),
+        explain_ap(airframe, model, report_ap(airframe, model, law)),
+        explain_px4(airframe, model, report_px4(airframe, model, law)),
     ):
         assert max(explained.worst.values()) < 1e-3
         assert set(explained.to_json()["gain_scale"]) == {"roll", "pitch", "yaw"}
