@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from coaxlink.link import Session
 
-TABLES = ("standard", "reduced")
+TABLES = ("standard", "reduced", "fitted")
 LIVE_LAW = "coaxial"
 LIVE = f"live {LIVE_LAW}"
 LIVE_SPEED = 4.0  # a companion's answer takes wall time: a faster world would turn it into latency

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from coaxlink.link.trajectory import Plan
     from coaxlink.report.demo import DemoResult
 
-STEPS = 8  # of the progress bar, beside the flights' own seconds
+STEPS = 7  # of the progress bar, beside the flights' own seconds
 
 
 def demo(
@@ -67,7 +67,7 @@ def run_demo(seed: int, out: Path, speed: float) -> DemoResult:
         model = identification.model
         save_rotor_model(out / "rotor.toml", model)
 
-        step("writing the standard and the reduced table")
+        step("writing the standard, the reduced and the fitted table")
         reports = {law: tables.report_px4(airframe, model, law) for law in steps.TABLES}
         folders = {
             law: write_table(out, airframe, law, report, out / "rotor.toml")
@@ -84,7 +84,7 @@ def run_demo(seed: int, out: Path, speed: float) -> DemoResult:
             law: steps.errors_of_table(flown[law], airframe, model, reports[law].params) for law in flown
         }
         errors[steps.LIVE] = steps.errors_of_live(live, airframe, model, demands)
-        step("tracing the residual of all three flights")
+        step("tracing the residual of all flights")
         logs = [read_flight_log(flight.log) for flight in (*flown.values(), live)]
         refinement = refine(logs, airframe, model)
         if refinement.model is not None:
