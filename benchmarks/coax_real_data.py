@@ -26,19 +26,19 @@ INTRODUCTION = (
     "## Rotor models on public stand data",
     "",
     "RMSE of the coaxial sum (upper plus lower).",
-    "*Sweeps left out*: each sweep of the full-range map predicted by a model that chose its terms without it,",
-    "the slowest and the fastest sweep included: those are extrapolated.",
+    "*Sweeps left out*: each sweep of the full-range map predicted by a model that chose its terms without",
+    "it, the slowest and the fastest sweep included: those are extrapolated.",
     "*Separate run*: the model of the whole map on another run of the same stand.",
     "*Mutual*: the CRM whose upper rotor may feel the lower one. *Floor*: how neighbouring points scatter.",
     "",
-    "Made by `benchmarks/coax_real_data.py` from public files that are not redistributed here: the platform of",
-    "Buzzatto and Liarokapis (mn4014, propdrive) and pyBEMT (tmotor28).",
+    "Made by `benchmarks/coax_real_data.py` from public files that are not redistributed here: the platform",
+    "of Buzzatto and Liarokapis (mn4014, propdrive) and pyBEMT (tmotor28).",
 )
 CONCLUSION = (
-    "Over the whole map the R-CRM loses most where one rotor is slow beside a fast one. The separate runs stay",
-    "near equal speeds, where squares are nearly enough: there it does as well as the CRM. On the 11 in pair the",
-    "CRM is near the scatter of the stand, so no model could be much better than the R-CRM is. The 28 in file",
-    "holds equal speeds only: it cannot tell the rotors' terms apart.",
+    "Over the whole map the R-CRM loses most where one rotor is slow beside a fast one. The separate runs",
+    "stay near equal speeds, where squares are nearly enough: there it does as well as the CRM. On the 11 in",
+    "pair the CRM is within 1.2 to 1.6 times the scatter of the stand itself, capping the ratio. The 28 in",
+    "file holds equal speeds only: it cannot tell the rotors' terms apart.",
 )
 CHANNELS = {"coaxial_thrust": ("thrust_N", "N"), "coaxial_torque": ("torque_Nm", "N m")}
 
