@@ -24,9 +24,14 @@ def paper(t: float) -> Goal:
     if t < 15.0:
         return Goal((0.0, 0.0, -3.0), (0.0, 0.0, 0.0))
     s = min((t - 15.0) / 5.0, 1.0)
-    ease, slope = s * s * (3 - 2 * s), 6 * s * (1 - s) / 5.0
+    ease, slope = s**3 * (10 - 15 * s + 6 * s * s), 30 * (s * (1 - s)) ** 2 / 5.0
     if t < 20.0:
-        return Goal((2.0 * ease, 0.0, -3.0 - 1.5 * ease), (2.0 * slope, 0.0, -1.5 * slope))
+        bend = 60.0 * s * (1 - s) * (1 - 2 * s) / 25.0
+        return Goal(
+            (2.0 * ease, 0.0, -3.0 - 1.5 * ease),
+            (2.0 * slope, 0.0, -1.5 * slope),
+            (2.0 * bend, 0.0, -1.5 * bend),
+        )
     return circle(t - 20.0, 2.0, -4.5, 8.0)
 
 
