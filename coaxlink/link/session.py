@@ -478,7 +478,7 @@ class Session:
             float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
             *([0.0] * 6),
         )
-        answer, _ = self.exchange(request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.7, tries=3)
+        answer, _ = self.exchange(request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.35, tries=6)
         if answer is None:
             return
         version = (
