@@ -54,6 +54,9 @@ def mix(
         bool,
         typer.Option("--witness/--no-witness", help="Let go when the motors do not follow our commands."),
     ] = True,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="Run the attitude and rate loops here too, on ATTITUDE_TARGET.")
+    ] = False,
     compiled: Annotated[
         bool,
         typer.Option(
@@ -84,7 +87,7 @@ def mix(
         if props_off:
             _motors(session, frame, json_file)
             return
-        options = _Options(rate, seconds, dry_run, record, plot, forward, witness)
+        options = _Options(rate, seconds, dry_run, record, plot, forward, witness, airframe if loop else None)
         gc.collect()
         gc.freeze()  # what has been built so far is here to stay: no pause to look through it again
         _fly(session, frame, chosen, model, options, json_file)
@@ -93,16 +96,17 @@ def mix(
 class _Options:
     def __init__(
         self, rate: float, seconds: float | None, dry_run: bool, record: Path | None, plot: bool,
-        forward: str | None, witness: bool,
+        forward: str | None, witness: bool, loop: Path | None,
     ) -> None:  # fmt: skip
         self.rate, self.seconds, self.dry_run, self.record = rate, seconds, dry_run, record
-        self.plot, self.forward, self.witness = plot, forward, witness
+        self.plot, self.forward, self.witness, self.loop = plot, forward, witness, loop
 
 
 def _fly(
     session: Session, frame: Airframe, law: Law, model: RotorModel, o: _Options, json_file: Path | None
 ) -> None:
     from coaxlink import files
+    from coaxlink.link.attitude_loop import AttitudeLoop, load_gains
     from coaxlink.link.live_effects import LiveEffects
     from coaxlink.link.live_paths import require_path
     from coaxlink.link.live_record import LiveRecord
@@ -117,6 +121,7 @@ def _fly(
     live = LiveMixer(
         session, frame, law, model, rate_hz=o.rate, dry_run=o.dry_run, witness=o.witness,
         compensation=effects, record=kept, own_curve=_own_curve(session),
+        loop=AttitudeLoop(frame.inertia_kg_m2, load_gains(o.loop)) if o.loop else None,
     )  # fmt: skip
     _warn_of_hand_over(live, frame)
     lost = None

@@ -33,6 +33,7 @@ from coaxlink.mixer import Law
 from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
+    from coaxlink.link.attitude_loop import AttitudeLoop
     from coaxlink.link.live_record import LiveRecord
     from coaxlink.link.session import Session
 
@@ -42,6 +43,7 @@ __all__ = [
 
 DEMAND, ANSWER = codec.ACTUATOR_CONTROL_TARGET, codec.SET_ACTUATOR_CONTROL_TARGET
 OUTPUTS = codec.ACTUATOR_OUTPUT_STATUS
+STATE, TARGET = codec.ATTITUDE_QUATERNION, codec.ATTITUDE_TARGET
 PATIENCE_S = 0.004  # newer demands may keep an answer waiting so long, and no longer
 FLYING = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 
@@ -67,6 +69,7 @@ class LiveMixer:
         compensation: Compensation | None = None,
         record: LiveRecord | None = None,
         own_curve: float = 0.0,
+        loop: AttitudeLoop | None = None,
     ) -> None:
         self.core = MixCore(airframe, law, model, compensation, own_curve)
         self.guard = Guard(timing or timing_for(rate_hz))
@@ -77,7 +80,9 @@ class LiveMixer:
         self.commands: Sequence[float] = [0.0] * CONTROLS  # the last ones sent
         self._witness = Witness(self.core.count) if witness and not dry_run else None
         self._record = record
-        self._scanner = codec.Scanner({DEMAND.number, ANSWER.number, OUTPUTS.number}, codec.known_seeds())
+        self._loop = loop
+        heard = {ANSWER.number, OUTPUTS.number} | ({STATE.number, TARGET.number} if loop else {DEMAND.number})
+        self._scanner = codec.Scanner(heard, codec.known_seeds())
         self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
         self._waiting_since = 0.0
         self._echoes: deque[bytes] = deque(maxlen=64)
@@ -106,12 +111,16 @@ class LiveMixer:
         row = require_path(identity.autopilot, identity.version)
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self._started = time.monotonic()
+        if self.session.signed and self._loop is not None:
+            raise SafetyRefusal("the attitude loop of our own does not run on a signed link yet")
         if self.session.signed:
             self._unsubscribe = self.session.subscribe(self._on_message)
         self.session.tap = self
-        if not self.session.request_stream(DEMAND.number, self.rate_hz):
-            self._let_go()
-            raise SafetyRefusal("the autopilot will not send its wrench demand (ACTUATOR_CONTROL_TARGET)")
+        for message in (STATE, TARGET) if self._loop else (DEMAND,):
+            if not self.session.request_stream(message.number, self.rate_hz):
+                self._let_go()
+                what = "the state and setpoint" if self._loop else "its wrench demand"
+                raise SafetyRefusal(f"the autopilot will not send {what} ({message.name})")
         if self._witness is not None and not self.session.request_stream(OUTPUTS.number, REPORT_HZ):
             self._witness = None
 
@@ -152,7 +161,8 @@ class LiveMixer:
         began = time.perf_counter()
         try:
             if data:
-                alone = self._alone(data) if self._scanner.whole and self._unsubscribe is None else None
+                quick = self._loop is None and self._unsubscribe is None and self._scanner.whole
+                alone = self._alone(data) if quick else None
                 if alone is not None:
                     self._queue(alone, began)
                 else:
@@ -181,17 +191,32 @@ class LiveMixer:
     def _frame(self, frame: codec.Frame, began: float) -> None:
         if frame.signed and self._unsubscribe is not None:
             return  # pymavlink checks the signature and hands it on
-        if frame.number == DEMAND.number:
+        if frame.number in (DEMAND.number, STATE.number, TARGET.number):
             if (frame.system, frame.component) != self._target or self._unsubscribe is not None:
                 self.core.counters.foreign += 1
                 return
-            self._queue(DEMAND.unpack(frame.payload), began)
+            self._demand(frame, began)
         elif frame.number == ANSWER.number:
             if frame.payload not in self._echoes:  # a router may hand us our own words back
                 who = f"system {frame.system} component {frame.component}"
                 self._give_up(SafetyRefusal(f"another companion commands the motors ({who})"))
         elif self._witness is not None and (frame.system, frame.component) == self._target:
             self._watch(OUTPUTS.unpack(frame.payload)[2:], began)
+
+    def _demand(self, frame: codec.Frame, began: float) -> None:
+        """A demand, or a state or setpoint of which our own loop makes one."""
+        loop = self._loop
+        if loop is None:
+            self._queue(DEMAND.unpack(frame.payload), began)
+        elif frame.number == TARGET.number:
+            f = TARGET.unpack(frame.payload)
+            loop.aim(f[0] * 1000, f[1:5], f[5:8], f[8])
+        else:
+            f = STATE.unpack(frame.payload)
+            torque = loop.torque(f[0] * 1000, f[1:5], f[5:8])
+            if torque is not None:
+                controls = self.core.scale.controls(loop.thrust, torque)
+                self._queue((f[0] * 1000, *controls, 0.0, 0.0, 0.0, 0.0, 0), began)
 
     def _queue(self, demand: tuple[Any, ...], began: float) -> None:
         if self._waiting is None:

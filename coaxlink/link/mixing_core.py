@@ -51,11 +51,20 @@ class DemandScale:
         per_control = body[:, [0, 1, 2, 5]] * np.array([1.0, 1.0, 1.0, -1.0])  # thrust counts upward
         self.matrix: NDArray[np.float64] = np.stack([-per_control[5], *per_control[:3]])  # (4, 4)
         self._rows = self.matrix.tolist()
+        self._inverse = np.linalg.pinv(self.matrix[1:, :3]).tolist()
 
     def wrench(self, controls: Sequence[float]) -> list[float]:
         """(4,) wrench, N and N m, of controls [roll, pitch, yaw, thrust]; a list, which costs less here."""
         a, b, c, d = controls[:4]
         return [r[0] * a + r[1] * b + r[2] * c + r[3] * d for r in self._rows]
+
+    def controls(self, thrust: float, torque: Sequence[float]) -> list[float]:
+        """Controls [roll, pitch, yaw, thrust] that mean a torque (3,) in N m, held to -1..1."""
+        inverse = self._inverse
+        # thrust first: a tilted rotor's share of it in the torque is then made up for
+        rest = [t - r[3] * thrust for t, r in zip(torque, self._rows[1:], strict=True)]
+        out = [sum(i * t for i, t in zip(row, rest, strict=True)) for row in inverse]
+        return [min(max(v, -1.0), 1.0) for v in out] + [thrust]
 
     def own(self, controls: Sequence[float]) -> list[float]:
         """(N,) commands that the autopilot's own mixer makes of the controls."""
