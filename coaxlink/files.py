@@ -41,6 +41,19 @@ def write_atomic(path: Path, content: str | bytes) -> None:
         raise InputError(path, "", f"cannot be written ({error.strerror})") from error
 
 
+def refuse_unwritable(path: Path | None) -> None:
+    """Find out before the work whether a result can be put there. Raises InputError; leaves nothing."""
+    if path is None:
+        return
+    place = path.parent
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+
+
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
     """Write one JSON object atomically; NaN and infinity are refused, not written as invalid JSON."""
     write_atomic(path, json.dumps(value, indent=2, allow_nan=False) + "\n")

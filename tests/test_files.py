@@ -23,6 +23,15 @@ def test_a_place_that_is_no_folder_is_refused(tmp_path):
         files.write_atomic(tmp_path / "file" / "x", "y")
 
 
+def test_an_unwritable_place_is_known_before_the_work(tmp_path):
+    files.refuse_unwritable(None)
+    files.refuse_unwritable(tmp_path / "new" / "x.json")
+    assert list((tmp_path / "new").iterdir()) == []
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"x\.json: cannot be written"):
+        files.refuse_unwritable(tmp_path / "file" / "x.json")
+
+
 @pytest.mark.parametrize(
     ("content", "message"), [(b"\xff\xfe\x00", "not text"), (b"a = [1,\nb = ", "not TOML")]
 )

@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 import coaxlink
-from coaxlink.cli._shell import run
+from coaxlink.cli._shell import interrupted, run
 
 
 def build_app() -> typer.Typer:
@@ -44,4 +44,8 @@ def _options(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the `coaxlink` command."""
-    sys.exit(run(build_app(), sys.argv[1:] if arguments is None else list(arguments)))
+    try:
+        app = build_app()
+    except KeyboardInterrupt:
+        sys.exit(interrupted())
+    sys.exit(run(app, sys.argv[1:] if arguments is None else list(arguments)))

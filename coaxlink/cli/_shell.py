@@ -27,8 +27,8 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     except CoaxlinkError as error:
         say(f"coaxlink: {error}")
         return error.exit_code
-    except typer.Abort:  # Ctrl-C at a question
-        outcome = INTERRUPTED
+    except (typer.Abort, KeyboardInterrupt):  # Ctrl-C at a question, or before the verb is there
+        return interrupted()
     except BrokenPipeError:
         return 0
     except Exception as error:
@@ -38,8 +38,14 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         say(f"coaxlink: {error.format_message()}")
         return int(getattr(error, "exit_code", 2))
     if outcome == INTERRUPTED:  # typer turns Ctrl-C into this code
-        say("coaxlink: interrupted")
+        return interrupted()
     return outcome if isinstance(outcome, int) else 0
+
+
+def interrupted() -> int:
+    """Say so, and the exit code of it."""
+    say("coaxlink: interrupted")
+    return INTERRUPTED
 
 
 def say(text: str) -> None:

@@ -35,6 +35,7 @@ def demo(
     """Identify, make tables, upload, fly, find what the model lacks, add it: all on the simulator."""
     from coaxlink import files
 
+    files.refuse_unwritable(json_file)
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
     result = run_demo(chosen, out, speed)
     _show(result)

@@ -33,6 +33,8 @@ def reproduce(
     from coaxlink.report.paper import markdown as page
     from coaxlink.report.paper import tables
 
+    files.refuse_unwritable(json_file)
+    files.refuse_unwritable(markdown)
     ledger = build(fly_table_4=not no_fly, pair=pair)
     for table in tables(ledger):
         console().print(table)

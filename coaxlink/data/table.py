@@ -17,6 +17,7 @@ from coaxlink import files
 from coaxlink.errors import InputError
 
 DELIMITERS = ",;\t"
+ABSURD = 1e20  # in any unit of a log, nanoseconds since 1970 included
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class TextTable:
                 raise self.error(i, index, f"a number is expected, found {_quoted(found)}") from None
             if not math.isfinite(values[i]):
                 raise self.error(i, index, f"a finite number is expected, found {row[index].strip()}")
+            if abs(values[i]) > ABSURD:
+                raise self.error(i, index, f"no sensor reads {row[index].strip()}")
         return values
 
     def numbers_or_none(self, index: int) -> NDArray[np.float64] | None:

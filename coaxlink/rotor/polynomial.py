@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 _FACTOR = re.compile(r"^u_([ul])(?:\^(\d+))?$")
 
+HIGHEST_POWER = 12  # a number that is surely a slip of the pen would keep a computer busy for good
+
 
 def parse_term(name: str) -> tuple[int, int]:
     """Powers (a, b) of "u_u^a u_l^b"; "1" is (0, 0). Raises ValueError on any other text."""
@@ -27,6 +29,8 @@ def parse_term(name: str) -> tuple[int, int]:
         if not match:
             raise ValueError(f"'{name}' is not a term: write powers such as 'u_u^2 u_l', or '1'")
         powers[match[1]] += int(match[2] or 1)
+    if max(powers.values()) > HIGHEST_POWER:
+        raise ValueError(f"'{name}': powers up to {HIGHEST_POWER} are meant for a rotor")
     if not factors:
         raise ValueError("an empty term: write powers such as 'u_u^2 u_l', or '1'")
     return powers["u"], powers["l"]

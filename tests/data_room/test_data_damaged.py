@@ -67,3 +67,13 @@ def test_a_damaged_ulog_says_so(tmp_path: Path) -> None:
     data[400_000:400_000] = b"\xff" * 500
     (tmp_path / "x.ulg").write_bytes(data)
     assert any("damaged" in note for note in read_flight_log(tmp_path / "x.ulg").notes)
+
+
+def test_a_number_no_sensor_reads_is_refused_with_its_place(tmp_path):
+    log = tmp_path / "huge.csv"
+    head = "time_s,upper_rpm,lower_rpm,upper_thrust_N,upper_torque_Nm,lower_thrust_N,lower_torque_Nm"
+    rows = [f"{i},{1000 + 100 * i},2000,{i}.5,0.1,{i}.1,0.1" for i in range(20)]
+    rows[4] = "4,1400,2000,1e300,0.1,4.1,0.1"
+    log.write_text("\n".join([head, *rows]) + "\n")
+    with pytest.raises(InputError, match=r"line 6, column 'upper_thrust_N': no sensor reads 1e300"):
+        read_stand_log(log)

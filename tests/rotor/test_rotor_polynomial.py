@@ -1,0 +1,35 @@
+"""Term names and polynomials, against arithmetic by hand."""
+
+import numpy as np
+import pytest
+
+from coaxlink.rotor import Polynomial
+from coaxlink.rotor.polynomial import design_matrix, dictionary, parse_term, term_name
+
+
+@pytest.mark.parametrize(
+    ("name", "powers"),
+    [("1", (0, 0)), ("u_u", (1, 0)), ("u_l^2", (0, 2)), ("u_u^2 u_l", (2, 1)), ("u_u u_u", (2, 0))],
+)
+def test_names_are_powers(name, powers):
+    assert parse_term(name) == powers
+    assert parse_term(term_name(*powers)) == powers
+
+
+@pytest.mark.parametrize("name", ["", "x", "u_u**2", "2 u_u", "u_u^-1", "u_u^999999999", "u_u^12 u_u"])
+def test_what_is_no_term_is_refused(name):
+    with pytest.raises(ValueError, match=r"term|powers"):
+        parse_term(name)
+
+
+def test_values_and_slopes():
+    p = Polynomial.from_terms({"u_u^2": 3.0, "u_u u_l": -2.0, "1": 0.5})
+    assert p(2.0, 5.0) == pytest.approx(3 * 4 - 2 * 10 + 0.5)
+    assert p.derivative("u_u")(2.0, 5.0) == pytest.approx(6 * 2 - 2 * 5)
+    assert p.derivative("u_l")(2.0, 5.0) == pytest.approx(-4.0)
+    assert p.scaled(2.0)(2.0, 5.0) == pytest.approx(2 * (3 * 4 - 2 * 10 + 0.5))
+
+
+def test_the_design_has_a_column_a_term():
+    X = design_matrix(dictionary(1, 1), [2.0, 3.0], [5.0, 7.0])
+    np.testing.assert_allclose(X, [[1, 5, 2, 10], [1, 7, 3, 21]])
