@@ -36,14 +36,15 @@ class CoaxialPrinted:
 
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,); yaw is ignored."""
-        thrust = self.inverse @ checked_wrench(wrench)
-        u = np.zeros(len(thrust))
-        for upper, lower in self.airframe.pairs:
-            u[upper] = self.rotors.upper_thrust.upper_for(thrust[upper])
-            u[lower] = self.rotors.lower_thrust.lower_for(thrust[lower], u[upper])
-        for single in self.airframe.singles:
-            u[single] = self.rotors.upper_thrust.upper_for(thrust[single])
-        return u
+        thrust = (self.inverse @ checked_wrench(wrench)).tolist()
+        rotors = self.rotors
+        u = [0.0] * len(thrust)
+        for upper, lower in rotors.pairs:
+            u[upper] = rotors.upper_thrust.upper_for(thrust[upper])
+            u[lower] = rotors.lower_thrust.lower_for(thrust[lower], u[upper])
+        for single in rotors.singles:
+            u[single] = rotors.upper_thrust.upper_for(thrust[single])
+        return np.array(u)
 
 
 @dataclass
@@ -62,25 +63,26 @@ class Coaxial:
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,)."""
         demand = checked_wrench(wrench)
-        frame, rotors = self.printed.airframe, self.printed.rotors
-        u = self.printed.speeds(demand)
+        rotors = self.printed.rotors
+        u = self.printed.speeds(demand).tolist()
         aims = [
-            _pair_loads(rotors, u[a], u[b], s)[:2] for (a, b), s in zip(frame.pairs, self._signs, strict=True)
+            _pair_loads(rotors, u[a], u[b], s)[:2]
+            for (a, b), s in zip(rotors.pairs, self._signs, strict=True)
         ]
-        lone = [rotors.upper_thrust.at(u[i], 0.0)[0] for i in frame.singles]
+        lone = [rotors.upper_thrust.at(u[i], 0.0)[0] for i in rotors.singles]
         for _ in range(self.passes):
             missing = demand - rotors.wrench(u)
-            if np.abs(missing).max() < 1e-10:
+            if np.abs(missing).max() < 1e-8:
                 break
-            share = self.shares @ missing
+            share = (self.shares @ missing).tolist()
             n = len(aims)
             aims = [(f + share[k], t + share[n + len(lone) + k]) for k, (f, t) in enumerate(aims)]
             lone = [f + share[n + k] for k, f in enumerate(lone)]
-            for (a, b), sign, (thrust, torque) in zip(frame.pairs, self._signs, aims, strict=True):
+            for (a, b), sign, (thrust, torque) in zip(rotors.pairs, self._signs, aims, strict=True):
                 u[a], u[b] = solve_pair(rotors, thrust, torque, sign, u[a], u[b])
-            for i, thrust in zip(frame.singles, lone, strict=True):
+            for i, thrust in zip(rotors.singles, lone, strict=True):
                 u[i] = rotors.upper_thrust.upper_for(thrust)
-        return u
+        return np.array(u)
 
 
 def coaxial_printed(airframe: Airframe, model: RotorModel) -> CoaxialPrinted:

@@ -5,6 +5,8 @@ A `Polynomial` of numpy arrays costs tens of microseconds a call; these are list
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from coaxlink.rotor.polynomial import Polynomial
@@ -50,24 +52,41 @@ class Surface:
 
     def upper_for(self, load: float, lower: float = 0.0) -> float:
         """The u_u in [0, 1] that gives `load` at u_l = lower, or the nearer end when none does."""
-        return _invert(lambda u: self.at(u, lower)[:2], load)
+        return _invert([_horner(row, lower) for row in self.coefficients], load)
 
     def lower_for(self, load: float, upper: float) -> float:
         """The u_l in [0, 1] that gives `load` at u_u = upper, or the nearer end when none does."""
-        return _invert(lambda u: self.at(upper, u)[::2], load)
+        columns = zip(*self.coefficients, strict=True)
+        return _invert([_horner(column, upper) for column in columns], load)
 
 
-def _invert(curve, target: float) -> float:  # type: ignore[no-untyped-def]
+def _horner(coefficients: Sequence[float], x: float) -> float:
+    value = 0.0
+    for c in reversed(coefficients):
+        value = value * x + c
+    return value
+
+
+def _invert(c: list[float], target: float) -> float:
+    """u in [0, 1] where sum_k c[k] u^k, rising from one end to the other, is `target`."""
+    if c[0] >= target:
+        return 0.0
+    if sum(c) <= target:
+        return 1.0
+    if len(c) <= 3:
+        linear, square = c[1], c[2] if len(c) == 3 else 0.0
+        root = math.sqrt(max(linear * linear + 4.0 * square * (target - c[0]), 0.0))
+        # this form of the root has no cancellation, and holds for square = 0
+        return 2.0 * (target - c[0]) / (linear + root)
+    return _search(c, target)
+
+
+def _search(c: list[float], target: float) -> float:
     """Newton kept inside a shrinking bracket: sure on any curve that rises from one end to the other."""
-    low, high = 0.0, 1.0
-    if curve(low)[0] >= target:
-        return low
-    if curve(high)[0] <= target:
-        return high
-    u = 0.5
+    low, high, u = 0.0, 1.0, 0.5
+    slopes = [k * c[k] for k in range(1, len(c))]
     for _ in range(60):
-        value, slope = curve(u)
-        miss = value - target
+        miss, slope = _horner(c, u) - target, _horner(slopes, u)
         if miss > 0:
             high = u
         else:

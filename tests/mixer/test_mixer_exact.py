@@ -262,3 +262,24 @@ def test_wrong_options_are_named() -> None:
     ):
         with pytest.raises(InputError, match=says):
             ExactLaw(X8, CRM, **options)  # type: ignore[arg-type]
+
+
+def test_compiled_or_not_it_is_the_same_law() -> None:
+    compiled, plain = ExactLaw(X8, CRM, compiled=True), ExactLaw(X8, CRM)
+    assert compiled.compiled
+    assert not plain.compiled
+    rng = np.random.default_rng(4)
+    demands = rng.uniform([100, -6, -6, -3], [320, 6, 6, 3], (40, 4))
+    demands[::8, 3] = 20.0
+    rows = np.array([plain.speeds(d) for d in demands])
+    assert np.array([compiled.speeds(d) for d in demands]) == pytest.approx(rows, abs=1e-7)
+    compiled.reset()
+    assert compiled.many(demands) == pytest.approx(rows, abs=1e-7)
+
+
+def test_many_is_the_same_as_one_after_the_other() -> None:
+    demands = np.random.default_rng(8).uniform([150, -4, -4, -1], [260, 4, 4, 1], (30, 4))
+    one, many = ExactLaw(X8, CRM), ExactLaw(X8, CRM)
+    assert many.many(demands) == pytest.approx(np.array([one.speeds(d) for d in demands]), abs=1e-9)
+    with pytest.raises(InputError, match="finite rows"):
+        many.many([[1.0, 2.0, np.nan, 0.0]])

@@ -112,12 +112,12 @@ class ExactLaw:
         p = self.problem
         if self.slew is not None:
             return np.array([self.speeds(row) for row in demands])
-        scaled = np.clip(demands[:, p.order] / p.scale, -FAR, FAR)
-        speeds, misses = np.zeros((len(demands), 2 * p.arms)), np.zeros((len(demands), 4))
-        steps = np.zeros(len(demands), np.int64)
-        state = [*self._state[:10], scaled, *self._state[11:]]
-        self._batch(*state, STEPS, speeds, misses, steps)
-        return speeds[:, p.slots]
+        rows = len(demands)
+        arrays: list[Any] = [np.clip(demands[:, p.order] / p.scale, -FAR, FAR)]
+        arrays += [np.zeros((rows, 2 * p.arms)), np.zeros((rows, 4)), np.zeros(rows, np.int64)]
+        scaled, speeds, misses, steps = arrays if self.compiled else [a.tolist() for a in arrays]
+        self._batch(*self._state[:10], scaled, *self._state[11:], STEPS, speeds, misses, steps)
+        return np.asarray(speeds, float)[:, p.slots]
 
     @property
     def certificate(self) -> Certificate:
