@@ -31,7 +31,8 @@ from coaxlink.link.upload import (
     Unfinished,
 )
 from firmware_params import ardupilot
-from firmware_params.ardupilot import scripts
+from firmware_params.ardupilot import packed, scripts
+from firmware_params.errors import TableError
 
 _OURS = (scripts.MATRIX_NAME, scripts.LOADER_NAME)
 _LIVE = scripts.PREFIX  # names that begin so are the loader's own
@@ -77,7 +78,7 @@ class ApUploader:
             self._refuse_armed()
             refuse_values(plan)
             refuse_vehicle(plan, self._session.identity)
-            board = self._parameters.read_all(progress=self._talk.progress)
+            board = self._snapshot()
             _refuse_table(plan, board)
             folder = self._folder()
             old_scripts, new_scripts, checksum = self._scripts(folder, dict(plan.scripts))
@@ -102,7 +103,7 @@ class ApUploader:
             here = self._session.identity.uid or "unknown"
             if backup.board != here:
                 raise SafetyRefusal(f"{backup.path.name} is of board {backup.board}, this is {here}")
-            board = self._parameters.read_all(progress=self._talk.progress)
+            board = self._snapshot()
             folder = self._folder()
             old_scripts, new_scripts, _ = self._scripts(folder, dict(backup.scripts))
             known = {n: v for n, v in backup.params.items() if n in board.values or n.startswith(_LIVE)}
@@ -197,11 +198,26 @@ class ApUploader:
                     f"{_SUM} does not appear: the loader script does not run (see the vehicle's messages)"
                 )
             time.sleep(0.5)
+        guard()
+        if self._put_packed(live):
+            return
         numbers = [v for n, v in live.items() if n != _SUM]
         for group in (numbers, [v for n, v in live.items() if n == _SUM]):
             if group:
                 self._parameters.write_many(group, before_each=guard)
                 self._settle()
+
+    def _put_packed(self, live: Mapping[str, Value]) -> bool:
+        """The whole table in one small file; False where the board does not take such a file."""
+        try:
+            data = packed.pack({n: (float(v.value), v.type) for n, v in live.items()})
+            self._board_files.write_plain(packed.PATH, data)
+        except CheckFailed as error:
+            self._talk.say(f"packed parameters are not taken ({error}); writing them one by one")
+            return False
+        self._settle()
+        found = self._parameters.read_many(live)
+        return all(found[n].same(v) for n, v in live.items())
 
     def _put_script(self, path: str, data: bytes | None) -> bool:
         """Write or remove a script; True when that changed the board."""
@@ -248,6 +264,17 @@ class ApUploader:
             f"When the link is back: coaxlink restore {self._backup} --connect {self._session.address}"
         )
         return self._outcome(FAILED, error=Unfinished(text, error.exit_code), mismatches=mismatches)
+
+    def _snapshot(self) -> Snapshot:
+        """Every parameter: the packed file where the board has it, else the list."""
+        try:
+            data = self._board_files.read(packed.PATH)
+            if data:
+                found = packed.unpack(data)
+                return Snapshot({n: self._parameters.encode(n, v, kind) for n, (v, kind) in found.items()})
+        except (TableError, CheckFailed, InputError) as error:
+            self._talk.say(f"no packed parameters ({error}); reading them one by one")
+        return self._parameters.read_all(progress=self._talk.progress)
 
     # -- parts ---------------------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import random
 import struct
+import time
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -59,6 +60,7 @@ class Files:
     def __init__(self, session: Session, *, timeout_s: float = 0.6, tries: int = 20) -> None:
         self._session = session
         self._timeout_s, self._tries = timeout_s, tries
+        self._answer_s = 0.0  # how long an answer takes, smoothed; 0 until one came
         # a board answers a number it has just seen with what it said then, whoever asks
         self._number = random.randrange(65536)
         self.retries = 0
@@ -170,10 +172,17 @@ class Files:
             reply = _HEAD.unpack_from(bytes(answer.payload))
             return reply[0] == (number + 1) % 65536 and reply[4] == code and reply[2] in (_ACK, _NAK)
 
+        wait_s = (
+            min(max(4.0 * self._answer_s + 0.1, 0.15), self._timeout_s) if self._answer_s else self._timeout_s
+        )
+        started = time.monotonic()
         answer, again = self._session.exchange(
-            message, ("FILE_TRANSFER_PROTOCOL",), ours, timeout_s=self._timeout_s, tries=self._tries
+            message, ("FILE_TRANSFER_PROTOCOL",), ours, timeout_s=wait_s, tries=self._tries
         )
         self.retries += again
+        if answer is not None and not again:
+            took = time.monotonic() - started
+            self._answer_s = 0.8 * self._answer_s + 0.2 * took if self._answer_s else took
         if answer is None:
             raise LinkError(self._session.address, f"no answer to a file request ({self._tries} tries)")
         payload = bytes(answer.payload)

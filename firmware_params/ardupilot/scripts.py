@@ -233,7 +233,7 @@ function update()
     elseif rows and found == math.floor(sum) then
       if load_table(rows, count) then
         loaded = sum
-        gcs:send_text(6, string.format("coaxlink: table of %d motors live, checksum %d", count, found))
+        gcs:send_text(6, string.format("coaxlink: table of %d motors live (%d)", count, found))
       end
     end
   end

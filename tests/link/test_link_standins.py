@@ -19,7 +19,7 @@ from coaxlink.link.plan import load_plan
 from coaxlink.link.upload import Talk, Uploader
 from coaxlink.link.verify import verify
 from coaxlink.rotor import load_rotor_model
-from firmware_params.ardupilot import scripts
+from firmware_params.ardupilot import packed, scripts
 from sim.testing import standin
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -199,6 +199,13 @@ def test_files_over_a_bad_line(tmp_path):
         assert files.listing("/APM/scripts") == ["a.lua"] and files.listing("/APM/none") is None
         assert files.read("/APM/scripts/none") is None and files.crc("/APM/none") is None
         assert files.remove("/APM/scripts/a.lua") and files.retries > 0
+
+
+def test_the_packed_file_is_the_list():
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        found = packed.unpack(Files(session).read(packed.PATH))
+        listed = Parameters(session).read_all().values
+        assert found == {n: (v.value, v.type) for n, v in listed.items()}
 
 
 def test_the_stand_in_mixes_what_realise_says():
