@@ -67,7 +67,7 @@ def as_int(field: float) -> int:
 
 @pytest.fixture(scope="module")
 def link() -> Iterator[Any]:
-    with standin("--speed", "2") as port, client(port) as c:
+    with standin("--speed", "4") as port, client(port) as c:
         yield c
 
 
@@ -123,10 +123,10 @@ def test_unknown_names_and_wrong_types_are_met_with_silence(link: Any) -> None:
 
 
 def test_streams_and_commands(link: Any) -> None:
-    assert command(link, 511, 105, 5000) == 0  # 200 Hz of simulated time, at twice its speed
+    assert command(link, 511, 105, 10000) == 0  # 100 Hz of simulated time, at four times its speed
     assert 300 < count(link, "HIGHRES_IMU", 1.0) < 450
     assert command(link, 511, 105, -1) == 0
-    assert count(link, "HIGHRES_IMU", 0.4) <= 10
+    assert count(link, "HIGHRES_IMU", 0.4) <= 20
     assert command(link, 511, 105, 0) == 0
     assert command(link, 511, 9999, 5000) == 3 and command(link, 31010) == 3
     assert command(link, 512, 148) == 0
@@ -152,7 +152,7 @@ def test_offboard_follows_a_stream_and_holds_without_it(link: Any) -> None:
     assert command(link, 400, 1) == 0
     assert command(link, 246, 1) == 2  # no reboot while armed
     assert command(link, 176, 1, 6, 0) == 0
-    assert abs(stream(3.5, -2.0).z + 2.0) < 0.3
+    assert abs(stream(2.0, -2.0).z + 2.0) < 0.3
     assert command(link, 400, 0) != 0  # not in the air
     beat = get(link, "HEARTBEAT", met=lambda h: h.custom_mode == HOLD and h.get_srcSystem() == 1)
     assert beat is not None and beat.base_mode & 128, "no failsafe"
