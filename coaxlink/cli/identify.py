@@ -12,6 +12,7 @@ from coaxlink.cli._shell import JsonOption, console, say
 
 if TYPE_CHECKING:
     from coaxlink.data import Samples
+    from coaxlink.rotor import Identification
 
 
 class Form(StrEnum):
@@ -42,19 +43,31 @@ def identify(
     ] = None,
     max_order: Annotated[int, typer.Option(min=1, max=6, help="Highest power of a speed crm may use.")] = 4,
     raw: Annotated[bool, typer.Option("--raw", help="Do not standardise the terms before LASSO.")] = False,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(metavar="N,NM", help="The paper's form of eq. 4: least l1 norm within these errors."),
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Write pictures (PNG).")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="R.html", help="Write one page of it all.")] = None,
 ) -> None:
     """Identify a rotor model from stand logs: terms, intervals and held-out errors."""
     from coaxlink import files
+    from coaxlink.errors import InputError
     from coaxlink.report.identify import remarks, tables
     from coaxlink.rotor.fit import Options
     from coaxlink.rotor.identification import identify as run
+    from coaxlink.rotor.lasso import InfeasibleTolerance
     from coaxlink.rotor.model import save_rotor_model
 
-    options = Options(max_order=max_order, standardised=not raw)
-    results = [
-        run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options)
-        for samples in _read(logs, columns)
-    ]
+    thrust_N, torque_Nm = _tolerances(tolerance)
+    options = Options(max_order, standardised=not raw, tolerance_N=thrust_N, tolerance_Nm=torque_Nm)
+    try:
+        results = [
+            run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options)
+            for samples in _read(logs, columns)
+        ]
+    except InfeasibleTolerance as error:
+        raise InputError("--tolerance", "", str(error)) from error
     screen = console()
     for result in results:
         say(f"{result.bench.samples.source}: {result.bench.samples.rows} rows")
@@ -71,6 +84,44 @@ def identify(
         if len(results) > 1:
             document["models"] = [{"file": r.bench.samples.source, **r.as_json()} for r in results]
         files.write_json(json, document)
+    if plot or report:
+        _draw(results, plot, report)
+
+
+def _draw(results: list[Identification], plot: Path | None, report: Path | None) -> None:
+    """Pictures into a folder (one a log when there are several), and pages."""
+    from coaxlink import files
+    from coaxlink.report.identify_page import identify_page
+    from coaxlink.report.identify_plots import pictures
+
+    pages = _places(report, len(results)) if report else [None] * len(results)
+    for result, page in zip(results, pages, strict=True):
+        drawn = pictures(result)
+        if plot:
+            folder = plot if len(results) == 1 else plot / Path(result.bench.samples.source).stem
+            for name, png in drawn.items():
+                files.write_atomic(folder / name, png)
+            say(f"wrote {', '.join(drawn)} to {folder}")
+        if page:
+            files.write_atomic(page, identify_page(result, drawn))
+            say(f"wrote {page}")
+
+
+def _tolerances(text: str | None) -> tuple[float | None, float | None]:
+    """Thrust and torque tolerances of "N,NM"."""
+    from coaxlink.errors import InputError
+
+    if text is None:
+        return None, None
+    try:
+        thrust_N, torque_Nm = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            "--tolerance", "", f"two numbers as in 2,0.05 are expected, found '{text}'"
+        ) from None
+    if not (thrust_N > 0 and torque_Nm > 0):
+        raise InputError("--tolerance", "", f"more than 0 is expected, found '{text}'")
+    return thrust_N, torque_Nm
 
 
 def _read(logs: list[Path], columns: Path | None) -> list[Samples]:

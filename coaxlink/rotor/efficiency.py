@@ -22,6 +22,7 @@ from coaxlink.rotor.model import RotorModel
 
 RAD_S = math.pi / 30  # of one rpm
 SPLITS = ("equal speeds", "equal thrusts", "least power")
+OUT_OF_REACH_W = 1e12  # what a split costs that cannot give the thrust
 LEAST_W = 1.0  # below this a watt reading is the instrument's zero
 
 
@@ -136,14 +137,14 @@ def _least_power(model: RotorModel, thrust: float) -> tuple[float, float]:
 
     def power(ratio: float) -> float:
         speeds = _on_ray(model, thrust, ratio)
-        return math.inf if math.isnan(speeds[0]) else float(shaft_power(model, *speeds))
+        return OUT_OF_REACH_W if math.isnan(speeds[0]) else float(shaft_power(model, *speeds))
 
-    ratios = np.linspace(0.2, 1.8, 33)
+    ratios = np.linspace(0.2, 1.8, 17)
     costs = np.array([power(r) for r in ratios])
-    if not np.isfinite(costs).any():
+    if costs.min() >= OUT_OF_REACH_W:
         return math.nan, math.nan
     best = int(np.argmin(costs))
     low, high = ratios[max(best - 1, 0)], ratios[min(best + 1, len(ratios) - 1)]
-    found = minimize_scalar(power, bounds=(low, high), method="bounded", options={"xatol": 1e-7})
+    found = minimize_scalar(power, bounds=(low, high), method="bounded", options={"xatol": 1e-5})
     ratio = float(found.x) if found.fun <= costs[best] else float(ratios[best])
     return _on_ray(model, thrust, ratio)

@@ -1,0 +1,184 @@
+"""Pictures of an identification, after the paper's Fig. 2 to 5: surfaces with data, residuals, tolerances,
+efficiency. PNG bytes; nothing is fitted here but what a picture itself sweeps.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.errors import InputError
+from coaxlink.rotor.efficiency import measured_efficiency, split_curves
+from coaxlink.rotor.fit import least_squares
+from coaxlink.rotor.forms import load_terms
+from coaxlink.rotor.identification import COAXIAL, Identification
+from coaxlink.rotor.lasso import tolerance_form
+from coaxlink.rotor.polynomial import design_matrix
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DATA, MODEL, SECOND, GRID = "#c4703f", "#1f5f8b", "#5c8a3a", "#8a8f98"
+DPI = 130
+TITLES = {
+    "upper.thrust_N": "upper thrust, N",
+    "upper.torque_Nm": "upper torque, N m",
+    "lower.thrust_N": "lower thrust, N",
+    "lower.torque_Nm": "lower torque, N m",
+}
+
+
+def pictures(result: Identification) -> dict[str, bytes]:
+    """File name: PNG, of all that this identification has the data for."""
+    drawn = {"surfaces.png": surfaces(result), "residuals.png": residuals(result)}
+    if "lower.thrust_N" in result.bench.measured and "upper.thrust_N" in result.bench.measured:
+        drawn["tolerance.png"] = tolerance_sweep(result)
+    if all(load in result.bench.measured for pair in COAXIAL.values() for load in pair):
+        with contextlib.suppress(InputError):  # no rpm: speeds came from the throttle
+            drawn["efficiency.png"] = efficiency(result)
+    return drawn
+
+
+def surfaces(result: Identification) -> bytes:
+    """Fig. 2: each load's data over the speeds, and the model through them."""
+    loads = result.bench.measured
+    figure = _figure(11.0, 4.4 * ((len(loads) + 1) // 2))
+    u, v = result.bench.speeds.upper, result.bench.speeds.lower
+    for i, load in enumerate(loads):
+        y = result.bench.loads[load]
+        polynomial = dict(zip(TITLES, _polynomials(result), strict=True))[load]
+        if load.startswith("upper") or not np.ptp(v):
+            axis = figure.add_subplot((len(loads) + 1) // 2, 2, i + 1)
+            line = np.linspace(0, max(u.max(), 1e-9), 100)
+            axis.plot(u, y, "o", color=DATA, ms=3, alpha=0.7, label="measured")
+            axis.plot(line, polynomial(line, float(np.median(v))), color=MODEL, label="model")
+            axis.set_xlabel("upper speed")
+            axis.legend(frameon=False, fontsize=8)
+            _plain(axis)
+        else:
+            axis = figure.add_subplot((len(loads) + 1) // 2, 2, i + 1, projection="3d")
+            a, b = np.meshgrid(np.linspace(0, u.max(), 25), np.linspace(0, v.max(), 25))
+            axis.plot_wireframe(a, b, polynomial(a, b), color=MODEL, lw=0.5)
+            axis.scatter(u, v, y, color=DATA, s=8, depthshade=False)
+            axis.set_xlabel("upper speed")
+            axis.set_ylabel("lower speed")
+            axis.view_init(22, -125)
+        axis.set_title(TITLES[load], loc="left", fontsize=10)
+    return _png(figure)
+
+
+def residuals(result: Identification) -> bytes:
+    """Fig. 3: what the model has not seen and misses, over the rows of the log, beside the noise floor."""
+    channels = [c for c in COAXIAL if c in result.channels] or list(result.channels)[:2]
+    figure = _figure(11.0, 2.7 * len(channels))
+    axes = np.atleast_1d(figure.subplots(len(channels), 1, sharex=True))
+    for axis, channel in zip(axes, channels, strict=True):
+        pair = COAXIAL.get(channel) or tuple(
+            load for load in result.bench.measured if load.replace(".", "_").startswith(channel)
+        )
+        error = np.sum([result.bench.loads[p] - result.predicted[p] for p in pair], axis=0)
+        axis.plot(np.arange(1, len(error) + 1), error, ".", color=MODEL, ms=4)
+        floor = result.noise_floor.get(channel)
+        if floor:
+            axis.axhspan(-2 * floor, 2 * floor, color=GRID, alpha=0.18, lw=0, label="2 x noise floor")
+            axis.legend(frameon=False, fontsize=8, loc="upper right")
+        for edge in np.flatnonzero(np.diff(result.bench.fold)) + 1.5:
+            axis.axvline(edge, color=GRID, lw=0.4)
+        unit = "N" if "thrust" in channel else "N m"
+        axis.set_ylabel(f"{channel.replace('_', ' ')}, {unit}")
+        _plain(axis)
+    axes[-1].set_xlabel("row; lines part the blocks that were left out one at a time")
+    figure.suptitle("measured less predicted, held out", x=0.01, ha="left", fontsize=11)
+    return _png(figure)
+
+
+def tolerance_sweep(result: Identification, points: int = 14) -> bytes:
+    """Fig. 4: terms of the lower thrust that the paper's tolerance form keeps, and the error they leave."""
+    figure = _figure(11.0, 4.2)
+    left, right = figure.subplots(1, 2)
+    for label, standardised, colour in (("standardised terms", True, MODEL), ("raw terms", False, DATA)):
+        eps, sizes, errors = _sweep(result, standardised, points)
+        left.step(eps, sizes, where="mid", color=colour, label=label)
+        right.plot(eps, errors, "o-", color=colour, ms=3, label=f"{label}, refitted")
+    right.plot(eps, eps, color=GRID, lw=0.8, ls="--", label="the l1 problem's own")
+    left.set_ylabel("terms kept of 9")
+    left.yaxis.get_major_locator().set_params(integer=True)
+    right.set_ylabel("RMSE of the lower thrust, N")
+    right.set_yscale("log")
+    for axis in (left, right):
+        axis.set_xscale("log")
+        axis.set_xlabel("tolerance, N")
+        axis.legend(frameon=False, fontsize=8)
+        _plain(axis)
+    return _png(figure)
+
+
+def _sweep(
+    result: Identification, standardised: bool, points: int
+) -> tuple[NDArray[np.float64], list[int], list[float]]:
+    load = "lower.thrust_N"
+    y = result.bench.loads[load]
+    rows = np.isfinite(y)
+    y = y[rows]
+    X = design_matrix(
+        load_terms("crm", load, 2), result.bench.speeds.upper[rows], result.bench.speeds.lower[rows]
+    )
+    scale = np.sqrt(np.mean(X**2, axis=0)) if standardised else np.ones(X.shape[1])
+    floor = float(np.sqrt(np.mean((y - X @ least_squares(X, y, np.ones(len(y)))) ** 2)))
+    eps = np.geomspace(1.01 * floor, max(0.5 * float(np.std(y)), 2 * floor), points)
+    sizes, errors = [], []
+    for tolerance in eps:
+        kept = tolerance_form(X / scale, y, float(tolerance)) != 0
+        b = least_squares(X[:, kept], y, np.ones(len(y)))
+        sizes.append(int(kept.sum()))
+        errors.append(float(np.sqrt(np.mean((y - X[:, kept] @ b) ** 2))))
+    return eps, sizes, errors
+
+
+def efficiency(result: Identification) -> bytes:
+    """Fig. 5: efficiencies of eq. 5 over the coaxial thrust. Raises InputError without measured speeds."""
+    found = measured_efficiency(result.bench.samples)
+    columns = [("propeller, N/W", found.propeller)]
+    columns += [("motor", found.motor)] if found.motor is not None else []
+    columns += [("overall, N/W", found.overall)] if found.overall is not None else []
+    figure = _figure(4.0 * len(columns) + 1.5, 3.9)
+    axes = np.atleast_1d(figure.subplots(1, len(columns)))
+    for axis, (title, values) in zip(axes, columns, strict=True):
+        axis.plot(found.thrust_N, values, "o", color=DATA, ms=3, alpha=0.6, label="measured")
+        axis.set_title(title, loc="left", fontsize=10)
+        axis.set_xlabel("coaxial thrust, N")
+        axis.set_ylim(bottom=0, top=float(np.nanquantile(values, 0.99)) * 1.25)
+        _plain(axis)
+    thrust = np.linspace(0.1, 1.0, 24) * float(found.thrust_N.max())
+    for split, colour in zip(split_curves(result.model, thrust), (GRID, SECOND, MODEL), strict=True):
+        axes[0].plot(thrust, split.propeller, color=colour, label=f"model, {split.name}")
+    axes[0].legend(frameon=False, fontsize=8, loc="lower left")
+    return _png(figure)
+
+
+def _polynomials(result: Identification) -> tuple[Any, ...]:
+    m = result.model
+    return m.upper_thrust, m.upper_torque, m.lower_thrust, m.lower_torque
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure  # no pyplot: no global state, no display
+
+    return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+
+
+def _plain(axis: Axes) -> None:
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(color=GRID, alpha=0.25, lw=0.5)
+    axis.tick_params(labelsize=8)
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
