@@ -283,3 +283,15 @@ def test_many_is_the_same_as_one_after_the_other() -> None:
     assert many.many(demands) == pytest.approx(np.array([one.speeds(d) for d in demands]), abs=1e-9)
     with pytest.raises(InputError, match="finite rows"):
         many.many([[1.0, 2.0, np.nan, 0.0]])
+
+
+def test_ten_thousand_wrenches_within_reach_are_delivered() -> None:
+    rng = np.random.default_rng(21)
+    u = rng.uniform(0.2, 0.9, (10_000, 8))
+    demands = X8.wrench(*X8.loads(CRM, u))  # all within reach, most far from any hover
+    found = ExactLaw(X8, CRM, compiled=True).many(demands)
+    assert found.min() >= 0.0
+    assert found.max() <= 1.0
+    thrust, torque = X8.loads(CRM, found)
+    assert np.abs(X8.wrench(thrust, torque) - demands).max() < 1e-6
+    assert ((torque * found).sum(axis=1) <= (X8.loads(CRM, u)[1] * u).sum(axis=1) * (1 + 1e-9)).all()

@@ -21,8 +21,9 @@ HELPERS = {
     quadratic: ("step_arms", "revise", "quadratic_step"),
     kernel: ("promise", "persist", "solve", "optimum"),
 }  # fmt: skip
-# fused multiply-add, and no check of every division (a pivot is tested before it divides)
-OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
+# fused multiply-add; no check of every division (a pivot is tested before it divides); no counting of
+# references to rows, since nothing is allocated
+OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "_nrt": False}
 
 
 @cache

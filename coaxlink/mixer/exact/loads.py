@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 # a row of `work`: wrench (4), power, slopes of power, Hessian of the Lagrangian, slopes of the wrench,
 # H^-1 J^T over the free speeds, the step's part that does not depend on the prices, the step
 ARM = 30
@@ -121,7 +123,7 @@ def expand_arm(c, g, shape, k, u, l, lam, work):  # noqa: E741
     ul = ql + Qu + b * qul + h * Qul - a * ful - d * Ful
     ll = 2.0 * Ql + b * qll + h * Qll - a * fll - d * Fll
     mean, half = 0.5 * (uu + ll), 0.5 * (uu - ll)
-    least = mean - (half * half + ul * ul) ** 0.5
+    least = mean - sqrt(half * half + ul * ul)
     shift = CURVATURE - least if least < CURVATURE else 0.0
     arm[HUU] = uu + shift
     arm[HUL] = ul

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 from coaxlink.mixer.exact.loads import (
     BL,
     BU,
@@ -108,23 +110,23 @@ def factor(sums, tiny):
     s5, s6, s7, s8, s9 = sums[5], sums[6], sums[7], sums[8], sums[9]
     if s0 <= NO_PIVOT:
         return 0
-    i0 = s0**-0.5
+    i0 = 1.0 / sqrt(s0)
     l1, l3, l6 = s1 * i0, s3 * i0, s6 * i0
     d = s2 - l1 * l1
     if d <= tiny * s2 or d <= NO_PIVOT:
         return 1
-    i1 = d**-0.5
+    i1 = 1.0 / sqrt(d)
     l4, l7 = (s4 - l3 * l1) * i1, (s7 - l6 * l1) * i1
     d = s5 - l3 * l3 - l4 * l4
     if d <= tiny * s5 or d <= NO_PIVOT:
         return 2
-    i2 = d**-0.5
+    i2 = 1.0 / sqrt(d)
     l8 = (s8 - l6 * l3 - l7 * l4) * i2
     d = s9 - l6 * l6 - l7 * l7 - l8 * l8
     if d <= tiny * s9 or d <= NO_PIVOT:
         return 3
     sums[10], sums[11], sums[12], sums[13], sums[14] = i0, l1, i1, l3, l4
-    sums[15], sums[16], sums[17], sums[18], sums[19] = i2, l6, l7, l8, d**-0.5
+    sums[15], sums[16], sums[17], sums[18], sums[19] = i2, l6, l7, l8, 1.0 / sqrt(d)
     return -1
 
 
