@@ -7,8 +7,9 @@ agrees, the old table flies; a script that does not fit its checksum keeps the v
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,21 @@ class ApUploader:
     def upload(self, plan: Plan, *, dry_run: bool = False) -> Outcome:
         """Put a plan on board."""
         self._files = tuple(map(str, plan.files))
+        return self._alone(lambda: self._upload(plan, dry_run))
+
+    def restore(self, backup: ApBackup, *, dry_run: bool = False) -> Outcome:
+        """Put a backup back; only on the board it was taken from."""
+        self._files = (str(backup.path),)
+        return self._alone(lambda: self._restore(backup, dry_run))
+
+    def _alone(self, work: Callable[[], Outcome]) -> Outcome:
+        try:
+            with self._journal.alone():
+                return work()
+        except CoaxlinkError as error:
+            return self._outcome(REFUSED if isinstance(error, SafetyRefusal) else FAILED, error=error)
+
+    def _upload(self, plan: Plan, dry_run: bool) -> Outcome:
         try:
             self._refuse_armed()
             refuse_values(plan)
@@ -95,9 +111,7 @@ class ApUploader:
         except CoaxlinkError as error:
             return self._outcome(REFUSED if isinstance(error, SafetyRefusal) else FAILED, error=error)
 
-    def restore(self, backup: ApBackup, *, dry_run: bool = False) -> Outcome:
-        """Put a backup back; only on the board it was taken from."""
-        self._files = (str(backup.path),)
+    def _restore(self, backup: ApBackup, dry_run: bool) -> Outcome:
         try:
             self._refuse_armed()
             here = self._session.identity.uid or "unknown"
@@ -107,6 +121,7 @@ class ApUploader:
             folder = self._folder()
             old_scripts, new_scripts, _ = self._scripts(folder, dict(backup.scripts))
             known = {n: v for n, v in backup.params.items() if n in board.values or n.startswith(_LIVE)}
+            known = {n: v for n, v in known.items() if math.isfinite(v)}
             if not backup.scripts:  # the loader's parameters live and die with its script
                 known = {n: v for n, v in known.items() if not n.startswith(_LIVE)}
             old, new = self._values(known, board)
@@ -153,6 +168,9 @@ class ApUploader:
         )
         try:
             self._journal.begin(entry)
+        except CoaxlinkError as error:  # nothing was written yet
+            return self._outcome(FAILED, error=error)
+        try:
             self._put(new, new_scripts, watch_arming=True)
         except CoaxlinkError as error:
             return self._roll_back(old, old_scripts, error)

@@ -6,16 +6,18 @@ hold the old table or the new one whole. Floats are kept as the bits of the wire
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from coaxlink import files
-from coaxlink.errors import InputError
+from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link.parameters import Value
 from coaxlink.link.session import Identity
 
@@ -62,6 +64,28 @@ class Journal:
         place = folder or state_folder()
         self.path = place / f"{self.board}.journal.json"
         self.record_path = place / f"{self.board}.verified.json"
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """No other process of this user uploads to this board inside the block. Raises SafetyRefusal.
+
+        The lock goes with the process, however it ends.
+        """
+        path = self.path.with_name(f"{self.board}.lock")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError as error:
+            raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(handle)
+            raise SafetyRefusal(f"another upload to board {self.board} is under way") from error
+        try:
+            yield
+        finally:
+            os.close(handle)
 
     def open_entry(self) -> Entry | None:
         """The upload that did not end, None when there is none. Raises InputError on a damaged file."""

@@ -115,7 +115,7 @@ class Uploader:
             refuse_values(plan)
             refuse_vehicle(plan, self._session.identity)
 
-        return self._guarded(plan.params, plan.types, first, check, dry_run)
+        return self._alone(lambda: self._guarded(plan.params, plan.types, first, check, dry_run))
 
     def restore(self, backup: Backup, *, dry_run: bool = False) -> Outcome:
         """Put a backup back; only on the board it was taken from."""
@@ -126,9 +126,18 @@ class Uploader:
             if backup.board != here:
                 raise SafetyRefusal(f"{backup.path.name} is of board {backup.board}, this is {here}")
 
-        return self._guarded(backup.params, backup.types, first, lambda board: None, dry_run, known_only=True)
+        return self._alone(
+            lambda: self._guarded(backup.params, backup.types, first, lambda board: None, dry_run, True)
+        )
 
     # -- the order of things -------------------------------------------------------------------------------
+
+    def _alone(self, work: Callable[[], Outcome]) -> Outcome:
+        try:
+            with self._journal.alone():
+                return work()
+        except CoaxlinkError as error:
+            return self._outcome(REFUSED if isinstance(error, SafetyRefusal) else FAILED, error=error)
 
     def _guarded(
         self,
@@ -189,6 +198,8 @@ class Uploader:
             if old is None and known_only:
                 self._talk.say(f"{name} is not on this board and stays out")
                 continue
+            if known_only and not math.isfinite(value):
+                continue  # a NaN in a backup is how that board has it; none is ever sent
             if old is None or old.type != types[name]:
                 found = f"type {old.type}" if old else "nothing"
                 raise SafetyRefusal(f"{name}: type {types[name]} is to be written, the board has {found}")
@@ -212,6 +223,9 @@ class Uploader:
         started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         try:
             self._journal.begin(Entry(self._journal.board, old, new, self._backup, self._files, started))
+        except CoaxlinkError as error:  # nothing was written yet
+            return self._outcome(FAILED, error=error)
+        try:
             self._put(new, watch_arming=True)
             if self._reboot:
                 self._prove(new)

@@ -291,3 +291,29 @@ def test_a_folder_without_one_table_is_named(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         load_plan(tmp_path / "none.params")
     assert LinkError("a", "b").exit_code == 3
+
+
+def test_two_uploads_to_one_board_do_not_mix(board, tmp_path):
+    with Journal(_Identity).alone():
+        outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "refused" and "another upload to board" in outcome.reason
+    assert board.sets == [] and outcome.error.exit_code == 4
+    assert _upload(board, _plan(tmp_path), tmp_path).result == "verified"
+
+
+def test_without_a_journal_nothing_is_written(board, tmp_path, monkeypatch):
+    def full(self, entry):
+        raise InputError(self.path, "", "cannot be written (No space left on device)")
+
+    monkeypatch.setattr(Journal, "begin", full)
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "failed" and "No space left" in outcome.reason and board.sets == []
+
+
+def test_a_nan_on_board_is_backed_up_and_never_sent(board, tmp_path):
+    board.params["SENS_NONE"] = (float("nan"), 9)
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "verified"
+    with connect(board.url) as session:
+        back = Uploader(session, backup_folder=tmp_path / "b").restore(read_backup(tmp_path / outcome.backup))
+    assert back.result == "verified" and "SENS_NONE" not in board.sets
