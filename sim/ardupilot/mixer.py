@@ -51,7 +51,7 @@ class Mixer:
             parameters = MotorParameters.from_params(self._store.values())
             try:
                 self._mix = realise(ApTable(self._frame[0], self.factors, parameters, self._frame[1]))
-            except TableError:
+            except (TableError, ArithmeticError, ValueError):
                 self._mix = None
         return self._mix
 
@@ -63,7 +63,11 @@ class Mixer:
         hover = min(max(self._store["MOT_THST_HOVER"], 0.125), 0.6875)
         average = max(thrust, thrust * (1.0 - THR_MIX) + hover * THR_MIX)
         demand = Demand(roll, pitch, yaw, thrust, average, spool=spool)
-        return [int(p) for p in mix.output(demand).pwm]
+        try:
+            with np.errstate(all="ignore"):
+                return [int(p) for p in mix.output(demand).pwm]
+        except (ArithmeticError, ValueError):  # a spin range of 1e30 makes no pulse
+            return [round(self._store["MOT_PWM_MIN"])] * self._rotors
 
     def command(self, roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
         """(N,) motor commands in 0..1 as the ESCs read them."""

@@ -75,7 +75,7 @@ class ApConversation(Conversation):
 
     def _param_set(self, message: Any) -> None:
         name, store = _text(message.param_id), self.copter.store
-        if name not in store or math.isnan(message.param_value):
+        if name not in store or not math.isfinite(message.param_value):
             self._param_error(message, name)
             return
         store.write(name, message.param_value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import tomllib
 from collections.abc import Callable
@@ -59,8 +60,8 @@ class Store:
         self._listeners.append(callback)
 
     def write(self, name: str, value: float) -> bool:
-        """Keep a value as its type allows; False for an unknown name or NaN. No range is checked."""
-        if name not in self._values or value != value:
+        """Keep a value as its type allows, unchecked; False for an unknown name or what is not finite."""
+        if name not in self._values or not math.isfinite(value):
             return False
         kept = as_stored(name, value, self._types[name])
         changed = kept != self._values[name]

@@ -148,13 +148,15 @@ class Autopilot:
 
     def take_off(self, altitude_m: float) -> None:
         """Climb to `altitude_m` above home (NaN: MIS_TAKEOFF_ALT)."""
-        height = float(self.settings["MIS_TAKEOFF_ALT"]) if math.isnan(altitude_m) else altitude_m
+        height = altitude_m if math.isfinite(altitude_m) else float(self.settings["MIS_TAKEOFF_ALT"])
         self._enter(Mode.TAKEOFF)
         n, e, _ = self._position()
         self._target = (n, e, -height)
 
     def go_to(self, position: Three, yaw: float) -> None:
-        """Hold somewhere else (NaN keeps)."""
+        """Hold somewhere else (NaN keeps). Raises Refused on what is no place."""
+        if any(map(math.isinf, (*position, yaw))):
+            raise Refused("Reposition: not a place")
         self._enter(Mode.HOLD)
         here = self._position()
         n, e, d = (h if math.isnan(p) else p for p, h in zip(position, here, strict=True))
@@ -164,11 +166,17 @@ class Autopilot:
 
     def offboard(self, goal: Goal | AttitudeGoal) -> None:
         """A set-point arrived."""
-        self._offboard_at = self.plant.time_s
         if isinstance(goal, AttitudeGoal):
+            numbers = (*(goal.attitude or (1.0, 0.0, 0.0, 0.0)), *goal.rates, goal.thrust)
+            if not all(map(math.isfinite, numbers)):
+                return
             self.attitude_goal = goal
         else:
+            figures = (*goal.position, *goal.velocity, *goal.acceleration, goal.yaw, goal.yaw_rate)
+            if any(map(math.isinf, figures)) or math.isnan(goal.yaw):
+                return
             self._offboard_goal, self.attitude_goal = goal, None
+        self._offboard_at = self.plant.time_s
 
     @property
     def offboard_fresh(self) -> bool:
@@ -227,7 +235,8 @@ class Autopilot:
         else:
             motors = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
             command = np.append(motors, 0.0)[self._wiring()]
-        return np.round(command, 3)  # a PWM output has a thousand steps
+        # a PWM output has a thousand steps
+        return np.asarray(np.round(np.nan_to_num(command), 3), np.float64)
 
     def _decide(self, reading: Reading) -> Demand:
         position: Three = tuple(reading.position.tolist())

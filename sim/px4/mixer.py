@@ -39,8 +39,10 @@ class Mixer:
         """What the firmware makes of the present parameters; None when it can make nothing of them."""
         if self._stale:
             try:
-                self._mix = realise(self._table())
-            except TableError:
+                with np.errstate(all="ignore"):  # rotors a light-year out are no reason to stop
+                    made = realise(self._table())
+                self._mix = made if np.isfinite(made.mix).all() else None
+            except (TableError, ArithmeticError, ValueError):
                 self._mix = None
             self._stale = False
         return self._mix
@@ -58,6 +60,7 @@ class Mixer:
         """(N,) motor commands in 0..1 of a normalised torque and an upward thrust in 0..1."""
         mix, command = self.mix, np.zeros(self._rotors)
         if mix is not None:
-            u = mix.throttle(mix.setpoints((roll, pitch, yaw, 0.0, 0.0, -thrust)))
+            with np.errstate(all="ignore"):
+                u = mix.throttle(mix.setpoints((roll, pitch, yaw, 0.0, 0.0, -thrust)))
             command[: len(u)] = u[: self._rotors]
         return command

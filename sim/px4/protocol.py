@@ -107,8 +107,12 @@ class Conversation:
         if getattr(message, "target_component", 0) not in (0, 1):
             return
         handler = self._handlers.get(message.get_type())
-        if handler:
+        if handler is None:
+            return
+        try:
             handler(message)
+        except (ValueError, OverflowError, struct.error):
+            return  # NaN where a number belongs: an autopilot drops it without a word
 
     def _param_read(self, message: Any) -> None:
         names = self.autopilot.store.names
@@ -263,7 +267,10 @@ class Conversation:
     def _attitude_target(self, message: Any) -> None:
         rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
         w, x, y, z = message.q
-        attitude = None if message.type_mask & 128 else (w, x, y, z)
+        size = math.sqrt(w * w + x * x + y * y + z * z)
+        if not message.type_mask & 128 and not 0.5 < size < 2.0:
+            return  # no rotation
+        attitude = None if message.type_mask & 128 else (w / size, x / size, y / size, z / size)
         self.autopilot.offboard(AttitudeGoal(attitude, rates, min(max(message.thrust, 0.0), 1.0)))
 
     def _actuator_target(self, message: Any) -> None:
