@@ -34,8 +34,8 @@ def restore(
 ) -> None:
     """Put a backup back: all parameters that differ, read back and compared; roll back on any failure."""
     from coaxlink.link import connect as open_session
-    from coaxlink.link.ap_upload import ApBackup, ApUploader
-    from coaxlink.link.backup import read_backup
+    from coaxlink.link.ap_upload import ApUploader
+    from coaxlink.link.backup import ApBackup, read_backup
     from coaxlink.link.upload import Uploader
 
     saved = ApBackup(backup) if backup.suffix == ".param" else read_backup(backup)

@@ -15,11 +15,13 @@ from typing import Any
 
 from coaxlink.errors import CheckFailed, CoaxlinkError, InputError, SafetyRefusal
 from coaxlink.files import write_atomic
-from coaxlink.link.backup import backup_path
+from coaxlink.link.ap_scripts import Scripts, plan_scripts, script_folder
+from coaxlink.link.backup import ApBackup, backup_path
 from coaxlink.link.ftp import Files
 from coaxlink.link.journal import Entry, Journal
 from coaxlink.link.parameters import FLOAT, Parameters, Snapshot, Value
 from coaxlink.link.plan import Plan, motor_outputs, refuse_values, refuse_vehicle
+from coaxlink.link.reboot import reboot
 from coaxlink.link.session import Session
 from coaxlink.link.upload import (
     FAILED,
@@ -27,6 +29,7 @@ from coaxlink.link.upload import (
     ROLLED_BACK,
     VERIFIED,
     Change,
+    Mismatch,
     Outcome,
     Talk,
     Unfinished,
@@ -35,12 +38,10 @@ from firmware_params import ardupilot
 from firmware_params.ardupilot import packed, scripts
 from firmware_params.errors import TableError
 
-_OURS = (scripts.MATRIX_NAME, scripts.LOADER_NAME)
 _LIVE = scripts.PREFIX  # names that begin so are the loader's own
 _SUM = f"{scripts.PREFIX}SUM"
 _REBOOT = ("FRAME_CLASS", "SCR_ENABLE")
 _ROUNDS = 3
-Scripts = dict[str, bytes | None]  # by path on board; None: no such file
 
 
 class ApUploader:
@@ -96,8 +97,8 @@ class ApUploader:
             refuse_vehicle(plan, self._session.identity)
             board = self._snapshot()
             _refuse_table(plan, board)
-            folder = self._folder()
-            old_scripts, new_scripts, checksum = self._scripts(folder, dict(plan.scripts))
+            folder = script_folder(self._board_files)
+            old_scripts, new_scripts, checksum = plan_scripts(self._board_files, folder, dict(plan.scripts))
             params = dict(plan.params)
             if "SCR_LD_CHECKSUM" in params:  # other scripts in the folder count as well
                 params["SCR_LD_CHECKSUM"] = float(checksum)
@@ -118,8 +119,8 @@ class ApUploader:
             if backup.board != here:
                 raise SafetyRefusal(f"{backup.path.name} is of board {backup.board}, this is {here}")
             board = self._snapshot()
-            folder = self._folder()
-            old_scripts, new_scripts, _ = self._scripts(folder, dict(backup.scripts))
+            folder = script_folder(self._board_files)
+            old_scripts, new_scripts, _ = plan_scripts(self._board_files, folder, dict(backup.scripts))
             known = {n: v for n, v in backup.params.items() if n in board.values or n.startswith(_LIVE)}
             known = {n: v for n, v in known.items() if math.isfinite(v)}
             if not backup.scripts:  # the loader's parameters live and die with its script
@@ -204,7 +205,7 @@ class ApUploader:
             self._put_live(live, guard)
         wrong = self._wrong(values, texts)
         if wrong:
-            raise _Mismatch(wrong)
+            raise Mismatch(wrong)
         guard()
 
     def _put_live(self, live: Mapping[str, Value], guard: Any) -> None:
@@ -261,7 +262,7 @@ class ApUploader:
         return wrong
 
     def _roll_back(self, old: Mapping[str, Value], texts: Scripts, error: CoaxlinkError) -> Outcome:
-        mismatches = tuple(error.wrong) if isinstance(error, _Mismatch) else ()
+        mismatches = tuple(error.wrong) if isinstance(error, Mismatch) else ()
         self._talk.say(f"{error}; putting the old table back")
         end, last = time.monotonic() + self._patience_s, error
         while True:
@@ -295,31 +296,6 @@ class ApUploader:
         return self._parameters.read_all(progress=self._talk.progress)
 
     # -- parts ---------------------------------------------------------------------------------------------
-
-    def _folder(self) -> str:
-        """The script folder, made if it is not there. Raises CheckFailed."""
-        for folder in scripts.SCRIPT_FOLDERS:
-            if self._board_files.listing(folder) is not None:
-                return folder
-        for folder in scripts.SCRIPT_FOLDERS:
-            self._board_files.make_folder(folder)
-            if self._board_files.listing(folder) is not None:
-                return folder
-        raise CheckFailed(f"no folder for scripts on board ({' or '.join(scripts.SCRIPT_FOLDERS)})")
-
-    def _scripts(self, folder: str, wanted: dict[str, bytes]) -> tuple[Scripts, Scripts, int]:
-        """(as they are, as they are to be) by path, and the load checksum of the whole folder then."""
-        present = [n for n in self._board_files.listing(folder) or [] if n.endswith(".lua")]
-        old: Scripts = {}
-        new: Scripts = {f"{folder}/{name}": data for name, data in wanted.items()}
-        new |= {f"{folder}/{n}": None for n in present if n in _OURS and n not in wanted}
-        for path in new:
-            old[path] = self._board_files.read(path)
-        checksum = scripts.load_checksum(wanted.values())
-        for name in present:
-            if name not in wanted and name not in _OURS:
-                checksum ^= (self._board_files.crc(f"{folder}/{name}") or 0) & 0x7FFFFF
-        return old, new, checksum
 
     def _values(
         self, params: Mapping[str, float | int], board: Snapshot
@@ -360,7 +336,7 @@ class ApUploader:
 
     def _reboot(self) -> None:
         self._talk.say("rebooting")
-        self._session.reboot(self._reboot_s)
+        reboot(self._session, self._reboot_s)
 
     def _keep(self, new: Mapping[str, Value], texts: Scripts) -> None:
         self._journal.end()
@@ -399,31 +375,6 @@ class ApUploader:
         )
 
 
-class ApBackup:
-    """A backup of an ArduPilot board: parameters, and the scripts beside them."""
-
-    def __init__(self, path: Path) -> None:
-        """Read it. Raises InputError when it is none or was cut."""
-        from firmware_params.errors import ParamsFileError
-
-        try:
-            read = ardupilot.read_param_file(path, finite=False)
-        except ParamsFileError as error:
-            raise InputError(error.path, f"line {error.line}" if error.line else "", error.problem) from error
-        head = dict(line.split(": ", 1) for line in read.header if ": " in line)
-        if "coaxlink backup" not in read.header or "Count" not in head:
-            raise InputError(
-                path, "", "not a coaxlink backup (its header is missing); use upload for a table"
-            )
-        if head["Count"] != str(len(read.params)):
-            raise InputError(
-                path, "", f"{head['Count']} parameters are expected, found {len(read.params)}: it was cut"
-            )
-        self.path, self.params, self.board = path, read.params, head.get("Board", "")
-        folder = path.with_suffix(".scripts")
-        self.scripts = {p.name: p.read_bytes() for p in sorted(folder.glob("*.lua"))}
-
-
 def _refuse_table(plan: Plan, board: Snapshot) -> None:
     now = motor_outputs({n: v.value for n, v in board.values.items()})
     wanted = plan.rotor_count
@@ -437,12 +388,3 @@ def _what(data: bytes | None) -> str:
 
 def _nothing() -> None:
     return None
-
-
-class _Mismatch(CheckFailed):
-    """The board holds other values or files than those written."""
-
-    def __init__(self, wrong: list[dict[str, Any]]) -> None:
-        self.wrong = wrong
-        first = wrong[0]
-        super().__init__(f"{first['name']}: {first['wanted']} was written, the board holds {first['found']}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from coaxlink.errors import InputError
 from coaxlink.link.parameters import Number, Snapshot
 from coaxlink.link.session import Identity
-from firmware_params import px4
+from firmware_params import ardupilot, px4
 from firmware_params.errors import ParamsFileError
 
 _TITLE = "coaxlink backup"
@@ -83,3 +83,26 @@ def read_backup(path: Path) -> Backup:
     return Backup(
         path, read.params, read.types, head.get("Board", ""), head.get("Firmware", ""), head.get("Time", "")
     )
+
+
+class ApBackup:
+    """A backup of an ArduPilot board: parameters, and the scripts beside them."""
+
+    def __init__(self, path: Path) -> None:
+        """Read it. Raises InputError when it is none or was cut."""
+        try:
+            read = ardupilot.read_param_file(path, finite=False)
+        except ParamsFileError as error:
+            raise InputError(error.path, f"line {error.line}" if error.line else "", error.problem) from error
+        head = dict(line.split(": ", 1) for line in read.header if ": " in line)
+        if _TITLE not in read.header or "Count" not in head:
+            raise InputError(
+                path, "", "not a coaxlink backup (its header is missing); use upload for a table"
+            )
+        if head["Count"] != str(len(read.params)):
+            raise InputError(
+                path, "", f"{head['Count']} parameters are expected, found {len(read.params)}: it was cut"
+            )
+        self.path, self.params, self.board = path, read.params, head.get("Board", "")
+        folder = path.with_suffix(".scripts")
+        self.scripts = {p.name: p.read_bytes() for p in sorted(folder.glob("*.lua"))}

@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import contextlib
 import queue
-import struct
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from pymavlink.dialects.v20 import common as mavlink
 
 import firmware_params.px4.messages  # noqa: F401 - teaches the dialect ESC_STATUS and ESC_INFO
-from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
+from coaxlink.errors import LinkError, SafetyRefusal
 from coaxlink.link.address import parse_address
+from coaxlink.link.identity import Identity, version_request, with_version
+from coaxlink.link.tlog import TLog
 from coaxlink.link.transport import Transport, open_transport
 
 if TYPE_CHECKING:
@@ -43,38 +43,6 @@ class Tap(Protocol):
 
     def take(self, data: bytes) -> None:
         """Bytes as they came."""
-
-
-@dataclass(frozen=True)
-class Identity:
-    """Who answers. The fields from `version` on come from AUTOPILOT_VERSION and may be missing."""
-
-    system: int
-    component: int
-    autopilot: int  # MAV_AUTOPILOT
-    vehicle_type: int  # MAV_TYPE
-    version: tuple[int, int, int] | None = None  # firmware, e.g. (1, 16, 1)
-    capabilities: int | None = None  # MAV_PROTOCOL_CAPABILITY
-    uid: str = ""  # board id, hex
-    board: str = ""  # vendor:product:board version
-    git_hash: str = ""
-
-    @property
-    def is_px4(self) -> bool:
-        """True for PX4."""
-        return self.autopilot == mavlink.MAV_AUTOPILOT_PX4
-
-    @property
-    def is_ardupilot(self) -> bool:
-        """True for ArduPilot."""
-        return self.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-
-    @property
-    def name(self) -> str:
-        """Firmware and version in words, e.g. "PX4 1.16.1"."""
-        known = {mavlink.MAV_AUTOPILOT_PX4: "PX4", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
-        firmware = known.get(self.autopilot, f"autopilot {self.autopilot}")
-        return f"{firmware} {'.'.join(map(str, self.version))}" if self.version else firmware
 
 
 def connect(
@@ -143,7 +111,7 @@ class Session:
         self._sent_by_vehicle = self._received_from_vehicle = 1
         self._stopping = threading.Event()
         self._failure: BaseException | None = None
-        self._log: BinaryIO | None = _open_log(record) if record else None
+        self._log = TLog(record) if record else None
         self._thread = threading.Thread(target=self._run, name="coaxlink-link", daemon=True)
 
     # -- life ----------------------------------------------------------------------------------------------
@@ -264,38 +232,6 @@ class Session:
                         return int(ack.result)
                     end = time.monotonic() + max(timeout_s, LOST_S)
         raise LinkError(self.address, f"command {command_id} was not acknowledged ({tries} tries)")
-
-    def reboot(self, gone_s: float = 5.0, back_s: float = 30.0) -> None:
-        """Reboot the autopilot and wait until it is back. Raises CheckFailed when it refuses, LinkError.
-
-        `gone_s` bounds the wait for a sign of the restart: its clock starts again, or it falls silent.
-        """
-        clock, restarted = [0], [False]
-
-        def watch(message: Message) -> None:
-            stamp = getattr(message, "time_boot_ms", None)
-            if stamp is not None:
-                restarted[0] |= stamp + 1000 < clock[0]
-                clock[0] = max(clock[0], stamp)
-
-        leave = self.subscribe(watch)
-        try:
-            result = self.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
-            if result != mavlink.MAV_RESULT_ACCEPTED:
-                raise CheckFailed(f"the vehicle refuses to reboot (result {result})")
-            gone = time.monotonic() + gone_s
-            while not restarted[0] and self.silence_s < 1.6 and time.monotonic() < gone:
-                time.sleep(0.05)
-        finally:
-            leave()
-        back = time.monotonic() + back_s
-        while time.monotonic() < back:
-            try:
-                if self.wait("HEARTBEAT", 1.0) is not None:
-                    return
-            except LinkError:
-                time.sleep(0.5)
-        raise LinkError(self.address, f"the vehicle did not come back from its reboot within {back_s:g} s")
 
     def request_stream(self, message_id: int, rate_hz: float) -> bool:
         """Ask for a message at a rate; False when the autopilot will not send it."""
@@ -469,39 +405,14 @@ class Session:
         return heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type not in others
 
     def _ask_version(self) -> None:
-        target = self.identity
-        request = mavlink.MAVLink_command_long_message(
-            target.system,
-            target.component,
-            mavlink.MAV_CMD_REQUEST_MESSAGE,
-            0,
-            float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
-            *([0.0] * 6),
-        )
+        request = version_request(self.identity)
         answer, _ = self.exchange(request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.35, tries=6)
-        if answer is None:
-            return
-        version = (
-            answer.flight_sw_version >> 24,
-            answer.flight_sw_version >> 16,
-            answer.flight_sw_version >> 8,
-        )
-        long_uid = bytes(getattr(answer, "uid2", b"") or b"")
-        self._identity = Identity(
-            target.system,
-            target.component,
-            target.autopilot,
-            target.vehicle_type,
-            (version[0] & 255, version[1] & 255, version[2] & 255),
-            int(answer.capabilities),
-            long_uid.hex() if any(long_uid) else f"{answer.uid:016x}",
-            f"{answer.vendor_id}:{answer.product_id}:{answer.board_version}",
-            bytes(answer.flight_custom_version).hex(),
-        )
+        if answer is not None:
+            self._identity = with_version(self.identity, answer)
 
     def _record(self, frame: bytes) -> None:
         if self._log:
-            self._log.write(struct.pack(">Q", time.time_ns() // 1000) + frame)
+            self._log.write(frame)
 
 
 def _signer(key_file: Path) -> Signer:
@@ -509,11 +420,3 @@ def _signer(key_file: Path) -> Signer:
     from coaxlink.link.signing import Signer, load_key
 
     return Signer(load_key(key_file), state_folder())
-
-
-def _open_log(path: Path) -> BinaryIO:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("wb", buffering=0)  # a killed process keeps its log
-    except OSError as error:
-        raise InputError(path, "", f"cannot be written ({error.strerror})") from error

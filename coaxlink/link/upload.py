@@ -18,6 +18,7 @@ from coaxlink.link.backup import Backup, backup_path, write_backup
 from coaxlink.link.journal import Entry, Journal
 from coaxlink.link.parameters import Number, Parameters, Snapshot, Value
 from coaxlink.link.plan import Plan, refuse_table, refuse_values, refuse_vehicle
+from coaxlink.link.reboot import reboot
 from coaxlink.link.session import Session
 
 VERIFIED, REFUSED, ROLLED_BACK, FAILED = "verified", "refused", "rolled_back", "failed"
@@ -268,13 +269,13 @@ class Uploader:
         wrong = [
             {"name": v.name, "wanted": _finite(v.value), "found": _finite(found[v.name].value)} for v in todo
         ]
-        raise _Mismatch(wrong)
+        raise Mismatch(wrong)
 
     def _prove(self, values: Mapping[str, Value]) -> None:
         """Reboot, read again: what was written is kept. Raises CheckFailed, LinkError."""
         self._refuse_armed()
         self._talk.say("rebooting, to read the table once more")
-        self._session.reboot(self._reboot_s)
+        reboot(self._session, self._reboot_s)
         found = self._parameters.read_many(values)
         lost = [v for n, v in values.items() if not found[n].same(v)]
         if lost:
@@ -282,14 +283,14 @@ class Uploader:
                 {"name": v.name, "wanted": _finite(v.value), "found": _finite(found[v.name].value)}
                 for v in lost
             ]
-            raise _Mismatch(kept)
+            raise Mismatch(kept)
 
     def _settle(self) -> None:
         # a repeated request may still be under way and act after the read-back
         time.sleep(1.0 if self._session.loss > 0.005 else 0.1)
 
     def _roll_back(self, old: Mapping[str, Value], error: CoaxlinkError) -> Outcome:
-        mismatches = tuple(error.wrong) if isinstance(error, _Mismatch) else ()
+        mismatches = tuple(error.wrong) if isinstance(error, Mismatch) else ()
         self._talk.say(f"{error}; putting the old table back")
         end = time.monotonic() + self._patience_s
         last: CoaxlinkError = error
@@ -364,7 +365,7 @@ class Unfinished(CheckFailed):
         super().__init__(text)
 
 
-class _Mismatch(CheckFailed):
+class Mismatch(CheckFailed):
     """The board holds other values than those written."""
 
     def __init__(self, wrong: list[dict[str, Any]]) -> None:

@@ -10,8 +10,8 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import main
 from coaxlink.link import connect
 from coaxlink.link.ap_tables import report_ap
-from coaxlink.link.ap_upload import ApBackup, ApUploader
-from coaxlink.link.backup import read_backup
+from coaxlink.link.ap_upload import ApUploader
+from coaxlink.link.backup import ApBackup, read_backup
 from coaxlink.link.ftp import Files
 from coaxlink.link.journal import Journal
 from coaxlink.link.parameters import Parameters

@@ -1,0 +1,66 @@
+"""Who answers on a line: firmware, version, board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who answers. The fields from `version` on come from AUTOPILOT_VERSION and may be missing."""
+
+    system: int
+    component: int
+    autopilot: int  # MAV_AUTOPILOT
+    vehicle_type: int  # MAV_TYPE
+    version: tuple[int, int, int] | None = None  # firmware, e.g. (1, 16, 1)
+    capabilities: int | None = None  # MAV_PROTOCOL_CAPABILITY
+    uid: str = ""  # board id, hex
+    board: str = ""  # vendor:product:board version
+    git_hash: str = ""
+
+    @property
+    def is_px4(self) -> bool:
+        """True for PX4."""
+        return self.autopilot == mavlink.MAV_AUTOPILOT_PX4
+
+    @property
+    def is_ardupilot(self) -> bool:
+        """True for ArduPilot."""
+        return self.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+    @property
+    def name(self) -> str:
+        """Firmware and version in words, e.g. "PX4 1.16.1"."""
+        known = {mavlink.MAV_AUTOPILOT_PX4: "PX4", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
+        firmware = known.get(self.autopilot, f"autopilot {self.autopilot}")
+        return f"{firmware} {'.'.join(map(str, self.version))}" if self.version else firmware
+
+
+def version_request(target: Identity) -> Any:
+    """The command that asks for AUTOPILOT_VERSION."""
+    return mavlink.MAVLink_command_long_message(
+        target.system,
+        target.component,
+        mavlink.MAV_CMD_REQUEST_MESSAGE,
+        0,
+        float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+        *([0.0] * 6),
+    )
+
+
+def with_version(target: Identity, answer: Any) -> Identity:
+    """`target` with what an AUTOPILOT_VERSION says."""
+    packed = int(answer.flight_sw_version)
+    long_uid = bytes(getattr(answer, "uid2", b"") or b"")
+    return replace(
+        target,
+        version=(packed >> 24 & 255, packed >> 16 & 255, packed >> 8 & 255),
+        capabilities=int(answer.capabilities),
+        uid=long_uid.hex() if any(long_uid) else f"{answer.uid:016x}",
+        board=f"{answer.vendor_id}:{answer.product_id}:{answer.board_version}",
+        git_hash=bytes(answer.flight_custom_version).hex(),
+    )
