@@ -112,7 +112,9 @@ def _fly(
     from coaxlink.link.live_record import LiveRecord
     from coaxlink.link.mixing import LiveMixer
 
-    require_path(session.identity.autopilot, session.identity.version)
+    identity = session.identity
+    if not identity.is_ardupilot:  # there a bridge decides, which has to be listened for
+        require_path(identity.autopilot, identity.version)
     effects = LiveEffects(session, frame, model) if model.effects else None
     for name, why in effects.left_out.items() if effects else ():
         say(f"not compensated live: {name} ({why})")
@@ -123,7 +125,8 @@ def _fly(
         compensation=effects, record=kept, own_curve=_own_curve(session),
         loop=AttitudeLoop(frame.inertia_kg_m2, load_gains(o.loop)) if o.loop else None,
     )  # fmt: skip
-    _warn_of_hand_over(live, frame)
+    if identity.is_px4:
+        _warn_of_hand_over(live, frame)
     lost = None
     try:
         with _sharing(session, o.forward) as ground, live:
@@ -150,6 +153,8 @@ def _fly(
 
 def _own_curve(session: Session) -> float:
     """THR_MDL_FAC on board; 0, its default, where it does not say."""
+    if not session.identity.is_px4:
+        return 0.0
     from coaxlink.link.parameters import Parameters
 
     found = Parameters(session).read_many(["THR_MDL_FAC"], missing_ok=True)

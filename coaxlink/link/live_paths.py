@@ -28,6 +28,7 @@ class LivePath:
     timeout_ms: int  # after so much silence it flies its own mixer; 0: not known
     reason: str  # what a user reads when there is no way
     source: str
+    bridge: bool = False  # only with coaxlink's script running on board
 
     @property
     def open(self) -> bool:
@@ -54,18 +55,29 @@ PATHS: tuple[LivePath, ...] = (
         "PX4 1.16.1 and main of March 2026, flown in its SITL: 139 is ignored; direct_actuator needs DDS",
     ),
     LivePath(
+        ARDUPILOT, (0, 0), ANY, "ACTUATOR_CONTROL_TARGET", "SET_ACTUATOR_CONTROL_TARGET", False, 100, "",
+        "master of March 2026: a script that takes 139 was flown in its SITL; ours on the stand-in (lupa)",
+        bridge=True,
+    ),
+    LivePath(
         ARDUPILOT, (0, 0), ANY, "", "", False, 0,
-        "ArduPilot has no handler for SET_ACTUATOR_CONTROL_TARGET (139): it needs a Lua bridge on board",
+        "ArduPilot has no handler for SET_ACTUATOR_CONTROL_TARGET (139): it needs a Lua bridge on board "
+        "(coaxlink bridge AIRFRAME --out DIR, then coaxlink upload DIR), and none was heard",
         "ArduPilot master of March 2026: no native handler; a script that takes 139 was flown in its SITL",
     ),
 )  # fmt: skip
 
 
-def path_for(autopilot: int, version: Version | None) -> LivePath | None:
-    """The row for this autopilot, None when it is in no row. An unknown version gets no open row."""
+def path_for(autopilot: int, version: Version | None, *, bridged: bool = False) -> LivePath | None:
+    """The row for this autopilot, None when it is in no row. An unknown version gets no open row.
+
+    `bridged` says that coaxlink's script was heard on board.
+    """
     for row in PATHS:
-        if row.autopilot != autopilot:
+        if row.autopilot != autopilot or (row.bridge and not bridged):
             continue
+        if row.bridge:
+            return row
         if version is None:
             if not row.open:
                 return row
@@ -74,9 +86,9 @@ def path_for(autopilot: int, version: Version | None) -> LivePath | None:
     return None
 
 
-def require_path(autopilot: int, version: Version | None) -> LivePath:
+def require_path(autopilot: int, version: Version | None, *, bridged: bool = False) -> LivePath:
     """The way to mix for this autopilot. Raises SafetyRefusal with the reason when there is none."""
-    row = path_for(autopilot, version)
+    row = path_for(autopilot, version, bridged=bridged)
     if row is not None and row.open:
         return row
     name = ".".join(str(v) for v in version) if version else "of unknown version"

@@ -44,6 +44,8 @@ __all__ = [
 DEMAND, ANSWER = codec.ACTUATOR_CONTROL_TARGET, codec.SET_ACTUATOR_CONTROL_TARGET
 OUTPUTS = codec.ACTUATOR_OUTPUT_STATUS
 STATE, TARGET = codec.ATTITUDE_QUATERNION, codec.ATTITUDE_TARGET
+BRIDGE_S = 1.5  # how long ArduPilot is listened to for the bridge
+ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 PATIENCE_S = 0.004  # newer demands may keep an answer waiting so long, and no longer
 FLYING = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 
@@ -108,7 +110,8 @@ class LiveMixer:
     def start(self) -> None:
         """Check the autopilot, ask for the demand, and answer it from now on."""
         identity = self.session.identity
-        row = require_path(identity.autopilot, identity.version)
+        bridged = identity.autopilot == ARDUPILOT and self._find_bridge()
+        row = require_path(identity.autopilot, identity.version, bridged=bridged)
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self._started = time.monotonic()
         if self.session.signed and self._loop is not None:
@@ -116,13 +119,23 @@ class LiveMixer:
         if self.session.signed:
             self._unsubscribe = self.session.subscribe(self._on_message)
         self.session.tap = self
-        for message in (STATE, TARGET) if self._loop else (DEMAND,):
+        # a bridge sends its demand unasked, at its own pace
+        for message in (STATE, TARGET) if self._loop else () if bridged else (DEMAND,):
             if not self.session.request_stream(message.number, self.rate_hz):
                 self._let_go()
                 what = "the state and setpoint" if self._loop else "its wrench demand"
                 raise SafetyRefusal(f"the autopilot will not send {what} ({message.name})")
         if self._witness is not None and not self.session.request_stream(OUTPUTS.number, REPORT_HZ):
             self._witness = None
+
+    def _find_bridge(self) -> bool:
+        """Whether our script speaks; then its demand is read by the matrix on board."""
+        from coaxlink.link.live_bridge import board_factors
+
+        if self.session.wait(DEMAND.name, BRIDGE_S) is None:
+            return False
+        self.core.use_matrix(board_factors(self.session))
+        return True
 
     def stop(self, patience_s: float = 0.25) -> None:
         """Fade to the autopilot's own mixer if demands come, then answer no more."""

@@ -50,6 +50,10 @@ class DemandScale:
         body = mix.effectiveness @ mix.mix  # (6, 6): roll, pitch, yaw, x, y, z of each normalised control
         per_control = body[:, [0, 1, 2, 5]] * np.array([1.0, 1.0, 1.0, -1.0])  # thrust counts upward
         self.matrix: NDArray[np.float64] = np.stack([-per_control[5], *per_control[:3]])  # (4, 4)
+        self._finish()
+
+    def _finish(self) -> None:
+        """What `wrench` and `controls` work with."""
         self._rows = self.matrix.tolist()
         self._inverse = np.linalg.pinv(self.matrix[1:, :3]).tolist()
 
@@ -73,6 +77,26 @@ class DemandScale:
         return [float(u) for u in mix.throttle(mix.setpoints((roll, pitch, yaw, 0.0, 0.0, -thrust)))]
 
 
+class MatrixScale(DemandScale):
+    """The wrench that ArduPilot's demand means: normalised thrust of every motor by the matrix on board.
+
+    `factors` (N, 4) are each motor's roll, pitch, yaw and throttle as the firmware uses them; a normalised
+    thrust of 1 is the standard rotor's (eq. 18).
+    """
+
+    def __init__(
+        self, airframe: Airframe, standard: StandardCoefficients, factors: Sequence[Sequence[float]]
+    ) -> None:
+        per_thrust, per_torque = airframe.effectiveness()
+        per_motor = standard.p * per_thrust + standard.q * per_torque  # (4, N)
+        self.matrix = per_motor @ np.asarray(factors, float)  # (4, 4): by roll, pitch, yaw, throttle
+        self._finish()
+
+    def own(self, controls: Sequence[float]) -> list[float]:
+        """Not known: ArduPilot's saturation depends on its state. Raises InputError."""
+        raise InputError("ArduPilot", "", "its own mixer's outputs are not known here")
+
+
 class MixCore:
     """Demand in, commands out: what `LiveMixer` runs and tests drive by hand."""
 
@@ -90,6 +114,7 @@ class MixCore:
             )
         self.law = law
         self.scale = DemandScale(airframe, standard_coefficients(model), own_curve)
+        self._airframe, self._standard = airframe, standard_coefficients(model)
         self.counters = Counters()
         self.compensation = compensation
         self.rotors = PlainRotors.of(airframe, model)
@@ -100,6 +125,16 @@ class MixCore:
         self.error: Any = np.zeros(4)  # (4,) delivered by the rotor model at the law's speeds, minus demanded
         self.speeds: list[float] = [0.0] * self.count  # of the law
         self.held = (0.0, 0.0, 0.0, 0.0)
+
+    def use_matrix(self, factors: Sequence[Sequence[float]]) -> None:
+        """Read demands as ArduPilot's with these factors (N, 4) on board. Raises InputError."""
+        if len(factors) != self.count:
+            raise InputError(
+                self._airframe.source or self._airframe.name,
+                "rotors",
+                f"{self.count} rotors here, {len(factors)} motors in the frame on board",
+            )
+        self.scale = MatrixScale(self._airframe, self._standard, factors)
 
     def admit(self, time_usec: int, group: int, controls: Sequence[float]) -> bool:
         """Whether a demand deserves an answer; keeps it, held to the range, as `held`."""

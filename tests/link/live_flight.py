@@ -36,17 +36,28 @@ class Flight:
         sys.setswitchinterval(0.0005)
         self.ports = open_links(["udpin:127.0.0.1:0"])
         self.address = "udpout:" + self.ports[0].name.partition(":")[2]
-        self.standin = build(World(EXAMPLES / airframe, firmware="px4:1.13"), self.ports)
+        self.standin = build(World(EXAMPLES / airframe, firmware=self.firmware), self.ports)
         self.autopilot: Any = self.standin.autopilot
-        self.autopilot.store.write("THR_MDL_FAC", 9, own_curve)
         self.rows: list[tuple[float, bool, list[float], float, float]] = []
         self._next = time.monotonic()
-        if not airborne:
-            return
+        self._own_curve = own_curve
+        self.prepare()
+        if airborne:
+            self.depart()
+
+    firmware = "px4:1.13"
+
+    def prepare(self) -> None:
+        """On the ground, before arming."""
+        self.autopilot.store.write("THR_MDL_FAC", 9, self._own_curve)
+
+    def depart(self) -> None:
+        """To HEIGHT_M, and hold there."""
         self.autopilot.arm()
         self.autopilot.take_off(HEIGHT_M)
         self.rush(12.0)
         assert self.autopilot.mode == Mode.HOLD
+        self.rows.clear()
 
     def close(self) -> None:
         for port in self.ports:
@@ -82,7 +93,7 @@ class Flight:
         a = self.autopilot
         _, x, y, _ = a.plant.quaternion.tolist()
         tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
-        self.rows.append((time.monotonic(), a.live, a.command.tolist(), a.plant.height, tilt))
+        self.rows.append((time.monotonic(), self.driven, a.command.tolist(), a.plant.height, tilt))
 
     @property
     def driven(self) -> bool:

@@ -60,6 +60,9 @@ class ScriptedSession:
         self.requests.append((message_id, rate_hz))
         return self.takes_requests
 
+    def wait(self, names: Any, timeout_s: float) -> None:
+        return None
+
     def latest(self, name: str) -> Any:
         return SimpleNamespace(landed_state=self.landed_state)
 

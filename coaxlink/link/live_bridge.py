@@ -1,0 +1,132 @@
+"""The Lua bridge for ArduPilot: its whole demand out to the companion, the companion's outputs in.
+
+ArduPilot has no handler for SET_ACTUATOR_CONTROL_TARGET, but its scripts may receive it and hold outputs for
+a while (`SRV_Channels:set_output_pwm_chan_timeout`). The script sends roll, pitch, yaw and throttle as
+ACTUATOR_CONTROL_TARGET each time it runs, takes the newest answer meant for this vehicle, checks it whole
+(eight finite numbers in 0..1, armed, no emergency stop) and holds the motors' outputs for HOLD_MS: on silence
+the matrix flies again by itself. Overrides bypass ArduPilot's own emergency stop, hence the checks.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.link.mixing_core import CONTROLS
+from coaxlink.link.parameters import Parameters
+from firmware_params.ardupilot.table import OCTAQUAD, Y6, ApTable, used_factors
+
+if TYPE_CHECKING:
+    from coaxlink.link.session import Session
+
+SCRIPT_NAME = "coaxlink_bridge.lua"
+HOLD_MS = 100
+PERIOD_MS = 4
+
+
+def bridge_script(motors: int, *, hold_ms: int = HOLD_MS, period_ms: int = PERIOD_MS) -> str:
+    """The script for a vehicle of so many motors (1..8), numbered as Motor1.. (SERVOn_FUNCTION 33..40).
+
+    Raises InputError when there are more motors than the message carries.
+    """
+    if not 1 <= motors <= CONTROLS:
+        raise InputError("bridge", "motors", f"1 to {CONTROLS} expected, found {motors}")
+    if not 20 <= hold_ms <= 500:
+        raise InputError("bridge", "hold_ms", f"20 to 500 expected, found {hold_ms}")
+    return _SCRIPT.format(motors=motors, hold=hold_ms, period=period_ms)
+
+
+def board_factors(session: Session) -> list[list[float]]:
+    """(N, 4) factors of the frame on board, as the firmware uses them.
+
+    Raises SafetyRefusal for a frame whose factors are not known here: a script's own matrix.
+    """
+    found = Parameters(session).read_many(["FRAME_CLASS", "FRAME_TYPE"])
+    frame = int(found["FRAME_CLASS"].value), int(found["FRAME_TYPE"].value)
+    if frame[0] not in (OCTAQUAD, Y6):
+        raise SafetyRefusal(f"FRAME_CLASS {frame[0]}: the bridge is known to work on 4 (octaquad) and 5 (Y6)")
+    return [[float(f) for f in row] for row in used_factors(ApTable(frame[0], frame_type=frame[1]))]
+
+
+_SCRIPT = """\
+-- coaxlink bridge: the companion mixes, this script passes the demand out and its outputs in.
+-- Written by coaxlink; change it there, not here. On {hold} ms of silence the matrix flies again.
+
+local MOTORS, HOLD_MS, PERIOD_MS = {motors}, {hold}, {period}
+local DEMAND, ANSWER = 140, 139
+local low = param:get("MOT_PWM_MIN") or 1000
+local high = param:get("MOT_PWM_MAX") or 2000
+local own = param:get("SYSID_THISMAV") or param:get("MAV_SYSID") or 1
+local channel = {{}}
+
+for n = 1, MOTORS do
+  channel[n] = SRV_Channels:find_channel(32 + n)
+  if not channel[n] then
+    error("coaxlink: no output has Motor" .. n)
+  end
+end
+
+mavlink:init(4, 1)
+mavlink:register_rx_msgid(ANSWER)
+
+-- Lua's integers have 32 bits: the stamp in us is put together from 16-bit pieces
+local function stamp()
+  local ms = millis():toint()
+  local a = (ms % 65536) * 1000
+  local b = (ms // 65536) * 1000 + a // 65536
+  return string.pack("<I2I2I4", a % 65536, b % 65536, b // 65536)
+end
+
+local function send_demand()
+  local roll = motors:get_roll() + motors:get_roll_ff()
+  local pitch = motors:get_pitch() + motors:get_pitch_ff()
+  local yaw = motors:get_yaw() + motors:get_yaw_ff()
+  local body = string.pack("<ffffffffB", roll, pitch, yaw, motors:get_throttle(), 0, 0, 0, 0, 0)
+  mavlink:send_chan(0, DEMAND, stamp() .. body)
+end
+
+local function stopped()
+  return not arming:is_armed() or (SRV_Channels.get_emergency_stop and SRV_Channels:get_emergency_stop())
+end
+
+-- the newest answer that is whole and meant for us; nil if there is none
+local function answer()
+  local newest
+  for _ = 1, 8 do
+    local message = mavlink:receive_chan()
+    if not message then
+      break
+    end
+    newest = message
+  end
+  if not newest or string.unpack("<I3", newest, 10) ~= ANSWER then
+    return nil
+  end
+  local u = {{ string.unpack("<ffffffff", newest, 21) }}
+  local group, system = string.unpack("<BB", newest, 53)
+  if group ~= 0 or system ~= own then
+    return nil
+  end
+  for n = 1, MOTORS do
+    if not (u[n] >= 0 and u[n] <= 1) then  -- also for NaN
+      return nil
+    end
+  end
+  return u
+end
+
+local function update()
+  local u = answer()
+  if u and not stopped() then
+    for n = 1, MOTORS do
+      local pwm = math.floor(low + (high - low) * u[n] + 0.5)
+      SRV_Channels:set_output_pwm_chan_timeout(channel[n], pwm, HOLD_MS)
+    end
+  end
+  send_demand()
+  return update, PERIOD_MS
+end
+
+gcs:send_text(6, "coaxlink: bridge of " .. MOTORS .. " motors")
+return update, PERIOD_MS
+"""

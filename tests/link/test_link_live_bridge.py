@@ -1,0 +1,175 @@
+"""The Lua bridge, run for real (lupa) in the stand-in ArduPilot: flown, silenced, fed nonsense, disarmed."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from live_flight import EXAMPLES, Companion, Flight
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.airframe import load_airframe
+from coaxlink.cli import build_app
+from coaxlink.cli._shell import run
+from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.link.live_bridge import SCRIPT_NAME, bridge_script
+from coaxlink.link.mixing import LiveMixer
+from coaxlink.mixer import make_law
+from coaxlink.rotor.model import load_rotor_model
+
+pytest.importorskip("lupa", reason="the stand-in runs scripts through lupa")
+X8 = load_airframe(EXAMPLES / "x8_demo.toml")
+CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
+GUIDED = 4
+
+
+class Copter(Flight):
+    firmware = "ardupilot"
+
+    def prepare(self) -> None:
+        a = self.autopilot
+        a.store.write("SCR_ENABLE", 1.0)
+        a.files.folders.add("scripts")
+        a.files.files[f"scripts/{SCRIPT_NAME}"] = bridge_script(8).encode()
+        a.boot()
+        assert a.scripts.failed == ""
+
+    def depart(self) -> None:
+        self.autopilot.set_ap_mode(GUIDED)
+        super().depart()
+
+    @property
+    def driven(self) -> bool:
+        return bool(self.autopilot.bridged)
+
+
+@pytest.fixture
+def copter() -> Any:
+    vehicle = Copter()
+    yield vehicle
+    vehicle.close()
+
+
+def test_a_script_is_for_one_to_eight_motors() -> None:
+    assert "MOTORS, HOLD_MS, PERIOD_MS = 6, 100, 4" in bridge_script(6)
+    with pytest.raises(InputError):
+        bridge_script(9)
+    with pytest.raises(InputError):
+        bridge_script(8, hold_ms=5000)
+
+
+def test_the_companion_flies_ardupilot_through_the_bridge_and_silence_gives_it_back(copter: Any) -> None:
+    companion = Companion(copter)
+    live = LiveMixer(companion.session, X8, make_law("exact", X8, CRM), CRM)
+    starting = threading.Thread(target=live.start)
+    starting.start()
+    copter.fly(5.0, until=lambda: not starting.is_alive())
+    copter.fly(3.0, until=lambda: copter.driven)
+    copter.fly(2.5)
+    assert live.error is None
+    assert live.state in ("live", "fading")
+    assert np.mean([row[1] for row in copter.rows[-300:]]) > 0.8
+    sent = np.array(live.commands[:8])
+    assert np.array(copter.autopilot.command) == pytest.approx(sent, abs=0.03)
+    assert copter.outputs_are_sound()
+    companion.line.dead = True
+    died = time.monotonic()
+    copter.fly(0.4)
+    handed = copter.own_since(died)
+    assert handed is not None
+    assert handed < 0.1 + 0.06
+    live.session.tap = None
+    companion.close()
+    copter.rush(3.0)
+    assert copter.lowest_m > 1.0
+    assert copter.steepest_deg < 25.0
+    assert not copter.autopilot.landed
+
+
+def test_what_is_not_whole_or_not_ours_never_reaches_an_output(copter: Any) -> None:
+    companion = Companion(copter)
+    good = [0.5] * 8
+    for system, group, controls in (
+        (1, 0, [math.nan, *good[1:]]),
+        (1, 0, [*good[:7], 1.5]),
+        (1, 0, [*good[:7], -0.1]),
+        (1, 0, [math.inf] * 8),
+        (1, 3, good),
+        (9, 0, good),
+    ):
+        companion.session.send(
+            mavlink.MAVLink_set_actuator_control_target_message(1, group, system, 1, controls)
+        )
+        copter.fly(0.05)
+        assert not copter.driven
+    companion.session.send(mavlink.MAVLink_set_actuator_control_target_message(1, 0, 1, 1, good))
+    copter.fly(0.05)
+    assert copter.driven  # the same, whole and ours, does
+    copter.fly(0.2)
+    copter.autopilot.armed = False
+    companion.session.send(mavlink.MAVLink_set_actuator_control_target_message(1, 0, 1, 1, good))
+    copter.fly(0.05)
+    assert not copter.driven
+    companion.close()
+
+
+def test_without_a_bridge_ardupilot_is_refused() -> None:
+    class Plain(Copter):
+        def prepare(self) -> None:
+            return
+
+    plain = Plain(airborne=False)
+    companion = Companion(plain)
+    live = LiveMixer(companion.session, X8, make_law("reduced", X8, CRM), CRM)
+    problem: list[Exception] = []
+
+    def start() -> None:
+        try:
+            live.start()
+        except SafetyRefusal as error:
+            problem.append(error)
+
+    starting = threading.Thread(target=start)
+    starting.start()
+    plain.fly(5.0, until=lambda: not starting.is_alive())
+    companion.close()
+    plain.close()
+    assert "Lua bridge" in str(problem[0])
+
+
+def test_the_verb_mixes_on_ardupilot_where_the_bridge_is_heard(copter: Any) -> None:
+    codes: list[int] = []
+    arguments = ["mix", str(EXAMPLES / "x8_demo.toml"), "--connect", copter.address, "--seconds", "1.0"]
+    verb = threading.Thread(target=lambda: codes.append(run(build_app(), arguments)))
+    verb.start()
+    copter.fly(20.0, until=lambda: not verb.is_alive())
+    assert codes == [0]
+    assert sum(row[1] for row in copter.rows) > 50
+    assert copter.outputs_are_sound()
+
+
+def test_the_bridge_is_written_as_files_and_uploaded_like_a_table(tmp_path: Any) -> None:
+    folder = tmp_path / "bridge"
+    assert run(build_app(), ["bridge", str(EXAMPLES / "x8_demo.toml"), "--out", str(folder)]) == 0
+    text = (folder / "scripts" / SCRIPT_NAME).read_text()
+    assert text == bridge_script(8)
+
+    class Plain(Copter):
+        def prepare(self) -> None:
+            self.autopilot.store.write("SCR_ENABLE", 1.0)
+            self.autopilot.boot()
+
+    plain = Plain(airborne=False)
+    codes: list[int] = []
+    arguments = ["upload", str(folder), "--connect", plain.address, "--yes", "--backup-dir", str(tmp_path)]
+    verb = threading.Thread(target=lambda: codes.append(run(build_app(), arguments)))
+    verb.start()
+    plain.fly(40.0, until=lambda: not verb.is_alive())
+    on_board = dict(plain.autopilot.files.files)
+    plain.close()
+    assert codes == [0]
+    assert text.encode() in on_board.values()
