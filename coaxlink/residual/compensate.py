@@ -4,8 +4,8 @@ A PX4 table holds a thrust coefficient, a moment ratio and a place for every rot
 _PY): a weak rotor, a shifted centre of mass and a sagged supply fit into it. What depends on speed, height or
 time does not: that needs the live mixer or a controller.
 
-A fitted table's coefficients are slopes of a pair, not thrusts of a rotor (the wake is in them). So each moves
-by what the effects take from its rotor in the new hover, per unit of its set-point; the rest stays.
+A fitted table's coefficients are slopes of a pair, not thrusts of a rotor (the wake is in them). So each
+moves by what the effects take from its rotor in the new hover, per unit of its set-point; the rest stays.
 """
 
 from __future__ import annotations

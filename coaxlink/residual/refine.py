@@ -278,13 +278,15 @@ def _report(
     effects = tuple(e for e, m in zip(named, members, strict=True) if not m.effect.accused)
     accused = [_accuse(e, m) for e, m in zip(named, members, strict=True) if m.effect.accused]
     fold = p.blocks.fold[p.block]
-    open_ends = dependences(after, variables, p.block, fold, p.reference, floor) if judged else []
+    # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
+    doubted = _held_out_residual(p, held_out(p.blocks, columns_of(p, [*members, *selection.doubtful]))[1])
+    open_ends = dependences(doubted, variables, p.block, fold, p.reference, floor) if judged else []
     return Refinement(
         kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
         channels=channels,
         effects=effects,
         unexplained=tuple(_unexplained(p, open_ends)),
-        ambiguous=tuple(selection.ambiguous),
+        ambiguous=tuple(_separable(p, selection, a, variables) for a in selection.ambiguous),
         suspect_data=(*suspects, *accused),
         rejected=_rejected(p, selection),
         model=_with_effects(_rebased(p, final), effects),
@@ -379,6 +381,38 @@ def _rebased(p: Problem, final: Array) -> RotorModel:
         effects=model.effects,
         identified=model.identified,
     )
+
+
+def _separable(
+    p: Problem, selection: Selection, doubt: Ambiguous, variables: Mapping[str, Array]
+) -> Ambiguous:
+    """The doubt with the place where its explanations, each as fitted to these data, differ most."""
+    ones = np.ones(p.blocks.count)
+    guesses = []
+    for name in doubt.names:
+        trial = selection.last.get(name)
+        option = next((m for m in selection.doubtful if m.name == name), trial.option if trial else None)
+        if option is not None:
+            fit = solve(p.blocks, columns_of(p, [*selection.members, option]), ones)
+            guesses.append(p.design @ fit * p.sigma)
+    if len(guesses) < 2:
+        return doubt
+    apart = np.abs(guesses[0] - guesses[1])  # (rows, C)
+    c = int(np.argmax(np.quantile(apart, 0.98, axis=0) / (p.sigma + 1e-12)))
+    rows = np.argsort(-apart[:, c])[: max(5, len(apart) // 50)]
+    places = []
+    for name, values in variables.items():
+        spread = float(np.std(values))
+        if spread > 0 and name != "time_s" and float(np.std(values[rows])) < 0.4 * spread:
+            places.append((float(np.std(values[rows])) / spread, f"{name} {np.median(values[rows]):.3g}"))
+    where = ", ".join(text for _, text in sorted(places)[:3]) or "no single place"
+    size = float(np.median(apart[rows, c]))
+    repeats = int(np.ceil((6.0 * float(p.sigma[c]) / max(size, 1e-12)) ** 2))
+    text = (
+        f"they differ most in {p.channels[c]}, by {size:.2g} {p.units[c]}, at {where}: "
+        f"about {repeats} independent readings there and as many far from there would tell"
+    )
+    return replace(doubt, separate_by=text)
 
 
 def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:

@@ -76,6 +76,7 @@ class Selection:
     trace: list[Step] = field(default_factory=list)
     last: dict[str, Trial] = field(default_factory=dict)  # best failed trial of every effect, by name
     ambiguous: list[Ambiguous] = field(default_factory=list)
+    doubtful: list[Option] = field(default_factory=list)  # members that a rival equals: not claimed
 
 
 def columns_of(problem: Problem, members: list[Option]) -> Index:
@@ -207,6 +208,9 @@ def select(problem: Problem) -> Selection:
         out.members.append(winner.option)
         _reconsider(judge, out, number)
     out.last = {t.option.name: t for t in judge.best_of_each(out.members)}
+    doubtful = {name for a in out.ambiguous for name in a.names}
+    out.doubtful = [m for m in out.members if m.name in doubtful]
+    out.members = [m for m in out.members if m.name not in doubtful]
     return out
 
 

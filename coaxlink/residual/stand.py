@@ -69,9 +69,12 @@ def stand_frame(samples: Samples, model: RotorModel | None, order: int | None = 
             measured[:, c] = samples[COLUMN_OF[name]]
     present = [c for c, name in enumerate(STAND_LOADS) if name in names]
     throttles = None
-    if not speeds.from_throttle and samples.has("upper_throttle", "lower_throttle"):
-        throttles = np.stack([samples["upper_throttle"], samples["lower_throttle"]], axis=1)
-        for side in (0, 1):
+    turning = [side for side, column in enumerate(u.T) if np.ptp(column) > 0.0]
+    names_of = {0: "upper_throttle", 1: "lower_throttle"}
+    if not speeds.from_throttle and turning and all(samples.has(names_of[s]) for s in turning):
+        throttles = np.zeros((samples.rows, 2))
+        for side in turning:
+            throttles[:, side] = samples[names_of[side]]
             if np.ptp(throttles[:, side]) > 0.05:
                 present.append(4 + side)
                 measured[:, 4 + side] = u[:, side]
