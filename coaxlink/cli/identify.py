@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +14,7 @@ from coaxlink.cli._shell import JsonOption, console, say
 if TYPE_CHECKING:
     from coaxlink.data import Samples
     from coaxlink.rotor import Identification
+    from coaxlink.rotor.fit import Options
 
 
 class Form(StrEnum):
@@ -47,6 +49,12 @@ def identify(
         str | None,
         typer.Option(metavar="N,NM", help="The paper's form of eq. 4: least l1 norm within these errors."),
     ] = None,
+    join: Annotated[
+        bool, typer.Option("--join", help="One model of all logs: single-rotor tests with coaxial maps.")
+    ] = False,
+    learning: Annotated[
+        bool, typer.Option("--learning-curve", help="Error over how much of the log was fitted.")
+    ] = False,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Write pictures (PNG).")] = None,
     report: Annotated[Path | None, typer.Option(metavar="R.html", help="Write one page of it all.")] = None,
 ) -> None:
@@ -64,7 +72,7 @@ def identify(
     try:
         results = [
             run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options)
-            for samples in _read(logs, columns)
+            for samples in _read(logs, columns, join)
         ]
     except InfeasibleTolerance as error:
         raise InputError("--tolerance", "", str(error)) from error
@@ -79,11 +87,12 @@ def identify(
         for result, path in zip(results, _places(out, len(results)), strict=True):
             save_rotor_model(path, result.model)
             say(f"wrote {path}")
+    curves = _learn(results, options) if learning else []
     if json:
-        document = results[0].as_json()
-        if len(results) > 1:
-            document["models"] = [{"file": r.bench.samples.source, **r.as_json()} for r in results]
-        files.write_json(json, document)
+        models = [{"file": r.bench.samples.source, **r.as_json()} for r in results]
+        for model, curve in zip(models, curves, strict=False):
+            model["learning_curve"] = curve
+        files.write_json(json, models[0] if len(models) == 1 else {**models[0], "models": models})
     if plot or report:
         _draw(results, plot, report)
 
@@ -124,13 +133,26 @@ def _tolerances(text: str | None) -> tuple[float | None, float | None]:
     return thrust_N, torque_Nm
 
 
-def _read(logs: list[Path], columns: Path | None) -> list[Samples]:
+def _read(logs: list[Path], columns: Path | None, joined: bool) -> list[Samples]:
     from coaxlink import files
     from coaxlink.data import read_stand_log
+    from coaxlink.data.join import join
 
-    return [
+    read = [
         read_stand_log(files.example("stand_eq17.csv") if str(p) == "example" else p, columns) for p in logs
     ]
+    return [join(read)] if joined else read
+
+
+def _learn(results: list[Identification], options: Options) -> list[list[dict[str, Any]]]:
+    """Print each model's learning curve; the same as plain numbers."""
+    from coaxlink.report.identify_curve import curve_table
+    from coaxlink.rotor.learning import learning_curve
+
+    curves = [learning_curve(result.form, result.bench, options) for result in results]
+    for curve in curves:
+        console().print(curve_table(curve))
+    return [[asdict(lesson) for lesson in curve] for curve in curves]
 
 
 def _places(out: Path, count: int) -> list[Path]:

@@ -68,6 +68,22 @@ def test_several_logs_give_a_model_each(tmp_path: Path) -> None:
     assert load_rotor_model(tmp_path / "rotor_2.toml").identified["rows"] == 121
 
 
+def test_logs_joined_and_their_learning_curve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    alone, report = tmp_path / "alone.csv", tmp_path / "r.json"
+    lines = [f"{u},{77.65 * u * u:.4f},{1.93 * u * u:.5f}" for u in np.linspace(0.1, 1, 30)]
+    alone.write_text("\n".join(["upper_throttle,upper_thrust_N,upper_torque_Nm", *lines]) + "\n")
+    log = rcrm_log(tmp_path / "log.csv")
+    options = ("--join", "--learning-curve", "--form", "rcrm", "--json", report)
+    assert coaxlink("identify", log, alone, *options) == 0
+    said = capsys.readouterr()
+    assert "learning curve" in said.out and "joined" in said.err
+    found = json.loads(report.read_text())
+    assert found["rows"] == 94 and "models" not in found
+    assert found["channels"]["upper_thrust"]["held_out_rows"] == 94
+    assert found["channels"]["coaxial_thrust"]["held_out_rows"] == 64
+    assert found["learning_curve"][-1]["rmse"]["coaxial_thrust"] < 0.2
+
+
 def test_pictures_and_page(tmp_path: Path) -> None:
     page = tmp_path / "r.html"
     assert coaxlink("identify", "example", "--plot", tmp_path / "png", "--report", page) == 0

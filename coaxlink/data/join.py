@@ -1,0 +1,61 @@
+"""Several stand logs of one propeller as one table: single-rotor tests beside coaxial maps, repeated maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coaxlink.data.samples import Samples
+from coaxlink.errors import InputError
+
+SPEEDS = ("rpm", "throttle")
+LOADS = ("thrust_N", "torque_Nm")
+
+
+def join(logs: Sequence[Samples]) -> Samples:
+    """The rows of all logs, in order.
+
+    A rotor that was not on a log's stand stands still there, its loads unknown (NaN). Other columns stay if
+    every log has them; the rest are named in the notes. Raises InputError when the speeds are in rpm in one
+    log and known only as throttle in another.
+    """
+    if len(logs) == 1:
+        return logs[0]
+    kept: dict[str, list[np.ndarray]] = {}
+    names = [name for log in logs for name in log.columns]
+    dropped = []
+    for name in dict.fromkeys(names):
+        filled = [_filled(log, name) for log in logs]
+        known = [column for column in filled if column is not None]
+        if len(known) == len(logs):
+            kept[name] = known
+        else:
+            dropped.append(name)
+    for side in ("upper", "lower"):
+        if any(log.has(f"{side}_{what}") for log in logs for what in SPEEDS) and not any(
+            f"{side}_{what}" in kept for what in SPEEDS
+        ):
+            lacking = next(log for log in logs if not log.has(f"{side}_rpm"))
+            raise InputError(
+                lacking.source, f"column {side}_rpm", "missing, and the logs joined with it have it"
+            )
+    notes = [f"{log.source}: {note}" for log in logs for note in log.notes]
+    notes.append(f"joined: {', '.join(f'{log.source} ({log.rows} rows)' for log in logs)}")
+    if dropped:
+        notes.append(f"left out, not in every log: {', '.join(dropped)}")
+    columns = {name: np.concatenate(parts) for name, parts in kept.items()}
+    return Samples(columns, " + ".join(log.source for log in logs), tuple(notes))
+
+
+def _filled(log: Samples, name: str) -> np.ndarray | None:
+    """The column, or what it must be where this log's stand did not have that rotor; None if unknown."""
+    if log.has(name):
+        return log[name]
+    side, _, what = name.partition("_")
+    if side not in ("upper", "lower"):
+        return None
+    on_the_stand = any(log.has(f"{side}_{w}") for w in (*SPEEDS, *LOADS))
+    if what in LOADS:
+        return np.full(log.rows, np.nan)
+    return np.zeros(log.rows) if what in SPEEDS and not on_the_stand else None
