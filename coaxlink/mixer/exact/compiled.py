@@ -19,7 +19,7 @@ HELPERS = {
     schur: ("reduce_arm", "assemble", "give_up", "factor", "substitute", "correct"),
     dual: ("box_arm", "dual_slope", "ascent", "along", "climb"),
     quadratic: ("step_arms", "revise", "quadratic_step"),
-    kernel: ("promise", "persist", "solve", "optimum"),
+    kernel: ("promise", "persist", "solve", "restart", "optimum"),
 }  # fmt: skip
 # fused multiply-add; no check of every division (a pivot is tested before it divides); no counting of
 # references to rows, since nothing is allocated

@@ -143,6 +143,15 @@ def solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit):
     return -limit, total, step
 
 
+def restart(lo, hi, x, act, lam, el):
+    """The middle of the bounds, nothing held, nothing priced."""
+    for i in range(len(x)):
+        x[i] = 0.5 * (lo[i] + hi[i])
+        act[i] = 0 if hi[i] > lo[i] else -1
+    for j in range(4):
+        lam[j], el[j] = 0.0, 0
+
+
 def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, limit):
     """`solve` from where the last call stood; where that does not settle, the sure way from the middle.
 
@@ -157,11 +166,12 @@ def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, limi
     steps, rounds, _ = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
     if steps > 0:
         return steps, rounds
-    for i in range(n):
-        x[i] = 0.5 * (lo[i] + hi[i])
-        act[i] = 0 if hi[i] > lo[i] else -1
-    for j in range(4):
-        lam[j], el[j] = 0.0, 0
+    # a jump back into reach: the middle serves better than the far edge that the last call stood at
+    restart(lo, hi, x, act, lam, el)
+    steps, rounds, _ = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
+    if steps > 0 and el[0] == 0 and el[1] == 0 and el[2] == 0 and el[3] == 0:
+        return limit + steps, rounds
+    restart(lo, hi, x, act, lam, el)
     sure = persist(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box)
     miss(c, g, shape, x, mu, sums)
     before = merit(cap, sums)
@@ -172,8 +182,8 @@ def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, limi
         for i in range(n):
             x[i] = box[2 * n + i]
         miss(c, g, shape, x, mu, sums)
-        return limit + sure if sure > 0 else sure - limit, rounds
-    return 2 * limit + steps, rounds
+        return 2 * limit + sure if sure > 0 else sure - 2 * limit, rounds
+    return 3 * limit + steps, rounds
 
 
 def batch(c, g, shape, lo, hi, x, act, lam, el, cap, demands, work, sums, box, limit, speeds, misses, steps):
