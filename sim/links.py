@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from sim.errors import PortError, WorldError
 from sim.wire import Wire
 
+SIGNING_EPOCH_S = 1420070400  # 2015, where MAVLink's signing clock starts
 SILENT_S = 30.0  # wall time after which a UDP peer that spoke once is forgotten
 DATAGRAM = 65536
 IP_RECVERR, MSG_ERRQUEUE = 11, 0x2000
@@ -37,6 +38,14 @@ class Peer:
         self.packer.seq = (self.packer.seq + 1) % 256
         for one in [data] if self.out is None else self.out.carry(data):
             self._put(one)
+
+    def sign(self, key: bytes | None) -> None:
+        """Sign what goes out and take nothing unsigned, by a key of 32 bytes; or by none, as before."""
+        state = mavlink.MAVLinkSigning()
+        state.secret_key, state.sign_outgoing = key, key is not None
+        state.timestamp = round((time.time() - SIGNING_EPOCH_S) * 1e5)
+        # one state for both ways, and unknown senders judged by today's clock
+        self.packer.signing = self.parser.signing = state
 
     def late(self) -> list[mavlink.MAVLink_message]:
         """Let pass what the wire held back; returns what came in that way."""

@@ -35,7 +35,9 @@ class Standin:
         faults: WireFaults | None = None,
         seed: int = 0,
         manners: type[Conversation] = Conversation,
+        key: bytes | None = None,
     ) -> None:
+        self._key = key
         self._manners = manners
         self._faults, self._seed = faults, seed
         self._sets, self._silent_until = 0, 0.0
@@ -94,6 +96,8 @@ class Standin:
     def _heed(self, conversation: Conversation, messages: list[Any]) -> None:
         for message in messages:
             self._answers += message.get_msgId() == 139
+            if message.get_msgId() == 256:
+                self._set_up_signing(message)
             if not self._booting:
                 conversation.hear(message)
             if self._faults and message.get_msgId() == 23:
@@ -101,6 +105,15 @@ class Standin:
                 if self._sets == self._faults.reboot_after_sets and not self.autopilot.armed:
                     self.autopilot.boot()
                     self._silent_until = time.monotonic() + REBOOT_S
+
+    def _set_up_signing(self, message: Any) -> None:
+        """A new key for every link, or with zeros none; on the ground only."""
+        if self.autopilot.armed or message.target_system not in (0, 1):
+            return
+        key = bytes(message.secret_key)
+        self._key = key if any(key) else None
+        for peer in self._conversations:
+            peer.sign(self._key)
 
     @property
     def _booting(self) -> bool:
@@ -111,6 +124,8 @@ class Standin:
             if self._faults is not None:
                 number = 2 * len(self._conversations) + 1000 * self._seed
                 peer.out, peer.back = Wire(self._faults, number), Wire(self._faults, number + 1)
+            if self._key is not None:
+                peer.sign(self._key)
             self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone)
         return self._conversations[peer]
 

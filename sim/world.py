@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +37,7 @@ class World:
     truth_out: Path | None = None
     seed: int = 0
     wire: str = ""  # faults, as `wire.parse_faults` reads them
+    signing_key: Path | None = None
 
 
 def open_links(addresses: Sequence[str]) -> list[Port]:
@@ -58,14 +61,33 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
     version = CURRENT if ardupilot else firmware_version(world.firmware)
     faults = parse_faults(world.wire) if world.wire else None
     plant, truth = build_plant(world)
+    common: dict[str, Any] = {"speed": speed, "faults": faults, "seed": world.seed}
+    common["key"] = None if world.signing_key is None else read_key(world.signing_key)
     if ardupilot:
         from sim.ardupilot.copter import Copter
         from sim.ardupilot.protocol import ApConversation
 
         copter = Copter(plant, truth, version=version, seed=world.seed)
-        return Standin(copter, ports, speed=speed, faults=faults, seed=world.seed, manners=ApConversation)
+        return Standin(copter, ports, manners=ApConversation, **common)
     autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
-    return Standin(autopilot, ports, speed=speed, faults=faults, seed=world.seed)
+    return Standin(autopilot, ports, **common)
+
+
+def read_key(path: Path) -> bytes:
+    """A signing key: 32 bytes, 64 hex digits, or a passphrase (its SHA-256). Raises WorldError."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise WorldError(path, "", f"cannot be read ({error.strerror})") from error
+    text = data.strip()
+    if len(data) == 32:
+        return data
+    if len(text) == 64:
+        with contextlib.suppress(ValueError):
+            return bytes.fromhex(text.decode("ascii", "replace"))
+    if not text:
+        raise WorldError(path, "", "a signing key is expected, found nothing")
+    return hashlib.sha256(text).digest()
 
 
 def build_plant(world: World) -> tuple[Plant, Truth]:

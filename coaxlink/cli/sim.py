@@ -31,6 +31,7 @@ def sim(
     wire: Annotated[
         str, typer.Option(help="Faults: loss=P,copies=P,disorder=P,corruption=P,delay=S,dead=S:S,reboot=N.")
     ] = "",
+    signing_key: Annotated[Path | None, typer.Option(help="Sign all links, take nothing unsigned.")] = None,
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
     flight: Annotated[str, typer.Option("--fly", help="Fly a plan without a client: paper, vigorous.")] = "",
     log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="With --fly: keep its log.")] = None,
@@ -58,6 +59,7 @@ def sim(
             truth_out,
             seed,
             wire,
+            signing_key,
         )
         if flight:
             _alone(build(world, []).autopilot, flight, log)
