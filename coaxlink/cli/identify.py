@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from coaxlink.data import Samples
     from coaxlink.rotor import Identification
     from coaxlink.rotor.fit import Options
+    from coaxlink.rotor.spacing import SpacingModel
 
 
 class Form(StrEnum):
@@ -52,6 +53,13 @@ def identify(
     join: Annotated[
         bool, typer.Option("--join", help="One model of all logs: single-rotor tests with coaxial maps.")
     ] = False,
+    spacings: Annotated[
+        str | None,
+        typer.Option(metavar="S1,S2,...", help="Rotor spacing of each log: one model over the spacing."),
+    ] = None,
+    at_spacing: Annotated[
+        float | None, typer.Option(metavar="S", help="Write --out for this spacing (default: the middle).")
+    ] = None,
     learning: Annotated[
         bool, typer.Option("--learning-curve", help="Error over how much of the log was fitted.")
     ] = False,
@@ -83,7 +91,11 @@ def identify(
             screen.print(table)
         for remark in remarks(result):
             say(f"- {remark}")
-    if out:
+    over = _over_spacing(results, spacings) if spacings else None
+    if out and over:
+        save_rotor_model(out, over.at(over.middle if at_spacing is None else at_spacing))
+        say(f"wrote {out}")
+    elif out:
         for result, path in zip(results, _places(out, len(results)), strict=True):
             save_rotor_model(path, result.model)
             say(f"wrote {path}")
@@ -92,7 +104,8 @@ def identify(
         models = [{"file": r.bench.samples.source, **r.as_json()} for r in results]
         for model, curve in zip(models, curves, strict=False):
             model["learning_curve"] = curve
-        files.write_json(json, models[0] if len(models) == 1 else {**models[0], "models": models})
+        document = models[0] if len(models) == 1 else {**models[0], "models": models}
+        files.write_json(json, {**document, "spacing": over.as_json()} if over else document)
     if plot or report:
         _draw(results, plot, report)
 
@@ -142,6 +155,25 @@ def _read(logs: list[Path], columns: Path | None, joined: bool) -> list[Samples]
         read_stand_log(files.example("stand_eq17.csv") if str(p) == "example" else p, columns) for p in logs
     ]
     return [join(read)] if joined else read
+
+
+def _over_spacing(results: list[Identification], text: str) -> SpacingModel:
+    """The model over the spacing; says load by load whether the spacing matters."""
+    from coaxlink.errors import InputError
+    from coaxlink.rotor.spacing import spacing_model
+
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != len(results) or not all(0 < v < 1e3 for v in values):
+        raise InputError("--spacings", "", f"a spacing for each of the {len(results)} logs, found '{text}'")
+    model = spacing_model(results, values)
+    for load, alone in model.rmse_without.items():
+        verdict = "goes with the spacing" if model.slope[load] else "no slope over the spacing is supported"
+        errors = f"{alone:.4g} without, {model.rmse_with[load]:.4g} with slopes"
+        say(f"- {load}: {verdict}; on a spacing left out {errors}")
+    return model
 
 
 def _learn(results: list[Identification], options: Options) -> list[list[dict[str, Any]]]:

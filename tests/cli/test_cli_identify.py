@@ -164,3 +164,14 @@ def test_the_real_map_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str
     model = load_rotor_model(out)
     assert model.speed_max_rpm == pytest.approx(6447, abs=1)
     assert float(model.upper_thrust(1.0)) == pytest.approx(25.4, abs=0.6)
+
+
+def test_spacing_as_a_variable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, out, report = rcrm_log(tmp_path / "log.csv"), tmp_path / "o.toml", tmp_path / "r.json"
+    options = ("--form", "rcrm", "--spacings", "0.5,0.7,0.9", "--out", out, "--json", report)
+    assert coaxlink("identify", log, log, log, *options, "--at-spacing", 0.6) == 0
+    assert "spacing" in capsys.readouterr().err
+    assert json.loads(report.read_text())["spacing"]["middle"] == pytest.approx(0.7)
+    assert load_rotor_model(out).terms()["lower.thrust_N"]["u_l^2"] == pytest.approx(69.89, abs=0.3)
+    assert coaxlink("identify", log, "--spacings", "0.5,0.7") == 2
+    assert coaxlink("identify", log, log, log, *options, "--at-spacing", 2) == 2
