@@ -106,11 +106,40 @@ FORMS = {
     "mass_change": Form(_mass, "kg added"),
     "rotor_lag": Form(_lag, "s added to the time constant"),
     "wind": Form(
-        _wind, "m/s towards direction_deg (0 north), with body drag", ("direction_deg", "body_drag_kg_m")
+        _wind,
+        "m/s towards direction_deg (0 north), with gusts and body drag",
+        ("direction_deg", "body_drag_kg_m", "gust_m_s"),
     ),
     "rotor_inertia_torque": Form(_inertia, "kg m^2 of one rotor"),
 }
 HIDDEN = ("battery_voltage", "rotor_drag", "degraded_rotor", "cg_offset", "ground_effect", "axial_inflow")
+
+
+class Gusts:
+    """Turbulence around the mean wind: first-order Dryden forms of one length, passed at hover."""
+
+    LENGTH_S = 2.5  # how long a gust lasts over a hovering vehicle
+
+    def __init__(self, size_m_s: float) -> None:
+        self._size, self._random = size_m_s, np.random.default_rng(0x6057)
+        self._mean: np.ndarray | None = None
+        self._state, self._then = np.zeros(3), 0.0
+
+    def start(self, plant: Plant) -> None:
+        """Around the wind that blows now."""
+        wind = plant.index.WIND
+        self._mean, self._then = plant.parameters[wind : wind + 3].copy(), plant.time_s
+
+    def blow(self, plant: Plant) -> None:
+        """Move the air on to the plant's time; up and down it moves half as much."""
+        if self._mean is None or self._size == 0.0:
+            return
+        keep = math.exp(-max(plant.time_s - self._then, 0.0) / self.LENGTH_S)
+        self._then = plant.time_s
+        kick = self._size * np.array([1.0, 1.0, 0.5]) * math.sqrt(1.0 - keep * keep)
+        self._state = keep * self._state + kick * self._random.standard_normal(3)
+        wind = plant.index.WIND
+        plant.parameters[wind : wind + 3] = self._mean + self._state
 
 
 class Truth:
@@ -118,6 +147,7 @@ class Truth:
 
     def __init__(self, effects: tuple[Effect, ...] = ()) -> None:
         self.effects = effects
+        self._gusts = Gusts(sum(e.extra.get("gust_m_s", 0.0) for e in effects))
         self._waiting = sorted(effects, key=lambda e: e.onset_s)
 
     def act(self, plant: Plant) -> None:
@@ -125,6 +155,9 @@ class Truth:
         while self._waiting and self._waiting[0].onset_s <= plant.time_s + 1e-9:
             effect = self._waiting.pop(0)
             FORMS[effect.name].apply(plant, effect)
+            if "gust_m_s" in effect.extra:
+                self._gusts.start(plant)
+        self._gusts.blow(plant)
 
 
 def read_truth(path: Path) -> Truth:

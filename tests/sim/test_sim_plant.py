@@ -271,3 +271,16 @@ def test_other_rotors_and_higher_powers_take_the_general_way(tmp_path: Path) -> 
     upper = [pairs[k][0] + extra[k] for k in range(3)]
     assert p.thrust[[1, 2, 3]] == pytest.approx([upper[0], upper[1], upper[2]])
     assert p.thrust[[0, 5]] == pytest.approx([eq17(0.5, 0)[0], eq17(0.65, 0)[0]])
+
+
+def test_gusts_blow_around_the_mean_as_strongly_as_they_say(plant: Plant) -> None:
+    truth = Truth((Effect("wind", 4.0, 0.0, {"direction_deg": 0.0, "gust_m_s": 1.5}),))
+    felt = []
+    for _ in range(60000):
+        truth.act(plant)
+        plant.steps += 20
+        felt.append(plant.parameters[plant.index.WIND : plant.index.WIND + 3].copy())
+    air = np.array(felt)
+    assert air.mean(axis=0) == pytest.approx([4.0, 0.0, 0.0], abs=0.3)
+    assert air.std(axis=0) == pytest.approx([1.5, 1.5, 0.75], rel=0.12)
+    assert np.abs(np.diff(air, axis=0)).max() < 1.5  # it swells, it does not jump
