@@ -44,7 +44,7 @@ def test_a_single_rotor_test_joined_with_a_map() -> None:
         },
         "alone",
     )
-    before, after = identify(pair, "crm"), identify(join([pair, alone]), "crm")
+    before, after = (identify(x, "crm", options=Options(max_order=2)) for x in (pair, join([pair, alone])))
     assert after.channels["upper_thrust"].held_out_rows == 181
     assert after.channels["coaxial_thrust"].held_out_rows == 121
     term = "u_u^2"
