@@ -241,7 +241,7 @@ def _judged(
             float(np.median(whole["height"][idle])) if idle.sum() > 5 else min(0.0, whole["height"].min())
         )
         moving = np.abs(whole["velocity"]).max(axis=1) > 0.05
-        flying &= (whole["height"] > ground + 0.12) | (moving & (whole["height"] > ground + 0.06))
+        flying &= (whole["height"] > ground + 0.2) | (moving & (whole["height"] > ground + 0.15))
     else:
         notes.append("height_m is not in the log: rows on the ground are told by thrust alone")
     keep: list[np.ndarray] = []
