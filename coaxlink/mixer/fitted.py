@@ -148,7 +148,12 @@ class _Fit:
     """Everything that stays the same while shares are tried."""
 
     def __init__(
-        self, airframe: Airframe, model: RotorModel, demands: NDArray[np.float64], low: float, high: float
+        self,
+        airframe: Airframe,
+        model: RotorModel,
+        demands: NDArray[np.float64],
+        low: float,
+        high: float,
     ) -> None:
         self.airframe, self.model, self.demands = airframe, model, demands
         self.low, self.high = low, high
@@ -178,13 +183,21 @@ class _Fit:
     def at(self, share: float, least: float) -> tuple[Trade, NDArray[np.float64]]:
         """The best table with this share, one number a level."""
         c = reduced_coefficients(self.model)
-        start = np.array([c.p_0l, max(share * c.q_0l, 0.1), c.q_0l, c.p_0u, c.q_0u, 0.7])
-        if self.last is not None:
-            start[[0, 2, 3, 4, 5]] = self.last[[0, 2, 3, 4, 5]]
-        self.last = x = self._least_squares(
-            lambda x: self.columns(share, x), start, [*(0.01 * start[:5]), 0.02], [*(20 * start[:5]), 1.001]
-        )
-        return self.weigh(share, self.columns(share, x), least), x
+        usual = np.array([c.p_0l, max(share * c.q_0l, 0.1), c.q_0l, c.p_0u, c.q_0u, 0.7])
+        low, high = [*(0.01 * usual[:5]), 0.02], [*(20 * usual[:5]), 1.001]
+        starts = [usual]
+        if self.airframe.singles:
+            # yaw from the single rotors or from the pairs: two valleys, and one may cost far more power
+            starts.append(usual * np.array([1, 1, 1, 1, 0.15, 1]))
+        elif self.last is not None:
+            starts = [np.array([self.last[0], usual[1], *self.last[2:]])]
+        found = []
+        for start in starts:
+            x = self._least_squares(lambda x: self.columns(share, x), start, low, high)
+            found.append((self.weigh(share, self.columns(share, x), least), x))
+        best = min(found, key=lambda f: abs(f[0].power_excess) + f[0].error[0] / self.demands[:, 0].mean())
+        self.last = best[1]
+        return best
 
     def weigh(self, share: float, columns: Columns, least: float) -> Trade:
         """Errors, power and authority of a table."""
@@ -224,7 +237,7 @@ class _Fit:
             bounds=(low, high),
             ftol=1e-5,
             xtol=1e-6,
-            max_nfev=40,
+            max_nfev=80,
         )
         return np.asarray(found.x, np.float64)
 

@@ -65,6 +65,12 @@ def test_on_the_papers_vehicle_it_costs_next_to_no_power_and_keeps_its_ceiling()
     assert power[-1] > 0.04  # equal columns: what an equal split costs
 
 
+def test_single_rotors_beside_pairs_are_not_fitted_at_the_price_of_power() -> None:
+    table = fit_table(load_airframe(EXAMPLES / "mixed_hexa.toml"), CRM)
+    assert table.chosen.error[0] < 0.25
+    assert abs(table.chosen.power_excess) < 0.03
+
+
 def test_ardupilots_own_law_delivers_it_too() -> None:
     airframe = load_airframe(EXAMPLES / "x8_paper.toml")
     table = fit_table(airframe, CRM, spin_min=0.05)
