@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_flight import EXAMPLES, Companion, Flight
+from live_flight import EXAMPLES, Companion, Flight, real_time
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import load_airframe
@@ -47,7 +47,7 @@ class Copter(Flight):
         return bool(self.autopilot.bridged)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def copter() -> Any:
     vehicle = Copter()
     yield vehicle
@@ -62,14 +62,16 @@ def test_a_script_is_for_one_to_eight_motors() -> None:
         bridge_script(8, hold_ms=5000)
 
 
+@real_time
 def test_the_companion_flies_ardupilot_through_the_bridge_and_silence_gives_it_back(copter: Any) -> None:
+    copter.rows.clear()
     companion = Companion(copter)
     live = LiveMixer(companion.session, X8, make_law("exact", X8, CRM), CRM)
     starting = threading.Thread(target=live.start)
     starting.start()
     copter.fly(5.0, until=lambda: not starting.is_alive())
     copter.fly(3.0, until=lambda: copter.driven)
-    copter.fly(2.5)
+    copter.fly(1.5)
     assert live.error is None
     assert live.state in ("live", "fading")
     assert np.mean([row[1] for row in copter.rows[-300:]]) > 0.8
@@ -90,6 +92,7 @@ def test_the_companion_flies_ardupilot_through_the_bridge_and_silence_gives_it_b
     assert not copter.autopilot.landed
 
 
+@real_time
 def test_what_is_not_whole_or_not_ours_never_reaches_an_output(copter: Any) -> None:
     companion = Companion(copter)
     good = [0.5] * 8
@@ -114,7 +117,9 @@ def test_what_is_not_whole_or_not_ours_never_reaches_an_output(copter: Any) -> N
     companion.session.send(mavlink.MAVLink_set_actuator_control_target_message(1, 0, 1, 1, good))
     copter.fly(0.05)
     assert not copter.driven
+    copter.autopilot.armed = True
     companion.close()
+    copter.rush(4.0)
 
 
 def test_without_a_bridge_ardupilot_is_refused() -> None:
@@ -141,7 +146,9 @@ def test_without_a_bridge_ardupilot_is_refused() -> None:
     assert "Lua bridge" in str(problem[0])
 
 
+@real_time
 def test_the_verb_mixes_on_ardupilot_where_the_bridge_is_heard(copter: Any) -> None:
+    copter.rows.clear()
     codes: list[int] = []
     arguments = ["mix", str(EXAMPLES / "x8_demo.toml"), "--connect", copter.address, "--seconds", "1.0"]
     verb = threading.Thread(target=lambda: codes.append(run(build_app(), arguments)))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_flight import EXAMPLES, Companion, Flight
+from live_flight import EXAMPLES, Companion, Flight, real_time
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
@@ -79,6 +79,7 @@ def test_gains_come_from_the_airframe_file(tmp_path: Path) -> None:
             load_gains(path)
 
 
+@real_time
 def test_the_companion_flies_the_vehicle_on_its_own_loop() -> None:
     flight = Flight()
     companion = Companion(flight)

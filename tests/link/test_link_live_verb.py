@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_flight import EXAMPLES, Flight
+from live_flight import EXAMPLES, Flight, real_time
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import load_airframe
@@ -51,6 +51,7 @@ def mix(flight: Flight, *options: str) -> int:
     return codes[0]
 
 
+@real_time
 def test_a_dry_run_shows_everything_and_moves_nothing(flight: Flight, tmp_path: Path) -> None:
     result = tmp_path / "mix.json"
     assert mix(flight, "--dry-run", "--seconds", "0.8", "--json", str(result)) == 0
@@ -62,6 +63,7 @@ def test_a_dry_run_shows_everything_and_moves_nothing(flight: Flight, tmp_path: 
     assert summary["law"] == "exact"
 
 
+@real_time
 def test_a_live_run_is_recorded_plotted_and_shared(flight: Flight, tmp_path: Path) -> None:
     ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     ground.bind(("127.0.0.1", 0))
@@ -108,6 +110,7 @@ def test_a_live_run_is_recorded_plotted_and_shared(flight: Flight, tmp_path: Pat
     assert (tmp_path / "mix.tlog").stat().st_size > 10_000
 
 
+@real_time
 def test_the_record_of_a_killed_process_reaches_up_to_its_last_second(flight: Flight, tmp_path: Path) -> None:
     flight.back_to_hover()
     command = [sys.executable, "-m", "coaxlink", "mix", AIRFRAME, "--connect", flight.address]
@@ -150,6 +153,7 @@ def test_a_cut_record_is_read_to_its_last_whole_row_and_a_foreign_file_is_refuse
         read_record(path)
 
 
+@real_time
 def test_motors_are_turned_one_by_one_on_the_ground_and_never_when_armed(flight: Flight) -> None:
     frame = load_airframe(EXAMPLES / "x8_demo.toml")
     assert place(frame.rotors[0]) == "front right, upper, counter-clockwise from above"
@@ -187,6 +191,7 @@ def test_motors_are_turned_one_by_one_on_the_ground_and_never_when_armed(flight:
     assert turned.count(310) == 8
 
 
+@real_time
 def test_it_mixes_over_a_serial_line(flight: Flight) -> None:
     flight.back_to_hover()
     ours, theirs = pty.openpty()
