@@ -64,7 +64,7 @@ def accumulate(design: Array, residual: Array, block: Index, fold: Index, bounds
         mine = block == b
         rows[b] = mine.sum()
         for c in range(channels):
-            x, y = design[mine, c], residual[mine, c]
+            x, y = design[mine, c].astype(float), residual[mine, c]
             gram[b, c], moment[b, c], power[b, c] = x.T @ x, x.T @ y, y @ y
     return Blocks(gram, moment, power, rows, fold, bounds)
 

@@ -14,6 +14,7 @@ from coaxlink.residual.effects.base import Array, Effect, Shape
 
 Index = NDArray[np.intp]
 FOLDS = 6
+LONG_ROWS = 50_000
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,9 @@ def build(
 ) -> Problem:
     """Assemble the design. `corrections` are (name, bound, reduced (rows, C) columns), `reduce` maps what an
     effect adds on the frame's rows onto judged rows, `residual` (rows, C) is measured minus predicted."""
-    pieces = [np.stack([c for _, _, c in corrections], axis=-1)]
+    # long logs are kept in single precision: the sums over them are not
+    kind = np.float32 if len(residual) > LONG_ROWS else np.float64
+    pieces = [(np.stack([c for _, _, c in corrections], axis=-1) / sigma[:, None]).astype(kind)]
     bounds = [b for _, b, _ in corrections]
     options: list[Option] = []
     impossible: list[tuple[str, str]] = []
@@ -79,12 +82,13 @@ def build(
             continue
         for shape in effect.shapes(frame):
             columns = reduce(effect.columns(frame, shape))
-            pieces.append(columns)
+            pieces.append((columns / sigma[:, None]).astype(kind))
             width = columns.shape[-1]
             options.append(Option(effect, shape, np.arange(at, at + width)))
             bounds += [np.inf] * width
             at += width
-    design = np.concatenate(pieces, axis=-1) / sigma[:, None]
+    design = np.concatenate(pieces, axis=-1)
+    pieces.clear()
     whitened = residual / sigma
     count = int(block.max()) + 1
     fold = np.arange(count) % min(FOLDS, count) if fold is None else fold
