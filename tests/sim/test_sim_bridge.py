@@ -133,7 +133,7 @@ def test_px4_lockstep_hover_and_circle_without_a_missed_step() -> None:
     slow = sum(f == 0x7 | 0x38 | 0x1C0 | 0x1A00 for f in px4.fields)
     assert slow == pytest.approx(len(px4.fields) / 5, abs=2) and set(px4.fields) == {0x3F, 0x1BFF}
     assert px4.gps == pytest.approx(len(px4.fields) / 25, abs=2)
-    assert len(set(px4.accel)) > 0.99 * len(px4.accel)  # noise: no two alike
+    assert (np.diff(px4.accel) == 0.0).mean() < 1e-3  # noise: a dead sensor repeats itself
 
 
 def test_px4_may_go_and_come_back() -> None:
