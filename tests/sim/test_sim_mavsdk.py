@@ -64,7 +64,8 @@ def test_mavsdk_arms_takes_off_flies_offboard_and_lands(vehicle: System) -> None
     action.takeoff()
     until(lambda: telemetry.position().relative_altitude_m > 2.7, 15.0, "did not climb")
     until(lambda: telemetry.flight_mode() == FlightMode.HOLD, 10.0, "does not hold")
-    assert telemetry.in_air() and telemetry.landed_state() == LandedState.IN_AIR
+    until(lambda: telemetry.landed_state() == LandedState.IN_AIR, 5.0, "not in the air")
+    assert telemetry.in_air()
     assert 28.0 < telemetry.battery().voltage_v < 33.6
     assert sum(v > 1300 for v in telemetry.actuator_output_status().actuator[:8]) == 8
     attitude = telemetry.attitude_euler()
@@ -83,4 +84,4 @@ def test_mavsdk_arms_takes_off_flies_offboard_and_lands(vehicle: System) -> None
     offboard.stop()
     action.land()
     until(lambda: not telemetry.armed(), 20.0, "did not land")
-    assert telemetry.landed_state() == LandedState.ON_GROUND
+    until(lambda: telemetry.landed_state() == LandedState.ON_GROUND, 5.0, "not on the ground")
