@@ -82,7 +82,7 @@ def read_tlog(path: Path) -> Samples:
         _attitude(rows),
         _columns(rows["LOCAL_POSITION_NED"], {"vel_n_m_s": "vx", "vel_e_m_s": "vy", "vel_d_m_s": "vz"}),
         _height(rows, notes),
-        _columns(_valid_battery(rows), {"voltage_V": lambda m: m.voltages[0] / 1e3}),
+        _columns(_valid_battery(rows), {"voltage_V": _pack_voltage}),
         _columns(rows["HEARTBEAT"], {"armed": lambda m: bool(m.base_mode & ARMED_FLAG)}),
         _columns(rows["EXTENDED_SYS_STATE"], {"landed": lambda m: m.landed_state == ON_GROUND}),
         *_rpm(rows, notes),
@@ -220,6 +220,11 @@ def _height(rows: dict[str, list[Row]], notes: list[str]) -> Stream | None:
 
 def _valid_battery(rows: dict[str, list[Row]]) -> list[Row]:
     return [(t, m) for t, m in rows["BATTERY_STATUS"] if m.id == 0 and 0 < m.voltages[0] < 65535]
+
+
+def _pack_voltage(message: Any) -> float:
+    """V of the whole pack: the cells that are filled in, or the one total that some autopilots send."""
+    return sum(v for v in message.voltages if 0 < v < 65535) / 1e3
 
 
 def _rpm(rows: dict[str, list[Row]], notes: list[str]) -> list[Stream | None]:

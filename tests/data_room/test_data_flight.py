@@ -223,3 +223,13 @@ def test_damaged_stamps_do_not_fill_the_memory(tmp_path: Path) -> None:
         log.add(common.MAVLink_attitude_message(2**32 - 1, 0, 0, 0, 0, 0, 0))
     with pytest.raises(InputError, match="time stamps are damaged"):
         read_flight_log(log.write())
+
+
+def test_a_battery_told_cell_by_cell_is_the_pack(tmp_path: Path) -> None:
+    log = recorded(tmp_path / "cells.tlog")
+    for second in range(4):
+        cells = [4100, 4100, 4000, 4000, 4100, 4100] + [65535] * 4
+        log.add(common.MAVLink_battery_status_message(0, 0, 0, 0, cells, 0, 0, 0, 50 - second))
+    early = recorded(tmp_path / "one.tlog")
+    assert read_flight_log(early.write())["voltage_V"].max() == pytest.approx(25.0)
+    assert read_flight_log(log.write())["voltage_V"][-1] == pytest.approx(24.4, abs=0.02)
