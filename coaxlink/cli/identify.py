@@ -46,6 +46,9 @@ def identify(
     ] = None,
     max_order: Annotated[int, typer.Option(min=1, max=6, help="Highest power of a speed crm may use.")] = 4,
     raw: Annotated[bool, typer.Option("--raw", help="Do not standardise the terms before LASSO.")] = False,
+    physical: Annotated[
+        bool, typer.Option("--physical", help="Thrusts rise with their own speed, fall with the wake's.")
+    ] = False,
     tolerance: Annotated[
         str | None,
         typer.Option(metavar="N,NM", help="The paper's form of eq. 4: least l1 norm within these errors."),
@@ -76,7 +79,9 @@ def identify(
     from coaxlink.rotor.model import save_rotor_model
 
     thrust_N, torque_Nm = _tolerances(tolerance)
-    options = Options(max_order, standardised=not raw, tolerance_N=thrust_N, tolerance_Nm=torque_Nm)
+    options = Options(
+        max_order, standardised=not raw, tolerance_N=thrust_N, tolerance_Nm=torque_Nm, physical=physical
+    )
     try:
         results = [
             run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options)

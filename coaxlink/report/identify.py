@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from coaxlink.rotor.identification import COAXIAL, Identification
 
 NAMES = {"srm": "SRM", "cpcm": "CPCM", "rcrm": "R-CRM", "crm": "CRM", "mutual": "mutual CRM"}
@@ -19,6 +21,11 @@ def tables(result: Identification) -> Iterator[Any]:
 def remarks(result: Identification) -> Iterator[str]:
     """What a reader of the tables must know besides."""
     yield from result.notes
+    for load, fit in result.fits.items():
+        if fit.alone:
+            yield f"{load}: its intervals take its terms for granted"
+        if fit.moved:
+            yield f"{load}: physical sense moved {', '.join(fit.moved)} out of what the data say"
     for load, intervals in result.intervals.items():
         for group in intervals.indistinct:
             shown = (
@@ -38,20 +45,30 @@ def _terms(result: Identification) -> Any:
     from rich.table import Table
 
     table = Table(title=f"{NAMES[result.form]}: terms", title_justify="left")
-    for heading, justify in (
-        ("load", "left"),
-        ("term", "left"),
-        ("value", "right"),
-        ("95 % interval", "right"),
-    ):
-        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+    table.add_column("load")
+    table.add_column("term")
+    for heading in ("value", "95 % interval", "± if the terms are these"):
+        table.add_column(heading, justify="right")
+    for row in term_rows(result):
+        if row[0]:
+            table.add_section()
+        table.add_row(*row)
+    return table
+
+
+def term_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str]]:
+    """(load, term, value, interval, half width once the terms are granted); the load on its first row."""
     for load, terms in result.model.terms().items():
         bounds = result.intervals[load].bounds if load in result.intervals else {}
+        errors = result.given.get(load)
         for i, (term, value) in enumerate(terms.items()):
-            low, high = bounds.get(term, (float("nan"), float("nan")))
-            table.add_row(load if i == 0 else "", term, f"{value:.4f}", f"{low:.4f} .. {high:.4f}")
-        table.add_section()
-    return table
+            shown = " .. ".join(f"{x:.4f}" for x in bounds[term]) if term in bounds else "not determined"
+            half = (
+                ""
+                if errors is None or term not in errors.bounds
+                else f"{np.ptp(errors.bounds[term]) / 2:.4f}"
+            )
+            yield load if i == 0 else "", term, f"{value:.4f}", shown, half
 
 
 def _errors(result: Identification) -> Any:

@@ -6,11 +6,13 @@ from coaxlink.rotor.model import Effect, PairLoads, RotorModel, load_rotor_model
 from coaxlink.rotor.polynomial import Polynomial
 
 if TYPE_CHECKING:
+    from coaxlink.rotor.fit import Options
     from coaxlink.rotor.identification import Identification, identify
 
 __all__ = [
     "Effect",
     "Identification",
+    "Options",
     "PairLoads",
     "Polynomial",
     "RotorModel",
@@ -22,7 +24,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # identification brings scipy and compiled code along: only who asks for it waits for it
-    if name in ("Identification", "identify"):
+    if name in ("Identification", "Options", "identify"):
         from coaxlink.rotor import identification
 
         return getattr(identification, name)

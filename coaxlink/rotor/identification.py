@@ -14,13 +14,14 @@ from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.rotor import forms
-from coaxlink.rotor.fit import WILD, LoadFit, Options, fit_load, huber_weights, least_squares, orders
+from coaxlink.rotor.fit import WILD, LoadFit, Options, huber_weights, least_squares, orders, row_weights
 from coaxlink.rotor.folds import blocks, folds
 from coaxlink.rotor.intervals import Intervals, term_intervals
 from coaxlink.rotor.metrics import NORMALISER, ChannelError, channel_error
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.noise import noise_floor
 from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.selection import fit_load
 from coaxlink.rotor.speeds import Speeds, normalised_speeds
 
 CHANNELS = {load: load.replace(".", "_").rsplit("_", 1)[0] for load in LOADS}  # upper.thrust_N: upper_thrust
@@ -28,6 +29,7 @@ COAXIAL = {
     "coaxial_thrust": ("upper.thrust_N", "lower.thrust_N"),
     "coaxial_torque": ("upper.torque_Nm", "lower.torque_Nm"),
 }
+TOGETHER = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
 Values = dict[str, NDArray[np.float64]]  # load: (rows,), NaN where not measured
 
 
@@ -67,7 +69,8 @@ class Identification:
     comparison: Mapping[str, Mapping[str, ChannelError]]  # every form tried: its channels
     noise_floor: Mapping[str, float]  # channel: N or N m
     fits: Mapping[str, LoadFit]
-    intervals: Mapping[str, Intervals]
+    intervals: Mapping[str, Intervals]  # of the coefficients, whatever terms there may be
+    given: Mapping[str, Intervals]  # of the model's values, were its terms the only ones there can be
     wild: tuple[WildRow, ...]
     bench: Bench
     predicted: Values  # held-out predictions of the chosen form
@@ -88,6 +91,9 @@ class Identification:
                 load: {t: list(b) for t, b in i.bounds.items()} for load, i in self.intervals.items()
             },
             "standard_errors": {load: dict(i.standard_error) for load, i in self.intervals.items()},
+            "standard_errors_given_the_terms": {
+                load: dict(i.standard_error) for load, i in self.given.items()
+            },
             "indistinct": {load: [list(g) for g in i.indistinct] for load, i in self.intervals.items()},
             "orders": {load: fit.order for load, fit in self.fits.items()},
             "selection": {
@@ -103,13 +109,16 @@ class Identification:
 def bench(samples: Samples, speed_max_rpm: float | None = None) -> Bench:
     """Speeds, loads and folds of a stand log. Raises InputError when nothing can be identified from it."""
     speeds = normalised_speeds(samples, speed_max_rpm)
+    # a rotor without its thrust makes no model; the lower one is only asked for where it turned
+    samples.require("upper_thrust_N", "upper_torque_Nm")
+    if np.ptp(speeds.lower) > 0:
+        samples.require("lower_thrust_N", "lower_torque_Nm")
     loads: Values = {}
     for load in LOADS:
         name = load.replace(".", "_")
         loads[load] = samples[name] if samples.has(name) else np.full(samples.rows, np.nan)
     found = Bench(samples, speeds, loads, folds(blocks(samples, speeds)))
     if not found.measured:
-        samples.require("upper_thrust_N")
         raise InputError(
             samples.source, "", f"{samples.rows} rows are too few to identify anything (6 at least)"
         )
@@ -117,12 +126,18 @@ def bench(samples: Samples, speed_max_rpm: float | None = None) -> Bench:
 
 
 def identify(
-    samples: Samples, form: str = "crm", *, speed_max_rpm: float | None = None, options: Options | None = None
+    samples: Samples,
+    form: str = "crm",
+    *,
+    speed_max_rpm: float | None = None,
+    options: Options | None = None,
+    compare: bool = True,
 ) -> Identification:
     """Fit `form` (crm, rcrm, srm, cpcm, mutual or auto) to a stand log.
 
     Errors of all forms are held out in blocks; order, penalty and terms are chosen again without each block.
-    auto keeps the simplest form within one standard error of the best. Raises InputError.
+    auto keeps the simplest form within one standard error of the best; without `compare` the form asked for
+    is the only one tried. Raises InputError.
     """
     options = options or Options()
     if form != "auto":
@@ -131,18 +146,21 @@ def identify(
         except ValueError as error:
             raise InputError("--form", "", str(error)) from error
     data = bench(samples, speed_max_rpm)
-    tried = list(forms.FORMS) + ([form] if form not in (*forms.FORMS, "auto") else [])
+    tried = [f for f in forms.FORMS if compare or form in (f, "auto")]
+    tried += [form] if form not in (*forms.FORMS, "auto") else []
     predicted = {name: held_out(name, data, options) for name in tried}
     comparison = {name: channel_errors(data, values) for name, values in predicted.items()}
     chosen = _simplest(data, predicted) if form == "auto" else form
     fits = fit_form(chosen, data, np.ones(samples.rows, bool), options)
-    intervals, rich = _rich_fits(data, fits, chosen, options)
+    intervals = {load: fit.intervals for load, fit in fits.items()}
+    rich = _scatter(data, options)
     wild = _wild(data, rich)
     terms = {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS}
     model = RotorModel.from_terms(chosen, data.speeds.speed_max_rpm, terms)
     notes = (*samples.notes, *_notes(data, form, chosen))
     result = Identification(
-        chosen, model, comparison[chosen], comparison, _floors(data, rich), fits, intervals, wild, data,
+        chosen, model, comparison[chosen], comparison, _floors(data, rich), fits, intervals,
+        _given(data, fits, options), wild, data,
         predicted[chosen], notes,
     )  # fmt: skip
     return replace(result, model=replace(model, identified=_provenance(result)))
@@ -177,8 +195,13 @@ def _shared(load: str, data: Bench, rows: NDArray[np.bool_]) -> dict[str, LoadFi
         squares.append(u[mask] ** 2)
         values.append(data.loads[name][mask])
     x, y = np.concatenate(squares)[:, None], np.concatenate(values)
-    k = least_squares(x, y, huber_weights(x, y)[0])
-    return {name: LoadFit((f"u_{name[0]}^2",), k, 2, 0.0, k) for name, _ in pairs}
+    weights = huber_weights(x, y)[0]
+    k = least_squares(x, y, weights)
+    shared = {}
+    for name, _ in pairs:
+        term = f"u_{name[0]}^2"
+        shared[name] = LoadFit((term,), k, 2, 0.0, k, term_intervals((term,), x, y, weights))
+    return shared
 
 
 def held_out(form: str, data: Bench, options: Options) -> Values:
@@ -220,26 +243,35 @@ def _simplest(data: Bench, predicted: Mapping[str, Values]) -> str:
     return best
 
 
-def _rich_fits(
-    data: Bench, fits: Mapping[str, LoadFit], form: str, options: Options
-) -> tuple[dict[str, Intervals], Values]:
-    """Intervals on the whole dictionary of the chosen order; residuals of the richest fit for the noise."""
-    intervals, residuals = {}, {}
-    u, v = data.speeds.upper, data.speeds.lower
-    for load, fit in fits.items():
+def _scatter(data: Bench, options: Options) -> Values:
+    """Residuals of the richest fit of each load (rows,): what is left is noise, or a wild row."""
+    residuals = {}
+    for load in data.measured:
         mask = np.isfinite(data.loads[load])
-        y = data.loads[load][mask]
-        X = design_matrix(fit.terms, u[mask], v[mask])
-        weights = huber_weights(X, y)[0] if options.robust else np.ones(len(y))
-        intervals[load] = term_intervals(fit.terms, X, y, weights)
+        y, u, v = data.loads[load][mask], data.speeds.upper[mask], data.speeds.lower[mask]
         richest = forms.load_terms("mutual", load, orders("mutual", load, len(y), options)[-1])
         if not np.any(v) or not np.any(u):
+            side = [u, v][not np.any(u)]
             richest = forms.load_terms("crm", "upper", min(options.max_order, len(y) // 3))
-        Z = design_matrix(richest, u[mask], v[mask])
+            Z = design_matrix(richest, side, side)
+        else:
+            Z = design_matrix(richest, u, v)
         b = least_squares(Z, y, huber_weights(Z, y)[0])
         residuals[load] = np.full(len(mask), np.nan)
         residuals[load][mask] = (y - Z @ b) * np.sqrt(len(y) / max(len(y) - Z.shape[1], 1))
-    return intervals, residuals
+    return residuals
+
+
+def _given(data: Bench, fits: Mapping[str, LoadFit], options: Options) -> dict[str, Intervals]:
+    """Intervals on the chosen terms alone: how well the rows fix the numbers once the terms are granted."""
+    found = {}
+    for load, fit in fits.items():
+        kept = [t for t, b in zip(fit.terms, fit.coefficients, strict=True) if b != 0.0]
+        mask = np.isfinite(data.loads[load])
+        X = design_matrix(kept, data.speeds.upper[mask], data.speeds.lower[mask])
+        y = data.loads[load][mask]
+        found[load] = term_intervals(kept, X, y, row_weights(X, y, options))
+    return found
 
 
 def _floors(data: Bench, residuals: Values) -> dict[str, float]:
@@ -264,6 +296,16 @@ def _wild(data: Bench, residuals: Values) -> tuple[WildRow, ...]:
     return tuple(found)
 
 
+def _together(speeds: Speeds) -> float:
+    """Correlation of the two speeds where both turn; 0 when a rotor also turns without the other."""
+    upper, lower = speeds.upper > 0, speeds.lower > 0
+    both = upper & lower
+    if both.sum() < 3 or both.sum() < 0.9 * (upper | lower).sum():
+        return 0.0
+    u, v = speeds.upper[both], speeds.lower[both]
+    return float(np.corrcoef(u, v)[0, 1]) if np.ptp(u) > 0 and np.ptp(v) > 0 else 0.0
+
+
 def _notes(data: Bench, asked: str, chosen: str) -> Sequence[str]:
     count = len(np.unique(data.fold))
     said = [
@@ -275,6 +317,12 @@ def _notes(data: Bench, asked: str, chosen: str) -> Sequence[str]:
     ]
     if asked == "auto":
         said.append(f"auto: {chosen} is the simplest form within one standard error of the best")
+    alike = _together(data.speeds)
+    if alike > TOGETHER:
+        said.append(
+            f"both speeds move together (correlation {alike:.5f}): the model holds along them only, "
+            "what each rotor does to the other cannot be told apart"
+        )
     missing = [load for load in LOADS if load not in data.measured]
     if missing:
         said.append(f"not measured, left without terms: {', '.join(missing)}")

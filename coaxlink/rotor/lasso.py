@@ -32,7 +32,7 @@ def penalty_form(X: NDArray[np.float64], y: NDArray[np.float64], lam: float) -> 
     root, target = _reduced(X, y)
     b = cp.Variable(X.shape[1])
     cost = cp.sum_squares(root @ b - target) / 2 + lam * cp.norm1(b)
-    _solve(cp.Problem(cp.Minimize(cost)))
+    solve(cp.Problem(cp.Minimize(cost)))
     return _clean(X, b.value)
 
 
@@ -50,7 +50,7 @@ def tolerance_form(X: NDArray[np.float64], y: NDArray[np.float64], eps: float) -
         return np.asarray(least)
     b = cp.Variable(X.shape[1])
     bound = float(np.sqrt(eps**2 - outside))
-    _solve(cp.Problem(cp.Minimize(cp.norm1(b)), [cp.norm(root @ b - target) <= bound]))
+    solve(cp.Problem(cp.Minimize(cp.norm1(b)), [cp.norm(root @ b - target) <= bound]))
     return _clean(X, b.value)
 
 
@@ -62,7 +62,8 @@ def _reduced(
     return root, q.T @ (y / np.sqrt(len(y)))
 
 
-def _solve(problem: object) -> None:
+def solve(problem: object) -> None:
+    """Solve a small cvxpy problem to twelve digits, its variables holding the result."""
     import cvxpy as cp
 
     with warnings.catch_warnings():

@@ -14,6 +14,7 @@ from coaxlink.rotor import identify, load_rotor_model, save_rotor_model
 from coaxlink.rotor.fit import Options
 from coaxlink.rotor.folds import blocks
 from coaxlink.rotor.intervals import term_intervals
+from coaxlink.rotor.selection import fit_load
 from coaxlink.rotor.speeds import normalised_speeds
 
 SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "coax"
@@ -42,9 +43,9 @@ def crm_result():
 def test_crm_reaches_the_noise(crm_result) -> None:
     """Held-out error within 5 % of the noise, over ten draws; NRMSE under the paper's 0.0106."""
     ratios = []
-    for seed in range(10):
+    for seed in range(8):
         log = stand(seed)
-        result = identify(log, "crm", options=Options(max_order=3))
+        result = identify(log, "crm", compare=False)
         u, v = grid()
         truth = eq17(u, v)
         noise = log["upper_thrust_N"] + log["lower_thrust_N"] - truth[0] - truth[2]
@@ -98,7 +99,7 @@ def test_auto_takes_the_crm_when_squares_are_not_enough() -> None:
 
 
 def test_forms_have_the_terms_they_claim() -> None:
-    result = identify(stand(2, rcrm), "rcrm")
+    result = identify(stand(2, rcrm), "rcrm", compare=False)
     assert {load: set(t) for load, t in result.model.terms().items()} == {
         "upper.thrust_N": {"u_u^2"},
         "upper.torque_Nm": {"u_u^2"},
@@ -106,7 +107,7 @@ def test_forms_have_the_terms_they_claim() -> None:
         "lower.torque_Nm": {"u_l^2", "u_u^2"},
     }
     assert result.model.terms()["lower.thrust_N"]["u_u^2"] == pytest.approx(-30.7, abs=1.0)
-    same = identify(stand(2, srm), "srm").model.terms()
+    same = identify(stand(2, srm), "srm", compare=False).model.terms()
     assert same["upper.thrust_N"]["u_u^2"] == same["lower.thrust_N"]["u_l^2"] == pytest.approx(73.06, abs=0.5)
 
 
@@ -114,19 +115,20 @@ def test_a_wild_row_is_reported_and_does_not_bend_the_model() -> None:
     clean = stand(4)
     thrust = clean["lower_thrust_N"].copy()
     thrust[60] += 40.0
-    result = identify(clean.with_columns(lower_thrust_N=thrust), "crm")
+    bent = clean.with_columns(lower_thrust_N=thrust)
+    result = identify(bent, "crm", compare=False)
     assert [(w.place, w.load) for w in result.wild] == [("row 61", "lower.thrust_N")]
     u, v = grid()
     off = result.model.lower_thrust(u, v) - eq17(u, v)[2]
     assert np.sqrt(np.mean(off**2)) < 0.4
-    plain = identify(clean.with_columns(lower_thrust_N=thrust), "crm", options=Options(robust=False))
+    plain = identify(bent, "crm", options=Options(robust=False), compare=False)
     worse = plain.model.lower_thrust(u, v) - eq17(u, v)[2]
     assert np.sqrt(np.mean(off**2)) < np.sqrt(np.mean(worse**2))
-    assert not identify(clean, "crm").wild
+    assert not identify(clean, "crm", compare=False).wild
 
 
 def test_noise_floor_is_the_noise(crm_result) -> None:
-    floors = [identify(stand(seed), "rcrm").noise_floor for seed in range(6)]
+    floors = [identify(stand(seed), "rcrm", compare=False).noise_floor for seed in range(6)]
     assert np.mean([f["upper_thrust"] for f in floors]) == pytest.approx(0.5, rel=0.1)
     assert np.mean([f["lower_torque"] for f in floors]) == pytest.approx(0.01, rel=0.1)
     assert np.mean([f["coaxial_thrust"] for f in floors]) == pytest.approx(0.5 * 2**0.5, rel=0.1)
@@ -141,7 +143,7 @@ def test_intervals_cover_the_truth() -> None:
     hits = np.zeros(9)
     for seed in range(150):
         y = X @ true + 0.5 * np.random.default_rng(seed).standard_normal(121)
-        found = term_intervals(terms, X, y, np.ones(121), seed=seed, draws=500)
+        found = term_intervals(terms, X, y, np.ones(121))
         bounds = np.array([found.bounds[t] for t in terms])
         hits += (bounds[:, 0] <= true) & (true <= bounds[:, 1])
     assert (np.abs(hits / 150 - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 150)).all(), hits / 150
@@ -155,6 +157,45 @@ def test_terms_that_cannot_be_told_apart_are_named(crm_result) -> None:
     assert error == pytest.approx(8.9, rel=0.25)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_value_lies_in_the_interval_beside_it(seed: int) -> None:
+    result = identify(stand(seed), "crm", compare=False)
+    for load, terms in result.model.terms().items():
+        for term, value in terms.items():
+            low, high = result.intervals[load].bounds[term]
+            assert low <= value <= high, (load, term)
+            low, high = result.given[load].bounds[term]
+            assert low <= value <= high, (load, term)
+
+
+def test_intervals_cover_the_truth_through_all_of_the_selection() -> None:
+    """200 draws of eq. 17's lower thrust, order and terms chosen anew in each: 92 to 98 % for a true term.
+
+    The noise of a draw is that of the seed that the benchmark's table uses, so both tell the same story.
+    """
+    u, v = grid()
+    fold = np.repeat(np.arange(11), 11)
+    true = TRUTH["lower.thrust_N"]
+    hits = dict.fromkeys(true, 0)
+    for seed in range(200):
+        y = eq17(u, v)[2] + 0.5 * np.random.default_rng(seed).standard_normal((4, 121))[2]
+        fit = fit_load("crm", "lower.thrust_N", u, v, y, fold, Options(max_order=3))
+        for term, value in true.items():
+            low, high = fit.intervals.bounds[term]
+            hits[term] += low <= value <= high
+    assert all(0.92 <= count / 200 <= 0.98 for count in hits.values()), hits
+
+
+def test_speeds_that_move_together_leave_terms_undetermined() -> None:
+    log = stand(0)
+    equal = log.take(log["upper_rpm"] == log["lower_rpm"])
+    result = identify(equal, "crm", compare=False)
+    intervals = result.intervals["lower.thrust_N"]
+    assert result.channels["lower_thrust"].rmse < 2.0
+    assert intervals.indistinct or result.fits["lower.thrust_N"].alone
+    assert any("move together" in note for note in result.notes)
+
+
 def test_intervals_hold_every_term_of_the_truth(crm_result) -> None:
     for load, terms in TRUTH.items():
         assert set(terms) <= set(crm_result.intervals[load].bounds)
@@ -163,7 +204,7 @@ def test_intervals_hold_every_term_of_the_truth(crm_result) -> None:
 def test_throttle_stands_in_for_missing_rpm() -> None:
     log = stand(0)
     bare = Samples({k: c for k, c in log.columns.items() if not k.endswith("rpm")}, "bench")
-    result = identify(bare, "crm")
+    result = identify(bare, "crm", compare=False)
     assert result.channels["coaxial_thrust"].rmse < 0.85
     assert any("throttle" in note for note in result.notes)
 
@@ -171,8 +212,8 @@ def test_throttle_stands_in_for_missing_rpm() -> None:
 def test_speed_max_rpm_from_the_log_or_by_hand() -> None:
     log = stand(0)
     bare = Samples({k: c for k, c in log.columns.items() if not k.endswith("throttle")}, "bench")
-    assert identify(bare, "rcrm").model.speed_max_rpm == pytest.approx(4860)
-    given = identify(bare, "rcrm", speed_max_rpm=5400).model
+    assert identify(bare, "rcrm", compare=False).model.speed_max_rpm == pytest.approx(4860)
+    given = identify(bare, "rcrm", speed_max_rpm=5400, compare=False).model
     assert given.terms()["upper.thrust_N"]["u_u^2"] == pytest.approx(85.7, abs=1)
     with pytest.raises(InputError, match="more than 0"):
         identify(bare, "rcrm", speed_max_rpm=-1.0)
@@ -192,7 +233,7 @@ def test_a_rotor_alone_has_no_lower_terms(tmp_path: Path) -> None:
 
 
 def test_tolerance_form_of_the_paper() -> None:
-    result = identify(stand(0), "crm", options=Options(tolerance_N=2.0, tolerance_Nm=0.05))
+    result = identify(stand(0), "crm", options=Options(tolerance_N=2.0, tolerance_Nm=0.05), compare=False)
     assert result.channels["coaxial_thrust"].rmse < 4.0
     sizes = {load: len(t) for load, t in result.model.terms().items()}
     assert sizes["lower.thrust_N"] <= 6
@@ -201,7 +242,23 @@ def test_tolerance_form_of_the_paper() -> None:
 @pytest.mark.parametrize(
     "columns, expected",
     [
-        ({"upper_rpm": [1.0] * 3, "lower_rpm": [1.0] * 3, "upper_thrust_N": [1.0] * 3}, "too few"),
+        (
+            {"upper_rpm": [1.0] * 3, "upper_thrust_N": [1.0] * 3, "upper_torque_Nm": [1.0] * 3},
+            "too few",
+        ),
+        (
+            {"upper_rpm": [1.0] * 9, "upper_thrust_N": [1.0] * 9},
+            "column upper_torque_Nm: missing",
+        ),
+        (
+            {
+                "upper_rpm": [1.0] * 9,
+                "lower_rpm": list(range(9)),
+                "upper_thrust_N": [1.0] * 9,
+                "upper_torque_Nm": [1.0] * 9,
+            },
+            "column lower_thrust_N: missing",
+        ),
         ({"upper_rpm": [1.0] * 9, "lower_rpm": [1.0] * 9}, "column upper_thrust_N: missing"),
         ({"upper_rpm": [0.0] * 9, "upper_thrust_N": [1.0] * 9}, "no rotor ever turns"),
         ({"upper_rpm": [1.0] * 9, "lower_thrust_N": [1.0] * 9}, "column lower_rpm: missing"),
