@@ -12,6 +12,8 @@ from coaxlink.rotor.intervals import Intervals
 from coaxlink.rotor.polynomial import Polynomial, design_matrix
 
 HUBER = 2.5  # standard deviations within which a row counts in full
+ONE_IN_A_THOUSAND = 10.83  # of chi squared with one degree of freedom
+LEAST_VARIANCE = 0.05  # of the mean: a row at rest must not rule the fit
 WILD = 6.0  # standard deviations beyond which a row is reported
 
 
@@ -98,6 +100,30 @@ def least_squares(
 def row_weights(X: NDArray[np.float64], y: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
     """(n,) Huber weights where the options ask for them and the rows allow it, else ones."""
     return huber_weights(X, y)[0] if options.robust and len(y) > X.shape[1] else np.ones(len(y))
+
+
+def noise_weights(
+    X: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n,) weights times 1 / variance where the scatter about a rich fit grows with the load, else as they are.
+
+    Variance as a + b load^2, from the squared residuals, and only if they follow it beyond chance: Koenker's
+    form of the Breusch-Pagan test at one in a thousand. `X` must hold every term that may matter: what a poor
+    model misses is not noise.
+    """
+    spare = len(y) - X.shape[1]
+    if spare < 20:
+        return weights
+    load = X @ least_squares(X, y, weights)
+    squared = np.minimum(weights, 1.0) * (y - load) ** 2 * len(y) / spare
+    Z = np.stack([np.ones(len(y)), load**2], axis=1)
+    a, b = np.linalg.lstsq(Z, squared, rcond=None)[0]
+    explained = float(np.var(Z @ [a, b]) / max(np.var(squared), 1e-300))
+    if b <= 0 or len(y) * explained < ONE_IN_A_THOUSAND:
+        return weights
+    variance = np.maximum(a, 0.0) + b * load**2
+    inverse = 1.0 / np.maximum(variance, LEAST_VARIANCE * variance.mean())
+    return np.asarray(weights * inverse / inverse.mean())
 
 
 def orders(form: str, load: str, rows: int, options: Options) -> list[int]:

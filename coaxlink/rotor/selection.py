@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.rotor import forms
-from coaxlink.rotor.fit import Candidate, LoadFit, Options, least_squares, orders, row_weights
+from coaxlink.rotor.fit import Candidate, LoadFit, Options, least_squares, noise_weights, orders, row_weights
 from coaxlink.rotor.intervals import SINGULAR, term_intervals
 from coaxlink.rotor.polynomial import design_matrix, parse_term
 
@@ -93,7 +93,8 @@ class _Path:
 def _by_cross_validation(data: _Data, options: Options) -> LoadFit:
     tried = orders(data.form, data.load, len(data.y), options)
     tried = [o for o in tried if o == tried[0] or _determined(data.design(data.terms(o)))]
-    weights = row_weights(data.design(data.terms(tried[-1])), data.y, options)
+    richest = data.design(data.terms(tried[-1]))
+    weights = noise_weights(richest, data.y, row_weights(richest, data.y, options))
     paths = [_path(order, data, weights, options) for order in tried]
     return _one_standard_error(paths, data, weights)
 
