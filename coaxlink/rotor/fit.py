@@ -105,7 +105,7 @@ def row_weights(X: NDArray[np.float64], y: NDArray[np.float64], options: Options
 def noise_weights(
     X: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(n,) weights times 1 / variance where the scatter about a rich fit grows with the load, else as they are.
+    """(n,) weights times 1 / variance where the scatter about a rich fit grows with the load, else as is.
 
     Variance as a + b load^2, from the squared residuals, and only if they follow it beyond chance: Koenker's
     form of the Breusch-Pagan test at one in a thousand. `X` must hold every term that may matter: what a poor

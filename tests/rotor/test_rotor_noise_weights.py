@@ -1,4 +1,4 @@
-"""Weights from the measured noise: they help where it grows with the load, and stay away where it does not."""
+"""Weights from the measured noise: of use where it grows with the load, absent where it does not."""
 
 import numpy as np
 
