@@ -80,7 +80,8 @@ class RotorModel:
         return cls(form, speed_max_rpm, upper_thrust, upper_torque, lower_thrust, lower_torque, **rest)
 
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+# no rotor pushes a million newtons: such a number is a slip that would only surface as nonsense later
+Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 
 
 class _Loads(BaseModel):

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from coaxlink.rotor import Polynomial
+from coaxlink.errors import InputError
+from coaxlink.files import example
+from coaxlink.rotor import Polynomial, load_rotor_model
 from coaxlink.rotor.polynomial import design_matrix, dictionary, parse_term, term_name
 
 
@@ -33,3 +35,11 @@ def test_values_and_slopes():
 def test_the_design_has_a_column_a_term():
     X = design_matrix(dictionary(1, 1), [2.0, 3.0], [5.0, 7.0])
     np.testing.assert_allclose(X, [[1, 5, 2, 10], [1, 7, 3, 21]])
+
+
+def test_a_rotor_file_with_an_absurd_number_is_refused_by_key(tmp_path):
+    text = example("rotor_paper.toml").read_text()
+    path = tmp_path / "rotor.toml"
+    path.write_text(text.replace("55.9517", "1e300"))
+    with pytest.raises(InputError, match=r"rotor\.toml: upper\.thrust_N\.u_u\^2: .*1e\+300"):
+        load_rotor_model(path)
