@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from coaxlink.mixer.exact import dual, kernel, loads, quadratic, schur
+from coaxlink.mixer.exact import dual, kernel, loads, quadratic, schur, warm
 
 # callees before callers; numba's cache looks at the stamp of kernel.py alone: touch it after editing another
 HELPERS = {
@@ -19,6 +19,7 @@ HELPERS = {
     schur: ("reduce_arm", "assemble", "give_up", "factor", "substitute", "correct"),
     dual: ("box_arm", "dual_slope", "ascent", "along", "climb"),
     quadratic: ("step_arms", "revise", "quadratic_step"),
+    warm: ("away", "keep", "recall", "start"),
     kernel: ("promise", "persist", "solve", "restart", "optimum"),
 }  # fmt: skip
 # fused multiply-add; no check of every division (a pivot is tested before it divides); no counting of

@@ -24,6 +24,7 @@ Arrays, K arms; a single rotor is an arm whose second speed is held at 0:
     lam, el (4)    price of each axis; 0 met, +1 given up below mu, -1 given up above mu
     cap, mu (4)    price caps, the wrench asked for
     work (K, ARM), sums (SUMS), box (6K)   scratch
+    past (ROWS, 12 + 4K)   what `exact.warm` keeps from call to call
 
 Rows and constant places rather than computed offsets: both Python and the compiler are quicker at them.
 """
@@ -50,6 +51,7 @@ from coaxlink.mixer.exact.loads import (
 )
 from coaxlink.mixer.exact.quadratic import quadratic_step
 from coaxlink.mixer.exact.schur import TINY_PIVOT, assemble, correct, factor, give_up
+from coaxlink.mixer.exact.warm import start
 
 STEP_DONE = 2e-3  # the next quadratic step would be about its square
 GIVEN_UP_DONE = 1e-6  # with axes given up the steps need not be quadratic
@@ -152,13 +154,14 @@ def restart(lo, hi, x, act, lam, el):
         lam[j], el[j] = 0.0, 0
 
 
-def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, limit):
+def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, past, limit):
     """`solve` from where the last call stood; where that does not settle, the sure way from the middle.
 
     Returns (steps, negative when even that did not settle; active-set rounds). Whatever happens x is within
     its bounds, and MISS and POWER in `work` are those of x.
     """
     n = 2 * shape[0]
+    start(n, x, act, lam, el, mu, past)
     for i in range(n):
         x[i] = min(max(x[i], lo[i]), hi[i])
         if hi[i] <= lo[i]:
@@ -186,12 +189,14 @@ def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, limi
     return 3 * limit + steps, rounds
 
 
-def batch(c, g, shape, lo, hi, x, act, lam, el, cap, demands, work, sums, box, limit, speeds, misses, steps):
+def batch(
+    c, g, shape, lo, hi, x, act, lam, el, cap, demands, work, sums, box, past, limit, speeds, misses, steps
+):
     """`optimum` for each row of `demands` (rows, 4), warm-started by the row before."""
     n = 2 * shape[0]
     for row in range(len(demands)):
         steps[row], _ = optimum(
-            c, g, shape, lo, hi, x, act, lam, el, cap, demands[row], work, sums, box, limit
+            c, g, shape, lo, hi, x, act, lam, el, cap, demands[row], work, sums, box, past, limit
         )
         for i in range(n):
             speeds[row][i] = x[i]
