@@ -50,7 +50,7 @@ def start(n, x, act, lam, el, mu, past):
         if last[0] < NEVER:
             keep(past[BEYOND if out else WITHIN], last, n, x, act, lam, el)
         other = past[WITHIN if out else BEYOND]
-        if away(other, mu) < jump:
+        if 2.0 * away(other, mu) < jump:
             recall(other, n, x, act, lam, el)
         for i in range(n):
             last[SPEEDS + i] = x[i]
