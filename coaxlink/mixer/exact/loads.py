@@ -107,8 +107,7 @@ def expand_arm(c, g, shape, k, u, l, lam, work):  # noqa: E741
         a2 * fu + b2 * qu + d2 * Fu + h2 * Qu, a3 * fu + b3 * qu + d3 * Fu + h3 * Qu,
     )  # fmt: skip
     arm[JL], arm[JL + 1], arm[JL + 2], arm[JL + 3] = (
-        a0 * fl + b0 * ql + d0 * Fl + h0 * Ql, a1 * fl + b1 * ql + d1 * Fl + h1 * Ql,
-        a2 * fl + b2 * ql + d2 * Fl + h2 * Ql, a3 * fl + b3 * ql + d3 * Fl + h3 * Ql,
+        d0 * Fl + h0 * Ql, d1 * Fl + h1 * Ql, d2 * Fl + h2 * Ql, d3 * Fl + h3 * Ql,
     )  # fmt: skip
     a = l0 * a0 + l1 * a1 + l2 * a2 + l3 * a3
     b = l0 * b0 + l1 * b1 + l2 * b2 + l3 * b3
@@ -117,11 +116,19 @@ def expand_arm(c, g, shape, k, u, l, lam, work):  # noqa: E741
     # power is q u + Q l: the torques' weights in it are the speeds themselves, less what their yaw is worth
     arm[P] = q * u + Q * l
     arm[GU] = q + qu * u + Qu * l
-    arm[GL] = Q + ql * u + Ql * l
+    arm[GL] = Q + Ql * l
     b, h = u - b, l - h
     uu = 2.0 * qu + b * quu + h * Quu - a * fuu - d * Fuu
-    ul = ql + Qu + b * qul + h * Qul - a * ful - d * Ful
-    ll = 2.0 * Ql + b * qll + h * Qll - a * fll - d * Fll
+    ul = Qu + h * Qul - d * Ful
+    ll = 2.0 * Ql + h * Qll - d * Fll
+    if not shape[3]:
+        arm[JL] += a0 * fl + b0 * ql
+        arm[JL + 1] += a1 * fl + b1 * ql
+        arm[JL + 2] += a2 * fl + b2 * ql
+        arm[JL + 3] += a3 * fl + b3 * ql
+        arm[GL] += ql * u
+        ul += ql + b * qul - a * ful
+        ll += b * qll - a * fll
     if uu < CURVATURE or ll < CURVATURE or (uu - CURVATURE) * (ll - CURVATURE) < ul * ul:
         half = 0.5 * (uu - ll)
         shift = CURVATURE - 0.5 * (uu + ll) + sqrt(half * half + ul * ul)

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
-# rows of `past`: the last call (wrench asked for, speeds); the solution that stood before the last jump out of
-# reach, and before the last jump back (wrench, prices, given-up axes, speeds, active set)
+# rows of `past`: the last call (wrench asked for, whether a jump led to it, speeds before it); the solutions
+# that stood before the last jump out of reach and before the last jump back (wrench, prices, given-up axes,
+# speeds, active set)
 LAST, WITHIN, BEYOND, ROWS = 0, 1, 2, 3
-PRICES, GIVEN_UP, SPEEDS = 4, 8, 12  # places in a row; the last call's speeds stand at SPEEDS too
+PRICES, GIVEN_UP, SPEEDS = 4, 8, 12  # places in a row
+SMOOTH = 4  # in LAST: 1 if the last call's speeds were reached by a smooth motion, 0 if by a jump
 
 JUMP = 0.02  # of the vehicle's authority, all axes together: more is no smooth motion
+CLEARLY = 1.5  # times nearer: else the last solution, which the active set is surest of, serves
 NEVER = 1e9  # further from any wrench than any wrench can be: nothing is kept there yet
 
 
@@ -42,16 +45,17 @@ def start(n, x, act, lam, el, mu, past):
     last = past[LAST]
     jump = away(last, mu)
     if jump < JUMP:
+        ahead = last[SMOOTH]
         for i in range(n):
             at = x[i]
-            x[i], last[SPEEDS + i] = at + at - last[SPEEDS + i], at
+            x[i], last[SPEEDS + i] = at + ahead * (at - last[SPEEDS + i]), at
+        last[SMOOTH] = 1.0
     else:
         out = el[0] or el[1] or el[2] or el[3]
         if last[0] < NEVER:
             keep(past[BEYOND if out else WITHIN], last, n, x, act, lam, el)
         other = past[WITHIN if out else BEYOND]
-        if 2.0 * away(other, mu) < jump:
+        if CLEARLY * away(other, mu) < jump:
             recall(other, n, x, act, lam, el)
-        for i in range(n):
-            last[SPEEDS + i] = x[i]
+        last[SMOOTH] = 0.0
     last[0], last[1], last[2], last[3] = mu[0], mu[1], mu[2], mu[3]
