@@ -8,9 +8,9 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from coaxlink.mixer.exact import dual, kernel, loads, quadratic, schur
+from coaxlink.mixer.exact import dual, kernel, loads, quadratic, schur, warm
 
-# callees before callers; numba's cache looks at the stamp of kernel.py alone: touch it after editing another
+# callees before callers; numba's cache looks at the text of kernel.py alone: empty it after editing another
 HELPERS = {
     loads: (
         "surface", "value", "line", "value_of_one", "expand_arm", "expand", "miss", "merit", "move",
@@ -19,8 +19,15 @@ HELPERS = {
     schur: ("reduce_arm", "assemble", "give_up", "factor", "substitute", "correct"),
     dual: ("box_arm", "dual_slope", "ascent", "along", "climb"),
     quadratic: ("step_arms", "revise", "quadratic_step"),
+    warm: ("away", "keep", "recall", "start"),
     kernel: ("promise", "persist", "solve", "restart", "optimum"),
 }  # fmt: skip
+# what every call goes through, inlined by force: handing on the forty numbers that describe an arm's
+# arrays costs as much as the arm's own arithmetic
+INLINE = frozenset((
+    "surface", "value", "line", "value_of_one", "expand_arm", "expand", "miss", "move", "largest_step",
+    "worst_met", "reduce_arm", "assemble", "factor", "substitute", "step_arms", "revise", "away", "start",
+))  # fmt: skip
 # fused multiply-add; no check of every division (a pivot is tested before it divides); no counting of
 # references to rows, since nothing is allocated
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "_nrt": False}
@@ -34,5 +41,5 @@ def compiled() -> tuple[Any, Any]:
 
     for module, names in HELPERS.items():
         for name in names:
-            register_jitable(**OPTIONS)(getattr(module, name))
+            register_jitable(**OPTIONS, forceinline=name in INLINE)(getattr(module, name))
     return numba.njit(kernel.optimum, cache=True, **OPTIONS), numba.njit(kernel.batch, cache=True, **OPTIONS)

@@ -7,7 +7,7 @@ with strict priorities when no x delivers mu: axis j may be missed at the price 
 hundredfold apart (an exact penalty), so a lower axis is given up before a higher one is touched.
 
 Sequential quadratic programming. The Hessian of the Lagrangian is a 2 x 2 block an arm, so a step is a sum
-over arms of 4 x 4 Schur complements and one Cholesky factor; bounds and given-up axes are settled by a
+over arms of 4 x 4 Schur complements and one factor; bounds and given-up axes are settled by a
 primal-dual active set that starts from the last call's. A step is closed by corrections that reuse the
 factor until the wrench error is gone.
 
@@ -24,6 +24,7 @@ Arrays, K arms; a single rotor is an arm whose second speed is held at 0:
     lam, el (4)    price of each axis; 0 met, +1 given up below mu, -1 given up above mu
     cap, mu (4)    price caps, the wrench asked for
     work (K, ARM), sums (SUMS), box (6K)   scratch
+    past (ROWS, 12 + 4K)   what `exact.warm` keeps from call to call
 
 Rows and constant places rather than computed offsets: both Python and the compiler are quicker at them.
 """
@@ -50,11 +51,13 @@ from coaxlink.mixer.exact.loads import (
 )
 from coaxlink.mixer.exact.quadratic import quadratic_step
 from coaxlink.mixer.exact.schur import TINY_PIVOT, assemble, correct, factor, give_up
+from coaxlink.mixer.exact.warm import start
 
 STEP_DONE = 2e-3  # the next quadratic step would be about its square
 GIVEN_UP_DONE = 1e-6  # with axes given up the steps need not be quadratic
 MISS_DONE = 1e-9  # of the vehicle's authority
 CORRECTIONS = 3  # that reuse one factor
+SETTLING, GRACE = 0.1, 3  # a step this small at the limit earns a few more: it shrinks by its square
 PERSIST = 60  # steps inside a trust region
 
 
@@ -116,12 +119,13 @@ def persist(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box):
 def solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit):
     """Bring x to the optimum for mu, from wherever x, act, lam and el stand, by full steps.
 
-    Returns (quadratic steps, negative when `limit` of them did not settle it; active-set rounds; last step).
+    Returns (quadratic steps, negative when `limit` of them did not come near it; active-set rounds).
     """
     arms = shape[0]
-    total = 0
-    step = 1.0
-    for count in range(1, limit + 1):
+    total = count = 0
+    step = 0.0
+    while count < limit or (count < limit + GRACE and step < SETTLING):
+        count += 1
         expand(c, g, shape, x, lam, mu, work, sums)
         total += quadratic_step(arms, x, lo, hi, act, lam, el, cap, work, sums)
         step = largest_step(arms, work)
@@ -139,8 +143,8 @@ def solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit):
                 miss(c, g, shape, x, mu, sums)
                 worst = worst_met(el, sums)
             if worst <= MISS_DONE:
-                return count, total, step
-    return -limit, total, step
+                return count, total
+    return -count, total
 
 
 def restart(lo, hi, x, act, lam, el):
@@ -152,46 +156,51 @@ def restart(lo, hi, x, act, lam, el):
         lam[j], el[j] = 0.0, 0
 
 
-def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, limit):
+def optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, past, limit):
     """`solve` from where the last call stood; where that does not settle, the sure way from the middle.
 
     Returns (steps, negative when even that did not settle; active-set rounds). Whatever happens x is within
     its bounds, and MISS and POWER in `work` are those of x.
     """
     n = 2 * shape[0]
+    start(n, x, act, lam, el, mu, past)
     for i in range(n):
         x[i] = min(max(x[i], lo[i]), hi[i])
         if hi[i] <= lo[i]:
             act[i] = -1
-    steps, rounds, _ = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
+    steps, rounds = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
     if steps > 0:
         return steps, rounds
+    spent = -steps
     # a jump back into reach: the middle serves better than the far edge that the last call stood at
     restart(lo, hi, x, act, lam, el)
-    steps, rounds, _ = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
+    steps, rounds = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
     if steps > 0 and el[0] == 0 and el[1] == 0 and el[2] == 0 and el[3] == 0:
-        return limit + steps, rounds
+        return spent + steps, rounds
+    spent += abs(steps)
     restart(lo, hi, x, act, lam, el)
     sure = persist(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box)
     miss(c, g, shape, x, mu, sums)
     before = merit(cap, sums)
     for i in range(n):
         box[2 * n + i] = x[i]
-    steps, rounds, _ = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
+    steps, rounds = solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit)
     if merit(cap, sums) > before + 1e-11 or steps < 0:
         for i in range(n):
             x[i] = box[2 * n + i]
         miss(c, g, shape, x, mu, sums)
-        return 2 * limit + sure if sure > 0 else sure - 2 * limit, rounds
-    return 3 * limit + steps, rounds
+        return spent + sure if sure > 0 else sure - spent, rounds
+    return spent + abs(sure) + steps, rounds
 
 
-def batch(c, g, shape, lo, hi, x, act, lam, el, cap, demands, work, sums, box, limit, speeds, misses, steps):
+def batch(
+    c, g, shape, lo, hi, x, act, lam, el, cap, demands, work, sums, box, past, limit, speeds, misses, steps
+):
     """`optimum` for each row of `demands` (rows, 4), warm-started by the row before."""
     n = 2 * shape[0]
     for row in range(len(demands)):
         steps[row], _ = optimum(
-            c, g, shape, lo, hi, x, act, lam, el, cap, demands[row], work, sums, box, limit
+            c, g, shape, lo, hi, x, act, lam, el, cap, demands[row], work, sums, box, past, limit
         )
         for i in range(n):
             speeds[row][i] = x[i]

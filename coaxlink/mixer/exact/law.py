@@ -79,7 +79,7 @@ class ExactLaw:
         middle = np.where(p.hi > p.lo, 0.5 * (p.lo + p.hi), p.lo)
         arrays: list[Any] = [p.c, p.g, p.shape, p.lo.copy(), p.hi.copy(), middle]
         arrays += [np.zeros(2 * p.arms, np.int64), np.zeros(4), np.zeros(4, np.int64), p.cap]
-        arrays += [np.zeros(4), *p.scratch()]
+        arrays += [np.zeros(4), *p.scratch(), p.past()]
         self._state = arrays if self.compiled else [a.tolist() for a in arrays]
         self._lo, self._hi, self._x = self._state[3:6]
         self._mu, self._sums = self._state[10], self._state[12]

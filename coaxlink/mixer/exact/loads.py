@@ -9,7 +9,7 @@ from math import sqrt
 # H^-1 J^T over the free speeds, the step's part that does not depend on the prices, the step
 ARM = 30
 P, GU, GL, HUU, HUL, HLL, JU, JL, YU, YL, BU, BL, DU, DL = 4, 5, 6, 7, 8, 9, 10, 14, 18, 22, 26, 27, 28, 29
-# in `sums`: Schur complement (10, lower triangle by rows), its Cholesky factor (10), right side (4),
+# in `sums`: Schur complement (10, lower triangle by rows), its factor (10), right side (4),
 # wrench missing (4), power (1), slope of the dual (4), prices kept (4)
 FACTOR, RIGHT, MISS, POWER, SLOPE, KEEP, SUMS = 10, 20, 24, 28, 29, 33, 37
 
@@ -94,40 +94,47 @@ def expand_arm(c, g, shape, k, u, l, lam, work):  # noqa: E741
         q, qu, ql, quu, qul, qll = surface(load[1], nu, nl, u, l)
     F, Fu, Fl, Fuu, Ful, Fll = surface(load[2], nu, nl, u, l)
     Q, Qu, Ql, Quu, Qul, Qll = surface(load[3], nu, nl, u, l)
-    a, b, d, h = gain[0], gain[4], gain[8], gain[12]
-    arm[0] = a * f + b * q + d * F + h * Q
-    arm[JU + 0] = a * fu + b * qu + d * Fu + h * Qu
-    arm[JL + 0] = a * fl + b * ql + d * Fl + h * Ql
-    a, b, d, h = gain[1], gain[5], gain[9], gain[13]
-    arm[1] = a * f + b * q + d * F + h * Q
-    arm[JU + 1] = a * fu + b * qu + d * Fu + h * Qu
-    arm[JL + 1] = a * fl + b * ql + d * Fl + h * Ql
-    a, b, d, h = gain[2], gain[6], gain[10], gain[14]
-    arm[2] = a * f + b * q + d * F + h * Q
-    arm[JU + 2] = a * fu + b * qu + d * Fu + h * Qu
-    arm[JL + 2] = a * fl + b * ql + d * Fl + h * Ql
-    a, b, d, h = gain[3], gain[7], gain[11], gain[15]
-    arm[3] = a * f + b * q + d * F + h * Q
-    arm[JU + 3] = a * fu + b * qu + d * Fu + h * Qu
-    arm[JL + 3] = a * fl + b * ql + d * Fl + h * Ql
-    a = l0 * gain[0] + l1 * gain[1] + l2 * gain[2] + l3 * gain[3]
-    b = l0 * gain[4] + l1 * gain[5] + l2 * gain[6] + l3 * gain[7]
-    d = l0 * gain[8] + l1 * gain[9] + l2 * gain[10] + l3 * gain[11]
-    h = l0 * gain[12] + l1 * gain[13] + l2 * gain[14] + l3 * gain[15]
+    a0, a1, a2, a3, b0, b1, b2, b3, d0, d1, d2, d3, h0, h1, h2, h3 = (
+        gain[0], gain[1], gain[2], gain[3], gain[4], gain[5], gain[6], gain[7],
+        gain[8], gain[9], gain[10], gain[11], gain[12], gain[13], gain[14], gain[15],
+    )  # fmt: skip
+    arm[0], arm[1], arm[2], arm[3] = (
+        a0 * f + b0 * q + d0 * F + h0 * Q, a1 * f + b1 * q + d1 * F + h1 * Q,
+        a2 * f + b2 * q + d2 * F + h2 * Q, a3 * f + b3 * q + d3 * F + h3 * Q,
+    )  # fmt: skip
+    arm[JU], arm[JU + 1], arm[JU + 2], arm[JU + 3] = (
+        a0 * fu + b0 * qu + d0 * Fu + h0 * Qu, a1 * fu + b1 * qu + d1 * Fu + h1 * Qu,
+        a2 * fu + b2 * qu + d2 * Fu + h2 * Qu, a3 * fu + b3 * qu + d3 * Fu + h3 * Qu,
+    )  # fmt: skip
+    arm[JL], arm[JL + 1], arm[JL + 2], arm[JL + 3] = (
+        d0 * Fl + h0 * Ql, d1 * Fl + h1 * Ql, d2 * Fl + h2 * Ql, d3 * Fl + h3 * Ql,
+    )  # fmt: skip
+    a = l0 * a0 + l1 * a1 + l2 * a2 + l3 * a3
+    b = l0 * b0 + l1 * b1 + l2 * b2 + l3 * b3
+    d = l0 * d0 + l1 * d1 + l2 * d2 + l3 * d3
+    h = l0 * h0 + l1 * h1 + l2 * h2 + l3 * h3
     # power is q u + Q l: the torques' weights in it are the speeds themselves, less what their yaw is worth
     arm[P] = q * u + Q * l
     arm[GU] = q + qu * u + Qu * l
-    arm[GL] = Q + ql * u + Ql * l
+    arm[GL] = Q + Ql * l
     b, h = u - b, l - h
     uu = 2.0 * qu + b * quu + h * Quu - a * fuu - d * Fuu
-    ul = ql + Qu + b * qul + h * Qul - a * ful - d * Ful
-    ll = 2.0 * Ql + b * qll + h * Qll - a * fll - d * Fll
-    mean, half = 0.5 * (uu + ll), 0.5 * (uu - ll)
-    least = mean - sqrt(half * half + ul * ul)
-    shift = CURVATURE - least if least < CURVATURE else 0.0
-    arm[HUU] = uu + shift
-    arm[HUL] = ul
-    arm[HLL] = ll + shift
+    ul = Qu + h * Qul - d * Ful
+    ll = 2.0 * Ql + h * Qll - d * Fll
+    if not shape[3]:
+        arm[JL] += a0 * fl + b0 * ql
+        arm[JL + 1] += a1 * fl + b1 * ql
+        arm[JL + 2] += a2 * fl + b2 * ql
+        arm[JL + 3] += a3 * fl + b3 * ql
+        arm[GL] += ql * u
+        ul += ql + b * qul - a * ful
+        ll += b * qll - a * fll
+    if uu < CURVATURE or ll < CURVATURE or (uu - CURVATURE) * (ll - CURVATURE) < ul * ul:
+        half = 0.5 * (uu - ll)
+        shift = CURVATURE - 0.5 * (uu + ll) + sqrt(half * half + ul * ul)
+        uu += shift
+        ll += shift
+    arm[HUU], arm[HUL], arm[HLL] = uu, ul, ll
 
 
 def expand(c, g, shape, x, lam, mu, work, sums):

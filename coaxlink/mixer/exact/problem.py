@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from coaxlink.airframe import AXES, Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.exact.loads import ARM, SUMS
+from coaxlink.mixer.exact.warm import NEVER, ROWS, SPEEDS
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.polynomial import Polynomial
 
@@ -37,6 +38,12 @@ class Problem:
     def scratch(self) -> list[NDArray[np.float64]]:
         """The kernel's `work`, `sums` and `box`."""
         return [np.zeros((self.arms, ARM)), np.zeros(SUMS), np.zeros(6 * self.arms)]
+
+    def past(self) -> NDArray[np.float64]:
+        """The kernel's `past`, with nothing kept yet."""
+        rows = np.zeros((ROWS, SPEEDS + 4 * self.arms))
+        rows[:, 0] = NEVER
+        return rows
 
 
 def build(

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from math import sqrt
-
 from coaxlink.mixer.exact.loads import (
     BL,
     BU,
@@ -33,8 +31,8 @@ def reduce_arm(arm, i, x, lo, hi, act):
     uu, ul, ll = arm[HUU], arm[HUL], arm[HLL]
     gu, gl = arm[GU], arm[GL]
     if act[i] == 0 and act[i + 1] == 0:
-        det = uu * ll - ul * ul
-        a, b, d = ll / det, -ul / det, uu / det
+        r = 1.0 / (uu * ll - ul * ul)
+        a, b, d = r * ll, -r * ul, r * uu
         bu, bl = -(a * gu + b * gl), -(b * gu + d * gl)
     else:
         a = b = d = 0.0
@@ -105,50 +103,42 @@ def give_up(el, cap, sums):
 
 
 def factor(sums, tiny):
-    """Cholesky factor of the Schur complement, diagonal inverted; -1, or the first axis that is stuck."""
+    """L D L^T of the Schur complement, D inverted; -1, or the first axis that is stuck."""
     s0, s1, s2, s3, s4 = sums[0], sums[1], sums[2], sums[3], sums[4]
     s5, s6, s7, s8, s9 = sums[5], sums[6], sums[7], sums[8], sums[9]
     if s0 <= NO_PIVOT:
         return 0
-    i0 = 1.0 / sqrt(s0)
+    i0 = 1.0 / s0
     l1, l3, l6 = s1 * i0, s3 * i0, s6 * i0
-    d = s2 - l1 * l1
+    d = s2 - l1 * s1
     if d <= tiny * s2 or d <= NO_PIVOT:
         return 1
-    i1 = 1.0 / sqrt(d)
-    l4, l7 = (s4 - l3 * l1) * i1, (s7 - l6 * l1) * i1
-    d = s5 - l3 * l3 - l4 * l4
+    i1 = 1.0 / d
+    t4, t7 = s4 - l3 * s1, s7 - l6 * s1
+    l4, l7 = t4 * i1, t7 * i1
+    d = s5 - l3 * s3 - l4 * t4
     if d <= tiny * s5 or d <= NO_PIVOT:
         return 2
-    i2 = 1.0 / sqrt(d)
-    l8 = (s8 - l6 * l3 - l7 * l4) * i2
-    d = s9 - l6 * l6 - l7 * l7 - l8 * l8
+    i2 = 1.0 / d
+    t8 = s8 - l6 * s3 - l7 * t4
+    l8 = t8 * i2
+    d = s9 - l6 * s6 - l7 * t7 - l8 * t8
     if d <= tiny * s9 or d <= NO_PIVOT:
         return 3
     sums[10], sums[11], sums[12], sums[13], sums[14] = i0, l1, i1, l3, l4
-    sums[15], sums[16], sums[17], sums[18], sums[19] = i2, l6, l7, l8, 1.0 / sqrt(d)
+    sums[15], sums[16], sums[17], sums[18], sums[19] = i2, l6, l7, l8, 1.0 / d
     return -1
 
 
 def substitute(b0, b1, b2, b3, sums):
     """Solve with the factor."""
-    i0, i1, i2, i3 = sums[10], sums[12], sums[15], sums[19]
-    l10, l20, l21, l30, l31, l32 = (
-        sums[11],
-        sums[13],
-        sums[14],
-        sums[16],
-        sums[17],
-        sums[18],
-    )
-    y0 = b0 * i0
-    y1 = (b1 - l10 * y0) * i1
-    y2 = (b2 - l20 * y0 - l21 * y1) * i2
-    y3 = (b3 - l30 * y0 - l31 * y1 - l32 * y2) * i3
-    v3 = y3 * i3
-    v2 = (y2 - l32 * v3) * i2
-    v1 = (y1 - l21 * v2 - l31 * v3) * i1
-    return (y0 - l10 * v1 - l20 * v2 - l30 * v3) * i0, v1, v2, v3
+    l10, l20, l21, l30, l31, l32 = sums[11], sums[13], sums[14], sums[16], sums[17], sums[18]
+    y1 = b1 - l10 * b0
+    y2 = b2 - l20 * b0 - l21 * y1
+    v3 = (b3 - l30 * b0 - l31 * y1 - l32 * y2) * sums[19]
+    v2 = y2 * sums[15] - l32 * v3
+    v1 = y1 * sums[12] - l21 * v2 - l31 * v3
+    return b0 * sums[10] - l10 * v1 - l20 * v2 - l30 * v3, v1, v2, v3
 
 
 def correct(arms, x, lo, hi, el, work, sums):
