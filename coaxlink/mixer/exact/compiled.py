@@ -5,12 +5,15 @@ numba is imported here and nowhere else in the law, and only when a compiled law
 
 from __future__ import annotations
 
+import hashlib
+import os
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from coaxlink.mixer.exact import dual, kernel, loads, quadratic, schur, warm
 
-# callees before callers; numba's cache looks at the text of kernel.py alone: empty it after editing another
+# callees before callers
 HELPERS = {
     loads: (
         "surface", "value", "line", "value_of_one", "expand_arm", "expand", "miss", "merit", "move",
@@ -42,4 +45,21 @@ def compiled() -> tuple[Any, Any]:
     for module, names in HELPERS.items():
         for name in names:
             register_jitable(**OPTIONS, forceinline=name in INLINE)(getattr(module, name))
-    return numba.njit(kernel.optimum, cache=True, **OPTIONS), numba.njit(kernel.batch, cache=True, **OPTIONS)
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
+    try:
+        optimum = numba.njit(kernel.optimum, cache=True, **OPTIONS)
+        return optimum, numba.njit(kernel.batch, cache=True, **OPTIONS)
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def cache_folder() -> Path:
+    """Where the compiled law is kept: a folder for this very source.
+
+    numba looks at the text of kernel.py alone, and would run the old law after an upgrade of another
+    module of the law.
+    """
+    texts = [Path(str(module.__file__)).read_bytes() for module in HELPERS]
+    texts.append(Path(__file__).read_bytes())
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "coaxlink" / f"exact-{hashlib.sha256(b''.join(texts)).hexdigest()[:16]}"
