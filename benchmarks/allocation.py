@@ -304,22 +304,27 @@ def batch(rows: int = 100_000) -> float:
     return best
 
 
+def ring(arms: int, *, paired: bool) -> Airframe:
+    """Arms on a circle, each with a contra-rotating pair, or with one rotor of alternate spin."""
+    rotors = []
+    for level, z in (("upper", -0.07), ("lower", 0.07)) if paired else (("single", 0.0),):
+        for k in range(arms):
+            angle, spin = 2 * np.pi * (k + 0.5) / arms, 1 if k % 2 == (level == "lower") else -1
+            place = (0.4 * np.cos(angle), 0.4 * np.sin(angle), z)
+            number = k + 1 + (arms if level == "lower" else 0)
+            other = None if level == "single" else k + 1 + (arms if level == "upper" else 0)
+            rotors.append(Rotor(number, place, (0.0, 0.0, -1.0), spin, level, other))
+    return Airframe("ring", 2.5 * len(rotors), (1, 1, 1), tuple(rotors))
+
+
 def by_rotors() -> dict[int, float]:
-    """Median us by rotor count, pairs on a ring, in the compiled loop."""
+    """Median us by rotor count in the compiled loop: four single rotors, then pairs on a ring."""
     found = {}
-    for arms in range(3, 9):
-        rotors = []
-        for level, z in (("upper", -0.07), ("lower", 0.07)):
-            for k in range(arms):
-                angle, spin = 2 * np.pi * (k + 0.5) / arms, 1 if k % 2 == (level == "lower") else -1
-                pair = k + 1 + (arms if level == "upper" else 0)
-                number = k + 1 + (0 if level == "upper" else arms)
-                place = (0.4 * np.cos(angle), 0.4 * np.sin(angle), z)
-                rotors.append(Rotor(number, place, (0.0, 0.0, -1.0), spin, level, pair))
-        ring = Airframe("ring", 5.0 * arms, (1, 1, 1), tuple(rotors))
-        demands = smooth(2000) * np.array([arms / 4, arms / 8, arms / 8, arms / 8])
+    for airframe in (ring(4, paired=False), *(ring(arms, paired=True) for arms in range(3, 9))):
+        count = len(airframe.rotors)
+        demands = smooth(2000) * np.array([count / 8, count / 16, count / 16, count / 16])
         demands = np.ascontiguousarray(np.clip(demands, -1e9, [1e9, 1e9, 1e9, 1.0]))
-        found[2 * arms] = compiled_loop(demands, np.ones(2000, bool), ring)["median_us"]
+        found[count] = compiled_loop(demands, np.ones(2000, bool), airframe)["median_us"]
     return found
 
 
