@@ -63,7 +63,8 @@ def _kind(path: Path) -> str:
         return "ulog"
     if head.startswith(_DATAFLASH):
         return "dataflash"
-    if len(head) > 9 and head[8] in _MAVLINK and b"," not in head:
+    # the stamp, us since 1970, begins with a zero byte for 2000 years to come; no text does
+    if len(head) > 9 and head[8] in _MAVLINK and head[0] == 0:
         return "tlog"
     suffixes = {".ulg": "ULog", ".tlog": "tlog", ".bin": "DataFlash"}
     if path.suffix.lower() in suffixes:

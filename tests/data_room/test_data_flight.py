@@ -233,3 +233,13 @@ def test_a_battery_told_cell_by_cell_is_the_pack(tmp_path: Path) -> None:
     early = recorded(tmp_path / "one.tlog")
     assert read_flight_log(early.write())["voltage_V"].max() == pytest.approx(25.0)
     assert read_flight_log(log.write())["voltage_V"][-1] == pytest.approx(24.4, abs=0.02)
+
+
+@pytest.mark.parametrize("stamp_us", [1_795_000_000_000_000 + k for k in range(0, 256, 5)])
+def test_a_tlog_is_known_whatever_its_stamp_and_first_bytes(tmp_path: Path, stamp_us: int) -> None:
+    path = recorded(tmp_path / "flight.tlog", seconds=0.5).write()
+    data = bytearray(path.read_bytes())
+    data[:8] = stamp_us.to_bytes(8, "big")
+    data[10] = ord(",")  # a flag or a count: any byte may look like text
+    path.write_bytes(data)
+    assert is_flight_log(path)
