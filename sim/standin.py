@@ -16,6 +16,7 @@ from sim.links import Peer, Port, wait
 from sim.px4.autopilot import RATE_HZ, Autopilot
 from sim.px4.cascade import Demand
 from sim.px4.protocol import Conversation
+from sim.px4.telemetry import stamp_us
 from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
@@ -75,6 +76,8 @@ class Standin:
         """4 ms of the vehicle's time, with everything said and heard in it."""
         self.hear()
         self.autopilot.step()
+        if self.autopilot.logger is not None:
+            self.autopilot.logger.record(stamp_us(self.autopilot))
         if self._booting:
             return
         for conversation in self._conversations.values():
@@ -135,6 +138,8 @@ class Standin:
 
     def _say(self, severity: int, text: str) -> None:
         self._everyone(m.MAVLink_statustext_message(severity, text.encode()[:50]))
+        if self.autopilot.logger is not None:
+            self.autopilot.logger.say(severity, text)
 
     def _exchange(self, demand: Demand) -> None:
         """Send the demand to whoever mixes, and wait for the answer where that is fair."""

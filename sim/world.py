@@ -56,6 +56,7 @@ def open_links(addresses: Sequence[str]) -> list[Port]:
 def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
     """A stand-in ready to run. Raises WorldError."""
     from sim.px4.autopilot import Autopilot
+    from sim.px4.logger import UlogLogger
 
     ardupilot = world.firmware.partition(":")[0] == "ardupilot"
     version = CURRENT if ardupilot else firmware_version(world.firmware)
@@ -65,11 +66,14 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
     common["key"] = None if world.signing_key is None else read_key(world.signing_key)
     if ardupilot:
         from sim.ardupilot.copter import Copter
+        from sim.ardupilot.logger import DataFlashLogger
         from sim.ardupilot.protocol import ApConversation
 
         copter = Copter(plant, truth, version=version, seed=world.seed)
+        DataFlashLogger(copter)
         return Standin(copter, ports, manners=ApConversation, **common)
     autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
+    UlogLogger(autopilot)
     return Standin(autopilot, ports, **common)
 
 

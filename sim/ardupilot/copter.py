@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.ardupilot.files import Files
+from sim.ardupilot.files import Card
 from sim.ardupilot.mixer import SCRIPTED, Mixer
 from sim.ardupilot.scripts import Scripts
 from sim.ardupilot.store import Store
@@ -97,7 +97,7 @@ class Copter(Autopilot):
         store = Store(self.plant.vehicle)
         self.store: Any = store
         self.settings = Translated(store)
-        self.files = Files()
+        self.files = Card(store)
         mixer = Mixer(store, self.rotors)
         self.mixer: Any = mixer
         tuned = tune(mixer, self.plant)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 import time
 from collections import deque
 from collections.abc import Callable
@@ -12,7 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as m
 
 from sim.ardupilot.copter import Copter
-from sim.ardupilot.files import Server
+from sim.ardupilot.files import MANNERS
 from sim.ardupilot.telemetry import BUILDERS, DEFAULT_HZ, GROUPS
 from sim.links import Peer
 from sim.px4.autopilot import Refused
@@ -28,16 +27,13 @@ class ApConversation(Conversation):
 
     builders = BUILDERS
     default_hz = DEFAULT_HZ
+    file_manners = MANNERS
+    first_log = 1
 
     def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None]) -> None:
         super().__init__(autopilot, peer, everyone)
         self.copter = autopilot
-        self._files = Server(autopilot.files, autopilot.store, self._file_reply)
-        self._file_source = (255, 190)
-        self._handlers |= {
-            "REQUEST_DATA_STREAM": self._data_stream,
-            "FILE_TRANSFER_PROTOCOL": self._file_transfer,
-        }
+        self._handlers["REQUEST_DATA_STREAM"] = self._data_stream
         autopilot.send_raw = lambda number, payload: everyone(_Raw(number, payload))
 
     def hear(self, message: Any) -> None:
@@ -148,18 +144,6 @@ class ApConversation(Conversation):
     def demand_due(self) -> bool:
         """No such stream: only a script sends the demand."""
         return False
-
-    # -- files ---------------------------------------------------------------------------------
-
-    def _file_transfer(self, message: Any) -> None:
-        self._file_source = message.get_srcSystem(), message.get_srcComponent()
-        try:
-            self._files.hear(bytes(message.payload))
-        except (struct.error, UnicodeDecodeError):
-            return
-
-    def _file_reply(self, payload: bytes) -> None:
-        self.send(m.MAVLink_file_transfer_protocol_message(0, *self._file_source, list(payload)))
 
     def _actuator_target(self, message: Any) -> None:
         """No handler: only a script can take it."""

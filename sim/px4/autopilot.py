@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.ftp import Files
 from sim.plant import FOOT_Z_M, Plant
 from sim.px4.cascade import IDLE, Cascade, Demand, Four, Goal, Settings, Three, euler
 from sim.px4.mixer import Mixer
@@ -71,6 +72,8 @@ class Autopilot:
         self.sensors = Sensors(plant, seed)
         self.rotors = plant.vehicle.rotors
         self._wires: list[int] | None = None
+        self.files = Files("fs/microsd", protected=("etc/", "proc/", "dev/", "bin/"))
+        self.logger: Any = None
         self._fit_out()
         self.cascade = Cascade(self.settings, 1.0 / RATE_HZ)
         self.say: Callable[[int, str], None] = lambda severity, text: None
@@ -106,6 +109,8 @@ class Autopilot:
         self._live = np.zeros(self.rotors)
         self._armed_at = self._landed_at = self.plant.time_s
         self.cascade.reset()
+        if self.logger is not None:
+            self.logger.booted()
 
     # -- what others ask of it -----------------------------------------------------------------
 

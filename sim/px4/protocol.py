@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as m
 
+from sim.ftp import Manners, Server
 from sim.links import Peer
+from sim.logs import LogTransfer
 from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Refused
 from sim.px4.store import HASH_CHECK
 from sim.px4.telemetry import BUILDERS, DEFAULT_HZ, HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG, stamp_us
@@ -28,6 +30,8 @@ class Conversation:
 
     builders = BUILDERS
     default_hz = DEFAULT_HZ
+    file_manners = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
+    first_log = 0
 
     def __init__(self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None]) -> None:
         self.autopilot, self.peer, self._everyone = autopilot, peer, everyone
@@ -35,6 +39,9 @@ class Conversation:
         self._due_us: dict[int, float] = {}
         self._listing: deque[int] = deque()
         self._listed_at = 0.0
+        self._files = Server(autopilot.files, self.file_manners, self._file_reply)
+        self._file_source = (255, 190)
+        self._logs = LogTransfer(autopilot, self.send, self.first_log)
         self._handlers: dict[str, Callable[[Any], None]] = {
             "PARAM_REQUEST_READ": self._param_read,
             "PARAM_REQUEST_LIST": self._param_list,
@@ -48,6 +55,8 @@ class Conversation:
             "TIMESYNC": self._timesync,
             "PING": self._ping,
             "MISSION_REQUEST_LIST": self._mission_list,
+            "FILE_TRANSFER_PROTOCOL": self._file_transfer,
+            **self._logs.handlers,
         }
 
     # -- outgoing ------------------------------------------------------------------------------
@@ -74,7 +83,8 @@ class Conversation:
         return interval is not None and stamp_us(self.autopilot) + 1 >= self._due_us.get(140, 0.0)
 
     def list_on(self) -> None:
-        """Go on with a parameter list, at the pace a real link has."""
+        """Go on with a parameter list or a log, at the pace a real link has."""
+        self._logs.go_on()
         if not self._listing:
             return
         now = time.monotonic()
@@ -285,6 +295,13 @@ class Conversation:
         if message.target_system == 0:
             source = message.get_srcSystem(), message.get_srcComponent()
             self.send(m.MAVLink_ping_message(message.time_usec, message.seq, *source))
+
+    def _file_transfer(self, message: Any) -> None:
+        self._file_source = message.get_srcSystem(), message.get_srcComponent()
+        self._files.hear(bytes(message.payload))
+
+    def _file_reply(self, payload: bytes) -> None:
+        self.send(m.MAVLink_file_transfer_protocol_message(0, *self._file_source, list(payload)))
 
     def _mission_list(self, message: Any) -> None:
         source = message.get_srcSystem(), message.get_srcComponent()

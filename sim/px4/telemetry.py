@@ -20,7 +20,8 @@ M_PER_DEG = 111319.49
 PRESENT = 1 | 2 | 4 | 8 | 32 | 1024 | 2048 | 4096 | 8192 | 16384 | 32768 | 0x200000 | 0x2000000
 PREARM = 0x10000000
 TYPES = {4: 2, 6: 13, 8: 14, 12: 29, 3: 15}
-CAPABILITIES = 4 | 8 | 16 | 64 | 128 | 8192
+# integers as missions and commands, bytewise parameters, FTP, targets, MAVLink 2
+CAPABILITIES = 4 | 8 | 16 | 32 | 64 | 128 | 8192
 SET_ACTUATOR_TARGET = 1024
 
 # message id: rate in Hz of simulated time, before anyone asks otherwise
@@ -63,7 +64,7 @@ def sys_status(a: Autopilot) -> Any:
     r = a.reading
     charge, volts = round(100 * a.plant.charge), round(1000 * r.voltage)
     return m.MAVLink_sys_status_message(
-        bits, bits, healthy, 250, volts, round(100 * r.current), charge, 0, 0, 0, 0, 0, 0
+        bits, bits, healthy, 250, volts, short(100 * r.current), charge, 0, 0, 0, 0, 0, 0
     )
 
 
@@ -77,7 +78,7 @@ def gps_raw(a: Autopilot) -> Any:
     lat, lon, alt = _geodetic(a)
     n, e, _ = a.reading.velocity.tolist()
     course = round(100 * math.degrees(math.atan2(e, n)) % 36000)
-    speed = round(100 * math.hypot(n, e))
+    speed = short(100 * math.hypot(n, e))
     return m.MAVLink_gps_raw_int_message(
         stamp_us(a), 3, lat, lon, alt, 70, 90, speed, course, 14, alt, 900, 1500, 200, 0, 0
     )
@@ -107,14 +108,14 @@ def global_position(a: Autopilot) -> Any:
     r = a.reading
     heading = round(100 * math.degrees(euler(tuple(r.quaternion.tolist()))[2])) % 36000
     relative = round(-1000 * r.position[2])
-    vn, ve, vd = (round(100 * v) for v in r.velocity.tolist())
+    vn, ve, vd = (short(100 * v) for v in r.velocity.tolist())
     return m.MAVLink_global_position_int_message(stamp_ms(a), lat, lon, alt, relative, vn, ve, vd, heading)
 
 
 def servo_output(a: Autopilot) -> Any:
     """36. Microseconds; 900 on a disarmed output."""
     us = [round(v) for v in a.outputs_us][:16]
-    return m.MAVLink_servo_output_raw_message(stamp_us(a), 0, *(us + [0] * (16 - len(us))))
+    return m.MAVLink_servo_output_raw_message(stamp_us(a) & 0xFFFFFFFF, 0, *(us + [0] * (16 - len(us))))
 
 
 def vfr_hud(a: Autopilot) -> Any:
@@ -151,7 +152,7 @@ def highres_imu(a: Autopilot) -> Any:
         n * 2 * (x * z + w * y) + d * (1 - 2 * (x * x + y * y)),
     )
     alt = HOME_ALT - float(r.position[2])
-    pressure = 1013.25 * (1 - 2.25577e-5 * alt) ** 5.25588
+    pressure = 1013.25 * max(1 - 2.25577e-5 * alt, 0.0) ** 5.25588
     return m.MAVLink_highres_imu_message(
         stamp_us(a), *r.accel.tolist(), *r.rates.tolist(), *mag, pressure, 0.0, alt, 25.0, 0x1FFF, 0
     )
@@ -189,7 +190,7 @@ def battery_status(a: Autopilot) -> Any:
     used = round((0.95 - a.plant.charge) * b.capacity_Ah * 1000)
     charge = round(100 * a.plant.charge)
     return m.MAVLink_battery_status_message(
-        0, 0, 1, 0x7FFF, cells, round(100 * r.current), max(used, 0), -1, charge, 0, 1
+        0, 0, 1, 0x7FFF, cells, short(100 * r.current), max(used, 0), -1, charge, 0, 1
     )
 
 
@@ -275,6 +276,11 @@ def stamp_us(a: Autopilot) -> int:
 def stamp_ms(a: Autopilot) -> int:
     """Time of the reading, ms since boot."""
     return stamp_us(a) // 1000
+
+
+def short(value: float) -> int:
+    """As a 16 bit field takes it; what is beyond stays at its end."""
+    return min(max(round(value), -32767), 32767)
 
 
 def _geodetic(a: Autopilot) -> tuple[int, int, int]:
