@@ -52,8 +52,12 @@ def cases(a: argparse.Namespace) -> Iterator[Case]:
     bench = [*((n,) for n in blind_sim.ALL), *blind_sim.DOUBLES]
     physics = [*((n,) for n in blind_flight.WORTH), *blind_flight.DOUBLES]
     spoiled = [(n,) for n in (*blind_flight.FAULTS, *blind_flight.STRANGE)]
-    groups = [("stand", "other", h) for h in stand] + [("stand", f, h) for f in ("same", "law") for h in bench]
-    groups += [("flight", f, h) for f in ("same", "law") for h in physics] + [("flight", "same", h) for h in spoiled]
+    groups = [("stand", "other", h) for h in stand] + [
+        ("stand", f, h) for f in ("same", "law") for h in bench
+    ]
+    groups += [("flight", f, h) for f in ("same", "law") for h in physics] + [
+        ("flight", "same", h) for h in spoiled
+    ]
     for s in range(a.first, a.first + max(a.seeds, a.clean)):
         for kind, family, hidden in groups:
             wanted = "+".join(hidden) in only if only else True

@@ -65,7 +65,9 @@ class Made:
     truth: dict[str, object]
 
 
-def truth_toml(hidden: tuple[str, ...], worth: float, random: np.random.Generator, family: str, rotors: int) -> str:
+def truth_toml(
+    hidden: tuple[str, ...], worth: float, random: np.random.Generator, family: str, rotors: int
+) -> str:
     """The truth file of physical effects; `family` same: the world's first law, law: one of its others."""
     blocks = []
     for name in hidden:
@@ -126,12 +128,19 @@ def make(hidden: tuple[str, ...], seed: int, worth: float, family: str, folder: 
     told = truth_toml(hidden, worth, random, family, vehicle.rotors)
     secret = body.with_suffix(".truth")
     secret.write_text(told)
-    battery = Battery(charge=float(random.uniform(0.8, 0.97)), resistance_ohm=float(random.uniform(0.018, 0.03)))
-    pilot = Autopilot(Plant(vehicle, read_pair(EXAMPLES / "rotor_paper.toml"), battery), read_truth(secret), seed=seed)
+    battery = Battery(
+        charge=float(random.uniform(0.8, 0.97)), resistance_ohm=float(random.uniform(0.018, 0.03))
+    )
+    pilot = Autopilot(
+        Plant(vehicle, read_pair(EXAMPLES / "rotor_paper.toml"), battery), read_truth(secret), seed=seed
+    )
     noise = float(random.choice([0.6, 1.0, 2.0]))
     usual = pilot.sensors.noise
     scaled = replace(
-        usual, accel_m_s2=noise * usual.accel_m_s2, gyro_rad_s=noise * usual.gyro_rad_s, attitude_rad=noise * usual.attitude_rad
+        usual,
+        accel_m_s2=noise * usual.accel_m_s2,
+        gyro_rad_s=noise * usual.gyro_rad_s,
+        attitude_rad=noise * usual.attitude_rad,
     )
     pilot.sensors = Sensors(pilot.plant, seed, scaled)
     plan = str(random.choice(["vigorous", "wandering"], p=[0.4, 0.6]))

@@ -78,7 +78,11 @@ def judge(case: Case, truth: dict[str, Any], answer: dict[str, Any]) -> Verdict:
     channels = answer["channels"]
     over = [c["rmse_after"] / c["noise_floor"] for c in channels.values() if c["noise_floor"] > 0]
     sigma = truth.get("sigma", {})
-    real = [channels[n.rsplit("_", 1)[0]]["rmse_after"] / s for n, s in sigma.items() if n.rsplit("_", 1)[0] in channels]
+    real = [
+        channels[n.rsplit("_", 1)[0]]["rmse_after"] / s
+        for n, s in sigma.items()
+        if n.rsplit("_", 1)[0] in channels
+    ]
     return Verdict(
         case, worth, right, bool(set(found) - set(case.hidden)), said,
         max(over, default=math.nan), max(real, default=math.nan), answer["seconds"], _world(truth),
@@ -94,7 +98,9 @@ def _world(truth: dict[str, Any]) -> str:
 def failures(verdicts: list[Verdict]) -> str:
     """Every wrong answer with its world, for whoever mends the method."""
     return "\n".join(
-        f"{v.case.name}: worth {100 * v.worth:.1f} %, said {v.said}; {v.world}" for v in verdicts if not v.right
+        f"{v.case.name}: worth {100 * v.worth:.1f} %, said {v.said}; {v.world}"
+        for v in verdicts
+        if not v.right
     )
 
 
@@ -134,7 +140,11 @@ def table(cases: list[Case], folder: Path, answers: Path) -> tuple[str, dict[str
     for kind in ("stand", "flight"):
         for sort in ("single", "double", "fault", "strange", "clean"):
             for families in (("other",), ("law",), ("same",), ("other", "law"), ("other", "law", "same")):
-                mine = [v for v in verdicts if v.case.kind == kind and v.case.sort == sort and v.case.family in families]
+                mine = [
+                    v
+                    for v in verdicts
+                    if v.case.kind == kind and v.case.sort == sort and v.case.family in families
+                ]
                 if not mine or (len(families) > 1 and len({v.case.family for v in mine}) < 2):
                     continue
                 name = f"{kind} {sort} {'+'.join(families) if len(families) < 3 else 'all'}"
@@ -169,7 +179,9 @@ def _row(mine: list[Verdict]) -> str:
 def _floors(verdicts: list[Verdict]) -> list[str]:
     out = []
     for kind in ("stand", "flight"):
-        mine = [v for v in verdicts if v.case.kind == kind and v.right and v.case.sort in ("single", "double")]
+        mine = [
+            v for v in verdicts if v.case.kind == kind and v.right and v.case.sort in ("single", "double")
+        ]
         for label, key in (("reported noise floor", "floor"), ("true noise", "noise")):
             values = [x for v in mine if not math.isnan(x := getattr(v, key))]
             if values:

@@ -367,7 +367,11 @@ def _log(
         row, first = int(random.integers(4)), int(random.integers(rows // 5, rows // 2))
         loads[row, first : first + rows // 10] = loads[row, first]
     if "repeated_batch" in hidden:
-        n, first, to = rows // 12, int(random.integers(0, rows // 4)), int(random.integers(rows // 2, rows * 3 // 4))
+        n, first, to = (
+            rows // 12,
+            int(random.integers(0, rows // 4)),
+            int(random.integers(rows // 2, rows * 3 // 4)),
+        )
         loads[:, to : to + n] = loads[:, first : first + n]
     order = (1, 0) if "swapped_labels" in hidden else (0, 1)
     rpm = rig.pair.speed_max_rpm
