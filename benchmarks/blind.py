@@ -1,12 +1,12 @@
-"""Hidden against found: logs with an undeclared effect, fault, pair of effects or nothing in them, through `refine`.
+"""Hidden against found: logs with an undeclared effect, fault or nothing in them, through `refine`.
 
     python benchmarks/blind.py [--seeds 20] [--clean 100] [--only NAME,...] [--kind stand|flight]
                                [--family other,same,law] [--jobs 2] [--folder F] [--json F] [--report]
 
-Three rooms that share no code. *Worlds* (`blind_stand`, `blind_flight`, `sim`) write a log into F/logs and the
-truth into F/truth. *Analysis* is given the log, and the rotor model and airframe where a user would have them;
-its answer, the contract's JSON, goes to F/answers-HASH (of the method's source: another method answers anew).
-*Scoring* reads truth and answers. A kill loses nothing; the same command goes on where it was.
+Three rooms that share no code. *Worlds* (`blind_stand`, `blind_flight`, `sim`) write a log into F/logs and
+the truth into F/truth. *Analysis* is given the log, and the rotor model and airframe where a user would have
+them; its answer, the contract's JSON, goes to F/answers-HASH (of the method's source: another method answers
+anew). *Scoring* reads truth and answers. A kill loses nothing; the same command goes on where it was.
 
 Families: `same` is `sim` with its first laws, `law` is `sim` with other laws of the same physics, `other` a
 stand written for this benchmark alone, with rigs, schedules, pairs and laws of its own.
@@ -61,9 +61,9 @@ def cases(a: argparse.Namespace) -> Iterator[Case]:
     for s in range(a.first, a.first + max(a.seeds, a.clean)):
         for kind, family, hidden in groups:
             wanted = "+".join(hidden) in only if only else True
-            if kind in a.kind and family in families and wanted and s < a.first + a.seeds:
-                if family != "law" or has_law(kind, hidden):
-                    yield Case(kind, family, hidden, s)
+            asked = kind in a.kind and family in families and s < a.first + a.seeds
+            if wanted and asked and (family != "law" or has_law(kind, hidden)):
+                yield Case(kind, family, hidden, s)
         for kind, family in (("stand", "other"), ("flight", "same")):
             if kind in a.kind and (not only or "clean" in only) and s < a.first + a.clean:
                 yield Case(kind, family, (), s)

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import flights
+from sim.plant import Battery, Plant
 from sim.px4.autopilot import Autopilot
 from sim.px4.cascade import Goal
 from sim.rotors import read_pair
 from sim.sensors import Sensors
 from sim.truth import FORMS, read_truth
-from sim.plant import Battery, Plant
 from sim.vehicle import read_vehicle
 
 Array = NDArray[np.float64]

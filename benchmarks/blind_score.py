@@ -117,7 +117,8 @@ def rate(verdicts: list[Verdict]) -> str:
     """In words."""
     good = sum(v.right for v in verdicts)
     low, high = wilson(good, len(verdicts))
-    return f"{100 * good / max(len(verdicts), 1):5.1f} % ({100 * low:.1f} to {100 * high:.1f}) of {len(verdicts)}"
+    share = 100 * good / max(len(verdicts), 1)
+    return f"{share:5.1f} % ({100 * low:.1f} to {100 * high:.1f}) of {len(verdicts)}"
 
 
 def table(cases: list[Case], folder: Path, answers: Path) -> tuple[str, dict[str, Any]]:
@@ -129,8 +130,8 @@ def table(cases: list[Case], folder: Path, answers: Path) -> tuple[str, dict[str
             truth = json.loads(told.read_text()) if told.exists() else {}
             verdicts.append(judge(case, truth, json.loads(said.read_text())))
     lines = [f"{len(verdicts)} of {len(cases)} answered"]
-    head = f"{'kind':6s} {'family':6s} {'hidden':46s} {'>= 3 %':>8s} {'< 3 %':>7s} {'floor':>6s} {'noise':>6s} {'s':>5s}"
-    lines.append(f"{head}  otherwise")
+    head = f"{'kind':6s} {'family':6s} {'hidden':46s} {'>= 3 %':>8s} {'< 3 %':>7s}"
+    lines.append(f"{head} {'floor':>6s} {'noise':>6s} {'s':>5s}  otherwise")
     groups: dict[tuple[str, str, str], list[Verdict]] = defaultdict(list)
     for v in verdicts:
         groups[v.case.kind, v.case.family, " + ".join(v.case.hidden) or "clean"].append(v)
@@ -157,9 +158,13 @@ def table(cases: list[Case], folder: Path, answers: Path) -> tuple[str, dict[str
                 text += f"; an effect that is not there: {alarms}/{len(mine)}"
                 lines.append(text)
                 numbers["rates"][name] = {
-                    "right": sum(v.right for v in big), "of": len(big), "small_right": sum(v.right for v in small),
-                    "small_of": len(small), "alarms": alarms, "all": len(mine),
-                }  # fmt: skip
+                    "right": sum(v.right for v in big),
+                    "of": len(big),
+                    "small_right": sum(v.right for v in small),
+                    "small_of": len(small),
+                    "alarms": alarms,
+                    "all": len(mine),
+                }
     lines += _floors(verdicts)
     numbers["failures"] = failures(verdicts)
     return "\n".join(lines), numbers
@@ -187,8 +192,8 @@ def _floors(verdicts: list[Verdict]) -> list[str]:
             if values:
                 within = sum(x <= 1.05 for x in values) / len(values)
                 out.append(
-                    f"{kind} explained: worst channel after over {label}: within 1.05 in {100 * within:.0f} % of "
-                    f"{len(values)}, median {_median(values):.2f}"
+                    f"{kind} explained: worst channel after over {label}: within 1.05 in "
+                    f"{100 * within:.0f} % of {len(values)}, median {_median(values):.2f}"
                 )
         seconds = [v.seconds for v in verdicts if v.case.kind == kind and not math.isnan(v.seconds)]
         if seconds:
@@ -203,6 +208,11 @@ def _median(values: list[float]) -> float:
 
 def _plain(v: Verdict) -> dict[str, Any]:
     return {
-        "case": v.case.name, "worth": v.worth, "right": v.right, "said": v.said, "floor": v.floor, "noise": v.noise,
+        "case": v.case.name,
+        "worth": v.worth,
+        "right": v.right,
+        "said": v.said,
+        "floor": v.floor,
+        "noise": v.noise,
         "seconds": v.seconds,
-    }  # fmt: skip
+    }

@@ -2,8 +2,8 @@
 
 Everything is drawn from the seed: rotor pair, schedule (grids in and out of order, ramps, stairs, sines,
 random holds), rate, noise, which columns are logged. Every effect's strength is then set so that it is worth
-the asked share of thrust: the 95th percentile of what it changes in its most touched load over that load's own
-95th percentile. Writes a log and, elsewhere, the truth. Knows nothing of `coaxlink`.
+the asked share of thrust: the 95th percentile of what it changes in its most touched load over that load's
+own 95th percentile. Knows nothing of `coaxlink`.
 """
 
 from __future__ import annotations
