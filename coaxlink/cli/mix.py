@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coaxlink.cli._effects import refuse_no_lift, rotor_path, say_effects
 from coaxlink.cli._shell import JsonOption, say
-from coaxlink.cli.allocate import rotor_path
 from coaxlink.cli.upload import SigningOption, SystemOption
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
@@ -78,7 +78,12 @@ def mix(
 
     sys.setswitchinterval(SWITCH_S)
     frame = load_airframe(airframe)
-    model = load_rotor_model(rotor_path(frame.rotor_model, rotor, airframe))
+    path = rotor_path(frame.rotor_model, rotor, airframe)
+    model = load_rotor_model(path)
+    refuse_no_lift(model, path)
+    seen = mixer.see(frame, model, surfaces_only=True)  # the rest is compensated from telemetry
+    say_effects(seen)
+    model = seen.model
     chosen = mixer.make_law(law, frame, model, **({"compiled": True} if compiled else {}))
     # the first call compiles, or fills caches: never in flight
     chosen.speeds([9.80665 * frame.mass_kg, 0.0, 0.0, 0.0])

@@ -2,8 +2,9 @@
 
 Battery voltage divides every command by the speed it loses, u = u_cmd (V / V_ref)^k; the others are what
 they add to the wrench at the last speeds, taken off the demand before the law. The formulas are those of
-`coaxlink.residual.effects`, whose sources they share. An input that is missing or older than STALE_S
-compensates nothing (voltage: holds its last factor), so that telemetry cannot throw the vehicle.
+`coaxlink.residual.effects`, whose sources they share, and of `coaxlink.mixer.seen`. An input that is missing
+or older than STALE_S compensates nothing (voltage: holds its last factor), so that telemetry cannot throw
+the vehicle.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.mixer.plain import PlainRotors
+from coaxlink.mixer.seen import ground_gain, speed_factor
 from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
@@ -129,25 +131,18 @@ class LiveEffects:
         before = self._volts if self._volts is not None else volts
         share = 1.0 - math.exp(-(now - self._volts_at) / VOLTAGE_TAU_S) if self._volts is not None else 1.0
         self._volts, self._volts_at = before + share * (volts - before), now
-        factor = (self._volts / p["reference_voltage_V"]) ** p["speed_exponent"]
+        factor = speed_factor(p, self._volts)
         self.factor = min(max(factor, FACTOR[0]), FACTOR[1])
 
     # -- parts, each (speeds) -> wrench (4,) ---------------------------------------------------------------
 
     def _ground(self, p: Mapping[str, float]) -> Part:
-        def gain(height: float) -> float:
-            h = max(height, 0.08)
-            if "height_scale_m" in p:
-                return p["gain_at_ground"] * math.exp(-h / p["height_scale_m"])
-            radius = p["effective_radius_m"]
-            return radius * abs(radius) / (16.0 * h * h)
-
         def part(speeds: Sequence[float]) -> Wrench:
             height = self.telemetry.get("height")
             thrust, _ = self._loads(speeds)
-            return (
-                self._of(min(max(gain(height), -MOST), MOST) * thrust) if height is not None else np.zeros(4)
-            )
+            if height is None:
+                return np.zeros(4)
+            return self._of(min(max(ground_gain(p, height), -MOST), MOST) * thrust)
 
         return part
 

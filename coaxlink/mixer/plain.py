@@ -27,11 +27,14 @@ class PlainRotors:
     upper_torque: Surface
     lower_thrust: Surface
     lower_torque: Surface
-    per_load: NDArray[np.float64]  # (4, 2N) wrench per unit thrust of each rotor, then per unit torque
+    per_load: NDArray[np.float64]  # (4, 2N) wrench per unit thrust of the model at each rotor, then torque
+    gains: tuple[tuple[float, float], ...]  # (N,) thrust and torque of each rotor over the model's
 
     @classmethod
     def of(cls, airframe: Airframe, model: RotorModel) -> PlainRotors:
-        """The rotors of `airframe`, all alike, each pair by `model`."""
+        """The rotors of `airframe`, each pair by `model` and each rotor by its own gains."""
+        per_thrust, per_torque = airframe.effectiveness()
+        thrust_gain, torque_gain = airframe.gains
         return cls(
             airframe.pairs,
             airframe.singles,
@@ -39,7 +42,8 @@ class PlainRotors:
             Surface.of(model.upper_torque),
             Surface.of(model.lower_thrust),
             Surface.of(model.lower_torque),
-            np.concatenate(airframe.effectiveness(), axis=1),
+            np.concatenate([per_thrust * thrust_gain, per_torque * torque_gain], axis=1),
+            tuple((float(f), float(q)) for f, q in zip(thrust_gain, torque_gain, strict=True)),
         )
 
     def wrench(self, speeds: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
