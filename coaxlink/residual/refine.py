@@ -13,6 +13,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.residual.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.dependence import dependences
 from coaxlink.residual.effects import FLIGHT_EFFECTS, STAND_EFFECTS
+from coaxlink.residual.experiment import Rival, stand_experiment
 from coaxlink.residual.flight import flight_frame, reduce_columns
 from coaxlink.residual.flight_base import flight_corrections
 from coaxlink.residual.frames import (
@@ -388,15 +389,21 @@ def _separable(
 ) -> Ambiguous:
     """The doubt with the place where its explanations, each as fitted to these data, differ most."""
     ones = np.ones(p.blocks.count)
-    guesses = []
+    guesses, rivals = [], []
     for name in doubt.names:
         trial = selection.last.get(name)
         option = next((m for m in selection.doubtful if m.name == name), trial.option if trial else None)
         if option is not None:
             fit = solve(p.blocks, columns_of(p, [*selection.members, option]), ones)
             guesses.append(p.design @ fit * p.sigma)
+            named = option.effect.parameters(p.frame, option.shape, fit[option.columns])
+            rivals.append(Rival(option.effect, named))
     if len(guesses) < 2:
         return doubt
+    if isinstance(p.frame, StandFrame):
+        plan = stand_experiment(p.frame, p.sigma, rivals)
+        if plan is not None:
+            return replace(doubt, separate_by=plan.text, experiment=plan)
     apart = np.abs(guesses[0] - guesses[1])  # (rows, C)
     c = int(np.argmax(np.quantile(apart, 0.98, axis=0) / (p.sigma + 1e-12)))
     rows = np.argsort(-apart[:, c])[: max(5, len(apart) // 50)]
