@@ -26,6 +26,7 @@ from coaxlink.residual.frames import (
     StandFrame,
 )
 from coaxlink.residual.problem import Option, Problem, build, contiguous_blocks
+from coaxlink.residual.rebase import rebased_flight
 from coaxlink.residual.result import (
     Ambiguous,
     ChannelError,
@@ -290,7 +291,7 @@ def _report(
         ambiguous=tuple(_separable(p, selection, a, variables) for a in selection.ambiguous),
         suspect_data=(*suspects, *accused),
         rejected=_rejected(p, selection),
-        model=_with_effects(_rebased(p, final), effects),
+        model=_with_effects(_rebased(p, final, bool(effects)), effects),
         corrections={name: float(final[i]) for i, name in enumerate(p.base_names)},
         trace=tuple(selection.trace),
         notes=(*p.frame.notes, *(note for log in logs for note in log.notes)),
@@ -367,9 +368,12 @@ def _accuse(found: FoundEffect, member: Option) -> Suspect:
     return Suspect(member.effect.accused, "all", f"{member.effect.physics} ({numbers})")
 
 
-def _rebased(p: Problem, final: Array) -> RotorModel:
+def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:
     """The model, with its polynomials as fitted beside the effects where the base was free."""
     model: RotorModel = p.frame.model
+    if isinstance(p.frame, FlightFrame):
+        fitted = {name: float(final[i]) for i, name in enumerate(p.base_names)}
+        return rebased_flight(p.frame, fitted) if found else model
     if not (isinstance(p.frame, StandFrame) and p.frame.free_base):
         return model
     terms = {load: dict(named) for load, named in model.terms().items()}
