@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
 from sim.errors import PortError
+from sim.place import HOME
 from sim.plant import Plant
-from sim.px4.telemetry import HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG
 from sim.sensors import Sensors
 from sim.truth import Truth
 
@@ -121,7 +121,7 @@ class Px4Bridge:
         r = self._sensors.read()
         fields = ACCEL | GYRO | (MAG | BARO if tick % 5 == 0 else 0)
         noise = self._random.standard_normal(6)
-        alt = HOME_ALT - float(self.plant.position[2]) + 0.05 * noise[3]
+        alt = HOME.alt - float(self.plant.position[2]) + 0.05 * noise[3]
         pressure = 1013.25 * (1 - 2.25577e-5 * alt) ** 5.25588
         messages = [
             m.MAVLink_hil_sensor_message(
@@ -162,22 +162,20 @@ class Px4Bridge:
     def _gps(self, now: int, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> Any:
         n, e, d = position.tolist()
         vn, ve, vd = (round(100 * v) for v in velocity.tolist())
-        lat = round(1e7 * (HOME_LAT + n / M_PER_DEG))
-        lon = round(1e7 * (HOME_LON + e / (M_PER_DEG * math.cos(math.radians(HOME_LAT)))))
+        lat, lon = (round(1e7 * degrees) for degrees in HOME.geodetic(n, e))
         course = round(100 * math.degrees(math.atan2(ve, vn))) % 36000
-        alt, speed = round(1000 * (HOME_ALT - d)), round(math.hypot(vn, ve))
+        alt, speed = round(1000 * (HOME.alt - d)), round(math.hypot(vn, ve))
         return m.MAVLink_hil_gps_message(now, 3, lat, lon, alt, 70, 90, speed, vn, ve, vd, course, 14)
 
     def _state(self, now: int) -> Any:
         """Ground truth: PX4 logs it, and does not fly by it."""
         p = self.plant
         n, e, d = p.position.tolist()
-        lat = round(1e7 * (HOME_LAT + n / M_PER_DEG))
-        lon = round(1e7 * (HOME_LON + e / (M_PER_DEG * math.cos(math.radians(HOME_LAT)))))
+        lat, lon = (round(1e7 * degrees) for degrees in HOME.geodetic(n, e))
         speeds = [round(100 * v) for v in p.velocity.tolist()]
         accel = [round(1000 * a / 9.80665) for a in p.specific_force.tolist()]
         quaternion, rates = p.quaternion.tolist(), p.rates.tolist()
-        alt = round(1000 * (HOME_ALT - d))
+        alt = round(1000 * (HOME.alt - d))
         return m.MAVLink_hil_state_quaternion_message(
             now, quaternion, *rates, lat, lon, alt, *speeds, 0, 0, *accel
         )
