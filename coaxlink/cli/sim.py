@@ -69,7 +69,7 @@ def sim(
             _alone(build(world, []).autopilot, flight, log)
             return
         if bridge:
-            _bridge(build_bridge(world, bridge, (listen or [""])[0]), bridge)
+            _bridge(build_bridge(world, bridge, (listen or [""])[0], speed), bridge)
             return
         ports = open_links(listen or [])
         try:

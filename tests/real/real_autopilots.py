@@ -1,7 +1,7 @@
 """Start a real autopilot's own simulation binary behind `coaxlink sim --bridge`, on loopback.
 
-Nothing of theirs is here: the binary is named by PX4_SITL or ARDUCOPTER_SITL (PX4's start-up scripts are looked
-for beside it, in ../etc).
+Nothing of theirs is here: the binary is named by PX4_SITL or ARDUCOPTER_SITL; PX4's start-up scripts are
+looked for beside it, in ../etc.
 """
 
 from __future__ import annotations
@@ -15,6 +15,14 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as m
+
+from coaxlink.link.session import Session
+from coaxlink.link.trajectory import Hold, Plan
+from coaxlink.link.vehicle import Vehicle
 
 ROOT = Path(__file__).parents[2]
 
@@ -63,8 +71,8 @@ def px4(binary: Path, folder: Path, *options: str) -> Iterator[Px4]:
 
 
 def _instance() -> int:
-    """An instance number of PX4 whose ports nobody has."""
-    for instance in random.sample(range(1, 10), 9):
+    """An instance number of PX4 whose ports nobody has (from 9 on they share a companion's port)."""
+    for instance in random.sample(range(1, 9), 8):
         try:
             for kind, port in (
                 (socket.SOCK_STREAM, 4560 + instance),
@@ -122,3 +130,26 @@ def _running(command: list[str], folder: Path, environment: dict[str, str]) -> I
                 os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
 
+
+def coaxlink(*arguments: str, cwd: Path = ROOT, fails: bool = False) -> subprocess.CompletedProcess[str]:
+    """The verb as a user types it."""
+    command = [sys.executable, "-m", "coaxlink", *arguments]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=120)
+    assert fails or done.returncode == 0, done.stderr
+    return done
+
+
+def hover(session: Session, vehicle: Vehicle, seconds: float = 20.0) -> NDArray[np.float64]:
+    """Pulse widths (rows, 8) of a hover at 3 m, from SERVO_OUTPUT_RAW; lands."""
+    place = (0.0, 0.0, -3.0)
+    assert session.request_stream(m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 50.0)
+    vehicle.follow(Plan((Hold("settle", place, 8.0),)))
+    with session.listen(("SERVO_OUTPUT_RAW",)) as heard:
+        vehicle.follow(Plan((Hold("hover", place, seconds),)))
+        rows = []
+        while (message := session.take(heard, 0.0)) is not None:
+            rows.append([getattr(message, f"servo{n}_raw") for n in range(1, 9)])
+    vehicle.land()
+    assert len(rows) > 100
+    return np.array(rows, float)
