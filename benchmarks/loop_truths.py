@@ -3,9 +3,9 @@
     python benchmarks/loop_truths.py [--only NAME...] [--speed X] [--seed N] [--json F]
 
 Each world is an `examples/truth_*.toml`; the loop sees only flights, the truth file is read here for the
-score. The floor of a channel is what a world without effects leaves there, or 1.5 times the noise of the flight
-itself. A channel that the effect upsets (before-error beyond twice the floor) shall have at most half its error
-after, or be within 1.5 of the floor.
+score. The floor of a channel is what a world without effects leaves there, or 1.5 times the noise of the
+flight itself. A channel that the effect upsets (before-error beyond twice the floor) shall have at most half
+its error after, or be within 1.5 of the floor.
 """
 
 from __future__ import annotations
