@@ -111,9 +111,9 @@ def build_plant(world: World) -> tuple[Plant, Truth]:
 
 
 def build_bridge(world: World, to: str, address: str = "", speed: float = 0.0) -> Any:
-    """A bridge ready to run: `to` is px4 or ardupilot; ArduPilot sets its own pace.
+    """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError.
 
-    Raises WorldError, PortError.
+    `speed` is times real time, 0 as fast as it goes; an ArduPilot sets its own pace (its --speedup).
     """
     kinds = {"px4": ("tcpin", 4560), "ardupilot": ("udpin", 9002)}
     if to not in kinds:

@@ -76,14 +76,14 @@ def run_loop(
         before, after, done, cannot = _live_pair(
             world, airframe, model, found, seen.airframe.mass_kg, tell, watch
         )
-        logs = "live_before.tlog", "live_after.tlog"
+        logs = str(out / "live_before.tlog"), str(out / "live_after.tlog")
     else:
         second = tables.report_px4(seen.airframe, seen.model, LAW)
         tell("second flight")
         again = _fly_table(world, seen.airframe, "after", second, out / "rotor_refined.toml", watch)
         before = by_table
         after = steps.errors_of_table(again, seen.airframe, seen.model, second.params, whole=True)
-        done, cannot, logs = dict(seen.done), dict(seen.cannot), ("before.tlog", "after.tlog")
+        done, cannot, logs = dict(seen.done), dict(seen.cannot), (str(flown.log), str(again.log))
     return LoopResult(
         seed, "live" if live else "table", before, after, *logs, refinement, done, cannot, by_table,
         time.monotonic() - began,

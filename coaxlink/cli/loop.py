@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import secrets
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli._whole import whole_or_before
 
 if TYPE_CHECKING:
     from coaxlink.report.loop import LoopResult
+
+FLIGHTS = ("before", "after", "live_before", "live_after")
+MADE = ("rotor.toml", "rotor_refined.toml", "tables", "report.html", *(f"{name}.tlog" for name in FLIGHTS))
 
 
 def loop(
@@ -44,13 +45,10 @@ def loop(
     if truth is not None:
         files.read_toml(truth)  # before anything is flown
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
-    with _whole_or_nothing(out) as work, _progress() as (tell, watch):
-        result = run_loop(truth, chosen, work, speed, live, tell, watch)
+    with whole_or_before(out, MADE), _progress() as (tell, watch):
+        result = run_loop(truth, chosen, out, speed, live, tell, watch)
         tell("drawing the report")
-        result = replace(
-            result, log_before=str(out / result.log_before), log_after=str(out / result.log_after)
-        )
-        write_report(work / "report.html", result)
+        write_report(out / "report.html", result)
     if json is not None:
         files.write_json(json, result.to_json())
     _show(result)
@@ -68,32 +66,6 @@ def _show(result: LoopResult) -> None:
     screen.print(table(result))
     for line in lines(result):
         screen.print(line)
-
-
-@contextmanager
-def _whole_or_nothing(out: Path) -> Iterator[Path]:
-    """A folder beside `out` whose files move there when the block ends well, and vanish when it does not.
-
-    Raises InputError when that place cannot be written.
-    """
-    from coaxlink.errors import InputError
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(dir=out, prefix=".unfinished-"))
-    except OSError as error:
-        raise InputError(out, "", f"cannot be written ({error.strerror})") from error
-    try:
-        yield work
-        for made in sorted(work.iterdir()):
-            place = out / made.name
-            if place.is_dir():
-                shutil.rmtree(place)
-            made.replace(place)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-        if not any(out.iterdir()):
-            out.rmdir()
 
 
 @contextmanager

@@ -43,6 +43,9 @@ def rebased_flight(frame: FlightFrame, corrections: Mapping[str, float]) -> Roto
             share += corrections.get(f"{level}_{kind}_tilt", 0.0) * 2.0 * own
             if load == "lower":
                 share += corrections.get(f"lower_{kind}_wake", 0.0) * 2.0 * (u - centre[0])
+            if kind == "torque":
+                # one yaw rate tells torque over inertia: the torque that belongs to the declared inertia
+                share = (1.0 + share) / (1.0 + corrections.get("inertia_z_share", 0.0)) - 1.0
             if not named or not np.any(share):
                 continue
             values = design_matrix(named, u, v)

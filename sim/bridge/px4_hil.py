@@ -27,7 +27,7 @@ STEPS = 4
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00
 SILENCE_S = 2.0  # wall time after which a step counts as late
 SEND_S = 10.0
-SLIP_S = 0.25  # further behind than this, it gives up catching up
+LAG_S = 0.1
 FREE_RUN_S = 0.004
 QUIET_S = 0.05  # wall time without a word after which controls with a clock of their own are taken
 
@@ -51,7 +51,8 @@ class Px4Bridge:
         seed: int = 0,
         speed: float = 0.0,
     ) -> None:
-        self.plant, self.truth, self.speed = plant, truth, speed
+        self.plant, self.truth = plant, truth
+        self._speed, self._due = speed, 0.0
         self._sensors = Sensors(plant, seed)
         self._random = np.random.default_rng([seed, 0x411])
         self.steps = self.late = self.stale = 0
@@ -90,8 +91,6 @@ class Px4Bridge:
         parser.robust_parsing = True
         command: NDArray[np.float64] = np.zeros(self.plant.vehicle.rotors)
         lockstep = False
-        self.stale = 0
-        start, done = time.monotonic(), 0
         while not stop():
             self.truth.act(self.plant)
             stamp = self._send(stream, mav)
@@ -105,13 +104,16 @@ class Px4Bridge:
                 command = controls[: len(command)]
             self.plant.advance(command, STEPS)
             self.steps += 1
-            done += 1
-            if self.speed:
-                ahead = start + done * STEPS * STEP_S / self.speed - time.monotonic()
-                if ahead > 0:
-                    time.sleep(ahead)
-                elif ahead < -SLIP_S:
-                    start, done = time.monotonic(), 0
+            self._pace()
+
+    def _pace(self) -> None:
+        """Hold the world to `speed` times real time; what was lost by waiting is not caught up in a burst."""
+        if not self._speed:
+            return
+        now = time.monotonic()
+        self._due = max(self._due, now - LAG_S) + STEPS * STEP_S / self._speed
+        if self._due > now:
+            time.sleep(self._due - now)
 
     def _controls(
         self, stream: socket.socket, parser: Any, stamp: int, patience_s: float, stop: Callable[[], bool]

@@ -37,6 +37,15 @@ def test_levels_slopes_and_wake_come_back_as_they_were_fitted():
     assert changed.terms()["lower.thrust_N"].keys() == frame.model.terms()["lower.thrust_N"].keys()
 
 
+def test_a_torque_is_the_one_that_belongs_to_the_declared_inertia():
+    frame = flown()
+    changed = rebased_flight(frame, {"upper_torque_level": -0.02, "inertia_z_share": -0.05})
+    for load in ("upper_torque", "lower_torque"):
+        level = 0.98 if load == "upper_torque" else 1.0
+        old, new = (float(getattr(m.loads(UPPER, LOWER), load)) for m in (frame.model, changed))
+        assert new == pytest.approx(old * level / 0.95, rel=1e-6)
+
+
 def test_without_corrections_the_model_is_the_same():
     frame = flown()
     assert rebased_flight(frame, {}) == replace(frame.model)
