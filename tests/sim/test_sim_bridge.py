@@ -159,19 +159,6 @@ def test_px4_answers_to_the_free_run_do_not_stay_ahead() -> None:
     assert 1 <= bridge.stale < 40 and bridge.late == 0
 
 
-def test_px4_is_paced_where_someone_watches() -> None:
-    bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0", speed=2.0)
-    with running(bridge) as port:
-        px4 = Px4Counterpart(port)
-        start, first = time.monotonic(), px4.sensor()[0].time_usec
-        for _ in range(250):
-            px4.controls(px4.last.time_usec, np.zeros(8))
-            px4.sensor()
-        took, flown = time.monotonic() - start, (px4.last.time_usec - first) / 1e6
-        px4.socket.close()
-    assert flown == pytest.approx(1.0, abs=0.05) and took > 0.45  # a slow machine may take longer
-
-
 def test_px4_may_go_and_come_back() -> None:
     bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0")
     with running(bridge) as port:
