@@ -96,6 +96,7 @@ class Copter(Autopilot):
 
     ap_mode = STABILIZE
     first_item = 1  # the one before it is home
+    id_parameter = "MAV_SYSID"
     _auto_armed = False  # someone has said that AUTO may leave the ground
 
     def _fit_out(self) -> None:

@@ -34,6 +34,7 @@ class Autopilot:
     """One vehicle with its plant. `step()` moves it on by 4 ms."""
 
     first_item = 0  # of a mission
+    id_parameter = "MAV_SYS_ID"
 
     def __init__(
         self, plant: Plant, truth: Truth, *, version: tuple[int, int, int] = (1, 16, 1), seed: int = 0
@@ -73,6 +74,7 @@ class Autopilot:
     def boot(self) -> None:
         """As after power-up: disarmed, in Hold, parameters kept."""
         self.armed, self.landed = False, True
+        self.system = min(max(int(self.store[self.id_parameter]), 1), 250)  # MAVLink's system id
         self.demand: Demand = IDLE
         self.reading: Reading = self.sensors.read()
         self._enter(Mode.HOLD)
