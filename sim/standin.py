@@ -45,7 +45,7 @@ class Standin:
         self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
         self._conversations: dict[Peer, Conversation] = {}
         self._answers = 0
-        self._system = autopilot.system
+        self._system, self._boots = autopilot.system, autopilot.boots
         autopilot.say = self._say
         autopilot.mission.reached = self._reached
         autopilot.exchange = self._exchange
@@ -92,11 +92,22 @@ class Standin:
                 self._set_up_signing(message)
             if not self._booting:
                 conversation.hear(message)
+                if self._boots != self.autopilot.boots:
+                    self._restart()
+                    return
             if self._faults and message.get_msgId() == 23:
                 self._sets += 1
                 if self._sets == self._faults.reboot_after_sets and not self.autopilot.armed:
                     self.autopilot.boot()
-                    self._silent_until = time.monotonic() + REBOOT_S
+                    self._restart()
+                    return
+
+    def _restart(self) -> None:
+        """After a reboot: silent for a while, and what was asked for is forgotten."""
+        self._boots = self.autopilot.boots
+        self._silent_until = time.monotonic() + REBOOT_S
+        for peer in self._conversations:
+            self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone)
 
     def _set_up_signing(self, message: Any) -> None:
         """A new key for every link, or with zeros none; on the ground only."""

@@ -34,7 +34,13 @@ class Store:
             self.preset(f"SERVO{n}_FUNCTION", float(servo_function(n)))
         if vehicle.rotors == 6:
             self.preset("FRAME_CLASS", 5.0)
-        self.names = sorted(self._values)
+        self._list()
+
+    def _list(self) -> None:
+        """Names in order of their indices; while scripting is off, its other parameters are in no list."""
+        off = self._values["SCR_ENABLE"] == 0
+        hidden = {n for n in self._values if off and n.startswith("SCR_") and n != "SCR_ENABLE"}
+        self.names = sorted(self._values.keys() - hidden)
 
     def preset(self, name: str, value: float) -> None:
         """Set without telling anyone; unknown names are left out."""
@@ -69,6 +75,8 @@ class Store:
         if name in self._scripted:
             self._kept[name] = kept
         if changed:
+            if name == "SCR_ENABLE":
+                self._list()
             for callback in self._listeners:
                 callback(name)
         return True
@@ -81,7 +89,7 @@ class Store:
         self._values[name] = self._kept.get(name, as_stored(name, default, FLOAT))
         if name not in self._scripted:
             self._scripted.append(name)
-        self.names = sorted(self._values)
+        self._list()
         return True
 
     def reboot(self) -> None:
@@ -90,7 +98,7 @@ class Store:
             self._kept[name] = self._values.pop(name)
             del self._types[name]
         self._scripted = []
-        self.names = sorted(self._values)
+        self._list()
 
     def packed(self) -> bytes:
         """`@PARAM/param.pck`: names share what they can with the one before."""
