@@ -43,6 +43,7 @@ class Standin:
         self._faults, self._seed = faults, seed
         self._sets, self._silent_until = 0, 0.0
         self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
+        self.recorder: Any = None  # `step()` is called after every step
         self._conversations: dict[Peer, Conversation] = {}
         self._answers = 0
         self._system, self._boots = autopilot.system, autopilot.boots
@@ -67,6 +68,8 @@ class Standin:
             self._rename()
         if self.autopilot.logger is not None:
             self.autopilot.logger.record(stamp_us(self.autopilot))
+        if self.recorder is not None:
+            self.recorder.step()
         if self._booting:
             return
         for conversation in self._conversations.values():
@@ -124,7 +127,7 @@ class Standin:
 
     def _meet(self, peer: Peer) -> Conversation:
         if peer not in self._conversations:
-            if self._faults is not None:
+            if self._faults is not None and peer.faulty:
                 number = 2 * len(self._conversations) + 1000 * self._seed
                 peer.out, peer.back = Wire(self._faults, number), Wire(self._faults, number + 1)
             if self._key is not None:
