@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -108,6 +108,17 @@ def build(
         options=tuple(options),
         impossible=tuple(impossible),
         floor_of=floor_of,
+    )
+
+
+def from_design(
+    p: Problem, design: Array, residual: Array, options: Sequence[Option], *, frame: Any
+) -> Problem:
+    """The same rows, blocks and base with other columns behind the base; all whitened."""
+    bounds = np.concatenate([p.blocks.bounds[p.base], np.full(design.shape[-1] - len(p.base), np.inf)])
+    blocks = accumulate(design, residual, p.block, p.blocks.fold, bounds)
+    return replace(
+        p, frame=frame, design=design, residual=residual, blocks=blocks, options=tuple(options), impossible=()
     )
 
 
