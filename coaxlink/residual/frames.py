@@ -65,7 +65,6 @@ class FlightFrame:
         w = self.weight
         return np.array([w, w, w, w * arm / np.sqrt(2), w * arm / np.sqrt(2), max(drag, 1e-3 * w)])
 
-
     def turning_at(self, speeds: Array) -> FlightFrame:
         """The frame with the rotors at other speeds (rows, N), loads of the base model."""
         slower = replace(self, speeds=np.clip(speeds, 0.0, None))

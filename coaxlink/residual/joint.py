@@ -16,7 +16,8 @@ import numpy as np
 
 from coaxlink.residual.blocks import held_out_sum, solve
 from coaxlink.residual.effects.base import Array, Effect, Shape
-from coaxlink.residual.problem import Option, Problem, from_design
+from coaxlink.residual.problem import Index, Option, Problem, from_design
+from coaxlink.residual.select import autocorrelation_time
 
 Part = tuple[Effect[Any], Mapping[str, float]]
 STEPS = 4
@@ -83,6 +84,14 @@ class Joint:
         return mine.at(point).parameters(self.problem.frame)
 
 
+def straight(problem: Problem, options: Sequence[Option]) -> Joint:
+    """The options as the selection has them: shapes of the grid, columns added up."""
+    chosen = replace(problem, options=tuple(options))
+    values = solve(problem.blocks, columns_of(chosen), np.ones(problem.blocks.count))
+    members = tuple(Member(o.effect, o.shape, values[o.columns], ()) for o in options)
+    return Joint(chosen, members)
+
+
 class Fitter:
     """Moves members of one problem; `bare` is the frame without them, `reduce` as the problem was built."""
 
@@ -119,7 +128,9 @@ class Fitter:
     def _step(self, m: Member, j: int) -> float:
         count = len(m.coefficients)
         if j < count:
-            return 1e-3 * max(abs(float(m.coefficients[j])), 1e-2 * float(np.max(np.abs(m.coefficients))), 1e-9)
+            return 1e-3 * max(
+                abs(float(m.coefficients[j])), 1e-2 * float(np.max(np.abs(m.coefficients))), 1e-9
+            )
         low, high = m.effect.free(self.bare, m.shape)[m.keys[j - count]]
         value = float(m.shape[m.keys[j - count]])
         step = 1e-3 * max(abs(value), 0.02 * (high - low))
@@ -130,8 +141,10 @@ class Fitter:
         best = self.linear(members)
         score = _score(best)
         for _ in range(STEPS):
-            values = solve(best.problem.blocks, _all(best.problem), np.ones(best.problem.blocks.count))
-            moved = tuple(self._moved(m, o, values) for m, o in zip(best.members, best.problem.options, strict=True))
+            values = solve(best.problem.blocks, columns_of(best.problem), np.ones(best.problem.blocks.count))
+            moved = tuple(
+                self._moved(m, o, values) for m, o in zip(best.members, best.problem.options, strict=True)
+            )
             trial = self.linear(moved)
             now = _score(trial)
             if not now < score - 1e-4 * abs(score):
@@ -151,13 +164,21 @@ class Fitter:
         return m.at(point)
 
 
-def _all(p: Problem) -> Array:
+def columns_of(p: Problem) -> Index:
+    """All columns of a problem in use: base and every option."""
     return np.concatenate([p.base, *(o.columns for o in p.options)]).astype(np.intp)
 
 
 def _score(joint: Joint) -> float:
     """Held-out square sum about the point the problem is linear at, base free, members as they stand."""
-    return float(held_out_sum(joint.problem.blocks, _all(joint.problem)).sum())
+    return float(held_out_sum(joint.problem.blocks, columns_of(joint.problem)).sum())
+
+
+def _inflation(p: Problem) -> float:
+    """How much less the rows say than independent ones would, where what is left hangs together in time."""
+    values = solve(p.blocks, columns_of(p), np.ones(p.blocks.count))
+    left = p.residual - p.design @ values
+    return float(np.max(autocorrelation_time(left, p.block)))
 
 
 def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) -> Joint:
@@ -165,7 +186,7 @@ def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) ->
     best, score = fitter.settle(members)
     if not alternatives:
         return best
-    rows = fitter.problem.residual.size
+    rows = fitter.problem.residual.size / _inflation(best.problem)
     for k in range(len(members)):
         mine = best.members[k]
         for shape, coefficients in mine.effect.finer(fitter.bare, mine.shape, mine.coefficients):

@@ -48,7 +48,6 @@ class Problem:
     base_names: tuple[str, ...]
     options: tuple[Option, ...]
     impossible: tuple[tuple[str, str], ...]  # effects that cannot be tried, and why
-    floor_of: Callable[[Array], Array]  # residual (rows, C) -> noise floor (C,)
 
 
 def build(
@@ -63,7 +62,6 @@ def build(
     effects: Sequence[Effect[Any]],
     reduce: Callable[[Array], Array],
     block: Index,
-    floor_of: Callable[[Array], Array],
     fold: Index | None = None,
 ) -> Problem:
     """Assemble the design. `corrections` are (name, bound, reduced (rows, C) columns), `reduce` maps what an
@@ -107,7 +105,6 @@ def build(
         base_names=tuple(name for name, _, _ in corrections),
         options=tuple(options),
         impossible=tuple(impossible),
-        floor_of=floor_of,
     )
 
 

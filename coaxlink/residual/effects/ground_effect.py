@@ -107,7 +107,9 @@ FLIGHT: Effect[FlightFrame] = Effect(
     stage=4,
     apply=_apply,
     free=_free,
-    finer=lambda _, shape, c: [({"height_power": 2.0}, np.array([0.1 * np.sign(c[0])]))]
-    if "height_scale_m" in shape
-    else [({"height_scale_m": 0.5}, np.array([0.2 * np.sign(c[0])]))],
+    finer=lambda _, shape, c: (
+        [({"height_power": 2.0}, np.array([0.1 * np.sign(c[0])]))]
+        if "height_scale_m" in shape
+        else [({"height_scale_m": 0.5}, np.array([0.2 * np.sign(c[0])]))]
+    ),
 )

@@ -115,6 +115,6 @@ FLIGHT: Effect[FlightFrame] = Effect(
     refuse=_refuse,
     cause=drag_cause,
     stage=5,
-    free=lambda _, shape: {k: (-30.0, 30.0) for k in shape},
+    free=lambda _, shape: dict.fromkeys(shape, (-30.0, 30.0)),
     finer=_finer,
 )
