@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import bench
+from sim import bench, bench_laws
 from sim.rotors import read_pair
 
 Array = NDArray[np.float64]
@@ -51,8 +51,7 @@ class Made:
 
 def laws_of(name: str) -> tuple[str, ...]:
     """Laws that the stand knows beside its first one."""
-    known = getattr(bench, "LAWS", {})
-    return tuple(known.get(name, ()))[1:]
+    return tuple(bench_laws.LAWS.get(name, ()))[1:]
 
 
 def has_law(hidden: tuple[str, ...]) -> bool:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from sim import bench_laws as laws
 from sim.errors import WorldError
 from sim.rotors import Pair, read_document, read_number
+from sim.schedule import Schedule
 from sim.stand import GRID, SUPPLY_V, THRUST_NOISE_N, TORQUE_NOISE_NM
 
 AIR_T, AIR_P, SPACING_M = 15.0, 101325.0, 0.15
@@ -117,15 +118,25 @@ def read_bench(path: Path) -> Bench:
     return Bench(tuple(effects), pattern, drive, sweeps)
 
 
-def measure(pair: Pair, bench: Bench, *, seed: int = 0) -> dict[str, NDArray[np.float64]]:
-    """Columns (rows,) of one run, named as in a stand log."""
+def measure(
+    pair: Pair, bench: Bench, *, seed: int = 0, schedule: Schedule | None = None
+) -> dict[str, NDArray[np.float64]]:
+    """Columns (rows,) of one run, named as in a stand log; a schedule replaces the truth file's pattern."""
     random = np.random.default_rng([seed, 0xBE7C])
-    t, upper, lower, sweep = _schedule(bench)
+    if schedule is None:
+        t, upper, lower, sweep = _schedule(bench)
+    else:
+        t, upper, lower, sweep = schedule.time_s, schedule.upper, schedule.lower, schedule.piece
     spin = _Spin(bench, t)
+    if schedule is not None:
+        spin.supply = schedule.supply_V
     speed = spin.run(pair, upper, lower)
     air_t = AIR_T + 12.0 * np.sin(t / t[-1] * 3.0 + 0.4) * (bench.size("air_density", t) != 0)
     air_p = AIR_P - 2500.0 * (t / t[-1]) * (bench.size("air_density", t) != 0)
     spacing = SPACING_M * (1.0 + 0.4 * ((sweep % 4) - 1.5) * (bench.size("rotor_spacing", t) != 0))
+    if schedule is not None:
+        set_to = schedule.spacing_m
+        spacing = np.where(np.isfinite(set_to), set_to, SPACING_M)
     humidity = np.random.default_rng([seed, 0x40D]).standard_normal(len(t)).cumsum() * 0.2 + 45.0
     wet = np.clip(humidity + 40.0 * t / t[-1], 5.0, 98.0)
     ratio = laws.density_ratio(bench.law("air_density"), air_t, air_p, wet)
@@ -190,6 +201,7 @@ class _Spin:
         self.bench, self.t = bench, t
         self.voltage = np.full_like(t, SUPPLY_V)
         self.heat = np.zeros_like(t)
+        self.supply: NDArray[np.float64] | None = None  # V that a bench supply is set to, NaN where it is not
 
     def run(self, pair: Pair, upper: NDArray[np.float64], lower: NDArray[np.float64]) -> NDArray[np.float64]:
         """(2, rows) normalised speeds."""
@@ -204,6 +216,9 @@ class _Spin:
             if swap[k] and not swap[max(k - 1, 0)]:
                 pack.swap(swap[k])
             throttle = np.array([upper[k], lower[k]])
+            fixed = self.supply is not None and math.isfinite(self.supply[k])
+            if fixed and self.supply is not None:
+                volts = float(self.supply[k])
             target = laws.band_target(b.law("dead_band"), band[k], throttle, u > 0.01)
             if power[k]:
                 target = target * laws.supply_gain(
@@ -217,7 +232,7 @@ class _Spin:
                 float((np.maximum(torque, 0.0) * u).sum()) * pair.speed_max_rpm * math.pi / 30 / 0.8 / volts
             )
             heat += h * (0.02 * current - heat / 90.0)
-            if power[k] or swap.any():
+            if (power[k] or swap.any()) and not fixed:
                 volts = pack.volts(current, h)
             self.voltage[k], self.heat[k] = volts, heat
         return speed

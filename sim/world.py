@@ -110,8 +110,11 @@ def build_plant(world: World) -> tuple[Plant, Truth]:
     return Plant(vehicle, read_pair(rotor)), truth
 
 
-def build_bridge(world: World, to: str, address: str = "") -> Any:
-    """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError."""
+def build_bridge(world: World, to: str, address: str = "", speed: float = 0.0) -> Any:
+    """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError.
+
+    `speed` is times real time, 0 as fast as it goes; an ArduPilot sets its own pace (its --speedup).
+    """
     kinds = {"px4": ("tcpin", 4560), "ardupilot": ("udpin", 9002)}
     if to not in kinds:
         raise WorldError("--bridge", "", f"px4 or ardupilot is expected, found '{to}'")
@@ -124,7 +127,7 @@ def build_bridge(world: World, to: str, address: str = "") -> Any:
     if to == "px4":
         from sim.bridge.px4_hil import Px4Bridge
 
-        return Px4Bridge(plant, truth, host=host, port=int(port), seed=world.seed)
+        return Px4Bridge(plant, truth, host=host, port=int(port), seed=world.seed, speed=speed)
     from sim.bridge.ardupilot_json import ArduPilotBridge
 
     return ArduPilotBridge(plant, truth, host=host, port=int(port))

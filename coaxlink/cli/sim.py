@@ -38,6 +38,10 @@ def sim(
     stand: Annotated[
         Path | None, typer.Option(metavar="OUT.csv", help="Run the virtual thrust stand and leave.")
     ] = None,
+    schedule: Annotated[
+        Path | None,
+        typer.Option(metavar="PLAN.toml", help="With --stand: what to run, as refine --plan has it."),
+    ] = None,
 ) -> None:
     """Fly a stand-in autopilot on a simulated vehicle, or measure a simulated rotor pair."""
     if not 0.0 <= speed < 1e6:
@@ -46,7 +50,7 @@ def sim(
         raise InputError("--hidden-seed", "", "not with --truth")
     with world_errors():
         if stand is not None:
-            _measure(stand, rotor, truth, seed)
+            _measure(stand, rotor, truth, seed, schedule)
             return
         from sim.world import World, build, build_bridge, open_links
 
@@ -65,7 +69,7 @@ def sim(
             _alone(build(world, []).autopilot, flight, log)
             return
         if bridge:
-            _bridge(build_bridge(world, bridge, (listen or [""])[0]), bridge)
+            _bridge(build_bridge(world, bridge, (listen or [""])[0], speed), bridge)
             return
         ports = open_links(listen or [])
         try:
@@ -75,19 +79,22 @@ def sim(
                 port.close()
 
 
-def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int) -> None:
-    from sim.bench import measure, read_bench
+def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, schedule: Path | None) -> None:
+    from sim.bench import Bench, measure, read_bench
     from sim.rotors import read_pair
+    from sim.schedule import read_schedule
     from sim.stand import stand_rows, write_stand
 
     pair = read_pair(rotor or files.example("rotor_paper.toml"))
-    if truth is None:
+    if truth is None and schedule is None:
         rows = stand_rows(pair, seed=seed)
         write_stand(out, rows)
     else:
         import numpy as np
 
-        columns = measure(pair, read_bench(truth), seed=seed)
+        told = Bench() if truth is None else read_bench(truth)
+        steps = None if schedule is None else read_schedule(schedule)
+        columns = measure(pair, told, seed=seed, schedule=steps)
         rows = np.column_stack(list(columns.values()))
         write_stand(out, rows, list(columns))
     say(f"{out}: {len(rows)} points")

@@ -8,7 +8,6 @@ that no static mixer can hold stay outside and are named with the reason. The fo
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -17,13 +16,15 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
-from coaxlink.mixer.bent import Loads, bent, scaled_speed, with_terms
+from coaxlink.mixer.bent import Loads, bent, scaled_speed
+from coaxlink.mixer.exact import ExactLaw
+from coaxlink.mixer.fitted import GRAVITY
+from coaxlink.mixer.physics import climb_loss, ground_gain, speed_factor
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import Effect
 
 SPEED_FACTOR = (0.5, 1.5)  # of a speed over its command; beyond, the stated voltage is a slip
 LEAST_GAIN = 0.05
-LOWEST_M = 0.08
 LIVE_ONLY = {  # name -> what a static table lacks
     "ground_effect": "thrust follows the height: a static mixer needs it stated (--height), "
     "live mixing measures it",
@@ -83,7 +84,6 @@ class _Bench:
     torque: NDArray[np.float64]
     speed: float = 1.0
     changes: list[Callable[[RotorModel, Loads], Loads]] = field(default_factory=list)
-    lost_per_speed_N: float = 0.0
 
 
 class _Left(Exception):
@@ -133,29 +133,14 @@ def _model(b: _Bench, kept: tuple[Effect, ...]) -> RotorModel:
     model = b.model
     if b.changes:
         model = bent(model, b.changes)
-    if b.lost_per_speed_N:
-        lost = -b.lost_per_speed_N
-        model = with_terms(model, {"upper.thrust_N": {"u_u": lost}, "lower.thrust_N": {"u_l": lost}})
     return replace(scaled_speed(model, b.speed), effects=kept)
 
 
-# -- the physics, shared with live mixing -------------------------------------------------------------------
-
-
-def speed_factor(p: Mapping[str, float], voltage_V: float) -> float:
-    """Speed over command at a voltage: (V / V_ref)^k, or the stand's own form where a `power` is given."""
-    ratio = voltage_V / p["reference_voltage_V"]
-    k, power = p["speed_exponent"], p.get("power", 0.0)
-    return float(1.0 + k * (ratio**power - 1.0) / power) if power else float(ratio**k)
-
-
-def ground_gain(p: Mapping[str, float], height_m: float) -> float:
-    """Share of thrust that the ground adds at a height."""
-    h = max(height_m, LOWEST_M)
-    if "height_scale_m" in p:
-        return p["gain_at_ground"] * math.exp(-h / p["height_scale_m"])
-    radius = p["effective_radius_m"]
-    return radius * abs(radius) / (16.0 * h * h)
+def usual_lift(airframe: Airframe, model: RotorModel) -> float:
+    """Thrust over speed squared (N) of the middle one of an airframe's rotors in hover."""
+    law = ExactLaw(airframe, model)
+    u = np.maximum(law.speeds([GRAVITY * airframe.mass_kg, 0.0, 0.0, 0.0]), 0.1)
+    return max(float(np.median(airframe.loads(model, u)[0] / u**2)), 1e-9)
 
 
 # -- one function an effect: (bench, its numbers) -> what was done ------------------------------------------
@@ -217,17 +202,25 @@ def _ground(b: _Bench, p: Mapping[str, float]) -> str:
     height = b.at.height_m
     if height is None:
         raise _Left(LIVE_ONLY["ground_effect"])
-    gain = ground_gain(p, height)
-    b.thrust *= 1.0 + gain
-    return f"thrust {100 * gain:+.1f} % at {height:.2f} m above ground"
+    gains = np.array([ground_gain(p, height - r.position_m[2]) for r in b.airframe.rotors])
+    b.thrust *= 1.0 + gains
+    return f"thrust {100 * float(gains.mean()):+.1f} % at {height:.2f} m above ground"
 
 
 def _inflow(b: _Bench, p: Mapping[str, float]) -> str:
     climb = b.at.climb_m_s
     if climb is None:
         raise _Left(LIVE_ONLY["axial_inflow"])
-    b.lost_per_speed_N += climb * p["thrust_per_climb_N_s_m"]
-    return f"{-b.lost_per_speed_N:+.2f} N a rotor at full speed, climbing at {climb:.2f} m/s"
+    usual = usual_lift(b.airframe, b.model)
+
+    def change(_: RotorModel, loads: Loads) -> Loads:
+        upper = climb_loss(p, climb, loads.upper, loads.upper_thrust, usual)
+        lower = climb_loss(p, climb, loads.lower, loads.lower_thrust, usual)
+        return loads.plus(upper_thrust=-upper, lower_thrust=-lower)
+
+    b.changes.append(change)
+    lost = climb_loss(p, climb, 0.5, 0.25 * usual, usual)
+    return f"{-float(lost):+.2f} N a rotor at half speed, climbing at {climb:.2f} m/s"
 
 
 def _interference(b: _Bench, p: Mapping[str, float]) -> str:

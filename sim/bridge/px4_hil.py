@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
 from sim.errors import PortError
-from sim.plant import Plant
+from sim.plant import STEP_S, Plant
 from sim.px4.telemetry import HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG
 from sim.sensors import Sensors
 from sim.truth import Truth
@@ -28,19 +28,28 @@ ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00
 SILENCE_S = 2.0  # wall time after which a step counts as late
 SEND_S = 10.0
 FREE_RUN_S = 0.004
+LAG_S = 0.1
 
 
 class Px4Bridge:
     """One vehicle behind one TCP port.
 
     In lockstep a step waits for its controls however long they take (it may be stopped in a debugger), until
-    the link ends; `late` counts those that took over 2 s.
+    the link ends; `late` counts those that took over 2 s. `speed` is times real time, 0 as fast as it goes.
     """
 
     def __init__(
-        self, plant: Plant, truth: Truth, *, host: str = "127.0.0.1", port: int = 4560, seed: int = 0
+        self,
+        plant: Plant,
+        truth: Truth,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 4560,
+        seed: int = 0,
+        speed: float = 0.0,
     ) -> None:
         self.plant, self.truth = plant, truth
+        self._speed, self._due = speed, 0.0
         self._sensors = Sensors(plant, seed)
         self._random = np.random.default_rng([seed, 0x411])
         self.steps = self.late = 0
@@ -91,6 +100,16 @@ class Px4Bridge:
                 command = controls[: len(command)]
             self.plant.advance(command, STEPS)
             self.steps += 1
+            self._pace()
+
+    def _pace(self) -> None:
+        """Hold the world to `speed` times real time; what was lost by waiting is not caught up in a burst."""
+        if not self._speed:
+            return
+        now = time.monotonic()
+        self._due = max(self._due, now - LAG_S) + STEPS * STEP_S / self._speed
+        if self._due > now:
+            time.sleep(self._due - now)
 
     def _controls(
         self, stream: socket.socket, parser: Any, patience_s: float, stop: Callable[[], bool]

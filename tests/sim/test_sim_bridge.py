@@ -6,6 +6,7 @@ import os
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -145,6 +146,19 @@ def test_px4_may_go_and_come_back() -> None:
             px4.controls(sensor.time_usec, np.zeros(8))
             px4.sensor()
             px4.socket.close()
+
+
+def test_px4_is_held_to_the_speed_that_was_asked_for() -> None:
+    bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0", speed=4.0)
+    with running(bridge) as port:
+        px4 = Px4Counterpart(port)
+        first, start = px4.sensor()[0].time_usec, time.monotonic()
+        for _ in range(500):
+            px4.controls(px4.last.time_usec, np.zeros(8))
+            px4.sensor()
+        took, flown = time.monotonic() - start, (px4.last.time_usec - first) / 1e6
+        px4.socket.close()
+    assert flown == pytest.approx(2.0, abs=0.02) and took > 0.35  # 0.5 s, less what may be made up for
 
 
 def packet(count: int, u: np.ndarray, rate: int = 400) -> bytes:
