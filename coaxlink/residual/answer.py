@@ -11,9 +11,11 @@ import numpy as np
 from coaxlink.data.samples import Samples
 from coaxlink.residual.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.dependence import dependences
+from coaxlink.residual.experiment import Rival, stand_experiment
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import Joint, Part
 from coaxlink.residual.problem import Option, Problem
+from coaxlink.residual.rebase import rebased_flight
 from coaxlink.residual.result import (
     Ambiguous,
     ChannelError,
@@ -35,7 +37,7 @@ SERIES_ROWS = 4000
 
 @dataclass(frozen=True)
 class Judged:
-    """All that an answer is made of. `joint` holds the members and behind them the doubtful ones."""
+    """All that an answer is made of; `joint` holds the members and the doubtful ones."""
 
     problem: Problem  # before: the model as it came
     selection: Selection
@@ -50,7 +52,8 @@ class Judged:
     @property
     def claimed(self) -> list[Option]:
         """Options of the joint problem that are claimed."""
-        return list(self.joint.problem.options[: len(self.selection.members)])
+        chosen = {m.name for m in self.selection.members}
+        return [o for o in self.joint.problem.options if o.name in chosen]
 
 
 def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
@@ -77,7 +80,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         ambiguous=tuple(_separable(p, j.selection, a, j.variables) for a in j.selection.ambiguous),
         suspect_data=(*j.suspects, *accused),
         rejected=_rejected(p, j.selection),
-        model=_with_effects(_rebased(q, final), effects),
+        model=_with_effects(_rebased(q, final, bool(effects)), effects),
         corrections={name: float(final[i]) for i, name in enumerate(q.base_names)},
         trace=tuple(j.selection.trace),
         notes=(*p.frame.notes, *j.notes, *(note for log in logs for note in log.notes)),
@@ -126,8 +129,9 @@ def _found(j: Judged, k: int, final: Array, draws: Array, squares_after: Array) 
     """Member k with its numbers, their 95 % intervals over blocks drawn again, and its worth."""
     q, option = j.joint.problem, j.claimed[k]
     effect = option.effect
-    named = j.joint.named(k, final)
-    sampled = [j.joint.named(k, d) for d in draws]
+    place = q.options.index(option)
+    named = j.joint.named(place, final)
+    sampled = [j.joint.named(place, d) for d in draws]
     parameters = []
     for name, value in named.items():
         values = np.array([s[name] for s in sampled])
@@ -171,9 +175,12 @@ def _accuse(found: FoundEffect, member: Option) -> Suspect:
     return Suspect(member.effect.accused, "all", f"{member.effect.physics} ({numbers})")
 
 
-def _rebased(p: Problem, final: Array) -> RotorModel:
+def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:
     """The model, with its polynomials as fitted beside the effects where the base was free."""
     model: RotorModel = p.frame.model
+    if isinstance(p.frame, FlightFrame):
+        fitted = {name: float(final[i]) for i, name in enumerate(p.base_names)}
+        return rebased_flight(p.frame, fitted) if found else model
     if not (isinstance(p.frame, StandFrame) and p.frame.free_base):
         return model
     terms = {load: dict(named) for load, named in model.terms().items()}
@@ -193,15 +200,21 @@ def _separable(
 ) -> Ambiguous:
     """The doubt with the place where its explanations, each as fitted to these data, differ most."""
     ones = np.ones(p.blocks.count)
-    guesses = []
+    guesses, rivals = [], []
     for name in doubt.names:
         trial = selection.last.get(name)
         option = next((m for m in selection.doubtful if m.name == name), trial.option if trial else None)
         if option is not None:
             fit = solve(p.blocks, columns_of(p, [*selection.members, option]), ones)
             guesses.append(p.design @ fit * p.sigma)
+            named = option.effect.parameters(p.frame, option.shape, fit[option.columns])
+            rivals.append(Rival(option.effect, named))
     if len(guesses) < 2:
         return doubt
+    if isinstance(p.frame, StandFrame):
+        plan = stand_experiment(p.frame, p.sigma, rivals)
+        if plan is not None:
+            return replace(doubt, separate_by=plan.text, experiment=plan)
     apart = np.abs(guesses[0] - guesses[1])  # (rows, C)
     c = int(np.argmax(np.quantile(apart, 0.98, axis=0) / (p.sigma + 1e-12)))
     rows = np.argsort(-apart[:, c])[: max(5, len(apart) // 50)]
@@ -253,9 +266,10 @@ def _series(j: Judged, before: Array, after: Array) -> Series:
     p = j.problem
     step = max(1, len(before) // SERIES_ROWS)
     causes = {}
-    for k, m in enumerate(j.claimed):
+    for m in j.claimed:
         for channel in m.effect.channels:
-            label, values = m.effect.cause(p.frame, j.joint.members[k].shape, channel)
+            shape = next(x.shape for x in j.joint.members if x.name == m.name)
+            label, values = m.effect.cause(p.frame, shape, channel)
             causes[m.name, channel] = label, values[p.frame.keep][::step]
     return Series(
         time_s=j.variables["time_s"][::step],

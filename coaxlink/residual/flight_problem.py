@@ -65,7 +65,7 @@ def runs_of(frame: FlightFrame) -> Index:
 
 
 def flight_floor(frame: FlightFrame, residual: Array, reduced: Array, lag_s: float | None = None) -> Array:
-    """(6,) noise after the low-pass. `residual` (frame rows, 6) is unfiltered, `reduced` (kept, 6) filtered."""
+    """(6,) noise after the low-pass: `residual` (frame rows, 6) is unfiltered, `reduced` (kept, 6) is not."""
     runs = runs_of(frame)
     first = np.flatnonzero(np.diff(runs, prepend=-1))
     last = np.append(first[1:], len(runs)) - 1

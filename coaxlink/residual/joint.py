@@ -1,9 +1,9 @@
 """All chosen effects at once, as they act on one another, with their shapes free.
 
-The selection works with effects that add up, in shapes from a grid. Here the prediction is composed (what slows
-a rotor changes the thrust that the ground then raises) and coefficients and continuous shape numbers are
-moved together with the base corrections by Gauss-Newton steps. At the end the problem is linear again, about the
-best point: held-out errors and intervals come from the same blocks as before.
+The selection works with effects that add up, in shapes from a grid. Here the prediction is composed (what
+slows a rotor changes the thrust that the ground then raises) and coefficients and continuous shape numbers
+are moved together with the base corrections by Gauss-Newton steps. At the end the problem is linear again,
+about the best point: held-out errors and intervals come from the same blocks as before.
 """
 
 from __future__ import annotations
@@ -14,13 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.residual.blocks import held_out_sum, solve
+from coaxlink.residual.blocks import held_out_sum, least_with, solve
 from coaxlink.residual.effects.base import Array, Effect, Shape
 from coaxlink.residual.problem import Index, Option, Problem, from_design
 from coaxlink.residual.select import autocorrelation_time
 
 Part = tuple[Effect[Any], Mapping[str, float]]
-STEPS = 4
+STEPS = 5
+HALVINGS = (1.0, 0.5, 0.2, 0.05)
+SETTLED = 1e-4  # of the square sum
 RICHER = 15.0  # of a log-likelihood ratio: what another form or a freer one must gain
 
 
@@ -139,24 +141,29 @@ class Fitter:
     def settle(self, members: Sequence[Member]) -> tuple[Joint, float]:
         """Gauss-Newton from here: the linear problem about the best point, and its held-out square sum."""
         best = self.linear(members)
-        score = _score(best)
+        least = _least(best)
         for _ in range(STEPS):
-            values = solve(best.problem.blocks, columns_of(best.problem), np.ones(best.problem.blocks.count))
-            moved = tuple(
-                self._moved(m, o, values) for m, o in zip(best.members, best.problem.options, strict=True)
-            )
-            trial = self.linear(moved)
-            now = _score(trial)
-            if not now < score - 1e-4 * abs(score):
-                return (trial, now) if now < score else (best, score)
-            best, score = trial, now
-        return best, score
+            blocks = best.problem.blocks
+            values = solve(blocks, columns_of(best.problem), np.ones(blocks.count))
+            for share in HALVINGS:
+                pairs = zip(best.members, best.problem.options, strict=True)
+                trial = self.linear(tuple(self._moved(m, values[o.columns], share) for m, o in pairs))
+                now = _least(trial)
+                if now < least:
+                    break
+            else:
+                break
+            done = now > least * (1.0 - SETTLED)
+            best, least = trial, now
+            if done:
+                break
+        return best, _score(best)
 
-    def _moved(self, m: Member, option: Option, values: Array) -> Member:
-        point, count = values[option.columns].copy(), len(m.coefficients)
+    def _moved(self, m: Member, values: Array, share: float) -> Member:
+        """The member on its way to other values (K + keys,), no further than its limits."""
+        point = m.point + share * (values - m.point)
         limits = m.effect.free(self.bare, m.shape)
-        for i, key in enumerate(m.keys, start=count):
-            low, high = limits[key]
+        for i, (key, (low, high)) in enumerate(limits.items(), len(m.coefficients)):
             old, reach = m.shape[key], 0.25 * (high - low)
             if low > 0.0:  # a scale: no more than doubled or halved at once
                 low, high = max(low, 0.5 * old), min(high, 2.0 * old)
@@ -167,6 +174,15 @@ class Fitter:
 def columns_of(p: Problem) -> Index:
     """All columns of a problem in use: base and every option."""
     return np.concatenate([p.base, *(o.columns for o in p.options)]).astype(np.intp)
+
+
+def _least(joint: Joint) -> float:
+    """Square sum with the members exactly where they stand, the base at its best."""
+    p = joint.problem
+    fixed = np.zeros(len(p.blocks.bounds))
+    for o, m in zip(p.options, joint.members, strict=True):
+        fixed[o.columns] = m.point
+    return least_with(p.blocks, p.base, fixed)
 
 
 def _score(joint: Joint) -> float:
@@ -182,18 +198,32 @@ def _inflation(p: Problem) -> float:
 
 
 def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) -> Joint:
-    """The best joint fit from these members, other forms of each tried if they gain enough."""
+    """The best joint fit from these members, other forms of each tried if they gain enough.
+
+    Members whose numbers another's better form makes unphysical are dropped with it.
+    """
     best, score = fitter.settle(members)
     if not alternatives:
         return best
     rows = fitter.problem.residual.size / _inflation(best.problem)
-    for k in range(len(members)):
-        mine = best.members[k]
+    for name in [m.name for m in members]:
+        mine = next((m for m in best.members if m.name == name), None)
+        if mine is None:
+            continue
+        improved: Shape = {}
         for shape, coefficients in mine.effect.finer(fitter.bare, mine.shape, mine.coefficients):
-            start = list(best.members)
-            start[k] = member(fitter.bare, mine.effect, shape, coefficients)
-            trial, now = fitter.settle(start)
-            refused = any(m.effect.refuse(m.parameters(fitter.bare)) for m in trial.members)
+            if improved and set(shape) == set(improved):
+                continue  # this form from another start
+            other = member(fitter.bare, mine.effect, shape, coefficients)
+            trial, now = fitter.settle([other if m.name == name else m for m in best.members])
+            refused = _refused(fitter, trial)
+            if refused and name not in refused:
+                trial, now = fitter.settle([m for m in trial.members if m.name not in refused])
+                refused = _refused(fitter, trial)
             if not refused and (score - now) * rows / max(score, 1e-12) > RICHER:
-                best, score = trial, now
+                best, score, improved = trial, now, shape
     return best
+
+
+def _refused(fitter: Fitter, joint: Joint) -> set[str]:
+    return {m.name for m in joint.members if m.effect.refuse(m.parameters(fitter.bare))}

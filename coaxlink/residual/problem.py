@@ -119,7 +119,7 @@ def from_design(
     )
 
 
-def contiguous_blocks(time_s: Array, run: Array, *, least_s: float, count: int) -> Index:
+def contiguous_blocks(time_s: Array, run: Array | Index, *, least_s: float, count: int) -> Index:
     """(rows,) block numbers: contiguous pieces of runs, about `count` of them, none shorter than needed."""
     total = 0.0
     for number in np.unique(run):

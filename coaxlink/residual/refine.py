@@ -41,8 +41,9 @@ def refine(
 ) -> Refinement:
     """Hold flight logs against a rotor model on its airframe.
 
-    `model` may carry effects already: they are part of the prediction, and are fitted again where the log demands
-    other numbers. `progress` is told each stage. Raises InputError when a log lacks what every flight needs.
+    `model` may carry effects already: they are part of the prediction, and are fitted again where the log
+    demands other numbers. `progress` is told each stage.
+    Raises InputError when a log lacks what every flight needs.
     """
     several = [logs] if isinstance(logs, Samples) else list(logs)
     progress("aligning")

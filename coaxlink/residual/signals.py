@@ -92,11 +92,11 @@ def spectral_floor(
     raw_rate_hz: float,
     differentiated: Sequence[bool],
 ) -> Array | None:
-    """Noise (C,) that the low-pass leaves of unfiltered residuals `pieces` [(rows, C), ...]; None if too short.
+    """Noise (C,) that the low-pass leaves of unfiltered residuals `pieces` [(rows, C)]; None if too short.
 
     Above the judged band a residual is noise. Its spectrum there, fitted by what noise can be, is continued
-    below: white (accelerometer, vibration), white commands that alias between the rows of the log and reach the
-    loads through the motors' lag, and for torques the gyro's white noise, differentiated.
+    below: white (accelerometer, vibration), white commands that alias between the rows of the log and reach
+    the loads through the motors' lag, and for torques the gyro's white noise, differentiated.
     """
     length = int(SEGMENT_S * rate_hz)
     top = min(TOP_HZ, 0.38 * rate_hz)
@@ -148,7 +148,7 @@ def _noises(frequency: Array, rate_hz: float, lag_s: float) -> Array:
 
 
 def _mixture(spectrum: Array, shapes: Array, segments: float) -> tuple[Array, float]:
-    """(K,) amounts >= 0 of the shapes (F, K) in a spectrum averaged over segments, and how far it misses (-log L)."""
+    """(K,) amounts >= 0 of the shapes (F, K) in a spectrum averaged over segments, and its -log L."""
     level = np.full(len(spectrum), float(np.mean(spectrum)))
     scale = shapes.mean(axis=0)
     amounts = np.zeros(shapes.shape[1])

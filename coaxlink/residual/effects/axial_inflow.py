@@ -1,9 +1,9 @@
 """Axial inflow: climbing, the blades meet the air at a smaller angle and pull less; sinking, more.
 
 Source: blade element theory, dT = -c Omega V_axial for small climb (Leishman, Principles of Helicopter
-Aerodynamics, 2006, ch. 2-3). V is the rotor hub's own: body rates add to it, which damps roll and pitch. With the
-climb's share of the inflow the slope changes (momentum theory, the same book): V / (1 + a |V|) + b V^2 is
-that, to second order, for climb and descent.
+Aerodynamics, 2006, ch. 2-3). V is the rotor hub's own: body rates add to it, which damps roll and pitch. With
+the climb's share of the inflow the slope changes (momentum theory, the same book): V / (1 + a |V|) + b V^2
+is that, to second order, for climb and descent.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 Source: Cheeseman and Bennett 1955, T / T_inf = 1 / (1 - (R / 4 h)^2), for which (R / 4 h)^2 is the first
 term; for multirotors the effective radius is larger than one rotor's (Sanchez-Cuevas, Heredia and Ollero
-2017), and an exponential in height fits flights as well (He, Lee and Leang 2019). Both are tried, the power of
-height being free between limits; each rotor feels the height of its own disc, which rights a tilted vehicle.
+2017), and an exponential in height fits flights as well (He, Lee and Leang 2019). Both are tried, the
+power of height being free between limits; each rotor feels the height of its own disc, which rights a tilted
+vehicle.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ def _shapes(_: FlightFrame) -> Sequence[Shape]:
 
 
 def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    """From a drag that levels off at a speed of the grid to any speed; from one that does not to one that may."""
+    """From a drag that does not level off to one that may, at any speed."""
     if "saturation_m_s" in shape or "by_square" in shape:
         return []
     return [({**shape, "saturation_m_s": 12.0}, c)]

@@ -1,8 +1,8 @@
 """Wind: the air moves, and with it the velocity that drags the rotors: F_xy = -k sum(u_i) (v - w)_xy.
 
 Source: rotor drag (see `rotor_drag`) on the air speed; constant wind in the world frame, seen by the body
-through its attitude; the body's own drag, d |v - w| (v - w), acts besides. Needs turns of heading or speed to be
-told from a sensor bias. It is found linear in the wind and then fitted as written.
+through its attitude; the body's own drag, d |v - w| (v - w), acts besides. Needs turns of heading or speed to
+be told from a sensor bias. It is found linear in the wind and then fitted as written.
 """
 
 from __future__ import annotations
