@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,6 +31,9 @@ def sim(
     wire: Annotated[
         str, typer.Option(help="Faults: loss=P,copies=P,disorder=P,corruption=P,delay=S,dead=S:S,reboot=N.")
     ] = "",
+    vehicles: Annotated[
+        int, typer.Option(help="So many, on ports one after another, with system ids from 1.")
+    ] = 1,
     signing_key: Annotated[Path | None, typer.Option(help="Sign all links, take nothing unsigned.")] = None,
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
     flight: Annotated[str, typer.Option("--fly", help="Fly a plan without a client: paper, vigorous.")] = "",
@@ -48,11 +51,14 @@ def sim(
         raise InputError("--speed", "", f"a positive number, or 0, is expected, found {speed}")
     if truth is not None and hidden_seed is not None:
         raise InputError("--hidden-seed", "", "not with --truth")
+    if vehicles != 1 and (bridge or flight or stand is not None):
+        raise InputError("--vehicles", "", "not with --bridge, --fly or --stand")
     with world_errors():
         if stand is not None:
             _measure(stand, rotor, truth, seed, schedule)
             return
-        from sim.world import World, build, build_bridge, open_links
+        from sim.standin import run
+        from sim.world import World, build, build_bridge, build_many
 
         world = World(
             airframe or files.example("x8_demo.toml"),
@@ -71,9 +77,10 @@ def sim(
         if bridge:
             _bridge(build_bridge(world, bridge, (listen or [""])[0], speed), bridge)
             return
-        ports = open_links(listen or [])
+        standins = build_many(world, vehicles, listen or [], speed)
+        ports = [port for standin in standins for port in standin.ports]
         try:
-            _fly(build(world, ports, speed), firmware, ports)
+            _fly(lambda stop: run(standins, speed, stop), firmware, ports)
         finally:
             for port in ports:
                 port.close()
@@ -114,12 +121,12 @@ def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
 
 def _bridge(bridge: Any, to: str) -> None:
     try:
-        _fly(bridge, f"bridge {to}", [bridge])
+        _fly(bridge.run, f"bridge {to}", [bridge])
     finally:
         bridge.close()
 
 
-def _fly(standin: Any, firmware: str, ports: Any) -> None:
+def _fly(run: Callable[[Callable[[], bool]], None], firmware: str, ports: Any) -> None:
     """Until someone says stop."""
     stopping = False
 
@@ -131,7 +138,7 @@ def _fly(standin: Any, firmware: str, ports: Any) -> None:
     try:
         sys.stdout.write(f"ready {firmware} {' '.join(port.name for port in ports)}\n")
         sys.stdout.flush()
-        standin.run(lambda: stopping)
+        run(lambda: stopping)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

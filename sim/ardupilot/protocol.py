@@ -16,7 +16,6 @@ from sim.ardupilot.telemetry import BUILDERS, DEFAULT_HZ, GROUPS
 from sim.links import Peer
 from sim.px4.autopilot import Refused
 from sim.px4.protocol import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Conversation, _status, _text
-from sim.px4.telemetry import HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG
 
 NO_SUCH_PARAM = 1  # MAV_PARAM_ERROR_DOES_NOT_EXIST
 SCRIPTING = 42701
@@ -112,8 +111,7 @@ class ApConversation(Conversation):
         elif command == 192:
             if a.ap_mode != 4:
                 return DENIED, None
-            north, east = (p[4] - HOME_LAT) * M_PER_DEG, (p[5] - HOME_LON) * M_PER_DEG
-            a.go_to((north, east * math.cos(math.radians(HOME_LAT)), HOME_ALT - p[6]), p[3])
+            a.go_to((*a.home.local(p[4], p[5]), a.home.alt - p[6]), p[3])
         elif command == SCRIPTING:
             if p[0] == 3:
                 a.restart_scripts()
@@ -122,6 +120,8 @@ class ApConversation(Conversation):
             return (FAILED if function else ACCEPTED), None
         elif command == 209:  # motor test
             return (FAILED if a.armed else ACCEPTED), None
+        elif command == 300:
+            a.start_mission()
         elif command in (187, 310):
             return UNSUPPORTED, None
         else:

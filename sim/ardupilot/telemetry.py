@@ -122,7 +122,7 @@ DEFAULT_HZ = {0: 1.0}  # nothing else goes out until someone asks
 # REQUEST_DATA_STREAM: stream number to messages
 GROUPS = {
     1: (27,),
-    2: (1, 24, 242, 245),
+    2: (1, 24, 42, 242, 245),
     3: (36,),
     4: (83,),
     6: (32, 33),

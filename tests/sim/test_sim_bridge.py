@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import select
 import socket
 import struct
 import threading
@@ -99,6 +100,10 @@ class Px4Counterpart:
                     return self.last, message
             self._queue += self.into.parse_buffer(self.socket.recv(65536)) or []
 
+    def silent(self, seconds: float) -> bool:
+        """Whether nothing more comes for so long."""
+        return not self._queue and not select.select([self.socket], [], [], seconds)[0]
+
     def controls(self, time_usec: int, u: np.ndarray) -> None:
         values = [*np.round(u, 3).tolist(), *[0.0] * (16 - len(u))]
         self.socket.sendall(m.MAVLink_hil_actuator_controls_message(time_usec, values, 128, 1).pack(self.out))
@@ -135,6 +140,23 @@ def test_px4_lockstep_hover_and_circle_without_a_missed_step() -> None:
     assert slow == pytest.approx(len(px4.fields) / 5, abs=2) and set(px4.fields) == {0x3F, 0x1BFF}
     assert px4.gps == pytest.approx(len(px4.fields) / 25, abs=2)
     assert (np.diff(px4.accel) == 0.0).mean() < 1e-3  # noise: a dead sensor repeats itself
+
+
+def test_px4_answers_to_the_free_run_do_not_stay_ahead() -> None:
+    bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0")
+    with running(bridge) as port:
+        px4 = Px4Counterpart(port)
+        stamps = [px4.sensor()[0].time_usec for _ in range(17)]
+        for stamp in stamps[-4:]:  # it starts up late, and answers all that it has, one by one
+            px4.controls(stamp, np.zeros(8))
+            time.sleep(0.01)
+        for n in range(80):  # in order, whatever came in the meantime
+            px4.sensor()
+            if n > 50:
+                assert px4.silent(0.002), "a reading that no controls asked for"
+            px4.controls(px4.last.time_usec, np.zeros(8))
+        px4.socket.close()
+    assert 1 <= bridge.stale < 40 and bridge.late == 0
 
 
 def test_px4_may_go_and_come_back() -> None:
