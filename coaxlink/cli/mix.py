@@ -61,7 +61,7 @@ def mix(
         bool | None,
         typer.Option(
             "--compiled/--plain",
-            help="The exact law and the loop around it compiled (half a minute, once; 50 MB). "
+            help="The exact law and the loop around it compiled (15 s of work, once; 50 MB). "
             "Default: if it was compiled before.",
         ),
     ] = None,
@@ -110,7 +110,7 @@ def _native(compiled: bool | None) -> Any:
     if not hot_build.available():
         raise InputError("--compiled", "", "the compiled loop runs on 64-bit Linux only")
     if not hot_build.kept():
-        say("compiling the live loop, once for this processor and version: about half a minute")
+        say("compiling the live loop, once for this processor and version: 15 s or more")
     try:
         return hot_build.load()
     except ImportError as error:

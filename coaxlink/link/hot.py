@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.link import hot_kernel as k
+from coaxlink.link.hot_build import arguments
 from coaxlink.link.hot_serve import CHUNK, PEER_SIZE, SLOT
 from coaxlink.mixer.exact import ExactLaw
 
@@ -65,24 +66,21 @@ class HotLoop:
         self.ring, self.stamps = np.zeros((k.RING, k.ROW)), np.zeros(k.RING, np.int64)
         self.frames = np.zeros((k.RING, 2 * SLOT), np.uint8)
         self._data = np.zeros(2 * CHUNK, np.uint8)
-        body = np.zeros(6)  # 48 bytes: stamp, then the floats of a demand or an answer
+        body = np.zeros(48, np.uint8)  # stamp, then the floats of a demand or an answer
         self._lengths = np.zeros(k.MOST_LEFT, np.int32)
         self._peers = np.zeros(k.MOST_LEFT * PEER_SIZE, np.uint8)
         self._peer = np.zeros(PEER_SIZE, np.uint8)
         clock, out = np.zeros(2, np.int64), np.zeros(SLOT, np.uint8)
         slots = np.zeros(k.MOTORS, np.int64)
         slots[: len(p.slots)] = p.slots
-        where = [self._data, self._lengths, self._peers, clock, out, self._peer]
+        where: list[NDArray[Any]] = [self._data, self._lengths, self._peers, clock, out, self._peer]
         self._arrays = [
             self.ints, self.floats, self.motors, self.ring, self.stamps, self.frames, self._data, body,
-            body[1:], out, np.zeros(4), self.told, np.zeros(k.MOTORS), p.order.astype(np.int64), slots,
-            self._lengths, clock, sequence, np.array([a.ctypes.data for a in where], np.int64),
-            *law.arrays(),
+            body[8:40].view(np.float32), out, np.zeros(4), self.told, np.zeros(k.MOTORS),
+            p.order.astype(np.int64), slots, self._lengths, clock, sequence, *law.arrays(),
         ]  # fmt: skip
         self._where = where
-        from coaxlink.link.hot_build import addresses
-
-        self._arguments = addresses(self._arrays)
+        self._arguments = arguments(self._arrays, [a.ctypes.data for a in where])
         self.ints[k.COUNT] = count
         self.floats[k.SCALE : k.SCALE + 16] = np.asarray(scale, float).ravel()
         self.floats[k.INVERSE : k.INVERSE + 4] = 1.0 / p.scale
@@ -99,7 +97,7 @@ class HotLoop:
         """Lead the motors' lag (s) down to `quick_s`."""
         self.floats[k.LAG_S], self.floats[k.QUICK_S] = lag_s, quick_s
 
-    def compensate(self, extra: Sequence[float], factor: float) -> None:
+    def compensate(self, extra: Sequence[float] | Floats, factor: float) -> None:
         """What effects add to the wrench (4,), and speed per command."""
         self.floats[k.EXTRA : k.EXTRA + 4] = extra
         self.floats[k.FACTOR] = factor
@@ -109,7 +107,7 @@ class HotLoop:
         self.ints[k.UNTIL_NS] = 0
 
     def run(self, number: int, to: Any, last_us: int, last_s: float, budget_s: float = BUDGET_S) -> Batch:
-        """One turn on the socket of that number, answering to `to`, from the last demand (us) and its time."""
+        """One turn on the socket of that number, answering to `to`, from the last demand (us, and when)."""
         i = self.ints
         if to != self._to:
             packed = packed_address(to)
@@ -139,7 +137,9 @@ class HotLoop:
 def packed_address(to: Any) -> bytes:
     """Linux's sockaddr of a Python UDP address."""
     if len(to) == 2:
-        return struct.pack("=H", socket.AF_INET) + struct.pack("!H", to[1]) + socket.inet_aton(to[0]) + bytes(8)
+        return (
+            struct.pack("=H", socket.AF_INET) + struct.pack("!H", to[1]) + socket.inet_aton(to[0]) + bytes(8)
+        )
     host, port, flow, scope = to
     head = struct.pack("=H", socket.AF_INET6) + struct.pack("!HI", port, flow)
     return head + socket.inet_pton(socket.AF_INET6, host) + struct.pack("=I", scope)

@@ -19,7 +19,17 @@ from typing import Any
 
 from coaxlink import files
 
-POINTERS = 34  # arguments, all addresses: see `_entry`
+# arguments of hot_serve.serve: arrays (kind, dimensions), then addresses
+ARRAYS = (
+    ("int64", 1), ("float64", 1), ("float64", 1), ("float64", 2), ("int64", 1), ("uint8", 2), ("uint8", 1),
+    ("uint8", 1), ("float32", 1), ("uint8", 1), ("float64", 1), ("float64", 1), ("float64", 1), ("int64", 1),
+    ("int64", 1), ("int32", 1), ("int64", 1), ("uint8", 1),
+    # of the law
+    ("float64", 3), ("float64", 2), ("int64", 1), ("float64", 1), ("float64", 1), ("float64", 1),
+    ("int64", 1), ("float64", 1), ("int64", 1), ("float64", 1), ("float64", 1), ("float64", 2),
+    ("float64", 1), ("float64", 1), ("float64", 2),
+)  # fmt: skip
+ADDRESSES = 6
 KEEP_ALIVE: list[Any] = []  # engines whose code is in use
 
 
@@ -53,7 +63,7 @@ def kept() -> bool:
 
 @cache
 def load() -> Any:
-    """The hot loop as a C function of `_entry`'s arguments, compiled first if need be (half a minute).
+    """The hot loop as a C function of `arguments`, compiled first if need be (15 s of work).
 
     Raises ImportError without numba when it has to be compiled.
     """
@@ -68,13 +78,9 @@ def load() -> Any:
     engine.add_object_file(llvm.ObjectFileRef.from_data(path.read_bytes()))
     engine.finalize_object()
     KEEP_ALIVE.append(engine)
-    kind = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * POINTERS)
+    kinds = [ctypes.c_void_p if kind == "ptr" else ctypes.c_int64 for kind in _arguments()]
+    kind = ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)
     return kind(engine.get_function_address("coaxlink_serve"))
-
-
-def addresses(arrays: Sequence[Any]) -> list[ctypes.c_void_p]:
-    """Of numpy arrays, as arguments for the function."""
-    return [ctypes.c_void_p(a.ctypes.data) for a in arrays]
 
 
 def _processor(llvm: Any) -> tuple[str, str, str]:
@@ -89,7 +95,7 @@ def _machine(llvm: Any) -> Any:
 
 
 def compile_object() -> bytes:
-    """The object code, with one function `coaxlink_serve`; see `_entry` for its arguments."""
+    """The object code, with one function `coaxlink_serve`."""
     import llvmlite.binding as llvm
     import numba
     from numba.core import types
@@ -98,7 +104,7 @@ def compile_object() -> bytes:
     from coaxlink.link import hot_kernel, hot_serve
     from coaxlink.mixer.exact import compiled
 
-    compiled.register()
+    compiled.register(inline=False)
     i32, i64, at = types.int32, types.int64, types.int64
     calls = {
         "recvfrom": i64(i32, at, i64, i32, at, at),
@@ -108,38 +114,33 @@ def compile_object() -> bytes:
     for name, signature in calls.items():
         setattr(hot_serve, name, types.ExternalFunction(name, signature))
     for name in (
-        "checksum", "find_demand", "unpack", "stamp_of", "acceptable", "ask", "lead", "follow", "command", "pack",
+        "checksum", "find_demand", "unpack", "stamp_of", "acceptable", "ask", "lead", "follow", "command",
+        "pack",
     ):  # fmt: skip
         register_jitable(**compiled.OPTIONS)(getattr(hot_kernel, name))
     for name in ("nanoseconds", "receive", "cut_demands", "serve"):
         register_jitable(**compiled.OPTIONS)(getattr(hot_serve, name))
     register_jitable(**compiled.OPTIONS)(compiled.kernel.optimum)
-    # addresses become arrays in the outermost function only, and for that numba wants its reference counts;
-    # these arrays have none, and nothing is ever allocated
-    options = {**compiled.OPTIONS, "_nrt": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    signature = _signature(types)
-    dispatcher = numba.njit(signature, **options)(_entry(numba.carray))
+    options = {**compiled.OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    dispatcher = numba.njit(_signature(types), **options)(hot_serve.serve)
     (result,) = dispatcher.overloads.values()
-    text = _without_runtime(result.library.get_llvm_str()) + _plain_name(result.fndesc.mangled_name)
+    text = result.library.get_llvm_str() + _plain_name(result.fndesc.mangled_name)
     module = llvm.parse_assembly(text)
     module.verify()
     return bytes(_machine(llvm).emit_object(module))
 
 
-def _without_runtime(text: str) -> str:
-    """numba's runtime is not there when the object is loaded; its one call from here frees what is not ours."""
-    lines = [
-        "define internal void @NRT_MemInfo_call_dtor(ptr %info) { ret void }"
-        if line.startswith("declare") and "@NRT_MemInfo_call_dtor(" in line
-        else line
-        for line in text.splitlines()
-    ]
-    return "\n".join(lines)
+def _arguments() -> list[str]:
+    """LLVM types of the arguments: what numba makes of arrays, then the addresses."""
+    found: list[str] = []
+    for _, dimensions in ARRAYS:
+        found += ["ptr", "ptr", "i64", "i64", "ptr"] + ["i64"] * (2 * dimensions)
+    return found + ["i64"] * ADDRESSES
 
 
 def _plain_name(mangled: str) -> str:
-    """numba's function takes a place for its result and one for an exception first: a C function around it."""
-    named = ", ".join(f"ptr %a{k}" for k in range(POINTERS))
+    """A C function around numba's, which takes a place for its result and one for an exception first."""
+    named = ", ".join(f"{kind} %a{k}" for k, kind in enumerate(_arguments()))
     return f"""
 define i64 @coaxlink_serve({named}) {{
   %result = alloca i64
@@ -153,40 +154,13 @@ define i64 @coaxlink_serve({named}) {{
 
 
 def _signature(types: Any) -> Any:
-    i64, f64, u8, f32, i32 = types.int64, types.float64, types.uint8, types.float32, types.int32
-    own = [i64, f64, f64, f64, i64, u8, u8, u8, f32, u8, f64, f64, f64, i64, i64, i32, i64, u8, i64]
-    law = [f64, f64, i64, f64, f64, f64, i64, f64, i64, f64, f64, f64, f64, f64, f64]
-    return i64(*[types.CPointer(kind) for kind in own + law])
+    arrays = [types.Array(getattr(types, kind), dimensions, "C") for kind, dimensions in ARRAYS]
+    return types.int64(*arrays, *[types.int64] * ADDRESSES)
 
 
-def _entry(carray: Any) -> Any:
-    """`hot_serve.serve` on bare addresses."""
-    from coaxlink.link.hot_kernel import FLOATS, INTS, MOST_LEFT, MOTORS, RING, ROW
-    from coaxlink.link.hot_serve import CHUNK, SLOT, serve
-    from coaxlink.mixer.exact.loads import ARM, SUMS
-    from coaxlink.mixer.exact.warm import ROWS, SPEEDS
-
-    def entry(
-        ints, floats, motors, ring, stamps, frames, data, body, singles, out, held, told, speeds, order, slots,
-        lengths, clock, sequence, where,
-        c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, past,
-    ):  # fmt: skip
-        sizes = carray(shape, (4,))
-        k, terms = sizes[0], (sizes[1] + 1) * (sizes[2] + 1)
-        law = (
-            carray(c, (k, 4, terms)), carray(g, (k, 16)), sizes, carray(lo, (2 * k,)), carray(hi, (2 * k,)),
-            carray(x, (2 * k,)), carray(act, (2 * k,)), carray(lam, (4,)), carray(el, (4,)),
-            carray(cap, (4,)), carray(mu, (4,)), carray(work, (k, ARM)), carray(sums, (SUMS,)),
-            carray(box, (6 * k,)), carray(past, (ROWS, SPEEDS + 4 * k)),
-        )  # fmt: skip
-        at = carray(where, (6,))
-        return serve(
-            carray(ints, (INTS,)), carray(floats, (FLOATS,)), carray(motors, (MOTORS,)),
-            carray(ring, (RING, ROW)), carray(stamps, (RING,)), carray(frames, (RING, 2 * SLOT)),
-            carray(data, (2 * CHUNK,)), carray(body, (48,)), carray(singles, (MOTORS,)),
-            carray(out, (SLOT,)), carray(held, (4,)), carray(told, (MOTORS,)), carray(speeds, (MOTORS,)),
-            carray(order, (4,)), carray(slots, (MOTORS,)), carray(lengths, (MOST_LEFT,)),
-            carray(clock, (2,)), carray(sequence, (1,)), law, at[0], at[1], at[2], at[3], at[4], at[5],
-        )  # fmt: skip
-
-    return entry
+def arguments(arrays: Sequence[Any], addresses: Sequence[int]) -> list[Any]:
+    """For the function: each array as numba takes one (it owns nothing, so the first two are nothing)."""
+    found: list[Any] = []
+    for a in arrays:
+        found += [None, None, a.size, a.itemsize, a.ctypes.data, *a.shape, *a.strides]
+    return found + list(addresses)

@@ -8,7 +8,7 @@ autopilot, while the law flies alone. Everything else, motor commands of others 
 for the loop in Python (`mixing`), which knows what to do with it and counts it.
 
 Arrays, so that one block of each kind is handed over:
-    ints    the places named below; then LEFT triples (start, stop, size of the sender's address + 256 x which)
+    ints    the places named below; then LEFT triples (start, stop, size of the sender's address + 256 which)
     floats  scale (16), law's units (4), extra wrench (4), speed per command, motors' lag, lag wanted (s)
     motors  (8,) the speeds the motors are taken to have, for the lead
     ring    rows (ROW) of what was answered; stamps (RING) beside it

@@ -77,9 +77,7 @@ def receive(ints, data, data_at, lengths, lengths_at, peers_at, clock, clock_at)
     found, now = -1, 0
     while got < MOST_LEFT and at <= CHUNK:
         lengths[got] = 28
-        n = recvfrom(
-            ints[FD], data_at + at, CHUNK, flags, peers_at + PEER_SIZE * got, lengths_at + 4 * got
-        )
+        n = recvfrom(ints[FD], data_at + at, CHUNK, flags, peers_at + PEER_SIZE * got, lengths_at + 4 * got)
         if n <= 0:
             break
         if got == 0:
@@ -123,10 +121,10 @@ def cut_demands(ints, data, got):
 
 def serve(
     ints, floats, motors, ring, stamps, frames, data, body, singles, out, held, told, speeds, order, slots,
-    lengths, clock, sequence, law, data_at, lengths_at, peers_at, clock_at, out_at, peer_at,
+    lengths, clock, sequence, c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, past,
+    data_at, lengths_at, peers_at, clock_at, out_at, peer_at,
 ):  # fmt: skip
     """See the module. Returns how many answers were sent; what is left to Python is in `ints`."""
-    c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, past = law
     count = ints[COUNT]
     ints[ANSWERED] = ints[LEFT] = ints[SUPERSEDED] = ints[DROPPED] = 0
     while True:
@@ -188,4 +186,3 @@ def serve(
             ints[LEFT] = left
             break
     return ints[ANSWERED]
-

@@ -131,7 +131,7 @@ class MixCore:
         self._floats = [0.0] * hot_kernel.FLOATS
         self._floats[hot_kernel.FACTOR] = 1.0
         self._floats[hot_kernel.LAG_S], self._floats[hot_kernel.QUICK_S] = lead_s
-        # the speeds the motors are taken to have, and what they were told last; the hot loop's own once it runs
+        # the speeds the motors are taken to have, and what they were told last; the hot loop's own if it runs
         self.motors: Any = [0.0] * CONTROLS
         self.told: Any = [0.0] * CONTROLS
         self.wrench: list[float] = [0.0] * 4  # demanded

@@ -48,7 +48,7 @@ class Tap(Protocol):
         """Read the line itself for a while; what came and is not dealt with. None: not now, read for it."""
 
 
-class Outgoing(mavlink.MAVLink):  # type: ignore[misc]
+class Outgoing(mavlink.MAVLink):
     """pymavlink's encoder with its sequence number where the compiled loop counts it on too."""
 
     def __init__(self, system: int, component: int) -> None:
