@@ -19,7 +19,7 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.residual.blocks import accumulate, solve, squares
-from coaxlink.residual.effects.base import Effect, Shape
+from coaxlink.residual.effects.base import Effect
 from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.stand import COLUMN_OF, base_corrections, stand_frame
 
@@ -114,11 +114,10 @@ class Rival:
 class View:
     """A planned log as the regression sees it."""
 
-    frame: Any
     base: Array  # (rows, C, B) base corrections
     bounds: Array  # (B,)
     added: tuple[Array, ...]  # what each rival adds, (rows, C)
-    shapes: tuple[tuple[tuple[Shape, Array], ...], ...]  # of each rival: a shape and its columns (rows, C, K)
+    shapes: tuple[tuple[Array, ...], ...]  # of each rival: the columns (rows, C, K) of every shape
 
 
 def view(
@@ -126,11 +125,10 @@ def view(
 ) -> View:
     """What rivals add on a planned frame."""
     return View(
-        frame,
         base,
         bounds,
         tuple(reduce(r.effect.contribution(frame, r.parameters)) for r in rivals),
-        tuple(tuple((s, reduce(r.effect.columns(frame, s))) for s in r.effect.shapes(frame)) for r in rivals),
+        tuple(tuple(reduce(r.effect.columns(frame, s)) for s in r.effect.shapes(frame)) for r in rivals),
     )
 
 
@@ -139,10 +137,8 @@ def joined(views: Sequence[View]) -> View:
     first = views[0]
     shapes = []
     for k, mine in enumerate(first.shapes):
-        columns = [np.concatenate([v.shapes[k][i][1] for v in views]) for i in range(len(mine))]
-        shapes.append(tuple((s, c) for (s, _), c in zip(mine, columns, strict=True)))
+        shapes.append(tuple(np.concatenate([v.shapes[k][i] for v in views]) for i in range(len(mine))))
     return View(
-        first.frame,
         np.concatenate([v.base for v in views]),
         first.bounds,
         tuple(np.concatenate([v.added[k] for v in views]) for k in range(len(first.added))),
@@ -162,22 +158,18 @@ class Bench:
     heat: tuple[float, float, float]
 
 
-def distance(seen: View, rivals: Sequence[Rival], sigma: Array, channels: Sequence[str]) -> tuple[float, str]:
+def distance(seen: View, sigma: Array, channels: Sequence[str]) -> tuple[float, str]:
     """Squared distance of the nearest two rivals on a planned log, and the channel that tells most."""
-    fixed = len(seen.bounds)
     one = np.zeros(len(seen.base), np.intp)
     nearest, channel = np.inf, ""
-    for true, other in permutations(range(len(rivals)), 2):
-        y, effect = seen.added[true] / sigma, rivals[other].effect
+    for true, other in permutations(range(len(seen.added)), 2):
+        y = seen.added[true] / sigma
         left, where = np.inf, 0
-        for shape, columns in seen.shapes[other]:
+        for columns in seen.shapes[other]:
             design = np.concatenate([seen.base, columns], axis=-1) / sigma[:, None]
             limits = np.concatenate([seen.bounds, np.full(columns.shape[-1], np.inf)])
             blocks = accumulate(design, y, one, one[:1], limits)
             fit = solve(blocks, np.arange(design.shape[-1]), np.ones(1))
-            # what physics forbids the other rival to be is no excuse
-            if effect.refuse(effect.parameters(seen.frame, shape, fit[fixed:])) is not None:
-                fit = solve(blocks, np.arange(fixed), np.ones(1))
             by_channel = squares(blocks, fit)[0]
             if float(by_channel.sum()) < left:
                 left, where = float(by_channel.sum()), int(np.argmax(by_channel))
@@ -198,7 +190,7 @@ def separated(
 
     def far(pieces: Sequence[Any]) -> tuple[float, str]:
         seen = look(pieces)
-        return (0.0, "") if seen is None else distance(seen, rivals, sigma, channels)
+        return (0.0, "") if seen is None else distance(seen, sigma, channels)
 
     def best_of(plans: Sequence[tuple[Any, ...]]) -> tuple[tuple[float, str], tuple[Any, ...]]:
         return max(((far(p), p) for p in plans), key=lambda x: _worth(x[0][0], x[1]))

@@ -33,7 +33,8 @@ def test_it_swings_and_comes_back_and_then_goes_and_stays(tmp_path):
 def test_velocity_and_acceleration_belong_to_the_path(tmp_path):
     follow, _ = plan(
         tmp_path,
-        "[[pieces]]\nseconds = 5\nnorth_m = 3\neast_m = -1\nheight_m = 6\n[[pieces]]\nseconds = 6\neast_m = 2\ncycles = 3\n",
+        "[[pieces]]\nseconds = 5\nnorth_m = 3\neast_m = -1\nheight_m = 6\n"
+        "[[pieces]]\nseconds = 6\neast_m = 2\ncycles = 3\n",
     )
     h = 1e-4
     for t in (0.7, 2.5, 4.2, 5.9, 8.3):
