@@ -62,7 +62,7 @@ def flight_experiment(frame: FlightFrame, sigma: Array, rivals: Sequence[Rival])
             planned = flight_frame([flown(frame, [piece], high)], frame.airframe, frame.model)
         except CoaxlinkError:
             return None  # the model cannot fly it
-        base = flight_corrections(planned)
+        base = list(flight_corrections(planned))
         columns = np.stack([reduce_columns(planned, c.columns) for c in base], axis=-1)
         bounds = np.array([c.bound for c in base])
         return view(planned, rivals, columns, bounds, lambda values: reduce_columns(planned, values))
