@@ -111,10 +111,6 @@ class LiveEffects:
         if session is not None:
             session.subscribe(self.telemetry.hear)
 
-    def command(self, speed: float) -> float:
-        """The command for a normalised speed at the present voltage."""
-        return speed / self.factor
-
     def wrench(self, speeds: Sequence[float]) -> Wrench:
         """(4,) what the effects add at these normalised speeds (N,), N and N m."""
         self._refresh()
