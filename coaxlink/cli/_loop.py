@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from coaxlink.data import Samples
     from coaxlink.link.trajectory import Plan
 
-LAW = "fitted"
+LAW, LIVE_LAW = "fitted", "exact"
 Tell = Callable[[str], None]
 
 
@@ -131,7 +131,7 @@ def _live_pair(
         tell(f"mixing live {'with' if with_effects else 'without'} the effects")
         flight, demands, _ = steps.fly_live(
             world.arguments, world.speed, airframe, rotors, world.plan, world.out, watch,
-            name=name, effects=with_effects,
+            law=LIVE_LAW, name=name, effects=with_effects,
         )  # fmt: skip
         weighed = replace(airframe, mass_kg=mass)
         errors.append(steps.errors_of_live(flight, weighed, rotors, demands, whole=True))
