@@ -244,7 +244,7 @@ EFFECTS: dict[str, tuple[tuple[str, ...], int, str]] = {
     "rotor_lag": (("holds", "ramps"), 1, "drive"),
     "rotor_spacing": (("grid", "ramps", "holds"), 4, "loads"),
     "motor_heating": (SLOW, 3, "drive"),
-    "dead_band": (("grid", "ramps", "sines"), 1, "drive"),
+    "dead_band": (("grid", "ramps", "sines"), 1, "start"),
 }
 FAULTS: dict[str, tuple[tuple[str, ...], int, str]] = {
     "lying_tachometer": (("grid", "ramps", "sines"), 1, "both"),
@@ -294,14 +294,15 @@ def make(hidden: tuple[str, ...], seed: int, worth: float) -> Made:
     style = common[int(random.integers(len(common)))]
     kinds = {kind for _, _, kind in styles}
     t, throttle, sweep = schedule(random, style, max(n for _, n, _ in styles))
-    pair_name = PAIRS[0] if kinds & {"law", "given"} else str(random.choice(PAIRS, p=[0.6, 0.2, 0.2]))
+    surfaces = kinds & {"law", "given", "start"}
+    pair_name = PAIRS[0] if surfaces else str(random.choice(PAIRS, p=[0.6, 0.2, 0.2]))
     pair = read_pair(EXAMPLES / pair_name)
     given = pair_name == PAIRS[0] and (bool(kinds & {"law", "given"}) or random.random() < 0.7)
     rig = Rig(pair, t, throttle, sweep, random)
     for name in ("sensor_drift_channel", "strange_channel", *sorted(ALL)):
         rig.pick[name] = float(random.random())
-    drive = "both" if kinds & {"both", "drive"} else str(random.choice(["rpm", "both", "throttle"]))
-    if kinds == {"drive"} and given and random.random() < 0.4:
+    drive = "both" if kinds & {"both", "drive", "start"} else str(random.choice(["rpm", "both", "throttle"]))
+    if kinds <= {"drive", "start"} and hidden and given and random.random() < 0.4:
         drive = "throttle"
     sizes = {name: _strength(rig, name, worth) for name in hidden if name not in FIXED}
     rig.size = {k: v for k, v in sizes.items() if k != "lying_tachometer"}
@@ -343,7 +344,7 @@ def _share_of(rig: Rig, name: str) -> Callable[[float], float]:
         rig.size = {name: size}
         moved = np.abs(physics(rig)[1] - plain)
         # a dead band touches few rows: what counts is where it acts
-        level = 0.995 if name in ("dead_band", "rotor_lag") else 0.95
+        level = {"dead_band": 0.98, "rotor_lag": 0.97}.get(name, 0.95)
         return float(np.max(np.quantile(moved, level, axis=1) / full))
 
     return share
@@ -361,7 +362,7 @@ def _log(
     shown = u.copy()
     if "lying_tachometer" in hidden:
         side, law = int(random.integers(2)), rig.pick["lying_tachometer"]
-        above = 0.45 if law < 0.5 else 0.0  # echoes of the blades above a speed, or a wrong count throughout
+        above = 0.45 if law < 0.5 else 0.6  # pulses counted twice now and then, above a speed
         shown[side] *= 1.0 + sizes["lying_tachometer"] * (shown[side] > above)
     if "stuck_cell" in hidden:
         row, first = int(random.integers(4)), int(random.integers(rows // 5, rows // 2))

@@ -36,7 +36,9 @@ def sim(
     ] = 1,
     signing_key: Annotated[Path | None, typer.Option(help="Sign all links, take nothing unsigned.")] = None,
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
-    flight: Annotated[str, typer.Option("--fly", help="Fly a plan without a client: paper, vigorous.")] = "",
+    flight: Annotated[
+        str, typer.Option("--fly", help="Fly without a client: paper, vigorous, or a PLAN.toml.")
+    ] = "",
     log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="With --fly: keep its log.")] = None,
     stand: Annotated[
         Path | None, typer.Option(metavar="OUT.csv", help="Run the virtual thrust stand and leave.")
@@ -110,8 +112,12 @@ def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, sched
 def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
     from sim.flights import PLANS, fly, write_flight
 
+    if plan.endswith(".toml"):
+        from sim.manoeuvres import read_plan
+
+        PLANS[plan] = read_plan(Path(plan))
     if plan not in PLANS:
-        raise InputError("--fly", "", f"one of {', '.join(PLANS)} is expected, found '{plan}'")
+        raise InputError("--fly", "", f"a plan file or one of {', '.join(PLANS)} is expected, found '{plan}'")
     flown = fly(autopilot, plan)
     seconds = autopilot.plant.time_s
     if log is not None:

@@ -44,6 +44,26 @@ class Tap(Protocol):
     def take(self, data: bytes) -> None:
         """Bytes as they came."""
 
+    def serve(self, line: Transport, peer: Any) -> list[tuple[bytes, Any]] | None:
+        """Read the line itself for a while; what came and is not dealt with. None: not now, read for it."""
+
+
+class Outgoing(mavlink.MAVLink):
+    """pymavlink's encoder with its sequence number where the compiled loop counts it on too."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self.counter = bytearray(1)
+        super().__init__(None, system, component)
+
+    @property
+    def seq(self) -> int:
+        """Of the next frame."""
+        return self.counter[0]
+
+    @seq.setter
+    def seq(self, value: int) -> None:
+        self.counter[0] = value & 0xFF
+
 
 def connect(
     url: str,
@@ -96,7 +116,7 @@ class Session:
         self._target = target_system
         self._identity: Identity | None = None
         self._peer: Any = None
-        self._out = mavlink.MAVLink(None, source_system, source_component)
+        self._out = Outgoing(source_system, source_component)
         self._in = mavlink.MAVLink(None, source_system, source_component)
         self._in.robust_parsing = True
         self._signer = signer
@@ -106,6 +126,7 @@ class Session:
         self._lock = threading.Lock()
         self._latest: dict[str, Message] = {}
         self._subscribers: tuple[Callable[[Message], None], ...] = ()
+        self._watchers: tuple[Callable[[bytes], None], ...] = ()
         self._heard_s = 0.0
         self._sequence: int | None = None
         self._sent_by_vehicle = self._received_from_vehicle = 1
@@ -165,6 +186,11 @@ class Session:
         return self._out.srcSystem, self._out.srcComponent
 
     @property
+    def counter(self) -> bytearray:
+        """(1,) the sequence number of the next frame."""
+        return self._out.counter
+
+    @property
     def signed(self) -> bool:
         """Whether this side signs and asks for signatures."""
         return self._signer is not None
@@ -214,6 +240,29 @@ class Session:
         with self._lock:
             self._record(frames)
             self._transport.write(frames, self._peer)
+
+    @property
+    def keeps_frames(self) -> bool:
+        """Whether `book` has anything to do but count."""
+        return self._log is not None or bool(self._watchers)
+
+    def book(self, heard: bytes, said: bytes, at_us: int) -> None:
+        """Keep a frame of the vehicle and our answer that passed by the parser, at that time of day (us)."""
+        for watcher in self._watchers:
+            watcher(heard)
+        if self._log:
+            with self._lock:
+                self._log.write(heard, at_us)
+                self._log.write(said, at_us)
+
+    def watch(self, callback: Callable[[bytes], None]) -> Callable[[], None]:
+        """Call back with the frames that `book` keeps: with `subscribe`, all of the vehicle's."""
+        self._watchers = (*self._watchers, callback)
+
+        def leave() -> None:
+            self._watchers = tuple(w for w in self._watchers if w is not callback)
+
+        return leave
 
     def command(self, command_id: int, *params: float, timeout_s: float = 1.5, tries: int = 3) -> int:
         """Send COMMAND_LONG until it is acknowledged; the MAV_RESULT. Raises LinkError on silence."""
@@ -332,13 +381,25 @@ class Session:
             if time.monotonic() >= beat:
                 beat = time.monotonic() + 1.0
                 self._heartbeat()
-            tap = self.tap
-            data, peer = self._transport.read(tap.tick_s if tap else _TICK_S)
-            if tap:
-                tap.take(data)
-            if data:
+            for data, peer in self._chunks():
                 for message in self._in.parse_buffer(data) or ():
                     self._received(message, peer)
+
+    def _chunks(self) -> Iterator[tuple[bytes, Any]]:
+        """What came and is still to be parsed, after the tap had its look at it."""
+        tap = self.tap
+        if tap is None:
+            data, peer = self._transport.read(_TICK_S)
+            if data:
+                yield data, peer
+            return
+        served = tap.serve(self._transport, self._peer)
+        if served is None:
+            served = [self._transport.read(tap.tick_s)]
+        for data, peer in served or [(b"", None)]:
+            tap.take(data)
+            if data:
+                yield data, peer
 
     def _reopened(self) -> bool:
         """Try to open the line again until it works or the session ends; waits raise LinkError meanwhile."""
@@ -389,6 +450,15 @@ class Session:
         self._latest[name] = message
         for subscriber in self._subscribers:
             subscriber(message)
+
+    def count(self, sequences: Any) -> None:
+        """Frames of the vehicle passed by the parser with these sequence numbers (n,), an array of uint8."""
+        self._count(int(sequences[0]))
+        steps = sequences[1:] - sequences[:-1]  # modulo 256
+        forward = (steps > 0) & (steps < 128)
+        self._sent_by_vehicle += int(steps[forward].sum(dtype=int))
+        self._received_from_vehicle += int((steps != 0).sum())
+        self._sequence = int(sequences[-1])
 
     def _count(self, sequence: int) -> None:
         step = 1 if self._sequence is None else (sequence - self._sequence) % 256

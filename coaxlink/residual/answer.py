@@ -12,6 +12,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.residual.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.dependence import dependences
 from coaxlink.residual.experiment import Rival, stand_experiment
+from coaxlink.residual.flight_experiment import flight_experiment
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import Joint, Part
 from coaxlink.residual.problem import Option, Problem
@@ -211,10 +212,10 @@ def _separable(
             rivals.append(Rival(option.effect, named))
     if len(guesses) < 2:
         return doubt
-    if isinstance(p.frame, StandFrame):
-        plan = stand_experiment(p.frame, p.sigma, rivals)
-        if plan is not None:
-            return replace(doubt, separate_by=plan.text, experiment=plan)
+    proposed = stand_experiment if isinstance(p.frame, StandFrame) else flight_experiment
+    plan = proposed(p.frame, p.sigma, rivals)
+    if plan is not None:
+        return replace(doubt, separate_by=plan.text, experiment=plan)
     apart = np.abs(guesses[0] - guesses[1])  # (rows, C)
     c = int(np.argmax(np.quantile(apart, 0.98, axis=0) / (p.sigma + 1e-12)))
     rows = np.argsort(-apart[:, c])[: max(5, len(apart) // 50)]

@@ -9,8 +9,9 @@ Set-points stay inside what the log has already seen; supply and spacing are set
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Any
 
@@ -25,7 +26,7 @@ from coaxlink.residual.stand import COLUMN_OF, base_corrections, stand_frame
 RATE_HZ = 10.0
 ENOUGH = 900.0  # squared distance: thirty standard deviations of white noise
 CLEAR = 100.0
-LONGEST_S = 600.0
+LONGEST_S = {"stand": 600.0, "flight": 180.0}
 LOWER_SUPPLY = 0.87  # of the highest voltage in the log
 KELVIN_S = 90.0
 AMBIENT = ("air_temperature_C", "air_pressure_Pa", "humidity_pct")
@@ -42,6 +43,13 @@ class Piece:
     supply_V: float | None = None
     spacing_m: float | None = None
     shape: str = "ramp"
+
+    @property
+    def said(self) -> str:
+        """In words."""
+        at = "" if self.supply_V is None else f" at {self.supply_V:.1f} V"
+        apart = "" if self.spacing_m is None else f" at {self.spacing_m:.3g} m spacing"
+        return f"{self.what}{at}{apart}"
 
     def table(self) -> dict[str, Any]:
         """As a table of a schedule file."""
@@ -60,38 +68,36 @@ class Experiment:
     """A schedule and what it is expected to show."""
 
     names: tuple[str, ...]
-    pieces: tuple[Piece, ...]
+    pieces: tuple[Any, ...]
     distance: float  # standard deviations between the rivals, the nearer way
     channel: str  # that tells most
     kind: str = "stand"
     rate_hz: float = RATE_HZ
+    height_m: float = 3.0  # a flight starts there
 
     @property
     def seconds(self) -> float:
         """How long it takes."""
-        return sum(p.seconds for p in self.pieces)
+        return _seconds(self.pieces)
 
     @property
     def text(self) -> str:
         """In words, one line."""
-        steps: list[str] = []
-        for piece in self.pieces:
-            at = "" if piece.supply_V is None else f" at {piece.supply_V:.1f} V"
-            apart = "" if piece.spacing_m is None else f" at {piece.spacing_m:.3g} m spacing"
-            said = f"{piece.what}{at}{apart}"
-            if not steps or steps[-1] != said:
-                steps.append(said)
+        kind = "flight" if self.kind == "flight" else "run"
+        counted = Counter(p.said if isinstance(p, Piece) else p.what for p in self.pieces)
+        steps = [f"{n} x {what}" if n > 1 and kind == "flight" else what for what, n in counted.items()]
         return (
-            f"a run of {self.seconds:.0f} s: {'; '.join(steps)}: the rivals are then {self.distance:.0f} "
+            f"a {kind} of {self.seconds:.0f} s: {'; '.join(steps)}: the rivals are then {self.distance:.0f} "
             f"standard deviations of the noise apart, most of it in {self.channel}"
         )
 
     def document(self) -> dict[str, Any]:
         """As a schedule file's document."""
+        rate = {"rate_hz": self.rate_hz} if self.kind == "stand" else {"height_m": round(self.height_m, 2)}
         return {
             "kind": self.kind,
             "separates": list(self.names),
-            "rate_hz": self.rate_hz,
+            **rate,
             "pieces": [p.table() for p in self.pieces],
         }
 
@@ -104,46 +110,104 @@ class Rival:
     parameters: Mapping[str, float]
 
 
-@dataclass
+@dataclass(frozen=True)
+class View:
+    """A planned log as the regression sees it."""
+
+    base: Array  # (rows, C, B) base corrections
+    bounds: Array  # (B,)
+    added: tuple[Array, ...]  # what each rival adds, (rows, C)
+    shapes: tuple[tuple[Array, ...], ...]  # of each rival: the columns (rows, C, K) of every shape
+
+
+def view(
+    frame: Any, rivals: Sequence[Rival], base: Array, bounds: Array, reduce: Callable[[Array], Array]
+) -> View:
+    """What rivals add on a planned frame."""
+    return View(
+        base,
+        bounds,
+        tuple(reduce(r.effect.contribution(frame, r.parameters)) for r in rivals),
+        tuple(tuple(reduce(r.effect.columns(frame, s)) for s in r.effect.shapes(frame)) for r in rivals),
+    )
+
+
+def joined(views: Sequence[View]) -> View:
+    """Views one after the other, of the same rivals."""
+    first = views[0]
+    shapes = []
+    for k, mine in enumerate(first.shapes):
+        shapes.append(tuple(np.concatenate([v.shapes[k][i] for v in views]) for i in range(len(mine))))
+    return View(
+        np.concatenate([v.base for v in views]),
+        first.bounds,
+        tuple(np.concatenate([v.added[k] for v in views]) for k in range(len(first.added))),
+        tuple(shapes),
+    )
+
+
+Look = Callable[[Sequence[Any]], View | None]
+
+
+@dataclass(frozen=True)
 class Bench:
-    """Everything of the present log that a plan is judged by."""
+    """What of the present log a plan on the stand is judged by."""
 
     frame: StandFrame
-    sigma: Array  # (channels present,)
     rivals: tuple[Rival, ...]
-    heat: tuple[float, float, float] = field(default=(0.0, 0.0, 25.0))
+    heat: tuple[float, float, float]
 
-    def distance(self, pieces: Sequence[Piece]) -> tuple[float, str]:
-        """Squared distance of the nearest pair of rivals, and the channel that tells most."""
-        frame = planned(self, pieces)
-        if any(r.effect.missing(frame) is not None for r in self.rivals):
-            return 0.0, ""
-        present = list(frame.present)
-        base = np.stack([v[:, present] for _, _, v in base_corrections(frame)], axis=-1)
-        bounds = np.array([b for _, b, _ in base_corrections(frame)])
-        nearest, channel = np.inf, ""
-        shapes = {r.effect.name: [*r.effect.shapes(frame)] for r in self.rivals}
-        for true, other in permutations(self.rivals, 2):
-            y = true.effect.contribution(frame, true.parameters)[:, present] / self.sigma
-            left = np.inf
-            for shape in shapes[other.effect.name]:
-                columns = other.effect.columns(frame, shape)[:, present]
-                design = np.concatenate([base, columns], axis=-1) / self.sigma[:, None]
-                width = columns.shape[-1]
-                limits = np.concatenate([bounds, np.full(width, np.inf)])
-                one = np.zeros(len(y), np.intp)
-                blocks = accumulate(design, y, one, one[:1], limits)
-                fit = solve(blocks, np.arange(design.shape[-1]), np.ones(1))
-                # what physics forbids the other rival to be does not count as an excuse
-                named = other.effect.parameters(frame, shape, fit[len(bounds) :])
-                if other.effect.refuse(named) is not None:
-                    fit = solve(blocks, np.arange(len(bounds)), np.ones(1))
-                by_channel = squares(blocks, fit)[0]
-                if float(by_channel.sum()) < left:
-                    left, where = float(by_channel.sum()), int(np.argmax(by_channel))
-            if left < nearest:
-                nearest, channel = left, STAND_CHANNELS[present[where]]
-        return nearest, channel
+
+def distance(seen: View, sigma: Array, channels: Sequence[str]) -> tuple[float, str]:
+    """Squared distance of the nearest two rivals on a planned log, and the channel that tells most."""
+    one = np.zeros(len(seen.base), np.intp)
+    nearest, channel = np.inf, ""
+    for true, other in permutations(range(len(seen.added)), 2):
+        y = seen.added[true] / sigma
+        left, where = np.inf, 0
+        for columns in seen.shapes[other]:
+            design = np.concatenate([seen.base, columns], axis=-1) / sigma[:, None]
+            limits = np.concatenate([seen.bounds, np.full(columns.shape[-1], np.inf)])
+            blocks = accumulate(design, y, one, one[:1], limits)
+            fit = solve(blocks, np.arange(design.shape[-1]), np.ones(1))
+            by_channel = squares(blocks, fit)[0]
+            if float(by_channel.sum()) < left:
+                left, where = float(by_channel.sum()), int(np.argmax(by_channel))
+        if left < nearest:
+            nearest, channel = left, channels[where]
+    return nearest, channel
+
+
+def separated(
+    rivals: Sequence[Rival],
+    moves: Sequence[tuple[Any, ...]],
+    look: Look,
+    sigma: Array,
+    channels: Sequence[str],
+    kind: str = "stand",
+) -> Experiment | None:
+    """Join moves until the rivals are far apart; None where no run within reach separates them."""
+
+    def far(pieces: Sequence[Any]) -> tuple[float, str]:
+        seen = look(pieces)
+        return (0.0, "") if seen is None else distance(seen, sigma, channels)
+
+    def best_of(plans: Sequence[tuple[Any, ...]]) -> tuple[tuple[float, str], tuple[Any, ...]]:
+        return max(((far(p), p) for p in plans), key=lambda x: _worth(x[0][0], x[1]))
+
+    (best, channel), chosen = best_of(moves)
+    if best < CLEAR:  # alone, no move tells: some need another to be seen against
+        (best, channel), chosen = best_of([(*a, *b) for i, a in enumerate(moves) for b in moves[i + 1 :]])
+    if best < 1.0:
+        return None
+    while best < ENOUGH and _seconds(chosen) < LONGEST_S[kind]:
+        tried = [(far((*chosen, *m)), (*chosen, *m)) for m in moves]
+        (now, where), plan = max(tried, key=lambda x: _worth(x[0][0] - best, x[1][len(chosen) :]))
+        if now < 1.02 * best:
+            break
+        best, channel, chosen = now, where, plan
+    names = tuple(r.effect.name for r in rivals)
+    return Experiment(names, chosen, float(np.sqrt(best)), channel, kind)
 
 
 def stand_experiment(frame: StandFrame, sigma: Array, rivals: Sequence[Rival]) -> Experiment | None:
@@ -151,27 +215,19 @@ def stand_experiment(frame: StandFrame, sigma: Array, rivals: Sequence[Rival]) -
 
     `sigma` (channels present,) is the noise of one row.
     """
-    bench = Bench(frame, sigma, tuple(rivals), _heat_of(frame))
-    moves = _moves(bench)
-    (best, channel), chosen = _best(bench, moves)
-    if best < CLEAR:  # alone, no move tells: some need another to be seen against
-        (best, channel), chosen = _best(
-            bench, [(*a, *b) for i, a in enumerate(moves) for b in moves[i + 1 :]]
-        )
-    if best < 1.0:
-        return None
-    while best < ENOUGH and _seconds(chosen) < LONGEST_S:
-        tried = [(bench.distance((*chosen, *m)), (*chosen, *m)) for m in moves]
-        (now, where), plan = max(tried, key=lambda x: _worth(x[0][0] - best, x[1][len(chosen) :]))
-        if now < 1.02 * best:
-            break
-        best, channel, chosen = now, where, plan
-    names = tuple(r.effect.name for r in rivals)
-    return Experiment(names, chosen, float(np.sqrt(best)), channel)
+    bench = Bench(frame, tuple(rivals), _heat_of(frame))
+    present = list(frame.present)
 
+    def look(pieces: Sequence[Any]) -> View | None:
+        plan = planned(bench, pieces)
+        if any(r.effect.missing(plan) is not None for r in rivals):
+            return None
+        base = base_corrections(plan)
+        columns = np.stack([v[:, present] for _, _, v in base], axis=-1)
+        bounds = np.array([b for _, b, _ in base])
+        return view(plan, rivals, columns, bounds, lambda values: values[:, present])
 
-def _best(bench: Bench, plans: Sequence[tuple[Piece, ...]]) -> tuple[tuple[float, str], tuple[Piece, ...]]:
-    return max(((bench.distance(p), p) for p in plans), key=lambda x: _worth(x[0][0], x[1]))
+    return separated(rivals, _moves(bench), look, sigma, [STAND_CHANNELS[c] for c in present])
 
 
 def planned(bench: Bench, pieces: Sequence[Piece]) -> StandFrame:
@@ -277,11 +333,11 @@ def _levels(full: Array) -> tuple[Piece, ...]:
     )
 
 
-def _seconds(pieces: Sequence[Piece]) -> float:
-    return sum(p.seconds for p in pieces)
+def _seconds(pieces: Sequence[Any]) -> float:
+    return float(sum(p.seconds for p in pieces))
 
 
-def _worth(gain: float, pieces: Sequence[Piece]) -> float:
+def _worth(gain: float, pieces: Sequence[Any]) -> float:
     """What is beyond doubt is worth no more; time costs."""
     return min(gain, ENOUGH) / (30.0 + _seconds(pieces))
 

@@ -65,7 +65,7 @@ def test_commands_make_up_for_a_sagging_battery() -> None:
 def test_a_voltage_that_cannot_be_is_not_followed_and_a_silent_one_is_held() -> None:
     parameters = {"speed_exponent": 1.0, "reference_voltage_V": 33.6}
     core, telemetry, clock, live = compensated(Effect("battery_voltage", parameters))
-    assert live.command(0.5) == 0.5  # nothing heard yet
+    assert live.factor == 1.0  # nothing heard yet
     telemetry.hear(battery(32.0))
     settled(core)
     held = live.factor

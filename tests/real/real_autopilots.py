@@ -25,6 +25,7 @@ from coaxlink.link.trajectory import Hold, Plan
 from coaxlink.link.vehicle import Vehicle
 
 ROOT = Path(__file__).parents[2]
+LOOP_HZ = 800  # of its simulation: at least 1.8 times its own loop
 
 
 @contextmanager
@@ -89,19 +90,21 @@ def _instance() -> int:
 
 
 @contextmanager
-def arducopter(binary: Path, folder: Path, params: Mapping[str, float], rate_hz: int = 800) -> Iterator[str]:
+def arducopter(
+    binary: Path, folder: Path, params: Mapping[str, float], *options: str, speed: float = 3.0
+) -> Iterator[str]:
     """ArduCopter's SITL in `folder` on the JSON bridge; yields its first serial port's address.
 
-    It starts itself again on a reboot, in the same process.
+    A reboot it does by itself, in the same process. `options` are the bridge's.
     """
     defaults = folder / "defaults.parm"
     defaults.write_text("".join(f"{name} {value:.9g}\n" for name, value in params.items()))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         link = probe.getsockname()[1]
-    with bridge("ardupilot") as port:
+    with bridge("ardupilot", *options) as port:
         command = [str(binary), "--model", "JSON:127.0.0.1", "--sim-port-out", str(port)]
-        command += ["--speedup", "1", "--rate", str(rate_hz), "--defaults", str(defaults), "--wipe"]
+        command += ["--speedup", str(speed), "--rate", str(LOOP_HZ), "--defaults", str(defaults), "--wipe"]
         command += ["--home", "47.397742,8.545594,488,0", "--serial0", f"udpclient:127.0.0.1:{link}"]
         command += ["--serial1", "none", "--serial2", "none"]
         with _running(command, folder, dict(os.environ)):
