@@ -25,14 +25,17 @@ def script_folder(board: Files) -> str:
 def plan_scripts(board: Files, folder: str, wanted: dict[str, bytes]) -> tuple[Scripts, Scripts, int]:
     """(as they are, as they are to be) by path, and the load checksum of the whole folder then.
 
-    Of coaxlink's own scripts only the wanted one stays: the other would stop with an error at boot.
+    Of coaxlink's own tables only the wanted one stays: the other would stop with an error at boot. What is
+    no table (the bridge) leaves the table alone.
     """
     present = [n for n in board.listing(folder) or [] if n.endswith(".lua")]
     new: Scripts = {f"{folder}/{name}": data for name, data in wanted.items()}
-    new |= {f"{folder}/{n}": None for n in present if n in _OURS and n not in wanted}
+    table = any(n in _OURS for n in wanted)
+    gone = {n for n in present if table and n in _OURS and n not in wanted}
+    new |= {f"{folder}/{n}": None for n in gone}
     old = {path: board.read(path) for path in new}
     checksum = scripts.load_checksum(wanted.values())
     for name in present:
-        if name not in wanted and name not in _OURS:
+        if name not in wanted and name not in gone:
             checksum ^= (board.crc(f"{folder}/{name}") or 0) & 0x7FFFFF
     return old, new, checksum
