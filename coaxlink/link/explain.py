@@ -146,8 +146,8 @@ def explain_ap(airframe: Airframe, model: RotorModel, report: ApReport) -> Expla
 
 def present_table(url: str) -> dict[str, float | int]:
     """The table parameters of the board at `url`. Raises LinkError."""
+    from coaxlink.link.opening import connect
     from coaxlink.link.parameters import Parameters
-    from coaxlink.link.session import connect
 
     with connect(url) as session:
         found = Parameters(session).read_all().values

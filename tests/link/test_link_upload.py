@@ -12,9 +12,10 @@ from coaxlink.errors import InputError, LinkError, SafetyRefusal
 from coaxlink.link import connect
 from coaxlink.link.backup import read_backup
 from coaxlink.link.journal import Journal
+from coaxlink.link.outcome import Talk
 from coaxlink.link.parameters import Parameters
 from coaxlink.link.plan import load_plan
-from coaxlink.link.upload import Talk, Uploader
+from coaxlink.link.upload import Uploader
 
 
 @pytest.fixture(autouse=True)
@@ -222,7 +223,7 @@ def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(boar
     assert outcome.error.exit_code == 3
     assert not _same(board.params, before)  # the mixture that the journal is for
     entry = Journal(_Identity).open_entry()
-    assert entry.backup == outcome.backup and entry.old["CA_ROTOR0_CT"].value == 6.5
+    assert entry.backup == outcome.backup and entry.old.values["CA_ROTOR0_CT"].value == 6.5
 
     board.deaf, board.mute_after = False, None
     board.keeps = {"MPC_THR_HOVER": 0.5}  # this one fails too, and must go back to the table before both
