@@ -75,7 +75,6 @@ class Mixing:
                 *extra,
             ],
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
         )
         self._shake_hands()
         self.ready_s = time.monotonic() - started

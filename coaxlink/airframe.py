@@ -33,6 +33,9 @@ class Rotor:
     yaw_sign: int  # +1 for ccw (pushes the body to +yaw), -1 for cw
     level: str  # upper, lower or single
     pair: int | None  # number of the other rotor of the pair
+    # what this one gives of the rotor model's loads; other than 1 only where measured data said so
+    thrust_gain: float = 1.0
+    torque_gain: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,11 @@ class Airframe:
         """Indices of the rotors without a pair."""
         return tuple(i for i, rotor in enumerate(self.rotors) if rotor.level == "single")
 
+    @property
+    def gains(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(N,) thrust and (N,) torque of every rotor as a share of the rotor model's."""
+        return np.array([r.thrust_gain for r in self.rotors]), np.array([r.torque_gain for r in self.rotors])
+
     def loads(self, model: RotorModel, speeds: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Thrust (..., N) in N and torque (..., N) in N m of every rotor at normalised speeds (..., N)."""
         u = np.asarray(speeds, float)
@@ -72,7 +80,8 @@ class Airframe:
         for i in self.singles:
             thrust[..., i] = model.upper_thrust(u[..., i], 0.0)
             torque[..., i] = model.upper_torque(u[..., i], 0.0)
-        return thrust, torque
+        thrust_gain, torque_gain = self.gains
+        return thrust * thrust_gain, torque * torque_gain
 
     def body_loads(self, thrust: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         """Force and moment (..., 6) in FRD, [Fx, Fy, Fz, Mx, My, Mz], of rotor loads (..., N)."""

@@ -23,30 +23,24 @@ import math
 import numpy as np
 from numba import njit, prange
 
-# state vector: rigid body first, rotor speeds last
+# state vector: rigid body first, then the pack, then what each rotor has
 POS, VEL, QUAT, RATE = 0, 3, 6, 10
-CHARGE, VOLTAGE, CURRENT, SPEED = 13, 14, 15, 16
+CHARGE, VOLTAGE, CURRENT, RELAXED, SPEED = 13, 14, 15, 16, 18
+PER_ROTOR = 2  # normalised speed; what the speed follows, where the lag is of second order
 
-# parameter vector
-MASS, IXX, IYY, IZZ, GRAVITY, GROUND_Z, LAG, TOP_RATE = 0, 1, 2, 3, 4, 5, 6, 7
-TIP_SPEED, CX, CY, CZ = 8, 9, 10, 11
-GROUND_GAIN, GROUND_SCALE, INFLOW, DRAG, ROTOR_INERTIA, BODY_DRAG = 12, 13, 14, 15, 16, 17
-WIND = 18  # three
-VOLT_POWER, VOLT_REF, CELLS, CAPACITY, RESISTANCE, EFFICIENCY, FOOT_XY, FOOT_Z = (
-    21,
-    22,
-    23,
-    24,
-    25,
-    26,
-    27,
-    28,
-)
-PARAMETERS = 29
+# parameter vector; a _LAW counts as `effects.FORMS` lists them
+# fmt: off
+(
+    MASS, IXX, IYY, IZZ, GRAVITY, GROUND_Z, LAG, TOP_RATE, TIP_SPEED, CX, CY, CZ, GROUND_GAIN,
+    GROUND_SCALE, INFLOW, DRAG, ROTOR_INERTIA, BODY_DRAG, WIND, _WIND_E, _WIND_D, VOLT_POWER, VOLT_REF,
+    CELLS, CAPACITY, RESISTANCE, EFFICIENCY, FOOT_XY, FOOT_Z, GROUND_LAW, INFLOW_HOVER, INFLOW_LIFT,
+    DRAG_LAW, DRAG_SCALE, LAG_LAW, LAG_RATIO, VOLT_LAW, VOLT_SHARE, PACK_LAW, BODY_LINEAR, PARAMETERS,
+) = range(41)
+# fmt: on
 
 # geometry, a row a quantity and a column a rotor
-G_POS, G_AXIS, G_SPIN, G_THRUST, G_TORQUE = 0, 3, 6, 7, 8
-GEOMETRY = 9
+G_POS, G_AXIS, G_SPIN, G_THRUST, G_TORQUE, G_SPEED = 0, 3, 6, 7, 8, 9
+GEOMETRY = 10
 
 # outputs at the end of a step
 O_FORCE, O_ALPHA, O_THRUST = 0, 3, 6
@@ -130,7 +124,53 @@ def still(thrust, torque, geo, p):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def moving(pose, u, target, p, geo, thrust, torque, felt):  # type: ignore[no-untyped-def]
+def ground_gain(height, p):  # type: ignore[no-untyped-def]
+    """Thrust over free thrust, `height` (m) above the ground."""
+    h = max(height, 0.0)
+    if p[GROUND_LAW] == 0.0:
+        return 1.0 + p[GROUND_GAIN] * math.exp(-h / p[GROUND_SCALE])
+    square = p[GROUND_SCALE] / max(h * h, 0.01)
+    if p[GROUND_LAW] == 1.0:  # Cheeseman and Bennett 1955, eq. 1
+        return 1.0 / (1.0 - min(square, 0.3))
+    return (1.0 + square) ** (2.0 / 3.0)  # Hayden 1976
+
+
+@njit(cache=True, error_model="numpy")
+def inflow_share(climb, u, p):  # type: ignore[no-untyped-def]
+    """Thrust over thrust at rest, the disc climbing at `climb` (m/s)."""
+    ratio = climb / (p[TIP_SPEED] * max(u, 0.1))
+    share = 1.0 - p[INFLOW] * ratio / (1.0 + abs(p[INFLOW] * ratio))
+    if p[INFLOW_LIFT] != 0.0:  # blades of lift slope 8 L against momentum: l (l - l_c) + L l = const
+        hover, half = p[INFLOW_HOVER], 0.5 * (p[INFLOW_LIFT] - ratio)
+        through = math.sqrt(half * half + hover * hover + hover * p[INFLOW_LIFT]) - half
+        share *= through * (through - ratio) / (hover * hover)
+    return share
+
+
+@njit(cache=True, error_model="numpy")
+def drag_weight(u, thrust, p):  # type: ignore[no-untyped-def]
+    """What the drag in the rotor's plane goes with: its speed, its mass flow, its flapping."""
+    if p[DRAG_LAW] == 0.0:
+        return u
+    t = max(thrust, 0.0)
+    return p[DRAG_SCALE] * (math.sqrt(t) if p[DRAG_LAW] == 1.0 else t / max(u, 0.1))
+
+
+@njit(cache=True, error_model="numpy")
+def speed_gain(volts, u, p):  # type: ignore[no-untyped-def]
+    """Speed over commanded speed u, at the supply's voltage."""
+    v = volts / p[VOLT_REF]
+    if p[VOLT_LAW] == 0.0:
+        return v ** p[VOLT_POWER]
+    if p[VOLT_LAW] == 1.0:  # back-EMF and resistance: (1 - r) y + r y^2 = v, r its share at this load
+        r = max(p[VOLT_SHARE] * u, 1e-6)
+        y = (math.sqrt((1.0 - r) * (1.0 - r) + 4.0 * r * v) - (1.0 - r)) / (2.0 * r)
+        return 1.0 + p[VOLT_POWER] * (y - 1.0)
+    return 1.0 + p[VOLT_POWER] * (v - 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def moving(pose, u, rate, p, geo, thrust, torque, felt):  # type: ignore[no-untyped-def]
     """Force and moment where air moves, axes tilt, rotors react or feet touch; fills `felt` thrust (N)."""
     pd, vn, ve, vd, qw, qx, qy, qz, wx, wy, wz = pose
     r00, r01, r02 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)
@@ -142,7 +182,7 @@ def moving(pose, u, target, p, geo, thrust, torque, felt):  # type: ignore[no-un
         r01 * an + r11 * ae + r21 * ad,
         r02 * an + r12 * ae + r22 * ad,
     )
-    k = -p[BODY_DRAG] * math.sqrt(vx * vx + vy * vy + vz * vz)
+    k = -p[BODY_DRAG] * math.sqrt(vx * vx + vy * vy + vz * vz) - p[BODY_LINEAR]
     fx, fy, fz = k * vx, k * vy, k * vz
     mx = my = mz = 0.0
     for i in range(len(u)):
@@ -151,20 +191,19 @@ def moving(pose, u, target, p, geo, thrust, torque, felt):  # type: ignore[no-un
         rx, ry, rz = geo[G_POS, i] - p[CX], geo[G_POS + 1, i] - p[CY], geo[G_POS + 2, i] - p[CZ]
         lx, ly, lz = vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
         climb = lx * ax + ly * ay + lz * az
-        ratio = p[INFLOW] * climb / (p[TIP_SPEED] * max(u[i], 0.1))
-        t *= 1.0 - ratio / (1.0 + abs(ratio))
+        t *= inflow_share(climb, u[i], p)
         if p[GROUND_GAIN] != 0.0:
             height = p[GROUND_Z] - pd - (r20 * rx + r21 * ry + r22 * rz)
-            t *= 1.0 + p[GROUND_GAIN] * math.exp(-max(height, 0.0) / p[GROUND_SCALE])
-        k = -p[DRAG] * u[i]
+            t *= ground_gain(height, p)
+        k = -p[DRAG] * drag_weight(u[i], t, p)
         hx = t * ax + k * (lx - climb * ax)
         hy = t * ay + k * (ly - climb * ay)
         hz = t * az + k * (lz - climb * az)
         mx += ry * hz - rz * hy - q * spin * ax
         my += rz * hx - rx * hz - q * spin * ay
         mz += rx * hy - ry * hx - q * spin * az
-        if p[ROTOR_INERTIA] != 0.0 and p[LAG] > 0.0:
-            up = -p[ROTOR_INERTIA] * spin * p[TOP_RATE] * (target[i] - u[i]) / p[LAG]
+        if p[ROTOR_INERTIA] != 0.0:
+            up = -p[ROTOR_INERTIA] * spin * p[TOP_RATE] * rate[i]
             turn = p[ROTOR_INERTIA] * spin * p[TOP_RATE] * u[i]
             mx += up * ax - turn * (wy * az - wz * ay)
             my += up * ay - turn * (wz * ax - wx * az)
@@ -223,6 +262,15 @@ def open_circuit(cells, charge):  # type: ignore[no-untyped-def]
     return cells * (3.55 + 0.60 * charge - 0.35 * math.exp(-charge / 0.06))
 
 
+@njit(cache=True, error_model="numpy")
+def shepherd(cells, charge, current, capacity):  # type: ignore[no-untyped-def]
+    """Voltage (V) before its resistance by Shepherd 1965: polarisation grows as the charge goes."""
+    spent = 1.0 - charge
+    left = max(charge, 0.02)
+    drawn = current * 360.0 / capacity  # filtered current, over a tenth of an hour's
+    return cells * (3.80 - 0.012 * (spent + 0.1 * drawn) / left + 0.36 * math.exp(-4.0 * spent))
+
+
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def supply(state, u, torque, p, h):  # type: ignore[no-untyped-def]
     """Current, charge and voltage `h` seconds on; in place."""
@@ -230,10 +278,52 @@ def supply(state, u, torque, p, h):  # type: ignore[no-untyped-def]
     for i in range(len(u)):
         power += torque[i] * u[i]
     volts = max(state[VOLTAGE], 1.0)
-    state[CURRENT] = 1.0 + max(power, 0.0) * p[TOP_RATE] / (p[EFFICIENCY] * volts)
-    state[CHARGE] = max(state[CHARGE] - state[CURRENT] * h / p[CAPACITY], 0.0)
-    rest = open_circuit(p[CELLS], state[CHARGE]) - p[RESISTANCE] * state[CURRENT]
+    current = 1.0 + max(power, 0.0) * p[TOP_RATE] / (p[EFFICIENCY] * volts)
+    state[CURRENT] = current
+    state[CHARGE] = max(state[CHARGE] - current * h / p[CAPACITY], 0.0)
+    drop = p[RESISTANCE] * current
+    if p[PACK_LAW] == 0.0:
+        rest = open_circuit(p[CELLS], state[CHARGE]) - drop
+    elif p[PACK_LAW] == 1.0:  # half at once, the rest by two RC pairs of 3 s and 40 s
+        for j, (share, lag) in enumerate(((0.25, 3.0), (0.25, 40.0))):
+            state[RELAXED + j] += (share * drop - state[RELAXED + j]) * min(h / lag, 1.0)
+        rest = open_circuit(p[CELLS], state[CHARGE]) - 0.5 * drop - state[RELAXED] - state[RELAXED + 1]
+    else:
+        state[RELAXED] += (current - state[RELAXED]) * min(h / 10.0, 1.0)
+        rest = shepherd(p[CELLS], state[CHARGE], state[RELAXED], p[CAPACITY]) - drop
     state[VOLTAGE] += (rest - state[VOLTAGE]) * min(h / 0.02, 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def lag_of(p):  # type: ignore[no-untyped-def]
+    """(time constant s, whether there are two in a row, its factor for speeding up, for slowing down)."""
+    if p[LAG_LAW] == 1.0:
+        return 0.5 * p[LAG], True, 1.0, 1.0
+    if p[LAG_LAW] == 2.0:  # slower down than up, the mean as it was
+        return p[LAG], False, 2.0 / (1.0 + p[LAG_RATIO]), 2.0 * p[LAG_RATIO] / (1.0 + p[LAG_RATIO])
+    return p[LAG], False, 1.0, 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def follow(u, led, target, lag, h):  # type: ignore[no-untyped-def]
+    """Speed, and what it follows, `h` seconds on: the lag's own solution for a constant target."""
+    pole, second, rising, falling = lag
+    pole *= rising if target > u else falling
+    if pole <= 0.0:
+        return target, target
+    keep, d, e = math.exp(-h / pole), u - target, led - target
+    if second:
+        return target + (d + e * h / pole) * keep, target + e * keep
+    return target + d * keep, target
+
+
+@njit(cache=True, error_model="numpy")
+def fill_rates(rate, u, led, target, lag):  # type: ignore[no-untyped-def]
+    """Normalised speed per second of every rotor."""
+    pole, second, rising, falling = lag
+    for i in range(len(u)):
+        way = (led[i] if second else target[i]) - u[i]
+        rate[i] = way / (pole * (rising if way > 0.0 else falling)) if pole > 0.0 else 0.0
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -244,38 +334,51 @@ def advance(state, command, p, geo, pairs, singles, c, h, steps, out):  # type: 
     """
     n = len(command)
     u, middle, target = state[SPEED : SPEED + n].copy(), np.empty(n), np.empty(n)
-    thrust, torque, felt = np.empty(n), np.empty(n), np.empty(n)
+    led, led_middle, rate = state[SPEED + n : SPEED + 2 * n].copy(), np.empty(n), np.zeros(n)
+    lag = lag_of(p)
+    plain, reacts = p[LAG_LAW] == 0.0, p[ROTOR_INERTIA] != 0.0
     keep = math.exp(-h / p[LAG]) if p[LAG] > 0 else 0.0
     keep_half = math.exp(-0.5 * h / p[LAG]) if p[LAG] > 0 else 0.0
+    thrust, torque, felt = np.empty(n), np.empty(n), np.empty(n)
     jx, jy, jz = p[IXX], p[IYY], p[IZZ]
     b = (1 / p[MASS], 1 / jx, 1 / jy, 1 / jz, (jz - jy) / jx, (jx - jz) / jy, (jy - jx) / jz, p[GRAVITY])
     pn, pe, pd, vn, ve, vd = state[0], state[1], state[2], state[3], state[4], state[5]
     qw, qx, qy, qz, wx, wy, wz = state[6], state[7], state[8], state[9], state[10], state[11], state[12]
     calm = p[INFLOW] == p[DRAG] == p[GROUND_GAIN] == p[ROTOR_INERTIA] == p[BODY_DRAG] == 0.0
+    calm = calm and p[INFLOW_LIFT] == p[BODY_LINEAR] == 0.0
     for i in range(n):
         calm = calm and geo[G_AXIS + 2, i] == -1.0
-        target[i] = command[i]
+        target[i] = command[i] * geo[G_SPEED, i]
     clear = p[GROUND_Z] - p[FOOT_Z] - 1.5 * p[FOOT_XY] - 0.05
     hh, h6 = 0.5 * h, h / 6.0
     loads(u, pairs, singles, c, geo, thrust, torque)
     for step in range(steps):
         if step % SUPPLY_EVERY == 0:
             if p[VOLT_POWER] != 0.0:
-                gain = (state[VOLTAGE] / p[VOLT_REF]) ** p[VOLT_POWER]
                 for i in range(n):
-                    target[i] = command[i] * gain
+                    target[i] = command[i] * geo[G_SPEED, i] * speed_gain(state[VOLTAGE], command[i], p)
             supply(state, u, torque, p, h * min(SUPPLY_EVERY, steps - step))
         free = calm and pd < clear
         if free:
             load = still(thrust, torque, geo, p)
         else:
             pose = (pd, vn, ve, vd, qw, qx, qy, qz, wx, wy, wz)
-            load = moving(pose, u, target, p, geo, thrust, torque, felt)
+            if reacts:
+                fill_rates(rate, u, led, target, lag)
+            load = moving(pose, u, rate, p, geo, thrust, torque, felt)
         an, ae, ad, aw, ax, ay, az, awx, awy, awz = rigid(qw, qx, qy, qz, wx, wy, wz, load, b)
-        for i in range(n):
-            d = u[i] - target[i]
-            middle[i] = target[i] + d * keep_half
-            u[i] = target[i] + d * keep
+        if plain:
+            for i in range(n):
+                d = u[i] - target[i]
+                middle[i] = target[i] + d * keep_half
+                u[i] = target[i] + d * keep
+
+        else:
+            for i in range(n):
+                middle[i], led_middle[i] = follow(u[i], led[i], target[i], lag, hh)
+                u[i], led[i] = follow(u[i], led[i], target[i], lag, h)
+        if reacts:
+            fill_rates(rate, middle, led_middle, target, lag)
         loads(middle, pairs, singles, c, geo, thrust, torque)
         w, x, y, z = qw + hh * aw, qx + hh * ax, qy + hh * ay, qz + hh * az
         r, s, t = wx + hh * awx, wy + hh * awy, wz + hh * awz
@@ -295,7 +398,7 @@ def advance(state, command, p, geo, pairs, singles, c, h, steps, out):  # type: 
                 s,
                 t,
             )
-            load = moving(pose, middle, target, p, geo, thrust, torque, felt)
+            load = moving(pose, middle, rate, p, geo, thrust, torque, felt)
         bn, be, bd, bw, bx, by, bz, bwx, bwy, bwz = rigid(w, x, y, z, r, s, t, load, b)
         w, x, y, z = qw + hh * bw, qx + hh * bx, qy + hh * by, qz + hh * bz
         r, s, t = wx + hh * bwx, wy + hh * bwy, wz + hh * bwz
@@ -314,8 +417,10 @@ def advance(state, command, p, geo, pairs, singles, c, h, steps, out):  # type: 
                 s,
                 t,
             )
-            load = moving(pose, middle, target, p, geo, thrust, torque, felt)
+            load = moving(pose, middle, rate, p, geo, thrust, torque, felt)
         cn, ce, cd, cw, cx, cy, cz, cwx, cwy, cwz = rigid(w, x, y, z, r, s, t, load, b)
+        if reacts:
+            fill_rates(rate, u, led, target, lag)
         loads(u, pairs, singles, c, geo, thrust, torque)
         w, x, y, z = qw + h * cw, qx + h * cx, qy + h * cy, qz + h * cz
         r, s, t = wx + h * cwx, wy + h * cwy, wz + h * cwz
@@ -336,7 +441,7 @@ def advance(state, command, p, geo, pairs, singles, c, h, steps, out):  # type: 
                 s,
                 t,
             )
-            load = moving(pose, u, target, p, geo, thrust, torque, felt)
+            load = moving(pose, u, rate, p, geo, thrust, torque, felt)
         dn, de, dd, dw, dx, dy, dz, dwx, dwy, dwz = rigid(w, x, y, z, r, s, t, load, b)
         pn, pe, pd = (
             pn + h * (vn + h6 * (an + bn + cn)),
@@ -362,9 +467,10 @@ def advance(state, command, p, geo, pairs, singles, c, h, steps, out):  # type: 
     state[6], state[7], state[8], state[9] = qw, qx, qy, qz
     state[10], state[11], state[12] = wx, wy, wz
     for i in range(n):
-        state[SPEED + i] = u[i]
+        state[SPEED + i], state[SPEED + n + i] = u[i], led[i]
     pose = (pd, vn, ve, vd, qw, qx, qy, qz, wx, wy, wz)
-    load = moving(pose, u, target, p, geo, thrust, torque, felt)
+    fill_rates(rate, u, led, target, lag)
+    load = moving(pose, u, rate, p, geo, thrust, torque, felt)
     end = rigid(qw, qx, qy, qz, wx, wy, wz, load, b)
     # the IMU sits at the body origin, which a moved centre of mass leaves behind
     rx, ry, rz = -p[CX], -p[CY], -p[CZ]

@@ -37,13 +37,14 @@ class Plant:
 
         self.index = self._kernel = kernel  # names of the arrays' entries
         self.vehicle, self.pair, self.battery = vehicle, pair, battery or Battery()
+        self.radius_m = ROTOR_RADIUS_M
         n = vehicle.rotors
         self.parameters = self._default_parameters()
         self.geometry = np.zeros((kernel.GEOMETRY, n))
         self.geometry[kernel.G_POS : kernel.G_POS + 3] = vehicle.position_m.T
         self.geometry[kernel.G_AXIS : kernel.G_AXIS + 3] = vehicle.axis.T
         self.geometry[kernel.G_SPIN] = vehicle.spin
-        self.geometry[kernel.G_THRUST] = self.geometry[kernel.G_TORQUE] = 1.0
+        self.geometry[[kernel.G_THRUST, kernel.G_TORQUE, kernel.G_SPEED]] = 1.0
         uppers = [i for i in range(n) if vehicle.level[i] == UPPER]
         # unsigned, for an index that may be negative costs a test
         self._pairs = np.array([(i, vehicle.partner[i]) for i in uppers], np.uint64).reshape(-1, 2)
@@ -53,7 +54,7 @@ class Plant:
         quadratic, self._surfaces = _surfaces(pair.coefficients)
         if quadratic and not len(self._singles):
             self._singles = None  # the fast way
-        self.state = np.zeros(kernel.SPEED + n)
+        self.state = np.zeros(kernel.SPEED + kernel.PER_ROTOR * n)
         self.state[kernel.QUAT] = 1.0
         self.state[kernel.POS + 2] = GRAVITY / (4 * 300.0)  # resting on its four springs
         self.state[kernel.CHARGE] = self.battery.charge
@@ -99,7 +100,7 @@ class Plant:
         outs: NDArray[np.float64],
         step_s: float = STEP_S,
     ) -> None:
-        """Move M vehicles like this one on: states (M, 16 + N), commands (M, N), outs (M, 6 + 2 N).
+        """Move M vehicles like this one on: states (M, S), commands (M, N), outs (M, 6 + 2 N), as one's own.
 
         In place; this vehicle itself does not move.
         """
@@ -134,22 +135,23 @@ class Plant:
     @property
     def charge(self) -> float:
         """State of charge, 0..1."""
-        return float(self.state[13])
+        return float(self.state[self.index.CHARGE])
 
     @property
     def voltage(self) -> float:
         """At the terminals, V."""
-        return float(self.state[14])
+        return float(self.state[self.index.VOLTAGE])
 
     @property
     def current(self) -> float:
         """Drawn, A."""
-        return float(self.state[15])
+        return float(self.state[self.index.CURRENT])
 
     @property
     def speeds(self) -> NDArray[np.float64]:
         """(N,) normalised."""
-        return self.state[16:]
+        first = self.index.SPEED
+        return self.state[first : first + self.vehicle.rotors]
 
     @property
     def specific_force(self) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from sim.links import Peer, Port, wait
 from sim.px4.autopilot import RATE_HZ, Autopilot
 from sim.px4.cascade import Demand
 from sim.px4.protocol import Conversation
+from sim.px4.telemetry import stamp_us
 from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
@@ -44,37 +45,28 @@ class Standin:
         self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
         self._conversations: dict[Peer, Conversation] = {}
         self._answers = 0
+        self._system = autopilot.system
         autopilot.say = self._say
+        autopilot.mission.reached = self._reached
         autopilot.exchange = self._exchange
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Until `stop()`; speed 0 is as fast as it goes."""
-        tick = 1.0 / RATE_HZ
-        start, done = time.monotonic(), 0
-        beat = 0.0
-        while not stop():
-            self.tick()
-            done += 1
-            now = time.monotonic()
-            if now - beat > 1.0:  # however slow the vehicle's clock, who listens must see that it lives
-                beat = now
-                if self.speed and self.speed < 1.0:
-                    self._everyone(self._manners.builders[0](self.autopilot))
-            if not self.speed:
-                continue
-            ahead = start + done * tick / self.speed - now
-            if ahead < -SLIP_S:
-                start, done = now, 0
-            # short naps cost more than they pace
-            while ahead > 0.001:
-                wait(self.ports, ahead)
-                self.hear()
-                ahead = start + done * tick / self.speed - time.monotonic()
+        run([self], self.speed, stop)
+
+    def live_sign(self) -> None:
+        """However slow the vehicle's clock, who listens must see that it lives."""
+        if self.speed and self.speed < 1.0:
+            self._everyone(self._manners.builders[0](self.autopilot))
 
     def tick(self) -> None:
         """4 ms of the vehicle's time, with everything said and heard in it."""
         self.hear()
         self.autopilot.step()
+        if self._system != self.autopilot.system:
+            self._rename()
+        if self.autopilot.logger is not None:
+            self.autopilot.logger.record(stamp_us(self.autopilot))
         if self._booting:
             return
         for conversation in self._conversations.values():
@@ -108,7 +100,7 @@ class Standin:
 
     def _set_up_signing(self, message: Any) -> None:
         """A new key for every link, or with zeros none; on the ground only."""
-        if self.autopilot.armed or message.target_system not in (0, 1):
+        if self.autopilot.armed or message.target_system not in (0, self._system):
             return
         key = bytes(message.secret_key)
         self._key = key if any(key) else None
@@ -126,8 +118,15 @@ class Standin:
                 peer.out, peer.back = Wire(self._faults, number), Wire(self._faults, number + 1)
             if self._key is not None:
                 peer.sign(self._key)
+            peer.packer.srcSystem = self._system
             self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone)
         return self._conversations[peer]
+
+    def _rename(self) -> None:
+        """A reboot with another system id."""
+        self._system = self.autopilot.system
+        for peer in self._conversations:
+            peer.packer.srcSystem = self._system
 
     def _everyone(self, message: Any) -> None:
         for conversation in self._conversations.values():
@@ -135,6 +134,11 @@ class Standin:
 
     def _say(self, severity: int, text: str) -> None:
         self._everyone(m.MAVLink_statustext_message(severity, text.encode()[:50]))
+        if self.autopilot.logger is not None:
+            self.autopilot.logger.say(severity, text)
+
+    def _reached(self, seq: int) -> None:
+        self._everyone(m.MAVLink_mission_item_reached_message(seq))
 
     def _exchange(self, demand: Demand) -> None:
         """Send the demand to whoever mixes, and wait for the answer where that is fair."""
@@ -154,3 +158,30 @@ class Standin:
                 return
             wait(self.ports, left)
             self.hear()
+
+
+def run(standins: Sequence[Standin], speed: float, stop: Callable[[], bool]) -> None:
+    """All on one clock, step by step, until `stop()`; speed 0 is as fast as they go."""
+    tick = 1.0 / RATE_HZ
+    ports = [port for standin in standins for port in standin.ports]
+    start, done, beat = time.monotonic(), 0, 0.0
+    while not stop():
+        for standin in standins:
+            standin.tick()
+        done += 1
+        now = time.monotonic()
+        if now - beat > 1.0:
+            beat = now
+            for standin in standins:
+                standin.live_sign()
+        if not speed:
+            continue
+        ahead = start + done * tick / speed - now
+        if ahead < -SLIP_S:
+            start, done = now, 0
+        # short naps cost more than they pace
+        while ahead > 0.001:
+            wait(ports, ahead)
+            for standin in standins:
+                standin.hear()
+            ahead = start + done * tick / speed - time.monotonic()

@@ -15,6 +15,13 @@ from sim.errors import SimError
 @contextmanager
 def standin(*arguments: str, kind: str = "udpin") -> Iterator[int]:
     """Run `coaxlink sim ARGUMENTS` listening on loopback; yields the (last) port. Raises SimError."""
+    with standins(*arguments, kind=kind) as ports:
+        yield ports[-1]
+
+
+@contextmanager
+def standins(*arguments: str, kind: str = "udpin") -> Iterator[list[int]]:
+    """The same, for all its ports."""
     command = [sys.executable, "-m", "coaxlink", "sim", "--listen", f"{kind}:127.0.0.1:0", *arguments]
     with tempfile.TemporaryFile("w+") as talk:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=talk, text=True)
@@ -25,7 +32,7 @@ def standin(*arguments: str, kind: str = "udpin") -> Iterator[int]:
                 process.wait(10.0)
                 talk.seek(0)
                 raise SimError(talk.read().strip() or "the stand-in ended without a word")
-            yield int(ready.rpartition(":")[2])
+            yield [int(name.rpartition(":")[2]) for name in ready.split() if name.count(":") == 2]
         finally:
             process.send_signal(signal.SIGTERM)
             try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import Any
 
 from sim.errors import WorldError
 from sim.links import Port, open_port
+from sim.place import HOME
 from sim.plant import Plant
 from sim.rotors import read_pair
 from sim.stand import write_whole
@@ -23,6 +25,9 @@ CURRENT = (1, 16, 1)
 LAST_PATCH = {(1, 12): 3, (1, 13): 3, (1, 14): 4, (1, 15): 4, (1, 16): 1}
 # where PX4's own simulation sends: a ground station and a companion
 SITL = ("udpout:127.0.0.1:14550", "udpout:127.0.0.1:14540")
+
+
+MOST_VEHICLES, APART_M = 50, 5.0
 
 
 @dataclass(frozen=True)
@@ -40,12 +45,16 @@ class World:
     signing_key: Path | None = None
 
 
-def open_links(addresses: Sequence[str]) -> list[Port]:
-    """The ports to listen on, or PX4's own two. Raises WorldError, PortError."""
+def open_links(addresses: Sequence[str], number: int = 0) -> list[Port]:
+    """The ports to listen on, or PX4's own two; those of vehicle `number` (from 0) are so much higher.
+
+    A ground station's port is one for all, as with PX4. Raises WorldError, PortError.
+    """
     ports: list[Port] = []
     try:
         for address in addresses or SITL:
-            ports.append(open_port(address))
+            shared = not addresses and address == SITL[0]
+            ports.append(open_port(address if shared else _higher(address, number)))
     except Exception:
         for port in ports:
             port.close()
@@ -53,9 +62,34 @@ def open_links(addresses: Sequence[str]) -> list[Port]:
     return ports
 
 
-def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
-    """A stand-in ready to run. Raises WorldError."""
+def _higher(address: str, number: int) -> str:
+    head, _, port = address.rpartition(":")
+    return f"{head}:{int(port) + number}" if number and port.isdecimal() and int(port) else address
+
+
+def build_many(world: World, count: int, addresses: Sequence[str], speed: float) -> list[Standin]:
+    """`count` vehicles of a world: system ids from 1, seeds from the world's, homes 5 m apart eastwards.
+
+    Raises WorldError, PortError; then no port stays open.
+    """
+    if not 1 <= count <= MOST_VEHICLES:
+        raise WorldError("--vehicles", "", f"1 to {MOST_VEHICLES} are expected, found {count}")
+    links: list[list[Port]] = []
+    try:
+        for number in range(count):
+            links.append(open_links(addresses, number))
+        owns = [dataclasses.replace(world, seed=world.seed + number) for number in range(count)]
+        return [build(own, ports, speed, n) for n, (own, ports) in enumerate(zip(owns, links, strict=True))]
+    except Exception:
+        for port in [port for ports in links for port in ports]:
+            port.close()
+        raise
+
+
+def build(world: World, ports: Sequence[Port], speed: float = 1.0, number: int = 0) -> Standin:
+    """A stand-in ready to run, the one of that number of its world. Raises WorldError."""
     from sim.px4.autopilot import Autopilot
+    from sim.px4.logger import UlogLogger
 
     ardupilot = world.firmware.partition(":")[0] == "ardupilot"
     version = CURRENT if ardupilot else firmware_version(world.firmware)
@@ -65,12 +99,24 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0) -> Standin:
     common["key"] = None if world.signing_key is None else read_key(world.signing_key)
     if ardupilot:
         from sim.ardupilot.copter import Copter
+        from sim.ardupilot.logger import DataFlashLogger
         from sim.ardupilot.protocol import ApConversation
 
         copter = Copter(plant, truth, version=version, seed=world.seed)
+        DataFlashLogger(copter)
+        _settle(copter, number)
         return Standin(copter, ports, manners=ApConversation, **common)
     autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
+    UlogLogger(autopilot)
+    _settle(autopilot, number)
     return Standin(autopilot, ports, **common)
+
+
+def _settle(autopilot: Any, number: int) -> None:
+    """A number, and a place of its own."""
+    autopilot.store.preset(autopilot.id_parameter, number + 1)
+    autopilot.system = number + 1
+    autopilot.home = HOME.moved(0.0, APART_M * number)
 
 
 def read_key(path: Path) -> bytes:
@@ -106,8 +152,11 @@ def build_plant(world: World) -> tuple[Plant, Truth]:
     return Plant(vehicle, read_pair(rotor)), truth
 
 
-def build_bridge(world: World, to: str, address: str = "") -> Any:
-    """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError."""
+def build_bridge(world: World, to: str, address: str = "", speed: float = 0.0) -> Any:
+    """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError.
+
+    `speed` is times real time, 0 as fast as it goes; an ArduPilot sets its own pace (its --speedup).
+    """
     kinds = {"px4": ("tcpin", 4560), "ardupilot": ("udpin", 9002)}
     if to not in kinds:
         raise WorldError("--bridge", "", f"px4 or ardupilot is expected, found '{to}'")
@@ -120,7 +169,7 @@ def build_bridge(world: World, to: str, address: str = "") -> Any:
     if to == "px4":
         from sim.bridge.px4_hil import Px4Bridge
 
-        return Px4Bridge(plant, truth, host=host, port=int(port), seed=world.seed)
+        return Px4Bridge(plant, truth, host=host, port=int(port), seed=world.seed, speed=speed)
     from sim.bridge.ardupilot_json import ArduPilotBridge
 
     return ArduPilotBridge(plant, truth, host=host, port=int(port))

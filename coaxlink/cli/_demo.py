@@ -17,6 +17,7 @@ from coaxlink.cli._simulator import simulator
 from coaxlink.link.trajectory import Plan
 from coaxlink.report.demo import FlightErrors
 from coaxlink.residual.delivered import delivered
+from coaxlink.residual.signals import lagged
 from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
@@ -78,8 +79,15 @@ def fly_live(
     out: Path,
     watch: Watch,
     law: str = LIVE_LAW,
+    *,
+    name: str | None = None,
+    effects: bool = False,
 ) -> tuple[Flight, Demands, dict[str, Any]]:
-    """Fly the plan with the companion mixing: the flight, the demands answered, the mixer's account."""
+    """Fly the plan with the companion mixing: the flight, the demands answered, the mixer's account.
+
+    `effects` compensates those of the model from telemetry; `name` is the log's, if not the law's.
+    """
+    from coaxlink.link.live_effects import LiveEffects
     from coaxlink.link.mixing import LiveMixer
     from coaxlink.mixer import make_law
 
@@ -89,7 +97,8 @@ def fly_live(
     @contextmanager
     def mixing(session: Session) -> Iterator[None]:
         forget = session.subscribe(demands.hear)
-        live = LiveMixer(session, airframe, make_law(law, airframe, model), model)
+        extra = LiveEffects(session, airframe, model) if effects and model.effects else None
+        live = LiveMixer(session, airframe, make_law(law, airframe, model), model, compensation=extra)
         with live:
             yield
         forget()
@@ -97,26 +106,50 @@ def fly_live(
 
     companion: Callable[[Session], AbstractContextManager[object]] = mixing
     with simulator(["--firmware", "px4:1.13", "--speed", str(min(speed, LIVE_SPEED)), *world]) as address:
-        flight = fly(f"live {law}", address, plan, out / f"live_{law}.tlog", watch=watch, mixing=companion)
+        log = out / f"{name or f'live_{law}'}.tlog"
+        flight = fly(name or f"live {law}", address, plan, log, watch=watch, mixing=companion)
     return flight, demands, account
 
 
 def errors_of_table(
-    flight: Flight, airframe: Airframe, model: RotorModel, parameters: Mapping[str, float | int]
+    flight: Flight,
+    airframe: Airframe,
+    model: RotorModel,
+    parameters: Mapping[str, float | int],
+    *,
+    whole: bool = False,
 ) -> FlightErrors:
-    """A flight against what the table on board believes its motor commands deliver."""
+    """A flight against what the table on board believes its motor commands deliver.
+
+    `whole`: of all the plan instead of the paper's hover and circle, and after the declared motor lag.
+    """
     from coaxlink.mixer.intent import intended_wrench
 
-    return _errors(flight, airframe, model, lambda _, motor: intended_wrench(parameters, motor))
+    return _errors(flight, airframe, model, lambda _, motor: intended_wrench(parameters, motor), whole)
 
 
-def errors_of_live(flight: Flight, airframe: Airframe, model: RotorModel, demands: Demands) -> FlightErrors:
-    """A flight against the demands that the companion was handed."""
+def errors_of_live(
+    flight: Flight,
+    airframe: Airframe,
+    model: RotorModel,
+    demands: Demands,
+    *,
+    whole: bool = False,
+) -> FlightErrors:
+    """A flight against the demands that the companion was handed.
+
+    `whole` as above.
+    """
     from coaxlink.link.mixing import DemandScale
     from coaxlink.mixer import standard_coefficients
 
     scale = DemandScale(airframe, standard_coefficients(model)).matrix
-    return _errors(flight, airframe, model, lambda time_s, _: demands.at(time_s) @ scale.T)
+
+    def meant(time_s: NDArray[np.float64], _: NDArray[np.float64]) -> NDArray[np.float64]:
+        wrench = demands.at(time_s) @ scale.T
+        return lagged(wrench, float(np.median(np.diff(time_s))), airframe.motor_lag_s) if whole else wrench
+
+    return _errors(flight, airframe, model, meant, whole)
 
 
 def _errors(
@@ -124,15 +157,16 @@ def _errors(
     airframe: Airframe,
     model: RotorModel,
     meant: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
+    whole: bool,
 ) -> FlightErrors:
     from coaxlink.data import read_flight_log
 
-    judged = np.isin(flight.track.segment, JUDGED)
+    judged = np.isin(flight.track.segment, sorted(set(flight.track.segment)) if whole else JUDGED)
     miss = np.abs(np.array(flight.track.wanted_m) - np.array(flight.track.flown_m))[judged].mean(axis=0)
     samples = read_flight_log(flight.log)
     stamps, time_s = np.array(flight.track.time_s)[judged], samples["time_s"]
     inside = (time_s >= stamps.min()) & (time_s <= stamps.max())
     return FlightErrors(
-        delivered(samples.take(inside), airframe, model, meant),
+        delivered(samples.take(inside), airframe, model, meant, lagged=whole),
         (float(miss[0]), float(miss[1]), float(miss[2])),
     )

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from coaxlink.cli._effects import ClimbOption, HeightOption, VoltageOption, load_seen, say_effects
 from coaxlink.cli._shell import JsonOption, console
 from coaxlink.errors import InputError
 
@@ -19,20 +20,24 @@ def allocate(
     law_rotor: Annotated[
         Path | None, typer.Option(help="What the law believes, if not the rotors it is weighed on.")
     ] = None,
+    voltage: VoltageOption = None,
+    height: HeightOption = None,
+    climb: ClimbOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """One allocation: speeds, thrusts, torques, and what the rotors miss of the wrench."""
     from coaxlink import files, mixer
-    from coaxlink.airframe import AXES, load_airframe
-    from coaxlink.rotor.model import load_rotor_model
+    from coaxlink.airframe import AXES
 
     demand = parse_wrench(wrench)
-    frame = load_airframe(airframe)
-    model = load_rotor_model(rotor_path(frame.rotor_model, rotor, airframe))
-    believed = load_rotor_model(law_rotor) if law_rotor else model
-    result = mixer.allocate(mixer.make_law(law, frame, believed), frame, model, demand)
+    conditions = {"voltage": voltage, "height": height, "climb": climb}
+    true, _ = load_seen(airframe, rotor, **conditions)
+    believed = load_seen(airframe, law_rotor, **conditions)[0] if law_rotor else true
+    frame, model = true.airframe, true.model
+    result = mixer.allocate(mixer.make_law(law, believed.airframe, believed.model), frame, model, demand)
     if json_file:
-        files.write_json(json_file, result.to_json())
+        files.write_json(json_file, result.to_json() | believed.to_json())
+    say_effects(believed)
 
     from rich.table import Table
 
@@ -46,10 +51,15 @@ def allocate(
     table = Table("axis", "asked", "delivered", "error", box=None)
     for k, axis in enumerate(AXES):
         gave_up = " (given up)" if axis in result.dropped else ""
-        row = f"{result.wrench[k]:.4f}", f"{result.delivered[k]:.4f}", f"{result.error[k]:.3g}{gave_up}"
+        row = plain(result.wrench[k]), plain(result.delivered[k]), f"{result.error[k]:.3g}{gave_up}"
         table.add_row(f"{axis} {'N' if k == 0 else 'N m'}", *row)
     out.print(table)
     out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")
+
+
+def plain(number: float) -> str:
+    """Four decimals, or powers of ten where those would fill the screen."""
+    return f"{number:.4f}" if abs(number) < 1e6 else f"{number:.6g}"
 
 
 def parse_wrench(text: str) -> list[float]:
@@ -61,14 +71,6 @@ def parse_wrench(text: str) -> list[float]:
     if len(numbers) != 4 or not all(abs(n) < float("inf") for n in numbers):
         raise InputError("--wrench", text or "(not given)", "four finite numbers F,TX,TY,TZ expected")
     return numbers
-
-
-def rotor_path(own: Path | None, option: Path | None, airframe: Path) -> Path:
-    """The rotor model to use: the option, or the airframe's own. Raises InputError when there is neither."""
-    path = option or own
-    if path is None:
-        raise InputError(airframe, "rotor_model", "names no rotor model; give one with --rotor")
-    return path
 
 
 def register(app: typer.Typer) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from coaxlink.cli._effects import ClimbOption, HeightOption, VoltageOption, load_seen, say_effects
 from coaxlink.cli._shell import JsonOption, console, say
 
 
@@ -18,21 +19,23 @@ def compare(
     ] = False,
     rows: Annotated[int, typer.Option(min=10, help="Wrenches in the envelope.")] = 400,
     out: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the comparison here.")] = None,
+    voltage: VoltageOption = None,
+    height: HeightOption = None,
+    climb: ClimbOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Weigh all laws over an envelope of wrenches: error per axis, power, authority, efficiency."""
     from rich.table import Table
 
     from coaxlink import files
-    from coaxlink.airframe import load_airframe
-    from coaxlink.cli.allocate import rotor_path
     from coaxlink.mixer import make_law
     from coaxlink.mixer.comparison import compare as weigh
     from coaxlink.mixer.fitted import GRAVITY, FittedLaw, envelope
     from coaxlink.rotor.model import load_rotor_model
 
-    frame = load_airframe(airframe)
-    model = load_rotor_model(rotor_path(frame.rotor_model, rotor, airframe))
+    seen, _ = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb)
+    say_effects(seen)
+    frame, model = seen.airframe, seen.model
     fitted = FittedLaw(frame, model)
     names = ("standard", "reduced", "coaxial-printed", "coaxial", "exact")
     laws = [(name, make_law(name, frame, model)) for name in names]
@@ -78,7 +81,8 @@ def compare(
         say(f"wrote {out}")
     if json_file:
         envelope_json = {"rows": rows, "low": low.tolist(), "high": high.tolist()}
-        files.write_json(json_file, {"envelope": envelope_json, "laws": [row.to_json() for row in result]})
+        laws_json = [row.to_json() for row in result]
+        files.write_json(json_file, {"envelope": envelope_json, "laws": laws_json} | seen.to_json())
 
 
 def register(app: typer.Typer) -> None:

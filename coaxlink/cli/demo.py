@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli._whole import whole_or_before
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from coaxlink.link.trajectory import Plan
     from coaxlink.report.demo import DemoResult
 
+LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_coaxial.tlog")
+MADE = ("rotor.toml", "rotor_refined.toml", "tables", "report.html", "residual.png", *LOGS)
 STEPS = 7  # of the progress bar, beside the flights' own seconds
 
 
@@ -37,11 +40,12 @@ def demo(
 
     files.refuse_unwritable(json_file)
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
-    result = run_demo(chosen, out, speed)
-    _show(result)
     from coaxlink.report.demo import write_report
 
-    page = write_report(out, result)
+    with whole_or_before(out, MADE):
+        result = run_demo(chosen, out, speed)
+        page = write_report(out, result)
+    _show(result)
     if json_file:
         files.write_json(json_file, result.to_json())
     say(f"report: {page}   again with the same hidden effect: coaxlink demo --seed {chosen}")

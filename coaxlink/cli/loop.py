@@ -1,26 +1,23 @@
-"""`coaxlink loop`: fly, find what the model lacks, put it into the table, fly again."""
+"""`coaxlink loop`: fly, find what the model lacks, put it into the mixer, fly again."""
 
 from __future__ import annotations
 
 import secrets
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli._whole import whole_or_before
 
 if TYPE_CHECKING:
-    from coaxlink.residual.compensate import Compensation
-    from coaxlink.residual.result import Refinement
+    from coaxlink.report.loop import LoopResult
 
-LAW = "fitted"
-ROWS = (
-    ("thrust_error_N", "thrust, N"),
-    ("torque_error_Nm", "roll, pitch, yaw, N m"),
-    ("height_error_m", "height, m"),
-)
+FLIGHTS = ("before", "after", "live_before", "live_after")
+MADE = ("rotor.toml", "rotor_refined.toml", "tables", "report.html", *(f"{name}.tlog" for name in FLIGHTS))
 
 
 def loop(
@@ -33,94 +30,62 @@ def loop(
         "loop"
     ),
     speed: Annotated[float, typer.Option(min=0.1, max=50, help="Simulator speed, times real time.")] = 8.0,
+    live: Annotated[
+        bool | None,
+        typer.Option("--live/--table", help="How both flights are mixed; else by what the effects need."),
+    ] = None,
     json: JsonOption = None,
 ) -> None:
     """Fly, refine, re-table, fly again: the flight's allocation error before and after."""
     from coaxlink import files
-    from coaxlink.report.page import page
+    from coaxlink.cli._loop import run_loop
+    from coaxlink.report.loop import write_report
+
+    files.refuse_unwritable(json)
+    if truth is not None:
+        files.read_toml(truth)  # before anything is flown
+    chosen = secrets.randbelow(1_000_000) if seed is None else seed
+    with whole_or_before(out, MADE), _progress() as (tell, watch):
+        result = run_loop(truth, chosen, out, speed, live, tell, watch)
+        tell("drawing the report")
+        write_report(out / "report.html", result)
+    if json is not None:
+        files.write_json(json, result.to_json())
+    _show(result)
+    say(f"report: {out / 'report.html'}   the same world again: --seed {chosen}")
+
+
+def _show(result: LoopResult) -> None:
+    from coaxlink.report.loop import lines, table
     from coaxlink.report.refine import tables, verdict
 
-    chosen = secrets.randbelow(1_000_000) if seed is None else seed
-    document, refinement, made = run_loop(truth, chosen, out, speed)
-    files.write_atomic(out / "report.html", page(refinement, "What the first flight showed"))
-    if json is not None:
-        files.write_json(json, document)
     screen = console()
-    screen.print(verdict(refinement))
-    for table in tables(refinement):
-        screen.print(table)
-    for key, label in ROWS:
-        screen.print(
-            f"{label}: {_text(document['before'][key])} before, {_text(document['after'][key])} after"
-        )
-    for name, why in made.cannot.items():
-        say(f"not compensated: {name}: {why}")
-    say(f"report: {out / 'report.html'}")
+    screen.print(verdict(result.refinement))
+    for shown in tables(result.refinement):
+        screen.print(shown)
+    screen.print(table(result))
+    for line in lines(result):
+        screen.print(line)
 
 
-def run_loop(
-    truth: Path | None, seed: int, out: Path, speed: float
-) -> tuple[dict[str, Any], Refinement, Compensation]:
-    """Two flights and what lies between them. Raises what the steps raise."""
-    from coaxlink import files
-    from coaxlink.airframe import load_airframe
-    from coaxlink.cli import _demo as steps
-    from coaxlink.cli.demo import upload_into, write_table
-    from coaxlink.data import read_flight_log, read_stand_log
-    from coaxlink.link import tables
-    from coaxlink.link.trajectory import paper_flight
-    from coaxlink.residual import refine
-    from coaxlink.residual.compensate import compensate
-    from coaxlink.rotor import identify, save_rotor_model
+@contextmanager
+def _progress() -> Iterator[tuple[Any, Any]]:
+    """(tell, watch): a status line on a terminal, a line a step elsewhere."""
+    screen = talk()
+    with screen.status("coaxlink loop") as status:
+        current = ""
 
-    airframe_file = files.example("x8_demo.toml")
-    airframe, plan = load_airframe(airframe_file), paper_flight()
-    hidden = ["--truth", str(truth)] if truth is not None else ["--hidden-seed", str(seed)]
-    world = ["--airframe", str(airframe_file), "--seed", str(seed), *hidden]
-    with talk().status("identifying the rotor pair") as status:
-        model = identify(read_stand_log(files.example("stand_eq17.csv")), "crm").model
-        save_rotor_model(out / "rotor.toml", model)
-        first = tables.report_px4(airframe, model, LAW)
+        def tell(text: str) -> None:
+            nonlocal current
+            current = text
+            status.update(text)
+            if not screen.is_terminal:
+                say(text)
 
-        def fly(name: str, report: Any) -> Any:
-            folder = write_table(out, airframe, name, report, out / "rotor.toml")
-            status.update(f"flying {name}")
-            flown, _ = steps.fly_tables(
-                world, speed, {name: folder}, upload_into(out), plan, out,
-                lambda segment, _: status.update(f"flying {name}: {segment}"),
-            )  # fmt: skip
-            return flown[name]
+        def watch(segment: str, seconds: float) -> None:
+            status.update(f"{current}: {segment}, {seconds:.0f} s")
 
-        before = fly("before", first)
-        log = read_flight_log(before.log)
-        refinement = refine(log, airframe, model, progress=status.update)
-        if refinement.model is not None:
-            save_rotor_model(out / "rotor_refined.toml", refinement.model)
-        volts = (
-            float(log["voltage_V"][log["height_m"] > 0.5].mean())
-            if log.has("voltage_V", "height_m")
-            else None
-        )
-        made = compensate(first.params, airframe, model, refinement.effects, voltage_V=volts)
-        after = fly("after", replace(first, params=made.params))
-        errors = steps.errors_of_table(before, airframe, model, first.params)
-        errors_after = steps.errors_of_table(after, made.airframe, model, made.params)
-    document = {
-        "seed": seed,
-        "before": errors.to_json(),
-        "effects": refinement.to_json()["effects"],
-        "after": errors_after.to_json(),
-        "compensated": list(made.done),
-        "not_compensated": dict(made.cannot),
-        "log_before": str(before.log),
-        "log_after": str(after.log),
-        "refine": refinement.to_json(),
-    }
-    return document, refinement, made
-
-
-def _text(value: float | list[float]) -> str:
-    return ", ".join(f"{v:.3g}" for v in value) if isinstance(value, list) else f"{value:.3g}"
+        yield tell, watch
 
 
 def register(app: typer.Typer) -> None:

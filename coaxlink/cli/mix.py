@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coaxlink.cli._effects import refuse_no_lift, rotor_path, say_effects
 from coaxlink.cli._shell import JsonOption, say
-from coaxlink.cli.allocate import rotor_path
 from coaxlink.cli.upload import SigningOption, SystemOption
-from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
+from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
@@ -58,11 +58,13 @@ def mix(
         bool, typer.Option("--loop", help="Run the attitude and rate loops here too, on ATTITUDE_TARGET.")
     ] = False,
     compiled: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--compiled", help="The exact law through numba: faster, 100 MB more, slow to start once."
+            "--compiled/--plain",
+            help="The exact law and the loop around it compiled (15 s of work, once; 50 MB). "
+            "Default: if it was compiled before.",
         ),
-    ] = False,
+    ] = None,
     system: SystemOption = None,
     signing_key: SigningOption = None,
     json_file: JsonOption = None,
@@ -78,8 +80,14 @@ def mix(
 
     sys.setswitchinterval(SWITCH_S)
     frame = load_airframe(airframe)
-    model = load_rotor_model(rotor_path(frame.rotor_model, rotor, airframe))
-    chosen = mixer.make_law(law, frame, model, **({"compiled": True} if compiled else {}))
+    path = rotor_path(frame.rotor_model, rotor, airframe)
+    model = load_rotor_model(path)
+    refuse_no_lift(model, path)
+    seen = mixer.see(frame, model, surfaces_only=True)  # the rest is compensated from telemetry
+    say_effects(seen)
+    model = seen.model
+    chosen = mixer.make_law(law, frame, model)
+    native = _native(compiled) if law == "exact" and not dry_run else None
     # the first call compiles, or fills caches: never in flight
     chosen.speeds([9.80665 * frame.mass_kg, 0.0, 0.0, 0.0])
     log = record / "mix.tlog" if record else None
@@ -90,7 +98,23 @@ def mix(
         options = _Options(rate, seconds, dry_run, record, plot, forward, witness, airframe if loop else None)
         gc.collect()
         gc.freeze()  # what has been built so far is here to stay: no pause to look through it again
-        _fly(session, frame, chosen, model, options, json_file)
+        _fly(session, frame, chosen, model, options, json_file, native)
+
+
+def _native(compiled: bool | None) -> Any:
+    """The compiled loop if it is asked for, or there and not unwanted."""
+    from coaxlink.link import hot_build
+
+    if compiled is False or (compiled is None and not hot_build.kept()):
+        return None
+    if not hot_build.available():
+        raise InputError("--compiled", "", "the compiled loop runs on 64-bit Linux only")
+    if not hot_build.kept():
+        say("compiling the live loop, once for this processor and version: 15 s or more")
+    try:
+        return hot_build.load()
+    except ImportError as error:
+        raise InputError("--compiled", "", "numba is not installed") from error
 
 
 class _Options:
@@ -103,7 +127,13 @@ class _Options:
 
 
 def _fly(
-    session: Session, frame: Airframe, law: Law, model: RotorModel, o: _Options, json_file: Path | None
+    session: Session,
+    frame: Airframe,
+    law: Law,
+    model: RotorModel,
+    o: _Options,
+    json_file: Path | None,
+    native: Any = None,
 ) -> None:
     from coaxlink import files
     from coaxlink.link.attitude_loop import AttitudeLoop, load_gains
@@ -124,6 +154,7 @@ def _fly(
         session, frame, law, model, rate_hz=o.rate, dry_run=o.dry_run, witness=o.witness,
         compensation=effects, record=kept, own_curve=_own_curve(session),
         loop=AttitudeLoop(frame.inertia_kg_m2, load_gains(o.loop)) if o.loop else None,
+        native=native,
     )  # fmt: skip
     if identity.is_px4:
         _warn_of_hand_over(live, frame)

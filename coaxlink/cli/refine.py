@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from coaxlink.cli._shell import JsonOption, console, say, talk
+
+if TYPE_CHECKING:
+    from coaxlink.residual import Refinement
 
 
 def refine(
@@ -29,6 +32,10 @@ def refine(
     ] = None,
     report: Annotated[
         Path | None, typer.Option(metavar="R.html", help="Write one self-contained page.")
+    ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(metavar="PLAN.toml", help="Write the run that would tell ambiguous effects apart."),
     ] = None,
     columns: Annotated[
         Path | None, typer.Option(metavar="MAP.toml", help="Columns of a foreign stand log, by our names.")
@@ -72,6 +79,8 @@ def refine(
             files.write_atomic(report, page(result))
     if out is not None and result.model is not None:
         save_rotor_model(out, result.model)
+    if plan is not None:
+        _write_plan(plan, result)
     if json is not None:
         files.write_json(json, result.to_json())
     screen = console()
@@ -80,6 +89,21 @@ def refine(
         screen.print(table)
     for remark in remarks(result):
         say(remark)
+
+
+def _write_plan(path: Path, result: Refinement) -> None:
+    """The first doubt's experiment, for `coaxlink sim --stand OUT.csv --schedule` or a real stand."""
+    import tomli_w
+
+    from coaxlink import files
+
+    experiments = [a.experiment for a in result.ambiguous if a.experiment is not None]
+    if not experiments:
+        say(f"{path}: not written, " + ("no plan was found" if result.ambiguous else "nothing is ambiguous"))
+        return
+    head = "".join(f"# {line}\n" for line in experiments[0].text.split("; "))
+    files.write_atomic(path, head + tomli_w.dumps(experiments[0].document()))
+    say(f"{path}: {experiments[0].text}")
 
 
 def register(app: typer.Typer) -> None:

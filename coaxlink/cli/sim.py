@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,12 +31,21 @@ def sim(
     wire: Annotated[
         str, typer.Option(help="Faults: loss=P,copies=P,disorder=P,corruption=P,delay=S,dead=S:S,reboot=N.")
     ] = "",
+    vehicles: Annotated[
+        int, typer.Option(help="So many, on ports one after another, with system ids from 1.")
+    ] = 1,
     signing_key: Annotated[Path | None, typer.Option(help="Sign all links, take nothing unsigned.")] = None,
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
-    flight: Annotated[str, typer.Option("--fly", help="Fly a plan without a client: paper, vigorous.")] = "",
+    flight: Annotated[
+        str, typer.Option("--fly", help="Fly without a client: paper, vigorous, or a PLAN.toml.")
+    ] = "",
     log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="With --fly: keep its log.")] = None,
     stand: Annotated[
         Path | None, typer.Option(metavar="OUT.csv", help="Run the virtual thrust stand and leave.")
+    ] = None,
+    schedule: Annotated[
+        Path | None,
+        typer.Option(metavar="PLAN.toml", help="With --stand: what to run, as refine --plan has it."),
     ] = None,
 ) -> None:
     """Fly a stand-in autopilot on a simulated vehicle, or measure a simulated rotor pair."""
@@ -44,11 +53,14 @@ def sim(
         raise InputError("--speed", "", f"a positive number, or 0, is expected, found {speed}")
     if truth is not None and hidden_seed is not None:
         raise InputError("--hidden-seed", "", "not with --truth")
+    if vehicles != 1 and (bridge or flight or stand is not None):
+        raise InputError("--vehicles", "", "not with --bridge, --fly or --stand")
     with world_errors():
         if stand is not None:
-            _measure(stand, rotor, truth, seed)
+            _measure(stand, rotor, truth, seed, schedule)
             return
-        from sim.world import World, build, build_bridge, open_links
+        from sim.standin import run
+        from sim.world import World, build, build_bridge, build_many
 
         world = World(
             airframe or files.example("x8_demo.toml"),
@@ -65,29 +77,33 @@ def sim(
             _alone(build(world, []).autopilot, flight, log)
             return
         if bridge:
-            _bridge(build_bridge(world, bridge, (listen or [""])[0]), bridge)
+            _bridge(build_bridge(world, bridge, (listen or [""])[0], speed), bridge)
             return
-        ports = open_links(listen or [])
+        standins = build_many(world, vehicles, listen or [], speed)
+        ports = [port for standin in standins for port in standin.ports]
         try:
-            _fly(build(world, ports, speed), firmware, ports)
+            _fly(lambda stop: run(standins, speed, stop), firmware, ports)
         finally:
             for port in ports:
                 port.close()
 
 
-def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int) -> None:
-    from sim.bench import measure, read_bench
+def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, schedule: Path | None) -> None:
+    from sim.bench import Bench, measure, read_bench
     from sim.rotors import read_pair
+    from sim.schedule import read_schedule
     from sim.stand import stand_rows, write_stand
 
     pair = read_pair(rotor or files.example("rotor_paper.toml"))
-    if truth is None:
+    if truth is None and schedule is None:
         rows = stand_rows(pair, seed=seed)
         write_stand(out, rows)
     else:
         import numpy as np
 
-        columns = measure(pair, read_bench(truth), seed=seed)
+        told = Bench() if truth is None else read_bench(truth)
+        steps = None if schedule is None else read_schedule(schedule)
+        columns = measure(pair, told, seed=seed, schedule=steps)
         rows = np.column_stack(list(columns.values()))
         write_stand(out, rows, list(columns))
     say(f"{out}: {len(rows)} points")
@@ -96,8 +112,12 @@ def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int) -> No
 def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
     from sim.flights import PLANS, fly, write_flight
 
+    if plan.endswith(".toml"):
+        from sim.manoeuvres import read_plan
+
+        PLANS[plan] = read_plan(Path(plan))
     if plan not in PLANS:
-        raise InputError("--fly", "", f"one of {', '.join(PLANS)} is expected, found '{plan}'")
+        raise InputError("--fly", "", f"a plan file or one of {', '.join(PLANS)} is expected, found '{plan}'")
     flown = fly(autopilot, plan)
     seconds = autopilot.plant.time_s
     if log is not None:
@@ -107,12 +127,12 @@ def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
 
 def _bridge(bridge: Any, to: str) -> None:
     try:
-        _fly(bridge, f"bridge {to}", [bridge])
+        _fly(bridge.run, f"bridge {to}", [bridge])
     finally:
         bridge.close()
 
 
-def _fly(standin: Any, firmware: str, ports: Any) -> None:
+def _fly(run: Callable[[Callable[[], bool]], None], firmware: str, ports: Any) -> None:
     """Until someone says stop."""
     stopping = False
 
@@ -124,7 +144,7 @@ def _fly(standin: Any, firmware: str, ports: Any) -> None:
     try:
         sys.stdout.write(f"ready {firmware} {' '.join(port.name for port in ports)}\n")
         sys.stdout.flush()
-        standin.run(lambda: stopping)
+        run(lambda: stopping)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink.cli import _tables
+from coaxlink.cli._effects import ClimbOption, HeightOption, VoltageOption, load_seen, say_effects
 from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.cli._tables import write_px4
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
-    from coaxlink.airframe import Airframe
-    from coaxlink.rotor import RotorModel
+    from coaxlink.mixer import Seen
 
 
 def table(
@@ -34,27 +34,24 @@ def table(
     csv: Annotated[
         bool, typer.Option("--csv", help="PX4: also mixer.csv, for the research fork that reads one.")
     ] = False,
+    voltage: VoltageOption = None,
+    height: HeightOption = None,
+    climb: ClimbOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Write a mixer table and say what mix the firmware will make of it."""
-    from coaxlink.airframe import load_airframe
-    from coaxlink.cli.allocate import rotor_path
-    from coaxlink.rotor import load_rotor_model
-
     if firmware not in ("px4", "ardupilot"):
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
-    frame = load_airframe(airframe)
-    path = rotor_path(frame.rotor_model, rotor, airframe)
-    model = load_rotor_model(path)
+    seen, path = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb)
+    say_effects(seen)
     if firmware == "px4":
-        _px4(frame, model, path, law, out, json_file, explain, connect, csv)
+        _px4(seen, path, law, out, json_file, explain, connect, csv)
     else:
-        _ardupilot(frame, model, path, law, out, json_file, explain, frame_class, spin_min)
+        _ardupilot(seen, path, law, out, json_file, explain, frame_class, spin_min)
 
 
 def _px4(
-    frame: Airframe,
-    model: RotorModel,
+    seen: Seen,
     model_path: Path,
     law: str,
     out: Path | None,
@@ -67,11 +64,12 @@ def _px4(
     from coaxlink.link import tables
     from coaxlink.link.explain import explain_px4, present_table
 
+    frame, model = seen.airframe, seen.model
     report = tables.report_px4(frame, model, law)
     written = write_px4(out, frame, model_path, report) if out and not report.blocking else []
     if csv and out and not report.blocking:
         written.append(_tables.write_csv(out, report))
-    document = _tables.px4_json(frame, report, written)
+    document = _tables.px4_json(frame, report, written) | seen.to_json()
     _tables.show_px4(frame, report)
     if explain:
         board = present_table(connect) if connect else None
@@ -87,8 +85,7 @@ def _px4(
 
 
 def _ardupilot(
-    frame: Airframe,
-    model: RotorModel,
+    seen: Seen,
     model_path: Path,
     law: str,
     out: Path | None,
@@ -101,9 +98,10 @@ def _ardupilot(
     from coaxlink.link.ap_tables import report_ap
     from coaxlink.link.explain import explain_ap
 
+    frame, model = seen.airframe, seen.model
     report = report_ap(frame, model, law, frame_class=frame_class, spin_min=spin_min)
     written = _tables.write_ap(out, frame, model_path, report) if out and not report.blocking else []
-    document = _tables.ap_json(frame, report, written)
+    document = _tables.ap_json(frame, report, written) | seen.to_json()
     _tables.show_ap(frame, report)
     if explain:
         explained = explain_ap(frame, model, report)

@@ -47,7 +47,8 @@ def verify(
         out.print(f"{wrong['name']}: {wanted} expected, {found} on board")
     if result.hash_then and result.hash != result.hash_then:
         out.print(
-            f"hash {result.hash:08x}, {result.hash_then:08x} at the upload: some parameter changed since"
+            f"hash {result.hash:08x}, {result.hash_then:08x} at the upload: since then some other "
+            "parameter changed, or others are in use (a restart alone can do that)"
         )
     if result.interrupted:
         raise CheckFailed(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,15 @@ class Board(ABC):
     def snapshot(self) -> Snapshot:
         """Every parameter."""
         return self.parameters.read_all(progress=self._talk.progress)
+
+    def with_hidden(self, snapshot: Snapshot, names: Iterable[str]) -> Snapshot:
+        """Some parameters are left out of the list and yet answer to their name (ArduPilot's SCR_* while
+        scripting is off, PX4's unused ones)."""
+        missing = [name for name in names if name not in snapshot.values]
+        if not missing:
+            return snapshot
+        found = self.parameters.read_many(missing, missing_ok=True)
+        return Snapshot({**snapshot.values, **found}, snapshot.hash)
 
     @abstractmethod
     def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:

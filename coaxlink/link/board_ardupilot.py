@@ -8,7 +8,7 @@ fit its checksum keeps the vehicle from arming.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,10 @@ class ArduPilotBoard(Board):
         except (TableError, CheckFailed, InputError) as error:
             self._talk.say(f"no packed parameters ({error}); reading them one by one")
         return super().snapshot()
+
+    def with_hidden(self, snapshot: Snapshot, names: Iterable[str]) -> Snapshot:
+        """The loader's parameters are not hidden: without its script they are not there."""
+        return super().with_hidden(snapshot, [name for name in names if not name.startswith(_LIVE)])
 
     def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
         """Raises SafetyRefusal."""

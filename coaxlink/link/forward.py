@@ -43,7 +43,8 @@ class Forwarder:
         self.held_back = 0  # motor commands that did not pass
 
     def __enter__(self) -> Forwarder:
-        self._leave = self._session.subscribe(self._from_vehicle)
+        leave = self._session.subscribe(self._from_vehicle), self._session.watch(self._frame)
+        self._leave = lambda: [out() for out in leave]
         self._thread.start()
         return self
 
@@ -60,9 +61,12 @@ class Forwarder:
         self._out.seq = (self._out.seq + 1) % 256
 
     def _from_vehicle(self, message: Any) -> None:
+        self._frame(bytes(message.get_msgbuf()))
+
+    def _frame(self, frame: bytes) -> None:
         # a ground station that is not there must not matter
         with contextlib.suppress(OSError):
-            self._socket.sendto(bytes(message.get_msgbuf()), self._peer)
+            self._socket.sendto(frame, self._peer)
 
     def _run(self) -> None:
         while not self._stopping.is_set():

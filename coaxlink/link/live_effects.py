@@ -2,8 +2,9 @@
 
 Battery voltage divides every command by the speed it loses, u = u_cmd (V / V_ref)^k; the others are what
 they add to the wrench at the last speeds, taken off the demand before the law. The formulas are those of
-`coaxlink.residual.effects`, whose sources they share. An input that is missing or older than STALE_S
-compensates nothing (voltage: holds its last factor), so that telemetry cannot throw the vehicle.
+`coaxlink.residual.effects`, whose sources they share, and of `coaxlink.mixer.physics`. An input that is
+missing or older than STALE_S compensates nothing (voltage: holds its last factor), so that telemetry cannot
+throw the vehicle.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
+from coaxlink.mixer.physics import climb_loss, ground_gain, speed_factor
 from coaxlink.mixer.plain import PlainRotors
+from coaxlink.mixer.seen import usual_lift
 from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
@@ -86,7 +89,7 @@ class LiveEffects:
         self.left_out: dict[str, str] = {}
         self.names: list[str] = []
         self._rotors = PlainRotors.of(airframe, model)
-        self._airframe = airframe
+        self._airframe, self._model = airframe, model
         self._voltage: Mapping[str, float] | None = None
         self._volts: float | None = None
         self._volts_at = 0.0
@@ -108,10 +111,6 @@ class LiveEffects:
         if session is not None:
             session.subscribe(self.telemetry.hear)
 
-    def command(self, speed: float) -> float:
-        """The command for a normalised speed at the present voltage."""
-        return speed / self.factor
-
     def wrench(self, speeds: Sequence[float]) -> Wrench:
         """(4,) what the effects add at these normalised speeds (N,), N and N m."""
         self._refresh()
@@ -129,31 +128,33 @@ class LiveEffects:
         before = self._volts if self._volts is not None else volts
         share = 1.0 - math.exp(-(now - self._volts_at) / VOLTAGE_TAU_S) if self._volts is not None else 1.0
         self._volts, self._volts_at = before + share * (volts - before), now
-        factor = (self._volts / p["reference_voltage_V"]) ** p["speed_exponent"]
+        factor = speed_factor(p, self._volts)
         self.factor = min(max(factor, FACTOR[0]), FACTOR[1])
 
     # -- parts, each (speeds) -> wrench (4,) ---------------------------------------------------------------
 
     def _ground(self, p: Mapping[str, float]) -> Part:
-        def gain(height: float) -> float:
-            h = max(height, 0.08)
-            if "height_scale_m" in p:
-                return p["gain_at_ground"] * math.exp(-h / p["height_scale_m"])
-            radius = p["effective_radius_m"]
-            return radius * abs(radius) / (16.0 * h * h)
+        place = [r.position_m for r in self._airframe.rotors]
 
         def part(speeds: Sequence[float]) -> Wrench:
             height = self.telemetry.get("height")
+            if height is None:
+                return np.zeros(4)
+            roll, pitch = self.telemetry.get("tilt") or (0.0, 0.0)
+            # the body's downward direction: every disc has a height of its own
+            down = (-math.sin(pitch), math.sin(roll) * math.cos(pitch), math.cos(roll) * math.cos(pitch))
+            gains = [
+                ground_gain(p, height - sum(d * x for d, x in zip(down, at, strict=True))) for at in place
+            ]
             thrust, _ = self._loads(speeds)
-            return (
-                self._of(min(max(gain(height), -MOST), MOST) * thrust) if height is not None else np.zeros(4)
-            )
+            return self._of(np.clip(gains, -MOST, MOST) * thrust)
 
         return part
 
     def _inflow(self, p: Mapping[str, float]) -> Part:
         place = np.array([r.position_m for r in self._airframe.rotors])
         axis = np.array([r.axis for r in self._airframe.rotors])
+        usual = usual_lift(self._airframe, self._model)
 
         def part(speeds: Sequence[float]) -> Wrench:
             get = self.telemetry.get
@@ -166,7 +167,7 @@ class LiveEffects:
             climb = up + np.einsum("ni,ni->n", turning, axis)
             thrust, _ = self._loads(speeds)
             most = MOST * float(thrust.sum()) / len(thrust)
-            lost = np.asarray(speeds, float) * climb * p["thrust_per_climb_N_s_m"]
+            lost = climb_loss(p, climb, speeds, thrust, usual)
             return self._of(-np.clip(lost, -most, most))
 
         return part

@@ -79,6 +79,20 @@ class Guard:
             self._hand_over()
         return self.share
 
+    @property
+    def steady(self) -> bool:
+        """Whether the law flies alone, and a demand will not change that."""
+        return self.state in (LIVE, HOLD) and self.share >= 1.0 and not self.leaving
+
+    @property
+    def last(self) -> float:
+        """When the last good demand came (s)."""
+        return self._last
+
+    def answered(self, now: float) -> None:
+        """While steady, demands up to `now` were answered without asking one by one."""
+        self._last, self.state = now, LIVE
+
     def tick(self, now: float) -> float | None:
         """Time passed without a demand: the share to say once more, None to keep quiet."""
         if self.state not in (FADING, LIVE, HOLD, RAMP):

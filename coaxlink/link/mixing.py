@@ -22,10 +22,11 @@ from typing import TYPE_CHECKING, Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import Airframe
-from coaxlink.errors import SafetyRefusal
+from coaxlink.errors import LinkError, SafetyRefusal
 from coaxlink.link import codec
+from coaxlink.link.hot_kernel import COMMANDS, TIME
 from coaxlink.link.live_counts import Counters
-from coaxlink.link.live_guard import Guard, Timing, timing_for
+from coaxlink.link.live_guard import LIVE, Guard, Timing, timing_for
 from coaxlink.link.live_paths import PATHS, path_for, require_path
 from coaxlink.link.live_witness import REPORT_HZ, Witness
 from coaxlink.link.mixing_core import CONTROLS, Compensation, DemandScale, MixCore
@@ -33,7 +34,12 @@ from coaxlink.mixer import Law
 from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from coaxlink.link.attitude_loop import AttitudeLoop
+    from coaxlink.link.hot import Batch
+    from coaxlink.link.live_hot import HotPath
     from coaxlink.link.live_record import LiveRecord
     from coaxlink.link.session import Session
 
@@ -72,8 +78,10 @@ class LiveMixer:
         record: LiveRecord | None = None,
         own_curve: float = 0.0,
         loop: AttitudeLoop | None = None,
+        lead_s: tuple[float, float] = (0.0, 0.0),
+        native: Any = None,
     ) -> None:
-        self.core = MixCore(airframe, law, model, compensation, own_curve)
+        self.core = MixCore(airframe, law, model, compensation, own_curve, lead_s)
         self.guard = Guard(timing or timing_for(rate_hz))
         self.rate_hz, self.dry_run = rate_hz, dry_run
         self.session = session
@@ -83,6 +91,8 @@ class LiveMixer:
         self._witness = Witness(self.core.count) if witness and not dry_run else None
         self._record = record
         self._loop = loop
+        self._native = native
+        self._hot: HotPath | None = None
         heard = {ANSWER.number, OUTPUTS.number} | ({STATE.number, TARGET.number} if loop else {DEMAND.number})
         self._scanner = codec.Scanner(heard, codec.known_seeds())
         self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
@@ -116,6 +126,10 @@ class LiveMixer:
         self._started = time.monotonic()
         if self.session.signed and self._loop is not None:
             raise SafetyRefusal("the attitude loop of our own does not run on a signed link yet")
+        if self._native is not None and self._loop is None and not self.dry_run and not self.session.signed:
+            from coaxlink.link.live_hot import HotPath
+
+            self._hot = HotPath.of(self, self._native, self._target)
         if self.session.signed:
             self._unsubscribe = self.session.subscribe(self._on_message)
         self.session.tap = self
@@ -142,6 +156,8 @@ class LiveMixer:
         if self.session.tap is not self:
             return
         self.guard.leaving = True
+        if self._hot is not None:
+            self._hot.interrupt()
         end = time.monotonic() + patience_s
         while (
             self._own_mixer and self.guard.answering and not self.failed.is_set() and time.monotonic() < end
@@ -166,6 +182,31 @@ class LiveMixer:
         self.stop()
 
     # -- on the receiver thread ----------------------------------------------------------------------------
+
+    def serve(self, line: Any, peer: Any) -> list[tuple[bytes, Any]] | None:
+        """Let the compiled loop read and answer for a while, if it may; see `session.Tap`."""
+        hot = self._hot
+        if hot is None or self._waiting is not None or not self._scanner.whole or self.failed.is_set():
+            return None
+        try:
+            return hot.serve(line, peer)
+        except LinkError:
+            raise
+        except Exception as error:
+            self.core.counters.failures += 1
+            self._give_up(error)
+            return None
+
+    def kept(self, rows: NDArray[np.float64], batch: Batch) -> None:
+        """Book the answers of the hot loop, rows as `hot_kernel` lays them out."""
+        commands = rows[:, COMMANDS : COMMANDS + CONTROLS].tolist()
+        self.commands = commands[-1]
+        self._echoes.extend(batch.answers(64))
+        if self._witness is not None:
+            for at, row in zip(rows[:, TIME].tolist(), commands, strict=True):
+                self._witness.sent(at, row)
+        if self._record is not None:
+            self._record.add_many(batch.stamps, rows, LIVE)
 
     def take(self, data: bytes) -> None:
         """Bytes from the line, or none when the wait was over: answer what is to be answered."""
@@ -297,10 +338,9 @@ class LiveMixer:
         before = guard.hand_overs
         share = guard.tick(now)
         if share is not None and self._own_mixer:
-            last = list(core.speeds)
-            if core.compensation is not None:
-                last = [min(max(core.compensation.command(u), 0.0), 1.0) for u in last]
-            self._say((core.last_us or 0) + 1, core.pad(core.blend(last, share)), now)
+            factor = core.compensation.factor if core.compensation is not None else 1.0
+            last = [min(max(u / factor, 0.0), 1.0) for u in core.speeds]
+            self._say((core.last_us or 0) + 1, core.say(core.blend(last, share)), now)
         if self._record is not None:
             self._record.tick(now, handed_over=guard.hand_overs != before)
         core.counters.hand_overs = guard.hand_overs

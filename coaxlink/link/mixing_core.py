@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
+from coaxlink.link import hot_kernel
 from coaxlink.link.live_counts import Counters
 from coaxlink.mixer import Law, StandardCoefficients, standard_coefficients
 from coaxlink.mixer.plain import PlainRotors
@@ -19,6 +20,7 @@ from firmware_params.px4 import Px4Table, RotorEntry, realise
 
 CONTROLS = 8  # what the messages carry
 ABSURD = 1.5  # a normalised demand beyond this is no demand; up to it, it is held to the range
+FIRST_DT_S, MOST_DT_S = 0.004, 0.05  # between demands, where it is not known or out of the ordinary
 JUMP_US = 1_000_000  # stamps further apart than this are another clock, which must show itself twice
 
 
@@ -28,8 +30,9 @@ class Compensation(Protocol):
     def wrench(self, speeds: Sequence[float]) -> NDArray[np.float64]:
         """(4,) what the effects add to the wrench at these speeds."""
 
-    def command(self, speed: float) -> float:
-        """The command that makes a rotor turn at this normalised speed."""
+    @property
+    def factor(self) -> float:
+        """Normalised speed per command."""
 
 
 class DemandScale:
@@ -107,7 +110,9 @@ class MixCore:
         model: RotorModel,
         compensation: Compensation | None = None,
         own_curve: float = 0.0,
+        lead_s: tuple[float, float] = (0.0, 0.0),
     ) -> None:
+        """`lead_s`: the motors' lag and the lag wanted of them instead (s); see `hot_kernel.lead`."""
         if len(airframe.rotors) > CONTROLS:
             raise InputError(
                 airframe.source or airframe.name, "rotors", f"live mixing carries {CONTROLS} motors at most"
@@ -121,10 +126,30 @@ class MixCore:
         self.count = len(airframe.rotors)
         self._last_us: int | None = None
         self._strange_us: int | None = None
+        self.dt_s = FIRST_DT_S  # between the last two demands
+        self.lead_s = lead_s
+        self._floats = [0.0] * hot_kernel.FLOATS
+        self._floats[hot_kernel.FACTOR] = 1.0
+        self._floats[hot_kernel.LAG_S], self._floats[hot_kernel.QUICK_S] = lead_s
+        # the speeds the motors are taken to have, and what they were told last; the hot loop's own if it runs
+        self.motors: Any = [0.0] * CONTROLS
+        self.told: Any = [0.0] * CONTROLS
         self.wrench: list[float] = [0.0] * 4  # demanded
-        self.error: Any = np.zeros(4)  # (4,) delivered by the rotor model at the law's speeds, minus demanded
+        self.error: Any = [0.0] * 4  # (4,) delivered by the rotor model at the law's speeds, minus demanded
         self.speeds: list[float] = [0.0] * self.count  # of the law
         self.held = (0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def law(self) -> Law:
+        """What makes speeds of a wrench."""
+        return self._law
+
+    @law.setter
+    def law(self, law: Law) -> None:
+        self._law = law
+        self._law_speeds: Callable[[Any], list[float]] = getattr(law, "plain", None) or (
+            lambda wrench: law.speeds(wrench).tolist()
+        )
 
     def use_matrix(self, factors: Sequence[Sequence[float]]) -> None:
         """Read demands as ArduPilot's with these factors (N, 4) on board. Raises InputError."""
@@ -164,6 +189,7 @@ class MixCore:
         """Stamps must rise by less than a second; another clock must come twice in a row to be believed."""
         c, last = self.counters, self._last_us
         if last is None or 0 < stamp - last < JUMP_US:
+            self.dt_s = min((stamp - last) * 1e-6, MOST_DT_S) if last is not None else FIRST_DT_S
             self._last_us, self._strange_us = stamp, None
             return True
         if -JUMP_US < stamp - last <= 0:
@@ -186,21 +212,22 @@ class MixCore:
         self.wrench = wanted
         if extra is not None:
             wanted = wanted - extra.wrench(self.speeds)
-        self.speeds = commands = self.law.speeds(wanted).tolist()
-        for u in commands:
-            if not 0.0 <= u <= 1.0:  # also for NaN
-                c.refused_outputs += 1
-                self.speeds = [0.0] * self.count
-                return None
-        if extra is not None:
-            commands = [min(max(extra.command(u), 0.0), 1.0) for u in commands]
+            self._floats[hot_kernel.FACTOR] = extra.factor
+        self.speeds = speeds = self._law_speeds(wanted)
+        if not hot_kernel.command(speeds, self.motors, self.told, self.count, self.dt_s, self._floats):
+            c.refused_outputs += 1
+            self.speeds = [0.0] * self.count
+            return None
         if share < 1.0:
-            commands = self.blend(commands, share)
-        return self.pad(commands)
+            return self.say(self.blend(self.told, share))
+        return list(self.told)
 
-    def pad(self, commands: list[float]) -> list[float]:
-        """Zeros for the motors that are not there."""
-        return commands + [0.0] * (CONTROLS - len(commands)) if len(commands) < CONTROLS else commands
+    def say(self, commands: Sequence[float]) -> list[float]:
+        """Eight commands, zeros for the motors that are not there; kept as what the motors were told."""
+        told = self.told
+        for n in range(CONTROLS):
+            told[n] = commands[n] if n < self.count else 0.0
+        return list(told)
 
     @property
     def last_us(self) -> int | None:
@@ -210,7 +237,14 @@ class MixCore:
     def blend(self, commands: Sequence[float], share: float) -> list[float]:
         """`share` of these commands and the rest of the autopilot's own for the demand held."""
         own = self.scale.own(self.held)
-        return [min(max(o + share * (u - o), 0.0), 1.0) for u, o in zip(commands, own, strict=False)]
+        return [min(max(o + share * (u - o), 0.0), 1.0) for o, u in zip(own, commands, strict=False)]
+
+    def caught_up(self, stamp_us: int, cycles: int, dropped: int, superseded: int) -> None:
+        """Demands up to that stamp were answered by the hot loop."""
+        c = self.counters
+        self._last_us, self._strange_us = stamp_us, None
+        c.cycles, c.dropped = c.cycles + cycles, c.dropped + dropped
+        c.superseded += superseded
 
     def hand_over_thrust(self, weight_N: float) -> float:
         """Thrust (N) of the autopilot's own mixer at the demand that hovers `weight_N` under the law.
@@ -230,10 +264,10 @@ class MixCore:
         c = self.counters
         c.cycles += 1
         c.latency.add(latency_s)
-        got = self.rotors.wrench(self.speeds)
+        got: Any = self.rotors.plain_wrench(self.speeds)
         if self.compensation is not None:
             got = got + self.compensation.wrench(self.speeds)
-        self.error = got - self.wrench
+        self.error = [g - w for g, w in zip(got, self.wrench, strict=True)]
         c.miss(self.error)
         if self.law.dropped:
             c.dropped += 1

@@ -59,7 +59,7 @@ class Parameters:
         self._timeout_s = timeout_s
         self._asker = Asker(session, timeout_s=timeout_s, window=_WINDOW)
         coding = Coding(session.identity)
-        self.encode, self.decode = coding.encode, coding.decode
+        self.encode, self.decode, self.bytewise = coding.encode, coding.decode, coding.bytewise
         self.again = 0  # asked or written again for another reason than silence
 
     @property

@@ -13,13 +13,14 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pymavlink.dialects.v20 import common as mavlink
 
 import firmware_params.px4.messages  # noqa: F401 - teaches the dialect ESC_STATUS and ESC_INFO
 from coaxlink.errors import LinkError, SafetyRefusal
-from coaxlink.link.identity import Identity, version_request, with_version
+from coaxlink.link.identity import Identity, companion_heartbeat, is_vehicle, version_request, with_version
+from coaxlink.link.line import Outgoing, Tap
 from coaxlink.link.loss import Loss
 from coaxlink.link.tlog import TLog
 from coaxlink.link.transport import Transport
@@ -32,17 +33,6 @@ Match = Callable[[Message], bool]
 COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
 _TICK_S = 0.05
-
-
-class Tap(Protocol):
-    """Sees the line's bytes first, on the receiver thread; must not raise."""
-
-    @property
-    def tick_s(self) -> float:
-        """It is called at least so often, with no bytes if none came."""
-
-    def take(self, data: bytes) -> None:
-        """Bytes as they came."""
 
 
 class Session:
@@ -67,7 +57,7 @@ class Session:
         self._target = target_system
         self._identity: Identity | None = None
         self._peer: Any = None
-        self._out = mavlink.MAVLink(None, source_system, source_component)
+        self._out = Outgoing(source_system, source_component)
         self._in = mavlink.MAVLink(None, source_system, source_component)
         self._in.robust_parsing = True
         self._signer = signer
@@ -77,6 +67,7 @@ class Session:
         self._lock = threading.Lock()
         self._latest: dict[str, Message] = {}
         self._subscribers: tuple[Callable[[Message], None], ...] = ()
+        self._watchers: tuple[Callable[[bytes], None], ...] = ()
         self._heard_s = 0.0
         self._loss = Loss()
         self._stopping = threading.Event()
@@ -135,6 +126,11 @@ class Session:
         return self._out.srcSystem, self._out.srcComponent
 
     @property
+    def counter(self) -> bytearray:
+        """(1,) the sequence number of the next frame."""
+        return self._out.counter
+
+    @property
     def signed(self) -> bool:
         """Whether this side signs and asks for signatures."""
         return self._signer is not None
@@ -184,6 +180,29 @@ class Session:
         with self._lock:
             self._record(frames)
             self._transport.write(frames, self._peer)
+
+    @property
+    def keeps_frames(self) -> bool:
+        """Whether `book` has anything to do but count."""
+        return self._log is not None or bool(self._watchers)
+
+    def book(self, heard: bytes, said: bytes, at_us: int) -> None:
+        """Keep a frame of the vehicle and our answer that passed by the parser, at that time of day (us)."""
+        for watcher in self._watchers:
+            watcher(heard)
+        if self._log:
+            with self._lock:
+                self._log.write(heard, at_us)
+                self._log.write(said, at_us)
+
+    def watch(self, callback: Callable[[bytes], None]) -> Callable[[], None]:
+        """Call back with the frames that `book` keeps: with `subscribe`, all of the vehicle's."""
+        self._watchers = (*self._watchers, callback)
+
+        def leave() -> None:
+            self._watchers = tuple(w for w in self._watchers if w is not callback)
+
+        return leave
 
     def command(self, command_id: int, *params: float, timeout_s: float = 1.5, tries: int = 3) -> int:
         """Send COMMAND_LONG until it is acknowledged; the MAV_RESULT. Raises LinkError on silence."""
@@ -302,13 +321,25 @@ class Session:
             if time.monotonic() >= beat:
                 beat = time.monotonic() + 1.0
                 self._heartbeat()
-            tap = self.tap
-            data, peer = self._transport.read(tap.tick_s if tap else _TICK_S)
-            if tap:
-                tap.take(data)
-            if data:
+            for data, peer in self._chunks():
                 for message in self._in.parse_buffer(data) or ():
                     self._received(message, peer)
+
+    def _chunks(self) -> Iterator[tuple[bytes, Any]]:
+        """What came and is still to be parsed, after the tap had its look at it."""
+        tap = self.tap
+        if tap is None:
+            data, peer = self._transport.read(_TICK_S)
+            if data:
+                yield data, peer
+            return
+        served = tap.serve(self._transport, self._peer)
+        if served is None:
+            served = [self._transport.read(tap.tick_s)]
+        for data, peer in served or [(b"", None)]:
+            tap.take(data)
+            if data:
+                yield data, peer
 
     def _reopened(self) -> bool:
         """Try to open the line again until it works or the session ends; waits raise LinkError meanwhile."""
@@ -324,16 +355,7 @@ class Session:
         return False
 
     def _heartbeat(self) -> None:
-        self.send(
-            mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                mavlink.MAV_AUTOPILOT_INVALID,
-                0,
-                0,
-                mavlink.MAV_STATE_ACTIVE,
-                3,
-            )
-        )
+        self.send(companion_heartbeat())
 
     def _received(self, message: Message, peer: Any) -> None:
         name = message.get_type()
@@ -342,7 +364,7 @@ class Session:
         system, component = message.get_srcSystem(), message.get_srcComponent()
         known = self._identity
         if known is None:
-            if name != "HEARTBEAT" or not self._is_vehicle(message, system):
+            if name != "HEARTBEAT" or not is_vehicle(message, self._target):
                 return
             known = Identity(system, component, message.autopilot, message.type)
         elif system != known.system:
@@ -360,11 +382,9 @@ class Session:
         for subscriber in self._subscribers:
             subscriber(message)
 
-    def _is_vehicle(self, heartbeat: Message, system: int) -> bool:
-        if self._target is not None and system != self._target:
-            return False
-        others = (mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_TYPE_GIMBAL)
-        return heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type not in others
+    def count(self, sequences: Any) -> None:
+        """Frames of the vehicle passed by the parser with these sequence numbers (n,), an array of uint8."""
+        self._loss.passed(sequences)
 
     def _ask_version(self) -> None:
         request = version_request(self.identity)

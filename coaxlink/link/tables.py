@@ -67,16 +67,18 @@ def px4_table(airframe: Airframe, model: RotorModel, law: str) -> px4.Px4Table:
     count = len(airframe.rotors)
     ct, torque = np.zeros(count), np.zeros(count)  # N and N m along the axis, per unit setpoint
     spin = np.array([rotor.yaw_sign for rotor in airframe.rotors], float)
+    f, q = airframe.gains
     if law == "standard":
         alone = standard_coefficients(model)
-        ct[:], torque[:] = alone.p, alone.q * spin
+        ct[:], torque[:] = alone.p * f, alone.q * q * spin
     else:
         c = reduced_coefficients(model)
         for upper, lower in airframe.pairs:
-            ct[upper], ct[lower] = c.p_0u + c.p_1l, c.p_0l
-            torque[upper], torque[lower] = spin[upper] * c.q_0u + spin[lower] * c.q_1l, spin[lower] * c.q_0l
+            ct[upper], ct[lower] = c.p_0u * f[upper] + c.p_1l * f[lower], c.p_0l * f[lower]
+            torque[upper] = spin[upper] * c.q_0u * q[upper] + spin[lower] * c.q_1l * q[lower]
+            torque[lower] = spin[lower] * c.q_0l * q[lower]
         for single in airframe.singles:
-            ct[single], torque[single] = c.p_0u, spin[single] * c.q_0u
+            ct[single], torque[single] = c.p_0u * f[single], spin[single] * c.q_0u * q[single]
     if (ct <= 0).any():
         worst = int(np.argmin(ct))
         problem = (

@@ -68,15 +68,23 @@ class Udp:
             raise
 
     def read(self, timeout_s: float) -> tuple[bytes, Any]:
-        if timeout_s != self._timeout_s and timeout_s > 0:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(timeout_s))
-            self._timeout_s = timeout_s
+        self.arm(timeout_s)
         try:
             data, peer = self._socket.recvfrom(_CHUNK, 0 if timeout_s > 0 else socket.MSG_DONTWAIT)
         except (BlockingIOError, ConnectionError):  # an ICMP "nobody there" is not the end of a UDP link
             return b"", None
         self._peers.add(peer)
         return data, peer
+
+    def arm(self, timeout_s: float) -> None:
+        """How long the kernel lets a read wait from now on."""
+        if timeout_s != self._timeout_s and timeout_s > 0:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(timeout_s))
+            self._timeout_s = timeout_s
+
+    def one_target(self, peer: Any) -> Any:
+        """Where `write` would send to if that is one place, else None."""
+        return peer or self._peer or (next(iter(self._peers)) if len(self._peers) == 1 else None)
 
     def write(self, data: bytes, peer: Any = None) -> None:
         targets = [peer] if peer else [self._peer] if self._peer else list(self._peers)

@@ -8,7 +8,7 @@ read back and holds one of the two whole.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
@@ -85,7 +85,9 @@ class Uploader:
         def wanted(board: Snapshot) -> Content:
             return self._board.planned(plan, board, new_geometry=new_geometry)
 
-        return self._ended(lambda: self._carry_out(first, wanted, dry_run, reboot, complete=True))
+        return self._ended(
+            lambda: self._carry_out(first, plan.params, wanted, dry_run, reboot, complete=True)
+        )
 
     def restore(self, backup: Backup, *, dry_run: bool = False) -> Outcome:
         """Put a backup back; only on the board it was taken from."""
@@ -99,7 +101,7 @@ class Uploader:
         def wanted(board: Snapshot) -> Content:
             return self._board.saved(backup, board)
 
-        return self._ended(lambda: self._carry_out(first, wanted, dry_run, False, complete=False))
+        return self._ended(lambda: self._carry_out(first, (), wanted, dry_run, False, complete=False))
 
     # -- the order of things -------------------------------------------------------------------------------
 
@@ -113,6 +115,7 @@ class Uploader:
     def _carry_out(
         self,
         first: Callable[[], None],
+        named: Iterable[str],
         wanted: Callable[[Snapshot], Content],
         dry_run: bool,
         restart: bool,
@@ -121,7 +124,7 @@ class Uploader:
     ) -> Outcome:
         self._refuse_armed()
         first()
-        board = self._board.snapshot()
+        board = self._board.with_hidden(self._board.snapshot(), named)
         target = wanted(board)
         interrupted = self._interrupted()
         if interrupted:  # what it touched and this plan does not goes back to what it was
@@ -136,7 +139,7 @@ class Uploader:
         if not changes.values and not changes.files:
             self._keep(target)
             return self._outcome(VERIFIED, reason="the board holds it already")
-        self._save(board, present)
+        self._save(board, present, interrupted)
         if not self._talk.confirm():
             raise SafetyRefusal("not confirmed; nothing was changed")
         self._refuse_armed()
@@ -165,8 +168,12 @@ class Uploader:
         for path, data in changes.files.items():
             self._talk.say(f"{path}: {_what(present.files.get(path))} on board, {_what(data)} new")
 
-    def _save(self, board: Snapshot, present: Content) -> None:
+    def _save(self, board: Snapshot, present: Content, interrupted: Entry | None) -> None:
         files = {**self._board.others(board, present.files), **present.files}
+        if interrupted:  # a backup of half a table would be no way back
+            whole = self._board.keepable(interrupted.old, board)
+            board = Snapshot({**board.values, **whole.values}, board.hash)
+            files |= whole.files
         path = self._board.write_backup(self._backup_folder, board, files)
         self._backup = str(path)
         count = sum(data is not None for data in files.values())

@@ -1,4 +1,6 @@
-"""Fly a PX4 vehicle through a session: arm, take off, follow set-points in offboard mode, land.
+"""Fly a PX4 or ArduCopter vehicle through a session: arm, take off, follow set-points, land.
+
+Set-points are flown in PX4's offboard mode and in ArduCopter's guided mode.
 
 Everything is paced by the vehicle's own stamps (`time_boot_ms`), so the same code flies a real aircraft and
 a simulator that runs faster than real time. Wall time only bounds how long silence is borne.
@@ -18,6 +20,7 @@ from coaxlink.link.session import Session
 from coaxlink.link.trajectory import Plan, Setpoint
 
 OFFBOARD = 6  # PX4 main mode
+GUIDED = 4  # ArduCopter mode
 SILENCE_S = 15.0  # wall time without a position before the link counts as lost; a busy machine may stall
 _TYPE_MASK = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 
@@ -37,6 +40,9 @@ class Vehicle:
 
     def __init__(self, session: Session) -> None:
         self.session = session
+        if session.identity.is_ardupilot:  # it streams what it is asked for
+            session.request_stream(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 50.0)
+            session.request_stream(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 5.0)
 
     def now_s(self) -> float:
         """The vehicle's own clock at its next position message."""
@@ -47,7 +53,9 @@ class Vehicle:
         return -float(self._position().z)
 
     def arm(self) -> None:
-        """Arm the motors."""
+        """Arm the motors; an ArduCopter in guided mode, where it may be told to take off."""
+        if self.session.identity.is_ardupilot:
+            self._mode(GUIDED)
         self._command("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         self._until(lambda: self.session.armed, 5.0, "it said yes to arming but did not arm")
 
@@ -57,21 +65,25 @@ class Vehicle:
         ground = heard.latest("GLOBAL_POSITION_INT") or heard.wait("GLOBAL_POSITION_INT", SILENCE_S)
         if ground is None:
             raise LinkError(self.session.address, f"no global position for {SILENCE_S:.0f} s")
-        nan, altitude = math.nan, ground.alt / 1e3 + height_m
-        self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, altitude)
+        if heard.identity.is_ardupilot:  # above home, and no NaN is taken
+            self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
+        else:
+            nan, altitude = math.nan, ground.alt / 1e3 + height_m
+            self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, altitude)
         start = self.now_s()
         while self.height_m() < 0.9 * height_m:
             if self.now_s() - start > timeout_s:
                 raise CheckFailed(f"take-off: {height_m} m not reached in {timeout_s} s")
 
     def follow(self, plan: Plan, watch: Callable[[str, float], None] | None = None) -> Track:
-        """Fly `plan` in offboard mode; `watch(segment, seconds)` hears of every set-point sent.
+        """Fly `plan`; `watch(segment, seconds)` hears of every set-point sent.
 
-        The stream starts before the mode changes, as PX4 asks. Raises LinkError when positions stop.
+        The stream starts before PX4's mode changes, as it asks. Raises LinkError when positions stop.
         """
-        for _ in range(15):
-            self._send(self._position().time_boot_ms, plan.at(0.0)[1])
-        self._mode(OFFBOARD)
+        if not self.session.identity.is_ardupilot:
+            for _ in range(15):
+                self._send(self._position().time_boot_ms, plan.at(0.0)[1])
+            self._mode(OFFBOARD)
         rows: list[tuple[float, str, tuple[float, float, float], tuple[float, float, float]]] = []
         start = self.now_s()
         while True:

@@ -8,15 +8,19 @@ from coaxlink.mixer.coefficients import (
 )
 from coaxlink.mixer.law import Allocation, Law, allocate
 from coaxlink.mixer.registry import LAWS, make_law
+from coaxlink.mixer.seen import Conditions, Seen, see
 
 __all__ = [
     "LAWS",
     "Allocation",
+    "Conditions",
     "Law",
     "ReducedCoefficients",
+    "Seen",
     "StandardCoefficients",
     "allocate",
     "make_law",
     "reduced_coefficients",
+    "see",
     "standard_coefficients",
 ]

@@ -39,11 +39,12 @@ class CoaxialPrinted:
         thrust = (self.inverse @ checked_wrench(wrench)).tolist()
         rotors = self.rotors
         u = [0.0] * len(thrust)
+        model = [f / gain for f, (gain, _) in zip(thrust, rotors.gains, strict=True)]
         for upper, lower in rotors.pairs:
-            u[upper] = rotors.upper_thrust.upper_for(thrust[upper])
-            u[lower] = rotors.lower_thrust.lower_for(thrust[lower], u[upper])
+            u[upper] = rotors.upper_thrust.upper_for(model[upper])
+            u[lower] = rotors.lower_thrust.lower_for(model[lower], u[upper])
         for single in rotors.singles:
-            u[single] = rotors.upper_thrust.upper_for(thrust[single])
+            u[single] = rotors.upper_thrust.upper_for(model[single])
         return np.array(u)
 
 
@@ -66,10 +67,10 @@ class Coaxial:
         rotors = self.printed.rotors
         u = self.printed.speeds(demand).tolist()
         aims = [
-            _pair_loads(rotors, u[a], u[b], s)[:2]
+            _pair_loads(rotors, a, b, u[a], u[b], s)[:2]
             for (a, b), s in zip(rotors.pairs, self._signs, strict=True)
         ]
-        lone = [rotors.upper_thrust.at(u[i], 0.0)[0] for i in rotors.singles]
+        lone = [rotors.gains[i][0] * rotors.upper_thrust.at(u[i], 0.0)[0] for i in rotors.singles]
         for _ in range(self.passes):
             missing = demand - rotors.wrench(u)
             if np.abs(missing).max() < 1e-8:
@@ -79,9 +80,9 @@ class Coaxial:
             aims = [(f + share[k], t + share[n + len(lone) + k]) for k, (f, t) in enumerate(aims)]
             lone = [f + share[n + k] for k, f in enumerate(lone)]
             for (a, b), sign, (thrust, torque) in zip(rotors.pairs, self._signs, aims, strict=True):
-                u[a], u[b] = solve_pair(rotors, thrust, torque, sign, u[a], u[b])
+                u[a], u[b] = solve_pair(rotors, (a, b), thrust, torque, sign, u[a], u[b])
             for i, thrust in zip(rotors.singles, lone, strict=True):
-                u[i] = rotors.upper_thrust.upper_for(thrust)
+                u[i] = rotors.upper_thrust.upper_for(thrust / rotors.gains[i][0])
         return np.array(u)
 
 
@@ -112,28 +113,37 @@ def coaxial(airframe: Airframe, model: RotorModel) -> Coaxial:
 
 
 def _pair_loads(
-    rotors: PlainRotors, upper: float, lower: float, sign: float
+    rotors: PlainRotors, a: int, b: int, upper: float, lower: float, sign: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Thrust and net torque (in the upper's sense) of a pair, and their slopes by u_u and u_l."""
+    """Thrust and net torque (in the upper's sense) of the pair a over b, and their slopes by u_u and u_l."""
+    (pu, qu), (pl, ql) = rotors.gains[a], rotors.gains[b]
+    ql *= sign
     fu, fu_u, fu_l = rotors.upper_thrust.at(upper, lower)
     fl, fl_u, fl_l = rotors.lower_thrust.at(upper, lower)
     tu, tu_u, tu_l = rotors.upper_torque.at(upper, lower)
     tl, tl_u, tl_l = rotors.lower_torque.at(upper, lower)
     return (
-        fu + fl, tu + sign * tl,
-        fu_u + fl_u, fu_l + fl_l, tu_u + sign * tl_u, tu_l + sign * tl_l,
+        pu * fu + pl * fl, qu * tu + ql * tl,
+        pu * fu_u + pl * fl_u, pu * fu_l + pl * fl_l, qu * tu_u + ql * tl_u, qu * tu_l + ql * tl_l,
     )  # fmt: skip
 
 
 def solve_pair(
-    rotors: PlainRotors, thrust: float, torque: float, sign: float, upper: float, lower: float
+    rotors: PlainRotors,
+    pair: tuple[int, int],
+    thrust: float,
+    torque: float,
+    sign: float,
+    upper: float,
+    lower: float,
 ) -> tuple[float, float]:
-    """Both speeds of a pair for its thrust (N) and net torque (N m, upper's sense), from a first guess.
+    """Both speeds of a pair (upper, lower) for its thrust (N) and net torque (N m, upper's sense).
 
-    Newton on the two equations, each step held inside 0 .. 1; at a bound the other speed serves thrust alone.
+    Newton on the two equations from a first guess of the speeds, each step held inside 0 .. 1; at a bound the
+    other speed serves thrust alone.
     """
     for _ in range(12):
-        f, t, f_u, f_l, t_u, t_l = _pair_loads(rotors, upper, lower, sign)
+        f, t, f_u, f_l, t_u, t_l = _pair_loads(rotors, *pair, upper, lower, sign)
         miss_f, miss_t = thrust - f, torque - t
         if abs(miss_f) < 1e-11 and abs(miss_t) < 1e-12:
             break

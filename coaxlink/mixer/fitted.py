@@ -130,12 +130,17 @@ def fit_table(
         # less power than the exact law needs is a wrench that was not delivered
         return abs(trade.power_excess) + given_away + trade.error[0] / weight
 
+    def tipped(trade: Trade) -> float:
+        # between shares these hardly differ; where one rotor is weak, columns by level tip the vehicle
+        arm = float(np.mean([np.hypot(*r.position_m[:2]) for r in airframe.rotors]))
+        return (trade.error[1] + trade.error[2]) / (weight * arm)
+
     chosen, x = min(options, key=lambda option: cost(option[0]))
     columns = fit.columns(chosen.share, x)
     if chosen.error[0] > CLOSE * weight:
         refined = fit.by_rotor(columns)
         found = fit.weigh(chosen.share, refined, least)
-        if cost(found) < cost(chosen):
+        if cost(found) + tipped(found) < cost(chosen) + tipped(chosen):
             columns, chosen = refined, found
     ct, yaw, curve = columns
     return FittedTable(ct, yaw, table_axes(airframe), curve, chosen, tuple(t for t, _ in options))
@@ -159,6 +164,7 @@ class _Fit:
         self.low, self.high = low, high
         self.last: NDArray[np.float64] | None = None  # a share's fit starts from the one before
         self.level = np.array([("upper", "lower", "single").index(r.level) for r in airframe.rotors])
+        self.gains = airframe.gains
         self.spin = np.array([r.yaw_sign for r in airframe.rotors], float)
         self.lever = airframe.effectiveness()[0][3]  # yaw of a leaning rotor's thrust, N m per N
         span = np.ptp(demands, axis=0)
@@ -167,8 +173,9 @@ class _Fit:
 
     def columns(self, share: float, x: NDArray[np.float64]) -> Columns:
         """Of x = [lower N, upper N m, lower N m, single N, single N m, curve]."""
-        ct = np.choose(self.level, [share * x[0], x[0], x[3]])
-        yaw = self.spin * np.choose(self.level, [x[1], x[2], x[4]]) + self.lever * ct
+        thrust_gain, torque_gain = self.gains
+        ct = thrust_gain * np.choose(self.level, [share * x[0], x[0], x[3]])
+        yaw = self.spin * torque_gain * np.choose(self.level, [x[1], x[2], x[4]]) + self.lever * ct
         return ct, yaw, min(float(x[5]), 1.0)
 
     def error(self, columns: Columns) -> NDArray[np.float64]:

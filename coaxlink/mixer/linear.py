@@ -57,7 +57,8 @@ def reduced_matrix(airframe: Airframe, c: ReducedCoefficients) -> NDArray[np.flo
     for single in airframe.singles:
         thrust[single, single], torque[single, single] = c.p_0u, c.q_0u
     per_thrust, per_torque = airframe.effectiveness()
-    return per_thrust @ thrust + per_torque @ torque
+    thrust_gain, torque_gain = airframe.gains
+    return (per_thrust * thrust_gain) @ thrust + (per_torque * torque_gain) @ torque
 
 
 def standard_matrix(
@@ -69,7 +70,8 @@ def standard_matrix(
     thrust instead of the torque.
     """
     per_thrust, per_torque = airframe.effectiveness()
-    return c.p * per_thrust + (c.q / c.p if printed else c.q) * per_torque
+    thrust_gain, torque_gain = airframe.gains
+    return c.p * per_thrust * thrust_gain + (c.q / c.p if printed else c.q) * per_torque * torque_gain
 
 
 def reduced(airframe: Airframe, model: RotorModel) -> SquareLaw:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +28,15 @@ class PlainRotors:
     upper_torque: Surface
     lower_thrust: Surface
     lower_torque: Surface
-    per_load: NDArray[np.float64]  # (4, 2N) wrench per unit thrust of each rotor, then per unit torque
+    per_load: NDArray[np.float64]  # (4, 2N) wrench per unit thrust of the model at each rotor, then torque
+    rows: tuple[tuple[float, ...], ...]  # the same
+    gains: tuple[tuple[float, float], ...]  # (N,) thrust and torque of each rotor over the model's
 
     @classmethod
     def of(cls, airframe: Airframe, model: RotorModel) -> PlainRotors:
-        """The rotors of `airframe`, all alike, each pair by `model`."""
+        """The rotors of `airframe`, each pair by `model` and each rotor by its own gains."""
+        per_thrust, per_torque = airframe.effectiveness()
+        thrust_gain, torque_gain = airframe.gains
         return cls(
             airframe.pairs,
             airframe.singles,
@@ -39,11 +44,17 @@ class PlainRotors:
             Surface.of(model.upper_torque),
             Surface.of(model.lower_thrust),
             Surface.of(model.lower_torque),
-            np.concatenate(airframe.effectiveness(), axis=1),
+            per_load := np.concatenate([per_thrust * thrust_gain, per_torque * torque_gain], axis=1),
+            tuple(map(tuple, per_load.tolist())),
+            tuple((float(f), float(q)) for f, q in zip(thrust_gain, torque_gain, strict=True)),
         )
 
     def wrench(self, speeds: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
         """(4,) wrench of normalised speeds (N,)."""
+        return np.array(self.plain_wrench(speeds))
+
+    def plain_wrench(self, speeds: Sequence[float] | NDArray[np.float64]) -> list[float]:
+        """`wrench` as a list, without an array made."""
         n = self.per_load.shape[1] // 2
         loads = [0.0] * (2 * n)
         for a, b in self.pairs:
@@ -59,4 +70,4 @@ class PlainRotors:
         for i in self.singles:
             u = float(speeds[i])
             loads[i], loads[n + i] = self.upper_thrust.value(u, 0.0), self.upper_torque.value(u, 0.0)
-        return self.per_load @ loads
+        return [sum(map(mul, row, loads)) for row in self.rows]

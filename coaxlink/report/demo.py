@@ -38,6 +38,9 @@ class FlightErrors:
                 for s in d.split
             ],
             "seconds": d.seconds,
+            "thrust_ci_N": list(d.intervals[0]),
+            "torque_ci_Nm": [list(i) for i in d.intervals[1:]],
+            "floor": {"thrust_N": d.floor[0], "torque_Nm": list(d.floor[1:])},
         }  # fmt: skip
 
 

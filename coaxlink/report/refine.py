@@ -63,7 +63,7 @@ def _errors(result: Refinement) -> Any:
     table = _table(f"residual: RMS and 95 % interval on {rows} held-out rows")
     for heading in ("channel", "unit"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("before", "after", "noise floor"):
+    for heading in ("before", "after", "floor"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, c in result.channels.items():
         table.add_row(
@@ -91,4 +91,4 @@ def _effects(result: Refinement) -> Any:
 def _table(title: str) -> Any:
     from rich.table import Table
 
-    return Table(title=title, title_justify="left", box=None, header_style="bold")
+    return Table(title=title, title_justify="left", box=None, header_style="bold", pad_edge=False)

@@ -76,6 +76,14 @@ def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
     return _spread(blocks, use, _bounded(gram, weights @ moments[:, use], blocks.bounds[use]))
 
 
+def least_with(blocks: Blocks, use: Index, fixed: Array) -> float:
+    """Least square sum that the columns `use` reach beside coefficients (P,) that stand."""
+    gram, moment = blocks.whole[0].sum(axis=0), blocks.whole[1].sum(axis=0)
+    left = moment[use] - gram[use] @ fixed
+    values = fixed + _spread(blocks, use, _bounded(gram[use[:, None], use], left, blocks.bounds[use]))
+    return float(blocks.power.sum() - 2.0 * moment @ values + values @ gram @ values)
+
+
 def _spread(blocks: Blocks, use: Index, values: Array) -> Array:
     out = np.zeros(len(blocks.bounds))
     out[use] = values

@@ -8,6 +8,7 @@ candidate, inside bounds. What these corrections can absorb is not reported.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,9 +35,8 @@ class Correction:
     columns: Array  # (rows, 6)
 
 
-def flight_corrections(frame: FlightFrame) -> list[Correction]:
-    """All base corrections of a flight."""
-    out: list[Correction] = []
+def flight_corrections(frame: FlightFrame) -> Iterator[Correction]:
+    """All base corrections of a flight, one at a time: a long log's do not fit side by side."""
     none = np.zeros_like(frame.thrust)
     airframe = frame.airframe
     middle = np.median(frame.speeds[frame.keep], axis=0)
@@ -56,24 +56,22 @@ def flight_corrections(frame: FlightFrame) -> list[Correction]:
                     else airframe.body_loads(none, values)
                 )
 
-            out.append(Correction(f"{level}_{load}_level", LEVEL, body(base)))
-            out.append(Correction(f"{level}_{load}_tilt", TILT, body(base * tilt)))
+            yield Correction(f"{level}_{load}_level", LEVEL, body(base))
+            yield Correction(f"{level}_{load}_tilt", TILT, body(base * tilt))
             if level == "lower":
                 wake = np.zeros_like(base)
                 for lower, upper in upper_of.items():
                     wake[:, lower] = base[:, lower] * tilt[:, upper]
-                out.append(Correction(f"lower_{load}_wake", WAKE, body(wake)))
-    out += _instruments(frame)
-    return out
+                yield Correction(f"lower_{load}_wake", WAKE, body(wake))
+    yield from _instruments(frame)
 
 
-def _instruments(frame: FlightFrame) -> list[Correction]:
+def _instruments(frame: FlightFrame) -> Iterator[Correction]:
     rows, mass = len(frame.time_s), frame.airframe.mass_kg
-    out: list[Correction] = []
     for k, axis in enumerate("xyz"):
         bias = np.zeros((rows, 6))
         bias[:, k] = mass
-        out.append(Correction(f"accel_{axis}_bias_m_s2", ACCEL_BIAS_M_S2, bias))
+        yield Correction(f"accel_{axis}_bias_m_s2", ACCEL_BIAS_M_S2, bias)
     slope = derivative(frame.predicted, frame.rate_hz)
     for name, part, bound in (
         ("force_delay_s", slice(0, 3), FORCE_DELAY_S),
@@ -82,15 +80,14 @@ def _instruments(frame: FlightFrame) -> list[Correction]:
         late = np.zeros((rows, 6))
         late[:, part] = -slope[:, part]
         # commands hold between rows, speeds are computed as if they ran straight: half a row of delay
-        out.append(Correction(name, bound + 0.5 * frame.step_s, late))
+        yield Correction(name, bound + 0.5 * frame.step_s, late)
     for k, axis in enumerate("xyz"):
         share = np.zeros((rows, 6))
         share[:, 3 + k] = -frame.measured[:, 3 + k]
-        out.append(Correction(f"inertia_{axis}_share", INERTIA, share))
+        yield Correction(f"inertia_{axis}_share", INERTIA, share)
     for k, axis in enumerate("xyz"):
         place = np.zeros((rows, 6))
         arm = np.eye(3)[k]
         turning, rates = frame.angular_acceleration, frame.rates
         place[:, :3] = mass * (np.cross(turning, arm) + np.cross(rates, np.cross(rates, arm)))
-        out.append(Correction(f"imu_place_{axis}_m", IMU_PLACE_M, place))
-    return out
+        yield Correction(f"imu_place_{axis}_m", IMU_PLACE_M, place)

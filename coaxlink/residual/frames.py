@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
+from coaxlink.residual.signals import lagged
 from coaxlink.rotor import RotorModel
 
 Array = NDArray[np.float64]
@@ -63,6 +64,24 @@ class FlightFrame:
         drag = float(np.median(np.sum(self.torque[self.keep], axis=1)))
         w = self.weight
         return np.array([w, w, w, w * arm / np.sqrt(2), w * arm / np.sqrt(2), max(drag, 1e-3 * w)])
+
+    def turning_at(self, speeds: Array) -> FlightFrame:
+        """The frame with the rotors at other speeds (rows, N), loads of the base model."""
+        slower = replace(self, speeds=np.clip(speeds, 0.0, None))
+        return slower.pulling(*self.airframe.loads(self.model, slower.speeds))
+
+    def pulling(self, thrust: Array, torque: Array) -> FlightFrame:
+        """The frame with other rotor loads (rows, N), and nothing else acting."""
+        predicted = self.airframe.body_loads(thrust, torque)
+        return replace(self, thrust=thrust, torque=torque, predicted=predicted)
+
+    def filtered(self, commands: Array, lag_s: float) -> Array:
+        """(rows, N) commands through a first-order lag, every stretch for itself."""
+        out = np.empty_like(commands)
+        cuts = np.flatnonzero(np.diff(self.stretch)) + 1
+        for first, end in zip([0, *cuts], [*cuts, len(commands)], strict=True):
+            out[first:end] = lagged(commands[first:end], 1.0 / self.rate_hz, lag_s)
+        return out
 
 
 STAND_LOADS = ("upper_thrust", "upper_torque", "lower_thrust", "lower_torque")

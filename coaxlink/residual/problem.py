@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,7 +48,6 @@ class Problem:
     base_names: tuple[str, ...]
     options: tuple[Option, ...]
     impossible: tuple[tuple[str, str], ...]  # effects that cannot be tried, and why
-    floor_of: Callable[[Array], Array]  # residual (rows, C) -> noise floor (C,)
 
 
 def build(
@@ -63,7 +62,6 @@ def build(
     effects: Sequence[Effect[Any]],
     reduce: Callable[[Array], Array],
     block: Index,
-    floor_of: Callable[[Array], Array],
     fold: Index | None = None,
 ) -> Problem:
     """Assemble the design. `corrections` are (name, bound, reduced (rows, C) columns), `reduce` maps what an
@@ -107,11 +105,21 @@ def build(
         base_names=tuple(name for name, _, _ in corrections),
         options=tuple(options),
         impossible=tuple(impossible),
-        floor_of=floor_of,
     )
 
 
-def contiguous_blocks(time_s: Array, run: Array, *, least_s: float, count: int) -> Index:
+def from_design(
+    p: Problem, design: Array, residual: Array, options: Sequence[Option], *, frame: Any
+) -> Problem:
+    """The same rows, blocks and base with other columns behind the base; all whitened."""
+    bounds = np.concatenate([p.blocks.bounds[p.base], np.full(design.shape[-1] - len(p.base), np.inf)])
+    blocks = accumulate(design, residual, p.block, p.blocks.fold, bounds)
+    return replace(
+        p, frame=frame, design=design, residual=residual, blocks=blocks, options=tuple(options), impossible=()
+    )
+
+
+def contiguous_blocks(time_s: Array, run: Array | Index, *, least_s: float, count: int) -> Index:
     """(rows,) block numbers: contiguous pieces of runs, about `count` of them, none shorter than needed."""
     total = 0.0
     for number in np.unique(run):

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.rotor import RotorModel
+
+if TYPE_CHECKING:
+    from coaxlink.residual.experiment import Experiment
 
 Interval = tuple[float, float]
 
@@ -71,6 +74,7 @@ class Ambiguous:
 
     names: tuple[str, ...]
     separate_by: str
+    experiment: Experiment | None = None  # as a runnable schedule, where one was found
 
 
 @dataclass(frozen=True)
@@ -176,7 +180,11 @@ class Refinement:
                 {"channel": u.channel, "depends_on": list(u.depends_on), "rmse": u.rmse, "where": u.where}
                 for u in self.unexplained
             ],
-            "ambiguous": [{"names": list(a.names), "separate_by": a.separate_by} for a in self.ambiguous],
+            "ambiguous": [
+                {"names": list(a.names), "separate_by": a.separate_by}
+                | ({"plan": a.experiment.document()} if a.experiment else {})
+                for a in self.ambiguous
+            ],
             "suspect_data": [{"column": s.column, "rows": s.rows, "why": s.why} for s in self.suspect_data],
             "rejected": [{"name": r.name, "why": r.why} for r in self.rejected],
             "corrections": dict(self.corrections),

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, freqz_sos, lfilter, sosfiltfilt
+from scipy.optimize import nnls
+from scipy.signal import butter, freqz_sos, lfilter, sosfiltfilt, welch
 
 Array = NDArray[np.float64]
+SEGMENT_S = 4.0
+TOP_HZ = 16.0
+PENALTY = 4.0  # of the log-likelihood, a kind of noise more
 
 
 def low_pass(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
@@ -75,3 +81,78 @@ def noise_floor(residual: Array, runs: Array, gain: Array) -> Array:
     limit = 4.0 * 1.4826 * np.median(np.abs(second), axis=0)
     clipped = np.clip(second, -limit, limit)
     return np.asarray(np.sqrt(np.mean(clipped**2, axis=0) / gain))
+
+
+def spectral_floor(
+    pieces: Sequence[Array],
+    rate_hz: float,
+    cutoff_hz: float,
+    *,
+    lag_s: float,
+    raw_rate_hz: float,
+    differentiated: Sequence[bool],
+) -> Array | None:
+    """Noise (C,) that the low-pass leaves of unfiltered residuals `pieces` [(rows, C)]; None if too short.
+
+    Above the judged band a residual is noise. Its spectrum there, fitted by what noise can be, is continued
+    below: white (accelerometer, vibration), white commands that alias between the rows of the log and reach
+    the loads through the motors' lag, and for torques the gyro's white noise, differentiated.
+    """
+    length = int(SEGMENT_S * rate_hz)
+    top = min(TOP_HZ, 0.38 * rate_hz)
+    if top < 1.8 * cutoff_hz:
+        return None
+    total, count = 0.0, 0.0
+    frequency = np.zeros(0)
+    for piece in pieces:
+        if len(piece) >= length:
+            frequency, power = welch(piece, fs=rate_hz, nperseg=length, detrend="linear", axis=0)
+            total = total + power * len(piece)
+            count += len(piece)
+    if count == 0:
+        return None
+    spectrum = np.asarray(total / count)  # (F, C)
+    fine = np.linspace(0.0, 0.5, 2001) * rate_hz
+    kernel = _passed(fine, rate_hz, cutoff_hz)
+    band = (frequency >= 1.2 * cutoff_hz) & (frequency <= top)
+    thinned = _passed(frequency[band], raw_rate_hz, 0.4 * rate_hz) if raw_rate_hz > 1.5 * rate_hz else 1.0
+    shapes = [_noises(f, rate_hz, lag_s) for f in (frequency[band], fine)]
+    out = np.zeros(spectrum.shape[1])
+    segments = max(1.0, count / length)
+    for c, turned in enumerate(differentiated):
+        level = spectrum[band, c] / thinned
+        # the plainest mixture that the spectrum asks for: a needless kind adds to the noise, never takes away
+        choices = ([2], [2, 1], [2, 0], [2, 1, 0]) if turned else ([0], [0, 1])
+        fits = [_mixture(level, shapes[0][:, kinds], segments) for kinds in choices]
+        best = int(
+            np.argmin([miss + PENALTY * len(kinds) for (_, miss), kinds in zip(fits, choices, strict=True)])
+        )
+        noise = shapes[1][:, choices[best]] @ fits[best][0]
+        out[c] = np.sqrt(np.sum(noise * kernel) * (fine[1] - fine[0]))
+    return out
+
+
+def _passed(frequency: Array, rate_hz: float, cutoff_hz: float) -> Array:
+    """Power that `low_pass` leaves at frequencies (F,)."""
+    sos = butter(2, cutoff_hz, fs=rate_hz, output="sos")
+    _, response = freqz_sos(sos, worN=2 * np.pi * frequency / rate_hz)
+    return np.asarray(np.abs(response) ** 4)
+
+
+def _noises(frequency: Array, rate_hz: float, lag_s: float) -> Array:
+    """(F, 3) spectra of unit noise: white, white behind the lag, white differentiated."""
+    w = 2 * np.pi * frequency
+    turn = w / rate_hz
+    slope = rate_hz * (90.0 * np.sin(turn) - 18.0 * np.sin(2 * turn) + 2.0 * np.sin(3 * turn)) / 60.0
+    return np.stack([np.ones_like(w), 1.0 / (1.0 + (w * lag_s) ** 2), slope**2], axis=1)
+
+
+def _mixture(spectrum: Array, shapes: Array, segments: float) -> tuple[Array, float]:
+    """(K,) amounts >= 0 of the shapes (F, K) in a spectrum averaged over segments, and its -log L."""
+    level = np.full(len(spectrum), float(np.mean(spectrum)))
+    scale = shapes.mean(axis=0)
+    amounts = np.zeros(shapes.shape[1])
+    for _ in range(8):
+        amounts, _ = nnls(shapes / scale / level[:, None], spectrum / level)
+        level = np.maximum(shapes / scale @ amounts, 1e-3 * float(np.mean(spectrum)))
+    return np.asarray(amounts / scale), float(segments * np.sum(np.log(level) + spectrum / level))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.ardupilot.files import Files
+from sim.ardupilot.files import Card
 from sim.ardupilot.mixer import SCRIPTED, Mixer
 from sim.ardupilot.scripts import Scripts
 from sim.ardupilot.store import Store
@@ -18,7 +18,8 @@ from sim.px4.cascade import Demand, Three
 from sim.px4.tuning import tune
 
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
-MODES = {STABILIZE, ALT_HOLD, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE}
+MODES = {STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE}
+NOT_ARMABLE = {AUTO, RTL, LAND, BRAKE}
 
 # the loops' settings by PX4's names: ArduPilot's parameter and a factor, or a number
 _RATES = {
@@ -62,6 +63,8 @@ SETTINGS: dict[str, tuple[str, float] | float] = {
     "MPC_LAND_SPEED": ("LAND_SPEED", 0.01),
     "MPC_LAND_ALT2": 10.0,
     "MIS_TAKEOFF_ALT": 2.5,
+    "NAV_ACC_RAD": ("WPNAV_RADIUS", 0.01),
+    "NAV_MC_ALT_RAD": ("WPNAV_RADIUS", 0.01),
     "COM_OF_LOSS_T": ("GUID_TIMEOUT", 1.0),
     "COM_DISARM_LAND": 0.3,
     "COM_DISARM_PRFLT": ("DISARM_DELAY", 1.0),
@@ -92,12 +95,15 @@ class Copter(Autopilot):
     """An ArduCopter. Its own mode numbers are `ap_mode`; flying, it does what the modes of `Mode` do."""
 
     ap_mode = STABILIZE
+    first_item = 1  # the one before it is home
+    id_parameter = "MAV_SYSID"
+    _auto_armed = False  # someone has said that AUTO may leave the ground
 
     def _fit_out(self) -> None:
         store = Store(self.plant.vehicle)
         self.store: Any = store
         self.settings = Translated(store)
-        self.files = Files()
+        self.files = Card(store)
         mixer = Mixer(store, self.rotors)
         self.mixer: Any = mixer
         tuned = tune(mixer, self.plant)
@@ -177,6 +183,9 @@ class Copter(Autopilot):
 
     def arm(self) -> None:
         """Raises Refused."""
+        options = int(self.store["AUTO_OPTIONS"])
+        if self.ap_mode in NOT_ARMABLE and not (self.ap_mode == AUTO and options & 1) and not self.armed:
+            raise Refused("Arm: Mode not armable")
         reason = self.prearm()
         if reason and not self.armed:
             raise Refused(reason)
@@ -184,10 +193,27 @@ class Copter(Autopilot):
 
     def set_ap_mode(self, number: int) -> None:
         """By ArduCopter's numbers. Raises Refused."""
-        if number not in MODES:
+        if number not in MODES or (number == AUTO and not self.mission.flyable):
             raise Refused(f"Mode change to {number} failed")
+        if number == AUTO and self.armed and self.landed and not self.mission.starts_with_takeoff:
+            raise Refused("Auto: Missing Takeoff Cmd")
+        if number == AUTO and self.on_mission:
+            return
         self.ap_mode = number
-        self._enter({RTL: Mode.RTL, LAND: Mode.LAND}.get(number, Mode.HOLD))
+        self._enter({RTL: Mode.RTL, LAND: Mode.LAND, AUTO: Mode.MISSION}.get(number, Mode.HOLD))
+
+    def start_mission(self) -> None:
+        """MAV_CMD_MISSION_START: as if the throttle were raised in AUTO. Raises Refused."""
+        self.set_ap_mode(AUTO)
+        self._auto_armed = True
+
+    @property
+    def may_leave_ground(self) -> bool:
+        """In AUTO only when told to."""
+        return self._auto_armed and super().may_leave_ground
+
+    def _mission_over(self) -> None:
+        """AUTO stays, and it stays where it is."""
 
     def take_off(self, altitude_m: float) -> None:
         """Only in GUIDED and armed. Raises Refused."""
@@ -220,6 +246,7 @@ class Copter(Autopilot):
         return any(self.scripts.held(n) is not None for n in range(self.rotors))
 
     def _stop(self, why: str) -> None:
+        self._auto_armed = False
         super()._stop("Disarming motors")
 
     def _goes_up(self, position: Three) -> bool:

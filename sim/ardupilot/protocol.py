@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 import time
 from collections import deque
 from collections.abc import Callable
@@ -12,12 +11,11 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as m
 
 from sim.ardupilot.copter import Copter
-from sim.ardupilot.files import Server
+from sim.ardupilot.files import MANNERS
 from sim.ardupilot.telemetry import BUILDERS, DEFAULT_HZ, GROUPS
 from sim.links import Peer
 from sim.px4.autopilot import Refused
 from sim.px4.protocol import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Conversation, _status, _text
-from sim.px4.telemetry import HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG
 
 NO_SUCH_PARAM = 1  # MAV_PARAM_ERROR_DOES_NOT_EXIST
 SCRIPTING = 42701
@@ -28,16 +26,13 @@ class ApConversation(Conversation):
 
     builders = BUILDERS
     default_hz = DEFAULT_HZ
+    file_manners = MANNERS
+    first_log = 1
 
     def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None]) -> None:
         super().__init__(autopilot, peer, everyone)
         self.copter = autopilot
-        self._files = Server(autopilot.files, autopilot.store, self._file_reply)
-        self._file_source = (255, 190)
-        self._handlers |= {
-            "REQUEST_DATA_STREAM": self._data_stream,
-            "FILE_TRANSFER_PROTOCOL": self._file_transfer,
-        }
+        self._handlers["REQUEST_DATA_STREAM"] = self._data_stream
         autopilot.send_raw = lambda number, payload: everyone(_Raw(number, payload))
 
     def hear(self, message: Any) -> None:
@@ -116,8 +111,7 @@ class ApConversation(Conversation):
         elif command == 192:
             if a.ap_mode != 4:
                 return DENIED, None
-            north, east = (p[4] - HOME_LAT) * M_PER_DEG, (p[5] - HOME_LON) * M_PER_DEG
-            a.go_to((north, east * math.cos(math.radians(HOME_LAT)), HOME_ALT - p[6]), p[3])
+            a.go_to((*a.home.local(p[4], p[5]), a.home.alt - p[6]), p[3])
         elif command == SCRIPTING:
             if p[0] == 3:
                 a.restart_scripts()
@@ -126,6 +120,8 @@ class ApConversation(Conversation):
             return (FAILED if function else ACCEPTED), None
         elif command == 209:  # motor test
             return (FAILED if a.armed else ACCEPTED), None
+        elif command == 300:
+            a.start_mission()
         elif command in (187, 310):
             return UNSUPPORTED, None
         else:
@@ -148,18 +144,6 @@ class ApConversation(Conversation):
     def demand_due(self) -> bool:
         """No such stream: only a script sends the demand."""
         return False
-
-    # -- files ---------------------------------------------------------------------------------
-
-    def _file_transfer(self, message: Any) -> None:
-        self._file_source = message.get_srcSystem(), message.get_srcComponent()
-        try:
-            self._files.hear(bytes(message.payload))
-        except (struct.error, UnicodeDecodeError):
-            return
-
-    def _file_reply(self, payload: bytes) -> None:
-        self.send(m.MAVLink_file_transfer_protocol_message(0, *self._file_source, list(payload)))
 
     def _actuator_target(self, message: Any) -> None:
         """No handler: only a script can take it."""

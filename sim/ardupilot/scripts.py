@@ -12,9 +12,9 @@ import zlib
 from collections import deque
 from typing import Any, Protocol
 
-from sim.ardupilot.files import Files
 from sim.ardupilot.mixer import DYNAMIC, SCRIPTED, Mixer
 from sim.ardupilot.store import Store
+from sim.ftp import Files
 
 FOLDER = "scripts"
 TABLES, PER_TABLE = 10, 63
@@ -141,7 +141,7 @@ class Scripts:
         paths = sorted(p for p in self._files.files if p.startswith(f"{FOLDER}/") and p.count("/") == 1)
         paths = [p for p in paths if p.endswith(".lua")]
         for path in paths:
-            self.checksum ^= zlib.crc32(self._files.files[path], 0xFFFFFFFF) ^ 0xFFFFFFFF
+            self.checksum ^= zlib.crc32(bytes(self._files.files[path]), 0xFFFFFFFF) ^ 0xFFFFFFFF
         self.checksum &= 0x7FFFFF
         if not paths:
             return

@@ -9,7 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as m
 
 from sim.px4 import telemetry as common
-from sim.px4.telemetry import stamp_ms, stamp_us
+from sim.px4.telemetry import short, stamp_ms, stamp_us
 
 VERSION = 4 << 24 | 8 << 16  # 4.8.0-dev
 # integers as missions and commands, floats as parameters, FTP, targets, MAVLink 2
@@ -30,15 +30,15 @@ def sys_status(a: Any) -> Any:
     r = a.reading
     charge, volts = round(100 * a.plant.charge), round(1000 * r.voltage)
     return m.MAVLink_sys_status_message(
-        bits, bits, healthy, 250, volts, round(100 * r.current), charge, 0, 0, 0, 0, 0, 0
+        bits, bits, healthy, 250, volts, short(100 * r.current), charge, 0, 0, 0, 0, 0, 0
     )
 
 
 def raw_imu(a: Any) -> Any:
     """27. mg and mrad/s."""
     r = a.reading
-    accel = [round(v / 9.80665 * 1000) for v in r.accel.tolist()]
-    gyro = [round(1000 * v) for v in r.rates.tolist()]
+    accel = [short(v / 9.80665 * 1000) for v in r.accel.tolist()]
+    gyro = [short(1000 * v) for v in r.rates.tolist()]
     return m.MAVLink_raw_imu_message(stamp_us(a), *accel, *gyro, 210, 0, 430, 0, 3500)
 
 
@@ -69,7 +69,7 @@ def _esc(a: Any, first: int, message: Callable[..., Any]) -> Any:
     r = a.reading
     rpm = [round(a.plant.pair.speed_max_rpm * u) for u in r.speeds.tolist()][first : first + 4]
     rpm += [0] * (4 - len(rpm))
-    share = round(100 * r.current / a.rotors)
+    share = max(short(100 * r.current / a.rotors), 0)
     volts = round(100 * r.voltage)
     count = stamp_ms(a) & 0xFFFF
     return message([30] * 4, [volts] * 4, [share] * 4, [0] * 4, rpm, [count] * 4)
@@ -122,7 +122,7 @@ DEFAULT_HZ = {0: 1.0}  # nothing else goes out until someone asks
 # REQUEST_DATA_STREAM: stream number to messages
 GROUPS = {
     1: (27,),
-    2: (1, 24, 242, 245),
+    2: (1, 24, 42, 242, 245),
     3: (36,),
     4: (83,),
     6: (32, 33),

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
 from sim.errors import PortError
-from sim.plant import Plant
-from sim.px4.telemetry import HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG
+from sim.place import HOME
+from sim.plant import STEP_S, Plant
 from sim.sensors import Sensors
 from sim.truth import Truth
 
@@ -27,23 +27,35 @@ STEPS = 4
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00
 SILENCE_S = 2.0  # wall time after which a step counts as late
 SEND_S = 10.0
+LAG_S = 0.1
 FREE_RUN_S = 0.004
+QUIET_S = 0.05  # wall time without a word after which controls with a clock of their own are taken
 
 
 class Px4Bridge:
     """One vehicle behind one TCP port.
 
-    In lockstep a step waits for its controls however long they take (it may be stopped in a debugger), until
-    the link ends; `late` counts those that took over 2 s.
+    In lockstep a step waits for its controls however long they take (it may be stopped in a debugger),
+    until the link ends; `late` counts those that took over 2 s. Controls carry the stamp of the reading they
+    answer: those that answer an earlier one (`stale`) are passed over, or the backlog of the free run would
+    stay between readings and controls for good. `speed` paces by wall time; 0 is as fast as it answers.
     """
 
     def __init__(
-        self, plant: Plant, truth: Truth, *, host: str = "127.0.0.1", port: int = 4560, seed: int = 0
+        self,
+        plant: Plant,
+        truth: Truth,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 4560,
+        seed: int = 0,
+        speed: float = 0.0,
     ) -> None:
         self.plant, self.truth = plant, truth
+        self._speed, self._due = speed, 0.0
         self._sensors = Sensors(plant, seed)
         self._random = np.random.default_rng([seed, 0x411])
-        self.steps = self.late = 0
+        self.steps = self.late = self.stale = 0
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -81,47 +93,64 @@ class Px4Bridge:
         lockstep = False
         while not stop():
             self.truth.act(self.plant)
-            self._send(stream, mav)
-            controls = self._controls(stream, parser, SILENCE_S if lockstep else FREE_RUN_S, stop)
+            stamp = self._send(stream, mav)
+            patience = SILENCE_S if lockstep else FREE_RUN_S
+            controls = self._controls(stream, parser, stamp, patience, stop)
             while controls is None and lockstep and not stop():
                 self.late += 1
-                controls = self._controls(stream, parser, math.inf, stop)
+                controls = self._controls(stream, parser, stamp, math.inf, stop)
             if controls is not None:
                 lockstep = True
                 command = controls[: len(command)]
             self.plant.advance(command, STEPS)
             self.steps += 1
+            self._pace()
+
+    def _pace(self) -> None:
+        """Hold the world to `speed` times real time; what was lost by waiting is not caught up in a burst."""
+        if not self._speed:
+            return
+        now = time.monotonic()
+        self._due = max(self._due, now - LAG_S) + STEPS * STEP_S / self._speed
+        if self._due > now:
+            time.sleep(self._due - now)
 
     def _controls(
-        self, stream: socket.socket, parser: Any, patience_s: float, stop: Callable[[], bool]
+        self, stream: socket.socket, parser: Any, stamp: int, patience_s: float, stop: Callable[[], bool]
     ) -> NDArray[np.float64] | None:
-        """Controls in answer to the last reading, 0..1 a motor; None when they do not come."""
+        """Controls in answer to the reading of `stamp`, 0..1 a motor; None when they do not come."""
         end = time.monotonic() + patience_s
+        old: NDArray[np.float64] | None = None
         while not stop():
-            stream.settimeout(max(min(end - time.monotonic(), 0.1), 1e-4))
+            left = QUIET_S if old is not None else max(min(end - time.monotonic(), 0.1), 1e-4)
+            stream.settimeout(left)
             try:
                 data = stream.recv(65536)
             except TimeoutError:
+                if old is not None:
+                    return old
                 if time.monotonic() >= end:
                     return None
                 continue
             if not data:
                 raise ConnectionError("it hung up")
-            found = None
             for message in parser.parse_buffer(data) or []:
-                if message.get_msgId() == m.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
-                    found = np.clip(np.nan_to_num(np.array(message.controls, float)), 0.0, 1.0)
-            if found is not None:
-                return found
+                if message.get_msgId() != m.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
+                    continue
+                found = np.clip(np.nan_to_num(np.array(message.controls, float)), 0.0, 1.0)
+                if message.time_usec >= stamp:
+                    return found
+                old, self.stale = found, self.stale + 1
         return None
 
-    def _send(self, stream: socket.socket, mav: Any) -> None:
+    def _send(self, stream: socket.socket, mav: Any) -> int:
+        """A reading; returns its stamp, us."""
         now = round(1e6 * self.plant.time_s) + 1_000_000
         tick = self.plant.steps // STEPS
         r = self._sensors.read()
         fields = ACCEL | GYRO | (MAG | BARO if tick % 5 == 0 else 0)
         noise = self._random.standard_normal(6)
-        alt = HOME_ALT - float(self.plant.position[2]) + 0.05 * noise[3]
+        alt = HOME.alt - float(self.plant.position[2]) + 0.05 * noise[3]
         pressure = 1013.25 * (1 - 2.25577e-5 * alt) ** 5.25588
         messages = [
             m.MAVLink_hil_sensor_message(
@@ -146,6 +175,7 @@ class Px4Bridge:
             mav.seq = (mav.seq + 1) % 256
         stream.settimeout(SEND_S)
         stream.sendall(data)
+        return now
 
     def _field(self) -> NDArray[np.float64]:
         """Magnetic field in body axes, gauss."""
@@ -162,22 +192,20 @@ class Px4Bridge:
     def _gps(self, now: int, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> Any:
         n, e, d = position.tolist()
         vn, ve, vd = (round(100 * v) for v in velocity.tolist())
-        lat = round(1e7 * (HOME_LAT + n / M_PER_DEG))
-        lon = round(1e7 * (HOME_LON + e / (M_PER_DEG * math.cos(math.radians(HOME_LAT)))))
+        lat, lon = (round(1e7 * degrees) for degrees in HOME.geodetic(n, e))
         course = round(100 * math.degrees(math.atan2(ve, vn))) % 36000
-        alt, speed = round(1000 * (HOME_ALT - d)), round(math.hypot(vn, ve))
+        alt, speed = round(1000 * (HOME.alt - d)), round(math.hypot(vn, ve))
         return m.MAVLink_hil_gps_message(now, 3, lat, lon, alt, 70, 90, speed, vn, ve, vd, course, 14)
 
     def _state(self, now: int) -> Any:
         """Ground truth: PX4 logs it, and does not fly by it."""
         p = self.plant
         n, e, d = p.position.tolist()
-        lat = round(1e7 * (HOME_LAT + n / M_PER_DEG))
-        lon = round(1e7 * (HOME_LON + e / (M_PER_DEG * math.cos(math.radians(HOME_LAT)))))
+        lat, lon = (round(1e7 * degrees) for degrees in HOME.geodetic(n, e))
         speeds = [round(100 * v) for v in p.velocity.tolist()]
         accel = [round(1000 * a / 9.80665) for a in p.specific_force.tolist()]
         quaternion, rates = p.quaternion.tolist(), p.rates.tolist()
-        alt = round(1000 * (HOME_ALT - d))
+        alt = round(1000 * (HOME.alt - d))
         return m.MAVLink_hil_state_quaternion_message(
             now, quaternion, *rates, lat, lon, alt, *speeds, 0, 0, *accel
         )

@@ -7,62 +7,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.ftp import Files
+from sim.mission import Leg, Mission
+from sim.place import HOME, Place
 from sim.plant import FOOT_Z_M, Plant
 from sim.px4.cascade import IDLE, Cascade, Demand, Four, Goal, Settings, Three, euler
+from sim.px4.guidance import RATE_HZ, step_towards
 from sim.px4.mixer import Mixer
+from sim.px4.modes import FLOWN, AttitudeGoal, Mode, Refused
 from sim.px4.store import Store
 from sim.px4.tuning import tune
 from sim.sensors import Reading, Sensors
 from sim.truth import Truth
 
-RATE_HZ = 250
 STEPS = 1000 // RATE_HZ
 LIVE_TIMEOUT_S = 0.1
 CHARGED = 0.95
 
 
-class Mode(IntEnum):
-    """PX4's main mode << 16 | sub mode << 24, as HEARTBEAT.custom_mode."""
-
-    MANUAL = 1 << 16
-    ALTCTL = 2 << 16
-    POSCTL = 3 << 16
-    ACRO = 5 << 16
-    OFFBOARD = 6 << 16
-    STABILIZED = 7 << 16
-    READY = 4 << 16 | 1 << 24
-    TAKEOFF = 4 << 16 | 2 << 24
-    HOLD = 4 << 16 | 3 << 24
-    MISSION = 4 << 16 | 4 << 24
-    RTL = 4 << 16 | 5 << 24
-    LAND = 4 << 16 | 6 << 24
-
-
-FLOWN = (Mode.POSCTL, Mode.ALTCTL, Mode.OFFBOARD, Mode.TAKEOFF, Mode.HOLD, Mode.RTL, Mode.LAND)
-
-
-@dataclass(frozen=True)
-class AttitudeGoal:
-    """What SET_ATTITUDE_TARGET asks: an attitude or body rates, and thrust 0..1."""
-
-    attitude: Four | None
-    rates: Three
-    thrust: float
-
-
-class Refused(Exception):
-    """The autopilot says no, and why."""
-
-
 class Autopilot:
     """One vehicle with its plant. `step()` moves it on by 4 ms."""
+
+    first_item = 0  # of a mission
+    id_parameter = "MAV_SYS_ID"
 
     def __init__(
         self, plant: Plant, truth: Truth, *, version: tuple[int, int, int] = (1, 16, 1), seed: int = 0
@@ -71,6 +43,11 @@ class Autopilot:
         self.sensors = Sensors(plant, seed)
         self.rotors = plant.vehicle.rotors
         self._wires: list[int] | None = None
+        self.files = Files("fs/microsd", protected=("etc/", "proc/", "dev/", "bin/"))
+        self.logger: Any = None
+        self.home: Place = HOME
+        self.mission = Mission(self.first_item)
+        self.cruise = 0.0  # m/s that someone asked for; 0: as the parameters say
         self._fit_out()
         self.cascade = Cascade(self.settings, 1.0 / RATE_HZ)
         self.say: Callable[[int, str], None] = lambda severity, text: None
@@ -97,6 +74,7 @@ class Autopilot:
     def boot(self) -> None:
         """As after power-up: disarmed, in Hold, parameters kept."""
         self.armed, self.landed = False, True
+        self.system = min(max(int(self.store[self.id_parameter]), 1), 250)  # MAVLink's system id
         self.demand: Demand = IDLE
         self.reading: Reading = self.sensors.read()
         self._enter(Mode.HOLD)
@@ -106,6 +84,8 @@ class Autopilot:
         self._live = np.zeros(self.rotors)
         self._armed_at = self._landed_at = self.plant.time_s
         self.cascade.reset()
+        if self.logger is not None:
+            self.logger.booted()
 
     # -- what others ask of it -----------------------------------------------------------------
 
@@ -141,6 +121,8 @@ class Autopilot:
             raise Refused("Switching to Offboard denied: no setpoints are streamed")
         if mode not in FLOWN:
             raise Refused(f"Switching to {mode.name.title()} denied: no manual control")
+        if mode == Mode.MISSION and not self.mission.flyable:
+            raise Refused("Switching to Mission denied: no valid mission available")
         if mode == Mode.TAKEOFF:
             self.take_off(math.nan)
         else:
@@ -266,7 +248,7 @@ class Autopilot:
         if self.mode == Mode.OFFBOARD and not self.offboard_fresh:
             self.say(4, "Offboard setpoints lost, holding position")
             self._enter(Mode.HOLD)
-        if self.mode == Mode.LAND and not self.landed:
+        if self._comes_down and not self.landed:
             still = abs(reading.velocity[2]) < 0.15 and reading.height < FOOT_Z_M + 0.06
             if not still:
                 self._settled_since = None
@@ -275,16 +257,40 @@ class Autopilot:
             elif now - self._settled_since > 0.5:
                 self.landed, self._landed_at = True, now
                 self.say(6, "Landing detected")
+                if self.on_mission:
+                    self.mission.landed()
         if self.landed:
             flown = self._landed_at > self._armed_at
             wait = float(self.settings["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"])
             if wait > 0 and now - max(self._landed_at, self._armed_at) > wait and self.mode != Mode.TAKEOFF:
                 self._stop("Disarmed by landing" if flown else "Disarmed by auto preflight disarming")
 
+    @property
+    def on_mission(self) -> bool:
+        """Whether it flies its mission."""
+        return self.mode == Mode.MISSION
+
+    @property
+    def _comes_down(self) -> bool:
+        """Whether it means to end on the ground."""
+        return self.mode == Mode.LAND or (self.on_mission and self.mission.landing)
+
+    @property
+    def may_leave_ground(self) -> bool:
+        """Whether a mission may take it off."""
+        return not self.mission.complete
+
+    def _mission_over(self) -> None:
+        self.say(6, "Mission finished, loitering")
+        self._enter(Mode.HOLD)
+
     def _enter(self, mode: Mode) -> None:
         """Change the mode; what it flies to starts from where the vehicle is."""
         self.mode, self._mode_at = mode, self.plant.time_s
         self._settled_since = None
+        self.cruise = 0.0
+        if mode == Mode.MISSION:
+            self.mission.resume()
         here = self._position()
         self._target = here
         self.goal = Goal(here, (0.0, 0.0, 0.0))
@@ -300,6 +306,8 @@ class Autopilot:
             self.goal = self._offboard_goal
             if self.landed and self._goes_up(position):
                 self.landed = False
+            return
+        if self.on_mission and self._fly_mission(position):
             return
         n, e, d = self._target
         climb = cruise = 0.0
@@ -323,27 +331,55 @@ class Autopilot:
                 self._enter(Mode.LAND)
                 return
         else:
-            climb, cruise = float(self.settings["MPC_TKO_SPEED"]), float(self.settings["MPC_XY_CRUISE"])
-        self.goal = self._step_towards((n, e, d), cruise, climb)
+            climb, cruise = float(self.settings["MPC_TKO_SPEED"]), self._cruise_speed()
+        self.goal = step_towards(self.goal, (n, e, d), cruise, climb, self._yaw)
+
+    def _cruise_speed(self) -> float:
+        limit = float(self.settings["MPC_XY_VEL_MAX"])
+        return min(self.cruise or self.mission.speed or float(self.settings["MPC_XY_CRUISE"]), limit)
+
+    def _fly_mission(self, position: Three) -> bool:
+        """Move the goal along the mission; False when there is nothing to fly."""
+        if self.landed and not self.may_leave_ground:
+            return True
+        radius = float(self.settings["NAV_ACC_RAD"])
+        high = float(self.settings["NAV_MC_ALT_RAD"])
+        leg = self.mission.leg(self.home, position, self.plant.time_s, radius, high)
+        if leg is None:
+            self.goal = Goal(self.goal.position, (0.0, 0.0, 0.0), yaw=self._yaw)
+            self._mission_over()
+            return self.on_mission
+        if self.landed:
+            self.landed, self._mode_at = False, self.plant.time_s
+        self.goal = self._along(leg, position)
+        return True
+
+    def _along(self, leg: Leg, position: Three) -> Goal:
+        n, e, d = leg.target
+        ramp = max(float(self.settings["MPC_TKO_RAMP_T"]), 0.1)
+        climb = float(self.settings["MPC_TKO_SPEED"])
+        climb *= min((self.plant.time_s - self._mode_at) / ramp, 1.0)
+        cruise = self._cruise_speed()
+        if leg.landing:
+            low = -position[2] < float(self.settings["MPC_LAND_ALT2"])
+            climb = float(self.settings["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
+            d = self.goal.position[2] + 1.0
+        elif leg.climb_first and -position[2] < 1.0 and d < -1.0:
+            n, e = self.goal.position[:2]  # from the ground it goes straight up first
+        elif math.isfinite(leg.yaw):
+            self._turn_to(leg.yaw)
+        elif math.hypot(n - position[0], e - position[1]) > 2.0:
+            self._turn_to(math.atan2(e - position[1], n - position[0]))
+        return step_towards(self.goal, (n, e, d), cruise, climb, self._yaw)
+
+    def _turn_to(self, yaw: float) -> None:
+        """The nose to where it flies, at 45 degrees a second."""
+        gap = math.remainder(yaw - self._yaw, 2 * math.pi)
+        most = math.radians(45.0) / RATE_HZ
+        self._yaw += min(max(gap, -most), most)
 
     def _goes_up(self, position: Three) -> bool:
         """Whether an offboard goal asks a landed vehicle to leave the ground."""
         p, v = self._offboard_goal.position[2], self._offboard_goal.velocity[2]
         higher = not math.isnan(p) and p < position[2] - 0.2
         return higher or (math.isnan(p) and not math.isnan(v) and v < -0.1)
-
-    def _step_towards(self, target: Three, cruise: float, climb: float) -> Goal:
-        """The goal moved on: speed and acceleration limited, straight in the plane, straight up or down."""
-        dt = 1.0 / RATE_HZ
-        p, v = self.goal.position, self.goal.velocity
-        gap = (target[0] - p[0], target[1] - p[1])
-        far = math.hypot(*gap)
-        # slow enough to stop with 2 m/s^2 of braking
-        level = min(cruise, math.sqrt(2 * 2.0 * far)) if far > 1e-6 else 0.0
-        wanted = [gap[0] / far * level, gap[1] / far * level] if far > 1e-6 else [0.0, 0.0]
-        rise = target[2] - p[2]
-        vertical = math.copysign(min(climb, math.sqrt(2 * 1.5 * abs(rise))), rise)
-        speeds = [*wanted, vertical]
-        out = [v[k] + min(max(speeds[k] - v[k], -3.0 * dt), 3.0 * dt) for k in range(3)]
-        place = [p[k] + out[k] * dt for k in range(3)]
-        return Goal((place[0], place[1], place[2]), (out[0], out[1], out[2]), (0.0, 0.0, 0.0), self._yaw)

@@ -12,10 +12,14 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as m
 
+from sim.ftp import Manners, Server
 from sim.links import Peer
+from sim.logs import LogTransfer
+from sim.mission import ABOVE_HOME
+from sim.mission_link import MissionTransfer
 from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Refused
 from sim.px4.store import HASH_CHECK
-from sim.px4.telemetry import BUILDERS, DEFAULT_HZ, HOME_ALT, HOME_LAT, HOME_LON, M_PER_DEG, stamp_us
+from sim.px4.telemetry import BUILDERS, DEFAULT_HZ, stamp_us
 
 UINT32 = 5
 LIST_HZ = 2000.0  # parameters a second of wall time while a list goes out
@@ -28,6 +32,8 @@ class Conversation:
 
     builders = BUILDERS
     default_hz = DEFAULT_HZ
+    file_manners = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
+    first_log = 0
 
     def __init__(self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None]) -> None:
         self.autopilot, self.peer, self._everyone = autopilot, peer, everyone
@@ -35,6 +41,10 @@ class Conversation:
         self._due_us: dict[int, float] = {}
         self._listing: deque[int] = deque()
         self._listed_at = 0.0
+        self._files = Server(autopilot.files, self.file_manners, self._file_reply)
+        self._file_source = (255, 190)
+        self._logs = LogTransfer(autopilot, self.send, self.first_log)
+        self._mission = MissionTransfer(autopilot, self.send, everyone)
         self._handlers: dict[str, Callable[[Any], None]] = {
             "PARAM_REQUEST_READ": self._param_read,
             "PARAM_REQUEST_LIST": self._param_list,
@@ -47,7 +57,9 @@ class Conversation:
             "SET_ACTUATOR_CONTROL_TARGET": self._actuator_target,
             "TIMESYNC": self._timesync,
             "PING": self._ping,
-            "MISSION_REQUEST_LIST": self._mission_list,
+            "FILE_TRANSFER_PROTOCOL": self._file_transfer,
+            **self._logs.handlers,
+            **self._mission.handlers,
         }
 
     # -- outgoing ------------------------------------------------------------------------------
@@ -74,7 +86,9 @@ class Conversation:
         return interval is not None and stamp_us(self.autopilot) + 1 >= self._due_us.get(140, 0.0)
 
     def list_on(self) -> None:
-        """Go on with a parameter list, at the pace a real link has."""
+        """Go on with a parameter list or a log, at the pace a real link has."""
+        self._logs.go_on()
+        self._mission.go_on()
         if not self._listing:
             return
         now = time.monotonic()
@@ -162,8 +176,22 @@ class Conversation:
     def _command_int(self, message: Any) -> None:
         lat = math.nan if message.x == 2**31 - 1 else message.x * 1e-7
         lon = math.nan if message.y == 2**31 - 1 else message.y * 1e-7
-        params = [message.param1, message.param2, message.param3, message.param4, lat, lon, message.z]
+        up = message.z + self.autopilot.home.alt if self._above_home(message) else message.z
+        params = [message.param1, message.param2, message.param3, message.param4, lat, lon, up]
         self._command(message, message.command, params)
+
+    @staticmethod
+    def _above_home(message: Any) -> bool:
+        return bool(message.command == 192 and message.frame in ABOVE_HOME)
+
+    def _takeoff_height(self, above_sea: float) -> float:
+        """Above home; PX4 goes to MIS_TAKEOFF_ALT at least, and says so."""
+        a = self.autopilot
+        height, least = above_sea - a.home.alt, float(a.settings["MIS_TAKEOFF_ALT"])
+        if math.isfinite(height) and height < least - 0.1:
+            self._everyone(_status(2, f"Using minimum takeoff altitude: {least:.2f} m"))
+            return least
+        return height if math.isfinite(height) else math.nan
 
     def _command(self, message: Any, command: int, params: list[float]) -> None:
         try:
@@ -182,18 +210,19 @@ class Conversation:
         if command == 400:  # arm, disarm
             a.arm() if p[0] == 1 else a.disarm(force=p[1] == FORCE)
         elif command == 22:  # take off; altitude above mean sea level
-            a.take_off(p[6] - HOME_ALT if math.isfinite(p[6]) else math.nan)
+            a.take_off(self._takeoff_height(p[6]))
         elif command in (20, 21):
             a.set_mode(Mode.RTL if command == 20 else Mode.LAND)
+        elif command == 300:  # start the mission, armed if need be
+            a.mission.go_to(int(p[0])) if p[0] > 0 else None
+            a.set_mode(Mode.MISSION)
+            a.arm()
+        elif command == 224:
+            return (ACCEPTED if a.mission.go_to(int(p[0])) else DENIED), None
         elif command == 176:
             return self._do_set_mode(p), None
         elif command == 192:  # reposition
-            place = (
-                (p[4] - HOME_LAT) * M_PER_DEG,
-                (p[5] - HOME_LON) * M_PER_DEG * math.cos(math.radians(HOME_LAT)),
-                HOME_ALT - p[6],
-            )
-            a.go_to(place, p[3])
+            a.go_to((*a.home.local(p[4], p[5]), a.home.alt - p[6]), p[3])
         elif command == 511:
             return self._set_interval(round(p[0]), p[1]), None
         elif command == 510:
@@ -208,7 +237,9 @@ class Conversation:
             return self._reboot(p[0]), None
         elif command == 310:  # actuator test: on the ground only, and too short to matter
             return (TEMPORARILY if a.armed else ACCEPTED), None
-        elif command not in (178, 179, 245):  # speed, home, storage: taken, of no effect
+        elif command == 178:
+            a.cruise = p[1] if p[1] > 0 else a.cruise
+        elif command not in (179, 245):  # home, storage: taken, of no effect
             return UNSUPPORTED, None
         return ACCEPTED, None
 
@@ -286,9 +317,12 @@ class Conversation:
             source = message.get_srcSystem(), message.get_srcComponent()
             self.send(m.MAVLink_ping_message(message.time_usec, message.seq, *source))
 
-    def _mission_list(self, message: Any) -> None:
-        source = message.get_srcSystem(), message.get_srcComponent()
-        self.send(m.MAVLink_mission_count_message(*source, 0, message.mission_type))
+    def _file_transfer(self, message: Any) -> None:
+        self._file_source = message.get_srcSystem(), message.get_srcComponent()
+        self._files.hear(bytes(message.payload))
+
+    def _file_reply(self, payload: bytes) -> None:
+        self.send(m.MAVLink_file_transfer_protocol_message(0, *self._file_source, list(payload)))
 
 
 def _text(param_id: str | bytes) -> str:

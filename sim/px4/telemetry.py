@@ -15,12 +15,11 @@ from firmware_params.px4.messages import MAVLink_esc_status_message
 from sim.px4.autopilot import Autopilot, Mode
 from sim.px4.cascade import euler
 
-HOME_LAT, HOME_LON, HOME_ALT = 47.397742, 8.545594, 488.0
-M_PER_DEG = 111319.49
 PRESENT = 1 | 2 | 4 | 8 | 32 | 1024 | 2048 | 4096 | 8192 | 16384 | 32768 | 0x200000 | 0x2000000
 PREARM = 0x10000000
 TYPES = {4: 2, 6: 13, 8: 14, 12: 29, 3: 15}
-CAPABILITIES = 4 | 8 | 16 | 64 | 128 | 8192
+# integers as missions and commands, bytewise parameters, FTP, targets, MAVLink 2
+CAPABILITIES = 4 | 8 | 16 | 32 | 64 | 128 | 8192
 SET_ACTUATOR_TARGET = 1024
 
 # message id: rate in Hz of simulated time, before anyone asks otherwise
@@ -34,6 +33,7 @@ DEFAULT_HZ = {
     32: 30.0,
     33: 10.0,
     36: 10.0,
+    42: 1.0,
     74: 4.0,
     83: 10.0,
     85: 10.0,
@@ -63,7 +63,7 @@ def sys_status(a: Autopilot) -> Any:
     r = a.reading
     charge, volts = round(100 * a.plant.charge), round(1000 * r.voltage)
     return m.MAVLink_sys_status_message(
-        bits, bits, healthy, 250, volts, round(100 * r.current), charge, 0, 0, 0, 0, 0, 0
+        bits, bits, healthy, 250, volts, short(100 * r.current), charge, 0, 0, 0, 0, 0, 0
     )
 
 
@@ -77,7 +77,7 @@ def gps_raw(a: Autopilot) -> Any:
     lat, lon, alt = _geodetic(a)
     n, e, _ = a.reading.velocity.tolist()
     course = round(100 * math.degrees(math.atan2(e, n)) % 36000)
-    speed = round(100 * math.hypot(n, e))
+    speed = short(100 * math.hypot(n, e))
     return m.MAVLink_gps_raw_int_message(
         stamp_us(a), 3, lat, lon, alt, 70, 90, speed, course, 14, alt, 900, 1500, 200, 0, 0
     )
@@ -107,14 +107,14 @@ def global_position(a: Autopilot) -> Any:
     r = a.reading
     heading = round(100 * math.degrees(euler(tuple(r.quaternion.tolist()))[2])) % 36000
     relative = round(-1000 * r.position[2])
-    vn, ve, vd = (round(100 * v) for v in r.velocity.tolist())
+    vn, ve, vd = (short(100 * v) for v in r.velocity.tolist())
     return m.MAVLink_global_position_int_message(stamp_ms(a), lat, lon, alt, relative, vn, ve, vd, heading)
 
 
 def servo_output(a: Autopilot) -> Any:
     """36. Microseconds; 900 on a disarmed output."""
     us = [round(v) for v in a.outputs_us][:16]
-    return m.MAVLink_servo_output_raw_message(stamp_us(a), 0, *(us + [0] * (16 - len(us))))
+    return m.MAVLink_servo_output_raw_message(stamp_us(a) & 0xFFFFFFFF, 0, *(us + [0] * (16 - len(us))))
 
 
 def vfr_hud(a: Autopilot) -> Any:
@@ -123,7 +123,7 @@ def vfr_hud(a: Autopilot) -> Any:
     n, e, d = r.velocity.tolist()
     heading = round(math.degrees(euler(tuple(r.quaternion.tolist()))[2])) % 360
     speed, throttle = math.hypot(n, e), round(100 * a.demand.thrust)
-    return m.MAVLink_vfr_hud_message(speed, speed, heading, throttle, HOME_ALT - r.position[2], -d)
+    return m.MAVLink_vfr_hud_message(speed, speed, heading, throttle, a.home.alt - r.position[2], -d)
 
 
 def attitude_target(a: Autopilot) -> Any:
@@ -150,8 +150,8 @@ def highres_imu(a: Autopilot) -> Any:
         n * 2 * (x * y - w * z) + d * 2 * (y * z + w * x),
         n * 2 * (x * z + w * y) + d * (1 - 2 * (x * x + y * y)),
     )
-    alt = HOME_ALT - float(r.position[2])
-    pressure = 1013.25 * (1 - 2.25577e-5 * alt) ** 5.25588
+    alt = a.home.alt - float(r.position[2])
+    pressure = 1013.25 * max(1 - 2.25577e-5 * alt, 0.0) ** 5.25588
     return m.MAVLink_highres_imu_message(
         stamp_us(a), *r.accel.tolist(), *r.rates.tolist(), *mag, pressure, 0.0, alt, 25.0, 0x1FFF, 0
     )
@@ -177,7 +177,7 @@ def altitude(a: Autopilot) -> Any:
     """141."""
     up = -float(a.reading.position[2])
     return m.MAVLink_altitude_message(
-        stamp_us(a), HOME_ALT + up, HOME_ALT + up, up, up, HOME_ALT, a.reading.height
+        stamp_us(a), a.home.alt + up, a.home.alt + up, up, up, a.home.alt, a.reading.height
     )
 
 
@@ -189,7 +189,7 @@ def battery_status(a: Autopilot) -> Any:
     used = round((0.95 - a.plant.charge) * b.capacity_Ah * 1000)
     charge = round(100 * a.plant.charge)
     return m.MAVLink_battery_status_message(
-        0, 0, 1, 0x7FFF, cells, round(100 * r.current), max(used, 0), -1, charge, 0, 1
+        0, 0, 1, 0x7FFF, cells, short(100 * r.current), max(used, 0), -1, charge, 0, 1
     )
 
 
@@ -201,7 +201,8 @@ def estimator_status(a: Autopilot) -> Any:
 def home_position(a: Autopilot) -> Any:
     """242."""
     nan = math.nan
-    lat, lon, alt = round(1e7 * HOME_LAT), round(1e7 * HOME_LON), round(1e3 * HOME_ALT)
+    h = a.home
+    lat, lon, alt = round(1e7 * h.lat), round(1e7 * h.lon), round(1e3 * h.alt)
     return m.MAVLink_home_position_message(
         lat, lon, alt, 0.0, 0.0, 0.0, (1.0, 0.0, 0.0, 0.0), nan, nan, nan, stamp_us(a)
     )
@@ -211,6 +212,15 @@ def extended_sys_state(a: Autopilot) -> Any:
     """245."""
     state = 1 if a.landed else {Mode.TAKEOFF: 3, Mode.LAND: 4}.get(a.mode, 2)
     return m.MAVLink_extended_sys_state_message(0, state)
+
+
+def mission_current(a: Autopilot) -> Any:
+    """42."""
+    mission = a.mission
+    flown = len(mission.items[0]) - mission.first
+    state = 3 if a.on_mission and not mission.complete else mission.state
+    state = 4 if state == 2 and a.armed and mission.current > mission.first else state
+    return m.MAVLink_mission_current_message(mission.current, flown if flown > 0 else 0xFFFF, state, 0)
 
 
 def esc_status(a: Autopilot) -> list[Any]:
@@ -250,6 +260,7 @@ BUILDERS: dict[int, Callable[[Autopilot], Any]] = {
     32: local_position,
     33: global_position,
     36: servo_output,
+    42: mission_current,
     74: vfr_hud,
     83: attitude_target,
     85: position_target,
@@ -277,7 +288,12 @@ def stamp_ms(a: Autopilot) -> int:
     return stamp_us(a) // 1000
 
 
+def short(value: float) -> int:
+    """As a 16 bit field takes it; what is beyond stays at its end."""
+    return min(max(round(value), -32767), 32767)
+
+
 def _geodetic(a: Autopilot) -> tuple[int, int, int]:
     n, e, d = a.reading.position.tolist()
-    lon = HOME_LON + e / (M_PER_DEG * math.cos(math.radians(HOME_LAT)))
-    return round(1e7 * (HOME_LAT + n / M_PER_DEG)), round(1e7 * lon), round(1e3 * (HOME_ALT - d))
+    lat, lon = a.home.geodetic(n, e)
+    return round(1e7 * lat), round(1e7 * lon), round(1e3 * (a.home.alt - d))

@@ -62,3 +62,47 @@ def test_wrong_use_is_one_line_and_exit_2(
     assert says in stderr
     assert stderr.count("\n") == 1
     assert not out.exists()
+
+
+def test_the_effects_of_a_rotor_file_are_in_the_answer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rotor, out = tmp_path / "refined.toml", tmp_path / "a.json"
+    weak = 'name = "degraded_rotor"\nparameters = { rotor = 3.0, thrust_loss = 0.3, torque_loss = 0.2 }\n'
+    sag = 'name = "battery_voltage"\nparameters = { speed_exponent = 0.4, reference_voltage_V = 33.6 }\n'
+    base = (EXAMPLES / "rotor_paper.toml").read_text()
+    rotor.write_text(f"{base}\n[[effects]]\n{weak}\n[[effects]]\n{sag}")
+    given = ["allocate", X8, "--rotor", str(rotor), "--wrench", "196.2,0,0,0", "--json", str(out)]
+    assert coaxlink(*given) == 0
+    result = json.loads(out.read_text())
+    assert list(result["compensated"]) == ["degraded_rotor"]
+    assert list(result["not_compensated"]) == ["battery_voltage"]
+    assert result["speeds"][2] > 1.15 * result["speeds"][0]
+    assert "--voltage" in capsys.readouterr().err
+    assert coaxlink(*given, "--voltage", "30") == 0
+    sagged = json.loads(out.read_text())
+    assert sagged["not_compensated"] == {}
+    assert sagged["speeds"][0] == pytest.approx(result["speeds"][0] * (33.6 / 30) ** 0.4, rel=1e-6)
+
+
+def test_a_wrench_beyond_all_measure_fits_the_screen(capsys: pytest.CaptureFixture[str]) -> None:
+    assert coaxlink("allocate", X8, "--law", "exact", "--wrench=1e300,0,0,0") == 0
+    said = capsys.readouterr().out
+    assert "1e+300" in said
+    assert max(len(line) for line in said.splitlines()) <= 80
+
+
+def test_rotors_that_do_not_lift_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rotor = tmp_path / "sinking.toml"
+    base = (EXAMPLES / "rotor_srm_paper.toml").read_text()
+    head, sep, tail = base.partition("[upper.thrust_N]")
+    assert sep
+    lines = tail.splitlines()
+    at = next(i for i, line in enumerate(lines) if "=" in line)
+    name, _, number = lines[at].partition("=")
+    lines[at] = f"{name}= -{number.strip()}"
+    rotor.write_text(head + sep + "\n".join(lines))
+    assert coaxlink("allocate", X8, "--rotor", str(rotor), "--wrench", "196.2,0,0,0") == 2
+    said = capsys.readouterr().err.strip()
+    assert len(said.splitlines()) == 1
+    assert "upper.thrust_N" in said

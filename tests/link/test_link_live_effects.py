@@ -65,7 +65,7 @@ def test_commands_make_up_for_a_sagging_battery() -> None:
 def test_a_voltage_that_cannot_be_is_not_followed_and_a_silent_one_is_held() -> None:
     parameters = {"speed_exponent": 1.0, "reference_voltage_V": 33.6}
     core, telemetry, clock, live = compensated(Effect("battery_voltage", parameters))
-    assert live.command(0.5) == 0.5  # nothing heard yet
+    assert live.factor == 1.0  # nothing heard yet
     telemetry.hear(battery(32.0))
     settled(core)
     held = live.factor
@@ -88,7 +88,8 @@ def test_the_ground_pushes_and_is_allowed_for(height: float) -> None:
     cm = round(100 * height)
     telemetry.hear(mavlink.MAVLink_distance_sensor_message(0, 5, 4000, cm, 0, 0, 25, 1))
     thrust, torque = X8.loads(CRM, settled(core, 30))
-    thrust = thrust * (1.0 + gain * math.exp(-height / scale))
+    above = np.maximum([height - r.position_m[2] for r in X8.rotors], 0.08)  # each disc's own
+    thrust = thrust * (1.0 + gain * np.exp(-above / scale))
     assert X8.wrench(thrust, torque) == pytest.approx(core.wrench, abs=0.02)
 
 

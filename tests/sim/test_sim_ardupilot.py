@@ -18,7 +18,8 @@ from pymavlink import mavutil
 
 from firmware_params.ardupilot.scripts import loader_params, loader_script, matrix_script
 from sim.ardupilot.copter import GUIDED, Copter
-from sim.ardupilot.files import Server
+from sim.ardupilot.files import MANNERS
+from sim.ftp import Server
 from sim.plant import Plant
 from sim.px4.autopilot import Goal, Refused
 from sim.rotors import read_pair
@@ -125,7 +126,7 @@ def test_mavsdk_connects_reads_parameters_and_moves_files(tmp_path: Path) -> Non
             assert Param(system).get_param_float("MOT_THST_EXPO") == pytest.approx(0.65)
             ftp = Ftp(system)
             ftp.create_directory("scripts")
-            assert [e.name for e in ftp.list_directory("/").entries] == ["scripts"]
+            assert [e.name for e in ftp.list_directory("/").entries] == ["logs", "scripts"]
             script, back = tmp_path / "table.lua", tmp_path / "back"
             script.write_text(matrix_script(REDUCED, title="test"))
             back.mkdir()
@@ -299,7 +300,7 @@ def test_files_over_mavlink(board: Board) -> None:
     sent: list[bytes] = []
     store, files = board.copter.store, board.copter.files
     files.folders.add("scripts")
-    server = Server(files, store, sent.append)
+    server = Server(files, MANNERS, sent.append)
     text = bytes(range(256)) * 3
     assert ftp(server, sent, 1, 6, b"/APM/scripts/a.lua")[3] == 128
     for k in range(0, len(text), 200):

@@ -3,9 +3,11 @@
 import json
 import math
 import os
+import select
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -98,6 +100,10 @@ class Px4Counterpart:
                     return self.last, message
             self._queue += self.into.parse_buffer(self.socket.recv(65536)) or []
 
+    def silent(self, seconds: float) -> bool:
+        """Whether nothing more comes for so long."""
+        return not self._queue and not select.select([self.socket], [], [], seconds)[0]
+
     def controls(self, time_usec: int, u: np.ndarray) -> None:
         values = [*np.round(u, 3).tolist(), *[0.0] * (16 - len(u))]
         self.socket.sendall(m.MAVLink_hil_actuator_controls_message(time_usec, values, 128, 1).pack(self.out))
@@ -136,6 +142,23 @@ def test_px4_lockstep_hover_and_circle_without_a_missed_step() -> None:
     assert (np.diff(px4.accel) == 0.0).mean() < 1e-3  # noise: a dead sensor repeats itself
 
 
+def test_px4_answers_to_the_free_run_do_not_stay_ahead() -> None:
+    bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0")
+    with running(bridge) as port:
+        px4 = Px4Counterpart(port)
+        stamps = [px4.sensor()[0].time_usec for _ in range(17)]
+        for stamp in stamps[-4:]:  # it starts up late, and answers all that it has, one by one
+            px4.controls(stamp, np.zeros(8))
+            time.sleep(0.01)
+        for n in range(80):  # in order, whatever came in the meantime
+            px4.sensor()
+            if n > 50:
+                assert px4.silent(0.002), "a reading that no controls asked for"
+            px4.controls(px4.last.time_usec, np.zeros(8))
+        px4.socket.close()
+    assert 1 <= bridge.stale < 40 and bridge.late == 0
+
+
 def test_px4_may_go_and_come_back() -> None:
     bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0")
     with running(bridge) as port:
@@ -145,6 +168,19 @@ def test_px4_may_go_and_come_back() -> None:
             px4.controls(sensor.time_usec, np.zeros(8))
             px4.sensor()
             px4.socket.close()
+
+
+def test_px4_is_held_to_the_speed_that_was_asked_for() -> None:
+    bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0", speed=4.0)
+    with running(bridge) as port:
+        px4 = Px4Counterpart(port)
+        first, start = px4.sensor()[0].time_usec, time.monotonic()
+        for _ in range(500):
+            px4.controls(px4.last.time_usec, np.zeros(8))
+            px4.sensor()
+        took, flown = time.monotonic() - start, (px4.last.time_usec - first) / 1e6
+        px4.socket.close()
+    assert flown == pytest.approx(2.0, abs=0.02) and took > 0.35  # 0.5 s, less what may be made up for
 
 
 def packet(count: int, u: np.ndarray, rate: int = 400) -> bytes:

@@ -31,8 +31,40 @@ KINDS = [
     m.MAVLink_timesync_message,
     m.MAVLink_ping_message,
     m.MAVLink_mission_request_list_message,
+    m.MAVLink_log_request_list_message,
+    m.MAVLink_log_request_data_message,
+    m.MAVLink_log_erase_message,
+    m.MAVLink_mission_count_message,
+    m.MAVLink_mission_item_int_message,
+    m.MAVLink_mission_item_message,
+    m.MAVLink_mission_request_int_message,
+    m.MAVLink_mission_clear_all_message,
+    m.MAVLink_mission_set_current_message,
 ]
-COMMANDS = [400, 22, 20, 21, 176, 192, 511, 510, 512, 519, 520, 246, 310, 178, 183, 209, 42701, 31010]
+COMMANDS = [
+    400,
+    22,
+    16,
+    177,
+    300,
+    224,
+    20,
+    21,
+    176,
+    192,
+    511,
+    510,
+    512,
+    519,
+    520,
+    246,
+    310,
+    178,
+    183,
+    209,
+    42701,
+    31010,
+]
 
 
 class Pipe:

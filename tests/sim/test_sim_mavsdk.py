@@ -1,4 +1,4 @@
-"""MAVSDK, which nobody here wrote, flies the stand-in."""
+"""MAVSDK, which nobody here wrote, flies the stand-ins."""
 
 import math
 import time
@@ -17,8 +17,9 @@ from sim.testing import standin
 
 
 @pytest.fixture
-def vehicle() -> Iterator[System]:
-    with standin("--speed", "4", "--seed", "7") as port:
+def vehicle(request: pytest.FixtureRequest) -> Iterator[System]:
+    firmware = getattr(request, "param", "px4")
+    with standin("--firmware", firmware, "--speed", "4", "--seed", "7") as port:
         mavsdk = Mavsdk(Configuration.create_manual(245, 190, True))
         try:
             mavsdk.add_any_connection(f"udpout://127.0.0.1:{port}")
@@ -85,3 +86,32 @@ def test_mavsdk_arms_takes_off_flies_offboard_and_lands(vehicle: System) -> None
     action.land()
     until(lambda: not telemetry.armed(), 20.0, "did not land")
     until(lambda: telemetry.landed_state() == LandedState.ON_GROUND, 5.0, "not on the ground")
+
+
+@pytest.mark.parametrize("vehicle", ["ardupilot"], indirect=True)
+def test_mavsdk_flies_ardupilot(vehicle: System) -> None:
+    telemetry, action, param = Telemetry(vehicle), Action(vehicle), Param(vehicle)
+    telemetry.set_rate_position(10.0)
+    everything = param.get_all_params()
+    assert len(everything.int_params) + len(everything.float_params) > 400
+    assert param.get_param_float("MOT_THST_EXPO") == pytest.approx(0.65)
+    param.set_param_float("MOT_THST_EXPO", 0.6)
+    assert param.get_param_float("MOT_THST_EXPO") == pytest.approx(0.6)
+    action.set_takeoff_altitude(3.0)
+    action.arm()
+    until(telemetry.armed, 5.0, "not armed")
+    action.takeoff()
+    until(lambda: telemetry.position().relative_altitude_m > 2.7, 15.0, "did not climb")
+    home = telemetry.home()
+    north = home.latitude_deg + 4.0 / 111319.49
+    action.goto_location(north, home.longitude_deg, home.absolute_altitude_m + 4.0, 0.0)
+
+    def arrived() -> bool:
+        p = telemetry.position()
+        return abs(p.latitude_deg - north) * 111319.49 < 0.3 and abs(p.relative_altitude_m - 4.0) < 0.3
+
+    until(arrived, 10.0, "did not go there")
+    action.land()
+    until(lambda: telemetry.flight_mode() == FlightMode.LAND, 5.0, "no landing")
+    until(lambda: not telemetry.armed(), 20.0, "did not land")
+    assert telemetry.position().relative_altitude_m < 0.3

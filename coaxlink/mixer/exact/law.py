@@ -75,11 +75,7 @@ class ExactLaw:
 
     def reset(self) -> None:
         """Forget the last solution: the next call starts from the middle of the bounds, at no slew limit."""
-        p = self.problem
-        middle = np.where(p.hi > p.lo, 0.5 * (p.lo + p.hi), p.lo)
-        arrays: list[Any] = [p.c, p.g, p.shape, p.lo.copy(), p.hi.copy(), middle]
-        arrays += [np.zeros(2 * p.arms, np.int64), np.zeros(4), np.zeros(4, np.int64), p.cap]
-        arrays += [np.zeros(4), *p.scratch(), p.past()]
+        p, arrays = self.problem, self.arrays()
         self._state = arrays if self.compiled else [a.tolist() for a in arrays]
         self._lo, self._hi, self._x = self._state[3:6]
         self._mu, self._sums = self._state[10], self._state[12]
@@ -87,11 +83,25 @@ class ExactLaw:
         self._slots = p.slots.tolist()
         self._calls = self._steps = self._rounds = 0
 
+    def arrays(self) -> list[Any]:
+        """What `kernel.optimum` works on, up to its `limit`: standing in the middle of the bounds."""
+        p = self.problem
+        middle = np.where(p.hi > p.lo, 0.5 * (p.lo + p.hi), p.lo)
+        arrays: list[Any] = [p.c, p.g, p.shape, p.lo.copy(), p.hi.copy(), middle]
+        arrays += [np.zeros(2 * p.arms, np.int64), np.zeros(4), np.zeros(4, np.int64), p.cap]
+        return [*arrays, np.zeros(4), *p.scratch(), p.past()]
+
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,)."""
         demand = checked_wrench(wrench).tolist()
         self.solve(demand)
         return np.array([self._x[i] for i in self._slots])
+
+    def plain(self, wrench: Sequence[float]) -> list[float]:
+        """`speeds` for four finite numbers that are known to be so, without an array made."""
+        self.solve(wrench)
+        x = self._x
+        return [x[i] for i in self._slots]
 
     def solve(self, wrench: Sequence[float]) -> int:
         """One call without checks or copies, for the live loop; returns the certificate's `steps`."""

@@ -68,6 +68,7 @@ def build(
         if n not in numbers:
             raise InputError("exact", "failed", f"there is no rotor {n}")
     arms = [*airframe.pairs, *((i, -1) for i in airframe.singles)]
+    thrust_gain, torque_gain = airframe.gains
     loads = (model.upper_thrust, model.upper_torque, model.lower_thrust, model.lower_torque)
     nu = max([2, *(a for p in loads for a, _ in p.exponents)])
     nl = max([2, *(b for p in loads for _, b in p.exponents)])
@@ -93,11 +94,10 @@ def build(
             strict=True,
         ):
             torque = columns is per_torque
-            c.append(p / power if torque else p)
-            column = columns[order, i] / scale * (power if torque else 1.0) if i >= 0 else np.zeros(4)
             # a single rotor has nothing below it: its lower loads must not count, not even their constant
-            if i < 0:
-                c[-1] = np.zeros_like(p)
+            own = float((torque_gain if torque else thrust_gain)[i]) if i >= 0 else 0.0
+            c.append(own * p / power if torque else own * p)
+            column = columns[order, i] / scale * (power if torque else 1.0) if i >= 0 else np.zeros(4)
             g.append(column)
     deaf = all(b == 0 for p in loads[:2] for _, b in p.exponents)
     return Problem(

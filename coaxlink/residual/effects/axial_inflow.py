@@ -1,15 +1,21 @@
 """Axial inflow: climbing, the blades meet the air at a smaller angle and pull less; sinking, more.
 
 Source: blade element theory, dT = -c Omega V_axial for small climb (Leishman, Principles of Helicopter
-Aerodynamics, 2006, ch. 2-3). V is the rotor hub's own: body rates add to it, which damps roll and pitch.
+Aerodynamics, 2006, ch. 2-3). V is the rotor hub's own: body rates add to it, which damps roll and pitch. With
+the climb's share of the inflow the slope changes (momentum theory, the same book): V / (1 + a |V|) + b V^2
+is that, to second order, for climb and descent.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
+from coaxlink.residual.effects.base import Array, Effect, Shape, outside
 from coaxlink.residual.frames import FlightFrame
+
+LEVELLING_S_M = (0.0, 0.5)
 
 
 def hub_climb(frame: FlightFrame) -> Array:
@@ -25,9 +31,54 @@ def _missing(frame: FlightFrame) -> str | None:
     return None if climb > 0.15 else f"never climbs or sinks faster than {climb:.2f} m/s"
 
 
-def _columns(frame: FlightFrame, _: Shape) -> Array:
-    thrust = -frame.speeds * hub_climb(frame)
-    return frame.airframe.body_loads(thrust, np.zeros_like(thrust))[..., None]
+def _loss(frame: FlightFrame, shape: Shape) -> Array:
+    """(rows, N, K) thrust lost by unit coefficients, N."""
+    climb, u = hub_climb(frame), frame.speeds
+    if "by_thrust" in shape:  # a rotor in another's wake has less thrust to lose
+        scale = float(np.median(frame.thrust[frame.keep] / np.maximum(u[frame.keep], 0.1) ** 2))
+        u = frame.thrust / np.maximum(u, 0.1) / max(scale, 1e-9)
+    first = u * climb / (1.0 + shape.get("levelling_s_m", 0.0) * np.abs(climb))
+    if "bent" not in shape:
+        return np.asarray(first[..., None])
+    return np.stack([first, climb**2], axis=-1)
+
+
+def _columns(frame: FlightFrame, shape: Shape) -> Array:
+    loss = -_loss(frame, shape)
+    none = np.zeros_like(frame.thrust)
+    pieces = [frame.airframe.body_loads(loss[..., k], none) for k in range(loss.shape[-1])]
+    return np.stack(pieces, axis=-1)
+
+
+def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
+    bend = {"thrust_per_climb_squared_N_s2_m2": float(c[1])} if "bent" in shape else {}
+    rest = {k: v for k, v in shape.items() if k != "bent"}
+    return {"thrust_per_climb_N_s_m": float(c[0]), **bend, **rest}
+
+
+def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    shape = {k: v for k, v in p.items() if k in ("by_thrust", "levelling_s_m")}
+    c = [p["thrust_per_climb_N_s_m"]]
+    if "thrust_per_climb_squared_N_s2_m2" in p:
+        shape["bent"] = 1.0
+        c.append(p["thrust_per_climb_squared_N_s2_m2"])
+    return shape, np.array(c)
+
+
+def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+    shape, c = _inverse(frame, p)
+    return frame.pulling(frame.thrust - _loss(frame, shape) @ c, frame.torque)
+
+
+def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    bent = np.array([c[0], 0.0])
+    other = {} if "by_thrust" in shape else {"by_thrust": 1.0}
+    forms: list[Shape] = [dict(shape), other]
+    return [
+        (other, c[:1]),
+        *(({**form, "bent": 1.0}, bent) for form in forms),
+        *(({**form, "levelling_s_m": 0.05}, c[:1]) for form in forms),
+    ]
 
 
 def _cause(frame: FlightFrame, _: Shape, channel: str) -> tuple[str, Array]:
@@ -43,12 +94,21 @@ FLIGHT: Effect[FlightFrame] = Effect(
     source="blade element theory in axial flight (Leishman 2006)",
     needs=("vel_d_m_s", "roll_rad", "pitch_rad", "yaw_rad"),
     channels=("force_z", "torque_x", "torque_y"),
-    units={"thrust_per_climb_N_s_m": "N s/m"},
+    units={
+        "thrust_per_climb_N_s_m": "N s/m",
+        "thrust_per_climb_squared_N_s2_m2": "N s2/m2",
+        "levelling_s_m": "s/m",
+        "by_thrust": "1",
+    },
     missing=_missing,
-    shapes=one_shape,
+    shapes=lambda _: [{}, {"by_thrust": 1.0}],
     columns=_columns,
-    parameters=lambda _, __, c: {"thrust_per_climb_N_s_m": float(c[0])},
-    inverse=lambda _, p: ({}, np.array([p["thrust_per_climb_N_s_m"]])),
+    parameters=_parameters,
+    inverse=_inverse,
     refuse=lambda p: outside("thrust_per_climb_N_s_m", p["thrust_per_climb_N_s_m"], 0.0, 30.0, "N s/m"),
     cause=_cause,
+    stage=3,
+    apply=_apply,
+    free=lambda _, shape: {"levelling_s_m": LEVELLING_S_M} if "levelling_s_m" in shape else {},
+    finer=_finer,
 )

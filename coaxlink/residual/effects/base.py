@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -20,6 +20,11 @@ class Effect(Generic[Frame]):
 
     `shapes` lists the shapes worth trying (a height scale, a rotor number; `[{}]` where there is none);
     `columns` gives (rows, channels, K) of what unit coefficients add to the *measured minus predicted* side;
+    Effects act in the order of their `stage`, each on the frame that the earlier ones left (`acting`): what
+    slows a rotor changes the thrust that the ground then raises. `apply` does that where adding the columns
+    to the loads is not enough. `free` gives the shape's continuous numbers and their physical limits, which
+    the joint fit moves; `finer` other shapes and coefficients to start from there.
+
     `parameters` turns shape and coefficients (K,) into named physical numbers; `inverse` turns those back;
     `refuse` says why physics does not allow them, or None. `cause` is the variable (label, rows) that its
     picture of one channel is drawn over.
@@ -39,11 +44,22 @@ class Effect(Generic[Frame]):
     refuse: Callable[[Mapping[str, float]], str | None]
     cause: Callable[[Frame, Shape, str], tuple[str, Array]]
     accused: str = ""  # a column: what is found is a wrong instrument, not physics
+    stage: int = 5
+    apply: Callable[[Frame, Mapping[str, float]], Frame] | None = None
+    free: Callable[[Frame, Shape], Mapping[str, tuple[float, float]]] = lambda _, __: {}
+    finer: Callable[[Frame, Shape, Array], Sequence[tuple[Shape, Array]]] = lambda _, __, ___: ()
 
     def contribution(self, frame: Frame, parameters: Mapping[str, float]) -> Array:
         """(rows, channels) that the effect adds with these physical parameters."""
         shape, coefficients = self.inverse(frame, parameters)
         return np.asarray(self.columns(frame, shape) @ coefficients)
+
+    def acting(self, frame: Frame, parameters: Mapping[str, float]) -> Frame:
+        """The frame with the effect in its prediction."""
+        if self.apply is not None:
+            return self.apply(frame, parameters)
+        predicted = frame.predicted + self.contribution(frame, parameters)  # type: ignore[attr-defined]
+        return replace(frame, predicted=predicted)  # type: ignore[type-var]
 
 
 def one_shape(_: object) -> Sequence[Shape]:

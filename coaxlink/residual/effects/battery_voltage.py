@@ -65,6 +65,11 @@ def _refuse(p: Mapping[str, float]) -> str | None:
     return outside("speed_exponent", p["speed_exponent"], 0.02, 2.0)
 
 
+def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+    gain = (np.maximum(_voltage(frame), 1e-3) / p["reference_voltage_V"]) ** p["speed_exponent"]
+    return frame.turning_at(frame.speeds * gain[:, None])
+
+
 FLIGHT: Effect[FlightFrame] = Effect(
     name="battery_voltage",
     physics="rotor speed follows the supply voltage: u = u_cmd (V / V_ref)^k",
@@ -79,4 +84,6 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=_refuse,
     cause=lambda frame, _, channel: ("voltage_V", _voltage(frame)),
+    stage=1,
+    apply=_apply,
 )

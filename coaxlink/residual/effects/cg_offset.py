@@ -39,4 +39,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=lambda _, p: ({}, np.array([p["offset_x_m"], p["offset_y_m"]])),
     refuse=_refuse,
     cause=lambda frame, _, channel: ("total_thrust_N", frame.thrust.sum(axis=1)),
+    stage=8,
 )

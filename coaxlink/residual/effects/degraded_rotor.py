@@ -38,6 +38,13 @@ def _refuse(p: Mapping[str, float]) -> str | None:
     )
 
 
+def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+    thrust, torque, rotor = frame.thrust.copy(), frame.torque.copy(), int(p["rotor"]) - 1
+    thrust[:, rotor] *= 1.0 - p["thrust_loss"]
+    torque[:, rotor] *= 1.0 - p["torque_loss"]
+    return frame.pulling(thrust, torque)
+
+
 FLIGHT: Effect[FlightFrame] = Effect(
     name="degraded_rotor",
     physics="one rotor gives less thrust than the others at the same speed",
@@ -59,4 +66,6 @@ FLIGHT: Effect[FlightFrame] = Effect(
         f"thrust of rotor {int(shape['rotor'])}, N",
         frame.thrust[:, int(shape["rotor"]) - 1],
     ),
+    stage=2,
+    apply=_apply,
 )

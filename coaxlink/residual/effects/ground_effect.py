@@ -2,7 +2,9 @@
 
 Source: Cheeseman and Bennett 1955, T / T_inf = 1 / (1 - (R / 4 h)^2), for which (R / 4 h)^2 is the first
 term; for multirotors the effective radius is larger than one rotor's (Sanchez-Cuevas, Heredia and Ollero
-2017), and an exponential in height fits flights as well (He, Lee and Leang 2019). Both are tried.
+2017), and an exponential in height fits flights as well (He, Lee and Leang 2019). Both are tried, the
+power of height being free between limits; each rotor feels the height of its own disc, which rights a tilted
+vehicle.
 """
 
 from __future__ import annotations
@@ -18,9 +20,20 @@ SCALES_M = (0.15, 0.2, 0.27, 0.36, 0.48, 0.6, 0.75, 0.95, 1.2, 1.6)
 LOWEST_M = 0.08
 
 
+POWERS = (0.7, 5.0)
+
+
 def _height(frame: FlightFrame) -> Array:
     assert frame.height is not None
     return np.maximum(frame.height, LOWEST_M)
+
+
+def disc_heights(frame: FlightFrame) -> Array:
+    """(rows, N) height of every rotor's disc above the ground, m."""
+    roll, pitch = frame.attitude[:, 0], frame.attitude[:, 1]
+    down = np.stack([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)], axis=1)
+    position = np.array([r.position_m for r in frame.airframe.rotors])
+    return np.maximum(_height(frame)[:, None] - down @ position.T, LOWEST_M)
 
 
 def _missing(frame: FlightFrame) -> str | None:
@@ -31,31 +44,34 @@ def _missing(frame: FlightFrame) -> str | None:
 
 
 def _shapes(_: FlightFrame) -> Sequence[Shape]:
-    return [{"inverse_square": 1.0}, *({"height_scale_m": s} for s in SCALES_M)]
+    return [{"height_power": 2.0}, *({"height_scale_m": s} for s in SCALES_M)]
 
 
 def _gain(frame: FlightFrame, shape: Shape) -> Array:
-    h = _height(frame)
+    h = disc_heights(frame)
     if "height_scale_m" in shape:
         return np.exp(-h / shape["height_scale_m"])
-    return 1.0 / (16.0 * h * h)
+    return (0.25 / h) ** shape.get("height_power", 2.0)
 
 
 def _columns(frame: FlightFrame, shape: Shape) -> Array:
-    thrust = frame.thrust * _gain(frame, shape)[:, None]
+    thrust = frame.thrust * _gain(frame, shape)
     return frame.airframe.body_loads(thrust, np.zeros_like(thrust))[..., None]
 
 
 def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
     if "height_scale_m" in shape:
         return {"gain_at_ground": float(c[0]), "height_scale_m": shape["height_scale_m"]}
-    return {"effective_radius_m": float(np.sign(c[0]) * np.sqrt(abs(c[0])))}
+    power = shape.get("height_power", 2.0)
+    radius = float(np.sign(c[0]) * abs(c[0]) ** (1.0 / power))
+    return {"effective_radius_m": radius, "height_power": power}
 
 
 def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
     if "height_scale_m" in p:
         return {"height_scale_m": p["height_scale_m"]}, np.array([p["gain_at_ground"]])
-    return {"inverse_square": 1.0}, np.array([p["effective_radius_m"] * abs(p["effective_radius_m"])])
+    power, radius = p.get("height_power", 2.0), p["effective_radius_m"]
+    return {"height_power": power}, np.array([np.sign(radius) * abs(radius) ** power])
 
 
 def _refuse(p: Mapping[str, float]) -> str | None:
@@ -64,13 +80,24 @@ def _refuse(p: Mapping[str, float]) -> str | None:
     return outside("effective_radius_m", p["effective_radius_m"], 0.0, 2.0, "m")
 
 
+def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+    shape, c = _inverse(frame, p)
+    return frame.pulling(frame.thrust * (1.0 + c[0] * _gain(frame, shape)), frame.torque)
+
+
+def _free(_: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    if "height_scale_m" in shape:
+        return {"height_scale_m": (0.5 * SCALES_M[0], 2.0 * SCALES_M[-1])}
+    return {"height_power": POWERS}
+
+
 FLIGHT: Effect[FlightFrame] = Effect(
     name="ground_effect",
     physics="thrust at given speed grows near the ground",
     source="Cheeseman and Bennett 1955; Sanchez-Cuevas, Heredia and Ollero 2017; He, Lee and Leang 2019",
     needs=("height_m",),
     channels=("force_z",),
-    units={"gain_at_ground": "1", "height_scale_m": "m", "effective_radius_m": "m"},
+    units={"gain_at_ground": "1", "height_scale_m": "m", "effective_radius_m": "m", "height_power": "1"},
     missing=_missing,
     shapes=_shapes,
     columns=_columns,
@@ -78,4 +105,12 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=_refuse,
     cause=lambda frame, _, channel: ("height_m", _height(frame)),
+    stage=4,
+    apply=_apply,
+    free=_free,
+    finer=lambda _, shape, c: (
+        [({"height_power": 2.0}, np.array([0.1 * np.sign(c[0])]))]
+        if "height_scale_m" in shape
+        else [({"height_scale_m": 0.5}, np.array([0.2 * np.sign(c[0])]))]
+    ),
 )

@@ -44,4 +44,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=lambda p: outside("mass_kg", p["mass_kg"], 1e-3, 1e4, "kg"),
     cause=lambda frame, _, channel: ("total_thrust_N", frame.thrust.sum(axis=1)),
+    stage=9,
 )

@@ -20,6 +20,8 @@ _FORMS = {
     "by_speed": "drag_per_speed_N_s_m",
     "by_thrust": "drag_per_thrust_s_m",
     "by_square": "drag_per_thrust_s2_m2",
+    "by_root": "drag_per_root_thrust",
+    "by_flapping": "drag_per_thrust_and_speed_s_m",
 }
 
 SATURATIONS_M_S = (2.0, 3.0, 4.5, 7.0, 12.0)
@@ -41,6 +43,10 @@ def hub_drag(frame: FlightFrame, velocity: Array, shape: Shape, turning: bool = 
     weight = frame.speeds if "by_speed" in shape else np.clip(frame.thrust, 0.0, None)
     if "by_square" in shape:
         weight = weight * np.linalg.norm(hub, axis=-1)
+    elif "by_root" in shape:  # the air that the disc throws down carries the momentum (Mahony et al. 2012)
+        weight = np.sqrt(weight)
+    elif "by_flapping" in shape:  # the disc tilts back by V / (Omega R), and its thrust with it
+        weight = weight / np.maximum(frame.speeds, 0.1)
     if "saturation_m_s" in shape:
         weight = weight / np.hypot(1.0, np.linalg.norm(hub, axis=-1) / shape["saturation_m_s"])
     force = -weight[..., None] * hub
@@ -66,6 +72,13 @@ def _columns(frame: FlightFrame, shape: Shape) -> Array:
 def _shapes(_: FlightFrame) -> Sequence[Shape]:
     level = [{form: 1.0, "saturation_m_s": v} for form in ("by_speed", "by_thrust") for v in SATURATIONS_M_S]
     return [*({form: 1.0} for form in _FORMS), *level]
+
+
+def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    """From a drag that does not level off to one that may, at any speed."""
+    if "saturation_m_s" in shape or "by_square" in shape:
+        return []
+    return [({**shape, "saturation_m_s": 12.0}, c)]
 
 
 def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
@@ -97,6 +110,8 @@ FLIGHT: Effect[FlightFrame] = Effect(
         "drag_per_speed_N_s_m": "N s/m",
         "drag_per_thrust_s_m": "s/m",
         "drag_per_thrust_s2_m2": "s2/m2",
+        "drag_per_root_thrust": "N^0.5 s/m",
+        "drag_per_thrust_and_speed_s_m": "s/m",
         "saturation_m_s": "m/s",
         "moment_share": "1",
     },
@@ -107,4 +122,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=_refuse,
     cause=drag_cause,
+    stage=5,
+    free=lambda _, shape: {"saturation_m_s": (0.5, 60.0)} if "saturation_m_s" in shape else {},
+    finer=_finer,
 )

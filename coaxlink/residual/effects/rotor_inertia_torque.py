@@ -48,4 +48,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
             frame.speeds @ np.array([r.yaw_sign for r in frame.airframe.rotors], float), 1 / frame.rate_hz
         ),
     ),
+    stage=7,
 )

@@ -49,6 +49,7 @@ def _air_cause(frame: StandFrame, _: Shape, __: str) -> tuple[str, Array]:
 
 AIR_DENSITY: Effect[StandFrame] = Effect(
     name="air_density",
+    stage=6,
     physics="thrust and torque are proportional to the density of the air",
     source="blade element theory; ideal gas",
     needs=("air_temperature_C", "air_pressure_Pa"),
@@ -85,6 +86,7 @@ def _blade_refuse(p: dict[str, float] | object) -> str | None:
 
 BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
     name="blade_speed_law",
+    stage=2,
     physics="the loads grow with another power of speed than the model's (Reynolds number, tip speed)",
     source="Deters, Ananda and Selig 2014, Reynolds number effects on small propellers",
     needs=("upper_rpm",),
@@ -119,6 +121,7 @@ def _interference_columns(frame: StandFrame, shape: Shape) -> Array:
 
 INTERFERENCE: Effect[StandFrame] = Effect(
     name="lower_on_upper_interference",
+    stage=4,
     physics="the lower rotor draws air through the upper one, which loses thrust",
     source="coaxial momentum theory at finite spacing (Leishman and Ananthan 2006)",
     needs=("upper_rpm", "lower_rpm"),
@@ -166,6 +169,7 @@ def _spacing_columns(frame: StandFrame, _: Shape) -> Array:
 
 ROTOR_SPACING: Effect[StandFrame] = Effect(
     name="rotor_spacing",
+    stage=3,
     physics="further apart, the wake has contracted more and the rotors disturb each other less",
     source="wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022",
     needs=("rotor_spacing_m",),

@@ -85,6 +85,7 @@ def _voltage_cause(frame: StandFrame, _: Shape, channel: str) -> tuple[str, Arra
 
 BATTERY_VOLTAGE: Effect[StandFrame] = Effect(
     name="battery_voltage",
+    stage=1,
     physics="rotor speed follows the supply voltage: u = throttle (V / V_ref)^k",
     source="no-load speed of a duty-cycle driven brushless motor (Drela 2007)",
     needs=("voltage_V",),
@@ -128,6 +129,7 @@ def _heat_shapes(frame: StandFrame) -> Sequence[Shape]:
 
 MOTOR_HEATING: Effect[StandFrame] = Effect(
     name="motor_heating",
+    stage=1,
     physics="a warm winding has more resistance and its motor turns slower at the same throttle",
     source="copper's temperature coefficient in the first-order motor model (Drela 2007)",
     needs=("motor_temperature_C",),
@@ -174,6 +176,7 @@ def _bent(frame: StandFrame, speeds: Array) -> Array:
 
 ROTOR_LAG: Effect[StandFrame] = Effect(
     name="rotor_lag",
+    stage=0,
     physics="the speed follows the throttle as a first-order lag",
     source="first-order motor dynamics (Hamandi, Tognon and Franchi 2020)",
     needs=("time_s", "upper_throttle"),
@@ -206,6 +209,7 @@ def _no_low(frame: StandFrame) -> str | None:
 
 DEAD_BAND: Effect[StandFrame] = Effect(
     name="dead_band",
+    stage=0,
     physics="below a throttle the motor does not turn",
     source="speed controllers' start threshold",
     needs=("upper_throttle",),

@@ -33,6 +33,7 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
 
 SENSOR_DRIFT: Effect[StandFrame] = Effect(
     name="sensor_drift",
+    stage=8,
     physics="a load cell's zero wanders with time",
     source="creep and warm-up of strain gauges",
     needs=("time_s",),
@@ -93,7 +94,7 @@ def _way_columns(frame: StandFrame, shape: Shape) -> Array:
         if name in shape or "both" in shape or "sweep" in shape:
             way = 0.5 * _way(frame, side, shape)
             u = frame.speeds[:, side]
-            weight = np.abs(frame.predicted[:, 2 * side : 2 * side + 2])
+            weight = frame.predicted[:, 2 * side : 2 * side + 2]
             if "bulge" in shape:
                 weight = weight * (4.0 * np.clip(1.0 - u, 0.0, 1.0))[:, None]
             out[:, 2 * side, 0] = -weight[:, 0] * way
@@ -103,6 +104,7 @@ def _way_columns(frame: StandFrame, shape: Shape) -> Array:
 
 HYSTERESIS: Effect[StandFrame] = Effect(
     name="hysteresis",
+    stage=7,
     physics="a load depends on whether the speed came from above or below",
     source="friction of the rig and stall of the blades on the way down",
     needs=("upper_rpm", "lower_rpm"),

@@ -1,16 +1,17 @@
 """Wind: the air moves, and with it the velocity that drags the rotors: F_xy = -k sum(u_i) (v - w)_xy.
 
 Source: rotor drag (see `rotor_drag`) on the air speed; constant wind in the world frame, seen by the body
-through its attitude. Needs turns of heading or speed to be told from a sensor bias.
+through its attitude; the body's own drag, d |v - w| (v - w), acts besides. Needs turns of heading or speed to
+be told from a sensor bias. It is found linear in the wind and then fitted as written.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
+from coaxlink.residual.effects.base import Array, Effect, Shape, outside
 from coaxlink.residual.effects.rotor_drag import drag_cause, hub_drag
 from coaxlink.residual.frames import FlightFrame
 
@@ -26,7 +27,9 @@ def _missing(frame: FlightFrame) -> str | None:
     )
 
 
-def _columns(frame: FlightFrame, _: Shape) -> Array:
+def _columns(frame: FlightFrame, shape: Shape) -> Array:
+    if "north" in shape:
+        return _exact(frame, shape)
     own = hub_drag(frame, frame.velocity, _BY_SPEED)
     force, moment = own.copy(), own.copy()
     force[:, 3:], moment[:, :3] = 0.0, 0.0
@@ -35,7 +38,25 @@ def _columns(frame: FlightFrame, _: Shape) -> Array:
     return np.stack([force, north, east, moment], axis=-1)
 
 
-def _parameters(_: FlightFrame, __: Shape, c: Array) -> dict[str, float]:
+def _exact(frame: FlightFrame, shape: Shape) -> Array:
+    """Drag of rotors, of their moments, and of the body, at one wind."""
+    air = frame.velocity - shape["north"] * frame.north - shape["east"] * frame.east
+    force, moment = (hub_drag(frame, v, _BY_SPEED) for v in (air, frame.velocity))
+    force[:, 3:], moment[:, :3] = 0.0, 0.0
+    body = np.zeros_like(force)
+    body[:, :3] = -np.linalg.norm(air, axis=1, keepdims=True) * air
+    return np.stack([force, moment, body], axis=-1)
+
+
+def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
+    if "north" in shape:
+        return {
+            "drag_per_speed_N_s_m": float(c[0]),
+            "wind_north_m_s": shape["north"],
+            "wind_east_m_s": shape["east"],
+            "moment_N_s_m": float(c[1]),
+            "body_drag_kg_m": float(c[2]),
+        }
     k = c[0] if abs(c[0]) > 1e-9 else 1e-9
     return {
         "drag_per_speed_N_s_m": float(c[0]),
@@ -47,13 +68,29 @@ def _parameters(_: FlightFrame, __: Shape, c: Array) -> dict[str, float]:
 
 def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
     k = p["drag_per_speed_N_s_m"]
+    if "body_drag_kg_m" in p:
+        shape = {"north": p["wind_north_m_s"], "east": p["wind_east_m_s"]}
+        return shape, np.array([k, p["moment_N_s_m"], p["body_drag_kg_m"]])
     return {}, np.array([k, k * p["wind_north_m_s"], k * p["wind_east_m_s"], k * p["moment_share"]])
 
 
 def _refuse(p: Mapping[str, float]) -> str | None:
-    return outside("drag_per_speed_N_s_m", p["drag_per_speed_N_s_m"], 0.0, 50.0, "N s/m") or outside(
+    least = -0.3 if "body_drag_kg_m" in p else 0.0  # beside the body's drag the rotors' may be nothing
+    return outside("drag_per_speed_N_s_m", p["drag_per_speed_N_s_m"], least, 50.0, "N s/m") or outside(
         "wind", float(np.hypot(p["wind_north_m_s"], p["wind_east_m_s"])), 0.2, 30.0, "m/s"
     )
+
+
+def _finer(_: FlightFrame, __: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    k = c[0] if abs(c[0]) > 1e-9 else 1e-9
+    wind = np.array([c[1], c[2]]) / k
+    speed = float(np.hypot(*wind))
+    wind = wind * min(1.0, 12.0 / max(speed, 1e-9))
+    # all the push from the rotors, or all from the body
+    return [
+        ({"north": float(s * wind[0]), "east": float(s * wind[1])}, np.array([a * k, c[3], b]))
+        for s, a, b in ((1.0, 1.0, 0.0), (1.0, 0.0, 0.1), (0.5, 0.5, 0.1))
+    ]
 
 
 FLIGHT: Effect[FlightFrame] = Effect(
@@ -67,12 +104,17 @@ FLIGHT: Effect[FlightFrame] = Effect(
         "wind_north_m_s": "m/s",
         "wind_east_m_s": "m/s",
         "moment_share": "1",
+        "moment_N_s_m": "N s/m",
+        "body_drag_kg_m": "kg/m",
     },
     missing=_missing,
-    shapes=one_shape,
+    shapes=lambda _: [{}],
     columns=_columns,
     parameters=_parameters,
     inverse=_inverse,
     refuse=_refuse,
     cause=drag_cause,
+    stage=5,
+    free=lambda _, shape: dict.fromkeys(shape, (-30.0, 30.0)),
+    finer=_finer,
 )

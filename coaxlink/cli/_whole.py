@@ -1,0 +1,48 @@
+"""A folder of results that is whole or as it was before: Ctrl-C and errors leave no half of one."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from coaxlink.errors import InputError
+
+
+@contextmanager
+def whole_or_before(out: Path, names: Sequence[str]) -> Iterator[None]:
+    """Files and folders `names` of `out` may be made inside the block; when it fails they are as before.
+
+    Earlier ones are put aside meanwhile. Other files in `out` are not touched, and a folder that was not
+    there goes again. Raises InputError when the place cannot be written.
+    """
+    was_there = out.is_dir()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        aside = Path(tempfile.mkdtemp(dir=out, prefix=".before-"))
+        for name in names:
+            if (out / name).exists():
+                (out / name).replace(aside / name)
+    except OSError as error:
+        raise InputError(out, "", f"cannot be written ({error.strerror})") from error
+    try:
+        yield
+    except BaseException:
+        for name in names:
+            _remove(out / name)
+            if (aside / name).exists():
+                (aside / name).replace(out / name)
+        aside.rmdir()
+        if not was_there and not any(out.iterdir()):
+            out.rmdir()
+        raise
+    _remove(aside)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

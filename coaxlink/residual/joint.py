@@ -1,0 +1,229 @@
+"""All chosen effects at once, as they act on one another, with their shapes free.
+
+The selection works with effects that add up, in shapes from a grid. Here the prediction is composed (what
+slows a rotor changes the thrust that the ground then raises) and coefficients and continuous shape numbers
+are moved together with the base corrections by Gauss-Newton steps. At the end the problem is linear again,
+about the best point: held-out errors and intervals come from the same blocks as before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from coaxlink.residual.blocks import held_out_sum, least_with, solve
+from coaxlink.residual.effects.base import Array, Effect, Shape
+from coaxlink.residual.problem import Index, Option, Problem, from_design
+from coaxlink.residual.select import autocorrelation_time
+
+Part = tuple[Effect[Any], Mapping[str, float]]
+STEPS = 5
+HALVINGS = (1.0, 0.5, 0.2, 0.05)
+SETTLED = 1e-4  # of the square sum
+RICHER = 15.0  # of a log-likelihood ratio: what another form or a freer one must gain
+
+
+@dataclass(frozen=True)
+class Member:
+    """An effect at a point: its shape, its coefficients, and which numbers of the shape are free."""
+
+    effect: Effect[Any]
+    shape: Shape
+    coefficients: Array  # (K,)
+    keys: tuple[str, ...]  # free numbers of the shape
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.effect.name
+
+    @property
+    def point(self) -> Array:
+        """(K + keys,) coefficients, then the shape's free numbers."""
+        return np.array([*self.coefficients, *(self.shape[k] for k in self.keys)])
+
+    def at(self, point: Array) -> Member:
+        """The member elsewhere."""
+        count = len(self.coefficients)
+        free = dict(zip(self.keys, map(float, point[count:]), strict=True))
+        return replace(self, shape={**self.shape, **free}, coefficients=np.asarray(point[:count], float))
+
+    def parameters(self, frame: Any) -> dict[str, float]:
+        """Named physical numbers."""
+        return self.effect.parameters(frame, self.shape, self.coefficients)
+
+
+def member(frame: Any, effect: Effect[Any], shape: Shape, coefficients: Array) -> Member:
+    """An effect in a shape, with all that is continuous in it free."""
+    return Member(effect, shape, np.asarray(coefficients, float), tuple(effect.free(frame, shape)))
+
+
+def composed(frame: Any, parts: Sequence[Part]) -> Any:
+    """The frame with effects in its prediction, in the order of their stages."""
+    for effect, parameters in sorted(parts, key=lambda part: part[0].stage):
+        frame = effect.acting(frame, parameters)
+    return frame
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A problem about the best point of its members; option k of the problem is member k."""
+
+    problem: Problem
+    members: tuple[Member, ...]
+
+    def named(self, k: int, values: Array) -> dict[str, float]:
+        """Parameters of member k where the problem's coefficients (P,) are these."""
+        point = values[self.problem.options[k].columns]
+        mine = self.members[k]
+        limits = list(mine.effect.free(self.problem.frame, mine.shape).values())
+        count = len(mine.coefficients)
+        for i, (low, high) in enumerate(limits):
+            point[count + i] = np.clip(point[count + i], low, high)
+        return mine.at(point).parameters(self.problem.frame)
+
+
+def straight(problem: Problem, options: Sequence[Option]) -> Joint:
+    """The options as the selection has them: shapes of the grid, columns added up."""
+    chosen = replace(problem, options=tuple(options))
+    values = solve(problem.blocks, columns_of(chosen), np.ones(problem.blocks.count))
+    members = tuple(Member(o.effect, o.shape, values[o.columns], ()) for o in options)
+    return Joint(chosen, members)
+
+
+class Fitter:
+    """Moves members of one problem; `bare` is the frame without them, `reduce` as the problem was built."""
+
+    def __init__(self, problem: Problem, bare: Any, fixed: Sequence[Part], reduce: Callable[[Array], Array]):
+        self.problem, self.bare, self.fixed, self.reduce = problem, bare, fixed, reduce
+        self._base = problem.design[:, :, problem.base]
+
+    def prediction(self, members: Sequence[Member]) -> Array:
+        """(frame rows, channels) with the members acting."""
+        parts = [*self.fixed, *((m.effect, m.parameters(self.bare)) for m in members)]
+        return np.asarray(composed(self.bare, parts).predicted)
+
+    def linear(self, members: Sequence[Member]) -> Joint:
+        """The problem about these members: whitened residual, base columns, derivatives."""
+        p, here = self.problem, self.prediction(members)
+        sigma = p.sigma
+        residual = self.reduce(self.bare.measured - here) / sigma
+        columns, options, at = [], [], len(p.base)
+        for k, m in enumerate(members):
+            point = m.point
+            for j in range(len(point)):
+                step = self._step(m, j)
+                moved = point.copy()
+                moved[j] += step
+                others = [m.at(moved) if i == k else o for i, o in enumerate(members)]
+                slope = self.reduce(self.prediction(others) - here) / (sigma * step)
+                columns.append(slope)
+                residual = residual + slope * point[j]
+            options.append(Option(m.effect, m.shape, np.arange(at, at + len(point))))
+            at += len(point)
+        design = np.concatenate([self._base, np.stack(columns, axis=-1).astype(self._base.dtype)], axis=-1)
+        return Joint(from_design(p, design, residual, options, frame=self.bare), tuple(members))
+
+    def _step(self, m: Member, j: int) -> float:
+        count = len(m.coefficients)
+        if j < count:
+            return 1e-3 * max(
+                abs(float(m.coefficients[j])), 1e-2 * float(np.max(np.abs(m.coefficients))), 1e-9
+            )
+        low, high = m.effect.free(self.bare, m.shape)[m.keys[j - count]]
+        value = float(m.shape[m.keys[j - count]])
+        step = 1e-3 * max(abs(value), 0.02 * (high - low))
+        return step if value + step <= high else -step
+
+    def settle(self, members: Sequence[Member]) -> tuple[Joint, float]:
+        """Gauss-Newton from here: the linear problem about the best point, and its held-out square sum."""
+        best = self.linear(members)
+        least = _least(best)
+        for _ in range(STEPS):
+            blocks = best.problem.blocks
+            values = solve(blocks, columns_of(best.problem), np.ones(blocks.count))
+            for share in HALVINGS:
+                pairs = zip(best.members, best.problem.options, strict=True)
+                trial = self.linear(tuple(self._moved(m, values[o.columns], share) for m, o in pairs))
+                now = _least(trial)
+                if now < least:
+                    break
+            else:
+                break
+            done = now > least * (1.0 - SETTLED)
+            best, least = trial, now
+            if done:
+                break
+        return best, _score(best)
+
+    def _moved(self, m: Member, values: Array, share: float) -> Member:
+        """The member on its way to other values (K + keys,), no further than its limits."""
+        point = m.point + share * (values - m.point)
+        limits = m.effect.free(self.bare, m.shape)
+        for i, (key, (low, high)) in enumerate(limits.items(), len(m.coefficients)):
+            old, reach = m.shape[key], 0.25 * (high - low)
+            if low > 0.0:  # a scale: no more than doubled or halved at once
+                low, high = max(low, 0.5 * old), min(high, 2.0 * old)
+            point[i] = np.clip(point[i], max(low, old - reach), min(high, old + reach))
+        return m.at(point)
+
+
+def columns_of(p: Problem) -> Index:
+    """All columns of a problem in use: base and every option."""
+    return np.concatenate([p.base, *(o.columns for o in p.options)]).astype(np.intp)
+
+
+def _least(joint: Joint) -> float:
+    """Square sum with the members exactly where they stand, the base at its best."""
+    p = joint.problem
+    fixed = np.zeros(len(p.blocks.bounds))
+    for o, m in zip(p.options, joint.members, strict=True):
+        fixed[o.columns] = m.point
+    return least_with(p.blocks, p.base, fixed)
+
+
+def _score(joint: Joint) -> float:
+    """Held-out square sum about the point the problem is linear at, base free, members as they stand."""
+    return float(held_out_sum(joint.problem.blocks, columns_of(joint.problem)).sum())
+
+
+def _inflation(p: Problem) -> float:
+    """How much less the rows say than independent ones would, where what is left hangs together in time."""
+    values = solve(p.blocks, columns_of(p), np.ones(p.blocks.count))
+    left = p.residual - p.design @ values
+    return float(np.max(autocorrelation_time(left, p.block)))
+
+
+def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) -> Joint:
+    """The best joint fit from these members, other forms of each tried if they gain enough.
+
+    Members whose numbers another's better form makes unphysical are dropped with it.
+    """
+    best, score = fitter.settle(members)
+    if not alternatives:
+        return best
+    rows = fitter.problem.residual.size / _inflation(best.problem)
+    for name in [m.name for m in members]:
+        mine = next((m for m in best.members if m.name == name), None)
+        if mine is None:
+            continue
+        improved: Shape = {}
+        for shape, coefficients in mine.effect.finer(fitter.bare, mine.shape, mine.coefficients):
+            if improved and set(shape) == set(improved):
+                continue  # this form from another start
+            other = member(fitter.bare, mine.effect, shape, coefficients)
+            trial, now = fitter.settle([other if m.name == name else m for m in best.members])
+            refused = _refused(fitter, trial)
+            if refused and name not in refused:
+                trial, now = fitter.settle([m for m in trial.members if m.name not in refused])
+                refused = _refused(fitter, trial)
+            if not refused and (score - now) * rows / max(score, 1e-12) > RICHER:
+                best, score, improved = trial, now, shape
+    return best
+
+
+def _refused(fitter: Fitter, joint: Joint) -> set[str]:
+    return {m.name for m in joint.members if m.effect.refuse(m.parameters(fitter.bare))}

@@ -1,0 +1,83 @@
+"""The regression of a stand log, its noise floor, and the variables that its residual may depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coaxlink.residual.effects import STAND_EFFECTS
+from coaxlink.residual.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
+from coaxlink.residual.joint import Part
+from coaxlink.residual.problem import Problem, build
+from coaxlink.residual.signals import noise_floor
+from coaxlink.residual.stand import base_corrections
+
+
+def known_parts(frame: StandFrame) -> tuple[list[Part], list[str]]:
+    """The effects that the model carries already, and notes on those that this log cannot evaluate."""
+    by_name = {e.name: e for e in STAND_EFFECTS}
+    parts: list[Part] = []
+    notes = []
+    for known in frame.model.effects:
+        effect = by_name.get(known.name)
+        why = "it is none of a stand" if effect is None else effect.missing(frame)
+        if effect is None or why is not None:
+            notes.append(f"the model's effect {known.name} is left out: {why}")
+        else:
+            parts.append((effect, known.parameters))
+    return parts, notes
+
+
+def stand_problem(frame: StandFrame) -> Problem:
+    """The regression of a stand log: residual of the measured channels at trusted rows."""
+    present, keep = list(frame.present), frame.keep
+
+    def reduce(columns: Array) -> Array:
+        return columns[keep][:, present]
+
+    residual = reduce(frame.measured - frame.predicted)
+    _, block = np.unique(frame.block[keep], return_inverse=True)
+    base = [(name, bound, reduce(columns)) for name, bound, columns in base_corrections(frame)]
+    reference = frame.reference[present]
+    floor = stand_floor(frame, _without_base(residual, base))
+    return build(
+        frame=frame,
+        channels=[STAND_CHANNELS[c] for c in present],
+        units=[STAND_UNITS[c] for c in present],
+        reference=reference,
+        residual=residual,
+        sigma=np.sqrt(floor**2 + (2e-4 * reference) ** 2),
+        corrections=base,
+        effects=STAND_EFFECTS,
+        reduce=reduce,
+        block=block.astype(np.intp),
+    )
+
+
+def _without_base(residual: Array, base: Sequence[tuple[str, float, Array]]) -> Array:
+    """What least squares on the base columns leaves, channel by channel."""
+    out = residual.copy()
+    for c in range(residual.shape[1]):
+        columns = [values[:, c] for _, _, values in base if np.any(values[:, c])]
+        if columns:
+            x = np.stack(columns, axis=1)
+            out[:, c] -= x @ np.linalg.lstsq(x, residual[:, c], rcond=1e-10)[0]
+    return out
+
+
+def stand_variables(frame: StandFrame) -> dict[str, Array]:
+    """(kept,) recorded variables that a residual may still depend on."""
+    out = {"time_s": frame.time_s, "upper_speed": frame.speeds[:, 0], "lower_speed": frame.speeds[:, 1]}
+    out |= {
+        name: values
+        for name, values in frame.columns.items()
+        if not name.endswith(("_rpm", "_throttle", "_thrust_N", "_torque_Nm")) and name != "time_s"
+    }
+    return {name: values[frame.keep] for name, values in out.items() if np.all(np.isfinite(values))}
+
+
+def stand_floor(frame: StandFrame, left: Array) -> Array:
+    """(C,) noise of residuals (kept, C): second differences between neighbours of one sweep."""
+    block = np.unique(frame.block[frame.keep], return_inverse=True)[1]
+    return noise_floor(left, block.astype(float), np.full(left.shape[1], 6.0))

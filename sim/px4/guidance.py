@@ -1,0 +1,26 @@
+"""How a goal moves to where the vehicle is to be: as fast as it may, and no faster than it can follow."""
+
+from __future__ import annotations
+
+import math
+
+from sim.px4.cascade import Goal, Three
+
+RATE_HZ = 250
+
+
+def step_towards(goal: Goal, target: Three, cruise: float, climb: float, yaw: float) -> Goal:
+    """The goal moved on: speed and acceleration limited, straight in the plane, straight up or down."""
+    dt = 1.0 / RATE_HZ
+    p, v = goal.position, goal.velocity
+    gap = (target[0] - p[0], target[1] - p[1])
+    far = math.hypot(*gap)
+    # slow enough to stop with 2 m/s^2 of braking
+    level = min(cruise, math.sqrt(2 * 2.0 * far)) if far > 1e-6 else 0.0
+    wanted = [gap[0] / far * level, gap[1] / far * level] if far > 1e-6 else [0.0, 0.0]
+    rise = target[2] - p[2]
+    vertical = math.copysign(min(climb, math.sqrt(2 * 1.5 * abs(rise))), rise)
+    speeds = [*wanted, vertical]
+    out = [v[k] + min(max(speeds[k] - v[k], -3.0 * dt), 3.0 * dt) for k in range(3)]
+    place = [p[k] + out[k] * dt for k in range(3)]
+    return Goal((place[0], place[1], place[2]), (out[0], out[1], out[2]), (0.0, 0.0, 0.0), yaw)

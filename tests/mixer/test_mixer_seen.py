@@ -1,0 +1,158 @@
+"""What the mixer sees: commands made with the effects deliver on rotors that have them.
+
+The rotors that have them are written out here, speed by speed; nothing of the code under test makes them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coaxlink.airframe import load_airframe
+from coaxlink.errors import InputError
+from coaxlink.mixer import Conditions, make_law, see
+from coaxlink.rotor.model import Effect, load_rotor_model
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+X8 = load_airframe(EXAMPLES / "x8_paper.toml")
+CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
+DEMAND = np.array([205.0, 1.5, -1.0, 0.4])
+
+WEAK = Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.18})
+SHIFT = Effect("cg_offset", {"offset_x_m": 0.012, "offset_y_m": -0.007})
+SAG = Effect("battery_voltage", {"speed_exponent": 0.5, "reference_voltage_V": 33.6})
+GROUND = Effect("ground_effect", {"gain_at_ground": 0.2, "height_scale_m": 0.6})
+INFLOW = Effect("axial_inflow", {"thrust_per_climb_N_s_m": 1.8})
+INTERFERENCE = Effect(
+    "lower_on_upper_interference",
+    {"thrust_loss_N": 2.5, "torque_loss_Nm": 0.03, "lower_power": 1.5, "upper_power": 0.5},
+)
+BLADE = Effect("blade_speed_law", {"exponent_change": 0.12, "power": -0.25})
+
+
+def seen(*effects, **at):
+    return see(X8, dataclasses.replace(CRM, effects=effects), Conditions(**at))
+
+
+def delivered(u, *, speed=1.0, weak=None, shift=(0.0, 0.0), thrust_gain=1.0, climb=0.0, more=0.0, bend=None):
+    """(4,) wrench about the true centre of mass of rotors that turn at `speed` of their commands `u`."""
+    pull, drag = np.zeros(8), np.zeros(8)
+    for upper, lower in ((0, 5), (1, 4), (2, 7), (3, 6)):
+        a, b = u[upper] * speed, u[lower] * speed
+        load = CRM.loads(a, b)
+        each = [load.upper_thrust, load.upper_torque, load.lower_thrust, load.lower_torque]
+        each = bend(a, b, each) if bend else each
+        pull[upper], drag[upper], pull[lower], drag[lower] = each
+        pull[upper] -= 1.8 * climb * a
+        pull[lower] -= 1.8 * climb * b
+    pull = (pull + more) * thrust_gain
+    if weak is not None:
+        pull[weak] *= 0.7
+        drag[weak] *= 0.82
+    place = np.array([r.position_m for r in X8.rotors])[:, :2] - shift
+    spin = np.array([1, -1, 1, -1, 1, -1, 1, -1])  # of x8_paper.toml
+    return np.array([pull.sum(), -place[:, 1] @ pull, place[:, 0] @ pull, spin @ drag])
+
+
+ABOVE = 0.4 + np.array([0.075] * 4 + [-0.075] * 4)  # the discs' own heights
+BENT = {"thrust_per_climb_N_s_m": 1.8, "levelling_s_m": 0.1, "thrust_per_climb_squared_N_s2_m2": 0.1}
+CASES = {
+    "weak rotor": ((WEAK,), {}, {"weak": 2}),
+    "shifted mass": ((SHIFT,), {}, {"shift": (0.012, -0.007)}),
+    "sagged supply": ((SAG,), {"voltage_V": 30.0}, {"speed": (30.0 / 33.6) ** 0.5}),
+    "ground": ((GROUND,), {"height_m": 0.4}, {"thrust_gain": 1 + 0.2 * np.exp(-ABOVE / 0.6)}),
+    "ground by a power": (
+        (Effect("ground_effect", {"effective_radius_m": 0.5, "height_power": 1.6}),),
+        {"height_m": 0.4},
+        {"thrust_gain": 1 + (0.5 / 4 / ABOVE) ** 1.6},
+    ),
+    "climb, bent": (
+        (Effect("axial_inflow", BENT),),
+        {"climb_m_s": 1.5},
+        {"climb": 1 / (1 + 0.1 * 1.5) * 1.5, "more": -0.1 * 1.5**2},
+    ),
+    "climb": ((INFLOW,), {"climb_m_s": 1.5}, {"climb": 1.5}),
+    "three at once": (
+        (INFLOW, WEAK, SHIFT, SAG),
+        {"voltage_V": 30.0, "climb_m_s": 1.5},
+        {"weak": 2, "shift": (0.012, -0.007), "speed": (30.0 / 33.6) ** 0.5, "climb": 1.5},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("law", ["exact", "coaxial"])
+def test_the_demand_is_delivered_by_rotors_that_have_the_effect(case, law):
+    effects, at, truth = CASES[case]
+    s = seen(*effects, **at)
+    assert set(s.done) == {e.name for e in effects} and not s.cannot
+    u = make_law(law, s.airframe, s.model).speeds(DEMAND)
+    # a loss that does not grow with speed is no polynomial of a rotor that stands: it is met closely
+    assert delivered(u, **truth) == pytest.approx(DEMAND, abs=0.1 if "more" in truth else 1e-6)
+    blind = make_law(law, X8, CRM).speeds(DEMAND)
+    assert np.abs(delivered(blind, **truth) - DEMAND).max() > 0.5  # else the test would see nothing done
+
+
+@pytest.mark.parametrize("effect", [INTERFERENCE, BLADE])
+def test_a_bent_surface_is_delivered_on(effect):
+    p = effect.parameters
+
+    def bend(a, b, each):
+        if effect is INTERFERENCE:
+            term = b ** p["lower_power"] * a ** p["upper_power"]
+            return [each[0] - p["thrust_loss_N"] * term, each[1] - p["torque_loss_Nm"] * term, *each[2:]]
+        share = [p["exponent_change"] * (x ** p["power"] - 1) / p["power"] for x in (a, b)]
+        return [e * (1 + share[i // 2]) for i, e in enumerate(each)]
+
+    s = seen(effect)
+    u = make_law("exact", s.airframe, s.model).speeds(DEMAND)
+    assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=0.35)
+    blind = make_law("exact", X8, CRM).speeds(DEMAND)
+    assert abs(delivered(blind, bend=bend)[0] - DEMAND[0]) > 1.5
+    assert s.model.upper_thrust(0.0, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("law", ["fitted", "reduced", "standard"])
+def test_the_linear_laws_know_a_weak_rotor_too(law):
+    s = seen(WEAK)
+    miss = [
+        np.abs(delivered(make_law(law, airframe, model).speeds(DEMAND), weak=2) - DEMAND)[1:3].max()
+        for airframe, model in ((X8, CRM), (s.airframe, s.model))
+    ]
+    assert miss[1] < (0.1 if law == "fitted" else 0.8) * miss[0]
+
+
+def test_what_is_not_stated_or_cannot_be_held_is_said():
+    s = seen(SAG, GROUND, INFLOW, Effect("rotor_drag", {"drag_N_s_m": 1.0}), Effect("dust", {}))
+    assert not s.done and s.airframe == X8
+    assert s.model.terms() == CRM.terms() and s.model.effects == ()
+    assert "--voltage" in s.cannot["battery_voltage"] and "--height" in s.cannot["ground_effect"]
+    assert set(s.cannot) == {"battery_voltage", "ground_effect", "axial_inflow", "rotor_drag", "dust"}
+
+
+def test_live_mixing_is_left_what_it_measures():
+    model = dataclasses.replace(CRM, effects=(SAG, INTERFERENCE, WEAK))
+    s = see(X8, model, surfaces_only=True)
+    assert [e.name for e in s.model.effects] == ["battery_voltage", "degraded_rotor"]
+    assert list(s.done) == ["lower_on_upper_interference"] and s.airframe == X8
+
+
+def test_a_mass_moves_the_hover():
+    assert seen(Effect("mass_change", {"mass_kg": 22.5})).airframe.mass_kg == 22.5
+
+
+@pytest.mark.parametrize(
+    "effect, at, said",
+    [
+        (Effect("degraded_rotor", {"rotor": 9.0, "thrust_loss": 0.1}), {}, "rotors 1 to 8"),
+        (Effect("degraded_rotor", {"rotor": 1.0}), {}, "thrust_loss"),
+        (SAG, {"voltage_V": 0.0}, "--voltage"),
+        (SAG, {"voltage_V": 400.0}, "--voltage"),
+    ],
+)
+def test_numbers_that_cannot_be_are_refused(effect, at, said):
+    with pytest.raises(InputError, match=said):
+        seen(effect, **at)

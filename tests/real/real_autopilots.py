@@ -1,0 +1,158 @@
+"""Start a real autopilot's own simulation binary behind `coaxlink sim --bridge`, on loopback.
+
+Nothing of theirs is here: the binary is named by PX4_SITL or ARDUCOPTER_SITL; PX4's start-up scripts are
+looked for beside it, in ../etc.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as m
+
+from coaxlink.link.session import Session
+from coaxlink.link.trajectory import Hold, Plan
+from coaxlink.link.vehicle import Vehicle
+
+ROOT = Path(__file__).parents[2]
+LOOP_HZ = 800  # of its simulation: at least 1.8 times its own loop
+
+
+@contextmanager
+def bridge(to: str, *options: str, port: int = 0) -> Iterator[int]:
+    """`coaxlink sim --bridge` as a process of its own; yields its port."""
+    kind = "tcpin" if to == "px4" else "udpin"
+    command = [sys.executable, "-m", "coaxlink", "sim", "--bridge", to, *options]
+    command += ["--listen", f"{kind}:127.0.0.1:{port}"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    try:
+        assert process.stdout is not None
+        ready = process.stdout.readline()
+        assert ready.startswith("ready"), ready
+        yield int(ready.strip().rpartition(":")[2])
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=20)
+
+
+class Px4:
+    """PX4's SITL in `folder`, behind a bridge; `boot` starts it, again and again if need be."""
+
+    def __init__(self, binary: Path, folder: Path, instance: int) -> None:
+        self.binary, self.folder, self.instance = binary, folder, instance
+        self.address = f"udpin:127.0.0.1:{14540 + instance}"
+
+    @contextmanager
+    def boot(self, params: Mapping[str, float] | None = None) -> Iterator[str]:
+        """One power-up, `params` set before it starts; yields the companion link's address."""
+        etc = self.binary.resolve().parent.parent / "etc"
+        clean = {k: v for k, v in os.environ.items() if not k.startswith("PX4_")}
+        preset = {f"PX4_PARAM_{name}": repr(value) for name, value in (params or {}).items()}
+        command = [str(self.binary), "-d", "-i", str(self.instance), "-w", str(self.folder), str(etc)]
+        with _running(command, self.folder, clean | preset | {"PX4_SYS_AUTOSTART": "10016"}):
+            yield self.address
+
+
+@contextmanager
+def px4(binary: Path, folder: Path, *options: str) -> Iterator[Px4]:
+    """A PX4 that is ready to boot; `options` are the bridge's."""
+    instance = _instance()
+    with bridge("px4", *options, port=4560 + instance):
+        yield Px4(binary, folder, instance)
+
+
+def _instance() -> int:
+    """An instance number of PX4 whose ports nobody has (from 9 on they share a companion's port)."""
+    for instance in random.sample(range(1, 9), 8):
+        try:
+            for kind, port in (
+                (socket.SOCK_STREAM, 4560 + instance),
+                (socket.SOCK_DGRAM, 14540 + instance),
+                (socket.SOCK_DGRAM, 14580 + instance),
+                (socket.SOCK_DGRAM, 18570 + instance),
+            ):
+                with socket.socket(socket.AF_INET, kind) as probe:
+                    probe.bind(("127.0.0.1", port))
+        except OSError:
+            continue
+        return instance
+    raise AssertionError("no PX4 instance is free on this machine")
+
+
+@contextmanager
+def arducopter(
+    binary: Path, folder: Path, params: Mapping[str, float], *options: str, speed: float = 3.0
+) -> Iterator[str]:
+    """ArduCopter's SITL in `folder` on the JSON bridge; yields its first serial port's address.
+
+    A reboot it does by itself, in the same process. `options` are the bridge's.
+    """
+    defaults = folder / "defaults.parm"
+    defaults.write_text("".join(f"{name} {value:.9g}\n" for name, value in params.items()))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        link = probe.getsockname()[1]
+    with bridge("ardupilot", *options) as port:
+        command = [str(binary), "--model", "JSON:127.0.0.1", "--sim-port-out", str(port)]
+        command += ["--speedup", str(speed), "--rate", str(LOOP_HZ), "--defaults", str(defaults), "--wipe"]
+        command += ["--home", "47.397742,8.545594,488,0", "--serial0", f"udpclient:127.0.0.1:{link}"]
+        command += ["--serial1", "none", "--serial2", "none"]
+        with _running(command, folder, dict(os.environ)):
+            yield f"udpin:127.0.0.1:{link}"
+
+
+@contextmanager
+def _running(command: list[str], folder: Path, environment: dict[str, str]) -> Iterator[None]:
+    with (folder / "autopilot.log").open("a") as talk:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=talk,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            yield
+        finally:
+            os.killpg(process.pid, signal.SIGTERM)
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+
+
+def coaxlink(*arguments: str, cwd: Path = ROOT, fails: bool = False) -> subprocess.CompletedProcess[str]:
+    """The verb as a user types it."""
+    command = [sys.executable, "-m", "coaxlink", *arguments]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=120)
+    assert fails or done.returncode == 0, done.stderr
+    return done
+
+
+def hover(session: Session, vehicle: Vehicle, seconds: float = 20.0) -> NDArray[np.float64]:
+    """Pulse widths (rows, 8) of a hover at 3 m, from SERVO_OUTPUT_RAW; lands."""
+    place = (0.0, 0.0, -3.0)
+    assert session.request_stream(m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 50.0)
+    vehicle.follow(Plan((Hold("settle", place, 8.0),)))
+    with session.listen(("SERVO_OUTPUT_RAW",)) as heard:
+        vehicle.follow(Plan((Hold("hover", place, seconds),)))
+        rows = []
+        while (message := session.take(heard, 0.0)) is not None:
+            rows.append([getattr(message, f"servo{n}_raw") for n in range(1, 9)])
+    vehicle.land()
+    assert len(rows) > 100
+    return np.array(rows, float)

@@ -1,0 +1,137 @@
+"""The real PX4 (PX4_SITL names its binary): flown over the bridge, given a table, restarted, measured."""
+
+import json
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from real_autopilots import ROOT, Px4, coaxlink, hover, px4
+
+from coaxlink.errors import SafetyRefusal
+from coaxlink.link import connect
+from coaxlink.link.plan import load_plan
+from coaxlink.link.session import Session
+from coaxlink.link.trajectory import paper_flight, table_4_flight
+from coaxlink.link.vehicle import Vehicle
+from firmware_params import px4 as firmware
+
+BINARY = os.environ.get("PX4_SITL", "")
+pytestmark = [
+    pytest.mark.skipif(not BINARY, reason="PX4_SITL names no binary"),
+    pytest.mark.timeout(400),
+]
+AIRFRAME = ROOT / "examples" / "x8_demo.toml"
+PAIRS = ((0, 5), (1, 4), (2, 7), (3, 6))
+# rate loops of a 20 kg X8; the stock ones are a small quadrotor's
+GAINS = {"P": 0.2, "I": 0.3, "D": 0.003}
+TUNED = {f"MC_{axis}RATE_{k}": v for axis in ("ROLL", "PITCH") for k, v in GAINS.items()}
+TUNED |= {"MC_YAWRATE_P": 0.45, "MC_YAWRATE_I": 0.3}
+BATTERY = {"SIM_BAT_MIN_PCT": 100.0}  # else its own simulation empties one by the clock
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Iterator[Px4]:
+    (tmp_path / "px4").mkdir()
+    with px4(Path(BINARY), tmp_path / "px4", "--airframe", str(AIRFRAME), "--speed", "0") as autopilot:
+        yield autopilot
+
+
+def factory(folder: Path) -> dict[str, float]:
+    """What the vehicle left the factory with: the standard table, its outputs, its rate loops."""
+    coaxlink("table", str(AIRFRAME), "--firmware", "px4", "--law", "standard", "--out", str(folder))
+    outputs = {f"PWM_MAIN_FUNC{n}": 100 + n for n in range(1, 9)}
+    return {**load_plan(folder).params, **outputs, **TUNED, **BATTERY}
+
+
+def take_off(session: Session) -> Vehicle:
+    vehicle, end = Vehicle(session), time.monotonic() + 60.0
+    while True:
+        try:
+            vehicle.arm()
+            break
+        except SafetyRefusal:  # its estimator has not settled yet
+            assert time.monotonic() < end
+            time.sleep(0.5)
+    vehicle.take_off(3.0)
+    return vehicle
+
+
+def test_a_table_is_flown_as_realise_says(board: Px4, tmp_path: Path) -> None:
+    tables = tmp_path / "fitted"
+    coaxlink("table", str(AIRFRAME), "--firmware", "px4", "--out", str(tables))
+    with board.boot(factory(tmp_path / "standard")) as url:
+        with connect(url, timeout_s=60.0) as session:
+            take_off(session)
+        refused = coaxlink("upload", str(tables), "--connect", url, "--yes", fails=True)
+        assert refused.returncode == 4 and "armed" in refused.stderr
+        with connect(url, timeout_s=60.0) as session:
+            vehicle = Vehicle(session)
+            track = vehicle.follow(table_4_flight())
+            vehicle.land()
+        far = np.linalg.norm(np.array(track.wanted_m) - np.array(track.flown_m), axis=1)
+        assert np.sqrt((far**2).mean()) < 0.5  # our answers lag when the machine is busy
+        out = tmp_path / "up.json"
+        coaxlink("upload", str(tables), "--connect", url, "--yes", "--json", str(out), cwd=tmp_path)
+        written = json.loads(out.read_text())
+        assert written["result"] == "verified" and len(written["changed"]) >= 17
+    with board.boot() as url:
+        coaxlink("verify", str(tables), "--connect", url)
+        with connect(url, timeout_s=60.0) as session:
+            pulses = hover(session, take_off(session))
+    held_to_realise(pulses, tables)
+
+
+TRUTH = """
+[[effects]]
+name = "rotor_drag"
+size = 1.2
+
+[[effects]]
+name = "degraded_rotor"
+size = 0.2
+rotor = 3
+"""
+
+
+def test_refine_finds_what_is_hidden_behind_the_real_one(tmp_path: Path) -> None:
+    truth, log, out = tmp_path / "truth.toml", tmp_path / "flight.tlog", tmp_path / "refined.json"
+    truth.write_text(TRUTH)
+    folder = tmp_path / "px4"
+    folder.mkdir()
+    options = ("--airframe", str(AIRFRAME), "--speed", "0", "--truth", str(truth))
+    with (
+        px4(Path(BINARY), folder, *options) as board,
+        board.boot(factory(tmp_path / "standard")) as url,
+        connect(url, timeout_s=60.0, record=log) as session,
+    ):
+        for stream in (30, 31, 32, 36, 105):  # attitude twice, position, motors, IMU
+            session.request_stream(stream, 50.0)
+        vehicle = take_off(session)
+        vehicle.follow(paper_flight())
+        vehicle.land()
+    coaxlink("refine", str(log), "--airframe", str(AIRFRAME), "--json", str(out))
+    added = {
+        effect["name"]: {p["name"]: p["value"] for p in effect["parameters"]}
+        for effect in json.loads(out.read_text())["effects"]
+    }
+    assert set(added) == {"rotor_drag", "degraded_rotor"}
+    assert added["degraded_rotor"]["rotor"] == 3
+    assert added["degraded_rotor"]["thrust_loss"] == pytest.approx(0.2, abs=0.02)
+    assert added["rotor_drag"]["drag_per_speed_N_s_m"] == pytest.approx(1.2, abs=0.1)
+
+
+def held_to_realise(pulses: np.ndarray, tables: Path) -> None:
+    """Mean setpoints (1000..2000 us) against the mix: each motor, and the split of each pair."""
+    mix = firmware.realise(load_plan(tables).params)
+    u = (pulses - 1000.0) / 1000.0
+    setpoints = (mix.thr_mdl_fac * u * u + (1.0 - mix.thr_mdl_fac) * u).mean(axis=0)
+    four = mix.mix[:, [0, 1, 2, 5]]
+    control = np.linalg.lstsq(four, setpoints, rcond=None)[0]
+    assert setpoints == pytest.approx(four @ control, rel=0.005)
+    pure = mix.setpoints([0.0, 0.0, 0.0, 0.0, 0.0, control[3]])
+    for upper, lower in PAIRS:
+        split = setpoints[lower] / setpoints[upper]
+        assert split == pytest.approx(pure[lower] / pure[upper], rel=0.005)

@@ -1,0 +1,240 @@
+"""Files and flight logs of the PX4 stand-in: by the byte, and as MAVSDK and log readers see them."""
+
+import struct
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mavsdk.mavsdk import Configuration, Mavsdk
+from mavsdk.plugins.action import Action
+from mavsdk.plugins.ftp import Ftp, FtpError, FtpResult
+from mavsdk.plugins.log_files import LogFiles, LogFilesResult
+from mavsdk.plugins.param import Param
+from mavsdk.plugins.telemetry import Telemetry
+from mavsdk.system import System
+
+from sim.ftp import Files, Manners, Server
+from sim.px4.autopilot import Autopilot, Mode
+from sim.testing import standin
+from sim.world import World, build
+
+PX4 = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
+ACK, NAK = 128, 129
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+class Card:
+    """A card and a peer that asks."""
+
+    def __init__(self) -> None:
+        self.files = Files("fs/microsd", protected=("etc/",))
+        self.sent: list[bytes] = []
+        self.server = Server(self.files, PX4, self.sent.append)
+        self.number = 0
+
+    def ask(
+        self, code: int, data: bytes = b"", offset: int = 0, size: int | None = None
+    ) -> tuple[int, bytes]:
+        """Answer code and body."""
+        self.number += 2
+        head = struct.pack(
+            "<HBBBBBBI", self.number, 0, code, len(data) if size is None else size, 0, 0, 0, offset
+        )
+        self.server.hear((head + data).ljust(251, b"\0"))
+        answer = self.sent[-1]
+        assert struct.unpack_from("<H", answer)[0] == self.number + 1 and answer[5] == code
+        return answer[3], answer[12 : 12 + answer[4]]
+
+
+@pytest.fixture
+def card() -> Card:
+    return Card()
+
+
+def test_a_file_is_written_checked_moved_and_removed(card: Card) -> None:
+    text = bytes(range(256)) * 3
+    assert card.ask(6, b"/fs/microsd/etc/mixer.csv") == (NAK, bytes([10]))  # no such folder yet
+    assert card.ask(9, b"/fs/microsd/etc") == (ACK, b"") and card.ask(9, b"/fs/microsd/etc") == (NAK, b"\x08")
+    assert card.ask(3, b"/fs/microsd/etc") == (ACK, b"")  # an empty folder is a list of nothing
+    assert card.ask(6, b"/fs/microsd/etc/mixer.csv")[0] == ACK
+    assert card.ask(6, b"/fs/microsd/other") == (NAK, bytes([5]))  # one session at a time
+    for at in range(0, len(text), 239):
+        part = text[at : at + 239]
+        assert card.ask(7, part, at) == (ACK, struct.pack("<I", len(part)))
+    assert card.ask(1) == (ACK, b"") and card.ask(1) == (NAK, bytes([4]))
+    crc = zlib.crc32(text, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    assert card.ask(14, b"/fs/microsd/etc/mixer.csv") == (ACK, struct.pack("<I", crc))
+    assert card.ask(13, b"/fs/microsd/etc/mixer.csv\0/fs/microsd/etc/b") == (ACK, b"")
+    assert card.ask(3, b"/fs/microsd/etc") == (ACK, b"Fb\t768\0")
+    assert card.ask(3, b"/fs/microsd/etc", 1) == (NAK, bytes([6]))
+    assert card.ask(4, b"/fs/microsd/etc/b") == (ACK, struct.pack("<I", 768))
+    assert card.ask(5, offset=700, size=239) == (ACK, text[700:]) and card.ask(5, offset=768)[0] == NAK
+    card.ask(2)
+    assert card.ask(12, b"/fs/microsd/etc/b", 10) == (ACK, b"") and card.files.files["etc/b"] == text[:10]
+    assert card.ask(10, b"/fs/microsd/etc") == (NAK, bytes([2, 39]))  # not empty
+    assert card.ask(8, b"/fs/microsd/etc/b") == (ACK, b"") and card.ask(10, b"/fs/microsd/etc") == (ACK, b"")
+    assert card.ask(4, b"/fs/microsd/etc/b") == (NAK, bytes([10]))
+
+
+def test_what_is_not_the_cards_cannot_be_written(card: Card) -> None:
+    assert card.ask(6, b"/etc/init.d/rcS") == (NAK, bytes([9])) and card.ask(8, b"/fs/../x")[1] == bytes([9])
+    assert card.ask(4, b"@PARAM/param.pck") == (NAK, bytes([10]))  # ArduPilot's, not PX4's
+    assert card.ask(99) == (NAK, bytes([7])) and card.ask(7, b"x") == (NAK, bytes([4]))
+    assert card.ask(6, b"/big")[0] == ACK and card.ask(7, b"x", 2**31)[0] == NAK
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Iterator[System]:
+    with standin("--speed", "4", "--seed", "3") as port:
+        mavsdk = Mavsdk(Configuration.create_manual(245, 190, True))
+        try:
+            mavsdk.add_any_connection(f"udpout://127.0.0.1:{port}")
+            system = mavsdk.first_autopilot(timeout_s=10.0)
+            assert system is not None
+            yield system
+        finally:
+            mavsdk.destroy()
+
+
+def until(met: Callable[[], bool], seconds: float, what: str) -> None:
+    end = time.monotonic() + seconds
+    while not met():
+        assert time.monotonic() < end, what
+        time.sleep(0.02)
+
+
+def transfer(start: Callable[..., None], going: int, *arguments: object) -> int:
+    """Run one of MAVSDK's transfers to its end."""
+    results: list[int] = []
+    start(*arguments, lambda result, *_: results.append(int(result)))
+    until(lambda: bool(results) and results[-1] != going, 20.0, "the transfer does not end")
+    return results[-1]
+
+
+def test_mavsdk_fetches_the_log_of_its_flight(vehicle: System, tmp_path: Path) -> None:
+    from pyulog import ULog
+
+    telemetry, action, param, ftp = Telemetry(vehicle), Action(vehicle), Param(vehicle), Ftp(vehicle)
+    param.set_param_float("COM_DISARM_PRFLT", -1.0)
+    param.set_param_int("SDLOG_PROFILE", 5)  # the loops at their own rate
+    assert ftp.list_directory("/fs/microsd/log").entries == []
+    action.set_takeoff_altitude(2.0)
+    action.arm()
+    action.takeoff()
+    until(lambda: telemetry.position().relative_altitude_m > 1.8, 15.0, "did not climb")
+    action.land()
+    until(lambda: not telemetry.armed(), 20.0, "did not land")
+
+    folder = "/fs/microsd/log/sess001"
+    entries = ftp.list_directory(folder).entries
+    assert [(e.name, e.size_bytes > 200_000) for e in entries] == [("log001.ulg", True)]
+    done, going = FtpResult.SUCCESS, FtpResult.NEXT
+    (tmp_path / "burst").mkdir()
+    for burst, where in ((True, tmp_path / "burst"), (False, tmp_path)):
+        assert transfer(ftp.download_async, going, f"{folder}/log001.ulg", str(where), burst) == done
+    path = tmp_path / "log001.ulg"
+    assert path.read_bytes() == (tmp_path / "burst" / "log001.ulg").read_bytes()
+    assert ftp.are_files_identical(str(path), f"{folder}/log001.ulg")
+
+    log = ULog(str(path))
+    topics = {d.name: d.data for d in log.data_list}
+    assert not log.file_corruption and log.initial_parameters["CA_ROTOR_COUNT"] == 8
+    assert any("Landing detected" in line.message for line in log.logged_messages)
+    gyro, motors = topics["vehicle_angular_velocity"], topics["actuator_motors"]
+    assert set(np.diff(gyro["timestamp"].astype(int))) == {4000}
+    assert -topics["vehicle_local_position"]["z"].min() == pytest.approx(2.0, abs=0.3)
+    assert (
+        0.1 < motors["control[7]"][len(motors["control[7]"]) // 2] < 0.9
+        and np.isnan(motors["control[8]"]).all()
+    )
+    assert (
+        topics["esc_status"]["esc_count"].max() == 8 and topics["esc_status"]["esc[7].esc_rpm"].max() > 1000
+    )
+    landed = topics["vehicle_land_detected"]["landed"]
+    assert landed[-1] == 1 and 0 in landed
+
+    logs = LogFiles(vehicle)
+    (entry,) = logs.get_entries()
+    assert entry.size_bytes == path.stat().st_size
+    other = tmp_path / "other.ulg"
+    assert (
+        transfer(logs.download_log_file_async, LogFilesResult.NEXT, entry, str(other))
+        == LogFilesResult.SUCCESS
+    )
+    assert other.read_bytes() == path.read_bytes()
+
+    ftp.create_directory("/fs/microsd/etc")
+    mixer = tmp_path / "mixer.csv"
+    mixer.write_text("0.5,-0.5,0.25,1.0\n" * 40)
+    assert transfer(ftp.upload_async, going, str(mixer), "/fs/microsd/etc") == done
+    assert ftp.are_files_identical(str(mixer), "/fs/microsd/etc/mixer.csv")
+    ftp.rename("/fs/microsd/etc/mixer.csv", "/fs/microsd/etc/old.csv")
+    ftp.remove_file("/fs/microsd/etc/old.csv")
+    with pytest.raises(FtpError):
+        ftp.remove_file("/fs/microsd/etc/old.csv")
+    with pytest.raises(FtpError):
+        ftp.create_directory("/etc/new")
+
+
+def flown(firmware: str) -> Autopilot:
+    """Up to 2 m, a while there, and down: twice, in one boot."""
+    standin_ = build(World(EXAMPLES / "x8_demo.toml", firmware=firmware), [])
+    a: Any = standin_.autopilot
+    for _ in range(2):
+        if firmware == "ardupilot":
+            a.set_ap_mode(4)
+        a.arm()
+        a.take_off(2.0)
+        for _ in range(250 * 6):
+            standin_.tick()
+        if firmware == "ardupilot":
+            a.set_ap_mode(9)
+        else:
+            a.set_mode(Mode.LAND)
+        while a.armed:
+            standin_.tick()
+        standin_.tick()
+    return standin_.autopilot
+
+
+def test_ardupilot_keeps_one_log_a_boot(tmp_path: Path) -> None:
+    from pymavlink import DFReader
+
+    card = flown("ardupilot").files
+    assert sorted(p for p in card.files if p.startswith("logs/")) == ["logs/00000001.BIN", "logs/LASTLOG.TXT"]
+    (tmp_path / "1.bin").write_bytes(card.files["logs/00000001.BIN"])
+    reader = DFReader.DFReader_binary(str(tmp_path / "1.bin"), zero_time_base=True)
+    rows: dict[str, list[Any]] = {}
+    while (message := reader.recv_msg()) is not None:
+        rows.setdefault(message.get_type(), []).append(message)
+    reader.close()
+    # armed, airborne, landed, disarmed; twice
+    assert [e.Id for e in rows["EV"]] == [10, 28, 18, 11] * 2
+    assert {"PARM", "IMU", "XKF1", "ATT", "RCOU", "BAT", "RFND", "ESC", "RATE", "MODE", "MSG"} <= set(rows)
+    assert max(-r.PD for r in rows["XKF1"]) == pytest.approx(2.0, abs=0.3)
+    assert 1100 < rows["RCOU"][len(rows["RCOU"]) // 4].C8 < 1900
+    assert {p.Name: p.Value for p in rows["PARM"]}["SERVO8_FUNCTION"] == 40
+    gaps = np.diff([i.TimeUS for i in rows["IMU"]])
+    assert sorted(gaps)[len(gaps) // 2] == 40000
+
+
+@pytest.mark.parametrize(("firmware", "suffix"), [("px4", ".ulg"), ("ardupilot", ".BIN")])
+def test_a_flight_log_reader_reads_it(tmp_path: Path, firmware: str, suffix: str) -> None:
+    from coaxlink.data import read_flight_log
+
+    autopilot = flown(firmware)
+    logs = autopilot.logger.logs()
+    assert len(logs) == (2 if firmware == "px4" else 1)  # PX4 begins a log at every arming
+    (tmp_path / f"x{suffix}").write_bytes(autopilot.files.files[logs[0]])
+    samples = read_flight_log(tmp_path / f"x{suffix}")
+    flying = samples["height_m"] > 1.9
+    assert flying.sum() > 20
+    assert np.median(samples["accel_z_m_s2"][flying]) == pytest.approx(-9.8, abs=0.2)
+    motors = np.array([samples[f"motor{n}"][flying] for n in range(1, 9)])
+    turned = np.array([samples[f"rpm{n}"][flying] for n in range(1, 9)]) / autopilot.plant.pair.speed_max_rpm
+    assert motors.mean() == pytest.approx(turned.mean(), abs=0.02) and 0.2 < motors.mean() < 0.8
+    assert 28 < samples["voltage_V"][flying].mean() < 33.6

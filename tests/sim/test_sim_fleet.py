@@ -1,0 +1,119 @@
+"""Several vehicles in one process: own ports, own system ids, own flights, flown at once by pymavlink."""
+
+import itertools
+import math
+import os
+import socket
+import struct
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+os.environ.setdefault("MAVLINK20", "1")
+from pymavlink import mavutil
+
+from sim.errors import SimError, WorldError
+from sim.testing import standin, standins
+from sim.world import World, build_many
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@contextmanager
+def client(port: int) -> Iterator[Any]:
+    link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255, dialect="ardupilotmega")
+    link.mav.heartbeat_send(6, 8, 0, 0, 4)
+    assert link.wait_heartbeat(timeout=10) is not None
+    yield link
+    link.close()
+
+
+def get(link: Any, kind: str, timeout: float = 5.0, met: Callable[[Any], bool] = lambda _: True) -> Any:
+    end = time.monotonic() + timeout
+    while time.monotonic() < end:
+        message = link.recv_match(type=kind, blocking=True, timeout=0.1)
+        if message is not None and met(message):
+            return message
+    return None
+
+
+def command(link: Any, system: int, number: int, *p: float) -> int:
+    link.mav.command_long_send(system, 1, number, 0, *[*p, *[0.0] * (7 - len(p))])
+    ack = get(link, "COMMAND_ACK", met=lambda a: a.command == number)
+    assert ack is not None
+    return int(ack.result)
+
+
+def as_int(field: float) -> int:
+    return int(struct.unpack("<i", struct.pack("<f", field))[0])
+
+
+@pytest.mark.parametrize(("firmware", "id_name"), [("px4", b"MAV_SYS_ID"), ("ardupilot", b"MAV_SYSID")])
+def test_three_fly_at_once(firmware: str, id_name: bytes) -> None:
+    with ExitStack() as stack:
+        ports = stack.enter_context(standins("--vehicles", "3", "--firmware", firmware, "--speed", "2"))
+        assert len(set(ports)) == 3
+        links = [stack.enter_context(client(port)) for port in ports]
+        for system, link in enumerate(links, 1):
+            assert link.target_system == system
+            for unread in (30, 31, 83, 85, 105, 132, 291, 375):
+                link.mav.command_long_send(system, 1, 511, 0, unread, -1, 0, 0, 0, 0, 0)
+            for number in (32, 33):
+                assert command(link, system, 511, number, 100000) == 0
+            if firmware == "ardupilot":
+                assert command(link, system, 176, 1, 4) == 0
+            else:  # a busy machine may take its time between arming and take-off
+                link.mav.param_set_send(system, 1, b"COM_DISARM_PRFLT", -1.0, 9)
+        links[2].mav.command_long_send(2, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)  # not its own number: not heard
+        links[1].mav.param_request_read_send(2, 1, id_name, -1)
+        told = get(links[1], "PARAM_VALUE", met=lambda v: v.param_id == id_name.decode())
+        number = told.param_value if firmware == "ardupilot" else as_int(told.param_value)
+        assert number == 2
+        heights = (3.0, 4.0, 5.0)
+        for system, (link, height) in enumerate(zip(links, heights, strict=True), 1):
+            assert not get(link, "HEARTBEAT").base_mode & 128
+            assert command(link, system, 400, 1) == 0
+            sea = height if firmware == "ardupilot" else 488.0 + height
+            assert command(link, system, 22, 0, 0, 0, math.nan, math.nan, math.nan, sea) == 0
+        for link, height in zip(links, heights, strict=True):
+            low, high = -height - 0.25, -height + 0.25
+            assert get(link, "LOCAL_POSITION_NED", 15.0, lambda p, a=low, b=high: a < p.z < b) is not None
+        east = [get(link, "GLOBAL_POSITION_INT").lon * 1e-7 for link in links]
+        apart = [(b - a) * 111319.49 * math.cos(math.radians(47.397742)) for a, b in itertools.pairwise(east)]
+        assert apart == pytest.approx([5.0, 5.0], abs=0.5)
+        assert command(links[1], 2, 21) == 0
+        assert get(links[1], "HEARTBEAT", 15.0, lambda h: not h.base_mode & 128) is not None
+        assert get(links[0], "HEARTBEAT").base_mode & 128 and get(links[2], "HEARTBEAT").base_mode & 128
+
+
+def test_ports_follow_one_another_and_are_let_go() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        base = probe.getsockname()[1]
+    world = World(EXAMPLES / "x8_demo.toml")
+    address = f"udpin:127.0.0.1:{base}"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", base + 2))
+        with pytest.raises(SimError, match="cannot be opened"):
+            build_many(world, 3, [address], 1.0)
+    fleet = build_many(world, 3, [address], 1.0)
+    names = [port.name for one in fleet for port in one.ports]
+    assert names == [f"udpin:127.0.0.1:{base + k}" for k in range(3)]
+    for one in fleet:
+        one.ports[0].close()
+    with pytest.raises(WorldError, match="1 to 50"):
+        build_many(world, 0, [address], 1.0)
+
+
+def test_a_new_system_id_counts_from_the_next_boot() -> None:
+    with standin("--firmware", "ardupilot", "--speed", "4") as port, client(port) as link:
+        link.mav.param_set_send(1, 1, b"MAV_SYSID", 42.0, 4)
+        assert get(link, "PARAM_VALUE").param_value == 42
+        assert get(link, "HEARTBEAT").get_srcSystem() == 1
+        assert command(link, 1, 246, 1) == 0
+        assert get(link, "HEARTBEAT", met=lambda h: h.get_srcSystem() == 42) is not None
+        assert command(link, 42, 511, 32, 100000) == 0
