@@ -78,6 +78,10 @@ class Board(ABC):
         """The part of an interrupted upload's content that this board can take."""
         return Content({n: v for n, v in content.values.items() if n in snapshot.values}, content.files)
 
+    def restarts(self, content: Content) -> bool:
+        """Whether this board only flies `content` after a restart."""
+        return bool(content.files) or bool(self.reboots & set(content.values))
+
     def others(self, snapshot: Snapshot, known: BoardFiles) -> BoardFiles:
         """Files that belong into a backup besides those that are known."""
         return {}

@@ -118,6 +118,7 @@ class Parameters:
         if not listing.count:
             raise LinkError(self._session.address, "no answer to the request for all parameters")
         if gaps := listing.gaps:
+            self.again += len(gaps)
             self._read_indices(gaps, listing.by_index)
         values = {v.name: v for _, v in sorted(listing.by_index.items())}
         if len(values) != listing.count:

@@ -136,7 +136,9 @@ class Uploader:
         self._show(changes, present)
         if dry_run:
             return self._outcome(DRY_RUN)
-        if not changes.values and not changes.files:
+        if interrupted and self._board.restarts(interrupted.new):
+            restart = True  # the files may be there and the restart that makes them fly not
+        if not changes.values and not changes.files and not restart:
             self._keep(target)
             return self._outcome(VERIFIED, reason="the board holds it already")
         self._save(board, present, interrupted)
