@@ -28,10 +28,11 @@ class ScriptFolder:
         """The scripts that change, as they are to be, by path.
 
         Of coaxlink's own mixer scripts only the wanted one stays: the other would stop with an error at boot.
+        That it is not there is said as well, or an interrupted upload's way back would bring it along.
         """
         new: dict[str, bytes | None] = {f"{self.path}/{name}": data for name, data in wanted.items()}
         for name in _OURS:
-            if name not in wanted and f"{self.path}/{name}" in self._paths:
+            if name not in wanted:
                 new[f"{self.path}/{name}"] = None
         return new
 

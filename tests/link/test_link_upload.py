@@ -318,3 +318,37 @@ def test_a_nan_on_board_is_backed_up_and_never_sent(board, tmp_path):
     with connect(board.url) as session:
         back = Uploader(session, backup_folder=tmp_path / "b").restore(read_backup(tmp_path / outcome.backup))
     assert back.result == "verified" and "SENS_NONE" not in board.sets
+
+
+def test_the_backup_of_an_interrupted_upload_is_the_last_whole_table(board, tmp_path):
+    """Half a table on board, a journal of it: what is saved then, and goes back, is the table before both."""
+    before = dict(board.params)
+    board.mute_after = 7
+    with connect(board.url) as session:
+        session._heard_s -= 10.0
+        quick = Parameters(session, timeout_s=0.02)
+        worker = Uploader(session, backup_folder=tmp_path / "a", patience_s=0.0, parameters=quick)
+        assert worker.upload(_plan(tmp_path)).result == "failed"
+    board.deaf, board.mute_after = False, None
+    assert not _same(board.params, before)
+    assert _upload(board, _plan(tmp_path), tmp_path).result == "verified"
+    (saved,) = (tmp_path / "backups").iterdir()
+    with connect(board.url) as session:
+        back = Uploader(session, backup_folder=tmp_path / "b").restore(read_backup(saved))
+    assert back.result == "verified" and _same(board.params, before)
+
+
+def test_a_parameter_that_the_list_leaves_out_is_asked_for_by_name(board, tmp_path):
+    """ArduPilot hides SCR_* while scripting is off; PX4 what it does not use."""
+    hidden, handle = "CA_ROTOR7_CT", board._handle
+
+    def hide(message):
+        known = board.params.pop(hidden) if message.get_type() == "PARAM_REQUEST_LIST" else None
+        handle(message)
+        if known is not None:
+            board.params[hidden] = known
+
+    board._handle = hide
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "verified", outcome.reason
+    assert _f32(board.params[hidden][0]) == _f32(69.89)
