@@ -1,7 +1,8 @@
 /* The floor of live_latency.py: a UDP echo, and the client that paces demands and times the answers.
  *
  *   live_latency echo PORT
- *   live_latency client FD RATE_HZ COUNT WARM_UP   (FD: a connected UDP socket; round trips, ns, on stdout)
+ *   live_latency client FD RATE_HZ COUNT WARM_UP   (FD: a connected UDP socket; round trips, ns, on stdout,
+ *                                                   -1 after 20 ms; last the answers that came later)
  */
 #include <arpa/inet.h>
 #include <poll.h>
@@ -67,10 +68,13 @@ static int echo(int port) {
 static int client(int fd, double rate, long count, long warm) {
     uint64_t period = (uint64_t)(1e9 / rate), next = now_ns() + period;
     uint8_t out[64], in[2048];
+    int64_t late = 0;
+    uint64_t first = UINT64_MAX; /* stamp of the first round trip that counts */
     for (long k = 0; k < warm + count; k++, next += period) {
         struct timespec t = {(time_t)(next / 1000000000ull), (long)(next % 1000000000ull)};
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
         uint64_t sent = now_ns(), stamp = sent / 1000;
+        if (k == warm) first = stamp;
         int size = demand(out, (uint8_t)k, stamp);
         if (send(fd, out, (size_t)size, 0) != size) return 1;
         int64_t took = -1;
@@ -79,12 +83,19 @@ static int client(int fd, double rate, long count, long warm) {
             struct pollfd p = {fd, POLLIN, 0};
             if (left <= 0 || poll(&p, 1, (int)(left / 1000000) + 1) <= 0) break;
             ssize_t n = recv(fd, in, sizeof in, 0);
-            if (n >= 18 && in[0] == 0xFD && in[7] == ANSWER && !memcmp(in + 10, &stamp, 8))
+            if (n < 18 || in[0] != 0xFD || in[7] != ANSWER) continue;
+            if (!memcmp(in + 10, &stamp, 8))
                 took = (int64_t)(now_ns() - sent);
+            else {
+                uint64_t whose;
+                memcpy(&whose, in + 10, 8);
+                late += whose >= first;
+            }
         }
         if (k >= warm) fwrite(&took, sizeof took, 1, stdout);
         if (now_ns() > next + 4 * period) next = now_ns();
     }
+    fwrite(&late, sizeof late, 1, stdout);
     return 0;
 }
 

@@ -1,6 +1,7 @@
 """Wrench in, eight outputs out: `coaxlink mix` on loopback UDP beside a C echo server, in the same run.
 
-    python benchmarks/live_latency.py [--law exact] [--cycles 8000] [--blocks 4]
+    python benchmarks/live_latency.py [--law exact] [--way compiled|plain] [--cycles 8000] [--blocks 4]
+    python benchmarks/live_latency.py --endure 1000000 --rates 1000
 
 Blocks of the two alternate, so that a machine with other things to do slows both. The client (C too) paces
 the demands and times the answers. Prints p50 and p99 of each, their ratio, the time from start to the first
@@ -42,10 +43,11 @@ def free_port() -> int:
         return int(s.getsockname()[1])
 
 
-def measure(binary: Path, sock: socket.socket, rate: float, cycles: int, warm: int) -> np.ndarray:
+def measure(binary: Path, sock: socket.socket, rate: float, cycles: int, warm: int) -> tuple[np.ndarray, int]:
     command = [str(binary), "client", str(sock.fileno()), str(rate), str(cycles), str(warm)]
     done = subprocess.run(command, pass_fds=[sock.fileno()], stdout=subprocess.PIPE, check=True)
-    return np.frombuffer(done.stdout, "<i8") / 1e3
+    *times, late = np.frombuffer(done.stdout, "<i8").tolist()
+    return np.array(times) / 1e3, late
 
 
 class Mixing:
@@ -134,8 +136,9 @@ class Mixing:
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--law", default="coaxial")
-    parser.add_argument("--compiled", action="store_true")
+    parser.add_argument("--law", default="exact")
+    parser.add_argument("--way", choices=["compiled", "plain"], help="default: what mix itself takes")
+    parser.add_argument("--endure", type=int, default=0, help="only mix, so many cycles; memory, none lost")
     parser.add_argument("--cycles", type=int, default=4000)
     parser.add_argument("--blocks", type=int, default=3)
     parser.add_argument("--rates", type=float, nargs="+", default=[400.0, 1000.0])
@@ -146,9 +149,12 @@ def main() -> None:
         server = subprocess.Popen([str(binary), "echo", str(port)])
         echo = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         echo.connect(("127.0.0.1", port))
-        mixing = Mixing(o.law, ["--compiled"] if o.compiled else [])
+        mixing = Mixing(o.law, [f"--{o.way}"] if o.way else [])
         try:
-            run(binary, echo, mixing, o)
+            if o.endure:
+                endure(binary, mixing, o.rates[-1], o.endure)
+            else:
+                run(binary, echo, mixing, o)
         finally:
             mixing.close()
             server.kill()
@@ -156,22 +162,42 @@ def main() -> None:
             echo.close()
 
 
+def endure(binary: Path, mixing: Mixing, rate: float, cycles: int) -> None:
+    """So many cycles in ten pieces: what is lost, and what the memory does."""
+    lost = late = done = 0
+    for _ in range(10):
+        times, behind = measure(binary, mixing.sock, rate, cycles // 10, 0 if done else round(0.6 * rate))
+        lost, late, done = lost + int((times < 0).sum()) - behind, late + behind, done + len(times)
+        p50, p99 = np.percentile(times[times >= 0], [50, 99])
+        print(
+            f"{done:8d} cycles at {rate:g} Hz: lost {lost}, later than 20 ms {late}, "
+            f"p50 {p50:.1f} us p99 {p99:.1f} us, resident {mixing.memory_mb():.2f} MB",
+            flush=True,
+        )
+
+
 def run(binary: Path, echo: socket.socket, mixing: Mixing, o: argparse.Namespace) -> None:
     cycles = o.cycles // o.blocks
     memory = 0.0
     for rate in o.rates:
         times: dict[str, list[np.ndarray]] = {"C echo": [], "coaxlink": []}
+        behind = {"C echo": 0, "coaxlink": 0}
         for _ in range(o.blocks):
-            times["C echo"].append(measure(binary, echo, rate, cycles, 50))
-            times["coaxlink"].append(measure(binary, mixing.sock, rate, cycles, round(0.6 * rate)))
+            for name, sock, warm in (("C echo", echo, 50), ("coaxlink", mixing.sock, round(0.6 * rate))):
+                block, late = measure(binary, sock, rate, cycles, warm)
+                times[name].append(block)
+                behind[name] += late
             memory = memory or mixing.memory_mb()
         rows = {}
         for name, blocks in times.items():
             all_us = np.concatenate(blocks)
-            lost = int((all_us < 0).sum())
+            late = behind[name]
+            lost = int((all_us < 0).sum()) - late
             p50, p99 = np.percentile(all_us[all_us >= 0], [50, 99])
             rows[name] = (p50, p99)
-            shown = f"p50 {p50:6.1f} us  p99 {p99:6.1f} us  lost {lost} of {len(all_us)}"
+            shown = (
+                f"p50 {p50:6.1f} us  p99 {p99:6.1f} us  later than 20 ms {late}, lost {lost} of {len(all_us)}"
+            )
             print(f"{rate:6.0f} Hz  {name:9s} {shown}")
         ratio = [a / b for a, b in zip(rows["coaxlink"], rows["C echo"], strict=True)]
         print(f"{rate:6.0f} Hz  {o.law} / C echo: p50 {ratio[0]:.2f}, p99 {ratio[1]:.2f}")

@@ -90,8 +90,12 @@ class Clean:
         """Parameters and the checksums of files; None for what is not there."""
         self._drain()
         found: dict[str, bytes | None] = {}
-        for _ in range(40):
-            for name in [n for n in names if n not in found][:25]:
+        left, rounds = -1, 0
+        while rounds < 4 or (not found and rounds < 300):  # what is silent in four rounds is not there
+            missing = len([key for key in [*names, *paths] if key not in found])
+            rounds = rounds + 1 if missing == left else 0
+            left = missing
+            for name in [n for n in names if n not in found]:
                 self.send(m.MAVLink_param_request_read_message(1, 1, name.encode(), -1))
             for number, path in enumerate(paths):
                 if path not in found:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from coaxlink.data import Samples
     from coaxlink.link.trajectory import Plan
 
-LAW = "fitted"
+LAW, LIVE_LAW = "fitted", "exact"
 Tell = Callable[[str], None]
 
 
@@ -126,11 +126,12 @@ def _live_pair(
     from coaxlink.link.live_effects import LiveEffects
 
     errors = []
-    for name, rotors, mass in (("live_before", model, airframe.mass_kg), ("live_after", found, mass_kg)):
-        tell("mixing live " + ("with the effects" if rotors is found else "without the effects"))
+    ways = (("live_before", model, airframe.mass_kg, False), ("live_after", found, mass_kg, True))
+    for name, rotors, mass, with_effects in ways:
+        tell(f"mixing live {'with' if with_effects else 'without'} the effects")
         flight, demands, _ = steps.fly_live(
             world.arguments, world.speed, airframe, rotors, world.plan, world.out, watch,
-            name=name, effects=rotors is found,
+            law=LIVE_LAW, name=name, effects=with_effects,
         )  # fmt: skip
         weighed = replace(airframe, mass_kg=mass)
         errors.append(steps.errors_of_live(flight, weighed, rotors, demands, whole=True))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from coaxlink.errors import CheckFailed
 from coaxlink.link.content import BoardFiles
@@ -11,6 +11,11 @@ from coaxlink.link.ftp import Files
 from firmware_params.ardupilot import scripts
 
 _OURS = (scripts.MATRIX_NAME, scripts.LOADER_NAME)
+
+
+def is_table(names: Iterable[str]) -> bool:
+    """Whether one of these scripts is a mixer table."""
+    return any(name in _OURS for name in names)
 
 
 class ScriptFolder:
@@ -24,15 +29,16 @@ class ScriptFolder:
         """Where it is; made if it is not there. Raises CheckFailed."""
         return self._found[0]
 
-    def planned(self, wanted: Mapping[str, bytes]) -> BoardFiles:
+    def planned(self, wanted: Mapping[str, bytes], *, table: bool = True) -> BoardFiles:
         """The scripts that change, as they are to be, by path.
 
-        Of coaxlink's own mixer scripts only the wanted one stays: the other would stop with an error at boot.
+        Of coaxlink's own tables only the wanted one stays: the other would stop with an error at boot. What is
+        no `table` (the bridge) leaves the table alone.
         That it is not there is said as well, or an interrupted upload's way back would bring it along.
         """
         new: dict[str, bytes | None] = {f"{self.path}/{name}": data for name, data in wanted.items()}
         for name in _OURS:
-            if name not in wanted:
+            if table and name not in wanted:
                 new[f"{self.path}/{name}"] = None
         return new
 

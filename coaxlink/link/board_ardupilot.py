@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
-from coaxlink.link.ap_scripts import ScriptFolder
+from coaxlink.link.ap_scripts import ScriptFolder, is_table
 from coaxlink.link.backup import Backup, backup_path, write_backup
 from coaxlink.link.board import Board, Guard
 from coaxlink.link.content import BoardFiles, Content
@@ -61,7 +61,7 @@ class ArduPilotBoard(Board):
         if wanted and now not in (0, wanted):
             raise SafetyRefusal(f"another vehicle: the table is for {wanted} motors, the board drives {now}")
         values = self._as_kept(plan.params, snapshot)
-        return Content(values, self._folder.planned(plan.cargo))
+        return Content(values, self._folder.planned(plan.cargo, table=is_table(plan.cargo)))
 
     def saved(self, backup: Backup, snapshot: Snapshot) -> Content:
         """The loader's parameters live and die with its script."""

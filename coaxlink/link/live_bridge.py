@@ -14,7 +14,17 @@ from typing import TYPE_CHECKING
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link.mixing_core import CONTROLS
 from coaxlink.link.parameters import Parameters
-from firmware_params.ardupilot.table import OCTAQUAD, Y6, ApTable, used_factors
+from firmware_params.ardupilot import scripts
+from firmware_params.ardupilot.table import (
+    DYNAMIC_MATRIX,
+    OCTAQUAD,
+    SCRIPTING_MATRIX,
+    Y6,
+    ApTable,
+    Factors,
+    used_factors,
+)
+from firmware_params.errors import TableError
 
 if TYPE_CHECKING:
     from coaxlink.link.session import Session
@@ -39,13 +49,44 @@ def bridge_script(motors: int, *, hold_ms: int = HOLD_MS, period_ms: int = PERIO
 def board_factors(session: Session) -> list[list[float]]:
     """(N, 4) factors of the frame on board, as the firmware uses them.
 
-    Raises SafetyRefusal for a frame whose factors are not known here: a script's own matrix.
+    A frame whose factors come from a script (15, 17) is read back from coaxlink's own. Raises SafetyRefusal
+    for one whose factors are not known here: another's script, or half a table.
     """
-    found = Parameters(session).read_many(["FRAME_CLASS", "FRAME_TYPE"])
+    parameters = Parameters(session)
+    found = parameters.read_many(["FRAME_CLASS", "FRAME_TYPE"])
     frame = int(found["FRAME_CLASS"].value), int(found["FRAME_TYPE"].value)
-    if frame[0] not in (OCTAQUAD, Y6):
-        raise SafetyRefusal(f"FRAME_CLASS {frame[0]}: the bridge is known to work on 4 (octaquad) and 5 (Y6)")
-    return [[float(f) for f in row] for row in used_factors(ApTable(frame[0], frame_type=frame[1]))]
+    try:
+        given: tuple[Factors, ...] = ()
+        if frame[0] == SCRIPTING_MATRIX:
+            given = scripts.script_factors(_script_on_board(session))
+        elif frame[0] == DYNAMIC_MATRIX:
+            given = scripts.params_factors(_loader_parameters(parameters))
+        elif frame[0] not in (OCTAQUAD, Y6):
+            raise TableError("the bridge is known to work on 4 (octaquad), 5 (Y6), 15 and 17")
+        factors = used_factors(ApTable(frame[0], given, frame_type=frame[1]))
+    except TableError as error:
+        raise SafetyRefusal(f"FRAME_CLASS {frame[0]}: {error}") from error
+    return [[float(f) for f in row] for row in factors]
+
+
+def _script_on_board(session: Session) -> str:
+    from coaxlink.link.ftp import Files
+
+    board = Files(session)
+    for folder in scripts.SCRIPT_FOLDERS:
+        data = board.read(f"{folder}/{scripts.MATRIX_NAME}")
+        if data is not None:
+            return data.decode("utf-8", "replace")
+    raise TableError(f"no {scripts.MATRIX_NAME} on board")
+
+
+def _loader_parameters(parameters: Parameters) -> dict[str, float]:
+    prefix = scripts.PREFIX
+    count = parameters.read_many([f"{prefix}N"], missing_ok=True).get(f"{prefix}N")
+    motors = min(max(int(count.value), 0), scripts.MAX_LOADER_MOTORS) if count else 0
+    names = [f"{prefix}{axis}{n}" for n in range(1, motors + 1) for axis in "RPYT"]
+    found = parameters.read_many([f"{prefix}N", f"{prefix}SUM", *names], missing_ok=True)
+    return {name: float(value.value) for name, value in found.items()}
 
 
 _SCRIPT = """\

@@ -147,13 +147,14 @@ class LiveEffects:
                 ground_gain(p, height - sum(d * x for d, x in zip(down, at, strict=True))) for at in place
             ]
             thrust, _ = self._loads(speeds)
-            return self._of(np.clip(gains, -MOST, MOST) * thrust)
+            return self._of(np.array([min(max(g, -MOST), MOST) for g in gains]) * thrust)
 
         return part
 
     def _inflow(self, p: Mapping[str, float]) -> Part:
         place = np.array([r.position_m for r in self._airframe.rotors])
         axis = np.array([r.axis for r in self._airframe.rotors])
+        by_rate = np.cross(place, axis)[:, :2]  # (w x r) . a = w . (r x a)
         usual = usual_lift(self._airframe, self._model)
 
         def part(speeds: Sequence[float]) -> Wrench:
@@ -163,12 +164,11 @@ class LiveEffects:
                 return np.zeros(4)
             # level flight's main part: the climb along a tilted axis, the body's own turning at each hub
             up = -velocity[2] * math.cos(tilt[0]) * math.cos(tilt[1])
-            turning = np.cross(np.array([rates[0], rates[1], 0.0]), place)
-            climb = up + np.einsum("ni,ni->n", turning, axis)
+            climb = up + by_rate @ rates
             thrust, _ = self._loads(speeds)
             most = MOST * float(thrust.sum()) / len(thrust)
             lost = climb_loss(p, climb, speeds, thrust, usual)
-            return self._of(-np.clip(lost, -most, most))
+            return self._of(-np.minimum(np.maximum(lost, -most), most))
 
         return part
 

@@ -34,6 +34,9 @@ def rebased_flight(frame: FlightFrame, corrections: Mapping[str, float]) -> Roto
     ]
     axes = [np.linspace(max(c - HALF_WIDTH, 0.0), min(c + HALF_WIDTH, 1.0), POINTS) for c in centre]
     u, v = (x.ravel() for x in np.meshgrid(*axes, indexing="ij"))
+    # near hover a bias of the accelerometer and a level of thrust are the same force: they stay together
+    lift = float(np.median(frame.thrust[frame.keep].sum(axis=1)))
+    bias = -corrections.get("accel_z_bias_m_s2", 0.0) * airframe.mass_kg / lift
     terms = {load: dict(named) for load, named in model.terms().items()}
     for load, level in (("upper", first), ("lower", "lower")):
         for kind, key in (("thrust", "thrust_N"), ("torque", "torque_Nm")):
@@ -43,7 +46,9 @@ def rebased_flight(frame: FlightFrame, corrections: Mapping[str, float]) -> Roto
             share += corrections.get(f"{level}_{kind}_tilt", 0.0) * 2.0 * own
             if load == "lower":
                 share += corrections.get(f"lower_{kind}_wake", 0.0) * 2.0 * (u - centre[0])
-            if kind == "torque":
+            if kind == "thrust":
+                share = share + bias
+            else:
                 # one yaw rate tells torque over inertia: the torque that belongs to the declared inertia
                 share = (1.0 + share) / (1.0 + corrections.get("inertia_z_share", 0.0)) - 1.0
             if not named or not np.any(share):

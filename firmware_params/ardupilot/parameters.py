@@ -42,6 +42,7 @@ def _table() -> dict[str, Parameter]:
         Parameter("MOT_YAW_HEADROOM", INT16, 0, 500),
         Parameter("SCR_ENABLE", INT8, 0, 2),
         Parameter("SCR_LD_CHECKSUM", INT32, -1, 0x7FFFFF),
+        Parameter("SCR_VM_I_COUNT", INT32, 1000, 1_000_000),
     ]
     rows += [Parameter(f"SERVO{n}_FUNCTION", INT16, -1, 200) for n in range(1, 33)]
     return {row.name: row for row in rows}

@@ -10,8 +10,9 @@ below 2^24, where both are exact.
 
 from __future__ import annotations
 
+import re
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from firmware_params.ardupilot.table import Factors
 from firmware_params.errors import TableError
@@ -22,6 +23,8 @@ PREFIX = "CXL_"
 TABLE_KEY = 97  # of param:add_table; 1..200, one per script
 MAX_LOADER_MOTORS = 12
 SCRIPT_FOLDERS = ("/APM/scripts", "scripts")  # boards, SITL
+_ROW = re.compile(r"^  \{ +(-?\d+), +(-?\d+), +(-?\d+), +(-?\d+) \},  -- motor", re.MULTILINE)
+_SUM = re.compile(r"^local CHECKSUM = (\d+)$", re.MULTILINE)
 MATRIX_NAME, LOADER_NAME = "coaxlink_matrix.lua", "coaxlink_loader.lua"
 
 
@@ -67,6 +70,31 @@ def matrix_script(factors: Sequence[Factors], *, title: str) -> str:
         for n, (r, p, y, t) in enumerate(rows, start=1)
     )
     return _MATRIX.format(title=_comment(title), count=len(rows), sum=checksum(rows), table=table)
+
+
+def script_factors(text: str) -> tuple[Factors, ...]:
+    """Factors in a FRAME_CLASS 15 script of ours. Raises TableError for another's, or a damaged one."""
+    rows = [tuple(map(int, row)) for row in _ROW.findall(text)]
+    total = _SUM.search(text)
+    if not rows or total is None or checksum(rows) != int(total.group(1)):
+        raise TableError("this is no mixer table that coaxlink wrote")
+    return tuple((r / MILLION, p / MILLION, y / MILLION, t / MILLION) for r, p, y, t in rows)
+
+
+def params_factors(params: Mapping[str, float]) -> tuple[Factors, ...]:
+    """Factors in the parameters of the FRAME_CLASS 17 loader. Raises TableError."""
+    try:
+        count = int(params[f"{PREFIX}N"])
+        rows = [
+            tuple(round(params[f"{PREFIX}{axis}{n}"] * MILLION) for axis in "RPYT")
+            for n in range(1, count + 1)
+        ]
+        total = params[f"{PREFIX}SUM"]
+    except KeyError as error:
+        raise TableError(f"parameter {error.args[0]} is missing") from None
+    if not rows or checksum(rows) != total:
+        raise TableError(f"{PREFIX}SUM does not agree with the numbers: half a table")
+    return tuple((r / MILLION, p / MILLION, y / MILLION, t / MILLION) for r, p, y, t in rows)
 
 
 def loader_script(max_motors: int = MAX_LOADER_MOTORS) -> str:

@@ -18,13 +18,14 @@ def flown():
     airframe = load_airframe(files.example("x8_paper.toml"))
     model = load_rotor_model(airframe.rotor_model)
     speeds = np.tile([UPPER] * 4 + [LOWER] * 4, (50, 1))
-    return SimpleNamespace(airframe=airframe, model=model, speeds=speeds, keep=np.arange(50))
+    thrust, _ = airframe.loads(model, speeds)
+    return SimpleNamespace(airframe=airframe, model=model, speeds=speeds, thrust=thrust, keep=np.arange(50))
 
 
 def test_levels_slopes_and_wake_come_back_as_they_were_fitted():
     frame = flown()
     fitted = {"upper_thrust_level": 0.02, "upper_thrust_tilt": 0.015, "lower_torque_level": -0.01}
-    fitted |= {"lower_thrust_wake": 0.02, "accel_z_bias_m_s2": 0.1}
+    fitted |= {"lower_thrust_wake": 0.02, "accel_x_bias_m_s2": 0.1}
     changed = rebased_flight(frame, fitted)
     for u, v in ((0.45, 0.65), (0.38, 0.72), (0.55, 0.6)):
         old, new = frame.model.loads(u, v), changed.loads(u, v)
@@ -44,6 +45,13 @@ def test_a_torque_is_the_one_that_belongs_to_the_declared_inertia():
         level = 0.98 if load == "upper_torque" else 1.0
         old, new = (float(getattr(m.loads(UPPER, LOWER), load)) for m in (frame.model, changed))
         assert new == pytest.approx(old * level / 0.95, rel=1e-6)
+
+
+def test_a_bias_downward_is_thrust_that_is_missing():
+    frame = flown()
+    changed = rebased_flight(frame, {"accel_z_bias_m_s2": 0.05})
+    old, new = (frame.airframe.loads(m, frame.speeds[0])[0].sum() for m in (frame.model, changed))
+    assert new - old == pytest.approx(-0.05 * frame.airframe.mass_kg, rel=1e-6)
 
 
 def test_without_corrections_the_model_is_the_same():

@@ -55,7 +55,8 @@ from coaxlink.mixer.exact.warm import start
 
 STEP_DONE = 2e-3  # the next quadratic step would be about its square
 GIVEN_UP_DONE = 1e-6  # with axes given up the steps need not be quadratic
-MISS_DONE = 1e-9  # of the vehicle's authority
+MISS_DONE = 1e-9  # of the vehicle's authority: what corrections aim at
+MISS_ENOUGH = MISS_DONE  # what they must have reached; single precision cannot do as much (exact.lua)
 CORRECTIONS = 3  # that reuse one factor
 SETTLING, GRACE = 0.1, 3  # a step this small at the limit earns a few more: it shrinks by its square
 PERSIST = 60  # steps inside a trust region
@@ -142,7 +143,7 @@ def solve(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, limit):
                 correct(arms, x, lo, hi, el, work, sums)
                 miss(c, g, shape, x, mu, sums)
                 worst = worst_met(el, sums)
-            if worst <= MISS_DONE:
+            if worst <= MISS_ENOUGH:
                 return count, total
     return -count, total
 
