@@ -167,10 +167,15 @@ class Session:
             self._record(frame)
             self._transport.write(frame, self._peer)
 
-    def send_frame(self, pack: Callable[[int, int, int], bytes]) -> None:
-        """Send what `pack(sequence, system, component)` makes; for those who have a codec of their own."""
+    def send_frame(self, pack: Callable[[int, int, int], bytes], seed: bytes) -> None:
+        """Send what `pack(sequence, system, component)` makes; for those who have a codec of their own.
+
+        `pack` makes an unsigned MAVLink 2 frame of a message with that CRC seed; it is signed if the link is.
+        """
         with self._lock:
             frame = pack(self._out.seq, self._out.srcSystem, self._out.srcComponent)
+            if self._signer:
+                frame = self._signer.seal(frame, seed)
             self._out.seq = (self._out.seq + 1) % 256
             self._record(frame)
             self._transport.write(frame, self._peer)

@@ -21,6 +21,7 @@ from coaxlink.rotor import RotorModel
 
 CUTOFF_HZ = 4.0
 TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 4 Hz is judged
+LONG_ROWS, LONG_RATE_HZ = 100_000, 30.0  # beyond, half the rate does
 JUDGED_RATE_HZ = 10.0
 EDGE_S = 0.4  # the low-pass still feels what happened outside
 NEEDED = (
@@ -59,6 +60,9 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
     if not stretches:
         raise InputError(source, "time_s", "no gapless stretch of 4 s or more")
     rate = min(s.rate_hz for s in stretches)
+    if sum(len(s.columns["time_s"]) for s in stretches) > LONG_ROWS:
+        stretches = [_thin(s, LONG_RATE_HZ) for s in stretches]
+        rate = min(s.rate_hz for s in stretches)
     stretches = [_at_rate(s, rate) for s in stretches]
     parts = [_side(i, s, airframe, motors) for i, s in enumerate(stretches)]
     whole = {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
@@ -150,9 +154,9 @@ def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: 
     return pieces
 
 
-def _thin(piece: _Stretch) -> _Stretch:
-    """At most TOP_RATE_HZ, by an integer factor after a zero-phase anti-alias filter."""
-    factor = int(piece.rate_hz // TOP_RATE_HZ)
+def _thin(piece: _Stretch, top_hz: float = TOP_RATE_HZ) -> _Stretch:
+    """At most about this rate, by an integer factor after a zero-phase anti-alias filter."""
+    factor = int(piece.rate_hz // top_hz)
     if factor < 2:
         return piece
     rate = piece.rate_hz / factor

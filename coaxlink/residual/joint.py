@@ -79,10 +79,9 @@ class Joint:
         """Parameters of member k where the problem's coefficients (P,) are these."""
         point = values[self.problem.options[k].columns]
         mine = self.members[k]
-        limits = list(mine.effect.free(self.problem.frame, mine.shape).values())
-        count = len(mine.coefficients)
-        for i, (low, high) in enumerate(limits):
-            point[count + i] = np.clip(point[count + i], low, high)
+        limits = mine.effect.free(self.problem.frame, mine.shape)
+        for i, key in enumerate(mine.keys, start=len(mine.coefficients)):
+            point[i] = np.clip(point[i], *limits[key])
         return mine.at(point).parameters(self.problem.frame)
 
 
@@ -163,7 +162,8 @@ class Fitter:
         """The member on its way to other values (K + keys,), no further than its limits."""
         point = m.point + share * (values - m.point)
         limits = m.effect.free(self.bare, m.shape)
-        for i, (key, (low, high)) in enumerate(limits.items(), len(m.coefficients)):
+        for i, key in enumerate(m.keys, start=len(m.coefficients)):
+            low, high = limits[key]
             old, reach = m.shape[key], 0.25 * (high - low)
             if low > 0.0:  # a scale: no more than doubled or halved at once
                 low, high = max(low, 0.5 * old), min(high, 2.0 * old)

@@ -9,6 +9,7 @@ parameters are physical. After every addition each member may be dropped or swap
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ ALPHA = 1e-3  # over all looks of one step
 SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
 GAIN = 0.15  # of the squared error of the channel that gains most
 MOST = 4
+ENOUGH = 150_000  # rows times channels that a trial looks at one by one
 TIE = 0.04  # of the gain: a special case this close to the general one is preferred
 LITTLE = 15.0  # of a log-likelihood ratio: less than this decides nothing
 # where even the best leaves more than noise, its form is not exact and a likelihood says less: then a rival
@@ -117,6 +119,11 @@ class Judge:
         self.looks = len(problem.options)
         self._known: dict[tuple[int, ...], Array] = {}
         self._sums: dict[tuple[int, ...], Array] = {}
+        # how large and how coloured things are, a part of a long log tells as well: whole blocks of it
+        every = max(1, problem.residual.size // ENOUGH)
+        self._rows: Any = slice(None) if every == 1 else np.flatnonzero(problem.block % every == 0)
+        self._design, self._residual = problem.design[self._rows], problem.residual[self._rows]
+        self._block = problem.block[self._rows]
 
     def held_out(self, members: list[Option]) -> Array:
         """(B, C) held-out square sums of a set."""
@@ -142,13 +149,15 @@ class Judge:
         null = solve(p.blocks, columns_of(p, members), ones)
         full = solve(p.blocks, columns_of(p, [*members, option]), ones)
         rows = p.blocks.rows.sum()
-        left = p.residual - p.design @ full
+        used = np.flatnonzero((full != 0.0) | (null != 0.0))
+        view = self._design[:, :, used].astype(float)
+        left = self._residual - view @ full[used]
         variance = np.maximum(np.mean(left**2, axis=0), 1e-12)
-        inflation = autocorrelation_time(left, p.block)
+        inflation = autocorrelation_time(left, self._block)
         drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0)
         statistic = float(np.sum(drop / (variance * inflation)))
         p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(option.columns))))
-        moved = np.abs(p.design @ (full - null)) * p.sigma / p.reference
+        moved = np.abs(view @ (full - null)[used]) * p.sigma / p.reference
         size = float(np.quantile(moved, 0.95, axis=0).max())
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
         shares = (held_before - held_after) / np.maximum(held_before, 1e-12)

@@ -34,23 +34,39 @@ def _missing(frame: FlightFrame) -> str | None:
 
 def hub_drag(frame: FlightFrame, velocity: Array, shape: Shape, turning: bool = True) -> Array:
     """(rows, 6) drag of unit coefficient for the body's velocity (rows, 3) through the air."""
-    position = np.array([r.position_m for r in frame.airframe.rotors])
-    axis = np.array([r.axis for r in frame.airframe.rotors])
-    hub = np.repeat(velocity[:, None, :], len(position), axis=1)
-    if turning:
-        hub = hub + np.cross(frame.rates[:, None, :], position)
-    hub = hub - np.einsum("rni,ni->rn", hub, axis)[..., None] * axis
-    weight = frame.speeds if "by_speed" in shape else np.clip(frame.thrust, 0.0, None)
-    if "by_square" in shape:
-        weight = weight * np.linalg.norm(hub, axis=-1)
-    elif "by_root" in shape:  # the air that the disc throws down carries the momentum (Mahony et al. 2012)
-        weight = np.sqrt(weight)
+    out = np.zeros((len(velocity), 6))
+    for i, rotor in enumerate(frame.airframe.rotors):
+        place, axis = np.array(rotor.position_m), np.array(rotor.axis)
+        hub = velocity
+        if turning:
+            hub = hub + frame.rates @ _cross(place)  # w x r = -C w
+        hub = hub - np.outer(hub @ axis, axis)
+        force = -_weight(frame, i, hub, shape)[:, None] * hub
+        out[:, :3] += force
+        out[:, 3:] += force @ _cross(place).T
+    return out
+
+
+def _cross(place: Array) -> Array:
+    """(3, 3) matrix C of a place with C f = place x f."""
+    x, y, z = place
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _weight(frame: FlightFrame, rotor: int, hub: Array, shape: Shape) -> Array:
+    """(rows,) what one rotor's drag grows with, its hub moving in its plane at (rows, 3)."""
+    speed, thrust = frame.speeds[:, rotor], np.clip(frame.thrust[:, rotor], 0.0, None)
+    weight = speed if "by_speed" in shape else thrust
+    if "by_root" in shape:  # the air that the disc throws down carries the momentum (Mahony et al. 2012)
+        weight = np.sqrt(thrust)
     elif "by_flapping" in shape:  # the disc tilts back by V / (Omega R), and its thrust with it
-        weight = weight / np.maximum(frame.speeds, 0.1)
-    if "saturation_m_s" in shape:
-        weight = weight / np.hypot(1.0, np.linalg.norm(hub, axis=-1) / shape["saturation_m_s"])
-    force = -weight[..., None] * hub
-    return np.concatenate([force.sum(axis=1), np.cross(position, force).sum(axis=1)], axis=1)
+        weight = thrust / np.maximum(speed, 0.1)
+    if "by_square" in shape or "saturation_m_s" in shape:
+        square = np.einsum("ri,ri->r", hub, hub)
+        if "by_square" in shape:
+            return np.asarray(weight * np.sqrt(square))
+        weight = weight / np.sqrt(1.0 + square / shape["saturation_m_s"] ** 2)
+    return np.asarray(weight)
 
 
 def drag_cause(frame: FlightFrame, _: Shape, channel: str) -> tuple[str, Array]:
