@@ -136,7 +136,7 @@ class Files:
         try:
             self._request(_MAKE_FOLDER, path.encode())
         except FileError as error:
-            if error.code not in (_EXISTS, 1, 2):  # ArduPilot says plainly "failed" for one that exists
+            if error.code not in (_EXISTS, _NOT_FOUND, 1, 2):  # who needs it looks whether it is there
                 raise
 
     def listing(self, folder: str) -> list[str] | None:
