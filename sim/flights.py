@@ -80,7 +80,7 @@ def fly(autopilot: Autopilot, plan: str) -> dict[str, NDArray[np.float64]]:
                 autopilot.offboard(follow(autopilot.plant.time_s - start))
             autopilot.step()
             if (autopilot.plant.steps * RATE_HZ // 1000) % LOG_EVERY == 0:
-                rows.append(_row(autopilot))
+                rows.append(row(autopilot))
             if until():
                 return
 
@@ -110,7 +110,8 @@ def columns(rotors: int) -> list[str]:
     ]
 
 
-def _row(a: Autopilot) -> list[float]:
+def row(a: Autopilot) -> list[float]:
+    """One row: the last reading, and the commands it led to."""
     r = a.reading
     return [
         r.time_s,

@@ -39,7 +39,10 @@ def sim(
     flight: Annotated[
         str, typer.Option("--fly", help="Fly without a client: paper, vigorous, or a PLAN.toml.")
     ] = "",
-    log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="With --fly: keep its log.")] = None,
+    log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="Keep the flight's log.")] = None,
+    tlog: Annotated[
+        Path | None, typer.Option(metavar="OUT.tlog", help="Keep its telemetry, not with --fly.")
+    ] = None,
     stand: Annotated[
         Path | None, typer.Option(metavar="OUT.csv", help="Run the virtual thrust stand and leave.")
     ] = None,
@@ -55,6 +58,10 @@ def sim(
         raise InputError("--hidden-seed", "", "not with --truth")
     if vehicles != 1 and (bridge or flight or stand is not None):
         raise InputError("--vehicles", "", "not with --bridge, --fly or --stand")
+    if (log or tlog) and (bridge or vehicles != 1):
+        raise InputError("--log, --tlog", "", "not with --bridge or --vehicles")
+    if tlog and flight:
+        raise InputError("--tlog", "", "not with --fly")
     with world_errors():
         if stand is not None:
             _measure(stand, rotor, truth, seed, schedule)
@@ -82,9 +89,12 @@ def sim(
         standins = build_many(world, vehicles, listen or [], speed)
         ports = [port for standin in standins for port in standin.ports]
         try:
+            _record(standins[0], log, tlog)
             _fly(lambda stop: run(standins, speed, stop), firmware, ports)
+            if standins[0].recorder is not None:
+                standins[0].recorder.close()
         finally:
-            for port in ports:
+            for port in [port for standin in standins for port in standin.ports]:
                 port.close()
 
 
@@ -123,6 +133,15 @@ def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
     if log is not None:
         write_flight(log, flown)
         say(f"{log}: {len(flown['time_s'])} rows, {seconds:.0f} s of flight")
+
+
+def _record(standin: Any, log: Path | None, tlog: Path | None) -> None:
+    from sim.recorder import CsvRecorder, TlogPort
+
+    if log is not None:
+        standin.recorder = CsvRecorder(standin.autopilot, log)
+    if tlog is not None:
+        standin.ports.append(TlogPort(standin.autopilot, tlog))
 
 
 def _bridge(bridge: Any, to: str) -> None:
