@@ -108,8 +108,8 @@ def refuse_vehicle(plan: Plan, identity: Identity) -> None:
         raise SafetyRefusal(f"{plan.files[0].name} is for {firmware}, the vehicle runs {identity.name}")
     if identity.is_px4 and identity.version and identity.version < _OLDEST:
         raise SafetyRefusal(
-            f"{identity.name} reads no CA_ROTOR table (its experimental builds' CA_MC_* are mixed in another way); "
-            "v1.14 or later is needed"
+            f"{identity.name} reads no CA_ROTOR table, its experimental builds mix their CA_MC_* in another "
+            "way; v1.14 or later is needed"
         )
     counts = _MULTIROTORS.get(identity.vehicle_type)
     kind = mavlink.enums["MAV_TYPE"].get(identity.vehicle_type)
