@@ -84,10 +84,9 @@ def judge(case: Case, truth: dict[str, Any], answer: dict[str, Any]) -> Verdict:
         for n, s in sigma.items()
         if n.rsplit("_", 1)[0] in channels
     ]
-    return Verdict(
-        case, worth, right, bool(set(found) - set(case.hidden)), said,
-        max(over, default=math.nan), _rms(over), max(real, default=math.nan), answer["seconds"], _world(truth),
-    )  # fmt: skip
+    errors = max(over, default=math.nan), _rms(over), max(real, default=math.nan)
+    alarm = bool(set(found) - set(case.hidden))
+    return Verdict(case, worth, right, alarm, said, *errors, answer["seconds"], _world(truth))
 
 
 def _rms(values: list[float]) -> float:
