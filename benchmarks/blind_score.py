@@ -63,7 +63,7 @@ def judge(case: Case, truth: dict[str, Any], answer: dict[str, Any]) -> Verdict:
     worth = float(truth.get("worth", 0.0))
     if "failed" in answer:
         last = answer["failed"].strip().splitlines()[-1][:90]
-        return Verdict(case, worth, False, False, f"FAILED {last}", *4 * (math.nan,))
+        return Verdict(case, worth, False, False, f"FAILED {last}", *4 * (math.nan,), _world(truth))
     found = tuple(sorted(e["name"] for e in answer["effects"]))
     doubts = ["/".join(a["names"]) for a in answer["ambiguous"]]
     suspects, open_ends = answer["suspect_data"], answer["unexplained"]
@@ -169,6 +169,7 @@ def table(cases: list[Case], folder: Path, answers: Path) -> tuple[str, dict[str
                     "alarms": alarms,
                     "all": len(mine),
                 }
+    lines += _by_model(verdicts)
     lines += _floors(verdicts)
     numbers["failures"] = failures(verdicts)
     return "\n".join(lines), numbers
@@ -183,6 +184,22 @@ def _row(mine: list[Verdict]) -> str:
     middle = [_median([getattr(v, k) for v in mine]) for k in ("floor", "noise", "seconds")]
     rates = f"{sum(v.right for v in big)}/{len(big)}", f"{sum(v.right for v in small)}/{len(small)}"
     return f"{rates[0]:>8s} {rates[1]:>7s} {middle[0]:6.2f} {middle[1]:6.2f} {middle[2]:5.1f}  {shown}"
+
+
+def _by_model(verdicts: list[Verdict]) -> list[str]:
+    """Of the stand written for this benchmark: rigs with a rotor model to hold against, and without one."""
+    out = []
+    for label, mark in (("rotor model given", "given True"), ("own fit", "given False")):
+        for sorts in (("single",), ("double",), ("fault", "strange"), ("clean",)):
+            mine = [v for v in verdicts if v.case.sort in sorts and f"{mark}," in v.world]
+            mine = [v for v in mine if v.worth >= SMALL - 1e-9 or v.case.sort in ("clean", "fault")]
+            if mine:
+                alarms = sum(v.alarm for v in mine)
+                out.append(
+                    f"stand other, {label}, {' and '.join(sorts)}: right {rate(mine)}; "
+                    f"an effect that is not there: {alarms}/{len(mine)}"
+                )
+    return out
 
 
 def _floors(verdicts: list[Verdict]) -> list[str]:
