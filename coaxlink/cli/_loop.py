@@ -129,8 +129,8 @@ def _fly_live(
         # one hand-over belongs to the end of the flight
         if answered > ENOUGH and account["hand_overs"] <= 1:
             return flight, demands
-        tell(f"{100 * min(answered, 1.0):.0f} % answered, {account['hand_overs']} hand-overs at {speed:g} times "
-             "real time: too fast for this machine now, again at half")  # fmt: skip
+        share = f"{100 * min(answered, 1.0):.0f} % answered, {account['hand_overs']} hand-overs"
+        tell(f"{share} at {speed:g} times real time: too fast for this machine now, again at half")
         speed /= 2.0
     raise CheckFailed("this machine is too busy to mix a simulated flight live; try again, or with --table")
 
