@@ -39,13 +39,22 @@ class Motor:
     cooling_K_W: float = 2.2
 
 
+@dataclass
+class Sensing:
+    """What a truth does to the sensors: how late they are, and what the rotors shake them with."""
+
+    delay_s: float = 0.0
+    vibration_m_s2: float = 0.0  # of one rotor at full speed
+    blades: int = 1  # times a turn
+
+
 class Plant:
     """State and parameters of one vehicle on the ground at the origin; `advance` moves it on."""
 
     def __init__(self, vehicle: Vehicle, pair: Pair, battery: Battery | None = None) -> None:
         self.index = layout  # names of the arrays' entries
         self.vehicle, self.pair, self.battery = vehicle, pair, battery or Battery()
-        self.motor, self.radius_m = Motor(), pair.radius_m
+        self.motor, self.sensing, self.radius_m = Motor(), Sensing(), pair.radius_m
         n = vehicle.rotors
         self.parameters = self._default_parameters()
         self.geometry = np.zeros((layout.GEOMETRY, n))
@@ -182,6 +191,11 @@ class Plant:
     def torque(self) -> NDArray[np.float64]:
         """(N,) N m."""
         return self.out[6 + self.vehicle.rotors :]
+
+    @property
+    def resting(self) -> bool:
+        """On its feet with its rotors still."""
+        return self.height < FOOT_Z_M + 0.05 and float(np.max(self.speeds)) < 0.02
 
     @property
     def height(self) -> float:

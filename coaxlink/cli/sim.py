@@ -43,6 +43,9 @@ def sim(
     tlog: Annotated[
         Path | None, typer.Option(metavar="OUT.tlog", help="Keep its telemetry, not with --fly.")
     ] = None,
+    truth_log: Annotated[
+        Path | None, typer.Option(metavar="OUT.csv", help="With --fly: log the plant itself, for a judge.")
+    ] = None,
     stand: Annotated[
         Path | None, typer.Option(metavar="OUT.csv", help="Run the virtual thrust stand and leave.")
     ] = None,
@@ -81,7 +84,7 @@ def sim(
             signing_key,
         )
         if flight:
-            _alone(build(world, []).autopilot, flight, log)
+            _alone(build(world, []).autopilot, flight, log, truth_log)
             return
         if bridge:
             _bridge(build_bridge(world, bridge, (listen or [""])[0], speed), bridge)
@@ -119,8 +122,9 @@ def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, sched
     say(f"{out}: {len(rows)} points")
 
 
-def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
+def _alone(autopilot: Any, plan: str, log: Path | None, truth_log: Path | None) -> None:
     from sim.flights import PLANS, fly, write_flight
+    from sim.truthlog import TruthLog
 
     if plan.endswith(".toml"):
         from sim.manoeuvres import read_plan
@@ -128,7 +132,11 @@ def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
         PLANS[plan] = read_plan(Path(plan))
     if plan not in PLANS:
         raise InputError("--fly", "", f"a plan file or one of {', '.join(PLANS)} is expected, found '{plan}'")
-    flown = fly(autopilot, plan)
+    true = TruthLog()
+    flown = fly(autopilot, plan, true.watch if truth_log is not None else None)
+    if truth_log is not None:
+        write_flight(truth_log, true.columns())
+        say(f"{truth_log}: the plant itself")
     seconds = autopilot.plant.time_s
     if log is not None:
         write_flight(log, flown)

@@ -91,7 +91,7 @@ def test_pymavlink_flies_a_mission(firmware: str, first: int, mode: int) -> None
     with client("--firmware", firmware, "--speed", "8") as link:
         items = square(first)
         result, asked = upload(link, items)
-        assert result == 0 and asked == list(range(len(items)))
+        assert result == 0 and sorted(set(asked)) == list(range(len(items)))
         link.mav.mission_request_list_send(1, 1, 0)
         assert get(link, "MISSION_COUNT").count == len(items)
         for sent in items:

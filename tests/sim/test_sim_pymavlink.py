@@ -177,7 +177,7 @@ def fly_live(link: Any) -> tuple[int, int]:
     end, own, ours = time.monotonic() + 1.0, 0, 0
     while time.monotonic() < end:
         message = link.recv_match(blocking=True, timeout=0.5)
-        kind = message.get_type()
+        kind = "nothing" if message is None else message.get_type()
         if kind == "ACTUATOR_CONTROL_TARGET":
             thrust = 0.30 + 0.01 * (message.controls[3] > 0)
             link.mav.set_actuator_control_target_send(0, 0, 1, 1, [thrust] * 8)
