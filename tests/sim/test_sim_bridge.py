@@ -189,7 +189,7 @@ def packet(count: int, u: np.ndarray, rate: int = 400) -> bytes:
 
 
 def as_its_parser_reads(line: str, section: str, key: str, count: int) -> list[float]:
-    """ArduPilot's own way: find the section's word, then the key's, then the bracket two characters behind."""
+    """ArduPilot's own way: the section's word, then the key's, then the bracket two characters behind it."""
     p = line.index(section) + len(section) + 1
     p = line.index(key, p) + len(key) + 2
     assert line[p] == "[", line[p - 20 : p + 20]
