@@ -136,7 +136,7 @@ def worker(
             spoiler.kill()
             vehicle.send_signal(signal.SIGCONT)
             vehicle.terminate()
-            vehicle.wait(10)
+            vehicle.wait(60)
     rows.put(None)
 
 
