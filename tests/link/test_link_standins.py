@@ -9,10 +9,11 @@ import pytest
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import main
 from coaxlink.link import connect
+from coaxlink.link.ap_scripts import ScriptFolder
 from coaxlink.link.ap_tables import report_ap
 from coaxlink.link.backup import read_backup
 from coaxlink.link.content import Content
-from coaxlink.link.ftp import Files
+from coaxlink.link.ftp import FileError, Files
 from coaxlink.link.journal import Entry, Journal
 from coaxlink.link.outcome import Talk
 from coaxlink.link.parameters import Parameters
@@ -200,6 +201,22 @@ def test_files_over_a_bad_line(tmp_path):
         assert files.listing("/APM/scripts") == ["a.lua"] and files.listing("/APM/none") is None
         assert files.read("/APM/scripts/none") is None and files.crc("/APM/none") is None
         assert files.remove("/APM/scripts/a.lua") and files.retries > 0
+
+
+def test_a_folder_without_a_parent_is_no_end_of_the_search(monkeypatch):
+    """The real SITL has no /APM: making /APM/scripts there is answered with errno 2."""
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        files, made = Files(session), []
+        request = files._request
+
+        def without_apm(code, data, **kw):
+            if data.startswith(b"/APM"):
+                raise FileError("/APM/scripts", 10)
+            made.append((code, data))
+            return request(code, data, **kw)
+
+        monkeypatch.setattr(files, "_request", without_apm)
+        assert ScriptFolder(files).path == "scripts" and made
 
 
 def test_the_packed_file_is_the_list():
