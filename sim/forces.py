@@ -142,7 +142,7 @@ def cube_root(x):  # type: ignore[no-untyped-def]
     return y
 
 
-@plain
+@inlined
 def ceiled(thrust, height, p):  # type: ignore[no-untyped-def]
     """Thrust under a ceiling."""
     left = above(p[CEILING_Z] - height, 0.2 * p[RADIUS]) * (1.0 / p[RADIUS])
