@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -83,8 +84,8 @@ def main() -> None:
     print(f"{'million steps of 1 ms a second, best of several':45s} {'clock':>9s} {'processor':>13s}")
     for name, clock, processor in rows:
         print(f"{name:45s} {clock:9.4f} {processor:13.4f}", flush=True)
-    beside = Path(__file__).with_name("plant_peers.py")
-    subprocess.run([peers, str(beside)], check=False, stderr=subprocess.DEVNULL)
+    beside = Path(__file__).resolve().with_name("plant_peers.py")
+    subprocess.run([peers, str(beside)], check=False, stderr=subprocess.DEVNULL, cwd=tempfile.gettempdir())
 
 
 if __name__ == "__main__":
