@@ -14,7 +14,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli._shell import run
 from coaxlink.errors import InputError
-from coaxlink.link.ap_scripts import plan_scripts
+from coaxlink.link.ap_scripts import ScriptFolder
 from coaxlink.link.ap_tables import report_ap
 from coaxlink.link.live_bridge import SCRIPT_NAME, board_factors, bridge_script
 from coaxlink.link.live_onboard import INSTRUCTIONS, onboard_script
@@ -236,10 +236,12 @@ class Board:
 
 def test_a_bridge_leaves_the_table_on_board_and_counts_it_in_the_checksum() -> None:
     table, bridge = b"-- a table", b"-- a bridge"
-    board: Any = Board({f"s/{scripts.MATRIX_NAME}": table})
-    _, new, checksum = plan_scripts(board, "s", {SCRIPT_NAME: bridge})
-    assert new == {f"s/{SCRIPT_NAME}": bridge}
-    assert checksum == scripts.load_checksum([table, bridge])
-    _, new, checksum = plan_scripts(board, "s", {scripts.LOADER_NAME: b"x"})
-    assert new[f"s/{scripts.MATRIX_NAME}"] is None
-    assert checksum == scripts.load_checksum([b"x"])
+    home = scripts.SCRIPT_FOLDERS[0]
+    board: Any = Board({f"{home}/{scripts.MATRIX_NAME}": table})
+    folder = ScriptFolder(board)
+    new = folder.planned({SCRIPT_NAME: bridge}, table=False)
+    assert new == {f"{home}/{SCRIPT_NAME}": bridge}
+    assert folder.checksum(new) == scripts.load_checksum([table, bridge])
+    new = folder.planned({scripts.LOADER_NAME: b"x"})
+    assert new[f"{home}/{scripts.MATRIX_NAME}"] is None
+    assert folder.checksum(new) == scripts.load_checksum([b"x"])
