@@ -15,6 +15,7 @@ from coaxlink.residual.blocks import held_out, solve
 from coaxlink.residual.flight import flight_frame, reduce_columns
 from coaxlink.residual.flight_problem import corrected, flight_floor, flight_problem, flight_variables
 from coaxlink.residual.flight_problem import known_parts as known_in_flight
+from coaxlink.residual.flight_suspects import flight_suspects
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, member, straight
 from coaxlink.residual.problem import Problem
@@ -27,6 +28,7 @@ from coaxlink.residual.suspects import find_suspects
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
+LEAST_ROWS = 80  # judged rows of a flight
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 LONG = 200_000  # judged rows times channels: beyond, other forms of an effect are not tried
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
@@ -48,12 +50,15 @@ def refine(
     several = [logs] if isinstance(logs, Samples) else list(logs)
     progress("aligning")
     bare = flight_frame(several, airframe, model)
+    suspects, bad, mislabelled = flight_suspects(bare, several)
+    if bad.any() and np.sum(~bad[bare.keep]) > LEAST_ROWS:
+        bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
     known, notes = known_in_flight(bare)
     frame = composed(bare, known)
     progress("fitting candidates")
     problem = flight_problem(frame)
     progress("selecting")
-    selection = select(problem)
+    selection = Selection() if mislabelled else select(problem)
     progress("fitting what was chosen together")
     joint, prediction = _together(problem, selection, bare, known, lambda c: reduce_columns(frame, c))
     progress("judging")
@@ -61,9 +66,8 @@ def refine(
     if airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(frame)
-    return answer(
-        Judged(problem, selection, joint, floor, variables, tuple(known), (), tuple(notes)), several
-    )
+    parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled)
+    return answer(Judged(problem, selection, joint, floor, variables, *parts), several)
 
 
 def _flight_floor(frame: FlightFrame, joint: Joint, prediction: Array) -> Array:
@@ -127,7 +131,7 @@ def _stand_floor(frame: StandFrame, joint: Joint) -> Array:
 def _log_error(p: Problem) -> float:
     """Mean over channels of the logarithm of the held-out error, in the channels' units."""
     squares = held_out(p.blocks, columns_of(p, list(p.options)))[0].sum(axis=0)
-    return float(np.mean(np.log(np.sqrt(squares / p.blocks.rows.sum()) * p.sigma)))
+    return float(np.mean(np.log(np.maximum(np.sqrt(squares / p.blocks.rows.sum()) * p.sigma, 1e-12))))
 
 
 def _together(
