@@ -1,24 +1,24 @@
 """Uploads to the stand-in over a line that loses, doubles, reorders, delays and corrupts, with kills.
 
-    python benchmarks/bad_line.py [--uploads 1000] [--workers 3] [--json FILE]
+    python benchmarks/bad_line.py [--firmware px4|ardupilot] [--uploads 1000] [--workers 3] [--json FILE]
 
-Each worker has a stand-in (`coaxlink sim`), a relay process that spoils the line, and uploads two tables in
-turn, each from a process of its own that may be killed with SIGKILL; the stand-in may freeze or reboot. After
-every upload the table is read over a clean line by a reader of its own and must be one of the two, or the
-mixture must be known: a journal on disk, which the next upload ends. The faults of the line are drawn here,
-not by the product's simulator.
+Each worker has a stand-in (`coaxlink sim`), a relay process that spoils the line, and uploads tables in turn
+(ArduPilot: two of FRAME_CLASS 17, two of 15, so that scripts come, go and change), each from a process of
+its own that may be killed with SIGKILL; the stand-in may freeze or reboot. After every upload the board is
+read over a clean line by a reader of its own: parameters, and on ArduPilot the scripts' checksums. It must
+hold one of the tables whole, or the mixture must be known: a journal on disk. Then the journal is resumed
+over the same bad line, by an upload of the same table, of another one, or by restoring its backup, until it
+is closed, and the board is read again. The faults of the line are drawn here, not by the product's simulator.
 """
 
 from __future__ import annotations
 
 import argparse
 import collections
-import contextlib
 import json
 import multiprocessing
 import os
 import random
-import select
 import signal
 import socket
 import statistics
@@ -27,86 +27,33 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from pathlib import Path
 
-from pymavlink.dialects.v20 import common as m
+sys.path.insert(0, str(Path(__file__).parent))
+from spoiled_line import Clean, relay
 
 LOSSES = (0.0, 0.05, 0.1, 0.2, 0.3)
 ROOT = Path(__file__).parents[1]
 
 
-def relay(listen: socket.socket, vehicle: tuple[str, int], loss: float, seed: int) -> None:
-    """Carry datagrams both ways: lose `loss`, double 2 %, delay 2 ms, 5 % up to 60 ms late, corrupt 0.5 %."""
-    draw = random.Random(seed)
-    out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    peer, late = None, []
-    while True:
-        now = time.monotonic()
-        for row in [r for r in late if r[0] <= now]:
-            late.remove(row)
-            with contextlib.suppress(OSError):
-                row[1].sendto(row[2], row[3])
-        wait = min([r[0] for r in late], default=now + 0.2) - now
-        for ready in select.select([listen, out], [], [], max(wait, 0.0))[0]:
-            try:
-                data, source = ready.recvfrom(65536)
-            except OSError:
-                continue
-            if ready is listen:
-                peer = source
-            there = (out, vehicle) if ready is listen else (listen, peer)
-            if there[1] is None or (loss and draw.random() < loss):
-                continue
-            if loss and draw.random() < 0.005:
-                place = draw.randrange(len(data))
-                data = data[:place] + bytes([data[place] ^ (1 << draw.randrange(8))]) + data[place + 1 :]
-            copies = 2 if loss and draw.random() < 0.02 else 1
-            for _ in range(copies):
-                slow = 0.06 * draw.random() if loss and draw.random() < 0.05 else 0.0
-                late.append((time.monotonic() + (0.002 + slow if loss else 0.0), there[0], data, there[1]))
-
-
-class Clean:
-    """A reader of the table over a line of its own, written for this benchmark."""
-
-    def __init__(self, vehicle: tuple[str, int]) -> None:
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.settimeout(0.3)
-        self.vehicle, self.out, self.parser = vehicle, m.MAVLink(None, 250, 1), m.MAVLink(None)
-        self.parser.robust_parsing = True
-
-    def send(self, message: object) -> None:
-        self.socket.sendto(message.pack(self.out), self.vehicle)
-
-    def table(self, names: list[str]) -> dict[str, bytes]:
-        """The wire bits of each parameter."""
-        self._drain()
-        found: dict[str, bytes] = {}
-        end = time.monotonic() + 30.0
-        while len(found) < len(names):
-            assert time.monotonic() < end, "the stand-in does not answer on a clean line"
-            for name in [n for n in names if n not in found][:20]:
-                self.send(m.MAVLink_param_request_read_message(1, 1, name.encode(), -1))
-            until = time.monotonic() + 0.3
-            while time.monotonic() < until:
-                try:
-                    data = self.socket.recv(4096)
-                except TimeoutError:
-                    break
-                for message in self.parser.parse_buffer(data) or []:
-                    if message.get_type() == "PARAM_VALUE" and message.param_id in names:
-                        found[message.param_id] = bytes(message.get_msgbuf()[10:14])
-                if len(found) % 20 == 0:
-                    break
-        return found
-
-    def _drain(self) -> None:
-        # news of earlier changes wait in the socket and are not what the board holds now
-        while select.select([self.socket], [], [], 0.0)[0]:
-            self.socket.recv(4096)
-
-    def reboot(self) -> None:
-        self.send(m.MAVLink_command_long_message(1, 1, 246, 0, 1, 0, 0, 0, 0, 0, 0))
+def ardupilot_tables(folder: Path) -> list[tuple[Path, dict[str, bytes | None]]]:
+    """Four tables as files, and what the board holds of each: bits of parameters, CRCs of both scripts."""
+    made = []
+    for law, frame_class in (("reduced", 17), ("standard", 17), ("reduced", 15), ("standard", 15)):
+        place = folder / f"{law}{frame_class}"
+        command = [sys.executable, "-m", "coaxlink", "table", str(ROOT / "examples" / "x8_paper.toml")]
+        command += ["--firmware", "ardupilot", "--law", law, "--frame-class", str(frame_class)]
+        subprocess.run([*command, "--out", str(place)], check=True, capture_output=True)
+        (path,) = place.glob("*.param")
+        lines = [line.split(",") for line in path.read_text().splitlines() if not line.startswith("#")]
+        held: dict[str, bytes | None] = {n: struct.pack("<f", float(v)) for n, v in lines}
+        for name in ("coaxlink_matrix.lua", "coaxlink_loader.lua"):
+            script = place / "scripts" / name
+            crc = zlib.crc32(script.read_bytes(), 0xFFFFFFFF) ^ 0xFFFFFFFF if script.exists() else None
+            held[f"/APM/scripts/{name}"] = None if crc is None else struct.pack("<I", crc)
+        made.append((place, held))
+    return made
 
 
 def tables(folder: Path) -> list[tuple[Path, dict[str, bytes]]]:
@@ -126,18 +73,23 @@ def tables(folder: Path) -> list[tuple[Path, dict[str, bytes]]]:
 
 
 def upload_in_a_child(url: str, source: Path, folder: Path, result: Path) -> int:
-    """Fork; the child uploads and leaves its JSON."""
+    """Fork; the child uploads a table, or restores a backup (a file), and leaves its JSON."""
     pid = os.fork()
     if pid:
         return pid
     code = 70
     try:
         from coaxlink.link import connect
+        from coaxlink.link.backup import read_backup
         from coaxlink.link.plan import load_plan
         from coaxlink.link.upload import Uploader
 
         with connect(url, timeout_s=20.0) as session:
-            outcome = Uploader(session, backup_folder=folder / "backups").upload(load_plan(source))
+            worker = Uploader(session, backup_folder=folder / "backups", reboot_s=2.5)
+            if source.is_dir():
+                outcome = worker.upload(load_plan(source))
+            else:
+                outcome = worker.restore(read_backup(source))
         result.write_text(json.dumps(outcome.to_json()))
         code = 0
     except BaseException as error:
@@ -146,15 +98,19 @@ def upload_in_a_child(url: str, source: Path, folder: Path, result: Path) -> int
         os._exit(code)
 
 
-def worker(number: int, jobs: list[tuple[float, int]], folder: Path, rows: multiprocessing.Queue) -> None:
+def worker(
+    number: int, firmware: str, jobs: list[tuple[float, int]], folder: Path, rows: multiprocessing.Queue
+) -> None:
     """Run `jobs` of (loss, uploads)."""
     os.environ["COAXLINK_STATE"] = str(folder / f"state{number}")
     import coaxlink.link.upload  # noqa: F401 - once, before the forks
 
     draw = random.Random(number)
-    known = tables(folder / f"tables{number}")
+    make = tables if firmware == "px4" else ardupilot_tables
+    known = make(folder / f"tables{number}")
     for loss, count in jobs:
         command = [sys.executable, "-m", "coaxlink", "sim", "--listen", "udpin:127.0.0.1:0"]
+        command += ["--firmware", firmware]
         vehicle = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         port = int(vehicle.stdout.readline().strip().rpartition(":")[2])
         listen = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -186,13 +142,25 @@ def worker(number: int, jobs: list[tuple[float, int]], folder: Path, rows: multi
 
 def series(draw, loss, count, url, clean, vehicle, known, folder, rows) -> None:
     """Uploads in turn to one stand-in."""
-    names = sorted(set(known[0][1]) | set(known[1][1]))
-    initial = clean.table(names)
-    wholes = {"reduced": known[0][1], "standard": known[1][1], "initial": initial}
+    keys = sorted({key for _, held in known for key in held})
+    names, paths = [k for k in keys if "/" not in k], [k for k in keys if "/" in k]
+    first = clean.board(names, paths)
+    # a backup of the first state does not speak of the loader's parameters, which are not there then
+    initial = {k: v for k, v in first.items() if v is not None or "/" in k}
+    wholes = {source.name: held for source, held in known} | {"initial": initial}
+
+    def look() -> tuple[str, dict[str, list[str]]]:
+        """The name of the table on board; for a mixture, by what it differs from each."""
+        time.sleep(0.15)  # what is still under way arrives
+        now = clean.board(names, paths)
+        off = {n: [k for k, v in w.items() if now[k] != v] for n, w in wholes.items()}
+        whole = next((n for n, keys in off.items() if not keys), None)
+        return (whole, {}) if whole else ("mixture", off)
+
     took = [2.0]
     folder.mkdir(parents=True, exist_ok=True)
     for i in range(count):
-        source, _ = known[i % 2]
+        source, _ = known[i % len(known)]
         result = folder / "result.json"
         result.unlink(missing_ok=True)
         started = time.monotonic()
@@ -219,10 +187,18 @@ def series(draw, loss, count, url, clean, vehicle, known, folder, rows) -> None:
         outcome = json.loads(result.read_text()) if result.exists() else {"result": "killed", "retries": 0}
         if fate == "none":
             took.append(seconds)
-        time.sleep(0.15)  # what is still under way arrives
-        now = clean.table(names)
-        state = next((n for n, w in wholes.items() if all(now[k] == v for k, v in w.items())), "mixture")
-        journal = any(Path(os.environ["COAXLINK_STATE"]).glob("*.journal.json"))
+        state, _ = look()
+        journal = next(Path(os.environ["COAXLINK_STATE"]).glob("*.journal.json"), None)
+        resumed, after, ways, off = 0, "", [], {}
+        while journal is not None and journal.exists() and resumed < 5:
+            way = draw.choice((source, known[(i + 1) % len(known)][0], None))
+            back = way or Path(json.loads(journal.read_text())["backup"])
+            again = upload_in_a_child(url, back, folder, folder / "resumed.json")
+            assert _wait(again, time.monotonic() + 240.0), "a resumed upload hangs"
+            resumed += 1
+            ways.append(back.name)
+        if resumed:
+            after, off = ("open", {}) if journal.exists() else look()
         rows.put(
             {
                 "loss": loss,
@@ -230,7 +206,11 @@ def series(draw, loss, count, url, clean, vehicle, known, folder, rows) -> None:
                 "result": outcome["result"],
                 "wanted": source.name,
                 "state": state,
-                "journal": journal,
+                "journal": journal is not None,
+                "resumed": resumed,
+                "after": after,
+                "ways": ways,
+                "off": {name: keys[:6] for name, keys in off.items()},
                 "seconds": seconds,
                 "retries": outcome["retries"],
                 "reason": outcome.get("reason", ""),
@@ -266,12 +246,15 @@ def wrong(row: dict) -> str:
         return "rolled back to a mixture"
     if row["state"] == "mixture" and not row["journal"]:
         return "a mixture that nobody knows of"
+    if row["after"] in ("mixture", "open"):
+        return f"a resumed journal that ended with the board: {row['after']}"
     return ""
 
 
 def main() -> None:
     """Run, print the table."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--firmware", choices=("px4", "ardupilot"), default="px4")
     options.add_argument("--uploads", type=int, default=1000)
     options.add_argument("--workers", type=int, default=3)
     options.add_argument("--json", type=Path)
@@ -282,14 +265,16 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as place:
         queue = multiprocessing.Queue()
         running = [
-            multiprocessing.Process(target=worker, args=(n, pieces[n :: asked.workers], Path(place), queue))
+            multiprocessing.Process(
+                target=worker, args=(n, asked.firmware, pieces[n :: asked.workers], Path(place), queue)
+            )
             for n in range(asked.workers)
         ]
         for one in running:
             one.start()
         left = len(running)
         while left:
-            row = queue.get(timeout=400)
+            row = queue.get(timeout=900)
             if row is None:
                 left -= 1
                 continue
@@ -309,7 +294,8 @@ def main() -> None:
 def report(rows: list[dict]) -> None:
     """The loss-and-kill table."""
     heads = ("loss", "uploads", "verified", "rolled back", "failed", "killed", "journal open", "mix, known")
-    print(*(f"{h:>12}" for h in (*heads, "mix, unknown", "wrong", "median s", "p95 s", "repeats")))
+    heads += ("mix, unknown", "resumed", "then mix", "wrong", "median s", "p95 s", "repeats")
+    print(*(f"{h:>12}" for h in heads))
     for loss in sorted({r["loss"] for r in rows}):
         some = [r for r in rows if r["loss"] == loss]
         results = collections.Counter(r["result"] for r in some)
@@ -321,7 +307,8 @@ def report(rows: list[dict]) -> None:
             *(results[k] for k in ("verified", "rolled_back", "failed", "killed")),
         ]
         cells += [sum(r["journal"] for r in some), sum(r["journal"] for r in mixed)]
-        cells += [sum(not r["journal"] for r in mixed), sum(bool(wrong(r)) for r in some)]
+        cells += [sum(not r["journal"] for r in mixed), sum(r["resumed"] > 0 for r in some)]
+        cells += [sum(r["after"] in ("mixture", "open") for r in some), sum(bool(wrong(r)) for r in some)]
         if calm:
             repeats = statistics.mean(r["retries"] for r in some if r["fate"] == "none")
             p95 = calm[int(0.95 * (len(calm) - 1))]

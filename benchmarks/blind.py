@@ -145,7 +145,7 @@ def analyse(task: dict[str, str | None], logs: Path) -> dict[str, object]:
 
     log = logs / str(task["log"])
     model = load_rotor_model(files.example(task["rotor"])) if task["rotor"] else None
-    start = time.perf_counter()
+    start = time.process_time()  # wall time would count who else uses the machine
     if task["kind"] == "stand":
         answer = refine_stand(read_stand_log(log), model)
     else:
@@ -157,7 +157,7 @@ def analyse(task: dict[str, str | None], logs: Path) -> dict[str, object]:
         answer = refine(read_flight_log(log), load_airframe(text), model)
     out = answer.to_json()
     out.pop("trace", None)
-    return {**out, "seconds": time.perf_counter() - start}
+    return {**out, "seconds": time.process_time() - start}
 
 
 def main() -> None:

@@ -52,6 +52,7 @@ class Verdict:
     alarm: bool  # an effect that is not there
     said: str
     floor: float  # worst channel after over its noise floor, as reported
+    together: float  # the same over all channels, root mean square
     noise: float  # worst load after over the noise that the world really put on it; nan if it is not known
     seconds: float
     world: str = ""  # what the judge knows of the rig or the flight
@@ -62,7 +63,7 @@ def judge(case: Case, truth: dict[str, Any], answer: dict[str, Any]) -> Verdict:
     worth = float(truth.get("worth", 0.0))
     if "failed" in answer:
         last = answer["failed"].strip().splitlines()[-1][:90]
-        return Verdict(case, worth, False, False, f"FAILED {last}", math.nan, math.nan, math.nan)
+        return Verdict(case, worth, False, False, f"FAILED {last}", *4 * (math.nan,), _world(truth))
     found = tuple(sorted(e["name"] for e in answer["effects"]))
     doubts = ["/".join(a["names"]) for a in answer["ambiguous"]]
     suspects, open_ends = answer["suspect_data"], answer["unexplained"]
@@ -83,10 +84,13 @@ def judge(case: Case, truth: dict[str, Any], answer: dict[str, Any]) -> Verdict:
         for n, s in sigma.items()
         if n.rsplit("_", 1)[0] in channels
     ]
-    return Verdict(
-        case, worth, right, bool(set(found) - set(case.hidden)), said,
-        max(over, default=math.nan), max(real, default=math.nan), answer["seconds"], _world(truth),
-    )  # fmt: skip
+    errors = max(over, default=math.nan), _rms(over), max(real, default=math.nan)
+    alarm = bool(set(found) - set(case.hidden))
+    return Verdict(case, worth, right, alarm, said, *errors, answer["seconds"], _world(truth))
+
+
+def _rms(values: list[float]) -> float:
+    return math.sqrt(sum(x * x for x in values) / len(values)) if values else math.nan
 
 
 def _world(truth: dict[str, Any]) -> str:
@@ -131,7 +135,7 @@ def table(cases: list[Case], folder: Path, answers: Path) -> tuple[str, dict[str
             verdicts.append(judge(case, truth, json.loads(said.read_text())))
     lines = [f"{len(verdicts)} of {len(cases)} answered"]
     head = f"{'kind':6s} {'family':6s} {'hidden':46s} {'>= 3 %':>8s} {'< 3 %':>7s}"
-    lines.append(f"{head} {'floor':>6s} {'noise':>6s} {'s':>5s}  otherwise")
+    lines.append(f"{head} {'floor':>6s} {'noise':>6s} {'CPU s':>5s}  otherwise")
     groups: dict[tuple[str, str, str], list[Verdict]] = defaultdict(list)
     for v in verdicts:
         groups[v.case.kind, v.case.family, " + ".join(v.case.hidden) or "clean"].append(v)
@@ -165,6 +169,7 @@ def table(cases: list[Case], folder: Path, answers: Path) -> tuple[str, dict[str
                     "alarms": alarms,
                     "all": len(mine),
                 }
+    lines += _by_model(verdicts)
     lines += _floors(verdicts)
     numbers["failures"] = failures(verdicts)
     return "\n".join(lines), numbers
@@ -181,23 +186,46 @@ def _row(mine: list[Verdict]) -> str:
     return f"{rates[0]:>8s} {rates[1]:>7s} {middle[0]:6.2f} {middle[1]:6.2f} {middle[2]:5.1f}  {shown}"
 
 
+def _by_model(verdicts: list[Verdict]) -> list[str]:
+    """Of the stand written for this benchmark: rigs with a rotor model to hold against, and without one."""
+    out = []
+    for label, mark in (("rotor model given", "given True"), ("own fit", "given False")):
+        for sorts in (("single",), ("double",), ("fault", "strange"), ("clean",)):
+            mine = [v for v in verdicts if v.case.sort in sorts and f"{mark}," in v.world]
+            mine = [v for v in mine if v.worth >= SMALL - 1e-9 or v.case.sort in ("clean", "fault")]
+            if mine:
+                alarms = sum(v.alarm for v in mine)
+                out.append(
+                    f"stand other, {label}, {' and '.join(sorts)}: right {rate(mine)}; "
+                    f"an effect that is not there: {alarms}/{len(mine)}"
+                )
+    return out
+
+
 def _floors(verdicts: list[Verdict]) -> list[str]:
     out = []
     for kind in ("stand", "flight"):
-        mine = [
+        named = [
             v for v in verdicts if v.case.kind == kind and v.right and v.case.sort in ("single", "double")
         ]
-        for label, key in (("reported noise floor", "floor"), ("true noise", "noise")):
+        mine = [v for v in named if "unexplained" not in v.said]  # else the error is known to be no noise
+        if named:
+            out.append(f"{kind}: of {len(named)} right answers {len(mine)} leave nothing unexplained")
+        for label, key in (
+            ("worst channel after over reported noise floor", "floor"),
+            ("all channels after over reported noise floor", "together"),
+            ("worst load after over true noise", "noise"),
+        ):
             values = [x for v in mine if not math.isnan(x := getattr(v, key))]
             if values:
                 within = sum(x <= 1.05 for x in values) / len(values)
                 out.append(
-                    f"{kind} explained: worst channel after over {label}: within 1.05 in "
+                    f"{kind} explained, {label}: within 1.05 in "
                     f"{100 * within:.0f} % of {len(values)}, median {_median(values):.2f}"
                 )
         seconds = [v.seconds for v in verdicts if v.case.kind == kind and not math.isnan(v.seconds)]
         if seconds:
-            out.append(f"{kind} time: median {_median(seconds):.1f} s, longest {max(seconds):.1f} s")
+            out.append(f"{kind} CPU time: median {_median(seconds):.1f} s, longest {max(seconds):.1f} s")
     return out
 
 

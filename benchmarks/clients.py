@@ -27,7 +27,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
-from bad_line import Clean, relay, tables
+from bad_line import tables
+from spoiled_line import Clean, relay
 
 LOSSES = (0.0, 0.1, 0.2, 0.3)
 LIMIT_S = 90.0

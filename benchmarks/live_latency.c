@@ -69,12 +69,11 @@ static int client(int fd, double rate, long count, long warm) {
     uint64_t period = (uint64_t)(1e9 / rate), next = now_ns() + period;
     uint8_t out[64], in[2048];
     int64_t late = 0;
-    uint64_t first = UINT64_MAX; /* stamp of the first round trip that counts */
+    uint64_t overdue[64] = {0}; /* stamps not answered in time, the newest */
     for (long k = 0; k < warm + count; k++, next += period) {
         struct timespec t = {(time_t)(next / 1000000000ull), (long)(next % 1000000000ull)};
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
         uint64_t sent = now_ns(), stamp = sent / 1000;
-        if (k == warm) first = stamp;
         int size = demand(out, (uint8_t)k, stamp);
         if (send(fd, out, (size_t)size, 0) != size) return 1;
         int64_t took = -1;
@@ -89,9 +88,11 @@ static int client(int fd, double rate, long count, long warm) {
             else {
                 uint64_t whose;
                 memcpy(&whose, in + 10, 8);
-                late += whose >= first;
+                for (int i = 0; i < 64; i++)
+                    if (overdue[i] == whose && whose) late++, overdue[i] = 0;
             }
         }
+        if (k >= warm && took < 0) overdue[k % 64] = stamp;
         if (k >= warm) fwrite(&took, sizeof took, 1, stdout);
         if (now_ns() > next + 4 * period) next = now_ns();
     }

@@ -1,5 +1,4 @@
-"""Plant steps a second with the CRM rotor: one vehicle, a thousand on all cores, one with effects.
-
+"""Plant steps a second: the CRM rotor and blades in moving air, one vehicle and a thousand on all cores.
 
 Run: python benchmarks/plant.py
 """
@@ -13,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sim import kernel
 from sim.plant import Plant
 from sim.rotors import read_pair
 from sim.vehicle import read_vehicle
@@ -32,10 +30,19 @@ def best(work: Callable[[], int], times: int = 15) -> tuple[float, float]:
     return max(rates), statistics.median(rates)
 
 
-def plant() -> Plant:
+def plant(rotor: Path = EXAMPLES / "rotor_paper.toml") -> Plant:
     """The demo's vehicle, high up."""
-    p = Plant(read_vehicle(EXAMPLES / "x8_demo.toml"), read_pair(EXAMPLES / "rotor_paper.toml"))
+    p = Plant(read_vehicle(EXAMPLES / "x8_demo.toml"), read_pair(rotor))
     p.state[2] = -1e4
+    return p
+
+
+def everything(p: Plant) -> Plant:
+    """With all that may act in flight: ground and ceiling, wind, body drag, sag, heat, rotors' inertia."""
+    k = p.index
+    p.parameters[[k.GROUND_GAIN, k.BODY_DRAG, k.ROTOR_INERTIA]] = 0.1, 0.1, 1e-3
+    p.parameters[[k.WIND, k.VOLT_POWER, k.HEAT_SHARE]] = 3.0, 0.3, 0.05
+    p.parameters[[k.CEILING_GAIN, k.CEILING_Z]] = 0.125, 3e4
     return p
 
 
@@ -45,7 +52,7 @@ def one(p: Plant, steps: int = 100_000) -> int:
     return steps
 
 
-def many(p: Plant, vehicles: int = 1000, steps: int = 200) -> Callable[[], int]:
+def many(p: Plant, vehicles: int = 1000, steps: int = 1000) -> Callable[[], int]:
     """Some steps of many vehicles."""
     states = np.tile(p.state, (vehicles, 1))
     commands = np.tile(HOVER, (vehicles, 1))
@@ -60,11 +67,13 @@ def many(p: Plant, vehicles: int = 1000, steps: int = 200) -> Callable[[], int]:
 
 def main() -> None:
     """Print the table."""
-    p = plant()
-    rows = [("one vehicle, calm air", *best(lambda: one(p)))]
-    rows.append(("1000 vehicles, all cores, calm air", *best(many(p))))
-    p.parameters[[kernel.INFLOW, kernel.DRAG, kernel.GROUND_GAIN, kernel.BODY_DRAG]] = 3.0, 1.0, 0.1, 0.1
-    rows.append(("one vehicle, inflow, drag, ground and wind", *best(lambda: one(p, 20_000))))
+    p, blades = plant(), plant(Path("kde5215_bemt"))
+    rows = [("one vehicle, CRM, calm air", *best(lambda: one(p)))]
+    rows.append(("1000 vehicles, CRM, calm air, all cores", *best(many(p), 8)))
+    rows.append(("one vehicle, blades in moving air", *best(lambda: one(blades, 30_000))))
+    everything(p), everything(blades)
+    rows.append(("one vehicle, CRM, every effect", *best(lambda: one(p, 30_000))))
+    rows.append(("one vehicle, blades, every effect", *best(lambda: one(blades, 30_000))))
     print(f"{'million steps of 1 ms a second':45s} {'best':>7s} {'median':>7s}")
     for name, top, middle in rows:
         print(f"{name:45s} {top:7.2f} {middle:7.2f}")

@@ -23,12 +23,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.errors import WorldError
-from sim.rotors import ORDER, Pair, read_number
+from sim.layout import FASTEST, SLOWEST, SOUND_M_S
+from sim.rotors import Pair, read_number
 
-RHO, SOUND_M_S = 1.225, 340.0
-SLOWEST = 0.15  # below this share of full speed the Reynolds number's power law is not trusted
-ROUNDS = 25
-GRID = np.linspace(0.1, 1.0, 26)
+RHO = 1.225
 
 Floats = NDArray[np.float64]
 
@@ -51,58 +49,52 @@ class Blades:
 
 
 def pair_loads(
-    blades: Blades, tip_m_s: float, u_upper: ArrayLike, u_lower: ArrayLike, climb_m_s: float = 0.0
+    blades: Blades,
+    tip_m_s: float,
+    u_upper: ArrayLike,
+    u_lower: ArrayLike,
+    climb_m_s: float = 0.0,
+    edge_m_s: float = 0.0,
 ) -> Floats:
     """(4, ...) upper thrust (N), upper torque (N m), lower thrust, lower torque at normalised speeds."""
-    b = blades
+    return pair_air(blades, tip_m_s, u_upper, u_lower, climb_m_s, edge_m_s)[:4]
+
+
+def pair_air(
+    blades: Blades,
+    tip_m_s: float,
+    u_upper: ArrayLike,
+    u_lower: ArrayLike,
+    climb_m_s: float = 0.0,
+    edge_m_s: float = 0.0,
+) -> Floats:
+    """(6, ...) as `pair_loads`, and the upper and the lower rotor's drag along the disc, N s/m.
+
+    The very functions of the compiled plant, at the blades' own lift and drag instead of their fits.
+    """
+    from sim.stand_blades import pair_rows
+
     u, v = (np.asarray(x, float) for x in np.broadcast_arrays(u_upper, u_lower))
-    x = b.spacing_m / b.radius_m
-    reach = x / math.sqrt(1.0 + x * x)
-    inner = math.sqrt(1.0 / (1.0 + reach))
-    back = np.zeros(u.shape)
-    for _ in range(ROUNDS):
-        t_upper, w_upper = _ring(b, tip_m_s, u, climb_m_s + b.feedback * (1.0 - reach) * back, 0.0, 1.0)
-        wake = b.wake * (1.0 + reach) * np.maximum(w_upper - climb_m_s, 0.0)
-        t_in, w_in = _ring(b, tip_m_s, v, climb_m_s + wake, 0.0, inner)
-        t_out, w_out = _ring(b, tip_m_s, v, climb_m_s + 0.0 * wake, inner, 1.0)
-        if b.feedback == 0.0:
-            break
-        induced = (w_in - climb_m_s - wake) * inner**2 + (w_out - climb_m_s) * (1.0 - inner**2)
-        back = 0.5 * back + 0.5 * np.maximum(induced, 0.0)
-    area = math.pi * b.radius_m**2
-    stalled = b.bluff * RHO / 2.0 * wake**2 * area * inner**2 * np.exp(-4.0 * v)
-    q_upper = _induced(b, tip_m_s, u, t_upper * w_upper) + _profile(b, tip_m_s, u)
-    q_lower = _induced(b, tip_m_s, v, t_in * w_in + t_out * w_out) + _profile(b, tip_m_s, v)
-    return np.array([t_upper, q_upper, t_in + t_out - stalled, q_lower])
+    return pair_rows(blades, tip_m_s, u.ravel(), v.ravel(), climb_m_s, edge_m_s).reshape(6, *u.shape)
 
 
-def _ring(b: Blades, tip: float, x: Floats, climb: ArrayLike, r0: float, r1: float) -> tuple[Floats, Floats]:
-    """Thrust of a ring and the flow through it."""
-    speed, area, third = tip * x, r1**2 - r0**2, r1**3 - r0**3
-    slope = b.lift * np.maximum(x, SLOWEST) ** b.reynolds
-    slope = slope / np.sqrt(1.0 - np.minimum(b.mach * (0.75 * speed / SOUND_M_S) ** 2, 0.8))
-    half = slope * speed / 16.0 - 0.5 * np.asarray(climb)
-    flow = np.sqrt(half**2 + slope * b.pitch_rad * speed**2 * third / area / 12.0) - half
-    disc = math.pi * b.radius_m**2
-    thrust = RHO * disc * slope / 2.0 * speed * (b.pitch_rad * speed * third / 3.0 - flow * area / 2.0)
-    return thrust, flow
+def lift_slope(b: Blades, tip_m_s: float, u: Floats) -> Floats:
+    """Solidity times lift slope: Reynolds number, and Mach number by Prandtl and Glauert."""
+    x = np.clip(u, SLOWEST, FASTEST)
+    mach = b.mach * (0.75 * tip_m_s * x / SOUND_M_S) ** 2
+    return b.lift * x**b.reynolds / np.sqrt(1.0 - np.minimum(mach, 0.8))
 
 
-def _induced(b: Blades, tip: float, x: Floats, power: Floats) -> Floats:
-    return b.induced * power * b.radius_m / (tip * np.maximum(x, 0.02))
-
-
-def _profile(b: Blades, tip: float, x: Floats) -> Floats:
-    thin = np.maximum(x, SLOWEST) ** (-0.5 * abs(b.reynolds))
-    return RHO * math.pi * b.radius_m**3 * b.drag / 8.0 * (tip * x) ** 2 * thin
+def profile_drag(b: Blades, u: Floats) -> Floats:
+    """Solidity times profile drag coefficient, over 4."""
+    return 0.25 * b.drag * np.clip(u, SLOWEST, FASTEST) ** (-0.5 * abs(b.reynolds))
 
 
 @dataclass(frozen=True)
 class BemtPair(Pair):
-    """The stand turns the equations themselves; the compiled plant turns `coefficients`, fitted to them."""
+    """The stand and the compiled plant turn the same equations; `coefficients` are not used."""
 
     blades: Blades
-    fit_error: tuple[float, ...]  # (4,) RMS of the fit over 0.1..1, N and N m
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> Floats:
         """(4, ...) by the equations."""
@@ -114,15 +106,44 @@ class BemtPair(Pair):
         return self.speed_max_rpm * math.pi / 30.0 * self.blades.radius_m
 
     @property
-    def inflow(self) -> float:
-        """Thrust lost per climb speed over tip speed, of hovering rotors."""
-        still, up = (pair_loads(self.blades, self.tip_m_s, 0.5, 0.65, c)[[0, 2]].sum() for c in (0.0, 1.0))
-        return float((still - up) / still * self.tip_m_s * 0.57)
+    def radius_m(self) -> float:
+        """Of the disc."""
+        return self.blades.radius_m
 
-    @property
-    def in_plane_drag(self) -> float:
-        """N s/m of one rotor at full speed: profile drag of blades into and with the wind."""
-        return RHO * math.pi * self.blades.radius_m**2 * self.blades.drag / 4.0 * self.tip_m_s
+    def compiled(self) -> tuple[Any, Any, Any]:
+        """Blades: their numbers, and lift and profile drag as polynomials of the root of speed."""
+        b, tip = self.blades, self.tip_m_s
+        x = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
+        root = 0.5 * (math.sqrt(FASTEST) + math.sqrt(SLOWEST) + (math.sqrt(FASTEST) - math.sqrt(SLOWEST)) * x)
+        fits = [
+            tuple(float(c) for c in np.polynomial.Polynomial.fit(root, f, 12).convert().coef[::-1])
+            for f in (lift_slope(b, tip, root**2), profile_drag(b, root**2))
+        ]
+        return None, None, (constants(b, tip), *fits)
+
+
+def constants(b: Blades, tip_m_s: float) -> tuple[float, ...]:
+    """What the compiled equations want to know: see `blades.blow`."""
+    x = b.spacing_m / b.radius_m
+    reach = x / math.sqrt(1.0 + x * x)
+    square = 1.0 / (1.0 + reach)
+    mass = 3.0 * math.pi / (8.0 * b.radius_m)
+    numbers = (
+        tip_m_s,
+        b.pitch_rad,
+        RHO * math.pi * b.radius_m**2,
+        b.radius_m,
+        x,
+        math.sqrt(square),
+        b.wake * (1.0 + reach),
+        b.feedback * (1.0 - reach),
+        b.induced,
+        b.bluff,
+        mass,
+        mass / square,
+        mass / (1.0 - square),
+    )
+    return tuple(float(n) for n in numbers)
 
 
 def bemt_pair(path: Path, document: dict[str, Any], speed_max_rpm: float) -> BemtPair:
@@ -140,11 +161,4 @@ def bemt_pair(path: Path, document: dict[str, Any], speed_max_rpm: float) -> Bem
         ) from None
     if min(blades.radius_m, blades.spacing_m, blades.lift) <= 0:
         raise WorldError(path, "blades", "radius, spacing and lift are positive")
-    tip = speed_max_rpm * math.pi / 30.0 * blades.radius_m
-    u, v = (axis.ravel() for axis in np.meshgrid(GRID, GRID, indexing="ij"))
-    exact = pair_loads(blades, tip, u, v)
-    powers = np.stack([u**a * v**k for a in range(ORDER + 1) for k in range(ORDER + 1)], axis=1)
-    solution = np.linalg.lstsq(powers, exact.T, rcond=None)[0]
-    error = np.sqrt(np.mean((powers @ solution - exact.T) ** 2, axis=0))
-    coefficients = np.array(solution.T.reshape(4, ORDER + 1, ORDER + 1), np.float64)
-    return BemtPair(speed_max_rpm, coefficients, blades, tuple(float(e) for e in error))
+    return BemtPair(speed_max_rpm, np.zeros((4, 5, 5)), blades)

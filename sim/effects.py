@@ -137,6 +137,44 @@ def _inertia(plant: Plant, e: Effect) -> None:
     plant.parameters[plant.index.ROTOR_INERTIA] = e.size
 
 
+def _ceiling(plant: Plant, e: Effect) -> None:
+    k, p = plant.index, plant.parameters
+    p[k.CEILING_GAIN], p[k.CEILING_LAW] = e.size, e.number()
+    p[k.CEILING_Z] = e.extra.get("ceiling_m", 6.0)
+
+
+def _heating(plant: Plant, e: Effect) -> None:
+    k, p = plant.index, plant.parameters
+    p[k.HEAT_SHARE], p[k.HEAT_LAW] = e.size, e.number()
+    p[k.WINDING] *= e.extra.get("resistance_share", 1.0)
+
+
+def _air(plant: Plant, e: Effect) -> None:
+    kelvin = 273.15 + e.extra.get("temperature_C", 15.0)
+    height = e.extra.get("altitude_m", 0.0)
+    pressure = (1.0 - 2.25577e-5 * height) ** 5.25588  # the standard atmosphere's
+    plant.parameters[plant.index.AIR] = (pressure * 288.15 / kelvin) ** e.size
+
+
+def _swap(plant: Plant, e: Effect) -> None:
+    plant.swap_battery(e.size)
+    if "resistance_ohm" in e.extra:
+        plant.parameters[plant.index.RESISTANCE] = e.extra["resistance_ohm"]
+
+
+def _delay(plant: Plant, e: Effect) -> None:
+    plant.sensing.delay_s = e.size
+
+
+def _vibration(plant: Plant, e: Effect) -> None:
+    plant.sensing.vibration_m_s2 = e.size
+    plant.sensing.blades = e.number() + 1
+
+
+def _strange(plant: Plant, e: Effect) -> None:
+    """Nothing yet: `Truth` pushes as time passes."""
+
+
 @dataclass(frozen=True)
 class Form:
     """How an effect acts, what `size` means, which further keys and which laws it knows."""
@@ -189,6 +227,32 @@ FORMS = {
         ("steady", "shear", "linear", "dryden"),
     ),
     "rotor_inertia_torque": Form(_inertia, "kg m^2 of one rotor"),
+    "ceiling_effect": Form(
+        _ceiling,
+        "a in T (1 + sqrt(1 + a (R / d)^2)) / 2, d under the ceiling: 1/8 for one rotor",
+        ("ceiling_m",),
+        ("momentum", "image"),
+    ),
+    "motor_heating": Form(
+        _heating,
+        "share of speed lost with the winding 100 K over the air, at u = 0.7",
+        ("resistance_share",),
+        ("resistance", "linear"),
+    ),
+    "air_density": Form(
+        _air, "power of the density's ratio that loads follow: 1", ("temperature_C", "altitude_m")
+    ),
+    "battery_swap": Form(
+        _swap, "charge (0..1) of the pack put in, once landed after onset_s", ("resistance_ohm",)
+    ),
+    "sensor_delay": Form(_delay, "s by which every reading is late"),
+    "vibration": Form(
+        _vibration,
+        "m/s^2 a rotor at full speed, as its square, at its own rate",
+        (),
+        ("unbalance", "blade_pass"),
+    ),
+    "strange": Form(_strange, "N that push down and let go with no physics"),
 }
 
 

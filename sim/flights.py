@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.plant import Plant
 from sim.px4.autopilot import RATE_HZ, Autopilot, Mode
 from sim.px4.cascade import Goal, euler
 from sim.stand import write_whole
@@ -69,8 +70,13 @@ PLANS: dict[str, tuple[Callable[[float], Goal], float]] = {
 }
 
 
-def fly(autopilot: Autopilot, plan: str) -> dict[str, NDArray[np.float64]]:
-    """Arm, take off, follow, land; columns (rows,) of the contract's flight log."""
+def fly(
+    autopilot: Autopilot, plan: str, watch: Callable[[Plant], None] | None = None
+) -> dict[str, NDArray[np.float64]]:
+    """Arm, take off, follow, land; columns (rows,) of the contract's flight log.
+
+    `watch` is shown the plant at every row.
+    """
     follow, seconds = PLANS[plan]
     rows: list[list[float]] = []
 
@@ -80,7 +86,9 @@ def fly(autopilot: Autopilot, plan: str) -> dict[str, NDArray[np.float64]]:
                 autopilot.offboard(follow(autopilot.plant.time_s - start))
             autopilot.step()
             if (autopilot.plant.steps * RATE_HZ // 1000) % LOG_EVERY == 0:
-                rows.append(_row(autopilot))
+                rows.append(row(autopilot))
+                if watch is not None:
+                    watch(autopilot.plant)
             if until():
                 return
 
@@ -110,7 +118,8 @@ def columns(rotors: int) -> list[str]:
     ]
 
 
-def _row(a: Autopilot) -> list[float]:
+def row(a: Autopilot) -> list[float]:
+    """One row: the last reading, and the commands it led to."""
     r = a.reading
     return [
         r.time_s,

@@ -28,7 +28,7 @@ class Peer:
         self.parser = mavlink.MAVLink(None)
         self.parser.robust_parsing = True
         self.heard_at = time.monotonic()
-        self.gone = False
+        self.gone, self.faulty = False, True
         self.out: Wire | None = None  # faults on the way there and back
         self.back: Wire | None = None
 

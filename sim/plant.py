@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim import layout
 from sim.rotors import Pair
 from sim.vehicle import SINGLE, UPPER, Vehicle
 
 STEP_S = 0.001
 GRAVITY = 9.80665
-ROTOR_RADIUS_M = 0.235  # 18.5 in
 FOOT_Z_M = 0.20
 
 
@@ -29,67 +29,79 @@ class Battery:
     efficiency: float = 0.80
 
 
+@dataclass(frozen=True)
+class Motor:
+    """220 rpm a volt; resistance and heat of its size's kind."""
+
+    torque_Nm_A: float = 30.0 / (math.pi * 220.0)
+    resistance_ohm: float = 0.045
+    heat_capacity_J_K: float = 60.0
+    cooling_K_W: float = 2.2
+
+
+@dataclass
+class Sensing:
+    """What a truth does to the sensors: how late they are, and what the rotors shake them with."""
+
+    delay_s: float = 0.0
+    vibration_m_s2: float = 0.0  # of one rotor at full speed
+    blades: int = 1  # times a turn
+
+
 class Plant:
     """State and parameters of one vehicle on the ground at the origin; `advance` moves it on."""
 
     def __init__(self, vehicle: Vehicle, pair: Pair, battery: Battery | None = None) -> None:
-        from sim import kernel  # numba takes its time
-
-        self.index = self._kernel = kernel  # names of the arrays' entries
+        self.index = layout  # names of the arrays' entries
         self.vehicle, self.pair, self.battery = vehicle, pair, battery or Battery()
-        self.radius_m = ROTOR_RADIUS_M
+        self.motor, self.sensing, self.radius_m = Motor(), Sensing(), pair.radius_m
         n = vehicle.rotors
         self.parameters = self._default_parameters()
-        self.geometry = np.zeros((kernel.GEOMETRY, n))
-        self.geometry[kernel.G_POS : kernel.G_POS + 3] = vehicle.position_m.T
-        self.geometry[kernel.G_AXIS : kernel.G_AXIS + 3] = vehicle.axis.T
-        self.geometry[kernel.G_SPIN] = vehicle.spin
-        self.geometry[[kernel.G_THRUST, kernel.G_TORQUE, kernel.G_SPEED]] = 1.0
-        uppers = [i for i in range(n) if vehicle.level[i] == UPPER]
-        # unsigned, for an index that may be negative costs a test
-        self._pairs = np.array([(i, vehicle.partner[i]) for i in uppers], np.uint64).reshape(-1, 2)
-        self._singles: NDArray[np.uint64] | None = np.array(
-            [i for i in range(n) if vehicle.level[i] == SINGLE], np.uint64
-        )
-        quadratic, self._surfaces = _surfaces(pair.coefficients)
-        if quadratic and not len(self._singles):
-            self._singles = None  # the fast way
-        self.state = np.zeros(kernel.SPEED + kernel.PER_ROTOR * n)
-        self.state[kernel.QUAT] = 1.0
-        self.state[kernel.POS + 2] = GRAVITY / (4 * 300.0)  # resting on its four springs
-        self.state[kernel.CHARGE] = self.battery.charge
-        self.state[kernel.VOLTAGE] = kernel.open_circuit(float(self.battery.cells), self.battery.charge)
-        self.out = np.zeros(kernel.O_THRUST + 2 * n)
+        self.geometry = np.zeros((layout.GEOMETRY, n))
+        self.geometry[layout.G_POS : layout.G_POS + 3] = vehicle.position_m.T
+        self.geometry[layout.G_AXIS : layout.G_AXIS + 3] = vehicle.axis.T
+        self.geometry[layout.G_SPIN] = vehicle.spin
+        self.geometry[[layout.G_THRUST, layout.G_TORQUE, layout.G_SPEED]] = 1.0
+        tilted = None if (vehicle.axis[:, 2] == -1.0).all() else True
+        self._rotors = (*_slots(vehicle), tilted, *pair.compiled())
+        self.state = np.zeros(layout.SPEED + layout.PER_ROTOR * n)
+        self.state[layout.QUAT] = 1.0
+        self.state[layout.POS + 2] = GRAVITY / (4 * 300.0)  # resting on its four springs
+        self.swap_battery(self.battery.charge)
+        self.out = np.zeros(layout.O_THRUST + 2 * n)
         self.steps = 0
         self.advance(np.zeros(n), 0)
 
+    def swap_battery(self, charge: float) -> None:
+        """Another pack of the same kind, rested."""
+        from sim.drive import open_circuit  # numba takes its time
+
+        self.state[layout.CHARGE], self.state[layout.CURRENT] = charge, 0.0
+        self.state[layout.RELAXED : layout.RELAXED + 2] = 0.0
+        self.state[layout.VOLTAGE] = open_circuit(float(self.battery.cells), charge)
+
     def _default_parameters(self) -> NDArray[np.float64]:
-        k, v, b = self._kernel, self.vehicle, self.battery
+        k, v, b, m = layout, self.vehicle, self.battery, self.motor
         top = self.pair.speed_max_rpm * math.pi / 30.0
         p = np.zeros(k.PARAMETERS)
         p[k.MASS], p[[k.IXX, k.IYY, k.IZZ]] = v.mass_kg, v.inertia_kg_m2
         p[k.GRAVITY], p[k.GROUND_Z], p[k.LAG] = GRAVITY, FOOT_Z_M, v.motor_lag_s
-        p[k.TOP_RATE], p[k.TIP_SPEED] = top, top * ROTOR_RADIUS_M
+        p[k.TOP_RATE], p[k.TIP_SPEED] = top, top * self.radius_m
         p[k.GROUND_SCALE], p[k.FOOT_XY], p[k.FOOT_Z] = 0.8, 0.2, FOOT_Z_M
         p[k.VOLT_REF], p[k.CELLS], p[k.CAPACITY] = b.reference_V, b.cells, b.capacity_Ah * 3600.0
-        p[k.INFLOW], p[k.DRAG] = self.pair.inflow, self.pair.in_plane_drag
+        p[k.AIR], p[k.RADIUS] = 1.0, self.radius_m
+        p[k.MOTOR_KT], p[k.WINDING] = m.torque_Nm_A, m.resistance_ohm
+        p[k.HEAT_CAPACITY] = m.heat_capacity_J_K
+        p[k.COOLING] = 1.0 / (m.heat_capacity_J_K * m.cooling_K_W)
         p[k.RESISTANCE], p[k.EFFICIENCY] = b.resistance_ohm, b.efficiency
         return p
 
     def advance(self, command: NDArray[np.float64], steps: int, step_s: float = STEP_S) -> None:
         """Move on by `steps` steps at constant motor commands (N,) in 0..1."""
-        self._kernel.advance(
-            self.state,
-            command,
-            self.parameters,
-            self.geometry,
-            self._pairs,
-            self._singles,
-            self._surfaces,
-            step_s,
-            steps,
-            self.out,
-        )
+        from sim.kernel import advance
+
+        how = (self.parameters, self.geometry, *self._rotors, step_s, steps)
+        advance(self.state, command, *how, self.out)
         self.steps += steps
 
     def advance_many(
@@ -104,8 +116,9 @@ class Plant:
 
         In place; this vehicle itself does not move.
         """
-        rotors = self.parameters, self.geometry, self._pairs, self._singles, self._surfaces
-        self._kernel.advance_many(states, commands, *rotors, step_s, steps, outs)
+        from sim.kernel import advance_many
+
+        advance_many(states, commands, self.parameters, self.geometry, *self._rotors, step_s, steps, outs)
 
     @property
     def time_s(self) -> float:
@@ -154,6 +167,17 @@ class Plant:
         return self.state[first : first + self.vehicle.rotors]
 
     @property
+    def windings(self) -> NDArray[np.float64]:
+        """(N,) of each motor, K over the air."""
+        first = self.index.SPEED + 2 * self.vehicle.rotors
+        return self.state[first : first + self.vehicle.rotors]
+
+    @property
+    def motor_currents(self) -> NDArray[np.float64]:
+        """(N,) in the windings, A."""
+        return self.torque / self.motor.torque_Nm_A
+
+    @property
     def specific_force(self) -> NDArray[np.float64]:
         """(3,) body, at its origin, m/s^2."""
         return self.out[0:3]
@@ -169,14 +193,24 @@ class Plant:
         return self.out[6 + self.vehicle.rotors :]
 
     @property
+    def resting(self) -> bool:
+        """On its feet with its rotors still."""
+        return self.height < FOOT_Z_M + 0.05 and float(np.max(self.speeds)) < 0.02
+
+    @property
     def height(self) -> float:
         """Of the body origin above the ground, m."""
         return FOOT_Z_M - float(self.state[2])
 
 
-def _surfaces(c: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64]]:
-    """Whether the upper rotor is alone and no power is above two, and the coefficients that are used."""
-    used = np.nonzero(c.any(axis=0))
-    top = max(2, *(int(axis.max(initial=0)) for axis in used)) + 1
-    small = np.ascontiguousarray(c[:, :top, :top])
-    return top == 3 and not small[:2, :, 1:].any(), small
+def _slots(vehicle: Vehicle) -> tuple[NDArray[np.int64], tuple[int, ...]]:
+    """The rotor in each slot of the kernel's lanes, and a tuple as long as there are lanes: 4, 8 or 16.
+
+    Lane k has a pair's upper rotor, or a single one, in slot k, and its lower rotor in slot lanes + k.
+    """
+    heads = [i for i in range(vehicle.rotors) if vehicle.level[i] in (UPPER, SINGLE)]
+    lanes = next(n for n in (4, 8, 16) if n >= len(heads))
+    slots = np.full(2 * lanes, -1, np.int64)
+    slots[: len(heads)] = heads
+    slots[lanes : lanes + len(heads)] = [vehicle.partner[i] for i in heads]  # -1 where there is none
+    return slots, (0,) * lanes

@@ -29,14 +29,20 @@ class Pair:
     coefficients: NDArray[np.float64]  # (4, ORDER + 1, ORDER + 1)
 
     @property
-    def inflow(self) -> float:
-        """Thrust lost per climb speed over tip speed: nothing, in the declared world."""
-        return 0.0
+    def radius_m(self) -> float:
+        """Of the disc; where a rotor file does not say: 18.5 in."""
+        return 0.235
 
-    @property
-    def in_plane_drag(self) -> float:
-        """N s/m of one rotor at full speed: nothing, in the declared world."""
-        return 0.0
+    def compiled(self) -> tuple[Any, Any, Any]:
+        """What the compiled plant turns: 24 coefficients of eq. 17, any powers, or blades; else None."""
+        c = self.coefficients
+        used = np.nonzero(c.any(axis=0))
+        top = max(2, *(int(axis.max(initial=0)) for axis in used)) + 1
+        if top > 3 or c[:2, :, 1:].any():
+            return None, np.ascontiguousarray(c[:, :top, :top]), None
+        upper = [c[s, a, 0] for s in (0, 1) for a in (2, 1, 0)]
+        lower = [c[s, a, b] for s in (2, 3) for a in (2, 1, 0) for b in (2, 1, 0)]
+        return tuple(float(x) for x in upper + lower), None, None
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> NDArray[np.float64]:
         """(4, ...) upper thrust, upper torque, lower thrust, lower torque at normalised speeds."""

@@ -6,7 +6,8 @@ Attitude, position and velocity come out of an estimator: their errors wander, t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,12 @@ class Sensors:
         self._wander = self._sizes[6:15] * self._random.standard_normal(9)
         self._block = np.empty((0, len(sizes)))
         self._next = 0
+        self._past: deque[Reading] = deque()
+        self._turns = 2.0 * np.pi * self._random_phase(seed, n)
+
+    @staticmethod
+    def _random_phase(seed: int, n: int) -> NDArray[np.float64]:
+        return np.random.default_rng([seed, 0x71B]).random(n)
 
     def read(self) -> Reading:
         """A sample of the present state; called every 4 ms."""
@@ -89,9 +96,9 @@ class Sensors:
                 q[3] + q[0] * half[2] + q[1] * half[1] - q[2] * half[0],
             ]
         )
-        return Reading(
+        now = Reading(
             p.time_s,
-            p.specific_force + self._accel_bias + noise[0:3],
+            p.specific_force + self._accel_bias + noise[0:3] + self._shaken(),
             p.rates + self._gyro_bias + noise[3:6],
             turned,
             p.position + self._wander[3:6],
@@ -101,3 +108,23 @@ class Sensors:
             p.current,
             np.maximum(p.speeds + noise[17:], 0.0),
         )
+        return self._late(now) if p.sensing.delay_s > 0.0 else now
+
+    def _shaken(self) -> NDArray[np.float64] | float:
+        """(3,) what unbalanced rotors, or passing blades, shake the accelerometer with."""
+        p = self._plant
+        size = p.sensing.vibration_m_s2
+        if size == 0.0:
+            return 0.0
+        u = p.speeds
+        self._turns = self._turns + READ_S * p.pair.speed_max_rpm * np.pi / 30.0 * u * p.sensing.blades
+        strength = size * u * u
+        round_ = np.array([np.cos(self._turns), np.sin(self._turns), 0.3 * np.cos(self._turns)])
+        return np.asarray(round_ @ strength)
+
+    def _late(self, now: Reading) -> Reading:
+        """The reading of `delay_s` ago, stamped now."""
+        self._past.append(now)
+        while len(self._past) > 1 and self._past[1].time_s <= now.time_s - self._plant.sensing.delay_s + 1e-9:
+            self._past.popleft()
+        return replace(self._past[0], time_s=now.time_s)

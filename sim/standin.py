@@ -43,9 +43,10 @@ class Standin:
         self._faults, self._seed = faults, seed
         self._sets, self._silent_until = 0, 0.0
         self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
+        self.recorder: Any = None  # `step()` is called after every step
         self._conversations: dict[Peer, Conversation] = {}
         self._answers = 0
-        self._system = autopilot.system
+        self._system, self._boots = autopilot.system, autopilot.boots
         autopilot.say = self._say
         autopilot.mission.reached = self._reached
         autopilot.exchange = self._exchange
@@ -67,6 +68,8 @@ class Standin:
             self._rename()
         if self.autopilot.logger is not None:
             self.autopilot.logger.record(stamp_us(self.autopilot))
+        if self.recorder is not None:
+            self.recorder.step()
         if self._booting:
             return
         for conversation in self._conversations.values():
@@ -92,11 +95,22 @@ class Standin:
                 self._set_up_signing(message)
             if not self._booting:
                 conversation.hear(message)
+                if self._boots != self.autopilot.boots:
+                    self._restart()
+                    return
             if self._faults and message.get_msgId() == 23:
                 self._sets += 1
                 if self._sets == self._faults.reboot_after_sets and not self.autopilot.armed:
                     self.autopilot.boot()
-                    self._silent_until = time.monotonic() + REBOOT_S
+                    self._restart()
+                    return
+
+    def _restart(self) -> None:
+        """After a reboot: silent for a while, and what was asked for is forgotten."""
+        self._boots = self.autopilot.boots
+        self._silent_until = time.monotonic() + REBOOT_S
+        for peer in self._conversations:
+            self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone)
 
     def _set_up_signing(self, message: Any) -> None:
         """A new key for every link, or with zeros none; on the ground only."""
@@ -113,7 +127,7 @@ class Standin:
 
     def _meet(self, peer: Peer) -> Conversation:
         if peer not in self._conversations:
-            if self._faults is not None:
+            if self._faults is not None and peer.faulty:
                 number = 2 * len(self._conversations) + 1000 * self._seed
                 peer.out, peer.back = Wire(self._faults, number), Wire(self._faults, number + 1)
             if self._key is not None:

@@ -7,6 +7,7 @@ A hidden world draws one effect from its seed, worth 3 to 10 % of thrust where t
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,15 +35,27 @@ class Truth:
             size += abs(wind.size) / 4.0
         self._gusts = Gusts(size, wind.law)
         self._waiting = sorted(effects, key=lambda e: e.onset_s)
+        self._strange = [e for e in effects if e.name == "strange"]
 
     def act(self, plant: Plant) -> None:
-        """Switch on what has come due."""
-        while self._waiting and self._waiting[0].onset_s <= plant.time_s + 1e-9:
-            effect = self._waiting.pop(0)
+        """Switch on what has come due; a battery is swapped on the ground."""
+        due = [e for e in self._waiting if e.onset_s <= plant.time_s + 1e-9] if self._waiting else []
+        for effect in due:
+            if effect.name == "battery_swap" and not plant.resting:
+                continue
+            self._waiting.remove(effect)
             FORMS[effect.name].apply(plant, effect)
             if effect.name == "wind":
                 self._gusts.start(plant)
         self._gusts.blow(plant)
+        if self._strange:
+            plant.parameters[plant.index.PUSH + 2] = sum(_push(e, plant.time_s) for e in self._strange)
+
+
+def _push(e: Effect, t: float) -> float:
+    """N downwards: pulses of uneven length, tied to nothing."""
+    since = t - e.onset_s
+    return e.size * (math.sin(2.3 * since) * math.sin(0.37 * since) > 0.2) if since >= 0.0 else 0.0
 
 
 def read_truth(path: Path) -> Truth:

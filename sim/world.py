@@ -22,7 +22,8 @@ from sim.vehicle import read_vehicle
 from sim.wire import parse_faults
 
 CURRENT = (1, 16, 1)
-LAST_PATCH = {(1, 12): 3, (1, 13): 3, (1, 14): 4, (1, 15): 4, (1, 16): 1}
+OLDEST = (1, 13)  # before it there are no CA_ parameters
+LAST_PATCH = {(1, 13): 3, (1, 14): 4, (1, 15): 4, (1, 16): 1}
 # where PX4's own simulation sends: a ground station and a companion
 SITL = ("udpout:127.0.0.1:14550", "udpout:127.0.0.1:14540")
 
@@ -187,4 +188,6 @@ def firmware_version(firmware: str) -> tuple[int, int, int]:
         raise WorldError("--firmware", "", f"a version such as 1.13 is expected, found '{wanted}'")
     numbers = [int(part) for part in parts]
     major, minor = numbers[:2]
+    if (major, minor) < OLDEST:
+        raise WorldError("--firmware", "", f"PX4 1.13 or later is expected, found '{wanted}'")
     return major, minor, numbers[2] if len(numbers) == 3 else LAST_PATCH.get((major, minor), 0)

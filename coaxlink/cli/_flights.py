@@ -7,9 +7,10 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+from coaxlink.cli._shell import say
 from coaxlink.link import Session, connect
 from coaxlink.link.trajectory import Plan
-from coaxlink.link.vehicle import Track, Vehicle
+from coaxlink.link.vehicle import PlanAbandoned, Track, Vehicle
 
 # message id: rate in Hz of the vehicle's own time; what a flight log of the contract needs
 STREAMS = {
@@ -22,6 +23,9 @@ STREAMS = {
     147: 10.0,  # BATTERY_STATUS
     291: 50.0,  # ESC_STATUS
 }
+
+
+ATTEMPTS = 3
 
 
 @dataclass(frozen=True)
@@ -44,15 +48,38 @@ def fly(
 ) -> Flight:
     """Arm, take off to the plan's start, fly it, land; `mixing` may put the companion in the loop meanwhile.
 
-    Raises SafetyRefusal, CheckFailed or LinkError of the vehicle that flies.
+    A simulator faster than real time outruns a machine that is busy for a moment: the plan is then flown
+    again. Raises SafetyRefusal, CheckFailed or LinkError of the vehicle that flies.
     """
+    for left in reversed(range(ATTEMPTS)):
+        try:
+            return _fly_once(name, address, plan, log, watch, mixing)
+        except PlanAbandoned as error:
+            if not left:
+                raise PlanAbandoned(f"{error}; try a lower --speed") from error
+            say(f"{name}: {error}; flying it again")
+    raise AssertionError("unreachable")
+
+
+def _fly_once(
+    name: str,
+    address: str,
+    plan: Plan,
+    log: Path,
+    watch: Callable[[str, float], None] | None,
+    mixing: Callable[[Session], AbstractContextManager[object]],
+) -> Flight:
     with connect(address, record=log) as session:
         for message_id, rate_hz in STREAMS.items():
             session.request_stream(message_id, rate_hz)
         vehicle = Vehicle(session)
         vehicle.arm()
         vehicle.take_off(-plan.at(0.0)[1].position_m[2])
-        with mixing(session):
-            track = vehicle.follow(plan, watch)
+        try:
+            with mixing(session):
+                track = vehicle.follow(plan, watch)
+        except PlanAbandoned:
+            vehicle.land()
+            raise
         vehicle.land()
     return Flight(name, log, track)

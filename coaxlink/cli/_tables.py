@@ -60,9 +60,9 @@ def write_csv(folder: Path, report: TableReport) -> str:
     from coaxlink.cli._shell import say
     from firmware_params.px4 import csv_mixer
 
-    path = folder / "mixer.csv"
+    path = folder / csv_mixer.FILE_NAME
     files.write_atomic(path, csv_mixer.mixer_csv(report.mix.mix))
-    say(f"mixer.csv goes to {csv_mixer.BOARD_PATH}; {csv_mixer.PARAMETER} = 1 and a reboot make it fly")
+    say(f"mixer.csv goes to {csv_mixer.BOARD_PATH}; {csv_mixer.PARAMETERS[0]} = 1 and a reboot make it fly")
     return str(path)
 
 

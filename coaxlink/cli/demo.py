@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -113,11 +114,15 @@ def upload_into(out: Path) -> Callable[[str, Path], dict[str, Any]]:
     def upload(address: str, folder: Path) -> dict[str, Any]:
         from coaxlink.errors import CheckFailed
         from coaxlink.link import connect
+        from coaxlink.link.journal import Journal
         from coaxlink.link.plan import load_plan
         from coaxlink.link.upload import Uploader
 
-        with connect(address) as session:
-            outcome = Uploader(session, backup_folder=out / "backups").upload(load_plan(folder))
+        # a simulated board is gone with its flight: nothing of it belongs into the user's own journal
+        with tempfile.TemporaryDirectory() as place, connect(address) as session:
+            journal = Journal(session.identity, Path(place))
+            uploader = Uploader(session, backup_folder=out / "backups", journal=journal)
+            outcome = uploader.upload(load_plan(folder))
         if outcome.result != "verified":
             raise outcome.error or CheckFailed(f"upload of {folder}: {outcome.result} ({outcome.reason})")
         return outcome.to_json()

@@ -34,18 +34,15 @@ def restore(
 ) -> None:
     """Put a backup back: all parameters that differ, read back and compared; roll back on any failure."""
     from coaxlink.link import connect as open_session
-    from coaxlink.link.ap_upload import ApUploader
-    from coaxlink.link.backup import ApBackup, read_backup
+    from coaxlink.link.backup import read_backup
     from coaxlink.link.upload import Uploader
 
-    saved = ApBackup(backup) if backup.suffix == ".param" else read_backup(backup)
+    saved = read_backup(backup)
     with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
         say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
         talk = conversation(yes or dry_run)
-        if isinstance(saved, ApBackup):
-            outcome = ApUploader(session, backup_folder=backup_dir, talk=talk).restore(saved, dry_run=dry_run)
-        else:
-            outcome = Uploader(session, backup_folder=backup_dir, talk=talk).restore(saved, dry_run=dry_run)
+        worker = Uploader(session, backup_folder=backup_dir, talk=talk)
+        outcome = worker.restore(saved, dry_run=dry_run)
     finish(outcome, json_file)
 
 

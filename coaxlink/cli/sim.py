@@ -39,7 +39,13 @@ def sim(
     flight: Annotated[
         str, typer.Option("--fly", help="Fly without a client: paper, vigorous, or a PLAN.toml.")
     ] = "",
-    log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="With --fly: keep its log.")] = None,
+    log: Annotated[Path | None, typer.Option(metavar="OUT.csv", help="Keep the flight's log.")] = None,
+    tlog: Annotated[
+        Path | None, typer.Option(metavar="OUT.tlog", help="Keep its telemetry, not with --fly.")
+    ] = None,
+    truth_log: Annotated[
+        Path | None, typer.Option(metavar="OUT.csv", help="With --fly: log the plant itself, for a judge.")
+    ] = None,
     stand: Annotated[
         Path | None, typer.Option(metavar="OUT.csv", help="Run the virtual thrust stand and leave.")
     ] = None,
@@ -55,6 +61,10 @@ def sim(
         raise InputError("--hidden-seed", "", "not with --truth")
     if vehicles != 1 and (bridge or flight or stand is not None):
         raise InputError("--vehicles", "", "not with --bridge, --fly or --stand")
+    if (log or tlog) and (bridge or vehicles != 1):
+        raise InputError("--log, --tlog", "", "not with --bridge or --vehicles")
+    if tlog and flight:
+        raise InputError("--tlog", "", "not with --fly")
     with world_errors():
         if stand is not None:
             _measure(stand, rotor, truth, seed, schedule)
@@ -74,7 +84,7 @@ def sim(
             signing_key,
         )
         if flight:
-            _alone(build(world, []).autopilot, flight, log)
+            _alone(build(world, []).autopilot, flight, log, truth_log)
             return
         if bridge:
             _bridge(build_bridge(world, bridge, (listen or [""])[0], speed), bridge)
@@ -82,9 +92,12 @@ def sim(
         standins = build_many(world, vehicles, listen or [], speed)
         ports = [port for standin in standins for port in standin.ports]
         try:
+            _record(standins[0], log, tlog)
             _fly(lambda stop: run(standins, speed, stop), firmware, ports)
+            if standins[0].recorder is not None:
+                standins[0].recorder.close()
         finally:
-            for port in ports:
+            for port in [port for standin in standins for port in standin.ports]:
                 port.close()
 
 
@@ -109,8 +122,9 @@ def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, sched
     say(f"{out}: {len(rows)} points")
 
 
-def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
+def _alone(autopilot: Any, plan: str, log: Path | None, truth_log: Path | None) -> None:
     from sim.flights import PLANS, fly, write_flight
+    from sim.truthlog import TruthLog
 
     if plan.endswith(".toml"):
         from sim.manoeuvres import read_plan
@@ -118,11 +132,24 @@ def _alone(autopilot: Any, plan: str, log: Path | None) -> None:
         PLANS[plan] = read_plan(Path(plan))
     if plan not in PLANS:
         raise InputError("--fly", "", f"a plan file or one of {', '.join(PLANS)} is expected, found '{plan}'")
-    flown = fly(autopilot, plan)
+    true = TruthLog()
+    flown = fly(autopilot, plan, true.watch if truth_log is not None else None)
+    if truth_log is not None:
+        write_flight(truth_log, true.columns())
+        say(f"{truth_log}: the plant itself")
     seconds = autopilot.plant.time_s
     if log is not None:
         write_flight(log, flown)
         say(f"{log}: {len(flown['time_s'])} rows, {seconds:.0f} s of flight")
+
+
+def _record(standin: Any, log: Path | None, tlog: Path | None) -> None:
+    from sim.recorder import CsvRecorder, TlogPort
+
+    if log is not None:
+        standin.recorder = CsvRecorder(standin.autopilot, log)
+    if tlog is not None:
+        standin.ports.append(TlogPort(standin.autopilot, tlog))
 
 
 def _bridge(bridge: Any, to: str) -> None:

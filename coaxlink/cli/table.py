@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,10 +46,24 @@ def table(
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
     seen, path = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb)
     say_effects(seen)
-    if firmware == "px4":
-        _px4(seen, path, law, out, json_file, explain, connect, csv)
-    else:
-        _ardupilot(seen, path, law, out, json_file, explain, frame_class, spin_min)
+    with _naming(path):
+        if firmware == "px4":
+            _px4(seen, path, law, out, json_file, explain, connect, csv)
+        else:
+            _ardupilot(seen, path, law, out, json_file, explain, frame_class, spin_min)
+
+
+@contextlib.contextmanager
+def _naming(model_path: Path) -> Iterator[None]:
+    """Errors that a rotor model's numbers cause name its file, wherever it came from."""
+    from coaxlink.link.tables import ROTOR_MODEL
+
+    try:
+        yield
+    except InputError as error:
+        if error.source != ROTOR_MODEL:
+            raise
+        raise InputError(model_path, error.where, error.problem) from error
 
 
 def _px4(

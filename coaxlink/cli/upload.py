@@ -12,7 +12,7 @@ from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.errors import SafetyRefusal
 
 if TYPE_CHECKING:
-    from coaxlink.link.upload import Change, Outcome, Talk
+    from coaxlink.link.outcome import Change, Outcome, Talk
 
 ConnectOption = Annotated[
     str, typer.Option(metavar="URL", help="Where the vehicle is, udpin:0.0.0.0:14550 ...")
@@ -43,14 +43,14 @@ def upload(
         bool, typer.Option("--new-geometry", help="Allow other rotor places or spins than the board has.")
     ] = False,
     reboot: Annotated[
-        bool, typer.Option("--reboot", help="PX4: restart the autopilot and read the table once more.")
+        bool, typer.Option("--reboot", help="Restart the autopilot in any case and read the table once more.")
     ] = False,
 ) -> None:
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink.link import connect as open_session
-    from coaxlink.link.ap_upload import ApUploader
+    from coaxlink.link.outcome import REFUSED, Outcome
     from coaxlink.link.plan import load_plan, refuse_values
-    from coaxlink.link.upload import REFUSED, Outcome, Uploader
+    from coaxlink.link.upload import Uploader
 
     plan = load_plan(source)
     try:
@@ -60,17 +60,14 @@ def upload(
     with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
         say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
         talk = conversation(yes or dry_run)
-        if plan.firmware == "ardupilot":
-            outcome = ApUploader(session, backup_folder=backup_dir, talk=talk).upload(plan, dry_run=dry_run)
-        else:
-            worker = Uploader(session, backup_folder=backup_dir, talk=talk)
-            outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry, reboot=reboot)
+        worker = Uploader(session, backup_folder=backup_dir, talk=talk)
+        outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry, reboot=reboot)
     finish(outcome, json_file)
 
 
 def conversation(yes: bool) -> Talk:
     """Differences on stdout, talk on stderr, and a question unless `yes`."""
-    from coaxlink.link.upload import Talk
+    from coaxlink.link.outcome import Talk
 
     def ask() -> bool:
         if yes:

@@ -2,40 +2,70 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterable, Mapping
+
 from coaxlink.errors import CheckFailed
+from coaxlink.link.content import BoardFiles
 from coaxlink.link.ftp import Files
 from firmware_params.ardupilot import scripts
 
-Scripts = dict[str, bytes | None]  # by path on board; None: no such file
 _OURS = (scripts.MATRIX_NAME, scripts.LOADER_NAME)
 
 
-def script_folder(board: Files) -> str:
-    """The script folder, made if it is not there. Raises CheckFailed."""
-    for folder in scripts.SCRIPT_FOLDERS:
-        if board.listing(folder) is not None:
-            return folder
-    for folder in scripts.SCRIPT_FOLDERS:
-        board.make_folder(folder)
-        if board.listing(folder) is not None:
-            return folder
-    raise CheckFailed(f"no folder for scripts on board ({' or '.join(scripts.SCRIPT_FOLDERS)})")
+def is_table(names: Iterable[str]) -> bool:
+    """Whether one of these scripts is a mixer table."""
+    return any(name in _OURS for name in names)
 
 
-def plan_scripts(board: Files, folder: str, wanted: dict[str, bytes]) -> tuple[Scripts, Scripts, int]:
-    """(as they are, as they are to be) by path, and the load checksum of the whole folder then.
+class ScriptFolder:
+    """The folder on one board; listed once, when it is first needed."""
 
-    Of coaxlink's own tables only the wanted one stays: the other would stop with an error at boot. What is
-    no table (the bridge) leaves the table alone.
-    """
-    present = [n for n in board.listing(folder) or [] if n.endswith(".lua")]
-    new: Scripts = {f"{folder}/{name}": data for name, data in wanted.items()}
-    table = any(n in _OURS for n in wanted)
-    gone = {n for n in present if table and n in _OURS and n not in wanted}
-    new |= {f"{folder}/{n}": None for n in gone}
-    old = {path: board.read(path) for path in new}
-    checksum = scripts.load_checksum(wanted.values())
-    for name in present:
-        if name not in wanted and name not in gone:
-            checksum ^= (board.crc(f"{folder}/{name}") or 0) & 0x7FFFFF
-    return old, new, checksum
+    def __init__(self, board: Files) -> None:
+        self._board = board
+
+    @functools.cached_property
+    def path(self) -> str:
+        """Where it is; made if it is not there. Raises CheckFailed."""
+        return self._found[0]
+
+    def planned(self, wanted: Mapping[str, bytes], *, table: bool = True) -> BoardFiles:
+        """The scripts that change, as they are to be, by path.
+
+        Of coaxlink's own tables only the wanted one stays: the other would stop with an error at boot. That
+        it is not there is said as well, or an interrupted upload's way back would bring it along. What is no
+        `table` (the bridge) leaves the table alone.
+        """
+        new: dict[str, bytes | None] = {f"{self.path}/{name}": data for name, data in wanted.items()}
+        for name in _OURS:
+            if table and name not in wanted:
+                new[f"{self.path}/{name}"] = None
+        return new
+
+    def checksum(self, changes: BoardFiles) -> int:
+        """SCR_LD_CHECKSUM of the whole folder once `changes` are made."""
+        total = scripts.load_checksum(data for data in changes.values() if data is not None)
+        for path in self._paths:
+            if path not in changes:
+                total ^= (self._board.crc(path) or 0) & 0x7FFFFF
+        return total
+
+    def others(self, known: BoardFiles) -> BoardFiles:
+        """Every script on board by path, but those that are known already."""
+        return {path: self._board.read(path) for path in self._paths if path not in known}
+
+    @property
+    def _paths(self) -> list[str]:
+        folder, names = self._found
+        return [f"{folder}/{name}" for name in names if name.endswith(".lua")]
+
+    @functools.cached_property
+    def _found(self) -> tuple[str, list[str]]:
+        for made in (False, True):
+            for folder in scripts.SCRIPT_FOLDERS:
+                if made:
+                    self._board.make_folder(folder)
+                names = self._board.listing(folder)
+                if names is not None:
+                    return folder, names
+        raise CheckFailed(f"no folder for scripts on board ({' or '.join(scripts.SCRIPT_FOLDERS)})")

@@ -1,18 +1,26 @@
-"""A vehicle's parameters as a file that can be put back: QGC's format, with board, firmware and time."""
+"""A vehicle's parameters and files as something that can be put back, with board, firmware and time.
+
+PX4's parameters are kept in QGC's format, ArduPilot's in its own; files lie beside them in a folder of the
+same name.
+"""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from coaxlink.errors import InputError
+from coaxlink.files import write_atomic
+from coaxlink.link.content import BoardFiles
+from coaxlink.link.identity import Identity
 from coaxlink.link.parameters import Number, Snapshot
-from coaxlink.link.session import Identity
 from firmware_params import ardupilot, px4
 from firmware_params.errors import ParamsFileError
 
 _TITLE = "coaxlink backup"
+_FILES = ".files"
 
 
 @dataclass(frozen=True)
@@ -20,27 +28,29 @@ class Backup:
     """A backup read from disk."""
 
     path: Path
-    params: dict[str, Number]
-    types: dict[str, int]
+    params: Mapping[str, Number]
+    types: Mapping[str, int]  # MAV_PARAM_TYPE; ArduPilot's format has none
     board: str  # board id it was taken from
     firmware: str
     time: str
+    files: Mapping[str, bytes] = field(default_factory=dict)  # by name
 
 
-def backup_path(folder: Path, identity: Identity) -> Path:
+def backup_path(folder: Path, identity: Identity, suffix: str) -> Path:
     """A name that no other backup has: board and UTC time."""
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
     board = identity.uid.strip("0")[:16] or f"system{identity.system}"
-    path, again = folder / f"{board}-{stamp}.params", 1
+    path, again = folder / f"{board}-{stamp}{suffix}", 1
     while path.exists():
         again += 1
-        path = folder / f"{board}-{stamp}-{again}.params"
+        path = folder / f"{board}-{stamp}-{again}{suffix}"
     return path
 
 
-def write_backup(path: Path, identity: Identity, snapshot: Snapshot) -> None:
-    """Write every parameter of a vehicle atomically. Raises InputError."""
-    header = (
+def write_backup(path: Path, identity: Identity, snapshot: Snapshot, files: BoardFiles) -> None:
+    """Write every parameter and `files` atomically, the parameters last. Raises InputError."""
+    values = list(snapshot.values.values())
+    header = [
         _TITLE,
         "",
         f"Board: {identity.uid or 'unknown'}",
@@ -49,17 +59,21 @@ def write_backup(path: Path, identity: Identity, snapshot: Snapshot) -> None:
         f"Git: {identity.git_hash or 'unknown'}",
         f"Time: {time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())}",
         f"Hash: {snapshot.hash:08x}",
-        f"Count: {len(snapshot.values)}",
-        "",
-        "Vehicle-Id Component-Id Name Value Type",
-    )
-    values = snapshot.values.values()
+        f"Count: {len(values)}",
+        f"Files: {sum(data is not None for data in files.values())}",
+    ]
+    for place, data in files.items():
+        if data is not None:
+            write_atomic(path.with_suffix(_FILES) / Path(place).name, data)
     try:
+        if path.suffix == ".param":
+            ardupilot.write_param_file(path, {v.name: float(v.value) for v in values}, header)
+            return
         px4.write_params_file(
             path,
             {v.name: v.value for v in values},
             types={v.name: v.type for v in values},
-            header=header,
+            header=[*header, "", "Vehicle-Id Component-Id Name Value Type"],
             system=identity.system,
             component=identity.component,
         )
@@ -68,41 +82,29 @@ def write_backup(path: Path, identity: Identity, snapshot: Snapshot) -> None:
 
 
 def read_backup(path: Path) -> Backup:
-    """Read a backup; its count must be whole. Raises InputError with the line."""
+    """Read a backup; its counts must be whole. Raises InputError with the line."""
+    params: Mapping[str, Number]
+    types: Mapping[str, int]
     try:
-        read = px4.read_params_file(path, finite=False)
+        if path.suffix == ".param":
+            text = ardupilot.read_param_file(path, finite=False)
+            params, types, lines = text.params, {}, text.header
+        else:
+            read = px4.read_params_file(path, finite=False)
+            params, types, lines = read.params, read.types, read.header
     except ParamsFileError as error:
         raise InputError(error.path, f"line {error.line}" if error.line else "", error.problem) from error
-    head = dict(line.split(": ", 1) for line in read.header if ": " in line)
-    if _TITLE not in read.header or "Count" not in head:
+    head = dict(line.split(": ", 1) for line in lines if ": " in line)
+    if _TITLE not in lines or "Count" not in head:
         raise InputError(path, "", "not a coaxlink backup (its header is missing); use upload for a table")
-    if head["Count"] != str(len(read.params)):
+    if head["Count"] != str(len(params)):
         raise InputError(
-            path, "", f"{head['Count']} parameters are expected, found {len(read.params)}: it was cut"
+            path, "", f"{head['Count']} parameters are expected, found {len(params)}: it was cut"
         )
+    folder = path.with_suffix(_FILES)
+    files = {p.name: p.read_bytes() for p in sorted(folder.glob("*")) if p.is_file()}
+    if head.get("Files", "0") != str(len(files)):
+        raise InputError(folder, "", f"{head.get('Files', '0')} files are expected, found {len(files)}")
     return Backup(
-        path, read.params, read.types, head.get("Board", ""), head.get("Firmware", ""), head.get("Time", "")
+        path, params, types, head.get("Board", ""), head.get("Firmware", ""), head.get("Time", ""), files
     )
-
-
-class ApBackup:
-    """A backup of an ArduPilot board: parameters, and the scripts beside them."""
-
-    def __init__(self, path: Path) -> None:
-        """Read it. Raises InputError when it is none or was cut."""
-        try:
-            read = ardupilot.read_param_file(path, finite=False)
-        except ParamsFileError as error:
-            raise InputError(error.path, f"line {error.line}" if error.line else "", error.problem) from error
-        head = dict(line.split(": ", 1) for line in read.header if ": " in line)
-        if _TITLE not in read.header or "Count" not in head:
-            raise InputError(
-                path, "", "not a coaxlink backup (its header is missing); use upload for a table"
-            )
-        if head["Count"] != str(len(read.params)):
-            raise InputError(
-                path, "", f"{head['Count']} parameters are expected, found {len(read.params)}: it was cut"
-            )
-        self.path, self.params, self.board = path, read.params, head.get("Board", "")
-        folder = path.with_suffix(".scripts")
-        self.scripts = {p.name: p.read_bytes() for p in sorted(folder.glob("*.lua"))}

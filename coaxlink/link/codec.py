@@ -93,6 +93,15 @@ HOT = {
 }
 
 
+def fields_of(message: Any) -> tuple[Any, ...]:
+    """The fields of one of pymavlink's messages of these kinds, in wire order."""
+    flat: list[Any] = []
+    for name in message.ordered_fieldnames:
+        value = getattr(message, name)
+        flat += value if isinstance(value, list | tuple) else [value]
+    return tuple(flat)
+
+
 class Frame(NamedTuple):
     """A frame whose checksum is right."""
 

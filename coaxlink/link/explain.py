@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.link.ap_tables import ApReport, report_ap
+from coaxlink.link.asked import nearest, wanted_mix, worst_relative
 from coaxlink.link.behaviour import TURNS, Behaviour, behaviour
 from coaxlink.link.tables import TableReport, px4_speeds, report_px4
 from coaxlink.rotor import RotorModel
@@ -39,10 +40,7 @@ class Explanation:
     @property
     def worst(self) -> dict[str, float]:
         """Largest difference of done from asked on each axis, relative to the axis's largest entry."""
-        scale = np.abs(self.asked).max(axis=0)
-        error = np.abs(self.done - self.asked).max(axis=0)
-        pairs = zip(AXES, error, scale, strict=True)
-        return {axis: float(e / s) if s else float(e) for axis, e, s in pairs}
+        return dict(zip(AXES, worst_relative(self.asked, self.done), strict=True))
 
     def to_json(self) -> dict[str, Any]:
         """The `explain` part of the JSON of `table`."""
@@ -111,7 +109,7 @@ def explain_px4(
     Raises InputError when the board holds no table of this vehicle.
     """
     mixed = np.stack([*report.mix.mix.T[:3], -report.mix.mix[:, 5]], axis=-1)
-    asked = _asked(report.table)
+    asked = wanted_mix(report.table)
     changed: tuple[tuple[str, float, float], ...] = ()
     if board is None:
         reference, name = report_px4(airframe, model, "standard").behaviour, "standard law"
@@ -127,12 +125,12 @@ def explain_px4(
         reference, name = behaviour(airframe, model, px4_speeds(present)), "on board"
         differing = ((n, float(board[n]), float(v)) for n, v in report.params.items() if n in board)
         changed = tuple(row for row in differing if row[1] != row[2])
-    return Explanation(asked, _fitted(mixed, asked), report.behaviour, reference, name, changed)
+    return Explanation(asked, nearest(mixed, asked), report.behaviour, reference, name, changed)
 
 
 def explain_ap(airframe: Airframe, model: RotorModel, report: ApReport) -> Explanation:
     """Explain an ArduPilot table against the standard law on the same frame class."""
-    asked = _asked(report.columns)
+    asked = wanted_mix(report.columns)
     standard = report_ap(
         airframe,
         model,
@@ -140,31 +138,18 @@ def explain_ap(airframe: Airframe, model: RotorModel, report: ApReport) -> Expla
         frame_class=report.table.frame_class,
         spin_min=report.table.parameters.spin_min,
     )
-    done = _fitted(report.mix.factors, asked)
+    done = nearest(report.mix.factors, asked)
     return Explanation(asked, done, report.behaviour, standard.behaviour, "standard law")
 
 
 def present_table(url: str) -> dict[str, float | int]:
     """The table parameters of the board at `url`. Raises LinkError."""
+    from coaxlink.link.opening import connect
     from coaxlink.link.parameters import Parameters
-    from coaxlink.link.session import connect
 
     with connect(url) as session:
         found = Parameters(session).read_all().values
     return {name: value.value for name, value in found.items() if name in px4.PARAMETERS}
-
-
-def _asked(table: px4.Px4Table) -> NDArray[np.float64]:
-    columns = px4.effectiveness(table)
-    matrix = np.stack([columns[0], columns[1], columns[2], -columns[5]])
-    return np.asarray(np.linalg.pinv(matrix), np.float64)
-
-
-def _fitted(mixed: NDArray[np.float64], asked: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each column of `mixed` times the one number that brings it nearest to `asked`."""
-    power = (mixed**2).sum(axis=0)
-    scale = np.divide((mixed * asked).sum(axis=0), power, out=np.zeros(mixed.shape[1]), where=power > 0)
-    return mixed * scale
 
 
 def _shown(value: float | None) -> str:

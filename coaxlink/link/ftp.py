@@ -1,20 +1,21 @@
 """MAVLink's file transfer over a session: read, write, check, list; every request repeated until answered.
 
-A client of our own, because files must travel in the session that is signed, counted and watched for arming;
-a library brings a connection of its own. Writing goes to a side name, is checked by the board's CRC, and only
-then takes the place of the old file.
+A client of our own, because files must travel in the session that is signed, counted and watched for arming:
+MAVSDK's brings a connection of its own (and no signing), pymavlink's mavftp.py is GPL. Writing goes to a side
+name, is checked by the board's CRC, and only then takes the place of the old file.
 """
 
 from __future__ import annotations
 
 import random
 import struct
-import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed, LinkError
+from coaxlink.link.asking import Asker
 from coaxlink.link.session import Message, Session
 from firmware_params.ardupilot.scripts import file_crc
 
@@ -36,6 +37,8 @@ _ERRORS = {
 }
 _ERRNO_EXISTS, _ERRNO_NONE = 17, 2
 _CHUNK = 239
+_WINDOW = 4  # a board keeps no more than five requests waiting
+_ANSWER = "FILE_TRANSFER_PROTOCOL"
 _HEAD = struct.Struct("<HBBBBBBI")  # number, session, code, size, request code, burst end, padding, offset
 SIDE = ".new"
 
@@ -49,41 +52,43 @@ class FileError(CheckFailed):
 
 
 @dataclass(frozen=True)
+class _Order:
+    """A request without its number."""
+
+    code: int
+    data: bytes
+    session: int = 0
+    offset: int = 0
+    size: int | None = None  # to be read; else that of the data
+
+
+@dataclass(frozen=True)
 class _Answer:
     session: int
     body: bytes
 
 
 class Files:
-    """The board's files; `retries` counts requests sent again."""
+    """The board's files."""
 
-    def __init__(self, session: Session, *, timeout_s: float = 0.6, tries: int = 20) -> None:
+    def __init__(self, session: Session, *, timeout_s: float = 0.6) -> None:
         self._session = session
-        self._timeout_s, self._tries = timeout_s, tries
-        self._answer_s = 0.0  # how long an answer takes, smoothed; 0 until one came
+        self._asker = Asker(session, timeout_s=timeout_s, window=_WINDOW)
         # a board answers a number it has just seen with what it said then, whoever asks
         self._number = random.randrange(65536)
-        self.retries = 0
+
+    @property
+    def retries(self) -> int:
+        """Requests sent again."""
+        return self._asker.retries
 
     def read(self, path: str) -> bytes | None:
         """A file, None when there is none. The size the board announces is not trusted: read to the end."""
         opened = self._maybe(_OPEN_RO, path.encode())
         if opened is None:
             return None
-        data = b""
         try:
-            while True:
-                try:
-                    part = self._request(
-                        _READ, b"", session=opened.session, offset=len(data), size=_CHUNK
-                    ).body
-                except FileError as error:
-                    if error.code == _EOF:
-                        return data
-                    raise
-                if not part:
-                    return data
-                data += part
+            return self._read_on(path, opened)
         finally:
             self._request(_TERMINATE, b"", session=opened.session)
 
@@ -107,8 +112,13 @@ class Files:
         """Write straight to a name (@PARAM/param.pck and such have no other). Raises FileError."""
         session = self._request(_CREATE, path.encode()).session
         try:
-            for offset in range(0, len(data), _CHUNK):
-                self._request(_WRITE, data[offset : offset + _CHUNK], session=session, offset=offset)
+            orders = {
+                offset: _Order(_WRITE, data[offset : offset + _CHUNK], session, offset)
+                for offset in range(0, len(data), _CHUNK)
+            }
+            for answer in self._window(path, orders).values():
+                if isinstance(answer, FileError):
+                    raise answer
         finally:
             self._request(_TERMINATE, b"", session=session)
 
@@ -126,7 +136,7 @@ class Files:
         try:
             self._request(_MAKE_FOLDER, path.encode())
         except FileError as error:
-            if error.code not in (_EXISTS, 1, 2):  # ArduPilot says plainly "failed" for one that exists
+            if error.code not in (_EXISTS, _NOT_FOUND, 1, 2):  # who needs it looks whether it is there
                 raise
 
     def listing(self, folder: str) -> list[str] | None:
@@ -158,42 +168,80 @@ class Files:
                 return None
             raise
 
-    def _request(
-        self, code: int, data: bytes, *, session: int = 0, offset: int = 0, size: int | None = None
-    ) -> _Answer:
+    def _read_on(self, path: str, opened: _Answer) -> bytes:
+        """The rest of an open file, a window of chunks at a time, up to the first that is short."""
+        data = b""
+        ahead = 1  # most files that are read are small, and a chunk past the end costs a request as well
+        while True:
+            orders = {
+                offset: _Order(_READ, b"", opened.session, offset, _CHUNK)
+                for offset in range(len(data), len(data) + ahead * _CHUNK, _CHUNK)
+            }
+            answers = self._window(path, orders)
+            for offset in orders:
+                answer = answers[offset]
+                if isinstance(answer, FileError):
+                    if answer.code == _EOF:
+                        return data
+                    raise answer
+                data += answer.body
+                if len(answer.body) < _CHUNK:
+                    return data
+            ahead = min(2 * ahead, 8 * _WINDOW)
+
+    def _window(self, path: str, orders: Mapping[int, _Order]) -> dict[int, _Answer | FileError]:
+        """Several requests at once, by any key. Raises LinkError."""
+        answers: dict[int, _Answer | FileError] = {}
+        keys: dict[int, int] = {}  # request number -> key
+        requests: dict[int, Callable[[], Message]] = {}
+        for key, order in orders.items():
+            number, message = self._message(order)
+            keys[number] = key
+            requests[key] = _constant(message)
+
+        def settle(message: Message) -> int | None:
+            payload = bytes(message.payload)
+            reply = _HEAD.unpack_from(payload)
+            key = keys.get((reply[0] - 1) % 65536)
+            if key is None or reply[4] != orders[key].code or reply[2] not in (_ACK, _NAK):
+                return None
+            answers[key] = _answer(payload, path)
+            return key
+
+        if self._asker.gather(requests, (_ANSWER,), settle):
+            raise LinkError(self._session.address, f"{path}: no answer to a file request")
+        return answers
+
+    def _message(self, order: _Order) -> tuple[int, Message]:
         self._number = (self._number + 1) % 65536
-        number, target = self._number, self._session.identity
-        head = _HEAD.pack(number, session, code, len(data) if size is None else size, 0, 0, 0, offset)
-        message = mavlink.MAVLink_file_transfer_protocol_message(
-            0, target.system, target.component, list((head + data).ljust(251, b"\0"))
-        )
+        target = self._session.identity
+        size = len(order.data) if order.size is None else order.size
+        head = _HEAD.pack(self._number, order.session, order.code, size, 0, 0, 0, order.offset)
+        payload = list((head + order.data).ljust(251, b"\0"))
+        message = mavlink.MAVLink_file_transfer_protocol_message(0, target.system, target.component, payload)
+        return self._number, message
 
-        def ours(answer: Message) -> bool:
-            reply = _HEAD.unpack_from(bytes(answer.payload))
-            return reply[0] == (number + 1) % 65536 and reply[4] == code and reply[2] in (_ACK, _NAK)
+    def _request(self, code: int, data: bytes, *, session: int = 0, offset: int = 0) -> _Answer:
+        what = data.decode(errors="replace").replace("\0", " -> ") or "file request"
+        answer = self._window(what, {0: _Order(code, data, session, offset)})[0]
+        if isinstance(answer, FileError):
+            raise answer
+        return answer
 
-        wait_s = (
-            min(max(4.0 * self._answer_s + 0.1, 0.15), self._timeout_s) if self._answer_s else self._timeout_s
-        )
-        started = time.monotonic()
-        answer, again = self._session.exchange(
-            message, ("FILE_TRANSFER_PROTOCOL",), ours, timeout_s=wait_s, tries=self._tries
-        )
-        self.retries += again
-        if answer is not None and not again:
-            took = time.monotonic() - started
-            self._answer_s = 0.8 * self._answer_s + 0.2 * took if self._answer_s else took
-        if answer is None:
-            raise LinkError(self._session.address, f"no answer to a file request ({self._tries} tries)")
-        payload = bytes(answer.payload)
-        _, served, kind, length, _, _, _, _ = _HEAD.unpack_from(payload)
-        body = payload[_HEAD.size : _HEAD.size + length]
-        if kind == _NAK:
-            code_given = body[0] if body else 1
-            if code_given == 2 and len(body) > 1:  # the board's errno follows
-                code_given = {_ERRNO_EXISTS: _EXISTS, _ERRNO_NONE: _NOT_FOUND}.get(body[1], 2)
-            raise FileError(data.decode(errors="replace").replace("\0", " -> ") or "file request", code_given)
+
+def _answer(payload: bytes, what: str) -> _Answer | FileError:
+    _, served, kind, length, _, _, _, _ = _HEAD.unpack_from(payload)
+    body = payload[_HEAD.size : _HEAD.size + length]
+    if kind == _ACK:
         return _Answer(served, body)
+    code = body[0] if body else 1
+    if code == 2 and len(body) > 1:  # the board's errno follows
+        code = {_ERRNO_EXISTS: _EXISTS, _ERRNO_NONE: _NOT_FOUND}.get(body[1], 2)
+    return FileError(what, code)
+
+
+def _constant(message: Message) -> Callable[[], Message]:
+    return lambda: message
 
 
 def _missing(error: FileError) -> bool:

@@ -64,3 +64,23 @@ def with_version(target: Identity, answer: Any) -> Identity:
         board=f"{answer.vendor_id}:{answer.product_id}:{answer.board_version}",
         git_hash=bytes(answer.flight_custom_version).hex(),
     )
+
+
+def is_vehicle(heartbeat: Any, system: int | None) -> bool:
+    """Whether a HEARTBEAT is that of an autopilot (of this system, if given)."""
+    if system is not None and heartbeat.get_srcSystem() != system:
+        return False
+    others = (mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_TYPE_GIMBAL)
+    return heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type not in others
+
+
+def companion_heartbeat() -> Any:
+    """Our own sign of life."""
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+        mavlink.MAV_AUTOPILOT_INVALID,
+        0,
+        0,
+        mavlink.MAV_STATE_ACTIVE,
+        3,
+    )

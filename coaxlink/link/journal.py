@@ -18,22 +18,21 @@ from typing import Any
 
 from coaxlink import files
 from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.link.content import Content
+from coaxlink.link.identity import Identity
 from coaxlink.link.parameters import Value
-from coaxlink.link.session import Identity
 
 
 @dataclass(frozen=True)
 class Entry:
-    """An upload that has not ended: values by name, as they were and as they are to be."""
+    """An upload that has not ended: the board as it was and as it is to be."""
 
     board: str
-    old: Mapping[str, Value]
-    new: Mapping[str, Value]
+    old: Content
+    new: Content
     backup: str
     files: tuple[str, ...]
     started: str
-    old_scripts: Mapping[str, bytes | None] = field(default_factory=dict)  # by path; None: not there
-    new_scripts: Mapping[str, bytes | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -95,13 +94,11 @@ class Journal:
             raw = json.loads(files.read_text(self.path))
             return Entry(
                 raw["board"],
-                {n: _value(n, v) for n, v in raw["old"].items()},
-                {n: _value(n, v) for n, v in raw["new"].items()},
+                _content(raw["old"], raw["old_files"]),
+                _content(raw["new"], raw["new_files"]),
                 raw["backup"],
                 tuple(raw["files"]),
                 raw["started"],
-                {n: _bytes(v) for n, v in raw.get("old_scripts", {}).items()},
-                {n: _bytes(v) for n, v in raw.get("new_scripts", {}).items()},
             )
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
@@ -115,10 +112,10 @@ class Journal:
             "started": entry.started,
             "backup": entry.backup,
             "files": list(entry.files),
-            "old": {n: _raw(v) for n, v in entry.old.items()},
-            "new": {n: _raw(v) for n, v in entry.new.items()},
-            "old_scripts": {n: None if v is None else v.hex() for n, v in entry.old_scripts.items()},
-            "new_scripts": {n: None if v is None else v.hex() for n, v in entry.new_scripts.items()},
+            "old": {n: _raw(v) for n, v in entry.old.values.items()},
+            "new": {n: _raw(v) for n, v in entry.new.values.items()},
+            "old_files": {p: None if d is None else d.hex() for p, d in entry.old.files.items()},
+            "new_files": {p: None if d is None else d.hex() for p, d in entry.new.files.items()},
         }
         files.write_json(self.path, document)
         _sync_folder(self.path.parent)
@@ -163,11 +160,20 @@ class Journal:
 
 
 def _raw(value: Value) -> dict[str, Any]:
-    return {"value": value.value, "type": value.type, "bits": value.bits.hex()}
+    return {
+        "value": value.value if value.value == value.value else None,
+        "type": value.type,
+        "bits": value.bits.hex(),
+    }
 
 
 def _value(name: str, raw: Mapping[str, Any]) -> Value:
-    return Value(name, raw["value"], int(raw["type"]), bytes.fromhex(raw["bits"]))
+    held = float("nan") if raw["value"] is None else raw["value"]  # JSON has no NaN
+    return Value(name, held, int(raw["type"]), bytes.fromhex(raw["bits"]))
+
+
+def _content(values: Mapping[str, Any], held: Mapping[str, str | None]) -> Content:
+    return Content({n: _value(n, v) for n, v in values.items()}, {p: _bytes(d) for p, d in held.items()})
 
 
 def _bytes(text: str | None) -> bytes | None:

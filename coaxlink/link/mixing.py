@@ -7,7 +7,7 @@ Every answer belongs to exactly one demand, and of several that wait only the ne
 that is not finite, absurd, of another group or older than the one before gets none. When the demand ends,
 `live_guard` hands the vehicle back to the autopilot's own mixer; outputs are checked on their way out.
 The bytes are taken ahead of the session's own parsing (`Session.tap`), by the codec of `codec.py`; on a
-signed link every message goes through pymavlink, which knows signatures.
+signed link what comes in goes through pymavlink, which keeps the books of signatures.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from coaxlink.link.hot_kernel import COMMANDS, TIME
 from coaxlink.link.live_counts import Counters
 from coaxlink.link.live_guard import LIVE, Guard, Timing, timing_for
 from coaxlink.link.live_paths import PATHS, path_for, require_path
+from coaxlink.link.live_timesync import TimeSync
 from coaxlink.link.live_witness import REPORT_HZ, Witness
 from coaxlink.link.mixing_core import CONTROLS, Compensation, DemandScale, MixCore
 from coaxlink.mixer import Law
@@ -93,6 +94,7 @@ class LiveMixer:
         self._loop = loop
         self._native = native
         self._hot: HotPath | None = None
+        self._timesync: TimeSync | None = None
         heard = {ANSWER.number, OUTPUTS.number} | ({STATE.number, TARGET.number} if loop else {DEMAND.number})
         self._scanner = codec.Scanner(heard, codec.known_seeds())
         self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
@@ -124,14 +126,13 @@ class LiveMixer:
         row = require_path(identity.autopilot, identity.version, bridged=bridged)
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self._started = time.monotonic()
-        if self.session.signed and self._loop is not None:
-            raise SafetyRefusal("the attitude loop of our own does not run on a signed link yet")
         if self._native is not None and self._loop is None and not self.dry_run and not self.session.signed:
             from coaxlink.link.live_hot import HotPath
 
             self._hot = HotPath.of(self, self._native, self._target)
         if self.session.signed:
             self._unsubscribe = self.session.subscribe(self._on_message)
+        self._timesync = TimeSync(self.session)
         self.session.tap = self
         # a bridge sends its demand unasked, at its own pace
         for message in (STATE, TARGET) if self._loop else () if bridged else (DEMAND,):
@@ -167,6 +168,8 @@ class LiveMixer:
 
     def _let_go(self) -> None:
         self.session.tap = None
+        if self._timesync is not None:
+            self._timesync.close()
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None
@@ -249,7 +252,7 @@ class LiveMixer:
             if (frame.system, frame.component) != self._target or self._unsubscribe is not None:
                 self.core.counters.foreign += 1
                 return
-            self._demand(frame, began)
+            self._meant(frame.number, codec.HOT[frame.number].unpack(frame.payload), began)
         elif frame.number == ANSWER.number:
             if frame.payload not in self._echoes:  # a router may hand us our own words back
                 who = f"system {frame.system} component {frame.component}"
@@ -257,16 +260,15 @@ class LiveMixer:
         elif self._witness is not None and (frame.system, frame.component) == self._target:
             self._watch(OUTPUTS.unpack(frame.payload)[2:], began)
 
-    def _demand(self, frame: codec.Frame, began: float) -> None:
-        """A demand, or a state or setpoint of which our own loop makes one."""
+    def _meant(self, number: int, f: tuple[Any, ...], began: float) -> None:
+        """The fields of a demand, or of a state or setpoint of which our own loop makes one."""
         loop = self._loop
         if loop is None:
-            self._queue(DEMAND.unpack(frame.payload), began)
-        elif frame.number == TARGET.number:
-            f = TARGET.unpack(frame.payload)
+            if number == DEMAND.number:
+                self._queue(f, began)
+        elif number == TARGET.number:
             loop.aim(f[0] * 1000, f[1:5], f[5:8], f[8])
-        else:
-            f = STATE.unpack(frame.payload)
+        elif number == STATE.number:
             torque = loop.torque(f[0] * 1000, f[1:5], f[5:8])
             if torque is not None:
                 controls = self.core.scale.controls(loop.thrust, torque)
@@ -280,10 +282,20 @@ class LiveMixer:
         self._waiting = demand
 
     def _on_message(self, message: Any) -> None:
-        if message.get_type() != DEMAND.name or self.failed.is_set():
+        """On a signed link: pymavlink has checked the signature."""
+        number = message.get_msgId()
+        if (
+            number not in codec.HOT
+            or (message.get_srcSystem(), message.get_srcComponent()) != self._target
+            or self.failed.is_set()
+        ):
             return
-        self._queue((message.time_usec, *message.controls, message.group_mlx), time.perf_counter())
-        self.take(b"")
+        now = time.perf_counter()
+        if number == OUTPUTS.number:
+            self._watch(message.actuator, now)
+        elif number != ANSWER.number:
+            self._meant(number, codec.fields_of(message), now)
+            self.take(b"")
 
     def _more_waits(self) -> bool:
         number = self.session.fileno
@@ -315,16 +327,8 @@ class LiveMixer:
         self.commands = commands
         if self.dry_run:
             return
-        system, component = self._target
-        if self._unsubscribe is not None:
-            message = mavlink.MAVLink_set_actuator_control_target_message(
-                stamp, 0, system, component, commands
-            )
-            self.session.send(message)
-        else:
-            payload = (stamp, *commands, 0, system, component)
-            self._payload = payload
-            self.session.send_frame(self._pack)
+        self._payload = (stamp, *commands, 0, *self._target)
+        self.session.send_frame(self._pack, ANSWER.seed)
         if self._witness is not None:
             self._witness.sent(now, commands)
 
@@ -335,6 +339,8 @@ class LiveMixer:
 
     def _tick(self, now: float) -> None:
         guard, core = self.guard, self.core
+        if self._timesync is not None:
+            self._timesync.tick()
         before = guard.hand_overs
         share = guard.tick(now)
         if share is not None and self._own_mixer:
@@ -364,7 +370,9 @@ class LiveMixer:
         """Counters, latency and allocation error so far, as `coaxlink mix --json` writes them."""
         c = self.core.counters
         seconds = (self._stopped or time.monotonic()) - self._started if self._started else 0.0
-        n = max(c.cycles, 1)
+        n, sync, last_us = max(c.cycles, 1), self._timesync, self.core.last_us
+        trip = sync.round_trip_s if sync else None
+        age = sync.age_s(last_us, self.guard.last) if sync and last_us is not None else None
         return {
             "law": self.core.law.name,
             "state": self.guard.state,
@@ -378,6 +386,8 @@ class LiveMixer:
                 "p99": c.latency.percentile(99) * 1e6,
                 "max": c.latency.largest_s * 1e6,
             },
+            "round_trip_us": trip * 1e6 if trip is not None else None,
+            "demand_age_us": age * 1e6 if age is not None else None,
             "allocation_error": {"mean": [e / n for e in c.error_sum], "max": list(c.error_max)},
             "clamped_demands": c.clamped,
             "axes_given_up": c.dropped,

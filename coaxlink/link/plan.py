@@ -9,8 +9,8 @@ from pathlib import Path
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.link.identity import Identity
 from coaxlink.link.parameters import Number, Value
-from coaxlink.link.session import Identity
 from firmware_params import ardupilot, px4
 from firmware_params.errors import ParamsFileError, TableError
 
@@ -39,7 +39,9 @@ class Plan:
     params: Mapping[str, Number]
     types: Mapping[str, int]  # MAV_PARAM_TYPE
     notes: tuple[str, ...] = field(default=())
-    scripts: Mapping[str, bytes] = field(default_factory=dict)  # by file name, ArduPilot only
+    cargo: Mapping[str, bytes] = field(
+        default_factory=dict
+    )  # files for the board by name: scripts, mixer.csv
 
     @property
     def rotor_count(self) -> int | None:
@@ -58,6 +60,8 @@ def motor_outputs(params: Mapping[str, Number]) -> int:
 
 def load_plan(source: Path) -> Plan:
     """Read a folder with one table (or one file). Raises InputError with the file and line."""
+    cargo: dict[str, bytes] = {}
+    named_folder = source.is_dir()
     if source.is_dir():
         found = sorted([*source.glob("*.params"), *source.glob("*.param")])
         if len(found) != 1:
@@ -71,10 +75,14 @@ def load_plan(source: Path) -> Plan:
         if source.suffix == ".param":
             return _load_ardupilot(source)
         read = px4.read_params_file(source, finite=False)
+        paths = [source]
+        if (mixer := source.parent / px4.csv_mixer.FILE_NAME).exists() and named_folder:
+            px4.read_mixer_csv(mixer)  # raises for what the fork would not take
+            paths, cargo = [source, mixer], {mixer.name: mixer.read_bytes()}
     except ParamsFileError as error:
         place = f"line {error.line}" if error.line else ""
         raise InputError(error.path, place, error.problem) from error
-    return Plan("px4", (source,), read.params, read.types, read.header)
+    return Plan("px4", tuple(paths), read.params, read.types, read.header, cargo)
 
 
 def _load_ardupilot(source: Path) -> Plan:

@@ -13,90 +13,30 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pymavlink.dialects.v20 import common as mavlink
 
 import firmware_params.px4.messages  # noqa: F401 - teaches the dialect ESC_STATUS and ESC_INFO
 from coaxlink.errors import LinkError, SafetyRefusal
-from coaxlink.link.address import parse_address
-from coaxlink.link.identity import Identity, version_request, with_version
+from coaxlink.link.identity import Identity, companion_heartbeat, is_vehicle, version_request, with_version
+from coaxlink.link.line import Outgoing, Tap
+from coaxlink.link.loss import Loss
 from coaxlink.link.tlog import TLog
-from coaxlink.link.transport import Transport, open_transport
+from coaxlink.link.transport import Transport
+from coaxlink.link.values import Message
 
 if TYPE_CHECKING:
     from coaxlink.link.signing import Signer
 
-Message = Any  # a pymavlink message
 Match = Callable[[Message], bool]
 COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
 _TICK_S = 0.05
 
 
-class Tap(Protocol):
-    """Sees the line's bytes first, on the receiver thread; must not raise."""
-
-    @property
-    def tick_s(self) -> float:
-        """It is called at least so often, with no bytes if none came."""
-
-    def take(self, data: bytes) -> None:
-        """Bytes as they came."""
-
-    def serve(self, line: Transport, peer: Any) -> list[tuple[bytes, Any]] | None:
-        """Read the line itself for a while; what came and is not dealt with. None: not now, read for it."""
-
-
-class Outgoing(mavlink.MAVLink):
-    """pymavlink's encoder with its sequence number where the compiled loop counts it on too."""
-
-    def __init__(self, system: int, component: int) -> None:
-        self.counter = bytearray(1)
-        super().__init__(None, system, component)
-
-    @property
-    def seq(self) -> int:
-        """Of the next frame."""
-        return self.counter[0]
-
-    @seq.setter
-    def seq(self, value: int) -> None:
-        self.counter[0] = value & 0xFF
-
-
-def connect(
-    url: str,
-    *,
-    timeout_s: float = 10.0,
-    record: Path | None = None,
-    source_system: int = COMPANION_SYSTEM,
-    source_component: int = COMPANION_COMPONENT,
-    target_system: int | None = None,
-    signing_key: Path | None = None,
-) -> Session:
-    """Open a line and wait for an autopilot's heartbeat.
-
-    `record` writes a tlog of all that passes. `target_system` picks one of several vehicles on the line.
-    With `signing_key` (a file of mode 600) both sides must sign. Raises InputError for a bad address,
-    LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that does not
-    sign with this key.
-    """
-    signer = _signer(signing_key) if signing_key else None
-    address = parse_address(url)
-    line = open_transport(address, timeout_s)
-    session = Session(line, url, source_system, source_component, target_system, record, signer)
-    session.reopen = lambda: open_transport(address, 0.0)
-    try:
-        session.start(timeout_s)
-    except BaseException:
-        session.close()
-        raise
-    return session
-
-
 class Session:
-    """See the module; make one with `connect` and use it as a context manager."""
+    """See the module; make one with `opening.connect` and use it as a context manager."""
 
     def __init__(
         self,
@@ -110,6 +50,7 @@ class Session:
     ) -> None:
         self.address = address
         self.armed = False
+        self.answer_s = 0.0  # how long the first answer took, 0 when its request had to be repeated
         self.reopen: Callable[[], Transport] | None = None  # a line that broke is opened again with it
         self.tap: Tap | None = None  # gets the bytes ahead of the parser: live mixing
         self._transport = transport
@@ -128,8 +69,7 @@ class Session:
         self._subscribers: tuple[Callable[[Message], None], ...] = ()
         self._watchers: tuple[Callable[[bytes], None], ...] = ()
         self._heard_s = 0.0
-        self._sequence: int | None = None
-        self._sent_by_vehicle = self._received_from_vehicle = 1
+        self._loss = Loss()
         self._stopping = threading.Event()
         self._failure: BaseException | None = None
         self._log = TLog(record) if record else None
@@ -209,7 +149,7 @@ class Session:
     @property
     def loss(self) -> float:
         """Share of the autopilot's messages that did not arrive, from their sequence numbers."""
-        return max(0.0, 1.0 - self._received_from_vehicle / self._sent_by_vehicle)
+        return self._loss.share
 
     def latest(self, type_name: str) -> Message | None:
         """The vehicle's last message of a type, None if there was none."""
@@ -227,10 +167,15 @@ class Session:
             self._record(frame)
             self._transport.write(frame, self._peer)
 
-    def send_frame(self, pack: Callable[[int, int, int], bytes]) -> None:
-        """Send what `pack(sequence, system, component)` makes; for those who have a codec of their own."""
+    def send_frame(self, pack: Callable[[int, int, int], bytes], seed: bytes) -> None:
+        """Send what `pack(sequence, system, component)` makes; for those who have a codec of their own.
+
+        `pack` makes an unsigned MAVLink 2 frame of a message with that CRC seed; it is signed if the link is.
+        """
         with self._lock:
             frame = pack(self._out.seq, self._out.srcSystem, self._out.srcComponent)
+            if self._signer:
+                frame = self._signer.seal(frame, seed)
             self._out.seq = (self._out.seq + 1) % 256
             self._record(frame)
             self._transport.write(frame, self._peer)
@@ -415,16 +360,7 @@ class Session:
         return False
 
     def _heartbeat(self) -> None:
-        self.send(
-            mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                mavlink.MAV_AUTOPILOT_INVALID,
-                0,
-                0,
-                mavlink.MAV_STATE_ACTIVE,
-                3,
-            )
-        )
+        self.send(companion_heartbeat())
 
     def _received(self, message: Message, peer: Any) -> None:
         name = message.get_type()
@@ -433,13 +369,13 @@ class Session:
         system, component = message.get_srcSystem(), message.get_srcComponent()
         known = self._identity
         if known is None:
-            if name != "HEARTBEAT" or not self._is_vehicle(message, system):
+            if name != "HEARTBEAT" or not is_vehicle(message, self._target):
                 return
             known = Identity(system, component, message.autopilot, message.type)
         elif system != known.system:
             return
         if component == known.component:
-            self._count(message.get_seq())
+            self._loss.heard(message.get_seq())
         if name == "HEARTBEAT" and component == known.component:
             self._peer = peer or self._peer
             self._heard_s = time.monotonic()
@@ -453,40 +389,18 @@ class Session:
 
     def count(self, sequences: Any) -> None:
         """Frames of the vehicle passed by the parser with these sequence numbers (n,), an array of uint8."""
-        self._count(int(sequences[0]))
-        steps = sequences[1:] - sequences[:-1]  # modulo 256
-        forward = (steps > 0) & (steps < 128)
-        self._sent_by_vehicle += int(steps[forward].sum(dtype=int))
-        self._received_from_vehicle += int((steps != 0).sum())
-        self._sequence = int(sequences[-1])
-
-    def _count(self, sequence: int) -> None:
-        step = 1 if self._sequence is None else (sequence - self._sequence) % 256
-        if 0 < step < 128:  # a step back is a late or doubled message
-            self._sent_by_vehicle += step
-            self._sequence = sequence
-        if step:
-            self._received_from_vehicle += 1
-
-    def _is_vehicle(self, heartbeat: Message, system: int) -> bool:
-        if self._target is not None and system != self._target:
-            return False
-        others = (mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_TYPE_GIMBAL)
-        return heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type not in others
+        self._loss.passed(sequences)
 
     def _ask_version(self) -> None:
         request = version_request(self.identity)
-        answer, _ = self.exchange(request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.35, tries=6)
+        started = time.monotonic()
+        answer, again = self.exchange(
+            request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.35, tries=6
+        )
         if answer is not None:
+            self.answer_s = 0.0 if again else time.monotonic() - started
             self._identity = with_version(self.identity, answer)
 
     def _record(self, frame: bytes) -> None:
         if self._log:
             self._log.write(frame)
-
-
-def _signer(key_file: Path) -> Signer:
-    from coaxlink.link.journal import state_folder
-    from coaxlink.link.signing import Signer, load_key
-
-    return Signer(load_key(key_file), state_folder())

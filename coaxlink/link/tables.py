@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.link.behaviour import GRAVITY, Behaviour, Speeds, behaviour, solve
+from coaxlink.link.asked import nearest, wanted_mix, worst_relative
+from coaxlink.link.behaviour import GRAVITY, TURNS, Behaviour, Speeds, behaviour, solve
 from coaxlink.mixer import reduced_coefficients, standard_coefficients
 from coaxlink.mixer.fitted import fit_table, px4_columns
 from coaxlink.rotor import RotorModel
@@ -22,6 +23,9 @@ from firmware_params import px4
 from firmware_params.errors import Finding, TableError
 
 TABLE_LAWS = ("fitted", "reduced", "standard")
+ROTOR_MODEL = "rotor model"  # source of an error that its numbers are the cause of
+_AXES = (*TURNS, "thrust")
+_LEAN_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ def px4_table(airframe: Airframe, model: RotorModel, law: str) -> px4.Px4Table:
         problem = (
             f"the {law} law gives rotor {worst + 1} {ct[worst]:.4g} N per u^2: a positive thrust is expected"
         )
-        raise InputError(airframe.source or airframe.name, "rotor_model", problem)
+        raise InputError(ROTOR_MODEL, "", problem)
     rotors = tuple(
         px4.RotorEntry(rotor.position_m, rotor.axis, float(ct[n]), float(torque[n] / ct[n]))
         for n, rotor in enumerate(airframe.rotors)
@@ -112,6 +116,8 @@ def assess_px4(airframe: Airframe, model: RotorModel, law: str, table: px4.Px4Ta
     flown = behaviour(airframe, model, px4_speeds(mix))
     by_table = solve(lambda t: float(ct * up @ mix.setpoints(_thrust(t))), weight)
     findings += _hover_findings(flown, weight)
+    findings += _lean_findings(table, mix, law)
+    findings += _reversed_findings(flown, law)
     limits = px4.PARAMETERS["MPC_THR_HOVER"]
     hover = limits.maximum if flown.hover is None else flown.hover
     params["MPC_THR_HOVER"] = px4.as_stored(
@@ -168,6 +174,33 @@ def _hover_findings(flown: Behaviour, weight_N: float) -> list[Finding]:
         )
         return [Finding("px4.hover-range", "warning", text)]
     return []
+
+
+def _lean_findings(table: px4.Px4Table, mix: px4.Px4Mix, law: str) -> list[Finding]:
+    """PX4's pseudo-inverse holds six axes: where rotors lean, it also forbids every sideways force."""
+    mixed = np.stack([*mix.mix.T[:3], -mix.mix[:, 5]], axis=-1)
+    asked = wanted_mix(table)
+    worst = worst_relative(asked, nearest(mixed, asked))
+    if max(worst) <= _LEAN_SHARE or not np.abs(mix.effectiveness[3:5]).any():
+        return []
+    text = "the table's rotors lean, and PX4 spends them on holding the sideways force at zero as well"
+    if law != "fitted":
+        text += "; --law fitted makes a table for that"
+    shares = ", ".join(f"{axis} {share:.0%}" for axis, share in zip(_AXES, worst, strict=True))
+    return [Finding("px4.leaning-axes", "warning", text, f"off what the law asks by {shares}")]
+
+
+def _reversed_findings(flown: Behaviour, law: str) -> list[Finding]:
+    """A loop closed over a gain of the wrong sign falls over."""
+    found = []
+    for axis, gain in zip(TURNS, flown.gain_Nm, strict=True):
+        if gain <= 0.0:
+            text = f"a {axis} demand turns the vehicle the other way, or not at all"
+            if law != "fitted":
+                text += "; try --law fitted"
+            evidence = f"{gain:+.3f} N m per unit demand in hover, on the rotor model"
+            found.append(Finding("px4.reversed-axis", "error", text, evidence))
+    return found
 
 
 def _thrust(setpoint: float) -> list[float]:

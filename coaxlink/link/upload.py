@@ -1,80 +1,43 @@
 """Put a table on board, all or nothing: difference, backup, write, read back, compare; back again on failure.
 
-The order never changes. From the first write on, a journal on disk knows the old values and the new ones; it
-goes away when the board was read back and holds one of the two whole.
+The order never changes and is the same for every firmware; what is a firmware's own is in its `Board`.
+From the first write on, a journal on disk knows the old content and the new; it goes away when the board was
+read back and holds one of the two whole.
 """
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
 
 from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
-from coaxlink.link.backup import Backup, backup_path, write_backup
+from coaxlink.link.backup import Backup
+from coaxlink.link.board import Board
+from coaxlink.link.board_ardupilot import ArduPilotBoard
+from coaxlink.link.board_px4 import Px4Board
+from coaxlink.link.content import Content
 from coaxlink.link.journal import Entry, Journal
-from coaxlink.link.parameters import Number, Parameters, Snapshot, Value
-from coaxlink.link.plan import Plan, refuse_table, refuse_values, refuse_vehicle
-from coaxlink.link.reboot import reboot
+from coaxlink.link.outcome import (
+    DRY_RUN,
+    FAILED,
+    REFUSED,
+    ROLLED_BACK,
+    VERIFIED,
+    Change,
+    Mismatch,
+    Outcome,
+    Talk,
+    Unfinished,
+)
+from coaxlink.link.parameters import Parameters, Snapshot, Value
+from coaxlink.link.plan import Plan, refuse_values, refuse_vehicle
 from coaxlink.link.session import Session
+from firmware_params.ardupilot.scripts import file_crc
 
-VERIFIED, REFUSED, ROLLED_BACK, FAILED = "verified", "refused", "rolled_back", "failed"
-_ROUNDS = 3  # write, read back, and mend what another writer or a late packet changed
-
-
-@dataclass(frozen=True)
-class Change:
-    """One parameter that is to change."""
-
-    name: str
-    old: Value
-    new: Value
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How an upload ended; `to_json` is the contract's object."""
-
-    result: str
-    changed: tuple[Change, ...] = ()
-    files: tuple[str, ...] = ()
-    backup: str = ""
-    mismatches: tuple[dict[str, Any], ...] = ()
-    retries: int = 0
-    reason: str = ""
-    vehicle: str = ""
-    error: CoaxlinkError | None = field(default=None, compare=False)
-    scripts: tuple[str, ...] = ()  # paths of scripts that changed
-
-    def to_json(self) -> dict[str, Any]:
-        """The JSON of `upload`."""
-        return {
-            "result": self.result,
-            "changed": [
-                {"name": c.name, "old": _finite(c.old.value), "new": _finite(c.new.value)}
-                for c in self.changed
-            ],
-            "files": list(self.files),
-            "backup": self.backup,
-            "mismatches": list(self.mismatches),
-            "retries": self.retries,
-            "scripts": list(self.scripts),
-            "reason": self.reason,
-            "vehicle": self.vehicle,
-        }
-
-
-@dataclass
-class Talk:
-    """What an upload tells and asks its user."""
-
-    say: Callable[[str], None] = lambda text: None
-    difference: Callable[[tuple[Change, ...]], None] = lambda changes: None
-    confirm: Callable[[], bool] = lambda: True
-    progress: Callable[[int, int], None] | None = None
+_ABSENT = b""  # bits of a parameter that the board does not have yet
+_CALM_S, _SETTLE_S = 0.05, 1.0  # before reading back; after a failure other words may still be under way
+_LOSSY = 0.005
 
 
 class Uploader:
@@ -90,33 +53,41 @@ class Uploader:
         patience_s: float = 30.0,
         parameters: Parameters | None = None,
         reboot_s: float = 5.0,
+        script_s: float = 15.0,
     ) -> None:
         self._session = session
-        self._parameters = parameters or Parameters(session)
         self._talk = talk or Talk()
+        self._board: Board
+        if session.identity.is_ardupilot:
+            self._board = ArduPilotBoard(
+                session, talk=self._talk, parameters=parameters, reboot_s=reboot_s, script_s=script_s
+            )
+        else:
+            self._board = Px4Board(session, talk=self._talk, parameters=parameters, reboot_s=reboot_s)
         self._backup_folder = backup_folder
         self._journal = journal or Journal(session.identity)
         self._patience_s = patience_s
         self._files: tuple[str, ...] = ()
         self._changes: tuple[Change, ...] = ()
+        self._changed_files: tuple[str, ...] = ()
         self._backup = ""
-        self._reboot, self._reboot_s = False, reboot_s
 
     def upload(
         self, plan: Plan, *, dry_run: bool = False, new_geometry: bool = False, reboot: bool = False
     ) -> Outcome:
-        """Put a plan on board; with `reboot`, restart the autopilot and read the table once more."""
-        self._reboot = reboot
+        """Put a plan on board; with `reboot`, restart the autopilot in any case and read the table again."""
         self._files = tuple(str(path) for path in plan.files)
-
-        def check(board: Mapping[str, Value]) -> None:
-            refuse_table(plan, self._session.identity, board, new_geometry=new_geometry)
 
         def first() -> None:
             refuse_values(plan)
             refuse_vehicle(plan, self._session.identity)
 
-        return self._alone(lambda: self._guarded(plan.params, plan.types, first, check, dry_run))
+        def wanted(board: Snapshot) -> Content:
+            return self._board.planned(plan, board, new_geometry=new_geometry)
+
+        return self._ended(
+            lambda: self._carry_out(first, plan.params, wanted, dry_run, reboot, complete=True)
+        )
 
     def restore(self, backup: Backup, *, dry_run: bool = False) -> Outcome:
         """Put a backup back; only on the board it was taken from."""
@@ -127,54 +98,59 @@ class Uploader:
             if backup.board != here:
                 raise SafetyRefusal(f"{backup.path.name} is of board {backup.board}, this is {here}")
 
-        return self._alone(
-            lambda: self._guarded(backup.params, backup.types, first, lambda board: None, dry_run, True)
-        )
+        def wanted(board: Snapshot) -> Content:
+            return self._board.saved(backup, board)
+
+        return self._ended(lambda: self._carry_out(first, (), wanted, dry_run, False, complete=False))
 
     # -- the order of things -------------------------------------------------------------------------------
 
-    def _alone(self, work: Callable[[], Outcome]) -> Outcome:
+    def _ended(self, work: Callable[[], Outcome]) -> Outcome:
         try:
             with self._journal.alone():
                 return work()
-        except CoaxlinkError as error:
+        except CoaxlinkError as error:  # before the first write; later ones are dealt with there
             return self._outcome(REFUSED if isinstance(error, SafetyRefusal) else FAILED, error=error)
 
-    def _guarded(
+    def _carry_out(
         self,
-        params: Mapping[str, Number],
-        types: Mapping[str, int],
         first: Callable[[], None],
-        check: Callable[[Mapping[str, Value]], None],
+        named: Iterable[str],
+        wanted: Callable[[Snapshot], Content],
         dry_run: bool,
-        known_only: bool = False,
+        restart: bool,
+        *,
+        complete: bool,
     ) -> Outcome:
-        try:
-            self._refuse_armed()
-            first()
-            board = self._parameters.read_all(progress=self._talk.progress)
-            check(board.values)
-            interrupted = self._interrupted()
-            target = self._target(params, types, board, interrupted, known_only)
-            self._changes = tuple(
-                Change(name, board.values[name], value)
-                for name, value in target.items()
-                if not value.same(board.values[name])
-            )
-            self._talk.difference(self._changes)
-            if dry_run:
-                return self._outcome("dry_run")
-            if not self._changes:
-                self._keep(target)
-                return self._outcome(VERIFIED, reason="the board holds it already")
-            self._save(board)
-            if not self._talk.confirm():
-                raise SafetyRefusal("not confirmed; nothing was changed")
-            self._refuse_armed()
-        except CoaxlinkError as error:
-            result = REFUSED if isinstance(error, SafetyRefusal) else FAILED
-            return self._outcome(result, error=error)
-        return self._write(target, interrupted)
+        self._refuse_armed()
+        first()
+        board = self._board.with_hidden(self._board.snapshot(), named)
+        target = wanted(board)
+        interrupted = self._interrupted()
+        if interrupted:  # what it touched and this plan does not goes back to what it was
+            target = target.over(self._board.keepable(interrupted.old, board))
+        if complete:
+            target = self._board.completed(target, board)
+        present = self._board.present(target, board)
+        changes = target.differs_from(present)
+        self._show(changes, present)
+        if dry_run:
+            return self._outcome(DRY_RUN)
+        if interrupted and self._board.restarts(interrupted.new):
+            restart = True  # the files may be there and the restart that makes them fly not
+        if not changes.values and not changes.files and not restart:
+            self._keep(target)
+            return self._outcome(VERIFIED, reason="the board holds it already")
+        self._save(board, present, interrupted)
+        if not self._talk.confirm():
+            raise SafetyRefusal("not confirmed; nothing was changed")
+        self._refuse_armed()
+        # others may change what an upload leaves: its whole table is proved; a backup is too long for that
+        new, old = (target, present) if complete else (changes, present.only(changes))
+        if interrupted:  # the way back leads to the last whole table, not to what the interruption left
+            old = interrupted.old.over(old)
+            new = new.over(target.only(interrupted.old))
+        return self._write(target, new, old, present, restart)
 
     def _interrupted(self) -> Entry | None:
         entry = self._journal.open_entry()
@@ -184,52 +160,34 @@ class Uploader:
             )
         return entry
 
-    def _target(
-        self,
-        params: Mapping[str, Number],
-        types: Mapping[str, int],
-        board: Snapshot,
-        interrupted: Entry | None,
-        known_only: bool,
-    ) -> dict[str, Value]:
-        """What the board is to hold: the plan, and the old values of an upload that was interrupted."""
-        target = {}
-        for name, value in params.items():
-            old = board.values.get(name)
-            if old is None and known_only:
-                self._talk.say(f"{name} is not on this board and stays out")
-                continue
-            if known_only and not math.isfinite(value):
-                continue  # a NaN in a backup is how that board has it; none is ever sent
-            if old is None or old.type != types[name]:
-                found = f"type {old.type}" if old else "nothing"
-                raise SafetyRefusal(f"{name}: type {types[name]} is to be written, the board has {found}")
-            target[name] = self._parameters.encode(name, value, types[name])
-        if interrupted:
-            target = {n: v for n, v in interrupted.old.items() if n in board.values} | target
-        return target
+    def _show(self, changes: Content, present: Content) -> None:
+        self._changes = tuple(
+            Change(n, present.values.get(n, Value(n, float("nan"), v.type, _ABSENT)), v)
+            for n, v in changes.values.items()
+        )
+        self._changed_files = tuple(changes.files)
+        self._talk.difference(self._changes)
+        for path, data in changes.files.items():
+            self._talk.say(f"{path}: {_what(present.files.get(path))} on board, {_what(data)} new")
 
-    def _save(self, board: Snapshot) -> None:
-        path = backup_path(self._backup_folder, self._session.identity)
-        write_backup(path, self._session.identity, board)
+    def _save(self, board: Snapshot, present: Content, interrupted: Entry | None) -> None:
+        files = {**self._board.others(board, present.files), **present.files}
+        if interrupted:  # a backup of half a table would be no way back
+            whole = self._board.keepable(interrupted.old, board)
+            board = Snapshot({**board.values, **whole.values}, board.hash)
+            files |= whole.files
+        path = self._board.write_backup(self._backup_folder, board, files)
         self._backup = str(path)
-        self._talk.say(f"backup of {len(board.values)} parameters: {path}")
+        count = sum(data is not None for data in files.values())
+        also = f" and {count} files" if count else ""
+        self._talk.say(f"backup of {len(board.values)} parameters{also}: {path}")
 
-    def _write(self, target: Mapping[str, Value], interrupted: Entry | None) -> Outcome:
-        old = {change.name: change.old for change in self._changes}
-        new = {change.name: change.new for change in self._changes}
-        if interrupted:  # the way back leads to the last whole table, not to what the interruption left
-            old |= interrupted.old
-            new |= {name: target[name] for name in interrupted.old if name in target}
+    def _write(self, target: Content, new: Content, old: Content, present: Content, restart: bool) -> Outcome:
         started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        # a fault of the disk ends it here: nothing was written yet
+        self._journal.begin(Entry(self._journal.board, old, new, self._backup, self._files, started))
         try:
-            self._journal.begin(Entry(self._journal.board, old, new, self._backup, self._files, started))
-        except CoaxlinkError as error:  # nothing was written yet
-            return self._outcome(FAILED, error=error)
-        try:
-            self._put(new, watch_arming=True)
-            if self._reboot:
-                self._prove(new)
+            self._board.put(new, present, self._refuse_armed, settle_s=_CALM_S, restart=restart)
         except CoaxlinkError as error:
             return self._roll_back(old, error)
         except BaseException:
@@ -238,77 +196,30 @@ class Uploader:
         self._keep(target)
         return self._outcome(VERIFIED)
 
-    def _keep(self, target: Mapping[str, Value]) -> None:
+    def _keep(self, target: Content) -> None:
         """The board holds the new table whole: end the journal, remember the table for `verify`."""
         self._journal.end()
+        crcs = {path: None if data is None else file_crc(data) for path, data in target.files.items()}
         try:
-            self._journal.record(self._files, target, self._parameters.read_hash())
+            self._journal.record(self._files, target.values, self._board.parameters.read_hash(), crcs)
         except CoaxlinkError as error:
             self._talk.say(f"the table is on board and verified, but cannot be remembered: {error}")
 
-    # -- writing and its undoing ---------------------------------------------------------------------------
-
-    def _put(self, values: Mapping[str, Value], *, watch_arming: bool) -> None:
-        """Write, read back, mend. Raises CheckFailed on another value, LinkError, SafetyRefusal."""
-        guard = self._refuse_armed if watch_arming else lambda: None
-        todo = list(values.values())
-        for _ in range(_ROUNDS):
-            guard()
-            with self._session.listen(("PARAM_VALUE",), lambda m: m.param_id in values) as echoes:
-                self._parameters.write_many(todo, before_each=guard)
-                self._settle()
-                found = self._parameters.read_many(values)
-                while (echo := self._session.take(echoes, 0.0)) is not None:
-                    found[echo.param_id] = self._parameters.decode(echo)  # the last word, whoever set it
-            guard()
-            todo = [value for name, value in values.items() if not found[name].same(value)]
-            if not todo:
-                return
-            self._parameters.retries += len(todo)
-            self._talk.say(f"{todo[0].name} changed under way; writing it again")
-        wrong = [
-            {"name": v.name, "wanted": _finite(v.value), "found": _finite(found[v.name].value)} for v in todo
-        ]
-        raise Mismatch(wrong)
-
-    def _prove(self, values: Mapping[str, Value]) -> None:
-        """Reboot, read again: what was written is kept. Raises CheckFailed, LinkError."""
-        self._refuse_armed()
-        self._talk.say("rebooting, to read the table once more")
-        reboot(self._session, self._reboot_s)
-        found = self._parameters.read_many(values)
-        lost = [v for n, v in values.items() if not found[n].same(v)]
-        if lost:
-            kept = [
-                {"name": v.name, "wanted": _finite(v.value), "found": _finite(found[v.name].value)}
-                for v in lost
-            ]
-            raise Mismatch(kept)
-
-    def _settle(self) -> None:
-        # a repeated request may still be under way and act after the read-back
-        time.sleep(1.0 if self._session.loss > 0.005 else 0.1)
-
-    def _roll_back(self, old: Mapping[str, Value], error: CoaxlinkError) -> Outcome:
-        mismatches = tuple(error.wrong) if isinstance(error, Mismatch) else ()
+    def _roll_back(self, old: Content, error: CoaxlinkError) -> Outcome:
+        mismatches = error.wrong if isinstance(error, Mismatch) else ()
         self._talk.say(f"{error}; putting the old table back")
-        end = time.monotonic() + self._patience_s
-        last: CoaxlinkError = error
+        end, last = time.monotonic() + self._patience_s, error
         while True:
             try:
-                self._put(old, watch_arming=False)
-            except LinkError as lost:
-                last = lost
-            except CoaxlinkError as refused:
-                last = refused
-                if time.monotonic() > end:
-                    break
+                settle_s = _SETTLE_S if self._session.loss > _LOSSY else 2 * _CALM_S
+                self._board.put(old, Content(), lambda: None, settle_s=settle_s)
+            except CoaxlinkError as again:
+                last = again
             else:
                 self._journal.end()
                 text = f"rolled back, the vehicle holds its old table: {error}"
-                return self._outcome(
-                    ROLLED_BACK, error=Unfinished(text, error.exit_code), mismatches=mismatches
-                )
+                cause = Unfinished(text, error.exit_code)
+                return self._outcome(ROLLED_BACK, error=cause, mismatches=mismatches)
             if time.monotonic() > end:
                 break
             self._await_link(end)
@@ -330,45 +241,30 @@ class Uploader:
 
     def _refuse_armed(self) -> None:
         if self._session.armed:
-            raise SafetyRefusal("the vehicle is armed: disarm it first, a table acts at once")
+            raise SafetyRefusal(f"the vehicle is armed: disarm it first, {self._board.acts}")
 
     def _outcome(
         self,
         result: str,
         *,
         error: CoaxlinkError | None = None,
-        mismatches: tuple[dict[str, Any], ...] = (),
+        mismatches: tuple[dict[str, object], ...] = (),
         reason: str = "",
     ) -> Outcome:
+        identity = self._session.identity
         return Outcome(
             result,
             self._changes,
             self._files,
             self._backup,
             mismatches,
-            self._parameters.retries,
+            self._board.parameters.retries + self._board.files.retries,
             reason or (str(error) if error else ""),
-            f"{self._session.identity.name}, board {self._session.identity.uid or 'unknown'}",
+            f"{identity.name}, board {identity.uid or 'unknown'}",
             error,
+            self._changed_files,
         )
 
 
-def _finite(value: Number) -> Number | None:
-    return value if math.isfinite(value) else None  # JSON has no NaN; PX4 has parameters that are
-
-
-class Unfinished(CheckFailed):
-    """An upload that did not end as it should; the exit code is that of its cause."""
-
-    def __init__(self, text: str, exit_code: int) -> None:
-        self.exit_code = exit_code
-        super().__init__(text)
-
-
-class Mismatch(CheckFailed):
-    """The board holds other values than those written."""
-
-    def __init__(self, wrong: list[dict[str, Any]]) -> None:
-        self.wrong = wrong
-        first = wrong[0]
-        super().__init__(f"{first['name']}: {first['wanted']} was written, the board holds {first['found']}")
+def _what(data: bytes | None) -> str:
+    return "nothing" if data is None else f"{len(data)} bytes, crc {file_crc(data):08x}"

@@ -25,6 +25,10 @@ SILENCE_S = 15.0  # wall time without a position before the link counts as lost;
 _TYPE_MASK = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 
 
+class PlanAbandoned(CheckFailed):
+    """The vehicle left the mode in which it follows set-points, before the plan was flown."""
+
+
 @dataclass(frozen=True)
 class Track:
     """What was asked and where the vehicle was, one row a set-point (rows, ...)."""
@@ -78,7 +82,8 @@ class Vehicle:
     def follow(self, plan: Plan, watch: Callable[[str, float], None] | None = None) -> Track:
         """Fly `plan`; `watch(segment, seconds)` hears of every set-point sent.
 
-        The stream starts before PX4's mode changes, as it asks. Raises LinkError when positions stop.
+        The stream starts before PX4's mode changes, as it asks. Raises LinkError when positions stop, and
+        PlanAbandoned when the vehicle leaves the mode.
         """
         if not self.session.identity.is_ardupilot:
             for _ in range(15):
@@ -86,9 +91,14 @@ class Vehicle:
             self._mode(OFFBOARD)
         rows: list[tuple[float, str, tuple[float, float, float], tuple[float, float, float]]] = []
         start = self.now_s()
+        following = False
         while True:
             position = self._position()
             t = position.time_boot_ms / 1e3 - start
+            was, following = following, self._follows()
+            if was and not following:
+                problem = f"the vehicle gave the plan up at {t:.0f} of {plan.duration_s:.0f} s"
+                raise PlanAbandoned(f"{problem}: set-points came too late, or its pilot took over")
             if t > plan.duration_s:
                 return Track(*(tuple(column) for column in zip(*rows, strict=True)))
             segment, setpoint = plan.at(t)
@@ -104,6 +114,15 @@ class Vehicle:
         while self.session.armed:
             if self.now_s() - start > timeout_s:
                 raise CheckFailed(f"landing: still armed after {timeout_s} s")
+
+    def _follows(self) -> bool:
+        """Whether its last heartbeat says that it follows set-points."""
+        heartbeat = self.session.latest("HEARTBEAT")
+        if heartbeat is None:
+            return False
+        if self.session.identity.is_ardupilot:
+            return int(heartbeat.custom_mode) == GUIDED
+        return int(heartbeat.custom_mode) >> 16 & 0xFF == OFFBOARD
 
     def _position(self) -> mavlink.MAVLink_local_position_ned_message:
         message = self.session.wait("LOCAL_POSITION_NED", SILENCE_S)

@@ -166,7 +166,8 @@ def _offset(b: _Bench, p: Mapping[str, float]) -> str:
         for r in b.airframe.rotors
     )
     b.airframe = replace(b.airframe, rotors=tuple(moved))
-    return f"rotor places from the true centre of mass, {1e3 * x:+.1f} mm forward, {1e3 * y:+.1f} mm right"
+    forward, right = (round(1e3 * d, 1) + 0.0 for d in (x, y))
+    return f"rotor places from the true centre of mass, {forward:+.1f} mm forward, {right:+.1f} mm right"
 
 
 def _mass(b: _Bench, p: Mapping[str, float]) -> str:

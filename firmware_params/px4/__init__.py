@@ -1,6 +1,7 @@
 """PX4: what its tables can say, and the mix it will make of them (v1.14 and later)."""
 
 from firmware_params.errors import Finding, ParamsFileError, TableError
+from firmware_params.px4 import csv_mixer
 from firmware_params.px4.csv_mixer import mixer_csv, read_mixer_csv, realise_csv
 from firmware_params.px4.parameters import PARAMETERS, Parameter, as_stored, out_of_range, type_of
 from firmware_params.px4.qgc import ParamsFile, read_params_file, write_params_file
@@ -18,6 +19,7 @@ __all__ = [
     "RotorEntry",
     "TableError",
     "as_stored",
+    "csv_mixer",
     "effectiveness",
     "mixer_csv",
     "out_of_range",

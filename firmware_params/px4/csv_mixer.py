@@ -19,7 +19,8 @@ from firmware_params.errors import ParamsFileError, TableError
 from firmware_params.px4.realise import SMALL_MIX, Px4Mix
 
 BOARD_PATH = "/fs/microsd/etc/mixer.csv"
-PARAMETER = "DTRG_MIXER_CSV"
+FILE_NAME = "mixer.csv"
+PARAMETERS = ("DTRG_MIXER_CSV", "DTRG_CSV_MIXER")  # as the fork's versions name the switch
 MAX_ROWS, MAX_ROW_BYTES, MAX_CELL = 16, 99, 31
 
 

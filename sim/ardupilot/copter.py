@@ -19,6 +19,10 @@ from sim.px4.tuning import tune
 
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
 MODES = {STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE}
+# FS_GCS_ENABLE to a mode; 2 goes on with a mission
+STATION_LOST = {1: RTL, 2: RTL, 3: RTL, 4: LAND, 5: LAND, 7: LAND}
+# MAV_CMD_DO_MOTOR_TEST counts clockwise from the front right, upper before lower: motors from 0
+OCTAQUAD_X_ORDER = (0, 5, 3, 6, 2, 7, 1, 4)
 NOT_ARMABLE = {AUTO, RTL, LAND, BRAKE}
 
 # the loops' settings by PX4's names: ArduPilot's parameter and a factor, or a number
@@ -66,6 +70,9 @@ SETTINGS: dict[str, tuple[str, float] | float] = {
     "NAV_ACC_RAD": ("WPNAV_RADIUS", 0.01),
     "NAV_MC_ALT_RAD": ("WPNAV_RADIUS", 0.01),
     "COM_OF_LOSS_T": ("GUID_TIMEOUT", 1.0),
+    "COM_OBL_RC_ACT": 5,
+    "COM_DL_LOSS_T": ("FS_GCS_TIMEOUT", 1.0),
+    "NAV_DLL_ACT": 0,
     "COM_DISARM_LAND": 0.3,
     "COM_DISARM_PRFLT": ("DISARM_DELAY", 1.0),
 }
@@ -202,6 +209,16 @@ class Copter(Autopilot):
         self.ap_mode = number
         self._enter({RTL: Mode.RTL, LAND: Mode.LAND, AUTO: Mode.MISSION}.get(number, Mode.HOLD))
 
+    def test_motor(self, place: int, kind: int, value: float, seconds: float) -> bool:
+        """Turn the motor at a place of the test order (from 1): percent (kind 0) or microseconds (1)."""
+        low, high = self.store["MOT_PWM_MIN"], self.store["MOT_PWM_MAX"]
+        builtin = self.mixer.frame_class == 4 and self.rotors == 8
+        order = OCTAQUAD_X_ORDER if builtin else tuple(range(self.rotors))
+        if self.armed or not self.landed or not 1 <= place <= len(order) or kind not in (0, 1):
+            return False
+        command = value / 100.0 if kind == 0 else (value - low) / max(high - low, 1.0)
+        return self.bench.turn(order[place - 1], command, seconds, self.plant.time_s, 600.0)
+
     def start_mission(self) -> None:
         """MAV_CMD_MISSION_START: as if the throttle were raised in AUTO. Raises Refused."""
         self.set_ap_mode(AUTO)
@@ -252,6 +269,14 @@ class Copter(Autopilot):
     def _goes_up(self, position: Three) -> bool:
         return False
 
+    def station_lost(self) -> None:
+        """By FS_GCS_ENABLE."""
+        action = int(self.store["FS_GCS_ENABLE"])
+        if action not in STATION_LOST or self.ap_mode in (LAND, RTL) or (action == 2 and self.on_mission):
+            return
+        self.say(4, "GCS Failsafe")
+        self.set_ap_mode(STATION_LOST[action])
+
     # -- one step ------------------------------------------------------------------------------
 
     def step(self) -> Reading:
@@ -264,6 +289,10 @@ class Copter(Autopilot):
         spool = "SHUT_DOWN" if not self.armed else "GROUND_IDLE" if self.landed else "THROTTLE_UNLIMITED"
         motors = self.mixer.pwm(d.roll, d.pitch, d.yaw, d.thrust, spool)
         self._pwm = [int(low)] * self.rotors
+        tested = [] if self.armed else self.bench.commands(self.plant.time_s).tolist()
+        motors = [
+            round(low + (high - low) * u) if u else p for u, p in zip(tested, motors, strict=False)
+        ] or motors
         for n in range(self.rotors):
             function = int(self.store[f"SERVO{n + 1}_FUNCTION"])
             motor = function - 33 if 33 <= function <= 40 else function - 74 if 82 <= function <= 85 else -1

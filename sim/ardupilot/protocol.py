@@ -19,6 +19,17 @@ from sim.px4.protocol import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Conversation
 
 NO_SUCH_PARAM = 1  # MAV_PARAM_ERROR_DOES_NOT_EXIST
 SCRIPTING = 42701
+NO_INDEX = 65535
+RATE_GROUPS = {
+    "SR0_RAW_SENS": 1,
+    "SR0_EXT_STAT": 2,
+    "SR0_RC_CHAN": 3,
+    "SR0_RAW_CTRL": 4,
+    "SR0_POSITION": 6,
+    "SR0_EXTRA1": 10,
+    "SR0_EXTRA2": 11,
+    "SR0_EXTRA3": 12,
+}
 
 
 class ApConversation(Conversation):
@@ -32,6 +43,9 @@ class ApConversation(Conversation):
     def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None]) -> None:
         super().__init__(autopilot, peer, everyone)
         self.copter = autopilot
+        for name in RATE_GROUPS:
+            if autopilot.store[name] > 0:
+                self._take_rates(name)
         self._handlers["REQUEST_DATA_STREAM"] = self._data_stream
         autopilot.send_raw = lambda number, payload: everyone(_Raw(number, payload))
 
@@ -56,9 +70,16 @@ class ApConversation(Conversation):
             return
         name = _text(message.param_id)
         if name in store:
-            self._param_value(store.names.index(name))
+            self.send(self._named(name))
         else:
             self._param_error(message, name)
+
+    def _named(self, name: str) -> Any:
+        """A value that was asked for by name: it comes without its index."""
+        store = self.copter.store
+        return m.MAVLink_param_value_message(
+            name.encode(), store[name], store.type(name), len(store.names), NO_INDEX
+        )
 
     def _param_error(self, message: Any, name: str) -> None:
         source = message.get_srcSystem(), message.get_srcComponent()
@@ -74,12 +95,17 @@ class ApConversation(Conversation):
             self._param_error(message, name)
             return
         store.write(name, message.param_value)
-        index = store.names.index(name)
-        self._everyone(
-            m.MAVLink_param_value_message(
-                name.encode(), store[name], store.type(name), len(store.names), index
-            )
-        )
+        if name.startswith("SR0_"):
+            self._take_rates(name)
+        self._everyone(self._named(name))
+
+    def _take_rates(self, name: str) -> None:
+        """A stream group's own rate, as SR0_* have it."""
+        rate = self.copter.store[name]
+        for number in GROUPS.get(RATE_GROUPS.get(name, 0), ()):
+            self.interval_us.pop(number, None)
+            if rate > 0:
+                self.interval_us[number] = 1e6 / rate
 
     # -- commands ------------------------------------------------------------------------------
 
@@ -119,7 +145,7 @@ class ApConversation(Conversation):
             function = int(a.store[f"SERVO{int(p[0])}_FUNCTION"]) if 1 <= p[0] <= 16 else 33
             return (FAILED if function else ACCEPTED), None
         elif command == 209:  # motor test
-            return (FAILED if a.armed else ACCEPTED), None
+            return (ACCEPTED if a.test_motor(int(p[0]), int(p[1]), p[2], p[3]) else FAILED), None
         elif command == 300:
             a.start_mission()
         elif command in (187, 310):

@@ -20,6 +20,9 @@ MAGIC = 0x671B
 class Store:
     """Name -> value; what is written is what the board would keep."""
 
+    # as 4.7's source has it; off until an upload to a factory board asks for those parameters by name
+    hides_disabled = False
+
     def __init__(self, vehicle: Vehicle) -> None:
         document = tomllib.loads((resources.files("sim.ardupilot") / "parameters.toml").read_text())
         self._types: dict[str, int] = {}
@@ -34,7 +37,13 @@ class Store:
             self.preset(f"SERVO{n}_FUNCTION", float(servo_function(n)))
         if vehicle.rotors == 6:
             self.preset("FRAME_CLASS", 5.0)
-        self.names = sorted(self._values)
+        self._list()
+
+    def _list(self) -> None:
+        """Names in order of their indices; while scripting is off, its other parameters are in no list."""
+        off = self.hides_disabled and self._values["SCR_ENABLE"] == 0
+        hidden = {n for n in self._values if off and n.startswith("SCR_") and n != "SCR_ENABLE"}
+        self.names = sorted(self._values.keys() - hidden)
 
     def preset(self, name: str, value: float) -> None:
         """Set without telling anyone; unknown names are left out."""
@@ -69,6 +78,8 @@ class Store:
         if name in self._scripted:
             self._kept[name] = kept
         if changed:
+            if name == "SCR_ENABLE":
+                self._list()
             for callback in self._listeners:
                 callback(name)
         return True
@@ -81,7 +92,7 @@ class Store:
         self._values[name] = self._kept.get(name, as_stored(name, default, FLOAT))
         if name not in self._scripted:
             self._scripted.append(name)
-        self.names = sorted(self._values)
+        self._list()
         return True
 
     def reboot(self) -> None:
@@ -90,7 +101,7 @@ class Store:
             self._kept[name] = self._values.pop(name)
             del self._types[name]
         self._scripted = []
-        self.names = sorted(self._values)
+        self._list()
 
     def packed(self) -> bytes:
         """`@PARAM/param.pck`: names share what they can with the one before."""

@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.ftp import Files
-from sim.mission import Leg, Mission
+from sim.mission import Mission
+from sim.motor_test import MotorTest
 from sim.place import HOME, Place
 from sim.plant import FOOT_Z_M, Plant
-from sim.px4.cascade import IDLE, Cascade, Demand, Four, Goal, Settings, Three, euler
-from sim.px4.guidance import RATE_HZ, step_towards
+from sim.px4.cascade import IDLE, Cascade, Demand, Four, Goal, Settings, Three
+from sim.px4.guidance import RATE_HZ
+from sim.px4.links import OFFBOARD_LOST, STATION_LOST, Links
 from sim.px4.mixer import Mixer
 from sim.px4.modes import FLOWN, AttitudeGoal, Mode, Refused
+from sim.px4.navigator import Navigator
 from sim.px4.store import Store
 from sim.px4.tuning import tune
 from sim.sensors import Reading, Sensors
@@ -27,10 +30,12 @@ from sim.truth import Truth
 
 STEPS = 1000 // RATE_HZ
 LIVE_TIMEOUT_S = 0.1
+DOING = {Mode.HOLD: "holding position", Mode.LAND: "landing", Mode.RTL: "returning"}
+ACTUATOR_SET = 301  # output function of the first of six free actuators
 CHARGED = 0.95
 
 
-class Autopilot:
+class Autopilot(Navigator):
     """One vehicle with its plant. `step()` moves it on by 4 ms."""
 
     first_item = 0  # of a mission
@@ -43,6 +48,7 @@ class Autopilot:
         self.sensors = Sensors(plant, seed)
         self.rotors = plant.vehicle.rotors
         self._wires: list[int] | None = None
+        self._free: list[tuple[int, int]] = []  # outputs that carry one of the free actuators, and which
         self.files = Files("fs/microsd", protected=("etc/", "proc/", "dev/", "bin/"))
         self.logger: Any = None
         self.home: Place = HOME
@@ -53,6 +59,7 @@ class Autopilot:
         self.say: Callable[[int, str], None] = lambda severity, text: None
         self.exchange: Callable[[Demand], None] = lambda demand: None
         self.command: NDArray[np.float64] = np.zeros(self.rotors)  # what the motors were told last
+        self.boots = 0
         self.boot()
 
     def _fit_out(self) -> None:
@@ -74,6 +81,10 @@ class Autopilot:
     def boot(self) -> None:
         """As after power-up: disarmed, in Hold, parameters kept."""
         self.armed, self.landed = False, True
+        self.boots, self.booted_s = self.boots + 1, self.plant.time_s
+        self.links = Links(self)
+        self.bench = MotorTest(self.rotors)
+        self.actuators = [math.nan] * 6  # of MAV_CMD_DO_SET_ACTUATOR, -1..1
         self.system = min(max(int(self.store[self.id_parameter]), 1), 250)  # MAVLink's system id
         self.demand: Demand = IDLE
         self.reading: Reading = self.sensors.read()
@@ -95,6 +106,8 @@ class Autopilot:
             return
         if self.mixer.mix is None:
             raise Refused("Arming denied: the control allocation has no valid rotors")
+        if self.links.required and not self.links.there(self.plant.time_s):
+            raise Refused("Arming denied: no connection to the ground control station")
         if self.landed and self.plant.charge < 0.4:
             self.plant.state[self.plant.index.CHARGE] = CHARGED  # someone swapped the pack
         self.armed, self._armed_at = True, self.plant.time_s
@@ -167,7 +180,7 @@ class Autopilot:
 
     @property
     def takes_live(self) -> bool:
-        """Whether SET_ACTUATOR_CONTROL_TARGET drives the motors: v1.13 and older with the old mixer."""
+        """Whether SET_ACTUATOR_CONTROL_TARGET drives the motors: v1.13 with the old mixer."""
         return self.version < (1, 14, 0) and self.mixer.legacy
 
     @property
@@ -184,7 +197,7 @@ class Autopilot:
     def outputs_us(self) -> list[float]:
         """Pulse width of every output, 900 us when disarmed."""
         if not self.armed:
-            return [900.0] * self.rotors
+            return [1000.0 + 1000.0 * u if u > 0 else 900.0 for u in self.command.tolist()]
         return [1000.0 + 1000.0 * u for u in self.command.tolist()]
 
     def _wiring(self) -> list[int]:
@@ -193,6 +206,8 @@ class Autopilot:
             last = self.rotors  # a zero after the motors, for an output without one
             functions = [int(self.store[f"PWM_MAIN_FUNC{n}"]) - 101 for n in range(1, self.rotors + 1)]
             legacy = self.mixer.legacy
+            places = [(n, f + 101 - ACTUATOR_SET) for n, f in enumerate(functions)]
+            self._free = [] if legacy else [(n, k) for n, k in places if 0 <= k < 6]
             self._wires = [n if legacy else f if 0 <= f < last else last for n, f in enumerate(functions)]
         return self._wires
 
@@ -211,14 +226,22 @@ class Autopilot:
     def _outputs(self, d: Demand) -> NDArray[np.float64]:
         """(N,) what the ESCs are told, 0..1."""
         if not self.armed:
-            return np.zeros(self.rotors)
+            return self._tested()
         if self.live and not self.landed:
             command = self._live
         else:
             motors = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
             command = np.append(motors, 0.0)[self._wiring()]
+            for n, place in self._free:
+                value = self.actuators[place]
+                command[n] = 0.5 * (value + 1.0) if math.isfinite(value) else 0.0
         # a PWM output has a thousand steps
         return np.asarray(np.round(np.nan_to_num(command), 3), np.float64)
+
+    def _tested(self) -> NDArray[np.float64]:
+        """(N,) what a motor test turns."""
+        motors = np.append(self.bench.commands(self.plant.time_s), 0.0)
+        return np.asarray(motors[self._wiring()], np.float64)
 
     def _decide(self, reading: Reading) -> Demand:
         position: Three = tuple(reading.position.tolist())
@@ -246,8 +269,8 @@ class Autopilot:
         """Failsafe, landing, disarming."""
         now = self.plant.time_s
         if self.mode == Mode.OFFBOARD and not self.offboard_fresh:
-            self.say(4, "Offboard setpoints lost, holding position")
-            self._enter(Mode.HOLD)
+            self._offboard_lost()
+        self.links.watch(now)
         if self._comes_down and not self.landed:
             still = abs(reading.velocity[2]) < 0.15 and reading.height < FOOT_Z_M + 0.06
             if not still:
@@ -265,121 +288,32 @@ class Autopilot:
             if wait > 0 and now - max(self._landed_at, self._armed_at) > wait and self.mode != Mode.TAKEOFF:
                 self._stop("Disarmed by landing" if flown else "Disarmed by auto preflight disarming")
 
-    @property
-    def on_mission(self) -> bool:
-        """Whether it flies its mission."""
-        return self.mode == Mode.MISSION
+    def _offboard_lost(self) -> None:
+        """By COM_OBL_RC_ACT; what needs a pilot's sticks holds, for there are none."""
+        action = OFFBOARD_LOST.get(int(self.settings["COM_OBL_RC_ACT"]), Mode.HOLD)
+        doing: dict[Mode | None, str] = {
+            Mode.HOLD: "holding position",
+            Mode.LAND: "landing",
+            Mode.RTL: "returning",
+        }
+        self.say(4, f"Offboard setpoints lost, {doing.get(action, 'motors off')}")
+        self.fail_over(action)
+
+    def fail_over(self, action: Mode | None) -> None:
+        """Into a mode, or with the motors off."""
+        if action is None:
+            self._stop("Failsafe: motors off")
+        elif self.mode != action:
+            self._enter(action)
+
+    def station_lost(self) -> None:
+        """By NAV_DLL_ACT."""
+        action = int(self.settings["NAV_DLL_ACT"])
+        if action in STATION_LOST and self.mode not in (Mode.LAND, Mode.RTL):
+            self.say(2, "Connection to ground station lost")
+            self.fail_over(STATION_LOST[action])
 
     @property
-    def _comes_down(self) -> bool:
-        """Whether it means to end on the ground."""
-        return self.mode == Mode.LAND or (self.on_mission and self.mission.landing)
-
-    @property
-    def may_leave_ground(self) -> bool:
-        """Whether a mission may take it off."""
-        return not self.mission.complete
-
-    def _mission_over(self) -> None:
-        self.say(6, "Mission finished, loitering")
-        self._enter(Mode.HOLD)
-
-    def _enter(self, mode: Mode) -> None:
-        """Change the mode; what it flies to starts from where the vehicle is."""
-        self.mode, self._mode_at = mode, self.plant.time_s
-        self._settled_since = None
-        self.cruise = 0.0
-        if mode == Mode.MISSION:
-            self.mission.resume()
-        here = self._position()
-        self._target = here
-        self.goal = Goal(here, (0.0, 0.0, 0.0))
-        self._yaw = euler(tuple(self.reading.quaternion.tolist()))[2]
-
-    def _position(self) -> Three:
-        n, e, d = self.reading.position.tolist()
-        return (n, e, d)
-
-    def _move_goal(self, position: Three) -> None:
-        """Where to be 4 ms from now, by mode."""
-        if self.mode == Mode.OFFBOARD:
-            self.goal = self._offboard_goal
-            if self.landed and self._goes_up(position):
-                self.landed = False
-            return
-        if self.on_mission and self._fly_mission(position):
-            return
-        n, e, d = self._target
-        climb = cruise = 0.0
-        if self.mode == Mode.TAKEOFF:
-            if self.landed:
-                self.landed, self._mode_at = False, self.plant.time_s
-            ramp = max(float(self.settings["MPC_TKO_RAMP_T"]), 0.1)
-            climb = float(self.settings["MPC_TKO_SPEED"]) * min(
-                (self.plant.time_s - self._mode_at) / ramp, 1.0
-            )
-            if abs(position[2] - d) < 0.2 and abs(self.goal.position[2] - d) < 0.05:
-                self._enter(Mode.HOLD)
-                self._target = (n, e, d)
-        elif self.mode == Mode.LAND:
-            low = -position[2] < float(self.settings["MPC_LAND_ALT2"])
-            sink = float(self.settings["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
-            d, climb = self.goal.position[2] + 1.0, sink
-        elif self.mode == Mode.RTL:
-            n, e, cruise = 0.0, 0.0, float(self.settings["MPC_XY_CRUISE"])
-            if math.hypot(position[0], position[1]) < 0.5:
-                self._enter(Mode.LAND)
-                return
-        else:
-            climb, cruise = float(self.settings["MPC_TKO_SPEED"]), self._cruise_speed()
-        self.goal = step_towards(self.goal, (n, e, d), cruise, climb, self._yaw)
-
-    def _cruise_speed(self) -> float:
-        limit = float(self.settings["MPC_XY_VEL_MAX"])
-        return min(self.cruise or self.mission.speed or float(self.settings["MPC_XY_CRUISE"]), limit)
-
-    def _fly_mission(self, position: Three) -> bool:
-        """Move the goal along the mission; False when there is nothing to fly."""
-        if self.landed and not self.may_leave_ground:
-            return True
-        radius = float(self.settings["NAV_ACC_RAD"])
-        high = float(self.settings["NAV_MC_ALT_RAD"])
-        leg = self.mission.leg(self.home, position, self.plant.time_s, radius, high)
-        if leg is None:
-            self.goal = Goal(self.goal.position, (0.0, 0.0, 0.0), yaw=self._yaw)
-            self._mission_over()
-            return self.on_mission
-        if self.landed:
-            self.landed, self._mode_at = False, self.plant.time_s
-        self.goal = self._along(leg, position)
-        return True
-
-    def _along(self, leg: Leg, position: Three) -> Goal:
-        n, e, d = leg.target
-        ramp = max(float(self.settings["MPC_TKO_RAMP_T"]), 0.1)
-        climb = float(self.settings["MPC_TKO_SPEED"])
-        climb *= min((self.plant.time_s - self._mode_at) / ramp, 1.0)
-        cruise = self._cruise_speed()
-        if leg.landing:
-            low = -position[2] < float(self.settings["MPC_LAND_ALT2"])
-            climb = float(self.settings["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
-            d = self.goal.position[2] + 1.0
-        elif leg.climb_first and -position[2] < 1.0 and d < -1.0:
-            n, e = self.goal.position[:2]  # from the ground it goes straight up first
-        elif math.isfinite(leg.yaw):
-            self._turn_to(leg.yaw)
-        elif math.hypot(n - position[0], e - position[1]) > 2.0:
-            self._turn_to(math.atan2(e - position[1], n - position[0]))
-        return step_towards(self.goal, (n, e, d), cruise, climb, self._yaw)
-
-    def _turn_to(self, yaw: float) -> None:
-        """The nose to where it flies, at 45 degrees a second."""
-        gap = math.remainder(yaw - self._yaw, 2 * math.pi)
-        most = math.radians(45.0) / RATE_HZ
-        self._yaw += min(max(gap, -most), most)
-
-    def _goes_up(self, position: Three) -> bool:
-        """Whether an offboard goal asks a landed vehicle to leave the ground."""
-        p, v = self._offboard_goal.position[2], self._offboard_goal.velocity[2]
-        higher = not math.isnan(p) and p < position[2] - 0.2
-        return higher or (math.isnan(p) and not math.isnan(v) and v < -0.1)
+    def station_timeout_s(self) -> float:
+        """Silence of the ground station that counts."""
+        return float(self.settings["COM_DL_LOSS_T"])

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as ap
 from pymavlink.dialects.v20 import common as m
 
 from sim.ftp import Manners, Server
@@ -24,6 +25,9 @@ from sim.px4.telemetry import BUILDERS, DEFAULT_HZ, stamp_us
 UINT32 = 5
 LIST_HZ = 2000.0  # parameters a second of wall time while a list goes out
 FORCE = 21196.0
+GROUND_STATION = 6  # MAV_TYPE
+NO_SUCH_PARAM, WRONG_TYPE = 1, 5  # MAV_PARAM_ERROR
+SAYS_NO = (1, 17, 0)  # from here on an unknown parameter is answered by PARAM_ERROR, before by silence
 ACCEPTED, TEMPORARILY, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 
 
@@ -37,6 +41,7 @@ class Conversation:
 
     def __init__(self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None]) -> None:
         self.autopilot, self.peer, self._everyone = autopilot, peer, everyone
+        self.builders = self._known_messages()
         self.interval_us = {k: 1e6 / hz for k, hz in self.default_hz.items()}
         self._due_us: dict[int, float] = {}
         self._listing: deque[int] = deque()
@@ -46,6 +51,7 @@ class Conversation:
         self._logs = LogTransfer(autopilot, self.send, self.first_log)
         self._mission = MissionTransfer(autopilot, self.send, everyone)
         self._handlers: dict[str, Callable[[Any], None]] = {
+            "HEARTBEAT": self._heartbeat,
             "PARAM_REQUEST_READ": self._param_read,
             "PARAM_REQUEST_LIST": self._param_list,
             "PARAM_SET": self._param_set,
@@ -61,6 +67,11 @@ class Conversation:
             **self._logs.handlers,
             **self._mission.handlers,
         }
+
+    def _known_messages(self) -> dict[int, Callable[[Any], Any]]:
+        """By the version: since 1.14 no message carries the torque that the mixer gets."""
+        late = self.autopilot.version >= (1, 14, 0)
+        return {k: b for k, b in type(self).builders.items() if not (late and k == 140)}
 
     # -- outgoing ------------------------------------------------------------------------------
 
@@ -128,6 +139,10 @@ class Conversation:
         except (ValueError, OverflowError, struct.error):
             return  # NaN where a number belongs: an autopilot drops it without a word
 
+    def _heartbeat(self, message: Any) -> None:
+        if message.type == GROUND_STATION:
+            self.autopilot.links.heard(self.autopilot.plant.time_s)
+
     def _param_read(self, message: Any) -> None:
         names = self.autopilot.store.names
         if message.param_index >= 0:
@@ -137,8 +152,17 @@ class Conversation:
         name = _text(message.param_id)
         if name == HASH_CHECK:
             self._param_value(-1)
-        elif name in self.autopilot.store:  # an unknown one gets no answer
+        elif name in self.autopilot.store:
             self._param_value(names.index(name))
+        else:
+            self._param_error(message, name)
+
+    def _param_error(self, message: Any, name: str) -> None:
+        if self.autopilot.version < SAYS_NO:
+            return
+        source = message.get_srcSystem(), message.get_srcComponent()
+        why = WRONG_TYPE if name in self.autopilot.store else NO_SUCH_PARAM
+        self.send(ap.MAVLink_param_error_message(*source, name.encode(), -1, why))
 
     def _param_list(self, message: Any) -> None:
         self._listed_at = time.monotonic()
@@ -152,6 +176,7 @@ class Conversation:
             return
         changed = store.write(name, message.param_type, message.param_value)
         if changed is None:
+            self._param_error(message, name)
             return
         index = store.names.index(name)
         self._param_value(index)
@@ -235,13 +260,36 @@ class Conversation:
             return (ACCEPTED, self.builders[148](a)) if command == 520 else (UNSUPPORTED, None)
         elif command == 246:
             return self._reboot(p[0]), None
-        elif command == 310:  # actuator test: on the ground only, and too short to matter
-            return (TEMPORARILY if a.armed else ACCEPTED), None
+        elif command == 310:
+            return self._actuator_test(p), None
+        elif command == 209 and a.version < (1, 14, 0):
+            done = (
+                not a.armed and p[1] == 0 and a.bench.turn(int(p[0]) - 1, p[2] / 100.0, p[3], a.plant.time_s)
+            )
+            return (ACCEPTED if done else DENIED), None
+        elif command == 187:
+            return self._set_actuators(p), None
         elif command == 178:
             a.cruise = p[1] if p[1] > 0 else a.cruise
         elif command not in (179, 245):  # home, storage: taken, of no effect
             return UNSUPPORTED, None
         return ACCEPTED, None
+
+    def _actuator_test(self, p: list[float]) -> int:
+        """One motor, disarmed, 3 s at most; NaN stops it."""
+        a = self.autopilot
+        if a.armed or a.store["COM_MOT_TEST_EN"] != 1:
+            return DENIED
+        value = p[0] if math.isfinite(p[0]) else 0.0
+        return ACCEPTED if a.bench.turn(round(p[4]) - 1, value, p[1], a.plant.time_s) else DENIED
+
+    def _set_actuators(self, p: list[float]) -> int:
+        """Free actuators 1..6 (outputs 301..306), since 1.14; the one before moves an auxiliary group."""
+        if self.autopilot.version >= (1, 14, 0) and p[6] == 0:
+            for k in range(6):
+                if math.isfinite(p[k]):
+                    self.autopilot.actuators[k] = min(max(p[k], -1.0), 1.0)
+        return ACCEPTED
 
     def _do_set_mode(self, p: list[float]) -> int:
         if not int(p[0]) & 1:

@@ -228,6 +228,8 @@ def esc_status(a: Autopilot) -> list[Any]:
     r = a.reading
     rpm = [round(a.plant.pair.speed_max_rpm * u) for u in r.speeds.tolist()]
     rpm += [0] * (-len(rpm) % 4)
+    if a.version[:2] == (1, 14):  # it repeats the first four in the second batch
+        rpm[4:8] = rpm[:4]
     share = r.current / a.rotors
     return [
         MAVLink_esc_status_message(k, stamp_us(a), rpm[k : k + 4], [r.voltage] * 4, [share] * 4)
@@ -280,7 +282,7 @@ BUILDERS: dict[int, Callable[[Autopilot], Any]] = {
 
 def stamp_us(a: Autopilot) -> int:
     """Time of the reading, us since boot."""
-    return round(1e6 * a.reading.time_s) + 1_000_000
+    return round(1e6 * (a.reading.time_s - a.booted_s)) + 1_000_000
 
 
 def stamp_ms(a: Autopilot) -> int:

@@ -56,12 +56,20 @@ class Flight:
 
     late_s = 0.0  # how far the world's own ticks fell behind the clock, at worst
 
-    def __init__(self, own_curve: float = 1.0, airborne: bool = True, airframe: str = "x8_demo.toml") -> None:
+    def __init__(
+        self,
+        own_curve: float = 1.0,
+        airborne: bool = True,
+        airframe: str = "x8_demo.toml",
+        key_file: Path | None = None,
+    ) -> None:
         # the vehicle and its companion share one interpreter here: neither may hold it for long
         sys.setswitchinterval(0.0005)
         self.ports = open_links(["udpin:127.0.0.1:0"])
         self.address = "udpout:" + self.ports[0].name.partition(":")[2]
-        self.standin = build(World(EXAMPLES / airframe, firmware=self.firmware), self.ports)
+        self.standin = build(
+            World(EXAMPLES / airframe, firmware=self.firmware, signing_key=key_file), self.ports
+        )
         self.autopilot: Any = self.standin.autopilot
         self.rows: list[tuple[float, bool, list[float], float, float]] = []
         self._next = time.monotonic()
@@ -189,9 +197,9 @@ class Faults:
 class Companion:
     """A session on a faulty line; needs the vehicle ticked while it connects."""
 
-    def __init__(self, flight: Flight, component: int = 191) -> None:
+    def __init__(self, flight: Flight, component: int = 191, signer: Any = None) -> None:
         self.line = Faults(flight.address)
-        self.session = Session(self.line, flight.address, 245, component)
+        self.session = Session(self.line, flight.address, 245, component, signer=signer)
         starting = threading.Thread(target=self.session.start, args=(5.0,))
         starting.start()
         flight.fly(5.0, until=lambda: not starting.is_alive())

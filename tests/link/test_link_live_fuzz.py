@@ -87,10 +87,16 @@ class Sink:
     def request_stream(self, message_id: int, rate_hz: float) -> bool:
         return True
 
+    def subscribe(self, callback: Any) -> Any:
+        return lambda: None
+
+    def send(self, message: Any) -> None:
+        assert message.get_type() == "TIMESYNC"
+
     def latest(self, name: str) -> Any:
         return SimpleNamespace(landed_state=2)
 
-    def send_frame(self, pack: Any) -> None:
+    def send_frame(self, pack: Any, seed: bytes) -> None:
         frame = pack(self.sent % 256, 245, 191)
         (message,) = self._parser.parse_buffer(frame)
         assert message.get_type() == "SET_ACTUATOR_CONTROL_TARGET"

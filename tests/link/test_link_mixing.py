@@ -67,9 +67,10 @@ class ScriptedSession:
         return SimpleNamespace(landed_state=self.landed_state)
 
     def send(self, message: Any) -> None:
-        self.sent.append(message)
+        if message.get_type() != "TIMESYNC":
+            self.sent.append(message)
 
-    def send_frame(self, pack: Callable[[int, int, int], bytes]) -> None:
+    def send_frame(self, pack: Callable[[int, int, int], bytes], seed: bytes) -> None:
         self.sent += self._parser.parse_buffer(pack(len(self.sent) % 256, 245, 191)) or []
 
     def hear(self, message: Any, system: int = 1, component: int = 1) -> None:

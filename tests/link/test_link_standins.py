@@ -10,13 +10,13 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import main
 from coaxlink.link import connect
 from coaxlink.link.ap_tables import report_ap
-from coaxlink.link.ap_upload import ApUploader
-from coaxlink.link.backup import ApBackup, read_backup
+from coaxlink.link.backup import read_backup
 from coaxlink.link.ftp import Files
 from coaxlink.link.journal import Journal
+from coaxlink.link.outcome import Talk
 from coaxlink.link.parameters import Parameters
 from coaxlink.link.plan import load_plan
-from coaxlink.link.upload import Talk, Uploader
+from coaxlink.link.upload import Uploader
 from coaxlink.link.verify import verify
 from coaxlink.rotor import load_rotor_model
 from firmware_params.ardupilot import packed, scripts
@@ -95,7 +95,7 @@ def test_a_reboot_in_the_middle_does_not_leave_a_mixture(tables, tmp_path):
 
 
 def _ap(session, folder, **options):
-    return ApUploader(session, backup_folder=folder, reboot_s=0.4, script_s=1.5, **options)
+    return Uploader(session, backup_folder=folder, reboot_s=0.4, script_s=1.5, **options)
 
 
 def _ardupilot_said(session):
@@ -136,7 +136,7 @@ def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables
             f"/APM/scripts/{scripts.LOADER_NAME}"
         ]
 
-        back = _ap(session, tmp_path / "b").restore(ApBackup(Path(first.backup)))
+        back = _ap(session, tmp_path / "b").restore(read_backup(Path(first.backup)))
         assert back.result == "verified", back.reason
         after = Parameters(session).read_all().values
         assert {n: v.value for n, v in after.items()} == {n: v.value for n, v in before.items()}

@@ -12,9 +12,10 @@ from coaxlink.errors import InputError, LinkError, SafetyRefusal
 from coaxlink.link import connect
 from coaxlink.link.backup import read_backup
 from coaxlink.link.journal import Journal
+from coaxlink.link.outcome import Talk
 from coaxlink.link.parameters import Parameters
 from coaxlink.link.plan import load_plan
-from coaxlink.link.upload import Talk, Uploader
+from coaxlink.link.upload import Uploader
 
 
 @pytest.fixture(autouse=True)
@@ -222,7 +223,7 @@ def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(boar
     assert outcome.error.exit_code == 3
     assert not _same(board.params, before)  # the mixture that the journal is for
     entry = Journal(_Identity).open_entry()
-    assert entry.backup == outcome.backup and entry.old["CA_ROTOR0_CT"].value == 6.5
+    assert entry.backup == outcome.backup and entry.old.values["CA_ROTOR0_CT"].value == 6.5
 
     board.deaf, board.mute_after = False, None
     board.keeps = {"MPC_THR_HOVER": 0.5}  # this one fails too, and must go back to the table before both
@@ -317,3 +318,37 @@ def test_a_nan_on_board_is_backed_up_and_never_sent(board, tmp_path):
     with connect(board.url) as session:
         back = Uploader(session, backup_folder=tmp_path / "b").restore(read_backup(tmp_path / outcome.backup))
     assert back.result == "verified" and "SENS_NONE" not in board.sets
+
+
+def test_the_backup_of_an_interrupted_upload_is_the_last_whole_table(board, tmp_path):
+    """Half a table on board, a journal of it: what is saved then, and goes back, is the table before both."""
+    before = dict(board.params)
+    board.mute_after = 7
+    with connect(board.url) as session:
+        session._heard_s -= 10.0
+        quick = Parameters(session, timeout_s=0.02)
+        worker = Uploader(session, backup_folder=tmp_path / "a", patience_s=0.0, parameters=quick)
+        assert worker.upload(_plan(tmp_path)).result == "failed"
+    board.deaf, board.mute_after = False, None
+    assert not _same(board.params, before)
+    assert _upload(board, _plan(tmp_path), tmp_path).result == "verified"
+    (saved,) = (tmp_path / "backups").iterdir()
+    with connect(board.url) as session:
+        back = Uploader(session, backup_folder=tmp_path / "b").restore(read_backup(saved))
+    assert back.result == "verified" and _same(board.params, before)
+
+
+def test_a_parameter_that_the_list_leaves_out_is_asked_for_by_name(board, tmp_path):
+    """ArduPilot hides SCR_* while scripting is off; PX4 what it does not use."""
+    hidden, handle = "CA_ROTOR7_CT", board._handle
+
+    def hide(message):
+        known = board.params.pop(hidden) if message.get_type() == "PARAM_REQUEST_LIST" else None
+        handle(message)
+        if known is not None:
+            board.params[hidden] = known
+
+    board._handle = hide
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "verified", outcome.reason
+    assert _f32(board.params[hidden][0]) == _f32(69.89)

@@ -1,0 +1,147 @@
+"""ArduPilot during an upload: scripts first, then parameters, then those of the loader.
+
+A restart comes where one is needed (a new script, another frame class). The loader's own parameters exist
+only once its script runs; until its checksum parameter agrees, the old table flies. A script that does not
+fit its checksum keeps the vehicle from arming.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
+from coaxlink.link.ap_scripts import ScriptFolder, is_table
+from coaxlink.link.backup import Backup, backup_path, write_backup
+from coaxlink.link.board import Board, Guard
+from coaxlink.link.content import BoardFiles, Content
+from coaxlink.link.parameters import FLOAT, Snapshot, Value
+from coaxlink.link.plan import Plan, motor_outputs
+from firmware_params import ardupilot
+from firmware_params.ardupilot import packed, scripts
+from firmware_params.errors import TableError
+
+_LIVE = scripts.PREFIX  # names that begin so are the loader's own
+_SUM = f"{scripts.PREFIX}SUM"
+_CHECKSUM = "SCR_LD_CHECKSUM"
+_UNCHECKED = -1  # of SCR_LD_CHECKSUM: any script may run
+
+
+class ArduPilotBoard(Board):
+    """See the module."""
+
+    reboots = frozenset(("FRAME_CLASS", "SCR_ENABLE"))
+
+    def __init__(self, *args: Any, script_s: float = 15.0, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._folder = ScriptFolder(self.files)
+        self._script_s = script_s  # until a script's parameters appear
+
+    def snapshot(self) -> Snapshot:
+        """The packed file where the board has it, else the list."""
+        try:
+            data = self.files.read(packed.PATH)
+            if data:
+                found = packed.unpack(data)
+                return Snapshot({n: self.parameters.encode(n, v, kind) for n, (v, kind) in found.items()})
+        except (TableError, CheckFailed, InputError) as error:
+            self._talk.say(f"no packed parameters ({error}); reading them one by one")
+        return super().snapshot()
+
+    def with_hidden(self, snapshot: Snapshot, names: Iterable[str]) -> Snapshot:
+        """The loader's parameters are not hidden: without its script they are not there."""
+        return super().with_hidden(snapshot, [name for name in names if not name.startswith(_LIVE)])
+
+    def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
+        """Raises SafetyRefusal."""
+        now = motor_outputs({n: v.value for n, v in snapshot.values.items()})
+        wanted = plan.rotor_count
+        if wanted and now not in (0, wanted):
+            raise SafetyRefusal(f"another vehicle: the table is for {wanted} motors, the board drives {now}")
+        values = self._as_kept(plan.params, snapshot)
+        return Content(values, self._folder.planned(plan.cargo, table=is_table(plan.cargo)))
+
+    def saved(self, backup: Backup, snapshot: Snapshot) -> Content:
+        """The loader's parameters live and die with its script."""
+        known = {
+            n: v
+            for n, v in backup.params.items()
+            if (n in snapshot.values or n.startswith(_LIVE)) and v == v and abs(v) != float("inf")
+        }
+        values = self._as_kept(known, snapshot)
+        return Content(values, self._folder.planned(backup.files))
+
+    def completed(self, content: Content, snapshot: Snapshot) -> Content:
+        """SCR_LD_CHECKSUM counts every script in the folder, also those that are not ours."""
+        there = snapshot.values.get(_CHECKSUM)
+        if there is None or (_CHECKSUM not in content.values and there.value == _UNCHECKED):
+            return content
+        number = self._folder.checksum(content.files)
+        value = self.parameters.encode(_CHECKSUM, number, there.type)
+        return Content({**content.values, _CHECKSUM: value}, content.files)
+
+    def keepable(self, content: Content, snapshot: Snapshot) -> Content:
+        """Also the loader's parameters, which may not be there yet."""
+        values = {n: v for n, v in content.values.items() if n in snapshot.values or n.startswith(_LIVE)}
+        return Content(values, content.files)
+
+    def others(self, snapshot: Snapshot, known: BoardFiles) -> BoardFiles:
+        """Every script in the folder."""
+        return self._folder.others(known)
+
+    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles) -> Path:
+        """ArduPilot's own text format, the scripts beside it."""
+        path = backup_path(folder, self.session.identity, ".param")
+        write_backup(path, self.session.identity, snapshot, files)
+        return path
+
+    # -- writing -------------------------------------------------------------------------------------------
+
+    def _in_order(self, content: Content) -> tuple[Mapping[str, Value], Mapping[str, Value]]:
+        runs = any(d is not None and p.endswith(scripts.LOADER_NAME) for p, d in content.files.items())
+        fixed = {n: v for n, v in content.values.items() if not n.startswith(_LIVE)}
+        live = {n: v for n, v in content.values.items() if n.startswith(_LIVE)}
+        return fixed, live if runs else {}
+
+    def _put_later(self, values: Mapping[str, Value], guard: Guard, settle_s: float) -> None:
+        """The loader's parameters, its checksum last: it takes the table when that agrees."""
+        end = time.monotonic() + self._script_s
+        while not self.parameters.read_many([_SUM], missing_ok=True):
+            if time.monotonic() > end:
+                raise CheckFailed(
+                    f"{_SUM} does not appear: the loader script does not run (see the vehicle's messages)"
+                )
+            time.sleep(0.5)
+        guard()
+        if self._put_packed(values, settle_s):
+            return
+        numbers = {n: v for n, v in values.items() if n != _SUM}
+        for group in (numbers, {n: v for n, v in values.items() if n == _SUM}):
+            self._put_values(group, {}, guard, settle_s)
+
+    def _put_packed(self, values: Mapping[str, Value], settle_s: float) -> bool:
+        """The whole table in one small file; False where the board does not take such a file."""
+        try:
+            data = packed.pack({n: (float(v.value), v.type) for n, v in values.items()})
+            self.files.write_plain(packed.PATH, data)
+        except CheckFailed as error:
+            self._talk.say(f"packed parameters are not taken ({error}); writing them one by one")
+            return False
+        time.sleep(settle_s)
+        found = self.parameters.read_many(values, missing_ok=True)
+        return all(n in found and found[n].same(v) for n, v in values.items())
+
+    # -- parts ---------------------------------------------------------------------------------------------
+
+    def _as_kept(self, params: Mapping[str, float | int], snapshot: Snapshot) -> dict[str, Value]:
+        """As the board will keep them. Raises SafetyRefusal for an unknown name."""
+        values = {}
+        for name, value in params.items():
+            there = snapshot.values.get(name)
+            if there is None and not name.startswith(_LIVE):
+                raise SafetyRefusal(f"{self.session.identity.name} has no parameter {name}")
+            kind = there.type if there else FLOAT
+            values[name] = self.parameters.encode(name, ardupilot.as_stored(name, float(value), kind), kind)
+        return values

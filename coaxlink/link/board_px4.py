@@ -1,0 +1,58 @@
+"""PX4 during an upload: parameters, and `mixer.csv` on the research fork that reads one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from coaxlink.errors import SafetyRefusal
+from coaxlink.link.backup import Backup, backup_path, write_backup
+from coaxlink.link.board import Board, require_file_service
+from coaxlink.link.content import BoardFiles, Content
+from coaxlink.link.parameters import Snapshot
+from coaxlink.link.plan import Plan, refuse_table
+from firmware_params.px4 import csv_mixer
+
+
+class Px4Board(Board):
+    """See the module."""
+
+    reboots = frozenset(csv_mixer.PARAMETERS)
+
+    def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
+        """Raises SafetyRefusal."""
+        refuse_table(plan, self.session.identity, snapshot.values, new_geometry=new_geometry)
+        params, types = dict(plan.params), dict(plan.types)
+        if not plan.cargo:
+            return Content(self._stored(params, types, snapshot, known_only=False))
+        switch = self._switch(snapshot)
+        if switch is None:
+            raise SafetyRefusal(
+                f"{self.session.identity.name} on this board reads no mixer.csv: it has neither "
+                f"{' nor '.join(csv_mixer.PARAMETERS)}"
+            )
+        require_file_service(self, csv_mixer.BOARD_PATH)
+        params[switch], types[switch] = 1, snapshot.values[switch].type
+        values = self._stored(params, types, snapshot, known_only=False)
+        return Content(values, {csv_mixer.BOARD_PATH: plan.cargo[csv_mixer.FILE_NAME]})
+
+    def saved(self, backup: Backup, snapshot: Snapshot) -> Content:
+        """A fork's mixer.csv goes back too, or away if there was none."""
+        values = self._stored(backup.params, backup.types, snapshot, known_only=True)
+        if self._switch(snapshot) is None:
+            return Content(values)
+        return Content(values, {csv_mixer.BOARD_PATH: backup.files.get(csv_mixer.FILE_NAME)})
+
+    def others(self, snapshot: Snapshot, known: BoardFiles) -> BoardFiles:
+        """The fork's mixer.csv."""
+        if self._switch(snapshot) is None or csv_mixer.BOARD_PATH in known:
+            return {}
+        return {csv_mixer.BOARD_PATH: self.files.read(csv_mixer.BOARD_PATH)}
+
+    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles) -> Path:
+        """QGC's format, with the board's own hash."""
+        path = backup_path(folder, self.session.identity, ".params")
+        write_backup(path, self.session.identity, snapshot, files)
+        return path
+
+    def _switch(self, snapshot: Snapshot) -> str | None:
+        return next((name for name in csv_mixer.PARAMETERS if name in snapshot.values), None)

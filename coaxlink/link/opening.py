@@ -1,0 +1,50 @@
+"""Open a line and find the vehicle on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from coaxlink.link.address import parse_address
+from coaxlink.link.session import COMPANION_COMPONENT, COMPANION_SYSTEM, Session
+from coaxlink.link.transport import open_transport
+
+if TYPE_CHECKING:
+    from coaxlink.link.signing import Signer
+
+
+def connect(
+    url: str,
+    *,
+    timeout_s: float = 10.0,
+    record: Path | None = None,
+    source_system: int = COMPANION_SYSTEM,
+    source_component: int = COMPANION_COMPONENT,
+    target_system: int | None = None,
+    signing_key: Path | None = None,
+) -> Session:
+    """Open a line and wait for an autopilot's heartbeat.
+
+    `record` writes a tlog of all that passes. `target_system` picks one of several vehicles on the line.
+    With `signing_key` (a file of mode 600) both sides must sign. Raises InputError for a bad address,
+    LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that does not
+    sign with this key.
+    """
+    signer = _signer(signing_key) if signing_key else None
+    address = parse_address(url)
+    line = open_transport(address, timeout_s)
+    session = Session(line, url, source_system, source_component, target_system, record, signer)
+    session.reopen = lambda: open_transport(address, 0.0)
+    try:
+        session.start(timeout_s)
+    except BaseException:
+        session.close()
+        raise
+    return session
+
+
+def _signer(key_file: Path) -> Signer:
+    from coaxlink.link.journal import state_folder
+    from coaxlink.link.signing import Signer, load_key
+
+    return Signer(load_key(key_file), state_folder())

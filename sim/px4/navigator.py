@@ -1,0 +1,154 @@
+"""Where to be 4 ms from now, by mode: holding, climbing, returning, coming down, along a mission."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from sim.mission import Leg, Mission
+from sim.place import Place
+from sim.plant import Plant
+from sim.px4.cascade import Goal, Settings, Three, euler
+from sim.px4.guidance import RATE_HZ, step_towards
+from sim.px4.modes import Mode
+from sim.sensors import Reading
+
+
+class Navigator:
+    """Moves `goal`; the rest of the autopilot says where it is and flies there."""
+
+    plant: Plant
+    settings: Settings
+    home: Place
+    mission: Mission
+    mode: Mode
+    goal: Goal
+    reading: Reading
+    landed: bool
+    cruise: float
+    say: Callable[[int, str], None]
+    _offboard_goal: Goal
+    _target: Three
+    _yaw: float
+    _mode_at: float
+    _settled_since: Any
+
+    @property
+    def on_mission(self) -> bool:
+        """Whether it flies its mission."""
+        return self.mode == Mode.MISSION
+
+    @property
+    def _comes_down(self) -> bool:
+        """Whether it means to end on the ground."""
+        return self.mode == Mode.LAND or (self.on_mission and self.mission.landing)
+
+    @property
+    def may_leave_ground(self) -> bool:
+        """Whether a mission may take it off."""
+        return not self.mission.complete
+
+    def _mission_over(self) -> None:
+        self.say(6, "Mission finished, loitering")
+        self._enter(Mode.HOLD)
+
+    def _enter(self, mode: Mode) -> None:
+        """Change the mode; what it flies to starts from where the vehicle is."""
+        self.mode, self._mode_at = mode, self.plant.time_s
+        self._settled_since = None
+        self.cruise = 0.0
+        if mode == Mode.MISSION:
+            self.mission.resume()
+        here = self._position()
+        self._target = here
+        self.goal = Goal(here, (0.0, 0.0, 0.0))
+        self._yaw = euler(tuple(self.reading.quaternion.tolist()))[2]
+
+    def _position(self) -> Three:
+        n, e, d = self.reading.position.tolist()
+        return (n, e, d)
+
+    def _move_goal(self, position: Three) -> None:
+        """Where to be 4 ms from now, by mode."""
+        if self.mode == Mode.OFFBOARD:
+            self.goal = self._offboard_goal
+            if self.landed and self._goes_up(position):
+                self.landed = False
+            return
+        if self.on_mission and self._fly_mission(position):
+            return
+        n, e, d = self._target
+        climb = cruise = 0.0
+        if self.mode == Mode.TAKEOFF:
+            if self.landed:
+                self.landed, self._mode_at = False, self.plant.time_s
+            ramp = max(float(self.settings["MPC_TKO_RAMP_T"]), 0.1)
+            climb = float(self.settings["MPC_TKO_SPEED"]) * min(
+                (self.plant.time_s - self._mode_at) / ramp, 1.0
+            )
+            if abs(position[2] - d) < 0.2 and abs(self.goal.position[2] - d) < 0.05:
+                self._enter(Mode.HOLD)
+                self._target = (n, e, d)
+        elif self.mode == Mode.LAND:
+            low = -position[2] < float(self.settings["MPC_LAND_ALT2"])
+            sink = float(self.settings["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
+            d, climb = self.goal.position[2] + 1.0, sink
+        elif self.mode == Mode.RTL:
+            n, e, cruise = 0.0, 0.0, float(self.settings["MPC_XY_CRUISE"])
+            if math.hypot(position[0], position[1]) < 0.5:
+                self._enter(Mode.LAND)
+                return
+        else:
+            climb, cruise = float(self.settings["MPC_TKO_SPEED"]), self._cruise_speed()
+        self.goal = step_towards(self.goal, (n, e, d), cruise, climb, self._yaw)
+
+    def _cruise_speed(self) -> float:
+        limit = float(self.settings["MPC_XY_VEL_MAX"])
+        return min(self.cruise or self.mission.speed or float(self.settings["MPC_XY_CRUISE"]), limit)
+
+    def _fly_mission(self, position: Three) -> bool:
+        """Move the goal along the mission; False when there is nothing to fly."""
+        if self.landed and not self.may_leave_ground:
+            return True
+        radius = float(self.settings["NAV_ACC_RAD"])
+        high = float(self.settings["NAV_MC_ALT_RAD"])
+        leg = self.mission.leg(self.home, position, self.plant.time_s, radius, high)
+        if leg is None:
+            self.goal = Goal(self.goal.position, (0.0, 0.0, 0.0), yaw=self._yaw)
+            self._mission_over()
+            return self.on_mission
+        if self.landed:
+            self.landed, self._mode_at = False, self.plant.time_s
+        self.goal = self._along(leg, position)
+        return True
+
+    def _along(self, leg: Leg, position: Three) -> Goal:
+        n, e, d = leg.target
+        ramp = max(float(self.settings["MPC_TKO_RAMP_T"]), 0.1)
+        climb = float(self.settings["MPC_TKO_SPEED"])
+        climb *= min((self.plant.time_s - self._mode_at) / ramp, 1.0)
+        cruise = self._cruise_speed()
+        if leg.landing:
+            low = -position[2] < float(self.settings["MPC_LAND_ALT2"])
+            climb = float(self.settings["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
+            d = self.goal.position[2] + 1.0
+        elif leg.climb_first and -position[2] < 1.0 and d < -1.0:
+            n, e = self.goal.position[:2]  # from the ground it goes straight up first
+        elif math.isfinite(leg.yaw):
+            self._turn_to(leg.yaw)
+        elif math.hypot(n - position[0], e - position[1]) > 2.0:
+            self._turn_to(math.atan2(e - position[1], n - position[0]))
+        return step_towards(self.goal, (n, e, d), cruise, climb, self._yaw)
+
+    def _turn_to(self, yaw: float) -> None:
+        """The nose to where it flies, at 45 degrees a second."""
+        gap = math.remainder(yaw - self._yaw, 2 * math.pi)
+        most = math.radians(45.0) / RATE_HZ
+        self._yaw += min(max(gap, -most), most)
+
+    def _goes_up(self, position: Three) -> bool:
+        """Whether an offboard goal asks a landed vehicle to leave the ground."""
+        p, v = self._offboard_goal.position[2], self._offboard_goal.velocity[2]
+        higher = not math.isnan(p) and p < position[2] - 0.2
+        return higher or (math.isnan(p) and not math.isnan(v) and v < -0.1)
