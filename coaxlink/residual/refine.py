@@ -154,10 +154,13 @@ def _together(
     for o, m in zip(options, plain.members, strict=True):
         at = o.effect.inverse(bare, had[o.name]) if o.name in had else (m.shape, m.coefficients)
         start.append(member(bare, o.effect, *at))
-    joint = fit(fitter, start, alternatives=problem.residual.size < LONG)
+    try:
+        joint = fit(fitter, start, alternatives=problem.residual.size < LONG)
+    except np.linalg.LinAlgError:  # numbers that no column tells apart
+        return plain, fitter.prediction(plain.members)
     ratio = _squares(joint.problem) / max(_squares(plain.problem), 1e-12)
     refused = any(m.effect.refuse(m.parameters(bare)) for m in joint.members)
-    if not names & set(had) and (ratio > WORSE or refused):
+    if not names & set(had) and (not ratio < WORSE or refused):
         joint = plain
     return joint, fitter.prediction(joint.members)
 
