@@ -8,6 +8,7 @@ from coaxlink.errors import SafetyRefusal
 from coaxlink.link.backup import Backup, backup_path, write_backup
 from coaxlink.link.board import Board, require_file_service
 from coaxlink.link.content import BoardFiles, Content
+from coaxlink.link.limits import board_limits, refuse_beyond
 from coaxlink.link.parameters import Snapshot
 from coaxlink.link.plan import Plan, refuse_table
 from firmware_params.px4 import csv_mixer
@@ -21,6 +22,10 @@ class Px4Board(Board):
     def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
         """Raises SafetyRefusal."""
         refuse_table(plan, self.session.identity, snapshot.values, new_geometry=new_geometry)
+        limits = board_limits(self.files, self.session.identity)
+        if limits is not None:
+            refuse_beyond(plan.params, limits, self.session.identity.name)
+            self._talk.say(f"values held against the {len(limits)} parameters of the board's own list")
         params, types = dict(plan.params), dict(plan.types)
         if not plan.cargo:
             return Content(self._stored(params, types, snapshot, known_only=False))

@@ -107,7 +107,10 @@ def refuse_vehicle(plan: Plan, identity: Identity) -> None:
         firmware = "PX4" if plan.firmware == "px4" else "ArduPilot"
         raise SafetyRefusal(f"{plan.files[0].name} is for {firmware}, the vehicle runs {identity.name}")
     if identity.is_px4 and identity.version and identity.version < _OLDEST:
-        raise SafetyRefusal(f"{identity.name} reads no CA_ table; v1.14 or later is needed")
+        raise SafetyRefusal(
+            f"{identity.name} reads no CA_ROTOR table, its experimental builds mix their CA_MC_* in another "
+            "way; v1.14 or later is needed"
+        )
     counts = _MULTIROTORS.get(identity.vehicle_type)
     kind = mavlink.enums["MAV_TYPE"].get(identity.vehicle_type)
     name = kind.name.removeprefix("MAV_TYPE_").lower() if kind else f"type {identity.vehicle_type}"

@@ -38,7 +38,7 @@ CANNOT = {
     "wind": "a force of the air on the body, no property of the vehicle; the position loop carries it",
     "rotor_lag": "a mixer is static: declare motor_lag_s and tune the loops for the slower rotor",
     "rotor_inertia_torque": "the reaction lasts only while speeds change: a static mixer cannot hold it",
-    "motor_heating": "speed follows the winding's temperature, which the mixer is not told (--motor-temp)",
+    "motor_heating": "speed follows the winding's temperature, which no mixer is told",
     "dead_band": "no mixer turns a motor below its start: raise the output's minimum to the band",
     "hysteresis": "the mixer does not know which way the speed came",
     "sensor_drift": "a property of the stand's cells, not of the rotors",
@@ -194,7 +194,7 @@ def _heat(b: _Bench, p: Mapping[str, float]) -> str:
     factor = 1.0 - p["speed_loss_per_100K"] * (degrees - 25.0) / 100.0
     if not SPEED_FACTOR[0] <= factor <= SPEED_FACTOR[1]:
         problem = f"rotors would turn at {factor:.2f} of their commands: no such motor"
-        raise InputError("--motor-temp", f"{degrees:g}", problem)
+        raise InputError("motor temperature", f"{degrees:g}", problem)
     b.speed *= factor
     return f"commands for windings at {degrees:.0f} C, where rotors turn at {factor:.3f} of them"
 
@@ -284,7 +284,7 @@ def _air(b: _Bench, p: Mapping[str, float]) -> str:
     if reference is None:
         raise _Left(CANNOT["air_density"])
     if rho is None:
-        raise _Left("loads follow the air's density: a static mixer needs it stated (--air-density)")
+        raise _Left("loads follow the air's density, which no mixer is told")
     gain = (rho / reference) ** p["density_exponent"]
     b.thrust *= gain
     b.torque *= gain

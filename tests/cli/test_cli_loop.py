@@ -21,10 +21,30 @@ def test_a_weak_rotor_is_found_and_flown_around(tmp_path, capsys):
     before, after = loop["before"], loop["after"]
     assert before.keys() == after.keys()
     assert after["thrust_error_N"] < 0.5 * before["thrust_error_N"]
-    for axis in (0, 1):  # roll and pitch, which a weak rotor upsets
+    for axis in range(3):  # a weak rotor upsets roll, pitch and yaw
         assert after["torque_error_Nm"][axis] < 0.5 * before["torque_error_Nm"][axis]
-    assert "degraded_rotor" in capsys.readouterr().out
-    assert (tmp_path / "loop" / "report.html").is_file()
+    for flight in (before, after):
+        low, high = flight["thrust_ci_N"]
+        assert low < flight["thrust_error_N"] < high
+        assert all(
+            a < e < b for (a, b), e in zip(flight["torque_ci_Nm"], flight["torque_error_Nm"], strict=True)
+        )
+        assert 0 < flight["floor"]["thrust_N"] < 0.6
+    assert loop["way"] == "table"
+    assert list(loop["compensated"]) == ["degraded_rotor"]
+    assert loop["not_compensated"] == {}
+    screen = capsys.readouterr()
+    assert "compensated: degraded_rotor: rotor 3" in screen.out
+    out = tmp_path / "loop"
+    assert loop["log_after"] == str(out / "after.tlog")
+    kept = {p.name for p in out.iterdir()}
+    assert kept == {
+        "after.tlog", "before.tlog", "backups", "report.html", "rotor.toml", "rotor_refined.toml", "tables",
+    }  # fmt: skip
+    page = (out / "report.html").read_text()
+    assert "rotor 3 counts for" in page
+    assert 'src="http' not in page
+    assert "<link" not in page
 
 
 def test_a_truth_that_is_none_is_one_line(tmp_path, capsys):

@@ -151,7 +151,7 @@ def test_new_geometry_can_be_meant(board, tmp_path):
     [
         ({"armed": True}, "armed"),
         ({"px4": False}, "is for PX4, the vehicle runs ArduPilot"),
-        ({"version": (1, 12, 3)}, "PX4 1.12.3 reads no CA_ table"),
+        ({"version": (1, 12, 3)}, "PX4 1.12.3 reads no CA_ROTOR table"),
         ({"vehicle_type": m.MAV_TYPE_FIXED_WING}, "of type fixed_wing, not a multirotor"),
         ({"vehicle_type": m.MAV_TYPE_HEXAROTOR}, "another vehicle: the table is for 8 rotors"),
     ],

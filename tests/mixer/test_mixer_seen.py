@@ -115,6 +115,22 @@ def test_a_bent_surface_is_delivered_on(effect):
     assert s.model.upper_thrust(0.0, 0.0) == 0.0
 
 
+def test_a_pair_at_another_spacing_than_the_bench_had():
+    numbers = {"wake_thrust_share": 0.3, "wake_torque_share": 0.2, "upper_gain_N": 1.0}
+    wider = Effect("rotor_spacing", numbers | {"reference_spacing_m": 0.1})  # the vehicle's is 0.15 m
+
+    def bend(a, b, each):
+        alone = CRM.loads(0.0, b)
+        wake, drag = each[2] - alone.lower_thrust, each[3] - alone.lower_torque
+        return [each[0] + 0.5 * b * b, each[1], each[2] - 0.15 * wake, each[3] - 0.1 * drag]
+
+    s = seen(wider)
+    u = make_law("exact", s.airframe, s.model).speeds(DEMAND)
+    assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1e-6)
+    unknown = seen(Effect("rotor_spacing", numbers))
+    assert "at which spacing" in unknown.cannot["rotor_spacing"]
+
+
 @pytest.mark.parametrize("law", ["fitted", "reduced", "standard"])
 def test_the_linear_laws_know_a_weak_rotor_too(law):
     s = seen(WEAK)

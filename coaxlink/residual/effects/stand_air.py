@@ -47,6 +47,13 @@ def _air_cause(frame: StandFrame, _: Shape, __: str) -> tuple[str, Array]:
     return "air density, kg/m3", rho
 
 
+def _air_parameters(frame: StandFrame, _: Shape, c: Array) -> dict[str, float]:
+    rho = density(frame)
+    assert rho is not None
+    # where the base holds
+    return {"density_exponent": float(c[0]), "reference_density_kg_m3": float(np.median(rho))}
+
+
 AIR_DENSITY: Effect[StandFrame] = Effect(
     name="air_density",
     stage=6,
@@ -54,11 +61,11 @@ AIR_DENSITY: Effect[StandFrame] = Effect(
     source="blade element theory; ideal gas",
     needs=("air_temperature_C", "air_pressure_Pa"),
     channels=STAND_LOADS,
-    units={"density_exponent": "1"},
+    units={"density_exponent": "1", "reference_density_kg_m3": "kg/m3"},
     missing=_no_air,
     shapes=one_shape,
     columns=_air_columns,
-    parameters=lambda _, __, c: {"density_exponent": float(c[0])},
+    parameters=_air_parameters,
     inverse=lambda _, p: ({}, np.array([p["density_exponent"]])),
     refuse=lambda p: outside("density_exponent", p["density_exponent"], 0.3, 1.8),
     cause=_air_cause,
@@ -176,14 +183,20 @@ ROTOR_SPACING: Effect[StandFrame] = Effect(
     source="wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022",
     needs=("rotor_spacing_m",),
     channels=("upper_thrust", "lower_thrust", "lower_torque"),
-    units={"wake_thrust_share": "1", "wake_torque_share": "1", "upper_gain_N": "N"},
+    units={
+        "wake_thrust_share": "1",
+        "wake_torque_share": "1",
+        "upper_gain_N": "N",
+        "reference_spacing_m": "m",
+    },
     missing=_no_spacing,
     shapes=one_shape,
     columns=_spacing_columns,
-    parameters=lambda _, __, c: {
+    parameters=lambda frame, __, c: {
         "wake_thrust_share": float(c[0]),
         "wake_torque_share": float(c[1]),
         "upper_gain_N": float(c[2]),
+        "reference_spacing_m": float(np.median(frame.columns["rotor_spacing_m"])),  # where the base holds
     },
     inverse=lambda _, p: (
         {},
