@@ -21,6 +21,7 @@ from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, 
 from coaxlink.residual.problem import Problem
 from coaxlink.residual.result import Ambiguous, Refinement
 from coaxlink.residual.select import Selection, columns_of, select
+from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
 from coaxlink.residual.stand import joined, stand_frame
 from coaxlink.residual.stand_problem import known_parts as known_on_stand
 from coaxlink.residual.stand_problem import stand_floor, stand_problem, stand_variables
@@ -105,7 +106,10 @@ def refine_stand(
         known, notes = known_on_stand(bare)
         problem = stand_problem(composed(bare, known))
         progress("selecting")
-        selection = Selection() if mislabelled else select(problem)
+        few = len(trusted) < LEAST_STAND_ROWS
+        if few:
+            notes.append(f"{len(trusted)} rows: held against the model; too few to identify any effect")
+        selection = Selection() if mislabelled or few else select(problem)
         joint, _ = _together(problem, selection, bare, known, _present(bare))
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:

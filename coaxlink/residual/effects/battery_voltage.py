@@ -14,7 +14,6 @@ import numpy as np
 from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
 from coaxlink.residual.frames import FlightFrame
 
-
 REFERENCE = (0.5, 1.6)  # of the logged median: where a model's voltage may lie
 
 
