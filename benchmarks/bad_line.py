@@ -34,6 +34,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from spoiled_line import Clean, relay
 
 LOSSES = (0.0, 0.05, 0.1, 0.2, 0.3)
+PIECE = 10  # uploads to one stand-in
 ROOT = Path(__file__).parents[1]
 
 
@@ -102,6 +103,7 @@ def worker(
     number: int, firmware: str, jobs: list[tuple[float, int]], folder: Path, rows: multiprocessing.Queue
 ) -> None:
     """Run `jobs` of (loss, uploads)."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the stand-in ends with us
     os.environ["COAXLINK_STATE"] = str(folder / f"state{number}")
     import coaxlink.link.upload  # noqa: F401 - once, before the forks
 
@@ -136,7 +138,10 @@ def worker(
             spoiler.kill()
             vehicle.send_signal(signal.SIGCONT)
             vehicle.terminate()
-            vehicle.wait(10)
+            try:
+                vehicle.wait(30)
+            except subprocess.TimeoutExpired:
+                vehicle.kill()
     rows.put(None)
 
 
@@ -260,7 +265,7 @@ def main() -> None:
     options.add_argument("--json", type=Path)
     asked = options.parse_args()
     each = asked.uploads // len(LOSSES)
-    pieces = [(loss, 20) for loss in LOSSES for _ in range(each // 20)]
+    pieces = [(loss, PIECE) for _ in range(each // PIECE) for loss in LOSSES]
     rows: list[dict] = []
     with tempfile.TemporaryDirectory() as place:
         queue = multiprocessing.Queue()
@@ -273,8 +278,14 @@ def main() -> None:
         for one in running:
             one.start()
         left = len(running)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
         while left:
-            row = queue.get(timeout=900)
+            try:
+                row = queue.get(timeout=900)
+            except KeyboardInterrupt:  # enough: report what there is
+                for one in running:
+                    one.terminate()
+                break
             if row is None:
                 left -= 1
                 continue

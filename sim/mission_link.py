@@ -20,8 +20,14 @@ AGAIN_S, TRIES = 0.3, 8  # wall time
 class MissionTransfer:
     """One list at a time, either way."""
 
-    def __init__(self, autopilot: Any, send: Callable[[Any], None], everyone: Callable[[Any], None]) -> None:
-        self._autopilot, self._send, self._everyone = autopilot, send, everyone
+    def __init__(
+        self,
+        autopilot: Any,
+        send: Callable[[Any], None],
+        everyone: Callable[[Any], None],
+        request: Callable[..., Any],
+    ) -> None:
+        self._autopilot, self._send, self._everyone, self._request = autopilot, send, everyone, request
         self._kind, self._count = 0, 0
         self._items: list[Item] | None = None  # of an upload that runs
         self._peer = (255, 190)
@@ -55,7 +61,7 @@ class MissionTransfer:
     def _ask(self, again: bool = False) -> None:
         assert self._items is not None
         self._asked_at, self._tries = time.monotonic(), self._tries + 1 if again else 0
-        self._send(m.MAVLink_mission_request_int_message(*self._peer, len(self._items), self._kind))
+        self._send(self._request(*self._peer, len(self._items), self._kind))
 
     def go_on(self) -> None:
         """Ask again for what did not come; give up in the end."""

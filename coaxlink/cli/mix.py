@@ -65,6 +65,15 @@ def mix(
             "Default: if it was compiled before.",
         ),
     ] = None,
+    lead: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            max=100,
+            metavar="MS",
+            help="Lead the motors' declared lag down to so much; amplifies noise in the demand.",
+        ),
+    ] = None,
     system: SystemOption = None,
     signing_key: SigningOption = None,
     json_file: JsonOption = None,
@@ -90,12 +99,15 @@ def mix(
     native = _native(compiled) if law == "exact" and not dry_run else None
     # the first call compiles, or fills caches: never in flight
     chosen.speeds([9.80665 * frame.mass_kg, 0.0, 0.0, 0.0])
+    leading = _lead(frame, lead, rate)
     log = record / "mix.tlog" if record else None
     with open_session(connect, target_system=system, signing_key=signing_key, record=log) as session:
         if props_off:
             _motors(session, frame, json_file)
             return
-        options = _Options(rate, seconds, dry_run, record, plot, forward, witness, airframe if loop else None)
+        options = _Options(
+            rate, seconds, dry_run, record, plot, forward, witness, airframe if loop else None, leading
+        )
         gc.collect()
         gc.freeze()  # what has been built so far is here to stay: no pause to look through it again
         _fly(session, frame, chosen, model, options, json_file, native)
@@ -117,13 +129,33 @@ def _native(compiled: bool | None) -> Any:
         raise InputError("--compiled", "", "numba is not installed") from error
 
 
+def _lead(frame: Airframe, lead_ms: float | None, rate_hz: float) -> tuple[float, float]:
+    """(lag declared, lag wanted) in s; zeros for no lead. Raises InputError where no lag is declared."""
+    if lead_ms is None:
+        return 0.0, 0.0
+    lag, quick = frame.motor_lag_s, lead_ms / 1e3
+    if not quick < lag:
+        found = f"motor_lag_s is {lag:g} s"
+        raise InputError(
+            frame.source or frame.name, "motor_lag_s", f"more than {quick:g} s expected, {found}"
+        )
+    from math import exp
+
+    whole = 1.0 - exp(-1.0 / (rate_hz * quick)) if quick > 0 else 1.0
+    gain = whole / (1.0 - exp(-1.0 / (rate_hz * lag)))
+    what = f"motors led from {1e3 * lag:g} to {1e3 * quick:g} ms"
+    say(f"{what}: a step in the demand is commanded {gain:.1f} times as high")
+    return lag, quick
+
+
 class _Options:
     def __init__(
         self, rate: float, seconds: float | None, dry_run: bool, record: Path | None, plot: bool,
-        forward: str | None, witness: bool, loop: Path | None,
+        forward: str | None, witness: bool, loop: Path | None, lead_s: tuple[float, float],
     ) -> None:  # fmt: skip
         self.rate, self.seconds, self.dry_run, self.record = rate, seconds, dry_run, record
         self.plot, self.forward, self.witness, self.loop = plot, forward, witness, loop
+        self.lead_s = lead_s
 
 
 def _fly(
@@ -154,7 +186,7 @@ def _fly(
         session, frame, law, model, rate_hz=o.rate, dry_run=o.dry_run, witness=o.witness,
         compensation=effects, record=kept, own_curve=_own_curve(session),
         loop=AttitudeLoop(frame.inertia_kg_m2, load_gains(o.loop)) if o.loop else None,
-        native=native,
+        lead_s=o.lead_s, native=native,
     )  # fmt: skip
     if identity.is_px4:
         _warn_of_hand_over(live, frame)

@@ -65,13 +65,11 @@ class Explanation:
         """Print it to a rich console."""
         from rich.table import Table
 
-        rows = Table(
-            "rotor: asked -> done", *(f"{a} (1e-3 u^2 / {'N' if a == 'thrust' else 'N m'})" for a in AXES)
-        )
-        rows.box = None
+        out.print("asked -> done, 1e-3 u^2 per N m of roll, pitch and yaw, per N of thrust:")
+        rows = Table("rotor", *AXES, box=None)
         for n in range(len(self.asked)):
             cells = [
-                f"{1e3 * a:+.3f} -> {1e3 * d:+.3f}" for a, d in zip(self.asked[n], self.done[n], strict=True)
+                f"{1e3 * a:+.2f} -> {1e3 * d:+.2f}" for a, d in zip(self.asked[n], self.done[n], strict=True)
             ]
             rows.add_row(str(n + 1), *cells)
         out.print(rows)
@@ -96,9 +94,10 @@ class Explanation:
         rows.add_row("hover demand", _shown(this.hover), _shown(other.hover))
         out.print(rows)
         hints = zip(gains, this.gain_hint(other), strict=True)
-        out.print(
-            "to keep the loop as it was: " + ", ".join(f"{gain} x {scale:.3f}" for gain, scale in hints)
-        )
+        # no gain mends an axis that turns the wrong way
+        usable = [f"{gain} x {scale:.3f}" for gain, scale in hints if 0.0 < scale < float("inf")]
+        if usable:
+            out.print("to keep the loop as it was: " + ", ".join(usable))
 
 
 def explain_px4(

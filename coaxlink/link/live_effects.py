@@ -34,7 +34,7 @@ LEFT_OUT = {
     "rotor_drag": "a force in the rotors' plane, which no rotor speed can take back",
     "wind": "a force of the air on the body, which the position loop has to hold against",
     "mass_change": "no change of the rotors; the autopilot's hover thrust has to follow",
-    "rotor_lag": "a lead on the commands would amplify noise; declare motor_lag_s and tune the loops",
+    "rotor_lag": "declare motor_lag_s and fly with --lead, which amplifies noise, or tune the loops to it",
     "rotor_inertia_torque": "needs the rotors' acceleration before it happens",
 }
 Wrench = NDArray[np.float64]

@@ -21,6 +21,7 @@ class HotPath:
 
     def __init__(self, live: LiveMixer, loop: HotLoop) -> None:
         self._live, self._loop = live, loop
+        self.answers = 0
 
     @classmethod
     def of(cls, live: LiveMixer, function: Any, target: tuple[int, int]) -> HotPath | None:
@@ -63,6 +64,7 @@ class HotPath:
     def _book(self, batch: Batch) -> None:
         # in one go: twenty answers one by one would take long enough to keep the next demand waiting
         live, rows = self._live, batch.rows
+        self.answers += len(rows)
         core = live.core
         last, stamps = rows[-1].tolist(), batch.stamps.tolist()
         core.caught_up(stamps[-1], len(rows), batch.dropped, batch.superseded)

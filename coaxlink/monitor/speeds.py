@@ -15,6 +15,7 @@ from coaxlink.monitor.readings import Arrival, Readings
 
 STALE_S = 1.5  # speeds older than this are not the present
 _RUNNING = 0.1  # normalised command above which a motor must turn
+_FASTER, _ALIKE = 1.05, 0.02  # rpm over command, on every rotor alike: not what one full pack can do
 _DISAGREE = 0.03  # normalised speed between an ESC and the output that drives it
 
 
@@ -146,7 +147,24 @@ def _esc(
     driven = [c is not None and c > _RUNNING for c in commanded.u]
     if _fresh(commanded, now_s) and any(driven) and not any(u):
         return blank, [*notes, "ESC_STATUS reads 0 rpm while the motors are driven: not used"]
+    if _fresh(commanded, now_s):
+        notes += _scaled(u, commanded.u, speed_max_rpm)
     return Source("ESC_STATUS rpm", "measured", tuple(u), newest, extra), notes
+
+
+def _scaled(
+    measured: list[float | None], commanded: tuple[float | None, ...], speed_max_rpm: float
+) -> list[str]:
+    """A note when every rotor turns faster than commanded by one factor: another full speed is behind it."""
+    pairs = zip(measured, commanded, strict=True)
+    ratios = [a / c for a, c in pairs if a is not None and c is not None and c > _RUNNING]
+    if len(ratios) < 3 or min(ratios) < _FASTER or max(ratios) - min(ratios) > _ALIKE * max(ratios):
+        return []
+    factor = sum(ratios) / len(ratios)
+    return [
+        f"ESC_STATUS rpm is {factor:.2f} of the command on every rotor: full speed is not the model's "
+        f"{speed_max_rpm:.0f} rpm, or nobody measures (PX4's simulation says 6000 at full command)"
+    ]
 
 
 def _repeated(

@@ -23,7 +23,7 @@ MODES = {STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE}
 STATION_LOST = {1: RTL, 2: RTL, 3: RTL, 4: LAND, 5: LAND, 7: LAND}
 # MAV_CMD_DO_MOTOR_TEST counts clockwise from the front right, upper before lower: motors from 0
 OCTAQUAD_X_ORDER = (0, 5, 3, 6, 2, 7, 1, 4)
-NOT_ARMABLE = {AUTO, RTL, LAND, BRAKE}
+NOT_ARMABLE = {AUTO: "AUTO", RTL: "RTL", LAND: "LAND", BRAKE: "BRAKE"}
 
 # the loops' settings by PX4's names: ArduPilot's parameter and a factor, or a number
 _RATES = {
@@ -192,7 +192,7 @@ class Copter(Autopilot):
         """Raises Refused."""
         options = int(self.store["AUTO_OPTIONS"])
         if self.ap_mode in NOT_ARMABLE and not (self.ap_mode == AUTO and options & 1) and not self.armed:
-            raise Refused("Arm: Mode not armable")
+            raise Refused(f"Arm: {NOT_ARMABLE[self.ap_mode]} mode not armable")
         reason = self.prearm()
         if reason and not self.armed:
             raise Refused(reason)
@@ -200,7 +200,7 @@ class Copter(Autopilot):
 
     def set_ap_mode(self, number: int) -> None:
         """By ArduCopter's numbers. Raises Refused."""
-        if number not in MODES or (number == AUTO and not self.mission.flyable):
+        if number not in MODES or (number == AUTO and self.armed and not self.mission.flyable):
             raise Refused(f"Mode change to {number} failed")
         if number == AUTO and self.armed and self.landed and not self.mission.starts_with_takeoff:
             raise Refused("Auto: Missing Takeoff Cmd")

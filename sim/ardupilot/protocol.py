@@ -39,6 +39,8 @@ class ApConversation(Conversation):
     default_hz = DEFAULT_HZ
     file_manners = MANNERS
     first_log = 1
+    unknown_stream = UNSUPPORTED
+    mission_request = m.MAVLink_mission_request_message  # and it takes either kind of item
 
     def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None]) -> None:
         super().__init__(autopilot, peer, everyone)
@@ -125,6 +127,14 @@ class ApConversation(Conversation):
         self.send(m.MAVLink_command_ack_message(command, result, 0, 0, *source))
         if after is not None:
             self.send(after)
+
+    def _command_long(self, message: Any) -> None:
+        """Reposition comes as COMMAND_INT only."""
+        if message.command == 192:
+            source = message.get_srcSystem(), message.get_srcComponent()
+            self.send(m.MAVLink_command_ack_message(192, UNSUPPORTED, 0, 0, *source))
+            return
+        super()._command_long(message)
 
     def _execute(self, command: int, p: list[float]) -> tuple[int, Any]:
         a = self.copter

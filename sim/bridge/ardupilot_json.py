@@ -91,7 +91,10 @@ class ArduPilotBridge:
         self.steps += 1
 
     def _reply(self) -> bytes:
-        """A line of JSON. Its reader searches for words: `velocity` must stay the first with that name."""
+        """A line of JSON for a reader that searches for words and takes what stands two characters behind.
+
+        So `velocity` must stay the first with that name, and no blank may stand between `:` and `[`.
+        """
         p = self.plant
         state = {
             "timestamp": round(self.time_s, 6),
@@ -102,4 +105,4 @@ class ArduPilotBridge:
             "rng_1": p.height,
             "battery": {"voltage": p.voltage, "current": p.current},
         }
-        return b"\n" + json.dumps(state).encode() + b"\n"
+        return b"\n" + json.dumps(state, separators=(",", ":")).encode() + b"\n"

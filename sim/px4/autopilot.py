@@ -134,7 +134,7 @@ class Autopilot(Navigator):
             raise Refused("Switching to Offboard denied: no setpoints are streamed")
         if mode not in FLOWN:
             raise Refused(f"Switching to {mode.name.title()} denied: no manual control")
-        if mode == Mode.MISSION and not self.mission.flyable:
+        if mode == Mode.MISSION and self.armed and not self.mission.flyable:
             raise Refused("Switching to Mission denied: no valid mission available")
         if mode == Mode.TAKEOFF:
             self.take_off(math.nan)

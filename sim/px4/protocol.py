@@ -38,6 +38,8 @@ class Conversation:
     default_hz = DEFAULT_HZ
     file_manners = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
     first_log = 0
+    unknown_stream = FAILED  # answer to SET_MESSAGE_INTERVAL of a message that is not known
+    mission_request = m.MAVLink_mission_request_int_message
 
     def __init__(self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None]) -> None:
         self.autopilot, self.peer, self._everyone = autopilot, peer, everyone
@@ -49,7 +51,7 @@ class Conversation:
         self._files = Server(autopilot.files, self.file_manners, self._file_reply)
         self._file_source = (255, 190)
         self._logs = LogTransfer(autopilot, self.send, self.first_log)
-        self._mission = MissionTransfer(autopilot, self.send, everyone)
+        self._mission = MissionTransfer(autopilot, self.send, everyone, self.mission_request)
         self._handlers: dict[str, Callable[[Any], None]] = {
             "HEARTBEAT": self._heartbeat,
             "PARAM_REQUEST_READ": self._param_read,
@@ -239,6 +241,8 @@ class Conversation:
         elif command in (20, 21):
             a.set_mode(Mode.RTL if command == 20 else Mode.LAND)
         elif command == 300:  # start the mission, armed if need be
+            if not a.mission.flyable:
+                return DENIED, None
             a.mission.go_to(int(p[0])) if p[0] > 0 else None
             a.set_mode(Mode.MISSION)
             a.arm()
@@ -303,7 +307,7 @@ class Conversation:
 
     def _set_interval(self, message_id: int, interval_us: float) -> int:
         if message_id not in self.builders:
-            return UNSUPPORTED
+            return self.unknown_stream
         if interval_us < 0:
             self.interval_us.pop(message_id, None)
         elif interval_us == 0:

@@ -93,3 +93,19 @@ def test_against_the_board():
         explain_px4(airframe, model, report, {"CA_ROTOR_COUNT": 0})
     with pytest.raises(InputError, match="6 rotors"):
         explain_px4(airframe, model, report, board | {"CA_ROTOR_COUNT": 6})
+
+
+def test_an_explanation_fits_a_terminal_of_80_columns():
+    import io
+
+    from rich.console import Console
+
+    airframe, model = _load()
+    explained = explain_px4(airframe, model, report_px4(airframe, model, "reduced"))
+    text = io.StringIO()
+    explained.show(Console(file=text, width=80), ("MC_ROLLRATE_K", "MC_PITCHRATE_K", "MC_YAWRATE_K"))
+    lines = text.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    asked = 1e3 * explained.asked[0, 2]
+    (row,) = [line for line in lines if line.split()[:1] == ["1"]]
+    assert f"{asked:+.2f} -> {asked:+.2f}" in row

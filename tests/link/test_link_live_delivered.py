@@ -9,6 +9,7 @@ import math
 import threading
 
 import numpy as np
+import pytest
 from live_flight import EXAMPLES, TICK_S, Companion, Flight
 
 from coaxlink.airframe import load_airframe
@@ -22,15 +23,25 @@ from sim.px4.cascade import Goal
 STANDARD_N = 85.7  # lone rotor of eq. 17 as squares, N per u^2: what the reference table's setpoint means
 
 
-def test_desired_and_delivered_agree_to_a_tenth_of_a_newton() -> None:
-    flight = Flight(airframe="x8_paper.toml")  # motors without lag: a moving demand is delivered at once
+@pytest.mark.parametrize(
+    ("airframe", "lead_s"),
+    [
+        ("x8_paper.toml", (0.0, 0.0)),  # motors without lag: a moving demand is delivered at once
+        ("x8_demo.toml", (0.02, 0.0)),  # 20 ms, led
+    ],
+)
+def test_desired_and_delivered_agree_to_a_tenth_of_a_newton(
+    airframe: str, lead_s: tuple[float, float]
+) -> None:
+    flight = Flight(airframe=airframe)
     a = flight.autopilot
     vehicle = a.plant.vehicle
-    frame = load_airframe(EXAMPLES / "x8_paper.toml")
+    frame = load_airframe(EXAMPLES / airframe)
     model = load_rotor_model(EXAMPLES / "rotor_paper.toml")
     companion = Companion(flight)
     patient = Timing(hold_after_s=1.0, ramp_after_s=2.0)
-    live = LiveMixer(companion.session, frame, make_law("exact", frame, model), model, timing=patient)
+    law = make_law("exact", frame, model)
+    live = LiveMixer(companion.session, frame, law, model, timing=patient, lead_s=lead_s)
     starting = threading.Thread(target=live.start)
     starting.start()
     flight.fly(3.0, until=lambda: not starting.is_alive())
@@ -59,7 +70,7 @@ def test_desired_and_delivered_agree_to_a_tenth_of_a_newton() -> None:
     flight.close()
     error = np.abs(errors).mean(axis=0)
     assert error[0] < 0.1
-    assert max(error[1:]) < 0.012  # outputs in steps of 1/1000 alone make 0.0088
+    assert max(error[1:]) < 0.012  # outputs in steps of 1/1000 alone make 0.0088, and less through a lag
     smooth = np.abs(np.array(errors).reshape(-1, 50, 4).mean(axis=1)).mean(axis=0)  # over 0.2 s
     assert smooth[0] < 0.1
     assert max(smooth[1:]) < 0.01

@@ -55,10 +55,10 @@ def test_a_vehicle_that_does_not_sign_with_the_key_is_refused(key_file, key):
 
 
 def test_a_recording_is_refused(key_file):
-    with ScriptedAutopilot(x8(), key=KEY) as vehicle:
-        with connect(vehicle.url, signing_key=key_file) as session:
-            session.wait("HEARTBEAT", 1.0)
+    with ScriptedAutopilot(x8(), key=KEY) as vehicle, connect(vehicle.url, signing_key=key_file) as session:
+        session.wait("HEARTBEAT", 1.0)
         recording = [bytes(frame) for frame in vehicle.sent]
+        session.wait("HEARTBEAT", 3.0)  # so that all of it was heard once
     stop = threading.Event()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as false:
         false.bind(("127.0.0.1", 0))

@@ -9,10 +9,12 @@ import pytest
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import main
 from coaxlink.link import connect
+from coaxlink.link.ap_scripts import ScriptFolder
 from coaxlink.link.ap_tables import report_ap
 from coaxlink.link.backup import read_backup
-from coaxlink.link.ftp import Files
-from coaxlink.link.journal import Journal
+from coaxlink.link.content import Content
+from coaxlink.link.ftp import FileError, Files
+from coaxlink.link.journal import Entry, Journal
 from coaxlink.link.outcome import Talk
 from coaxlink.link.parameters import Parameters
 from coaxlink.link.plan import load_plan
@@ -201,6 +203,22 @@ def test_files_over_a_bad_line(tmp_path):
         assert files.remove("/APM/scripts/a.lua") and files.retries > 0
 
 
+def test_a_folder_without_a_parent_is_no_end_of_the_search(monkeypatch):
+    """The real SITL has no /APM: making /APM/scripts there is answered with errno 2."""
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        files, made = Files(session), []
+        request = files._request
+
+        def without_apm(code, data, **kw):
+            if data.startswith(b"/APM"):
+                raise FileError("/APM/scripts", 10)
+            made.append((code, data))
+            return request(code, data, **kw)
+
+        monkeypatch.setattr(files, "_request", without_apm)
+        assert ScriptFolder(files).path == "scripts" and made
+
+
 def test_the_packed_file_is_the_list():
     with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
         found = packed.unpack(Files(session).read(packed.PATH))
@@ -222,3 +240,20 @@ def test_the_stand_in_mixes_what_realise_says():
         ]
     )
     np.testing.assert_allclose(rows / 1e6, report.mix.factors, atol=1e-6)
+
+
+def test_an_interrupted_change_of_scripts_does_not_bring_the_other_script_back(tables, tmp_path):
+    """Killed when the loader was gone and the matrix there, before the restart that makes it fly."""
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        matrix, loader = (f"/APM/scripts/{n}" for n in (scripts.MATRIX_NAME, scripts.LOADER_NAME))
+        plan = load_plan(tables["matrix"])
+        assert _ap(session, tmp_path / "b").upload(plan).result == "verified"
+        old = Content({}, {matrix: None, loader: b"-- the loader that was there"})
+        new = Content({}, {matrix: plan.cargo[scripts.MATRIX_NAME], loader: None})
+        journal = Journal(session.identity)
+        journal.begin(Entry(journal.board, old, new, "backup", (), "yesterday"))
+        talk = []
+        again = _ap(session, tmp_path / "b", talk=Talk(say=talk.append)).upload(plan)
+        assert again.result == "verified" and "rebooting" in talk
+        assert Files(session).listing("/APM/scripts") == [scripts.MATRIX_NAME]
+        assert journal.open_entry() is None and verify(session, plan).holds

@@ -112,6 +112,14 @@ def test_measured_rpm_is_preferred_and_named(airframe: Airframe, model: RotorMod
     assert view.arms[0].upper.throttle == pytest.approx(0.441)  # the command stays a command
 
 
+def test_rpm_of_another_full_speed_is_named(airframe: Airframe, model: RotorModel) -> None:
+    esc = [EscStatus(0, [2646] * 4), EscStatus(4, [3888] * 4)]  # 6000 at full, the model says 5400
+    view = look(airframe, model, heartbeat(), servo(), *esc)
+    assert any("1.11 of the command on every rotor" in note and "5400" in note for note in view.notes)
+    sagging = [EscStatus(0, [2143] * 4), EscStatus(4, [3149] * 4)]  # 0.9: a pack that is not full does that
+    assert not look(airframe, model, heartbeat(), servo(), *sagging).notes
+
+
 def test_repeated_esc_batch_is_not_believed(airframe: Airframe, model: RotorModel) -> None:
     esc = [EscStatus(0, [2381] * 4), EscStatus(4, [2381] * 4)]
     view = look(airframe, model, heartbeat(), servo(), *esc)

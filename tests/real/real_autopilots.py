@@ -104,7 +104,7 @@ def arducopter(
         link = probe.getsockname()[1]
     with bridge("ardupilot", *options) as port:
         command = [str(binary), "--model", "JSON:127.0.0.1", "--sim-port-out", str(port)]
-        command += ["--speedup", str(speed), "--rate", str(LOOP_HZ), "--defaults", str(defaults), "--wipe"]
+        command += ["--speedup", str(speed), "--rate", str(LOOP_HZ), "--defaults", str(defaults)]
         command += ["--home", "47.397742,8.545594,488,0", "--serial0", f"udpclient:127.0.0.1:{link}"]
         command += ["--serial1", "none", "--serial2", "none"]
         with _running(command, folder, dict(os.environ)):

@@ -113,14 +113,12 @@ def test_refine_finds_what_is_hidden_behind_the_real_one(tmp_path: Path) -> None
         vehicle.follow(paper_flight())
         vehicle.land()
     coaxlink("refine", str(log), "--airframe", str(AIRFRAME), "--json", str(out))
-    added = {
-        effect["name"]: {p["name"]: p["value"] for p in effect["parameters"]}
-        for effect in json.loads(out.read_text())["effects"]
-    }
+    added = {effect["name"]: effect for effect in json.loads(out.read_text())["effects"]}
     assert set(added) == {"rotor_drag", "degraded_rotor"}
-    assert added["degraded_rotor"]["rotor"] == 3
-    assert added["degraded_rotor"]["thrust_loss"] == pytest.approx(0.2, abs=0.02)
-    assert added["rotor_drag"]["drag_per_speed_N_s_m"] == pytest.approx(1.2, abs=0.1)
+    weak = {p["name"]: p["value"] for p in added["degraded_rotor"]["parameters"]}
+    assert weak["rotor"] == 3 and weak["thrust_loss"] == pytest.approx(0.2, abs=0.02)
+    before, after = added["rotor_drag"]["rmse"]["force_x"]  # whatever form of drag the flight chose
+    assert after < 0.15 * before
 
 
 def held_to_realise(pulses: np.ndarray, tables: Path) -> None:

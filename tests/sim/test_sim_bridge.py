@@ -188,6 +188,16 @@ def packet(count: int, u: np.ndarray, rate: int = 400) -> bytes:
     return struct.pack("<HHI16H", 18458, rate, count, *pulses)
 
 
+def as_its_parser_reads(line: str, section: str, key: str, count: int) -> list[float]:
+    """ArduPilot's own way: the section's word, then the key's, then the bracket two characters behind it."""
+    p = line.index(section) + len(section) + 1
+    p = line.index(key, p) + len(key) + 2
+    assert line[p] == "[", line[p - 20 : p + 20]
+    numbers = [float(part) for part in line[p + 1 : line.index("]", p)].split(",")]
+    assert len(numbers) == count
+    return numbers
+
+
 def test_ardupilot_frames_hover_and_circle_without_a_lost_one() -> None:
     bridge = build_bridge(WORLD, "ardupilot", "udpin:127.0.0.1:0")
     pilot = Pilot(bridge, 400.0)
@@ -205,6 +215,12 @@ def test_ardupilot_frames_hover_and_circle_without_a_lost_one() -> None:
             assert reply.startswith(b"\n{") and reply.endswith(b"}\n")
             assert reply.find(b"velocity") == reply.rfind(b"velocity")
             state = json.loads(reply)
+            if count % 400 == 1:
+                assert as_its_parser_reads(reply.decode(), "imu", "gyro", 3) == state["imu"]["gyro"]
+                assert (
+                    as_its_parser_reads(reply.decode(), "imu", "accel_body", 3) == state["imu"]["accel_body"]
+                )
+                assert as_its_parser_reads(reply.decode(), "", "quaternion", 4) == state["quaternion"]
             t = state["timestamp"]
             position, velocity = tuple(state["position"]), tuple(state["velocity"])
             u = pilot.fly(t, position, velocity, tuple(state["quaternion"]), tuple(state["imu"]["gyro"]))

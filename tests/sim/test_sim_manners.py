@@ -193,7 +193,7 @@ def test_free_actuators_reach_their_outputs_in_flight(px4: Pilot) -> None:
 
 def test_versions_differ() -> None:
     old, middle, new, later = (Pilot(f"px4{v}") for v in (":1.13", ":1.14", "", ":1.17"))
-    assert [p.command(511, 140, 4000) for p in (old, middle, new)] == [0, 3, 3]
+    assert [p.command(511, 140, 4000) for p in (old, middle, new)] == [0, 4, 4]
     assert [p.command(209, 1, 0, 20, 1, 1) for p in (old, new)] == [0, 3]
     for pilot in (new, later):
         pilot.say(m.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1))

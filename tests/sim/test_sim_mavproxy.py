@@ -113,7 +113,7 @@ def write_mission(path: Path, home: bool) -> None:
         lon = LON + east * METRE / math.cos(math.radians(LAT))
         frame = 0 if home and seq == 0 else 3
         place = f"{LAT + north * METRE:.8f}\t{lon:.8f}\t{up:.2f}"
-        text += f"{seq}\t{int(seq == 0)}\t{frame}\t{command}\t{3 * (command == 16)}\t0.5\t0\t0\t{place}\t1\n"
+        text += f"{seq}\t{int(seq == 0)}\t{frame}\t{command}\t{15 * (command == 16)}\t0.5\t0\t0\t{place}\t1\n"
     path.write_text(text)
 
 
