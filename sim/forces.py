@@ -40,6 +40,8 @@ from sim.layout import (
     WIND,
 )
 
+ROOF_M = 0.12  # of the body's top above its origin
+
 
 @inlined
 def quadratic(u, c):  # type: ignore[no-untyped-def]
@@ -140,7 +142,7 @@ def cube_root(x):  # type: ignore[no-untyped-def]
     return y
 
 
-@plain
+@inlined
 def ceiled(thrust, height, p):  # type: ignore[no-untyped-def]
     """Thrust under a ceiling."""
     left = above(p[CEILING_Z] - height, 0.2 * p[RADIUS]) * (1.0 / p[RADIUS])
@@ -162,15 +164,15 @@ def dragged(pull, thrust, u, p):  # type: ignore[no-untyped-def]
 
 @plain
 def feet(pd, v, r, rates, p):  # type: ignore[no-untyped-def]
-    """Spring, damper and friction under each foot: force and moment."""
+    """Spring, damper and friction under each foot, and at four corners of the top: force and moment."""
     vn, ve, vd = v
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
     wx, wy, wz = rates
     fx = fy = fz = mx = my = mz = 0.0
-    for corner in range(4):
+    for corner in range(8):
         cx = (p[FOOT_XY] if corner & 1 else -p[FOOT_XY]) - p[CX]
         cy = (p[FOOT_XY] if corner & 2 else -p[FOOT_XY]) - p[CY]
-        cz = p[FOOT_Z] - p[CZ]
+        cz = (-ROOF_M if corner & 4 else p[FOOT_Z]) - p[CZ]
         depth = pd + r20 * cx + r21 * cy + r22 * cz - p[GROUND_Z]
         if depth > 0.0:
             bx, by, bz = wy * cz - wz * cy, wz * cx - wx * cz, wx * cy - wy * cx

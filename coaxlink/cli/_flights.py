@@ -25,7 +25,7 @@ STREAMS = {
 }
 
 
-ATTEMPTS = 3
+ATTEMPTS = 2
 
 
 @dataclass(frozen=True)

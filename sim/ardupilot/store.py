@@ -20,9 +20,6 @@ MAGIC = 0x671B
 class Store:
     """Name -> value; what is written is what the board would keep."""
 
-    # as 4.7's source has it; off until an upload to a factory board asks for those parameters by name
-    hides_disabled = False
-
     def __init__(self, vehicle: Vehicle) -> None:
         document = tomllib.loads((resources.files("sim.ardupilot") / "parameters.toml").read_text())
         self._types: dict[str, int] = {}
@@ -41,7 +38,7 @@ class Store:
 
     def _list(self) -> None:
         """Names in order of their indices; while scripting is off, its other parameters are in no list."""
-        off = self.hides_disabled and self._values["SCR_ENABLE"] == 0
+        off = self._values["SCR_ENABLE"] == 0
         hidden = {n for n in self._values if off and n.startswith("SCR_") and n != "SCR_ENABLE"}
         self.names = sorted(self._values.keys() - hidden)
 

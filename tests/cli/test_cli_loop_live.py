@@ -44,4 +44,4 @@ def test_it_is_flown_slower_until_the_machine_keeps_up(monkeypatch, tmp_path):
 
 def test_a_machine_that_never_keeps_up_is_told(monkeypatch, tmp_path):
     with pytest.raises(CheckFailed, match="too busy"):
-        fly(monkeypatch, tmp_path, [{"cycles": 0.1, "hand_overs": 9} for _ in range(4)])
+        fly(monkeypatch, tmp_path, [{"cycles": 0.1, "hand_overs": 9} for _ in range(3)])

@@ -10,6 +10,7 @@ from sim.bemt import pair_loads
 from sim.effects import Effect
 from sim.flights import fly, write_flight
 from sim.plant import Plant
+from sim.px4.autopilot import Mode
 from sim.rotors import read_pair
 from sim.sensors import READ_S, Noise, Sensors
 from sim.truth import Truth
@@ -146,3 +147,29 @@ def test_the_plants_own_log_has_currents_and_heat(tmp_path: Path) -> None:
     assert np.diff(columns["winding1_K"])[1000:3000].min() > 0 and columns["current_A"].max() > 20
     write_flight(tmp_path / "true.csv", columns)
     assert (tmp_path / "true.csv").read_text().startswith("time_s,pos_n_m")
+
+
+@pytest.mark.parametrize(("firmware", "within_s"), [("px4", 3.0), ("ardupilot", 1.5)])
+@pytest.mark.parametrize("lost", [0.4, 1.0])
+def test_with_a_failed_rotor_it_lands_and_disarms_in_time(
+    firmware: str, within_s: float, lost: float
+) -> None:
+    pilot = build(World(EXAMPLES / "x8_demo.toml", firmware=firmware), []).autopilot
+    pilot.truth = Truth((Effect("degraded_rotor", lost, 8.0, {"rotor": 5.0}),))
+    if firmware == "ardupilot":
+        pilot.set_ap_mode(4)  # type: ignore[attr-defined]
+    pilot.arm()
+    pilot.take_off(2.0)
+    up = 0.0
+    for k in range(45 * 250):
+        if k == 10 * 250:
+            if firmware == "ardupilot":
+                pilot.set_ap_mode(9)  # type: ignore[attr-defined]
+            else:
+                pilot.set_mode(Mode.LAND)
+        pilot.step()
+        up = pilot.plant.time_s if pilot.plant.height > 0.22 else up
+        if not pilot.armed:
+            break
+    assert up > 10.0 and not pilot.armed and pilot.plant.time_s - up < within_s
+    assert np.abs(pilot.plant.quaternion[1:3]).max() < 0.02

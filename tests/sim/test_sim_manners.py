@@ -211,11 +211,7 @@ def test_versions_differ() -> None:
         assert (list(first.rpm) == list(second.rpm)) == repeats
 
 
-def test_ardupilot_answers_names_without_an_index_and_hides_what_is_off(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("sim.ardupilot.store.Store.hides_disabled", True)
-    copter = Pilot("ardupilot")
+def test_ardupilot_answers_names_without_an_index_and_hides_what_is_off(copter: Pilot) -> None:
     names = copter.autopilot.store.names
     assert "SCR_ENABLE" in names and "SCR_LD_CHECKSUM" not in names
     copter.say(m.MAVLink_param_request_read_message(1, 1, b"SCR_LD_CHECKSUM", -1))

@@ -89,6 +89,15 @@ def test_it_rests_on_the_ground(plant: Plant) -> None:
     assert plant.height == pytest.approx(0.2, abs=0.02) and np.abs(plant.velocity).max() < 1e-2
 
 
+def test_upside_down_it_rests_on_its_back(plant: Plant) -> None:
+    spin_up(plant, np.zeros(8), 0.4)
+    plant.state[6:10] = 0.1, 0.99, 0.0, 0.1
+    plant.state[6:10] /= np.linalg.norm(plant.state[6:10])
+    plant.advance(np.zeros(8), 6000)
+    assert plant.height == pytest.approx(0.12, abs=0.03) and np.abs(plant.velocity).max() < 0.02
+    assert plant.specific_force[2] == pytest.approx(GRAVITY, rel=0.02)
+
+
 def test_free_rotation_keeps_energy_and_angular_momentum(plant: Plant) -> None:
     p = no_thrust(plant)
     spin_up(p, np.zeros(8), 500.0)
