@@ -82,8 +82,8 @@ class Asker:
     ) -> list[Key]:
         """Ask for every key until settled; the keys that were not, after enough tries and time.
 
-        `patience` is that time in first waits: short where silence is an answer. `settle` gets each message of
-        the types `answers` and returns the key it settles; it may raise.
+        `patience` is that time in first waits, short where silence is an answer. `settle` gets each message
+        of the types `answers` and returns the key it settles; it may raise.
         """
         waiting = list(requests)
         due: dict[Key, _Due] = {}
