@@ -77,10 +77,13 @@ class Asker:
         requests: Mapping[Key, Callable[[], Message]],
         answers: Collection[str],
         settle: Callable[[Message], Key | None],
+        *,
+        patience: float = 8.0,
     ) -> list[Key]:
         """Ask for every key until settled; the keys that were not, after enough tries and time.
 
-        `settle` gets each message of the types `answers` and returns the key it settles; it may raise.
+        `patience` is that time in first waits, short where silence is an answer. `settle` gets each message
+        of the types `answers` and returns the key it settles; it may raise.
         """
         waiting = list(requests)
         due: dict[Key, _Due] = {}
@@ -90,7 +93,7 @@ class Asker:
             while waiting or due:
                 now = time.monotonic()
                 for key in [k for k, request in due.items() if request.when <= now]:
-                    if self._enough(due[key], now):
+                    if self._enough(due[key], now, patience):
                         given_up.append(key)
                         del due[key]
                         continue
@@ -114,8 +117,8 @@ class Asker:
         share = min(max(both_ways, _LEAST_LOSS), _MOST_LOSS)
         return math.ceil(math.log(_BY_CHANCE) / math.log(share))
 
-    def _enough(self, request: _Due, now: float) -> bool:
-        return request.tries >= self.tries() and now - request.first >= 2.0 * self.pace.most_s
+    def _enough(self, request: _Due, now: float, patience: float) -> bool:
+        return request.tries >= self.tries() and now - request.first >= patience * self.pace.most_s
 
     def _drain(
         self,

@@ -92,7 +92,7 @@ class Parameters:
                 found[name] = self.decode(message)
             return name
 
-        left = self._asker.gather(requests, _ANSWERS, settle)
+        left = self._asker.gather(requests, _ANSWERS, settle, patience=2.0)
         unknown = [name for name in wanted if name not in found]
         if unknown and left:
             self._require_link(f"no answer for {unknown[0]}")

@@ -88,7 +88,7 @@ class Session:
                         raise SafetyRefusal("the vehicle is heard, but does not sign with this key")
                     who = f"system {self._target}" if self._target else "autopilot"
                     raise LinkError(self.address, f"no {who} heard within {timeout_s:g} s")
-        self._ask_version()
+        self.ask_version()
 
     def close(self) -> None:
         """Stop receiving and let the line go; may be called twice."""
@@ -391,11 +391,14 @@ class Session:
         """Frames of the vehicle passed by the parser with these sequence numbers (n,), an array of uint8."""
         self._loss.passed(sequences)
 
-    def _ask_version(self) -> None:
+    def ask_version(self, tries: int = 6) -> None:
+        """Ask which board it is, if that is not known yet."""
+        if self.identity.uid:
+            return
         request = version_request(self.identity)
         started = time.monotonic()
         answer, again = self.exchange(
-            request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.35, tries=6
+            request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.35, tries=tries
         )
         if answer is not None:
             self.answer_s = 0.0 if again else time.monotonic() - started

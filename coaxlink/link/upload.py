@@ -56,6 +56,7 @@ class Uploader:
         script_s: float = 15.0,
     ) -> None:
         self._session = session
+        session.ask_version(tries=40)  # the journal and the backup are a board's, not a line's
         self._talk = talk or Talk()
         self._board: Board
         if session.identity.is_ardupilot:
@@ -123,6 +124,10 @@ class Uploader:
         complete: bool,
     ) -> Outcome:
         self._refuse_armed()
+        if not self._session.identity.uid:
+            raise SafetyRefusal(
+                "the vehicle does not say which board it is: a journal could not be found again"
+            )
         first()
         board = self._board.with_hidden(self._board.snapshot(), named)
         target = wanted(board)

@@ -51,6 +51,7 @@ def verify(session: Session, plan: Plan | None, journal: Journal | None = None) 
 
     Raises InputError when there is neither, LinkError on silence.
     """
+    session.ask_version(tries=40)
     journal = journal or Journal(session.identity)
     parameters = Parameters(session)
     last = journal.last()

@@ -34,6 +34,10 @@ from coaxlink.rotor import RotorModel
 
 DRAWS = 200
 SERIES_ROWS = 4000
+SILENT, SILENT_SIZE = (
+    1.3,
+    0.004,
+)  # times the noise, share of the reference load: more is said to be unexplained
 
 
 @dataclass(frozen=True)
@@ -73,11 +77,12 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     doubted = held_out_residual(q, held_out(q.blocks, columns_of(q, list(q.options)))[1])
     fold = q.blocks.fold[q.block]
     open_ends = dependences(doubted, j.variables, q.block, fold, q.reference, j.floor) if j.labelled else []
+    unexplained = _unexplained(p, open_ends)
     return Refinement(
         kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
         channels=_channels(j, squares_before, squares_after),
         effects=effects,
-        unexplained=tuple(_unexplained(p, open_ends)),
+        unexplained=(*unexplained, *_silent(j, unexplained, squares_after)),
         ambiguous=tuple(_separable(p, j.selection, a, j.variables) for a in j.selection.ambiguous),
         suspect_data=(*j.suspects, *accused),
         rejected=_rejected(p, j.selection),
@@ -242,6 +247,23 @@ def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
             strongest = mine[0]
             related = tuple(dict.fromkeys(d.variable for d in mine if d.share > 0.5 * strongest.share))[:3]
             out.append(Unexplained(name, related, strongest.rms, f"{strongest.variable}: {strongest.where}"))
+    return out
+
+
+def _silent(j: Judged, told: Sequence[Unexplained], squares: Array) -> list[Unexplained]:
+    """Channels far above their noise though nothing recorded was found that they follow."""
+    q, rows, out = j.joint.problem, j.problem.blocks.rows, []
+    if not j.labelled:
+        return []
+    for c, name in enumerate(q.channels):
+        low, _ = error_interval(squares[:, c], rows)
+        rms = float(q.sigma[c]) * _rms(squares[:, c], rows)
+        excess = float(np.sqrt(max(rms**2 - j.floor[c] ** 2, 0.0)))
+        if name in {u.channel for u in told} or float(q.sigma[c]) * low < SILENT * j.floor[c]:
+            continue
+        if excess > SILENT_SIZE * q.reference[c]:
+            where = f"{rms / j.floor[c]:.1f} times the noise between neighbouring rows, by nothing recorded"
+            out.append(Unexplained(name, ("time_s",), excess, where))
     return out
 
 

@@ -18,6 +18,8 @@ from coaxlink.residual.select import autocorrelation_time
 
 Array = NDArray[np.float64]
 HATS = 8
+FINE_S = 1.2  # between the knots of a flight's fine smooth of time
+FINE_MOST = 20_000_000  # rows times knots: a longer flight is not looked at that finely
 FINE_ROWS = 4  # rows a hat of a fine smooth, at least
 ALPHA = 1e-4
 SHARE = 0.12  # of the residual's variance, held out
@@ -108,8 +110,14 @@ def _bases(
         if knots is not None:
             yield name, values, hats(values, knots), fold
     near = np.arange(len(fold)) % 5
-    if "log" in variables or "upper_speed" in variables:
-        for count in (25, 75):
+    on_stand = "upper_speed" in variables
+    # a flight is low-passed: neighbours share their noise up to half a second
+    seconds = float(np.ptp(variables["time_s"])) if "time_s" in variables else 0.0
+    counts = (25, 75) if on_stand else (int(seconds / FINE_S),)
+    if "time_s" in variables:
+        for count in counts:
+            if len(fold) * count > FINE_MOST or count < HATS:
+                continue
             if FINE_ROWS * count < len(fold):
                 time = np.arange(len(fold), dtype=float)
                 yield "time_s", variables["time_s"], hats(time, np.linspace(0, time[-1], count)), near

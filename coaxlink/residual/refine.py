@@ -15,11 +15,13 @@ from coaxlink.residual.blocks import held_out, solve
 from coaxlink.residual.flight import flight_frame, reduce_columns
 from coaxlink.residual.flight_problem import corrected, flight_floor, flight_problem, flight_variables
 from coaxlink.residual.flight_problem import known_parts as known_in_flight
+from coaxlink.residual.flight_suspects import flight_suspects
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, member, straight
 from coaxlink.residual.problem import Problem
 from coaxlink.residual.result import Ambiguous, Refinement
 from coaxlink.residual.select import Selection, columns_of, select
+from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
 from coaxlink.residual.stand import joined, stand_frame
 from coaxlink.residual.stand_problem import known_parts as known_on_stand
 from coaxlink.residual.stand_problem import stand_floor, stand_problem, stand_variables
@@ -27,6 +29,7 @@ from coaxlink.residual.suspects import find_suspects
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
+LEAST_ROWS = 80  # judged rows of a flight
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 LONG = 200_000  # judged rows times channels: beyond, other forms of an effect are not tried
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
@@ -48,12 +51,15 @@ def refine(
     several = [logs] if isinstance(logs, Samples) else list(logs)
     progress("aligning")
     bare = flight_frame(several, airframe, model)
+    suspects, bad, mislabelled = flight_suspects(bare, several)
+    if bad.any() and np.sum(~bad[bare.keep]) > LEAST_ROWS:
+        bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
     known, notes = known_in_flight(bare)
     frame = composed(bare, known)
     progress("fitting candidates")
     problem = flight_problem(frame)
     progress("selecting")
-    selection = select(problem)
+    selection = Selection() if mislabelled else select(problem)
     progress("fitting what was chosen together")
     joint, prediction = _together(problem, selection, bare, known, lambda c: reduce_columns(frame, c))
     progress("judging")
@@ -61,9 +67,8 @@ def refine(
     if airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(frame)
-    return answer(
-        Judged(problem, selection, joint, floor, variables, tuple(known), (), tuple(notes)), several
-    )
+    parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled)
+    return answer(Judged(problem, selection, joint, floor, variables, *parts), several)
 
 
 def _flight_floor(frame: FlightFrame, joint: Joint, prediction: Array) -> Array:
@@ -101,7 +106,10 @@ def refine_stand(
         known, notes = known_on_stand(bare)
         problem = stand_problem(composed(bare, known))
         progress("selecting")
-        selection = Selection() if mislabelled else select(problem)
+        few = len(trusted) < LEAST_STAND_ROWS
+        if few:
+            notes.append(f"{len(trusted)} rows: held against the model; too few to identify any effect")
+        selection = Selection() if mislabelled or few else select(problem)
         joint, _ = _together(problem, selection, bare, known, _present(bare))
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:
@@ -127,7 +135,7 @@ def _stand_floor(frame: StandFrame, joint: Joint) -> Array:
 def _log_error(p: Problem) -> float:
     """Mean over channels of the logarithm of the held-out error, in the channels' units."""
     squares = held_out(p.blocks, columns_of(p, list(p.options)))[0].sum(axis=0)
-    return float(np.mean(np.log(np.sqrt(squares / p.blocks.rows.sum()) * p.sigma)))
+    return float(np.mean(np.log(np.maximum(np.sqrt(squares / p.blocks.rows.sum()) * p.sigma, 1e-12))))
 
 
 def _together(
@@ -150,10 +158,13 @@ def _together(
     for o, m in zip(options, plain.members, strict=True):
         at = o.effect.inverse(bare, had[o.name]) if o.name in had else (m.shape, m.coefficients)
         start.append(member(bare, o.effect, *at))
-    joint = fit(fitter, start, alternatives=problem.residual.size < LONG)
+    try:
+        joint = fit(fitter, start, alternatives=problem.residual.size < LONG)
+    except np.linalg.LinAlgError:  # numbers that no column tells apart
+        return plain, fitter.prediction(plain.members)
     ratio = _squares(joint.problem) / max(_squares(plain.problem), 1e-12)
     refused = any(m.effect.refuse(m.parameters(bare)) for m in joint.members)
-    if not names & set(had) and (ratio > WORSE or refused):
+    if not names & set(had) and (not ratio < WORSE or refused):
         joint = plain
     return joint, fitter.prediction(joint.members)
 

@@ -34,7 +34,7 @@ LITTLE = 15.0  # of a log-likelihood ratio: less than this decides nothing
 INEXACT = 1.25
 RIVAL = 0.9
 STEADY = 1.5
-NESTED = {("rotor_drag", "wind")}  # (special case, general case)
+NESTED = {("rotor_drag", "wind"), ("mass_change", "battery_voltage")}  # (special case, general case)
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,11 @@ ORDERS = (2, 3, 4)
 RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
 LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
 LEAST_ROWS = 24
+FEW_ROWS = 8  # enough to hold a given model against, not to find anything
+DELAY_S, FAST_S = (
+    0.06,
+    0.3,
+)  # of load cells behind tachometers (filters, clocks); rows slower than that are settled
 Base = list[tuple[str, float, Array]]  # name, bound, (rows, 6)
 
 
@@ -59,8 +64,9 @@ def stand_frame(samples: Samples, model: RotorModel | None, order: int | None = 
     names = [c for c in STAND_LOADS if samples.has(COLUMN_OF[c])]
     if not names:
         samples.require(*COLUMN_OF.values())
-    if samples.rows < LEAST_ROWS:
-        raise InputError(samples.source, "", f"{samples.rows} rows; {LEAST_ROWS} are needed")
+    if samples.rows < (LEAST_ROWS if model is None else FEW_ROWS):
+        need = f"{LEAST_ROWS} are needed to find an effect, {FEW_ROWS} to hold a given rotor model against"
+        raise InputError(samples.source, "", f"{samples.rows} rows; {need}")
     speeds = normalised_speeds(samples, model.speed_max_rpm if model else None)
     u = np.stack([speeds.upper, speeds.lower], axis=1)
     measured = np.zeros((samples.rows, 6))
@@ -181,6 +187,12 @@ def base_corrections(frame: StandFrame) -> Base:
         column(f"{STAND_CHANNELS[c]}_offset", OFFSET * frame.reference[c], c, np.ones(rows))
         if c > 1:
             column(f"{STAND_CHANNELS[c]}_wake", WAKE, c, base * (2.0 * frame.speeds[:, other] - 1.0))
+    step = float(np.median(np.diff(frame.time_s))) if rows > 2 else np.inf
+    if not frame.driven and 0.0 < step < FAST_S:
+        rate = np.gradient(frame.speeds, step, axis=0)
+        late = -np.einsum("rcs,rs->rc", frame.slope, rate)
+        for c in range(4):
+            column(f"{STAND_CHANNELS[c]}_delay_s", DELAY_S, c, late[:, c])
     if frame.throttles is not None:
         for side in (0, 1):
             mine, rival = frame.throttles[:, side], frame.throttles[:, 1 - side]

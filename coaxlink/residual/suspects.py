@@ -6,6 +6,7 @@ Found before anything is fitted; the rows are left out, or, where every row is c
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.result import Suspect
@@ -41,7 +42,7 @@ def find_suspects(frame: StandFrame) -> tuple[list[Suspect], Array, bool]:
     return out, bad, swapped is not None
 
 
-def rows_text(mask: Array) -> str:
+def rows_text(mask: Array | NDArray[np.bool_]) -> str:
     """Row ranges of a mask, counted from 1: "12-30, 44"."""
     rows = np.flatnonzero(mask)
     runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 import re
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from firmware_params.errors import ParamsFileError
+from firmware_params.text import read_text, shortest, write_lines
 
 _LINE = re.compile(r"^([A-Z][A-Z0-9_]{0,15})\s*(?:,|=|\s)\s*(\S+)(?:\s+@READONLY)?\s*$")
 
@@ -27,12 +24,7 @@ class ParamFile:
 
 def read_param_file(path: Path, *, finite: bool = True) -> ParamFile:
     """Read a `.param` file. Raises ParamsFileError with the line; a NaN only passes if `finite` is False."""
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise ParamsFileError(path, 0, f"cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise ParamsFileError(path, 0, "not text (UTF-8 expected)") from error
+    text = read_text(path)
     params: dict[str, float] = {}
     header: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):
@@ -63,22 +55,5 @@ def read_param_file(path: Path, *, finite: bool = True) -> ParamFile:
 def write_param_file(path: Path, params: Mapping[str, float], header: Sequence[str] = ()) -> None:
     """Write a `.param` file atomically; every value reads back as the same float32. Raises OSError."""
     lines = [f"# {line}".rstrip() for line in header]
-    lines += [f"{name},{_shortest(value)}" for name, value in params.items()]
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write("\n".join(lines) + "\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-        Path(temporary).replace(path)
-    except OSError:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-def _shortest(value: float) -> str:
-    if value == 0.0 or 1e-5 <= abs(value) < 1e9:
-        return np.format_float_positional(np.float32(value), trim="-")
-    return str(np.float32(value))
+    lines += [f"{name},{shortest(value)}" for name, value in params.items()]
+    write_lines(path, lines)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from firmware_params.errors import ParamsFileError, TableError
 from firmware_params.px4.realise import SMALL_MIX, Px4Mix
+from firmware_params.text import read_text
 
 BOARD_PATH = "/fs/microsd/etc/mixer.csv"
 FILE_NAME = "mixer.csv"
@@ -42,12 +43,7 @@ def mixer_csv(mix: ArrayLike) -> str:
 
 def read_mixer_csv(path: Path) -> NDArray[np.float64]:
     """The mix (N, 6) of a file, as the fork's parser takes it. Raises ParamsFileError with the line."""
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise ParamsFileError(path, 0, f"cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise ParamsFileError(path, 0, "not text (UTF-8 expected)") from error
+    text = read_text(path)
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip():

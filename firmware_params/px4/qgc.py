@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from firmware_params.errors import ParamsFileError
 from firmware_params.px4.parameters import FLOAT, INT32, PARAMETERS, type_of
+from firmware_params.text import read_text, shortest, write_lines
 
 _INTEGERS = range(1, 9)  # MAV_PARAM_TYPE_UINT8 .. INT64
 
@@ -31,12 +28,7 @@ class ParamsFile:
 def read_params_file(path: Path, *, finite: bool = True) -> ParamsFile:
     """Read a `.params` file. Raises ParamsFileError naming the line, also for a name that stands twice and,
     unless `finite` is False, for a NaN."""
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise ParamsFileError(path, 0, f"cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise ParamsFileError(path, 0, "not text (UTF-8 expected)") from error
+    text = read_text(path)
     params: dict[str, float | int] = {}
     types: dict[str, int] = {}
     header: list[str] = []
@@ -107,24 +99,6 @@ def write_params_file(
     lines = [f"# {line}".rstrip() for line in header]
     for name, value in params.items():
         kind = types[name] if types and name in types else type_of(name, value)
-        shown = str(int(value)) if kind in _INTEGERS else _shortest(float(value))
+        shown = str(int(value)) if kind in _INTEGERS else shortest(float(value))
         lines.append(f"{system}\t{component}\t{name}\t{shown}\t{kind}")
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write("\n".join(lines) + "\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-        Path(temporary).replace(path)
-    except OSError:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-def _shortest(value: float) -> str:
-    """The shortest decimal that is this float32 and no other."""
-    if value == 0.0 or 1e-5 <= abs(value) < 1e9:
-        return np.format_float_positional(np.float32(value), trim="-")
-    return str(np.float32(value))
+    write_lines(path, lines)

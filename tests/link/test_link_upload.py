@@ -352,3 +352,18 @@ def test_a_parameter_that_the_list_leaves_out_is_asked_for_by_name(board, tmp_pa
     outcome = _upload(board, _plan(tmp_path), tmp_path)
     assert outcome.result == "verified", outcome.reason
     assert _f32(board.params[hidden][0]) == _f32(69.89)
+
+
+def test_a_board_that_is_not_known_by_its_id_is_asked_again(board, tmp_path):
+    """The first requests for it were lost: a journal under another name would never be found again."""
+    answer, asked = board._send_version, []
+
+    def late():
+        asked.append(1)
+        if len(asked) > 7:
+            answer()
+
+    board._send_version = late
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert outcome.result == "verified" and len(asked) > 7
+    assert Journal(_Identity).last() is not None

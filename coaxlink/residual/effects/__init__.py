@@ -15,7 +15,7 @@ from coaxlink.residual.effects import (
 from coaxlink.residual.effects.base import Effect
 from coaxlink.residual.effects.stand_air import AIR_DENSITY, BLADE_SPEED_LAW, INTERFERENCE, ROTOR_SPACING
 from coaxlink.residual.effects.stand_drive import BATTERY_VOLTAGE, DEAD_BAND, MOTOR_HEATING, ROTOR_LAG
-from coaxlink.residual.effects.stand_rig import HYSTERESIS, SENSOR_DRIFT, TACHOMETERS
+from coaxlink.residual.effects.stand_rig import HYSTERESIS, INERTIA, SENSOR_DRIFT, TACHOMETERS
 from coaxlink.residual.frames import FlightFrame, StandFrame
 
 FLIGHT_EFFECTS: tuple[Effect[FlightFrame], ...] = (
@@ -38,6 +38,7 @@ STAND_EFFECTS: tuple[Effect[StandFrame], ...] = (
     INTERFERENCE,
     BLADE_SPEED_LAW,
     HYSTERESIS,
+    INERTIA,
     ROTOR_LAG,
     ROTOR_SPACING,
     MOTOR_HEATING,

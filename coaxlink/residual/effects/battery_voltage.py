@@ -14,6 +14,8 @@ import numpy as np
 from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
 from coaxlink.residual.frames import FlightFrame
 
+REFERENCE = (0.5, 1.6)  # of the logged median: where a model's voltage may lie
+
 
 def speed_sensitivity(frame: FlightFrame, relative: Array) -> Array:
     """(rows, 6) change of the body loads when every rotor's speed changes by the share `relative`."""
@@ -52,8 +54,9 @@ def _columns(frame: FlightFrame, _: Shape) -> Array:
 def _parameters(frame: FlightFrame, _: Shape, c: Array) -> dict[str, float]:
     # k (V / V_ref - 1) = c0 (V / centre - 1) + c1
     centre = _centre(frame)
-    reference = centre * (1.0 - c[1] / c[0]) if abs(c[0]) > 1e-9 else centre
-    return {"speed_exponent": float(c[0] * reference / centre), "reference_voltage_V": float(reference)}
+    over = 1.0 - c[1] / c[0] if abs(c[0]) > 1e-9 else 1.0
+    over = float(np.clip(over, *REFERENCE))
+    return {"speed_exponent": float(c[0] * over), "reference_voltage_V": centre * over, "over_logged": over}
 
 
 def _inverse(frame: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
@@ -62,7 +65,11 @@ def _inverse(frame: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
 
 
 def _refuse(p: Mapping[str, float]) -> str | None:
-    return outside("speed_exponent", p["speed_exponent"], 0.02, 2.0)
+    # a reference that no pack of this log had would only be another name for more or less thrust
+    low, high = (1.0 + 0.8 * (limit - 1.0) for limit in REFERENCE)
+    return outside("speed_exponent", p["speed_exponent"], 0.02, 2.0) or outside(
+        "reference_voltage_V over the logged", p.get("over_logged", 1.0), low, high
+    )
 
 
 def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
@@ -76,7 +83,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     source="no-load speed of a duty-cycle driven brushless motor (Drela 2007)",
     needs=("voltage_V",),
     channels=("force_z", "torque_x", "torque_y", "torque_z"),
-    units={"speed_exponent": "1", "reference_voltage_V": "V"},
+    units={"speed_exponent": "1", "reference_voltage_V": "V", "over_logged": "1"},
     missing=_missing,
     shapes=one_shape,
     columns=_columns,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside, present
+from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
 from coaxlink.residual.frames import STAND_LOADS, StandFrame
 
 GAS_CONSTANT = 287.05
@@ -99,7 +99,9 @@ BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
     needs=("upper_rpm",),
     channels=STAND_LOADS,
     units={"exponent_change": "1", "power": "1", "loss": "1", "tip": "1"},
-    missing=present,
+    missing=lambda frame: (
+        "no rotor model is given: the power of speed is the fitted base's own" if frame.free_base else None
+    ),
     shapes=lambda _: [*({"power": p} for p in POWERS), *({"tip": t} for t in TIPS)],
     columns=_blade_columns,
     parameters=lambda _, shape, c: {

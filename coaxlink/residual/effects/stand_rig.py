@@ -9,6 +9,7 @@ import numpy as np
 from coaxlink.residual.effects.base import Array, Effect, Shape, outside
 from coaxlink.residual.frames import STAND_LOADS, StandFrame
 
+FAST_S = 0.3  # rows slower than that are settled
 MEMORIES = (0.1, 0.3)  # of the run: time constants of a drift that settles
 SIDES = {"upper": 0, "lower": 1}
 
@@ -31,6 +32,12 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
     return out
 
 
+def _no_clock(frame: StandFrame) -> str | None:
+    if frame.context("time_s") is None:
+        return "time_s is not in the log: the order of rows is the order of a sweep"
+    return None if frame.time_s[-1] > frame.time_s[0] else "time_s does not run"
+
+
 SENSOR_DRIFT: Effect[StandFrame] = Effect(
     name="sensor_drift",
     stage=8,
@@ -39,7 +46,7 @@ SENSOR_DRIFT: Effect[StandFrame] = Effect(
     needs=("time_s",),
     channels=STAND_LOADS,
     units={"channel": "1", "per_minute": "N or N m", "zero": "N or N m", "memory": "1"},
-    missing=lambda frame: None if frame.time_s[-1] > frame.time_s[0] else "time_s does not run",
+    missing=_no_clock,
     shapes=_drift_shapes,
     columns=_drift_columns,
     parameters=lambda _, shape, c: {**shape, "per_minute": float(c[0]), "zero": float(c[1])},
@@ -177,3 +184,39 @@ def _tachometer(name: str) -> Effect[StandFrame]:
 
 
 TACHOMETERS = (_tachometer("upper"), _tachometer("lower"))
+
+
+def _reaction(frame: StandFrame, shape: Shape) -> Array:
+    step = float(np.median(np.diff(frame.time_s)))
+    turning = np.gradient(frame.speeds, step, axis=0) * frame.model.speed_max_rpm * np.pi / 30.0
+    out = np.zeros((len(frame.time_s), 6, 1))
+    out[:, 1, 0], out[:, 3, 0] = turning[:, 0], turning[:, 1]
+    return out
+
+
+def _slow(frame: StandFrame) -> str | None:
+    step = float(np.median(np.diff(frame.time_s))) if len(frame.time_s) > 2 else np.inf
+    if frame.driven:
+        return "the log has no rpm: how fast the rotor speeds up is not known"
+    return None if 0.0 < step < FAST_S else f"rows are {step:.1f} s apart: speeds do not change within them"
+
+
+INERTIA: Effect[StandFrame] = Effect(
+    name="rotor_inertia_torque",
+    stage=7,
+    physics="speeding the rotor up takes torque, which the torque cell reads too: J dOmega/dt",
+    source="balance of angular momentum (Bouabdallah 2007)",
+    needs=("time_s", "upper_rpm"),
+    channels=("upper_torque", "lower_torque"),
+    units={"rotor_inertia_kg_m2": "kg m2"},
+    missing=_slow,
+    shapes=lambda _: [{}],
+    columns=_reaction,
+    parameters=lambda _, __, c: {"rotor_inertia_kg_m2": float(c[0])},
+    inverse=lambda _, p: ({}, np.array([p["rotor_inertia_kg_m2"]])),
+    refuse=lambda p: outside("rotor_inertia_kg_m2", p["rotor_inertia_kg_m2"], 1e-8, 0.05, "kg m2"),
+    cause=lambda frame, _, channel: (
+        "speed_rate_1_s",
+        np.gradient(frame.speeds[:, 1 if channel.startswith("lower") else 0], frame.time_s),
+    ),
+)

@@ -1,0 +1,151 @@
+"""Flight data that cannot be what their labels say: stuck or reversed sensors, repeats, swapped motors.
+
+Found before anything is fitted; the rows are left out, or, where every row is concerned, nothing is claimed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.data.samples import Samples
+from coaxlink.residual.flight import EDGE_S, reduce_columns
+from coaxlink.residual.frames import Array, FlightFrame
+from coaxlink.residual.result import Suspect
+from coaxlink.residual.signals import derivative, low_pass
+from coaxlink.residual.suspects import rows_text
+
+Mask = NDArray[np.bool_]
+SENSORS = (*(f"accel_{a}_m_s2" for a in "xyz"), *(f"gyro_{a}_rad_s" for a in "xyz"))
+STUCK_S, STUCK_TIMES = 0.5, 12  # how long, and how many times longer than the log's own repeats
+REPEATED_ROWS = 12
+SWAP = 0.1  # of the torque's squares left with two motors exchanged
+REVERSED = -0.7  # correlation of a gyro with the attitude's own rate
+
+
+def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[Suspect], Mask, bool]:
+    """Suspects, (frame rows,) mask of rows to leave out, and whether a label as a whole is wrong."""
+    out: list[Suspect] = []
+    bad = np.zeros(len(frame.time_s), bool)
+    for number, log in enumerate(logs):
+        for column, rows, why in [*_stuck(log), *_repeated(log)]:
+            out.append(Suspect(column, rows_text(rows), why))
+            mine = frame.log == number
+            bad |= mine & _around(frame.time_s, log["time_s"], rows)
+    wrong = [*_reversed(frame), *_swapped(frame)]
+    return [*out, *wrong], bad, bool(wrong)
+
+
+def _around(frame_time: Array, time: Array, rows: Mask) -> Mask:
+    """(frame rows,) whether a frame's row lies in a run of the log's rows, or so near that it is felt."""
+    out = np.zeros(len(frame_time), bool)
+    at = np.flatnonzero(rows)
+    for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
+        first, last = float(np.nanmin(time[run])), float(np.nanmax(time[run]))
+        out |= (frame_time >= first - EDGE_S) & (frame_time <= last + EDGE_S)
+    return out
+
+
+def _flying(log: Samples) -> Mask:
+    """(rows,) whether the motors' commands change: a vehicle that stands may well read the same twice."""
+    names = [n for n in log.columns if n.startswith("motor") and n[5:].isdigit()]
+    total = np.sum([np.nan_to_num(log[n]) for n in names], axis=0)
+    return np.asarray(total > 0.4 * float(np.median(total)), bool)
+
+
+def _runs(same: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First rows of runs of equal readings, and their lengths; `same` (rows,) says like the one before."""
+    first = np.flatnonzero(~same)
+    return first, np.diff(np.append(first, len(same)))
+
+
+def _stuck(log: Samples) -> list[tuple[str, Mask, str]]:
+    found = []
+    time, flying = log["time_s"], _flying(log)
+    step = float(np.nanmedian(np.diff(time))) if len(time) > 2 else 1.0
+    for name in SENSORS:
+        values = log[name]
+        first, length = _runs(np.concatenate([[False], np.diff(values) == 0.0]))
+        usual = float(np.quantile(length, 0.9))
+        rows = np.zeros(len(values), bool)
+        for a, n in zip(first, length, strict=True):
+            if n * step > STUCK_S and n > STUCK_TIMES * usual and flying[a : a + n].mean() > 0.9:
+                rows[a : a + n] = True
+        if rows.any():
+            found.append((name, rows, "one reading repeats exactly while the vehicle flies"))
+    return found
+
+
+def _repeated(log: Samples) -> list[tuple[str, Mask, str]]:
+    values = np.stack([log[name] for name in SENSORS], axis=1)
+    finite = np.isfinite(values).all(axis=1)
+    fresh = finite & np.concatenate([[True], np.any(np.diff(values, axis=0) != 0.0, axis=1)])
+    rows = np.flatnonzero(fresh)
+    _, first, inverse = np.unique(values[rows], axis=0, return_index=True, return_inverse=True)
+    twin = first[inverse.ravel()] != np.arange(len(rows))
+    mask = np.zeros(len(values), bool)
+    at = rows[twin]
+    if len(at):
+        for run in np.split(at, np.flatnonzero(np.diff(at) > 3) + 1):
+            if len(run) >= REPEATED_ROWS:
+                mask[run[0] : run[-1] + 1] = True
+    why = "these readings stand in the log before, digit by digit"
+    return [("accel_*, gyro_*", mask, why)] if mask.any() else []
+
+
+def _reversed(frame: FlightFrame) -> list[Suspect]:
+    """A gyro that turns against the attitude that the same log tells."""
+    roll, pitch = frame.attitude[:, 0], frame.attitude[:, 1]
+    rate = np.zeros_like(frame.attitude)
+    for number in np.unique(frame.stretch):
+        rows = np.flatnonzero(frame.stretch == number)
+        smooth = low_pass(np.unwrap(frame.attitude[rows], axis=0), frame.rate_hz, frame.cutoff_hz)
+        rate[rows] = derivative(smooth, frame.rate_hz)
+    body = np.stack(
+        [
+            rate[:, 0] - rate[:, 2] * np.sin(pitch),
+            rate[:, 1] * np.cos(roll) + rate[:, 2] * np.sin(roll) * np.cos(pitch),
+            -rate[:, 1] * np.sin(roll) + rate[:, 2] * np.cos(roll) * np.cos(pitch),
+        ],
+        axis=1,
+    )[frame.keep]
+    out = []
+    for k, axis in enumerate("xyz"):
+        told, seen = frame.rates[frame.keep, k], body[:, k]
+        if np.std(seen) < 0.02 or np.std(told) < 0.02:
+            continue
+        agreement = float(np.corrcoef(told, seen)[0, 1])
+        if agreement < REVERSED:
+            why = f"its sign is reversed: against the attitude's own rate the correlation is {agreement:.2f}"
+            out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
+    return out
+
+
+def _swapped(frame: FlightFrame) -> list[Suspect]:
+    """Two motors whose commands explain the torques only when exchanged."""
+    speeds = np.clip(reduce_columns(frame, frame.speeds), 0.0, None)
+    measured = reduce_columns(frame, frame.measured)[:, 3:]
+    scale = np.std(measured, axis=0) + 1e-9
+
+    def left(order: list[int]) -> float:
+        loads = frame.airframe.body_loads(*frame.airframe.loads(frame.model, speeds[:, order]))
+        return float(np.mean(((measured - loads[:, 3:]) / scale) ** 2))
+
+    count = speeds.shape[1]
+    as_told = left(list(range(count)))
+    best, pair = as_told, (0, 0)
+    for i, j in combinations(range(count), 2):
+        order = list(range(count))
+        order[i], order[j] = j, i
+        now = left(order)
+        if now < best:
+            best, pair = now, (i, j)
+    if best > SWAP * as_told or as_told < 0.05:
+        return []
+    why = (
+        f"with the two exchanged the torques fit {np.sqrt(as_told / best):.0f} times closer: they are swapped"
+    )
+    return [Suspect(f"motor{pair[0] + 1}, motor{pair[1] + 1}", "all", why)]
