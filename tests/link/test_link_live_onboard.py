@@ -14,7 +14,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli._shell import run
 from coaxlink.errors import InputError
-from coaxlink.link.ap_scripts import ScriptFolder
+from coaxlink.link.ap_scripts import ScriptFolder, is_table
 from coaxlink.link.ap_tables import report_ap
 from coaxlink.link.live_bridge import SCRIPT_NAME, board_factors, bridge_script
 from coaxlink.link.live_onboard import INSTRUCTIONS, onboard_script
@@ -31,6 +31,7 @@ lua53 = pytest.importorskip("lupa.lua53", reason="the stand-in runs scripts thro
 X8 = load_airframe(EXAMPLES / "x8_demo.toml")
 CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 GUIDED = 4
+FOLDER = scripts.SCRIPT_FOLDERS[0]
 
 # enough of ArduPilot for the script to start, and a way in
 HARNESS = """
@@ -236,12 +237,11 @@ class Board:
 
 def test_a_bridge_leaves_the_table_on_board_and_counts_it_in_the_checksum() -> None:
     table, bridge = b"-- a table", b"-- a bridge"
-    home = scripts.SCRIPT_FOLDERS[0]
-    board: Any = Board({f"{home}/{scripts.MATRIX_NAME}": table})
+    board: Any = Board({f"{FOLDER}/{scripts.MATRIX_NAME}": table})
     folder = ScriptFolder(board)
-    new = folder.planned({SCRIPT_NAME: bridge}, table=False)
-    assert new == {f"{home}/{SCRIPT_NAME}": bridge}
-    assert folder.checksum(new) == scripts.load_checksum([table, bridge])
-    new = folder.planned({scripts.LOADER_NAME: b"x"})
-    assert new[f"{home}/{scripts.MATRIX_NAME}"] is None
-    assert folder.checksum(new) == scripts.load_checksum([b"x"])
+    bridged = folder.planned({SCRIPT_NAME: bridge}, table=is_table([SCRIPT_NAME]))
+    assert bridged == {f"{FOLDER}/{SCRIPT_NAME}": bridge}
+    assert folder.checksum(bridged) == scripts.load_checksum([table, bridge])
+    other = folder.planned({scripts.LOADER_NAME: b"x"}, table=is_table([scripts.LOADER_NAME]))
+    assert other[f"{FOLDER}/{scripts.MATRIX_NAME}"] is None
+    assert folder.checksum(other) == scripts.load_checksum([b"x"])
