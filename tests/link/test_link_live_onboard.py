@@ -14,7 +14,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli._shell import run
 from coaxlink.errors import InputError
-from coaxlink.link.ap_scripts import plan_scripts
+from coaxlink.link.ap_scripts import ScriptFolder, is_table
 from coaxlink.link.ap_tables import report_ap
 from coaxlink.link.live_bridge import SCRIPT_NAME, board_factors, bridge_script
 from coaxlink.link.live_onboard import INSTRUCTIONS, onboard_script
@@ -31,6 +31,7 @@ lua53 = pytest.importorskip("lupa.lua53", reason="the stand-in runs scripts thro
 X8 = load_airframe(EXAMPLES / "x8_demo.toml")
 CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 GUIDED = 4
+FOLDER = scripts.SCRIPT_FOLDERS[0]
 
 # enough of ArduPilot for the script to start, and a way in
 HARNESS = """
@@ -236,10 +237,11 @@ class Board:
 
 def test_a_bridge_leaves_the_table_on_board_and_counts_it_in_the_checksum() -> None:
     table, bridge = b"-- a table", b"-- a bridge"
-    board: Any = Board({f"s/{scripts.MATRIX_NAME}": table})
-    _, new, checksum = plan_scripts(board, "s", {SCRIPT_NAME: bridge})
-    assert new == {f"s/{SCRIPT_NAME}": bridge}
-    assert checksum == scripts.load_checksum([table, bridge])
-    _, new, checksum = plan_scripts(board, "s", {scripts.LOADER_NAME: b"x"})
-    assert new[f"s/{scripts.MATRIX_NAME}"] is None
-    assert checksum == scripts.load_checksum([b"x"])
+    board: Any = Board({f"{FOLDER}/{scripts.MATRIX_NAME}": table})
+    folder = ScriptFolder(board)
+    bridged = folder.planned({SCRIPT_NAME: bridge}, table=is_table([SCRIPT_NAME]))
+    assert bridged == {f"{FOLDER}/{SCRIPT_NAME}": bridge}
+    assert folder.checksum(bridged) == scripts.load_checksum([table, bridge])
+    other = folder.planned({scripts.LOADER_NAME: b"x"}, table=is_table([scripts.LOADER_NAME]))
+    assert other[f"{FOLDER}/{scripts.MATRIX_NAME}"] is None
+    assert folder.checksum(other) == scripts.load_checksum([b"x"])
