@@ -34,6 +34,17 @@ _Y6 = {
     10: [(-1, 0.5, -1), (-1, 0.5, 1), (0, -1, -1), (0, -1, 1), (1, 0.5, -1), (1, 0.5, 1)],
 }
 
+# place of motor 1, 2, ... in the test order of MAV_CMD_DO_MOTOR_TEST, by frame class and type
+# (AP_MotorsMatrix: setup_octaquad_matrix, setup_y6_matrix)
+_OCTAQUAD_PLACES = (1, 7, 5, 3, 8, 2, 4, 6)
+_TEST_PLACES = {
+    **{(OCTAQUAD, kind): _OCTAQUAD_PLACES for kind in (0, 1, 2, 3)},
+    (OCTAQUAD, 14): (1, 2, 3, 4, 5, 6, 7, 8),
+    (Y6, 1): (2, 5, 6, 4, 1, 3),
+    (Y6, 10): (1, 2, 3, 4, 5, 6),
+    (Y6, 11): (3, 1, 5, 4, 2, 6),
+}
+
 
 @dataclass(frozen=True)
 class MotorParameters:
@@ -83,6 +94,18 @@ def expo_for(factor: float, spin_min: float, spin_max: float = 1.0) -> float:
     quadratic = factor * span**2
     linear = span * (2.0 * factor * spin_min + 1.0 - factor)
     return quadratic / (quadratic + linear)
+
+
+def motor_test_places(frame_class: int, frame_type: int) -> tuple[int, ...]:
+    """Where motor 1, 2, ... stand in the order of the firmware's motor test (its parameter 1, from 1).
+
+    Our scripts (classes 15 and 17) number them as the motors. Raises TableError for a frame not known here.
+    """
+    if frame_class in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
+        return tuple(range(1, MAX_MOTORS + 1))
+    if (frame_class, frame_type) not in _TEST_PLACES:
+        raise TableError(f"FRAME_CLASS {frame_class} type {frame_type} is not known here")
+    return _TEST_PLACES[frame_class, frame_type]
 
 
 def used_factors(table: ApTable) -> NDArray[np.float64]:

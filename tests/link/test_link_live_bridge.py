@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli._shell import run
 from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.link import connect
 from coaxlink.link.live_bridge import SCRIPT_NAME, bridge_script
+from coaxlink.link.live_motor_test import turn_motors
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
@@ -180,3 +183,27 @@ def test_the_bridge_is_written_as_files_and_uploaded_like_a_table(tmp_path: Any)
     plain.close()
     assert codes == [0]
     assert text.encode() in on_board.values()
+
+
+def test_each_motor_is_turned_by_its_number_whatever_the_frames_test_order() -> None:
+    ground = Copter(airborne=False)
+    ground.autopilot.store.write("FRAME_CLASS", 4.0)
+    ground.autopilot.store.write("FRAME_TYPE", 1.0)
+    ground.autopilot.boot()
+    turning: list[tuple[int, list[int]]] = []
+
+    def ask(number: int, where: str) -> bool:
+        time.sleep(0.2)
+        turning.append((number, [i + 1 for i, u in enumerate(ground.rows[-1][2]) if u > 0.05]))
+        return True
+
+    def work() -> None:
+        with connect(ground.address) as session:
+            turn_motors(session, replace(X8, rotors=X8.rotors[:2]), ask)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    ground.fly(20.0, until=lambda: not thread.is_alive())
+    thread.join(1.0)
+    ground.close()
+    assert turning == [(1, [1]), (2, [1, 2])]  # the first still turns: 1.5 s each
