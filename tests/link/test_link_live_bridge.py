@@ -185,6 +185,7 @@ def test_the_bridge_is_written_as_files_and_uploaded_like_a_table(tmp_path: Any)
     assert text.encode() in on_board.values()
 
 
+@real_time
 def test_each_motor_is_turned_by_its_number_whatever_the_frames_test_order() -> None:
     ground = Copter(airborne=False)
     ground.autopilot.store.write("FRAME_CLASS", 4.0)
