@@ -15,7 +15,8 @@ from coaxlink.residual.effects import (
 from coaxlink.residual.effects.base import Effect
 from coaxlink.residual.effects.stand_air import AIR_DENSITY, BLADE_SPEED_LAW, INTERFERENCE, ROTOR_SPACING
 from coaxlink.residual.effects.stand_drive import BATTERY_VOLTAGE, DEAD_BAND, MOTOR_HEATING, ROTOR_LAG
-from coaxlink.residual.effects.stand_rig import HYSTERESIS, INERTIA, SENSOR_DRIFT, TACHOMETERS
+from coaxlink.residual.effects.stand_hysteresis import HYSTERESIS
+from coaxlink.residual.effects.stand_rig import INERTIA, SENSOR_DRIFT, TACHOMETERS
 from coaxlink.residual.frames import FlightFrame, StandFrame
 
 FLIGHT_EFFECTS: tuple[Effect[FlightFrame], ...] = (

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
 from coaxlink.residual.frames import STAND_LOADS, StandFrame
 
 GAS_CONSTANT = 287.05
-POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)
+POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 7.0)  # above one: compressibility, at the top
+POWER = (-0.8, 10.0)
 TIPS = (0.4, 0.55, 0.7)
+TIP = (0.2, 0.9)
 
 
 def _rows(frame: StandFrame) -> int:
@@ -33,11 +37,14 @@ def _no_air(frame: StandFrame) -> str | None:
     return None if spread > 0.004 else f"the air's density moves by only {100 * spread:.1f} %"
 
 
-def _air_columns(frame: StandFrame, _: Shape) -> Array:
+def _air_columns(frame: StandFrame, shape: Shape) -> Array:
+    """Thrust and torque alike, or, `apart`, each by its own power: profile drag has a Reynolds number too."""
     rho = density(frame)
     assert rho is not None
-    out = np.zeros((_rows(frame), 6, 1))
-    out[:, :4, 0] = frame.predicted[:, :4] * (rho / np.median(rho) - 1.0)[:, None]
+    change = frame.predicted[:, :4] * (rho / np.median(rho) - 1.0)[:, None]
+    out = np.zeros((_rows(frame), 6, 2 if "apart" in shape else 1))
+    out[:, :4:2, 0] = change[:, ::2]
+    out[:, 1:4:2, -1] = change[:, 1::2]
     return out
 
 
@@ -47,11 +54,24 @@ def _air_cause(frame: StandFrame, _: Shape, __: str) -> tuple[str, Array]:
     return "air density, kg/m3", rho
 
 
-def _air_parameters(frame: StandFrame, _: Shape, c: Array) -> dict[str, float]:
+def _air_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
     rho = density(frame)
     assert rho is not None
+    torque = {"torque_exponent": float(c[1]), **shape} if "apart" in shape else {}
     # where the base holds
-    return {"density_exponent": float(c[0]), "reference_density_kg_m3": float(np.median(rho))}
+    return {"density_exponent": float(c[0]), **torque, "reference_density_kg_m3": float(np.median(rho))}
+
+
+def _air_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    if "apart" in p:
+        return {"apart": 1.0}, np.array([p["density_exponent"], p["torque_exponent"]])
+    return {}, np.array([p["density_exponent"]])
+
+
+def _air_refuse(p: Mapping[str, float]) -> str | None:
+    return outside("density_exponent", p["density_exponent"], 0.3, 1.8) or outside(
+        "torque_exponent", p.get("torque_exponent", 1.0), 0.3, 1.8
+    )
 
 
 AIR_DENSITY: Effect[StandFrame] = Effect(
@@ -61,14 +81,15 @@ AIR_DENSITY: Effect[StandFrame] = Effect(
     source="blade element theory; ideal gas",
     needs=("air_temperature_C", "air_pressure_Pa"),
     channels=STAND_LOADS,
-    units={"density_exponent": "1", "reference_density_kg_m3": "kg/m3"},
+    units={"density_exponent": "1", "torque_exponent": "1", "apart": "1", "reference_density_kg_m3": "kg/m3"},
     missing=_no_air,
     shapes=one_shape,
     columns=_air_columns,
     parameters=_air_parameters,
-    inverse=lambda _, p: ({}, np.array([p["density_exponent"]])),
-    refuse=lambda p: outside("density_exponent", p["density_exponent"], 0.3, 1.8),
+    inverse=_air_inverse,
+    refuse=_air_refuse,
     cause=_air_cause,
+    finer=lambda _, shape, c: [] if shape else [({"apart": 1.0}, np.array([c[0], c[0]]))],
 )
 
 
@@ -79,7 +100,8 @@ def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
         if "tip" in shape:
             factor = -(np.maximum(u - shape["tip"], 0.0) ** 2)
         else:
-            factor = (u ** shape["power"] - 1.0) / shape["power"]
+            power = shape["power"] if abs(shape["power"]) > 1e-4 else 1e-4
+            factor = np.expm1(power * np.log(u)) / power
         out[:, own, 0] = frame.predicted[:, own] * factor[:, None]
     return out
 
@@ -91,11 +113,18 @@ def _blade_refuse(p: dict[str, float] | object) -> str | None:
     )
 
 
+def _blade_finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+    """The same bend as a power of speed, at the low end or the high one."""
+    if "tip" in shape:
+        return [({"power": 4.0}, -c)]
+    return [({"power": p}, c) for p in (-0.4, 4.0) if abs(p - shape["power"]) > 1.0]
+
+
 BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
     name="blade_speed_law",
     stage=2,
-    physics="the loads grow with another power of speed than the model's (Reynolds number, tip speed)",
-    source="Deters, Ananda and Selig 2014, Reynolds number effects on small propellers",
+    physics="the loads grow with another power of speed than the model's (Reynolds number, tip Mach number)",
+    source="Deters, Ananda and Selig 2014, Reynolds number effects on small propellers; Glauert 1928",
     needs=("upper_rpm",),
     channels=STAND_LOADS,
     units={"exponent_change": "1", "power": "1", "loss": "1", "tip": "1"},
@@ -117,12 +146,14 @@ BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
         f"u_{channel[0]}",
         frame.speeds[:, 1 if channel.startswith("lower") else 0],
     ),
+    free=lambda _, shape: {"tip": TIP} if "tip" in shape else {"power": POWER},
+    finer=_blade_finer,
 )
 
 
 def _interference_columns(frame: StandFrame, shape: Shape) -> Array:
     upper, lower = frame.speeds.T
-    term = lower ** shape["lower_power"] * upper ** shape["upper_power"]
+    term = np.maximum(lower, 0.0) ** shape["lower_power"] * np.maximum(upper, 1e-6) ** shape["upper_power"]
     out = np.zeros((_rows(frame), 6, 2))
     out[:, 0, 0], out[:, 1, 1] = -term, -term
     return out
@@ -150,6 +181,7 @@ INTERFERENCE: Effect[StandFrame] = Effect(
     ),
     refuse=lambda p: outside("thrust_loss_N", p["thrust_loss_N"], -1e4, 1e4),
     cause=lambda frame, _, __: ("u_l", frame.speeds[:, 1]),
+    free=lambda _, __: {"lower_power": (0.4, 5.0), "upper_power": (0.0, 4.0)},
 )
 
 
@@ -166,14 +198,27 @@ def _no_spacing(frame: StandFrame) -> str | None:
     return None if np.ptp(z) > 0.02 * np.median(z) else "rotor_spacing_m does not vary"
 
 
-def _spacing_columns(frame: StandFrame, _: Shape) -> Array:
+def _spacing_course(frame: StandFrame, shape: Shape) -> Array:
+    """(rows,) of the relative spacing: straight, or what is left of the wake dies away as the rotors part."""
+    change = _spacing(frame)
+    if "decay" not in shape:
+        return change
+    return np.asarray(-np.expm1(-shape["decay"] * change) / shape["decay"])
+
+
+def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
     alone = frame.loads_at(np.stack([np.zeros(_rows(frame)), frame.speeds[:, 1]], axis=1))
     wake = frame.predicted[:, 2:4] - alone[:, 2:4]  # negative: what the lower rotor loses
     out = np.zeros((_rows(frame), 6, 3))
-    change = _spacing(frame)
+    change = _spacing_course(frame, shape)
     out[:, 2, 0], out[:, 3, 1] = -wake[:, 0] * change, -wake[:, 1] * change
     out[:, 0, 2] = frame.speeds[:, 1] ** 2 * change
     return out
+
+
+def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+    levels = len(np.unique(np.round(_spacing(frame), 2)))
+    return [({"decay": 1.0}, c)] if "decay" not in shape and levels > 2 else []
 
 
 ROTOR_SPACING: Effect[StandFrame] = Effect(
@@ -188,20 +233,24 @@ ROTOR_SPACING: Effect[StandFrame] = Effect(
         "wake_torque_share": "1",
         "upper_gain_N": "N",
         "reference_spacing_m": "m",
+        "decay": "1",
     },
     missing=_no_spacing,
     shapes=one_shape,
     columns=_spacing_columns,
-    parameters=lambda frame, __, c: {
+    parameters=lambda frame, shape, c: {
+        **shape,
         "wake_thrust_share": float(c[0]),
         "wake_torque_share": float(c[1]),
         "upper_gain_N": float(c[2]),
         "reference_spacing_m": float(np.median(frame.columns["rotor_spacing_m"])),  # where the base holds
     },
     inverse=lambda _, p: (
-        {},
+        {k: v for k, v in p.items() if k == "decay"},
         np.array([p["wake_thrust_share"], p["wake_torque_share"], p["upper_gain_N"]]),
     ),
     refuse=lambda p: outside("wake_thrust_share", p["wake_thrust_share"], -3.0, 3.0),
     cause=lambda frame, _, __: ("rotor_spacing_m", frame.columns["rotor_spacing_m"]),
+    free=lambda _, shape: {"decay": (0.05, 8.0)} if "decay" in shape else {},
+    finer=_spacing_finer,
 )

@@ -17,6 +17,8 @@ from coaxlink.residual.signals import lagged
 
 LAGS_S = tuple(round(0.02 * 1.2**k, 4) for k in range(25))
 BANDS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2)
+LOAD = (-0.8, 2.0)
+BEND = (1.0, 12.0)
 HEAT_S = (30.0, 100.0, 300.0, 1000.0)
 
 
@@ -49,12 +51,21 @@ def _no_voltage(frame: StandFrame) -> str | None:
     return _drivable(frame) or (None if spread > 0.005 else f"the voltage moves by only {100 * spread:.1f} %")
 
 
+def _loaded(u: Array, shape: Shape) -> Array:
+    """(rows, 2) how much a change of the drive is felt: as the speed, or more so where the motor is loaded."""
+    return np.asarray(u * np.maximum(u, 1e-3) ** shape["load"] if "load" in shape else u)
+
+
+def _load_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    return [] if "load" in shape else [({**shape, "load": 0.2}, c)]
+
+
 def _voltage_columns(frame: StandFrame, shape: Shape) -> Array:
     v = voltages(frame)
     assert v is not None
     u, centre = drive(frame), float(np.median(v))
     power = shape["power"]
-    columns = [frame.slowed(u * ((v / centre) ** power - 1.0) / power)]
+    columns = [frame.slowed(_loaded(u, shape) * ((v / centre) ** power - 1.0) / power)]
     if not frame.free_base:
         columns.append(frame.slowed(u))  # the voltage at which the model holds need not be this run's
     return np.stack(columns, axis=-1)
@@ -74,7 +85,8 @@ def _voltage_inverse(frame: StandFrame, p: Mapping[str, float]) -> tuple[Shape, 
     assert v is not None
     k, centre = p["speed_exponent"], float(np.median(v))
     level = k * (1.0 - p["reference_voltage_V"] / centre)
-    return {"power": p["power"]}, np.array([k] if frame.free_base else [k, level])
+    shape = {name: p[name] for name in ("power", "load") if name in p}
+    return shape, np.array([k] if frame.free_base else [k, level])
 
 
 def _voltage_cause(frame: StandFrame, _: Shape, channel: str) -> tuple[str, Array]:
@@ -90,7 +102,7 @@ BATTERY_VOLTAGE: Effect[StandFrame] = Effect(
     source="no-load speed of a duty-cycle driven brushless motor (Drela 2007)",
     needs=("voltage_V",),
     channels=STAND_CHANNELS,
-    units={"speed_exponent": "1", "reference_voltage_V": "V", "power": "1"},
+    units={"speed_exponent": "1", "reference_voltage_V": "V", "power": "1", "load": "1"},
     missing=_no_voltage,
     shapes=lambda _: [{"power": p} for p in (0.4, 0.7, 1.0)],
     columns=_voltage_columns,
@@ -98,6 +110,8 @@ BATTERY_VOLTAGE: Effect[StandFrame] = Effect(
     inverse=_voltage_inverse,
     refuse=lambda p: outside("speed_exponent", p["speed_exponent"], 0.02, 2.5),
     cause=_voltage_cause,
+    free=lambda _, shape: {"power": (0.2, 4.0)} | ({"load": LOAD} if "load" in shape else {}),
+    finer=_load_finer,
 )
 
 
@@ -127,6 +141,20 @@ def _heat_shapes(frame: StandFrame) -> Sequence[Shape]:
     return [{"memory_s": s} for s in HEAT_S if s < span] or [{"memory_s": HEAT_S[0]}]
 
 
+def _heat_columns(frame: StandFrame, shape: Shape) -> Array:
+    heat = _heat(frame, shape)
+    heat = heat / (1.0 + shape.get("fading", 0.0) * heat)  # resistance in series: each kelvin tells less
+    return frame.slowed(-_loaded(drive(frame), shape) * heat[:, None])[..., None]
+
+
+def _heat_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    return {"load": LOAD, "fading": (-0.5, 2.0)} if "load" in shape else {}
+
+
+def _heat_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    return [] if "load" in shape else [({**shape, "load": 0.1, "fading": 0.1}, c)]
+
+
 MOTOR_HEATING: Effect[StandFrame] = Effect(
     name="motor_heating",
     stage=1,
@@ -134,20 +162,22 @@ MOTOR_HEATING: Effect[StandFrame] = Effect(
     source="copper's temperature coefficient in the first-order motor model (Drela 2007)",
     needs=("motor_temperature_C",),
     channels=STAND_CHANNELS,
-    units={"speed_loss_per_100K": "1", "memory_s": "s"},
+    units={"speed_loss_per_100K": "1", "memory_s": "s", "load": "1", "fading": "1"},
     missing=_no_heat,
     shapes=_heat_shapes,
-    columns=lambda frame, shape: frame.slowed(-drive(frame) * _heat(frame, shape)[:, None])[..., None],
+    columns=_heat_columns,
     parameters=lambda _, shape, c: {"speed_loss_per_100K": float(c[0]), **shape},
     inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k == "memory_s"},
+        {k: v for k, v in p.items() if k in ("memory_s", "load", "fading")},
         np.array([p["speed_loss_per_100K"]]),
     ),
     refuse=lambda p: outside("speed_loss_per_100K", p["speed_loss_per_100K"], 0.0, 1.0),
     cause=lambda frame, shape, _: (
-        "motor_temperature_C" if not shape else "heat put in",
-        25.0 + 100.0 * _heat(frame, shape) if not shape else _heat(frame, shape),
+        "heat put in" if "memory_s" in shape else "motor_temperature_C",
+        _heat(frame, shape) if "memory_s" in shape else 25.0 + 100.0 * _heat(frame, shape),
     ),
+    free=_heat_free,
+    finer=_heat_finer,
 )
 
 
@@ -158,9 +188,17 @@ def _no_time(frame: StandFrame) -> str | None:
     return _drivable(frame)
 
 
-def _late(frame: StandFrame, lag_s: float) -> Array:
-    u = drive(frame)
-    return lagged(u, float(np.median(np.diff(frame.time_s))), lag_s)
+def _late(frame: StandFrame, shape: Shape) -> Array:
+    """(rows, 2) speeds behind the throttles: one lag, a second stage before it, other lags up and down."""
+    u, step = drive(frame), float(np.median(np.diff(frame.time_s)))
+    lag = shape["lag_s"]
+    if "second_s" in shape:
+        u = lagged(u, step, shape["second_s"])
+    if "down" not in shape:
+        return lagged(u, step, lag)
+    rising = lagged(u, step, lag)
+    falling = lagged(u, step, lag * shape["down"])
+    return np.where(u >= 0.5 * (rising + falling), rising, falling)
 
 
 def _bent(frame: StandFrame, speeds: Array) -> Array:
@@ -174,6 +212,17 @@ def _bent(frame: StandFrame, speeds: Array) -> Array:
     return out
 
 
+def _lag_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    limits = {"lag_s": (0.005, 3.0), "second_s": (0.002, 1.0), "down": (0.4, 2.5)}
+    return {name: limit for name, limit in limits.items() if name in shape}
+
+
+def _lag_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    lag = shape["lag_s"]
+    second, down = {"second_s": 0.2 * lag}, {"down": 1.2}
+    return [({**shape, **more}, c) for more in (second, down, second | down) if len(shape) == 1]
+
+
 ROTOR_LAG: Effect[StandFrame] = Effect(
     name="rotor_lag",
     stage=0,
@@ -181,22 +230,28 @@ ROTOR_LAG: Effect[StandFrame] = Effect(
     source="first-order motor dynamics (Hamandi, Tognon and Franchi 2020)",
     needs=("time_s", "upper_throttle"),
     channels=STAND_CHANNELS,
-    units={"lag_s": "s", "share": "1"},
+    units={"lag_s": "s", "share": "1", "second_s": "s", "down": "1"},
     missing=_no_time,
     shapes=lambda _: [{"lag_s": s} for s in LAGS_S],
-    columns=lambda frame, shape: _bent(frame, _late(frame, shape["lag_s"]))[..., None],
-    parameters=lambda _, shape, c: {"lag_s": shape["lag_s"], "share": float(c[0])},
-    inverse=lambda _, p: ({"lag_s": p["lag_s"]}, np.array([p["share"]])),
+    columns=lambda frame, shape: _bent(frame, _late(frame, shape))[..., None],
+    parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
+    inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
     refuse=lambda p: outside("share", p["share"], 0.7, 1.4),
     cause=lambda frame, _, channel: (
         "throttle_rate_1_s",
         np.gradient(drive(frame)[:, 1 if channel.startswith("lower") else 0], frame.time_s),
     ),
+    free=_lag_free,
+    finer=_lag_finer,
 )
 
 
 def _dead(frame: StandFrame, shape: Shape) -> Array:
+    """(rows, 2) speeds: none, then as the throttle says; all stretched; or a bend between the two."""
     u, band = drive(frame), shape["band"]
+    if "bend" in shape:
+        power = shape["bend"]
+        return np.asarray((np.maximum(u**power - band**power, 0.0) / (1.0 - band**power)) ** (1.0 / power))
     if "stretched" in shape:
         return np.maximum(u - band, 0.0) / (1.0 - band)
     return np.where(u < band, 0.0, u)
@@ -207,6 +262,20 @@ def _no_low(frame: StandFrame) -> str | None:
     return _drivable(frame) or (None if low > 0.01 else "no rows at low throttle")
 
 
+def _dead_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    # a start threshold stands between two set-points: nothing continuous to move
+    if "bend" in shape:
+        return {"band": (0.005, 0.4), "bend": BEND}
+    return {"band": (0.005, 0.4)} if "stretched" in shape else {}
+
+
+def _dead_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    if "bend" in shape:
+        return []
+    bare = {"band": shape["band"]}
+    return [({**bare, "bend": b}, c) for b in (1.5, 3.0)]
+
+
 DEAD_BAND: Effect[StandFrame] = Effect(
     name="dead_band",
     stage=0,
@@ -214,7 +283,7 @@ DEAD_BAND: Effect[StandFrame] = Effect(
     source="speed controllers' start threshold",
     needs=("upper_throttle",),
     channels=STAND_CHANNELS,
-    units={"band": "1", "share": "1", "stretched": "1"},
+    units={"band": "1", "share": "1", "stretched": "1", "bend": "1"},
     missing=_no_low,
     shapes=lambda _: [{"band": b, **form} for b in BANDS for form in ({}, {"stretched": 1.0})],
     columns=lambda frame, shape: _bent(frame, _dead(frame, shape))[..., None],
@@ -225,4 +294,6 @@ DEAD_BAND: Effect[StandFrame] = Effect(
         "throttle",
         drive(frame)[:, 1 if channel.startswith("lower") else 0],
     ),
+    free=_dead_free,
+    finer=_dead_finer,
 )

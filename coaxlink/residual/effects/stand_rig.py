@@ -1,4 +1,4 @@
-"""What the rig itself does: drifting cells, a stand that remembers where it came from, a lying tachometer."""
+"""What the rig itself does: drifting cells, a lying tachometer, the reaction to a rotor that speeds up."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from coaxlink.residual.frames import STAND_LOADS, StandFrame
 
 FAST_S = 0.3  # rows slower than that are settled
 MEMORIES = (0.1, 0.3)  # of the run: time constants of a drift that settles
+MEMORY = (0.01, 4.0)
+DRIFT = ("per_minute", "zero", "settling_per_minute")
 SIDES = {"upper": 0, "lower": 1}
 
 
@@ -22,14 +24,28 @@ def _drift_shapes(frame: StandFrame) -> Sequence[Shape]:
 def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
     elapsed = frame.time_s - frame.time_s[0]
     span = max(float(elapsed[-1]), 1e-9)
-    course = elapsed / 60.0
+    courses = [elapsed / 60.0]
     if "memory" in shape:
         memory = shape["memory"] * span
-        course = memory / 60.0 * (1.0 - np.exp(-elapsed / memory))
+        settling = memory / 60.0 * (1.0 - np.exp(-elapsed / memory))
+        courses = [elapsed / 60.0, settling] if "creep" in shape else [settling]
     # the base may hold no constant: the zero at the start comes with the drift
-    out = np.zeros((len(elapsed), 6, 2))
-    out[:, int(shape["channel"]), 0], out[:, int(shape["channel"]), 1] = course, 1.0
+    out = np.zeros((len(elapsed), 6, len(courses) + 1))
+    for k, course in enumerate([courses[0], np.ones(len(elapsed)), *courses[1:]]):
+        out[:, int(shape["channel"]), k] = course
     return out
+
+
+def _drift_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    """A zero that settles, and one that settles and creeps on."""
+    if "creep" in shape:
+        return []
+    memory = shape.get("memory", 0.3)
+    forms: list[tuple[Shape, Array]] = []
+    if "memory" not in shape:
+        forms.append(({**shape, "memory": memory}, c))
+    first = [0.5 * c[0], c[1], 0.5 * c[0]]
+    return [*forms, *(({**shape, "memory": m, "creep": 1.0}, np.array(first)) for m in (memory, 0.1))]
 
 
 def _no_clock(frame: StandFrame) -> str | None:
@@ -45,104 +61,21 @@ SENSOR_DRIFT: Effect[StandFrame] = Effect(
     source="creep and warm-up of strain gauges",
     needs=("time_s",),
     channels=STAND_LOADS,
-    units={"channel": "1", "per_minute": "N or N m", "zero": "N or N m", "memory": "1"},
+    units={"channel": "1", "per_minute": "N or N m", "zero": "N or N m", "memory": "1", "creep": "1",
+           "settling_per_minute": "N or N m"},
     missing=_no_clock,
     shapes=_drift_shapes,
     columns=_drift_columns,
-    parameters=lambda _, shape, c: {**shape, "per_minute": float(c[0]), "zero": float(c[1])},
+    parameters=lambda _, shape, c: {**shape, **dict(zip(DRIFT, map(float, c), strict=False))},
     inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k not in ("per_minute", "zero")},
-        np.array([p["per_minute"], p["zero"]]),
+        {k: v for k, v in p.items() if k not in DRIFT},
+        np.array([p[k] for k in DRIFT if k in p]),
     ),
     refuse=lambda p: None,
     cause=lambda frame, _, __: ("time_s", frame.time_s),
-)
-
-
-def direction(frame: StandFrame, side: int) -> Array:
-    """(rows,) +1 where the speed last rose, -1 where it last fell, 0 before it moved or where it jumped."""
-    u = frame.speeds[:, side] if frame.throttles is None else frame.throttles[:, side]
-    step = np.diff(u, prepend=u[0])
-    moved = np.where(np.abs(step) > 1e-3, np.sign(step), 0.0)
-    last = np.maximum.accumulate(np.where(moved != 0.0, np.arange(len(u)), 0))
-    return moved[last]
-
-
-def _no_return(frame: StandFrame) -> str | None:
-    for side in (0, 1):
-        way = direction(frame, side)
-        if min(np.mean(way > 0), np.mean(way < 0)) > 0.2:
-            return None
-    return "no sweep runs both up and down"
-
-
-def moving(frame: StandFrame, side: int) -> Array:
-    """(rows,) +1 while the speed rises, -1 while it falls, 0 while it stands."""
-    u = frame.speeds[:, side] if frame.throttles is None else frame.throttles[:, side]
-    rate = np.gradient(u)
-    return np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
-
-
-def _way(frame: StandFrame, side: int, shape: Shape) -> Array:
-    if "sweep" in shape:  # the stand as a whole is loaded or unloaded, whichever rotor does it
-        both = frame.speeds if frame.throttles is None else frame.throttles
-        rate = np.gradient(both.sum(axis=1))
-        way = np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
-        if "moving" in shape:
-            return way
-        last = np.maximum.accumulate(np.where(way != 0.0, np.arange(len(way)), 0))
-        return way[last]
-    return moving(frame, side) if "moving" in shape else direction(frame, side)
-
-
-def _way_columns(frame: StandFrame, shape: Shape) -> Array:
-    out = np.zeros((len(frame.time_s), 6, 2))
-    for name, side in SIDES.items():
-        if name in shape or "both" in shape or "sweep" in shape:
-            way = 0.5 * _way(frame, side, shape)
-            u = frame.speeds[:, side]
-            weight = frame.predicted[:, 2 * side : 2 * side + 2]
-            if "bulge" in shape:
-                weight = weight * (4.0 * np.clip(1.0 - u, 0.0, 1.0))[:, None]
-            out[:, 2 * side, 0] = -weight[:, 0] * way
-            out[:, 2 * side + 1, 1] = -weight[:, 1] * way
-    return out
-
-
-HYSTERESIS: Effect[StandFrame] = Effect(
-    name="hysteresis",
-    stage=7,
-    physics="a load depends on whether the speed came from above or below",
-    source="friction of the rig and stall of the blades on the way down",
-    needs=("upper_rpm", "lower_rpm"),
-    channels=STAND_LOADS,
-    units={
-        "thrust_share": "1",
-        "torque_share": "1",
-        "both": "1",
-        "upper": "1",
-        "lower": "1",
-        "bulge": "1",
-        "moving": "1",
-    },
-    missing=_no_return,
-    shapes=lambda _: [
-        {side: 1.0, **form}
-        for side in ("both", "upper", "lower", "sweep")
-        for form in ({}, {"bulge": 1.0}, {"moving": 1.0})
-    ],
-    columns=_way_columns,
-    parameters=lambda _, shape, c: {"thrust_share": float(c[0]), "torque_share": float(c[1]), **shape},
-    inverse=lambda _, p: (
-        {k: v for k, v in p.items() if not k.endswith("share")},
-        np.array([p["thrust_share"], p["torque_share"]]),
-    ),
-    refuse=lambda p: outside("thrust_share", p["thrust_share"], -0.5, 0.5),
-    cause=lambda frame, _, channel: (
-        "direction of the sweep",
-        direction(frame, 1 if channel.startswith("lower") else 0),
-    ),
-)
+    free=lambda _, shape: {"memory": MEMORY} if "memory" in shape else {},
+    finer=_drift_finer,
+)  # fmt: skip
 
 
 def _tachometer_columns(side: int, frame: StandFrame, shape: Shape) -> Array:
@@ -154,6 +87,12 @@ def _tachometer_columns(side: int, frame: StandFrame, shape: Shape) -> Array:
         throttle = frame.throttles[:, side]  # not the reading itself: it would explain its own noise
         out[:, 4 + side, 0] = throttle * (throttle > shape["above"])
     return out
+
+
+def _no_second_witness(frame: StandFrame) -> str | None:
+    if frame.driven:
+        return "speeds are throttles"
+    return "no throttle in the log: nothing but the loads could contradict it" if frame.throttles is None else None
 
 
 def _tachometer(name: str) -> Effect[StandFrame]:
@@ -172,7 +111,7 @@ def _tachometer(name: str) -> Effect[StandFrame]:
         needs=(f"{name}_rpm",),
         channels=(*STAND_LOADS, f"{name}_speed"),
         units={"reads_high_by": "1", "above": "1"},
-        missing=lambda frame: "speeds are throttles" if frame.driven else None,
+        missing=_no_second_witness,
         shapes=lambda _: [{"above": a} for a in (0.3, 0.4, 0.5, 0.6, 0.7)],
         columns=columns,
         parameters=lambda _, shape, c: {"reads_high_by": float(c[0]), **shape},

@@ -1,0 +1,166 @@
+"""A stand that remembers where it came from: friction of the rig, and blades that recover late from stall.
+
+Two kinds of memory. *Sharp*: the load depends on the sign of the last change alone (or only while the speed
+moves). *Worn in*: after a turn the memory changes over a way, as a row of elements does that stick until each
+has slipped its own way (Iwan 1966, J. Applied Mechanics 33, 893; Prandtl's play operators).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coaxlink.residual.effects.base import Array, Effect, Shape, outside
+from coaxlink.residual.frames import STAND_LOADS, StandFrame
+
+SIDES = {"upper": 0, "lower": 1}
+REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
+ALL = {"both", "sweep", "load"}  # not one rotor's alone
+FREE = {"reach": (0.004, 0.6), "spread": (1.02, 3.0), "power": (0.0, 1.5)}
+STICKING = np.array([-1.5, -0.5, 0.5, 1.5])  # elements: their ways are reach * spread^k
+Maps = tuple[Array, Array, Array]  # x -> clip(x + shift, low, high)
+
+
+def direction(frame: StandFrame, side: int) -> Array:
+    """(rows,) +1 where the speed last rose, -1 where it last fell, 0 before it moved or where it jumped."""
+    u = _course(frame)[:, side]
+    step = np.diff(u, prepend=u[0])
+    moved = np.where(np.abs(step) > 1e-3, np.sign(step), 0.0)
+    last = np.maximum.accumulate(np.where(moved != 0.0, np.arange(len(u)), 0))
+    return moved[last]
+
+
+def moving(frame: StandFrame, side: int) -> Array:
+    """(rows,) +1 while the speed rises, -1 while it falls, 0 while it stands."""
+    rate = np.gradient(_course(frame)[:, side])
+    return np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
+
+
+def slipping(course: Array, ways: Array) -> Array:
+    """(rows, K) states -1..1 of elements that follow the course (rows,) and slip after the ways (K,).
+
+    Two levels: pieces of the course are composed into one map each, side by side, then run from their starts.
+    """
+    move = np.diff(course, prepend=course[0])[:, None] * (2.0 / ways)
+    rows = len(move)
+    length = max(1, int(np.sqrt(rows)))
+    pieces = -(-rows // length)
+    padded = np.zeros((pieces * length, len(ways)))
+    padded[:rows] = move
+    by_step = padded.reshape(pieces, length, -1).transpose(1, 0, 2)  # (length, pieces, K)
+    shift = by_step.sum(axis=0)
+    low, high = np.full_like(shift, -np.inf), np.full_like(shift, np.inf)
+    for step in by_step:
+        low, high = np.clip(low + step, -1.0, 1.0), np.clip(high + step, -1.0, 1.0)
+    start = np.zeros_like(shift)
+    for k in range(1, pieces):
+        start[k] = np.clip(start[k - 1] + shift[k - 1], low[k - 1], high[k - 1])
+    out = np.empty_like(by_step)
+    state = start
+    for k, step in enumerate(by_step):
+        state = np.clip(state + step, -1.0, 1.0)
+        out[k] = state
+    return np.asarray(out.transpose(1, 0, 2).reshape(pieces * length, -1)[:rows])
+
+
+def _course(frame: StandFrame) -> Array:
+    return frame.speeds if frame.throttles is None else frame.throttles
+
+
+def _no_return(frame: StandFrame) -> str | None:
+    for side in (0, 1):
+        way = direction(frame, side)
+        if min(np.mean(way > 0), np.mean(way < 0)) > 0.2:
+            return None
+    return "no sweep runs both up and down"
+
+
+def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
+    """(rows,) -1..1: from above, from below; of one load channel."""
+    side = channel // 2
+    if "reach" in shape:
+        course = _course(frame).sum(axis=1) if "sweep" in shape else frame.speeds[:, side]
+        if "load" in shape:  # a cell's friction knows its own load only, whatever speeds made it
+            course = frame.predicted[:, channel] / frame.reference[channel]
+        ways = shape["reach"] * shape["spread"] ** STICKING
+        return np.asarray(slipping(course, ways).mean(axis=1))
+    if "sweep" in shape:  # the stand as a whole is loaded or unloaded, whichever rotor does it
+        rate = np.gradient(_course(frame).sum(axis=1))
+        way = np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
+        if "moving" in shape:
+            return way
+        last = np.maximum.accumulate(np.where(way != 0.0, np.arange(len(way)), 0))
+        return way[last]
+    return moving(frame, side) if "moving" in shape else direction(frame, side)
+
+
+def _weight(frame: StandFrame, side: int, shape: Shape) -> Array:
+    """(rows, 2) of thrust and torque: what a share is a share of.
+
+    The load itself, the load where the blades are slow (`bulge`), or by a power of the load from 1
+    for the load to 0 for dry friction, which is the same at every load.
+    """
+    weight = frame.predicted[:, 2 * side : 2 * side + 2]
+    if "bulge" in shape:
+        return np.asarray(weight * (4.0 * np.clip(1.0 - frame.speeds[:, side], 0.0, 1.0))[:, None])
+    if "power" in shape:
+        full = frame.reference[2 * side : 2 * side + 2]
+        return np.asarray(full * np.maximum(np.abs(weight) / full, 1e-3) ** shape["power"])
+    return weight
+
+
+def _columns(frame: StandFrame, shape: Shape) -> Array:
+    out = np.zeros((len(frame.time_s), 6, 2))
+    for name, side in SIDES.items():
+        if name in shape or ALL & set(shape):
+            weight = _weight(frame, side, shape)
+            for k in (0, 1):
+                out[:, 2 * side + k, k] = -0.5 * weight[:, k] * _way(frame, 2 * side + k, shape)
+    return out
+
+
+def _shapes(_: StandFrame) -> list[dict[str, float]]:
+    forms = [{}, {"bulge": 1.0}, {"moving": 1.0}, {"power": 0.0, "reach": 0.03, "spread": 1.8}, *({"reach": r, "spread": 1.8} for r in REACHES)]
+    worn = [form for form in forms if "reach" in form]
+    return [
+        *({side: 1.0, **form} for side in ("both", "upper", "lower", "sweep") for form in forms),
+        *({"load": 1.0, **form} for form in worn),
+    ]
+
+
+def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+    """Worn in, at every load alike or by a power of it."""
+    way = {"reach": shape.get("reach", REACHES[0]), "spread": shape.get("spread", 1.8)}
+    forms: list[tuple[Shape, Array]] = []
+    bare = {k: v for k, v in shape.items() if k not in ("moving", "reach", "spread")}
+    if "reach" not in shape:
+        forms += [({**bare, **way, "reach": r}, c) for r in REACHES]
+    if "power" not in shape:
+        forms.append(({k: v for k, v in bare.items() if k != "bulge"} | way | {"power": 0.7}, c))
+    return forms
+
+
+HYSTERESIS: Effect[StandFrame] = Effect(
+    name="hysteresis",
+    stage=7,
+    physics="a load depends on whether the speed came from above or below",
+    source="friction of the rig and stall of the blades on the way down; Iwan 1966",
+    needs=("upper_rpm", "lower_rpm"),
+    channels=STAND_LOADS,
+    units={"thrust_share": "1", "torque_share": "1", "both": "1", "upper": "1", "lower": "1", "sweep": "1", "load": "1",
+           "bulge": "1", "moving": "1", "power": "1", "reach": "1", "spread": "1"},
+    missing=_no_return,
+    shapes=_shapes,
+    columns=_columns,
+    parameters=lambda _, shape, c: {"thrust_share": float(c[0]), "torque_share": float(c[1]), **shape},
+    inverse=lambda _, p: (
+        {k: v for k, v in p.items() if not k.endswith("share")},
+        np.array([p["thrust_share"], p["torque_share"]]),
+    ),
+    refuse=lambda p: outside("thrust_share", p["thrust_share"], -0.5, 0.5),
+    cause=lambda frame, _, channel: (
+        "direction of the sweep",
+        direction(frame, 1 if channel.startswith("lower") else 0),
+    ),
+    free=lambda _, shape: {name: limit for name, limit in FREE.items() if name in shape},
+    finer=_finer,
+)  # fmt: skip
