@@ -83,7 +83,9 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         channels=_channels(j, squares_before, squares_after),
         effects=effects,
         unexplained=(*unexplained, *_silent(j, unexplained, squares_after)),
-        ambiguous=tuple(_separable(p, j.selection, a, j.variables) for a in j.selection.ambiguous),
+        ambiguous=tuple(
+            _separable(j.selection.problem or p, j.selection, a, j.variables) for a in j.selection.ambiguous
+        ),
         suspect_data=(*j.suspects, *accused),
         rejected=_rejected(p, j.selection),
         model=_with_effects(_rebased(q, final, bool(effects)), effects),
@@ -213,7 +215,7 @@ def _separable(
         if option is not None:
             fit = solve(p.blocks, columns_of(p, [*selection.members, option]), ones)
             guesses.append(p.design @ fit * p.sigma)
-            named = option.effect.parameters(p.frame, option.shape, fit[option.columns])
+            named = option.numbers(p.frame, fit[option.columns])
             rivals.append(Rival(option.effect, named))
     if len(guesses) < 2:
         return doubt

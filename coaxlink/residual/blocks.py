@@ -76,12 +76,12 @@ def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
     return _spread(blocks, use, _bounded(gram, weights @ moments[:, use], blocks.bounds[use]))
 
 
-def least_with(blocks: Blocks, use: Index, fixed: Array) -> float:
-    """Least square sum that the columns `use` reach beside coefficients (P,) that stand."""
-    gram, moment = blocks.whole[0].sum(axis=0), blocks.whole[1].sum(axis=0)
-    left = moment[use] - gram[use] @ fixed
-    values = fixed + _spread(blocks, use, _bounded(gram[use[:, None], use], left, blocks.bounds[use]))
-    return float(blocks.power.sum() - 2.0 * moment @ values + values @ gram @ values)
+def least_of(blocks: Blocks, use: Index, design: Array, residual: Array) -> float:
+    """Least square sum that the columns `use`, (rows, C, k) as `design`, leave of another residual (rows, C)."""
+    gram = blocks.whole[0].sum(axis=0)[use[:, None], use]
+    moment = np.einsum("rck,rc->k", design, residual.astype(design.dtype), optimize=True).astype(float)
+    values = _bounded(gram, moment, blocks.bounds[use])
+    return float(np.sum(residual**2) - 2.0 * moment @ values + values @ gram @ values)
 
 
 def _spread(blocks: Blocks, use: Index, values: Array) -> Array:

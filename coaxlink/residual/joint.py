@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.residual.blocks import held_out_sum, least_with, solve
+from coaxlink.residual.blocks import held_out_sum, least_of, solve
 from coaxlink.residual.effects.base import Array, Effect, Shape
 from coaxlink.residual.problem import Index, Option, Problem, from_design
 from coaxlink.residual.select import autocorrelation_time
 
 Part = tuple[Effect[Any], Mapping[str, float]]
 STEPS = 5
+SHORT = 40_000  # judged rows times channels: candidates are taken through the members
 HALVINGS = (1.0, 0.5, 0.2, 0.05)
 SETTLED = 1e-4  # of the square sum
 RICHER = 15.0  # of a log-likelihood ratio: what another form or a freer one must gain
@@ -121,10 +122,41 @@ class Fitter:
                 slope = self.reduce(self.prediction(others) - here) / (sigma * step)
                 columns.append(slope)
                 residual = residual + slope * point[j]
-            options.append(Option(m.effect, m.shape, np.arange(at, at + len(point))))
+            options.append(Option(m.effect, m.shape, np.arange(at, at + len(point)), m.keys))
             at += len(point)
         design = np.concatenate([self._base, np.stack(columns, axis=-1).astype(self._base.dtype)], axis=-1)
         return Joint(from_design(p, design, residual, options, frame=self.bare), tuple(members))
+
+    def beside(self, joint: Joint) -> Problem:
+        """The problem about the joint point, its members first, with every other effect's options beside them.
+
+        What an option adds is taken through the members (what draws thrust off changes the load that friction
+        holds), by a secant of one per cent of the reference load.
+        """
+        p, q, here = self.problem, joint.problem, self.prediction(joint.members)
+        names = {m.name for m in joint.members}
+        columns, options, at = [], list(q.options), q.design.shape[-1]
+        direct = p.residual.size > SHORT
+        for o in p.options:
+            if o.name in names:
+                continue
+            mine = p.design[:, :, o.columns] if direct else self._through(o, joint, here)
+            columns.append(mine.astype(q.design.dtype))
+            options.append(replace(o, columns=np.arange(at, at + len(o.columns))))
+            at += len(o.columns)
+        design = np.concatenate([q.design, *columns], axis=-1)
+        return from_design(p, design, q.residual, options, frame=self.bare)
+
+    def _through(self, o: Option, joint: Joint, here: Array) -> Array:
+        p = self.problem
+        out = np.zeros((*p.residual.shape, len(o.columns)))
+        for k in range(len(o.columns)):
+            worth = np.quantile(np.abs(p.design[:, :, o.columns[k]]) * p.sigma / p.reference, 0.98, axis=0)
+            point = np.zeros(len(o.columns))
+            point[k] = 0.01 / max(float(worth.max()), 1e-12)
+            parts = [*joint.members, Member(o.effect, o.shape, point, ())]
+            out[:, :, k] = self.reduce(self.prediction(parts) - here) / (p.sigma * point[k])
+        return out
 
     def _step(self, m: Member, j: int) -> float:
         count = len(m.coefficients)
@@ -140,23 +172,29 @@ class Fitter:
     def settle(self, members: Sequence[Member]) -> tuple[Joint, float]:
         """Gauss-Newton from here: the linear problem about the best point, and its held-out square sum."""
         best = self.linear(members)
-        least = _least(best)
+        least = self._least(members)
         for _ in range(STEPS):
             blocks = best.problem.blocks
             values = solve(blocks, columns_of(best.problem), np.ones(blocks.count))
             for share in HALVINGS:
                 pairs = zip(best.members, best.problem.options, strict=True)
-                trial = self.linear(tuple(self._moved(m, values[o.columns], share) for m, o in pairs))
-                now = _least(trial)
+                moved = tuple(self._moved(m, values[o.columns], share) for m, o in pairs)
+                now = self._least(moved)
                 if now < least:
                     break
             else:
                 break
             done = now > least * (1.0 - SETTLED)
-            best, least = trial, now
+            best, least = self.linear(moved), now
             if done:
                 break
         return best, _score(best)
+
+    def _least(self, members: Sequence[Member]) -> float:
+        """Square sum with the members exactly where they stand, the base at its best."""
+        p = self.problem
+        residual = self.reduce(self.bare.measured - self.prediction(members)) / p.sigma
+        return least_of(p.blocks, p.base, self._base, residual)
 
     def _moved(self, m: Member, values: Array, share: float) -> Member:
         """The member on its way to other values (K + keys,), no further than its limits."""
@@ -174,15 +212,6 @@ class Fitter:
 def columns_of(p: Problem) -> Index:
     """All columns of a problem in use: base and every option."""
     return np.concatenate([p.base, *(o.columns for o in p.options)]).astype(np.intp)
-
-
-def _least(joint: Joint) -> float:
-    """Square sum with the members exactly where they stand, the base at its best."""
-    p = joint.problem
-    fixed = np.zeros(len(p.blocks.bounds))
-    for o, m in zip(p.options, joint.members, strict=True):
-        fixed[o.columns] = m.point
-    return least_with(p.blocks, p.base, fixed)
 
 
 def _score(joint: Joint) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,8 @@ from coaxlink.residual.flight_problem import known_parts as known_in_flight
 from coaxlink.residual.flight_suspects import flight_suspects
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, member, straight
-from coaxlink.residual.problem import Problem
+from coaxlink.residual.effects.base import Shape
+from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Refinement
 from coaxlink.residual.select import Selection, columns_of, select
 from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
@@ -29,6 +30,7 @@ from coaxlink.residual.suspects import find_suspects
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
+ROUNDS = 3  # of judging again
 LEAST_ROWS = 80  # judged rows of a flight
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 LONG = 200_000  # judged rows times channels: beyond, other forms of an effect are not tried
@@ -110,7 +112,9 @@ def refine_stand(
         if few:
             notes.append(f"{len(trusted)} rows: held against the model; too few to identify any effect")
         selection = Selection() if mislabelled or few else select(problem)
-        joint, _ = _together(problem, selection, bare, known, _present(bare))
+        reduce = _present(bare)
+        selection, start = _again(problem, selection, bare, known, reduce)
+        joint, _ = _together(problem, selection, bare, known, reduce, start)
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:
             floor = _stand_floor(bare, joint)
@@ -138,24 +142,71 @@ def _log_error(p: Problem) -> float:
     return float(np.mean(np.log(np.maximum(np.sqrt(squares / p.blocks.rows.sum()) * p.sigma, 1e-12))))
 
 
+def _again(
+    problem: Problem,
+    selection: Selection,
+    bare: Any,
+    known: Sequence[Part],
+    reduce: Callable[[Array], Array],
+) -> tuple[Selection, dict[str, Member]]:
+    """The selection judged again about its own joint fit, until it stands; and its members there.
+
+    A first choice is made in shapes of a grid. Once these have found their best form, some are needless (they
+    had stood in for a misfit of another's form), and what the misfit hid may show.
+    """
+    settled: dict[str, Member] = {}
+    barred: set[str] = set()
+    for number in range(1, ROUNDS + 1):
+        if not selection.members:
+            break
+        claimed = Selection(members=selection.members)
+        joint, _ = _together(problem, claimed, bare, known, reduce, settled)
+        if len(joint.members) != len(selection.members) or joint.problem.frame is not bare:
+            break  # the plain sum was better
+        fitter = _fitter(problem, bare, known, {m.name for m in joint.members}, reduce)
+        about = fitter.beside(joint)
+        had = {m.name for m in joint.members}
+        again = select(about, about.options[: len(had)], barred=barred, on_trial=number < ROUNDS)
+        same = {m.name for m in again.members} == had
+        barred |= had - {m.name for m in again.members}
+        settled = {m.name: m for m in joint.members}
+        selection = replace(again, trace=[*selection.trace, *again.trace])
+        if same:
+            break
+    return selection, settled
+
+
+def _fitter(
+    problem: Problem, bare: Any, known: Sequence[Part], names: set[str], reduce: Callable[[Array], Array]
+) -> Fitter:
+    return Fitter(problem, bare, [part for part in known if part[0].name not in names], reduce)
+
+
 def _together(
     problem: Problem,
     selection: Selection,
     bare: Any,
     known: Sequence[Part],
     reduce: Callable[[Array], Array],
+    settled: Mapping[str, Member] | None = None,
 ) -> tuple[Joint, Array]:
-    """Members and doubtful ones fitted together, and the prediction (frame rows, channels) with them."""
+    """Members and doubtful ones fitted together, and the prediction (frame rows, channels) with them.
+
+    `settled` are members as an earlier fit left them: they start from there.
+    """
     options = [*selection.members, *selection.doubtful]
     names = {o.name for o in options}
     # an effect that the model has and the log gives other numbers for starts from those it has
     had = {effect.name: parameters for effect, parameters in known}
-    fitter = Fitter(problem, bare, [part for part in known if part[0].name not in names], reduce)
-    plain = straight(problem, options)
+    fitter = _fitter(problem, bare, known, names, reduce)
+    plain = straight(problem, _of_grid(problem, options))
     if not options:
         return plain, fitter.prediction([])
     start: list[Member] = []
     for o, m in zip(options, plain.members, strict=True):
+        if settled and o.name in settled:
+            start.append(settled[o.name])
+            continue
         at = o.effect.inverse(bare, had[o.name]) if o.name in had else (m.shape, m.coefficients)
         start.append(member(bare, o.effect, *at))
     try:
@@ -167,6 +218,19 @@ def _together(
     if not names & set(had) and (not ratio < WORSE or refused):
         joint = plain
     return joint, fitter.prediction(joint.members)
+
+
+def _of_grid(problem: Problem, options: Sequence[Option]) -> list[Option]:
+    """The problem's own options nearest to these, which may be of another problem."""
+    out = []
+    for o in options:
+        mine = [x for x in problem.options if x.name == o.name]
+        out.append(min(mine, key=lambda x: _distance(x.shape, o.shape)))
+    return out
+
+
+def _distance(a: Shape, b: Shape) -> float:
+    return sum(abs(a.get(k, 9.0) - b.get(k, 9.0)) for k in {*a, *b})
 
 
 def _squares(p: Problem) -> float:

@@ -8,6 +8,7 @@ parameters are physical. After every addition each member may be dropped or swap
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,6 +26,8 @@ Index = NDArray[np.intp]
 ALPHA = 1e-3  # over all looks of one step
 SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
 GAIN = 0.15  # of the squared error of the channel that gains most
+# what leaves only noise is believed at a smaller size: nothing else that is wrong would
+EXACT_ALPHA, EXACT_LEFT, EXACT_SIZE, EXACT_GAIN = 1e-9, 1.2, 0.001, 0.03
 MOST = 4
 ENOUGH = 150_000  # rows times channels that a trial looks at one by one
 TIE = 0.04  # of the gain: a special case this close to the general one is preferred
@@ -48,11 +51,23 @@ class Trial:
     size: float
     refused: str | None
     total: float  # held-out square sum left
+    left: float  # variance that is left over the noise's, of the worst channel that it changes
 
     @property
     def real(self) -> bool:
         """Whether the data demand it and physics allows it, however small it is."""
         return self.gain > 0 and self.p_value <= ALPHA and self.refused is None
+
+    @property
+    def exact(self) -> bool:
+        """Whether it is beyond doubt and leaves nothing but noise: then it may be small."""
+        sure = self.p_value < EXACT_ALPHA and self.left < EXACT_LEFT
+        return sure and self.size > EXACT_SIZE and self.share > EXACT_GAIN
+
+    @property
+    def promising(self) -> bool:
+        """Whether it could stand once its shape is right."""
+        return self.real and self.p_value < 1e-6 and self.size > 0.5 * SIZE and self.share > 0.3 * GAIN
 
     @property
     def why_not(self) -> str | None:
@@ -61,6 +76,8 @@ class Trial:
             return "no better on held-out blocks"
         if self.p_value > ALPHA:
             return f"within noise (p = {self.p_value:.2g} over all looks)"
+        if self.exact:
+            return self.refused
         if self.size < SIZE:
             return (
                 f"adds {100 * self.size:.2f} % of the reference load beyond what the base corrections absorb"
@@ -79,6 +96,7 @@ class Selection:
     last: dict[str, Trial] = field(default_factory=dict)  # best failed trial of every effect, by name
     ambiguous: list[Ambiguous] = field(default_factory=list)
     doubtful: list[Option] = field(default_factory=list)  # members that a rival equals: not claimed
+    problem: Problem | None = None  # whose options all these are
 
 
 def columns_of(problem: Problem, members: list[Option]) -> Index:
@@ -164,7 +182,7 @@ class Judge:
         share = float(np.max(shares))
         gain = float(np.sum((held_before - held_after) / np.maximum(held_after / rows, 1e-12)))
         total = float(after.sum())
-        named = option.effect.parameters(p.frame, option.shape, full[option.columns])
+        named = option.numbers(p.frame, full[option.columns])
         refused = option.effect.refuse(named)
         if option.effect.accused and refused is None:
             refused = _witnesses(p.channels, shares)
@@ -176,13 +194,14 @@ class Judge:
             size,
             refused,
             total,
+            float(np.max(variance, where=shares > 0.3 * share, initial=0.0)) if share > 0 else np.inf,
         )
 
     def _refused(self, members: list[Option], option: Option) -> str | None:
         """Why physics does not allow the option's coefficients beside the others'."""
         p = self.problem
         full = solve(p.blocks, columns_of(p, members), np.ones(p.blocks.count))
-        return option.effect.refuse(option.effect.parameters(p.frame, option.shape, full[option.columns]))
+        return option.effect.refuse(option.numbers(p.frame, full[option.columns]))
 
     def best_of_each(self, members: list[Option], allowed: set[str] | None = None) -> list[Trial]:
         """The best shape of every effect that is not a member, best first."""
@@ -199,12 +218,30 @@ class Judge:
         return sorted(trials, key=lambda t: t.total)
 
 
-def select(problem: Problem) -> Selection:
-    """Choose effects for a problem; see the module's text."""
-    judge, out = Judge(problem), Selection()
+def select(
+    problem: Problem,
+    start: Sequence[Option] = (),
+    *,
+    barred: Collection[str] = (),
+    on_trial: bool = False,
+) -> Selection:
+    """Choose effects for a problem, from those in `start` on; see the module's text.
+
+    `barred` names are not added. `on_trial`: what the data demand, though its shape is not yet good enough to
+    pass every gate, is let in, for a joint fit to find its shape and a later call to judge it by all gates.
+    """
+    judge, out = Judge(problem), Selection(members=list(start), problem=problem)
+    _drop_needless(judge, out, 0)
+    dropped = {m.name for m in start} - {m.name for m in out.members}
+    untried: set[str] = set()
     for number in range(1, MOST + 1):
-        trials = judge.best_of_each(out.members)
+        if len(out.members) >= MOST:
+            break
+        trials = [t for t in judge.best_of_each(out.members) if t.option.name not in {*barred, *dropped}]
         good = _eligible(trials)
+        if not good and on_trial:
+            good = [t for t in trials if t.promising][:1]
+            untried |= {t.option.name for t in good}
         winner = _simplest(good) if good else None
         for t in trials:
             kept = winner is not None and t is winner
@@ -215,7 +252,7 @@ def select(problem: Problem) -> Selection:
             break
         _note_tie(judge, out, winner, good)
         out.members.append(winner.option)
-        _reconsider(judge, out, number)
+        _reconsider(judge, out, number, untried)
     out.last = {t.option.name: t for t in judge.best_of_each(out.members)}
     doubtful = {name for a in out.ambiguous for name in a.names}
     out.doubtful = [m for m in out.members if m.name in doubtful]
@@ -264,7 +301,7 @@ def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) ->
         out.ambiguous.append(Ambiguous((winner.option.name, *rivals), ""))
 
 
-def _reconsider(judge: Judge, out: Selection, number: int) -> None:
+def _reconsider(judge: Judge, out: Selection, number: int, untried: Collection[str]) -> None:
     """Swap members for better ones, then drop what the others made needless."""
     if len(out.members) < 2:
         return
@@ -290,10 +327,16 @@ def _reconsider(judge: Judge, out: Selection, number: int) -> None:
                 )
             )
             out.members = [*rest, best.option]
-    for member in list(out.members):
+    _drop_needless(judge, out, number, untried)
+
+
+def _drop_needless(judge: Judge, out: Selection, number: int, untried: Collection[str] = ()) -> None:
+    for member in [m for m in out.members if m.name not in untried]:
         rest = [m for m in out.members if m is not member]
+        if not rest:
+            break
         again = judge.trial(rest, member)
-        if rest and again.why_not is not None:
+        if again.why_not is not None:
             out.members = rest
             out.trace.append(
                 Step(number, "drop", member.name, again.gain, again.p_value, again.size, True, again.why_not)

@@ -10,10 +10,12 @@ from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outs
 from coaxlink.residual.frames import STAND_LOADS, StandFrame
 
 GAS_CONSTANT = 287.05
-POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 7.0)  # above one: compressibility, at the top
-POWER = (-0.8, 10.0)
-TIPS = (0.4, 0.55, 0.7)
-TIP = (0.2, 0.9)
+POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: told from full speed down
+RISES = (2.0, 4.0, 7.0)  # of Mach number: nothing at rest
+APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
+SPACING = {"decay": (0.05, 8.0), "apart": (-0.5, 0.5)}
+TIPS = (0.4, 0.55, 0.7)  # from where a stall or a wave takes lift off
+BLADES = {"power": (-0.8, 1.0), "rise": (1.2, 12.0), "tip": (0.2, 0.9)}
 
 
 def _rows(frame: StandFrame) -> int:
@@ -99,6 +101,8 @@ def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
         u = np.maximum(frame.speeds[:, side], 1e-3)
         if "tip" in shape:
             factor = -(np.maximum(u - shape["tip"], 0.0) ** 2)
+        elif "rise" in shape:
+            factor = u ** shape["rise"] / shape["rise"]
         else:
             power = shape["power"] if abs(shape["power"]) > 1e-4 else 1e-4
             factor = np.expm1(power * np.log(u)) / power
@@ -114,10 +118,12 @@ def _blade_refuse(p: dict[str, float] | object) -> str | None:
 
 
 def _blade_finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
-    """The same bend as a power of speed, at the low end or the high one."""
-    if "tip" in shape:
-        return [({"power": 4.0}, -c)]
-    return [({"power": p}, c) for p in (-0.4, 4.0) if abs(p - shape["power"]) > 1.0]
+    """The same bend at the other end of the speeds."""
+    forms: dict[str, tuple[Shape, Array]] = {
+        "power": ({"power": -0.4}, 0.5 * c),
+        "rise": ({"rise": 4.0}, -c if "tip" in shape else c),
+    }
+    return [form for name, form in forms.items() if name not in shape]
 
 
 BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
@@ -127,18 +133,22 @@ BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
     source="Deters, Ananda and Selig 2014, Reynolds number effects on small propellers; Glauert 1928",
     needs=("upper_rpm",),
     channels=STAND_LOADS,
-    units={"exponent_change": "1", "power": "1", "loss": "1", "tip": "1"},
+    units={"exponent_change": "1", "power": "1", "rise": "1", "loss": "1", "tip": "1"},
     missing=lambda frame: (
         "no rotor model is given: the power of speed is the fitted base's own" if frame.free_base else None
     ),
-    shapes=lambda _: [*({"power": p} for p in POWERS), *({"tip": t} for t in TIPS)],
+    shapes=lambda _: [
+        *({"power": p} for p in POWERS),
+        *({"rise": p} for p in RISES),
+        *({"tip": t} for t in TIPS),
+    ],
     columns=_blade_columns,
     parameters=lambda _, shape, c: {
         ("loss" if "tip" in shape else "exponent_change"): float(c[0]),
         **shape,
     },
     inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k in ("power", "tip")},
+        {k: v for k, v in p.items() if k in BLADES},
         np.array([p.get("loss", p.get("exponent_change", 0.0))]),
     ),
     refuse=_blade_refuse,
@@ -146,7 +156,7 @@ BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
         f"u_{channel[0]}",
         frame.speeds[:, 1 if channel.startswith("lower") else 0],
     ),
-    free=lambda _, shape: {"tip": TIP} if "tip" in shape else {"power": POWER},
+    free=lambda _, shape: {name: BLADES[name] for name in shape},
     finer=_blade_finer,
 )
 
@@ -199,11 +209,14 @@ def _no_spacing(frame: StandFrame) -> str | None:
 
 
 def _spacing_course(frame: StandFrame, shape: Shape) -> Array:
-    """(rows,) of the relative spacing: straight, or what is left of the wake dies away as the rotors part."""
+    """(rows,) of the relative spacing: straight, or what is left of the wake dies away as the rotors part.
+
+    It is nought where the model holds: at the log's middle, or `apart` from it.
+    """
     change = _spacing(frame)
-    if "decay" not in shape:
-        return change
-    return np.asarray(-np.expm1(-shape["decay"] * change) / shape["decay"])
+    if "decay" in shape:
+        change = np.asarray(-np.expm1(-shape["decay"] * change) / shape["decay"])
+    return change - shape.get("apart", 0.0)
 
 
 def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
@@ -218,7 +231,7 @@ def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
 
 def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     levels = len(np.unique(np.round(_spacing(frame), 2)))
-    return [({"decay": 1.0}, c)] if "decay" not in shape and levels > 2 else []
+    return [({**shape, "decay": 1.0}, c)] if "decay" not in shape and levels > 2 else []
 
 
 ROTOR_SPACING: Effect[StandFrame] = Effect(
@@ -234,9 +247,10 @@ ROTOR_SPACING: Effect[StandFrame] = Effect(
         "upper_gain_N": "N",
         "reference_spacing_m": "m",
         "decay": "1",
+        "apart": "1",
     },
     missing=_no_spacing,
-    shapes=one_shape,
+    shapes=lambda frame: [{}] if frame.free_base else [{"apart": a} for a in APART],
     columns=_spacing_columns,
     parameters=lambda frame, shape, c: {
         **shape,
@@ -246,11 +260,11 @@ ROTOR_SPACING: Effect[StandFrame] = Effect(
         "reference_spacing_m": float(np.median(frame.columns["rotor_spacing_m"])),  # where the base holds
     },
     inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k == "decay"},
+        {k: v for k, v in p.items() if k in SPACING},
         np.array([p["wake_thrust_share"], p["wake_torque_share"], p["upper_gain_N"]]),
     ),
     refuse=lambda p: outside("wake_thrust_share", p["wake_thrust_share"], -3.0, 3.0),
     cause=lambda frame, _, __: ("rotor_spacing_m", frame.columns["rotor_spacing_m"]),
-    free=lambda _, shape: {"decay": (0.05, 8.0)} if "decay" in shape else {},
+    free=lambda _, shape: {name: limit for name, limit in SPACING.items() if name in shape},
     finer=_spacing_finer,
 )

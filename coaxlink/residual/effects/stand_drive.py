@@ -188,16 +188,24 @@ def _no_time(frame: StandFrame) -> str | None:
     return _drivable(frame)
 
 
+def _stepped(u: Array, step_s: float, lag_s: float) -> Array:
+    """(rows, 2) behind a throttle that jumps right after a row and stands until the next one."""
+    keep = float(np.exp(-step_s / lag_s))
+    out, _ = lfilter([1.0 - keep], [1.0, -keep], u, axis=0, zi=u[:1] * keep)
+    return np.asarray(out)
+
+
 def _late(frame: StandFrame, shape: Shape) -> Array:
     """(rows, 2) speeds behind the throttles: one lag, a second stage before it, other lags up and down."""
     u, step = drive(frame), float(np.median(np.diff(frame.time_s)))
     lag = shape["lag_s"]
+    follow = _stepped if "stepped" in shape else lagged
     if "second_s" in shape:
-        u = lagged(u, step, shape["second_s"])
+        u = follow(u, step, shape["second_s"])
     if "down" not in shape:
-        return lagged(u, step, lag)
-    rising = lagged(u, step, lag)
-    falling = lagged(u, step, lag * shape["down"])
+        return follow(u, step, lag)
+    rising = follow(u, step, lag)
+    falling = follow(u, step, lag * shape["down"])
     return np.where(u >= 0.5 * (rising + falling), rising, falling)
 
 
@@ -218,9 +226,10 @@ def _lag_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
 
 
 def _lag_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    lag = shape["lag_s"]
-    second, down = {"second_s": 0.2 * lag}, {"down": 1.2}
-    return [({**shape, **more}, c) for more in (second, down, second | down) if len(shape) == 1]
+    if "second_s" in shape or "down" in shape:
+        return []
+    second, down = {"second_s": 0.2 * shape["lag_s"]}, {"down": 1.2}
+    return [({**shape, **more}, c) for more in (second, down, second | down)]
 
 
 ROTOR_LAG: Effect[StandFrame] = Effect(
@@ -230,9 +239,9 @@ ROTOR_LAG: Effect[StandFrame] = Effect(
     source="first-order motor dynamics (Hamandi, Tognon and Franchi 2020)",
     needs=("time_s", "upper_throttle"),
     channels=STAND_CHANNELS,
-    units={"lag_s": "s", "share": "1", "second_s": "s", "down": "1"},
+    units={"lag_s": "s", "share": "1", "second_s": "s", "down": "1", "stepped": "1"},
     missing=_no_time,
-    shapes=lambda _: [{"lag_s": s} for s in LAGS_S],
+    shapes=lambda _: [{"lag_s": s, **form} for s in LAGS_S for form in ({}, {"stepped": 1.0})],
     columns=lambda frame, shape: _bent(frame, _late(frame, shape))[..., None],
     parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
     inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
