@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.residual.signals import lagged
+from coaxlink.residual.similarity import Surface
 from coaxlink.rotor import RotorModel
 
 Array = NDArray[np.float64]
@@ -111,6 +112,7 @@ class StandFrame:
     block: NDArray[np.intp]  # (rows,)
     keep: NDArray[np.intp]
     notes: tuple[str, ...] = ()
+    surfaces: Mapping[int, Surface] = field(default_factory=dict)  # by load: what the fitted terms miss
 
     def context(self, name: str) -> Array | None:
         """A recorded column, or None."""
@@ -128,4 +130,8 @@ class StandFrame:
     def loads_at(self, speeds: Array) -> Array:
         """(rows, 4) base loads at other speeds (rows, 2)."""
         pair = self.model.loads(speeds[:, 0], speeds[:, 1])
-        return np.stack([pair.upper_thrust, pair.upper_torque, pair.lower_thrust, pair.lower_torque], axis=1)
+        loads = (pair.upper_thrust, pair.upper_torque, pair.lower_thrust, pair.lower_torque)
+        out = np.stack(loads, axis=1)
+        for c, surface in self.surfaces.items():
+            out[:, c] += surface(speeds)
+        return out

@@ -15,6 +15,7 @@ import numpy as np
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.residual.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
+from coaxlink.residual.similarity import Surface, find_surface
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import design_matrix
@@ -90,6 +91,16 @@ def stand_frame(samples: Samples, model: RotorModel | None, order: int | None = 
     free = model is None
     orders = ORDERS if order is None else (order,)
     base = model or own_model(u, measured, present, speeds.speed_max_rpm, orders)
+    surfaces: dict[int, Surface] = {}
+    notes = [f"speeds: {speeds.source}"]
+    if free and order is None:
+        base, surfaces = _with_surfaces(base, u, measured, present)
+    if surfaces:
+        names_of_loads = " and ".join(STAND_CHANNELS[c] for c in surfaces)
+        notes.append(
+            f"{names_of_loads}: polynomials do not follow this pair; errors are beside a free curve over the"
+            " ratio of the speeds, which a rotor file does not hold"
+        )
     frame = StandFrame(
         model=base,
         time_s=time,
@@ -105,9 +116,30 @@ def stand_frame(samples: Samples, model: RotorModel | None, order: int | None = 
         columns=samples.columns,
         block=_blocks(u if throttles is None else throttles, time),
         keep=np.arange(samples.rows),
-        notes=(f"speeds: {speeds.source}",),
+        notes=tuple(notes),
+        surfaces=surfaces,
     )
     return predict(frame)
+
+
+def _with_surfaces(
+    base: RotorModel, u: Array, measured: Array, present: Sequence[int]
+) -> tuple[RotorModel, dict[int, Surface]]:
+    """A fitted base with the surfaces over the speeds' ratio that the lower loads ask for beside it."""
+    terms = {load: dict(named) for load, named in base.terms().items()}
+    richest = tuple(dictionary_of(LOADS[2], ORDERS[-1]))
+    surfaces = {}
+    for c in (2, 3):
+        if c in present and min(np.ptp(u, axis=0)) > 0.2:
+            surface = find_surface(u, measured[:, c], richest)
+            if surface is not None:
+                surfaces[c] = surface
+                x = design_matrix(richest, u[:, 0], u[:, 1])
+                fit = np.linalg.lstsq(x, measured[:, c], rcond=1e-10)[0]
+                terms[LOADS[c]] = dict(zip(richest, map(float, fit), strict=True))
+    if not surfaces:
+        return base, surfaces
+    return RotorModel.from_terms(base.form, base.speed_max_rpm, terms), surfaces
 
 
 def predict(frame: StandFrame) -> StandFrame:
@@ -179,6 +211,9 @@ def base_corrections(frame: StandFrame) -> Base:
             for term in terms[load]:
                 values = design_matrix([term], frame.speeds[:, 0], frame.speeds[:, 1])[:, 0]
                 column(f"{load} {term}", np.inf, c, values)
+            if c in frame.surfaces:
+                for k, values in enumerate(frame.surfaces[c].columns(frame.speeds).T):
+                    column(f"{load} surface {k}", frame.surfaces[c].scale, c, values)
             continue
         own, other = (0, 1) if c < 2 else (1, 0)
         base = frame.predicted[:, c]
