@@ -60,12 +60,14 @@ def accumulate(design: Array, residual: Array, block: Index, fold: Index, bounds
     moment = np.zeros((count, channels, width))
     power = np.zeros((count, channels))
     rows = np.zeros(count)
+    # most columns touch one channel only: the others' zeros are not multiplied
+    touched = [np.flatnonzero(np.any(design[:, c] != 0.0, axis=0)) for c in range(channels)]
     for b in range(count):
-        mine = block == b
-        rows[b] = mine.sum()
-        for c in range(channels):
-            x, y = design[mine, c].astype(float), residual[mine, c]
-            gram[b, c], moment[b, c], power[b, c] = x.T @ x, x.T @ y, y @ y
+        mine = np.flatnonzero(block == b)
+        rows[b] = len(mine)
+        for c, use in enumerate(touched):
+            x, y = design[mine[:, None], c, use].astype(float), residual[mine, c]
+            gram[b, c, use[:, None], use], moment[b, c, use], power[b, c] = x.T @ x, x.T @ y, y @ y
     return Blocks(gram, moment, power, rows, fold, bounds)
 
 
@@ -118,12 +120,11 @@ def _bounded(gram: Array, moment: Array, bounds: Array) -> Array:
 
 def squares(blocks: Blocks, coefficients: Array, which: Array | None = None) -> Array:
     """(B, C) sum of squared whitened residuals under coefficients (P,); `which` (B,) bool picks blocks."""
-    use = np.flatnonzero(coefficients)
-    c = coefficients[use]
+    c = coefficients
     pick = slice(None) if which is None else which
-    linear = blocks.moment[pick][:, :, use] @ c
-    square = (blocks.gram[pick][:, :, use[:, None], use] @ c) @ c
-    return np.maximum(blocks.power[pick] - 2.0 * linear + square, 0.0)
+    linear = blocks.moment[pick] @ c
+    square = np.matmul(blocks.gram[pick], c) @ c
+    return np.asarray(np.maximum(blocks.power[pick] - 2.0 * linear + square, 0.0))
 
 
 def held_out(blocks: Blocks, use: Index) -> tuple[Array, Array]:

@@ -34,6 +34,7 @@ ROUNDS = 3  # of judging again
 LEAST_ROWS = 80  # judged rows of a flight
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 LONG = 200_000  # judged rows times channels: beyond, other forms of an effect are not tried
+FAR_OFF = 1.15  # of the noise: a fitted base is looked at again
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
 
 
@@ -99,12 +100,16 @@ def refine_stand(
     suspects, bad, mislabelled = find_suspects(bare)
     trusted = np.flatnonzero(np.logical_not(bad))
     best: tuple[float, Judged] | None = None
-    # a base of high order may swallow an effect that a plain one leaves to be named
-    for order in (None,) if model is not None else (None, 2):
-        progress("fitting candidates")
-        bare = replace(stand_frame(samples, model, order), keep=trusted)
-        if best is not None and bare.model.terms() == best[1].problem.frame.model.terms():
+    shed: Array | None = None
+    # a base of high order may swallow an effect that a plain one leaves to be named; and how rich a base must
+    # be is seen better once the effects are known
+    for order, again in ((None, False),) if model is not None else ((None, False), (2, False), (None, True)):
+        if again and (shed is None or best is None or not _far_off(best[1])):
             break
+        progress("fitting candidates")
+        bare = replace(stand_frame(samples, model, order, shed if again else None), keep=trusted)
+        if best is not None and bare.model.terms() == best[1].problem.frame.model.terms():
+            continue
         known, notes = known_on_stand(bare)
         problem = stand_problem(composed(bare, known))
         progress("selecting")
@@ -114,15 +119,24 @@ def refine_stand(
         selection = Selection() if mislabelled or few else select(problem)
         reduce = _present(bare)
         selection, start = _again(problem, selection, bare, known, reduce)
-        joint, _ = _together(problem, selection, bare, known, reduce, start)
+        joint, prediction = _together(problem, selection, bare, known, reduce, start)
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:
+            shed = prediction - problem.frame.predicted if selection.members else None
             floor = _stand_floor(bare, joint)
             parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled)
             best = error, Judged(problem, selection, joint, floor, stand_variables(bare), *parts)
     assert best is not None
     progress("judging")
     return answer(best[1], several)
+
+
+def _far_off(j: Judged) -> bool:
+    """Whether a load is left with clearly more than its noise."""
+    q = j.joint.problem
+    squares = held_out(q.blocks, columns_of(q, list(q.options)))[0].sum(axis=0)
+    over = np.sqrt(squares / q.blocks.rows.sum()) * q.sigma / np.maximum(j.floor, 1e-12)
+    return bool(np.max(over) > FAR_OFF)
 
 
 def _present(frame: StandFrame) -> Callable[[Array], Array]:

@@ -57,9 +57,13 @@ def joined(logs: Sequence[Samples]) -> Samples:
     return Samples(columns, "; ".join(log.source for log in logs), notes)
 
 
-def stand_frame(samples: Samples, model: RotorModel | None, order: int | None = None) -> StandFrame:
+def stand_frame(
+    samples: Samples, model: RotorModel | None, order: int | None = None, shed: Array | None = None
+) -> StandFrame:
     """Both sides of a stand log; without a model, one of this order, or of the order the log supports.
 
+    `shed` (rows, 6) is what effects add that are known of already: how rich a base the log asks for is seen
+    best without them.
     Raises InputError: nothing measured, no speeds, too few rows.
     """
     names = [c for c in STAND_LOADS if samples.has(COLUMN_OF[c])]
@@ -90,11 +94,12 @@ def stand_frame(samples: Samples, model: RotorModel | None, order: int | None = 
         time = np.arange(float(samples.rows))
     free = model is None
     orders = ORDERS if order is None else (order,)
-    base = model or own_model(u, measured, present, speeds.speed_max_rpm, orders)
+    plain = measured if shed is None else measured - shed
+    base = model or own_model(u, plain, present, speeds.speed_max_rpm, orders)
     surfaces: dict[int, Surface] = {}
     notes = [f"speeds: {speeds.source}"]
     if free and order is None:
-        base, surfaces = _with_surfaces(base, u, measured, present)
+        base, surfaces = _with_surfaces(base, u, plain, present)
     if surfaces:
         names_of_loads = " and ".join(STAND_CHANNELS[c] for c in surfaces)
         notes.append(

@@ -229,7 +229,12 @@ def _lag_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, A
     if "second_s" in shape or "down" in shape:
         return []
     second, down = {"second_s": 0.2 * shape["lag_s"]}, {"down": 1.2}
-    return [({**shape, **more}, c) for more in (second, down, second | down)]
+    other = {"lag_s": shape["lag_s"]} | ({} if "stepped" in shape else {"stepped": 1.0})
+    one = np.ones(1)
+    return [
+        *(({**shape, **more}, c) for more in (second, down, second | down)),
+        *(({**other, **more}, one) for more in (second, down, second | down)),
+    ]
 
 
 ROTOR_LAG: Effect[StandFrame] = Effect(
