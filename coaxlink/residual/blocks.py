@@ -79,7 +79,7 @@ def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
 
 
 def least_of(blocks: Blocks, use: Index, design: Array, residual: Array) -> float:
-    """Least square sum that the columns `use`, (rows, C, k) as `design`, leave of another residual (rows, C)."""
+    """Least square sum that the columns `use`, as `design` (rows, C, k), leave of a residual (rows, C)."""
     gram = blocks.whole[0].sum(axis=0)[use[:, None], use]
     moment = np.einsum("rck,rc->k", design, residual.astype(design.dtype), optimize=True).astype(float)
     values = _bounded(gram, moment, blocks.bounds[use])

@@ -128,7 +128,7 @@ class Fitter:
         return Joint(from_design(p, design, residual, options, frame=self.bare), tuple(members))
 
     def beside(self, joint: Joint) -> Problem:
-        """The problem about the joint point, its members first, with every other effect's options beside them.
+        """The problem about the joint point, its members first, every other effect's options beside them.
 
         What an option adds is taken through the members (what draws thrust off changes the load that friction
         holds), by a secant of one per cent of the reference load.

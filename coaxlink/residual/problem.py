@@ -30,9 +30,7 @@ class Option:
         """Named physical numbers of the columns' coefficients (K,)."""
         count = len(values) - len(self.keys)
         limits = self.effect.free(frame, self.shape) if self.keys else {}
-        moved = {
-            k: float(np.clip(v, *limits[k])) for k, v in zip(self.keys, values[count:], strict=True)
-        }
+        moved = {k: float(np.clip(v, *limits[k])) for k, v in zip(self.keys, values[count:], strict=True)}
         return self.effect.parameters(frame, {**self.shape, **moved}, values[:count])
 
     @property

@@ -12,13 +12,13 @@ from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.residual.answer import Judged, answer, held_out_residual
 from coaxlink.residual.blocks import held_out, solve
+from coaxlink.residual.effects.base import Shape
 from coaxlink.residual.flight import flight_frame, reduce_columns
 from coaxlink.residual.flight_problem import corrected, flight_floor, flight_problem, flight_variables
 from coaxlink.residual.flight_problem import known_parts as known_in_flight
 from coaxlink.residual.flight_suspects import flight_suspects
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, member, straight
-from coaxlink.residual.effects.base import Shape
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Refinement
 from coaxlink.residual.select import Selection, columns_of, select

@@ -26,8 +26,10 @@ Index = NDArray[np.intp]
 ALPHA = 1e-3  # over all looks of one step
 SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
 GAIN = 0.15  # of the squared error of the channel that gains most
-# what leaves only noise is believed at a smaller size: nothing else that is wrong would
-EXACT_ALPHA, EXACT_LEFT, EXACT_SIZE, EXACT_GAIN = 1e-9, 1.2, 0.001, 0.03
+# an effect of which the base corrections take back most is believed by what is left of it, if only noise
+# remains then: nothing else that is wrong would leave that
+EXACT_ALPHA, EXACT_LEFT, EXACT_SIZE, EXACT_GAIN, EXACT_WORTH = 1e-9, 1.2, 0.001, 0.03, 0.01
+FAR, MOST_OF_IT = 25.0, 0.4  # variances of the noise left, share of the squared error taken away
 MOST = 4
 ENOUGH = 150_000  # rows times channels that a trial looks at one by one
 TIE = 0.04  # of the gain: a special case this close to the general one is preferred
@@ -51,6 +53,7 @@ class Trial:
     size: float
     refused: str | None
     total: float  # held-out square sum left
+    worth: float  # as size, with what the base corrections took back
     left: float  # variance that is left over the noise's, of the worst channel that it changes
 
     @property
@@ -61,7 +64,7 @@ class Trial:
     @property
     def exact(self) -> bool:
         """Whether it is beyond doubt and leaves nothing but noise: then it may be small."""
-        sure = self.p_value < EXACT_ALPHA and self.left < EXACT_LEFT
+        sure = self.p_value < EXACT_ALPHA and self.left < EXACT_LEFT and self.worth > EXACT_WORTH
         return sure and self.size > EXACT_SIZE and self.share > EXACT_GAIN
 
     @property
@@ -82,6 +85,8 @@ class Trial:
             return (
                 f"adds {100 * self.size:.2f} % of the reference load beyond what the base corrections absorb"
             )
+        if self.left > FAR and self.share < MOST_OF_IT:
+            return f"leaves {np.sqrt(self.left):.0f} times the noise: this takes too little of it to be its cause"
         if self.share < GAIN:
             return f"lowers no channel's held-out squared error by more than {100 * self.share:.1f} %"
         return self.refused
@@ -177,6 +182,8 @@ class Judge:
         p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(option.columns))))
         moved = np.abs(view @ (full - null)[used]) * p.sigma / p.reference
         size = float(np.quantile(moved, 0.95, axis=0).max())
+        mine = self._design[:, :, option.columns].astype(float) @ full[option.columns]
+        mine = np.abs(mine) * p.sigma / p.reference
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
         shares = (held_before - held_after) / np.maximum(held_before, 1e-12)
         share = float(np.max(shares))
@@ -194,6 +201,7 @@ class Judge:
             size,
             refused,
             total,
+            float(np.quantile(mine, 0.95, axis=0).max()),
             float(np.max(variance, where=shares > 0.3 * share, initial=0.0)) if share > 0 else np.inf,
         )
 

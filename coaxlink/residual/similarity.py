@@ -1,9 +1,9 @@
 """What the polynomials of a pair miss: a surface of the lower loads over the ratio of the two speeds.
 
 Blades of one pair in one air see the same angles wherever the ratio of the two speeds is the same; then their
-loads grow with the square of the speeds together (similarity, Leishman 2006, ch. 2: thrust coefficients depend
-on the wake's inflow ratio alone). So a load of the lower rotor is (u_u^2 + u_l^2) f(ratio) with one curve f, and
-what Reynolds number adds to that is slow and the polynomials' own. The curve bends hardest where the lower
+loads grow with the square of the speeds together (similarity, Leishman 2006, ch. 2: thrust coefficients
+depend on the wake's inflow ratio alone). So a load of the lower rotor is (u_u^2 + u_l^2) f(ratio), and what
+Reynolds number adds to that is slow and the polynomials' own. The curve bends hardest where the lower
 rotor is slow in a strong wake and stalls or windmills: the knots lie densest there. A rotor at rest is
 another thing than a slow one and has a number of its own.
 """
@@ -13,11 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from coaxlink.residual.effects.base import Array
 from coaxlink.rotor.polynomial import design_matrix
 
+Index = NDArray[np.intp]
 KNOTS = (8, 12)
 SUPPORT = 5.0  # rows that a column must have under it
 GAIN = 0.6  # a surface must leave less than this share of the held-out squares
@@ -25,7 +27,7 @@ REST = 0.005  # normalised speed
 
 
 def raw_columns(speeds: Array, knots: int) -> Array:
-    """(rows, K) of speeds (rows, 2): splines over the ratio times the squared speeds, and the rotor at rest."""
+    """(rows, K) of speeds (rows, 2): splines over the ratio times the squared speeds; the rotor at rest."""
     upper, lower = np.maximum(speeds[:, 0], 0.0), np.maximum(speeds[:, 1], 0.0)
     angle = np.clip(np.arctan2(lower, upper), 0.0, np.pi / 2 - 1e-9)
     at = np.pi / 2 * np.linspace(0.0, 1.0, knots) ** 2
@@ -59,7 +61,7 @@ def find_surface(speeds: Array, load: Array, terms: tuple[str, ...]) -> Surface 
     """The surface that a load (rows,) asks for beyond polynomial terms, judged on held-out rows; or None."""
     poly = design_matrix(terms, speeds[:, 0], speeds[:, 1])
     scale = 2.0 * float(np.quantile(np.abs(load), 0.95))
-    fold = (np.arange(len(load)) * 20 // len(load)) % 5
+    fold = np.asarray((np.arange(len(load)) * 20 // len(load)) % 5, np.intp)
     plain = _held_out(poly, np.zeros((len(load), 0)), load, fold, scale)
     best: tuple[float, Surface] | None = None
     for knots in KNOTS:
@@ -71,7 +73,7 @@ def find_surface(speeds: Array, load: Array, terms: tuple[str, ...]) -> Surface 
             break
         left = _held_out(poly, raw[:, used], load, fold, scale)
         if left < GAIN * plain and (best is None or left < 0.9 * best[0]):
-            share = np.linalg.lstsq(poly, raw[:, used], rcond=1e-10)[0]
+            share = np.asarray(np.linalg.lstsq(poly, raw[:, used], rcond=1e-10)[0], float)
             fit = _fit(poly, raw[:, used], load, scale)[poly.shape[1] :]
             best = left, Surface(knots, terms, used, share, fit, scale)
     return best[1] if best else None
@@ -86,7 +88,7 @@ def _fit(poly: Array, raw: Array, load: Array, scale: float) -> Array:
     return np.asarray(np.linalg.lstsq(x, np.concatenate([load, np.zeros(raw.shape[1])]), rcond=1e-10)[0])
 
 
-def _held_out(poly: Array, raw: Array, load: Array, fold: Array, scale: float) -> float:
+def _held_out(poly: Array, raw: Array, load: Array, fold: Index, scale: float) -> float:
     out = 0.0
     for f in range(5):
         train, test = fold != f, fold == f

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside
+from coaxlink.residual.effects.base import Array, Effect, Shape, outside
 from coaxlink.residual.frames import STAND_LOADS, StandFrame
 
 GAS_CONSTANT = 287.05
 POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: told from full speed down
 RISES = (2.0, 4.0, 7.0)  # of Mach number: nothing at rest
+OVER = (-0.12, -0.06, 0.0, 0.06, 0.12)  # of the log's median density: where a given model holds
 APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
 SPACING = {"decay": (0.05, 8.0), "apart": (-0.5, 0.5)}
 TIPS = (0.4, 0.55, 0.7)  # from where a stall or a wave takes lift off
@@ -43,7 +44,7 @@ def _air_columns(frame: StandFrame, shape: Shape) -> Array:
     """Thrust and torque alike, or, `apart`, each by its own power: profile drag has a Reynolds number too."""
     rho = density(frame)
     assert rho is not None
-    change = frame.predicted[:, :4] * (rho / np.median(rho) - 1.0)[:, None]
+    change = frame.predicted[:, :4] * (rho / np.median(rho) - 1.0 - shape.get("over", 0.0))[:, None]
     out = np.zeros((_rows(frame), 6, 2 if "apart" in shape else 1))
     out[:, :4:2, 0] = change[:, ::2]
     out[:, 1:4:2, -1] = change[:, 1::2]
@@ -59,15 +60,15 @@ def _air_cause(frame: StandFrame, _: Shape, __: str) -> tuple[str, Array]:
 def _air_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
     rho = density(frame)
     assert rho is not None
-    torque = {"torque_exponent": float(c[1]), **shape} if "apart" in shape else {}
+    torque = {"torque_exponent": float(c[1])} if "apart" in shape else {}
     # where the base holds
-    return {"density_exponent": float(c[0]), **torque, "reference_density_kg_m3": float(np.median(rho))}
+    reference = float(np.median(rho)) * (1.0 + shape.get("over", 0.0))
+    return {"density_exponent": float(c[0]), **torque, **shape, "reference_density_kg_m3": reference}
 
 
 def _air_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    if "apart" in p:
-        return {"apart": 1.0}, np.array([p["density_exponent"], p["torque_exponent"]])
-    return {}, np.array([p["density_exponent"]])
+    names = ("density_exponent", "torque_exponent") if "apart" in p else ("density_exponent",)
+    return {k: p[k] for k in ("apart", "over") if k in p}, np.array([p[k] for k in names])
 
 
 def _air_refuse(p: Mapping[str, float]) -> str | None:
@@ -83,16 +84,20 @@ AIR_DENSITY: Effect[StandFrame] = Effect(
     source="blade element theory; ideal gas",
     needs=("air_temperature_C", "air_pressure_Pa"),
     channels=STAND_LOADS,
-    units={"density_exponent": "1", "torque_exponent": "1", "apart": "1", "reference_density_kg_m3": "kg/m3"},
+    units={"density_exponent": "1", "torque_exponent": "1", "apart": "1", "over": "1",
+           "reference_density_kg_m3": "kg/m3"},
     missing=_no_air,
-    shapes=one_shape,
+    shapes=lambda frame: [{}] if frame.free_base else [{"over": o} for o in OVER],
     columns=_air_columns,
     parameters=_air_parameters,
     inverse=_air_inverse,
     refuse=_air_refuse,
     cause=_air_cause,
-    finer=lambda _, shape, c: [] if shape else [({"apart": 1.0}, np.array([c[0], c[0]]))],
-)
+    free=lambda _, shape: {"over": (-0.25, 0.25)} if "over" in shape else {},
+    finer=lambda _, shape, c: (
+        [] if "apart" in shape else [({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
+    ),
+)  # fmt: skip
 
 
 def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
@@ -189,7 +194,7 @@ INTERFERENCE: Effect[StandFrame] = Effect(
         {k: v for k, v in p.items() if k.endswith("power")},
         np.array([p["thrust_loss_N"], p["torque_loss_Nm"]]),
     ),
-    refuse=lambda p: outside("thrust_loss_N", p["thrust_loss_N"], -1e4, 1e4),
+    refuse=lambda p: outside("thrust_loss_N", p["thrust_loss_N"], 0.0, 1e4),
     cause=lambda frame, _, __: ("u_l", frame.speeds[:, 1]),
     free=lambda _, __: {"lower_power": (0.4, 5.0), "upper_power": (0.0, 4.0)},
 )

@@ -52,7 +52,7 @@ def _no_voltage(frame: StandFrame) -> str | None:
 
 
 def _loaded(u: Array, shape: Shape) -> Array:
-    """(rows, 2) how much a change of the drive is felt: as the speed, or more so where the motor is loaded."""
+    """(rows, 2) how much a change of the drive is felt: as the speed, or more where the motor is loaded."""
     return np.asarray(u * np.maximum(u, 1e-3) ** shape["load"] if "load" in shape else u)
 
 

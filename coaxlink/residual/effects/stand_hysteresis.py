@@ -14,8 +14,12 @@ from coaxlink.residual.frames import STAND_LOADS, StandFrame
 
 SIDES = {"upper": 0, "lower": 1}
 REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
+NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
+         "power", "reach", "spread")  # fmt: skip
 ALL = {"both", "sweep", "load"}  # not one rotor's alone
 FREE = {"reach": (0.004, 0.6), "spread": (1.02, 3.0), "power": (0.0, 1.5)}
+TURNED = 0.01  # of normalised speed: less is no turn
+JUMP = 0.3  # of normalised speed from row to row: the next sweep begins, no way back
 STICKING = np.array([-1.5, -0.5, 0.5, 1.5])  # elements: their ways are reach * spread^k
 Maps = tuple[Array, Array, Array]  # x -> clip(x + shift, low, high)
 
@@ -23,10 +27,14 @@ Maps = tuple[Array, Array, Array]  # x -> clip(x + shift, low, high)
 def direction(frame: StandFrame, side: int) -> Array:
     """(rows,) +1 where the speed last rose, -1 where it last fell, 0 before it moved or where it jumped."""
     u = _course(frame)[:, side]
-    step = np.diff(u, prepend=u[0])
-    moved = np.where(np.abs(step) > 1e-3, np.sign(step), 0.0)
-    last = np.maximum.accumulate(np.where(moved != 0.0, np.arange(len(u)), 0))
-    return moved[last]
+    rows = np.arange(len(u))
+    state = slipping(u, np.array([TURNED]))[:, 0]  # what a tachometer's noise cannot turn round
+    settled = np.where(np.abs(state) > 0.999, np.sign(state), 0.0)
+    way = settled[np.maximum.accumulate(np.where(settled != 0.0, rows, 0))]
+    turn = np.diff(way, prepend=0.0) != 0.0
+    jumped = np.abs(np.diff(u, prepend=u[0])) > JUMP
+    since = np.maximum.accumulate(np.where(turn, rows, 0))
+    return np.where(jumped[since], 0.0, way)
 
 
 def moving(frame: StandFrame, side: int) -> Array:
@@ -119,7 +127,13 @@ def _columns(frame: StandFrame, shape: Shape) -> Array:
 
 
 def _shapes(_: StandFrame) -> list[dict[str, float]]:
-    forms = [{}, {"bulge": 1.0}, {"moving": 1.0}, {"power": 0.0, "reach": 0.03, "spread": 1.8}, *({"reach": r, "spread": 1.8} for r in REACHES)]
+    forms = [
+        {},
+        {"bulge": 1.0},
+        {"moving": 1.0},
+        {"power": 0.0, "reach": 0.03, "spread": 1.8},
+        *({"reach": r, "spread": 1.8} for r in REACHES),
+    ]
     worn = [form for form in forms if "reach" in form]
     return [
         *({side: 1.0, **form} for side in ("both", "upper", "lower", "sweep") for form in forms),
@@ -146,8 +160,7 @@ HYSTERESIS: Effect[StandFrame] = Effect(
     source="friction of the rig and stall of the blades on the way down; Iwan 1966",
     needs=("upper_rpm", "lower_rpm"),
     channels=STAND_LOADS,
-    units={"thrust_share": "1", "torque_share": "1", "both": "1", "upper": "1", "lower": "1", "sweep": "1", "load": "1",
-           "bulge": "1", "moving": "1", "power": "1", "reach": "1", "spread": "1"},
+    units=dict.fromkeys(NAMES, "1"),
     missing=_no_return,
     shapes=_shapes,
     columns=_columns,

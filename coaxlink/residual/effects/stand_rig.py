@@ -92,7 +92,11 @@ def _tachometer_columns(side: int, frame: StandFrame, shape: Shape) -> Array:
 def _no_second_witness(frame: StandFrame) -> str | None:
     if frame.driven:
         return "speeds are throttles"
-    return "no throttle in the log: nothing but the loads could contradict it" if frame.throttles is None else None
+    return (
+        "no throttle in the log: nothing but the loads could contradict it"
+        if frame.throttles is None
+        else None
+    )
 
 
 def _tachometer(name: str) -> Effect[StandFrame]:
