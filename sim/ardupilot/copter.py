@@ -61,6 +61,7 @@ SETTINGS: dict[str, tuple[str, float] | float] = {
     "MPC_THR_HOVER": ("MOT_THST_HOVER", 1.0),
     "MPC_USE_HTE": 1.0,
     "HTE_THR_RANGE": 0.25,
+    "IMU_GYRO_CUTOFF": ("INS_GYRO_FILTER", 1.0),
     "IMU_DGYRO_CUTOFF": ("ATC_RAT_RLL_FLTD", 1.5),
     "MPC_TKO_RAMP_T": ("TKOFF_SLEW_TIME", 1.0),
     "MPC_TKO_SPEED": ("WPNAV_SPEED_UP", 0.006),
