@@ -5,10 +5,14 @@ a while (`SRV_Channels:set_output_pwm_chan_timeout`). The script sends roll, pit
 ACTUATOR_CONTROL_TARGET each time it runs, takes the newest answer meant for this vehicle, checks it whole
 (eight finite numbers in 0..1, armed, no emergency stop) and holds the motors' outputs for HOLD_MS: on silence
 the matrix flies again by itself. Overrides bypass ArduPilot's own emergency stop, hence the checks.
+
+It follows one companion until that has been silent for HOLD_MS, and says whom: controls 5 and 6 of the demand
+are the system and component of the companion followed, 0 when there is none.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from coaxlink.errors import InputError, SafetyRefusal
@@ -69,6 +73,12 @@ def board_factors(session: Session) -> list[list[float]]:
     return [[float(f) for f in row] for row in factors]
 
 
+def followed(demand: Sequence[float]) -> tuple[int, int] | None:
+    """System and component that a bridge's demand (stamp, eight controls, group) says it follows."""
+    system, component = demand[5:7]
+    return (int(system), int(component)) if system or component else None
+
+
 def _script_on_board(session: Session) -> str:
     from coaxlink.link.ftp import Files
 
@@ -99,6 +109,7 @@ local low = param:get("MOT_PWM_MIN") or 1000
 local high = param:get("MOT_PWM_MAX") or 2000
 local own = param:get("SYSID_THISMAV") or param:get("MAV_SYSID") or 1
 local channel = {{}}
+local followed, heard = nil, millis()  -- the companion whose answers are taken, and when the last one was
 
 for n = 1, MOTORS do
   channel[n] = SRV_Channels:find_channel(32 + n)
@@ -118,11 +129,20 @@ local function stamp()
   return string.pack("<I2I2I4", a % 65536, b % 65536, b // 65536)
 end
 
+local function following()
+  if followed and (millis() - heard):toint() > HOLD_MS then
+    followed = nil
+  end
+  return followed
+end
+
 local function send_demand()
   local roll = motors:get_roll() + motors:get_roll_ff()
   local pitch = motors:get_pitch() + motors:get_pitch_ff()
   local yaw = motors:get_yaw() + motors:get_yaw_ff()
-  local body = string.pack("<ffffffffB", roll, pitch, yaw, motors:get_throttle(), 0, 0, 0, 0, 0)
+  local whose = following() or 0  -- system in the lowest byte, then component, then the link
+  local body = string.pack("<ffffffffB", roll, pitch, yaw, motors:get_throttle(),
+                           whose % 256, whose // 256 % 256, 0, 0, 0)
   mavlink:send_chan(0, DEMAND, stamp() .. body)
 end
 
@@ -130,17 +150,20 @@ local function stopped()
   return not arming:is_armed() or (SRV_Channels.get_emergency_stop and SRV_Channels:get_emergency_stop())
 end
 
--- the newest answer that is whole and meant for us; nil if there is none
+-- the newest answer of the companion we follow, if it is whole and meant for us, and whose it is; or nil
 local function answer()
-  local newest
+  local newest, sender
   for _ = 1, 8 do
-    local message = mavlink:receive_chan()
+    local message, link = mavlink:receive_chan()
     if not message then
       break
     end
-    newest = message
+    local whose = string.unpack("<I2", message, 8) + 65536 * (link or 0)
+    if string.unpack("<I3", message, 10) == ANSWER and whose == (following() or whose) then
+      newest, sender = message, whose
+    end
   end
-  if not newest or string.unpack("<I3", newest, 10) ~= ANSWER then
+  if not newest then
     return nil
   end
   local u = {{ string.unpack("<ffffffff", newest, 21) }}
@@ -153,12 +176,13 @@ local function answer()
       return nil
     end
   end
-  return u
+  return u, sender
 end
 
 local function update()
-  local u = answer()
+  local u, sender = answer()
   if u and not stopped() then
+    followed, heard = sender, millis()
     for n = 1, MOTORS do
       local pwm = math.floor(low + (high - low) * u[n] + 0.5)
       SRV_Channels:set_output_pwm_chan_timeout(channel[n], pwm, HOLD_MS)
