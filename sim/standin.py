@@ -78,8 +78,9 @@ class Standin:
 
     def hear(self) -> None:
         """Deal with everything that has come."""
-        for port in self.ports:
+        for link, port in enumerate(self.ports):
             for peer, data in port.receive():
+                peer.link = link
                 self._heed(self._meet(peer), peer.parse(data))
             for peer in port.peers:
                 conversation = self._meet(peer)

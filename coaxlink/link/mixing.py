@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     from coaxlink.link.attitude_loop import AttitudeLoop
     from coaxlink.link.hot import Batch
+    from coaxlink.link.live_bridge import BridgeEnd
     from coaxlink.link.live_hot import HotPath
     from coaxlink.link.live_record import LiveRecord
     from coaxlink.link.session import Session
@@ -51,7 +52,6 @@ __all__ = [
 DEMAND, ANSWER = codec.ACTUATOR_CONTROL_TARGET, codec.SET_ACTUATOR_CONTROL_TARGET
 OUTPUTS = codec.ACTUATOR_OUTPUT_STATUS
 STATE, TARGET = codec.ATTITUDE_QUATERNION, codec.ATTITUDE_TARGET
-BRIDGE_S = 1.5  # how long ArduPilot is listened to for the bridge
 ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 PATIENCE_S = 0.004  # newer demands may keep an answer waiting so long, and no longer
 FLYING = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
@@ -103,7 +103,8 @@ class LiveMixer:
         self._line = Polled()
         self._payload: tuple[Any, ...] = ()
         self._target = (0, 0)
-        self._own_mixer = self._bridged = False
+        self._own_mixer = False
+        self._bridge: BridgeEnd | None = None
         self._unsubscribe: Callable[[], None] | None = None
         self._started = self._stopped = 0.0
 
@@ -122,7 +123,7 @@ class LiveMixer:
     def start(self) -> None:
         """Check the autopilot, ask for the demand, and answer it from now on."""
         identity = self.session.identity
-        bridged = self._bridged = identity.autopilot == ARDUPILOT and self._find_bridge()
+        bridged = identity.autopilot == ARDUPILOT and self._find_bridge()
         row = require_path(identity.autopilot, identity.version, bridged=bridged)
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self._started = time.monotonic()
@@ -148,11 +149,13 @@ class LiveMixer:
 
     def _find_bridge(self) -> bool:
         """Whether our script speaks; then its demand is read by the matrix on board."""
-        from coaxlink.link.live_bridge import board_factors
+        from coaxlink.link.live_bridge import BridgeEnd, board_factors
 
-        if self.session.wait(DEMAND.name, BRIDGE_S) is None:
+        bridge = BridgeEnd(self.session)
+        if not bridge.find():
             return False
         self.core.use_matrix(board_factors(self.session))
+        self._bridge = bridge
         return True
 
     def stop(self, patience_s: float = 0.25) -> None:
@@ -205,7 +208,7 @@ class LiveMixer:
 
     def kept(self, rows: NDArray[np.float64], batch: Batch) -> None:
         """Book the answers of the hot loop, rows as `hot_kernel` lays them out."""
-        if self._bridged:
+        if self._bridge is not None:
             self._outdone(DEMAND.unpack(batch.last_demand()))
         commands = rows[:, COMMANDS : COMMANDS + CONTROLS].tolist()
         self.commands = commands[-1]
@@ -259,7 +262,8 @@ class LiveMixer:
                 return
             self._meant(frame.number, codec.HOT[frame.number].unpack(frame.payload), began)
         elif frame.number == ANSWER.number:
-            if frame.payload not in self._echoes:  # a router may hand us our own words back
+            ours = frame.payload in self._echoes or ANSWER.unpack(frame.payload)[9] != 0
+            if not ours:  # a router may hand us our own words back
                 who = f"system {frame.system} component {frame.component}"
                 self._give_up(SafetyRefusal(f"another companion commands the motors ({who})"))
         elif self._witness is not None and (frame.system, frame.component) == self._target:
@@ -307,7 +311,7 @@ class LiveMixer:
         stamp = demand[0]
         if not core.admit(stamp, demand[9], demand[1:5]):
             return
-        if self._bridged and self._outdone(demand):
+        if self._bridge is not None and self._outdone(demand):
             return
         share = guard.good(began)
         if share is None:
@@ -324,15 +328,10 @@ class LiveMixer:
 
     def _outdone(self, demand: tuple[Any, ...]) -> bool:
         """Whether the bridge says that it follows another companion; then this one is done."""
-        from coaxlink.link.live_bridge import followed
-
-        who = followed(demand)
-        if who is None or who == self.session.source or self.dry_run:
-            return False
-        self._give_up(
-            SafetyRefusal(f"another companion commands the motors (system {who[0]} component {who[1]})")
-        )
-        return True
+        rival = self._bridge.rival(demand) if self._bridge and not self.dry_run else None
+        if rival:
+            self._give_up(SafetyRefusal(f"another companion commands the motors ({rival})"))
+        return rival is not None
 
     def _say(self, stamp: int, commands: list[float], now: float) -> None:
         self.commands = commands
@@ -352,6 +351,8 @@ class LiveMixer:
         guard, core = self.guard, self.core
         if self._timesync is not None:
             self._timesync.tick()
+        if self._bridge is not None:
+            self._bridge.tick(now)
         before = guard.hand_overs
         share = guard.tick(now)
         if share is not None and self._own_mixer:

@@ -120,7 +120,7 @@ class Copter(Autopilot):
             for letter, gain in zip("PID", gains, strict=True):
                 store.preset(f"ATC_RAT_{axis}_{letter}", gain)
         self.scripts = Scripts(self, store, self.files, mixer)
-        self.send_raw: Callable[[int, bytes], None] = lambda number, payload: None
+        self.send_raw: Callable[[int, int, bytes], None] = lambda link, number, payload: None
         self._pwm = [1000] * self.rotors
 
     def boot(self) -> None:
@@ -162,9 +162,9 @@ class Copter(Autopilot):
         """V."""
         return self.reading.voltage
 
-    def script_send(self, message_id: int, payload: bytes) -> bool:
-        """A message of a script's own."""
-        self.send_raw(message_id, payload)
+    def script_send(self, link: int, message_id: int, payload: bytes) -> bool:
+        """A message of a script's own, on one link."""
+        self.send_raw(link, message_id, payload)
         return True
 
     def millis(self) -> int:

@@ -65,7 +65,7 @@ class Flight:
     ) -> None:
         # the vehicle and its companion share one interpreter here: neither may hold it for long
         sys.setswitchinterval(0.0005)
-        self.ports = open_links(["udpin:127.0.0.1:0"])
+        self.ports = open_links(["udpin:127.0.0.1:0"] * self.links)
         self.address = "udpout:" + self.ports[0].name.partition(":")[2]
         self.standin = build(
             World(EXAMPLES / airframe, firmware=self.firmware, signing_key=key_file), self.ports
@@ -79,6 +79,7 @@ class Flight:
             self.depart()
 
     firmware = "px4:1.13"
+    links = 1
 
     def prepare(self) -> None:
         """On the ground, before arming."""
@@ -199,16 +200,15 @@ class _Way:
 class Companion:
     """A session on a faulty line; needs the vehicle ticked while it connects."""
 
-    def __init__(self, flight: Flight, component: int = 191, signer: Any = None) -> None:
-        self.session = Session(
-            Udp(parse_address(flight.address)), flight.address, 245, component, signer=signer
-        )
+    def __init__(self, flight: Flight, component: int = 191, signer: Any = None, link: int = 0) -> None:
+        address = "udpout:" + flight.ports[link].name.partition(":")[2]
+        self.session = Session(Udp(parse_address(address)), address, 245, component, signer=signer)
         starting = threading.Thread(target=self.session.start, args=(5.0,))
         starting.start()
         flight.fly(5.0, until=lambda: not starting.is_alive())
         starting.join()
         self.line = Faults()
-        self.line.lie_on(flight.ports[0].peers[-1])
+        self.line.lie_on(flight.ports[link].peers[-1])
 
     def close(self) -> None:
         self.session.close()

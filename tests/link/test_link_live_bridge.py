@@ -32,6 +32,7 @@ GUIDED = 4
 
 class Copter(Flight):
     firmware = "ardupilot"
+    links = 2
 
     def prepare(self) -> None:
         a = self.autopilot
@@ -164,6 +165,37 @@ def test_a_second_companion_drives_nothing_and_lets_go_at_once(copter: Any, nati
         companion.close()
     copter.rush(5.0)
     assert not copter.autopilot.landed
+
+
+@pytest.mark.flaky(reruns=2)
+def test_the_demand_goes_where_a_companion_asks_for_it_and_nowhere_else(copter: Any) -> None:
+    station, companion = Companion(copter, component=190), Companion(copter, link=1)
+    heard: list[str] = []
+    station.session.subscribe(lambda message: heard.append(message.get_type()))
+    live = LiveMixer(companion.session, X8, make_law("exact", X8, CRM), CRM)
+    starting = threading.Thread(target=live.start)
+    starting.start()
+    copter.fly(5.0, until=lambda: not starting.is_alive())
+    assert copter.fly(3.0, until=lambda: copter.driven) < 3.0
+    # nobody answers, a reminder a second is enough to be spoken to
+    live.dry_run = True
+    copter.fly(4.0)
+    before = live.summary()["cycles"]
+    copter.fly(0.5)
+    assert not copter.driven
+    assert live.summary()["cycles"] > before + 50
+    assert "HEARTBEAT" in heard
+    assert "ACTUATOR_CONTROL_TARGET" not in heard
+    live.session.tap = None
+    companion.session.subscribe(lambda message: heard.append(message.get_type()))
+    copter.fly(3.5)
+    assert "ACTUATOR_CONTROL_TARGET" in heard
+    heard.clear()
+    copter.fly(0.3)
+    assert "ACTUATOR_CONTROL_TARGET" not in heard  # gone, and forgotten
+    station.close()
+    companion.close()
+    copter.rush(3.0)
 
 
 def test_without_a_bridge_ardupilot_is_refused() -> None:
