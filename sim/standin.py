@@ -2,6 +2,10 @@
 
 The vehicle's own clock is the plant's. A live mixer in the loop is waited for (a little) when the clock does
 not run at its natural speed, for otherwise the speed itself would look like latency.
+
+In lock-step the world waits for whoever flies it as long as that takes: for the answer to every demand, and
+in offboard mode for a set-point after every position that was told. What is flown then does not depend on how
+busy the machine is. One who stays silent is waited for once, until he speaks again.
 """
 
 from __future__ import annotations
@@ -20,6 +24,10 @@ from sim.px4.telemetry import stamp_us
 from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
+LOCKSTEP_S = 10.0  # wall time
+GOALS = (76, 82, 84, 86)  # messages that say where to go; a command may say that there will be no more
+ANSWERS = (76, 139)
+POSITION = 32
 SLIP_S = 0.25  # further behind than this, the clock gives up catching up
 REBOOT_S = 1.5
 
@@ -37,8 +45,11 @@ class Standin:
         seed: int = 0,
         manners: type[Conversation] = Conversation,
         key: bytes | None = None,
+        lockstep: bool = False,
     ) -> None:
         self._key = key
+        self._lockstep, self._goals = lockstep, 0
+        self._silent: dict[str, int] = {}  # what was waited for in vain, with what had come until then
         self._manners = manners
         self._faults, self._seed = faults, seed
         self._sets, self._silent_until = 0, 0.0
@@ -72,9 +83,12 @@ class Standin:
             self.recorder.step()
         if self._booting:
             return
+        before, told = self._goals, False
         for conversation in self._conversations.values():
-            conversation.stream()
+            told |= conversation.stream(POSITION)
             conversation.list_on()
+        if self._lockstep and told and self.autopilot.led:
+            self._await("goals", lambda: self._goals, before, LOCKSTEP_S)
 
     def hear(self) -> None:
         """Deal with everything that has come."""
@@ -91,7 +105,8 @@ class Standin:
 
     def _heed(self, conversation: Conversation, messages: list[Any]) -> None:
         for message in messages:
-            self._answers += message.get_msgId() == 139
+            self._answers += message.get_msgId() in ANSWERS
+            self._goals += message.get_msgId() in GOALS
             if message.get_msgId() == 256:
                 self._set_up_signing(message)
             if not self._booting:
@@ -160,16 +175,26 @@ class Standin:
         due = [c for c in self._conversations.values() if c.demand_due()]
         if not due:
             return
-        lockstep = self.speed != 1.0 and self.autopilot.takes_live and self.autopilot.live
+        lockstep = (self._lockstep or self.speed != 1.0) and self.autopilot.takes_live and self.autopilot.live
         if lockstep:
             self.hear()  # an answer to an older demand is not the one to wait for
         before = self._answers
         for conversation in due:
             conversation.send(self._manners.builders[140](self.autopilot))
-        end = time.monotonic() + PATIENCE_S
-        while lockstep and self._answers == before:
+        if lockstep:
+            patience = LOCKSTEP_S if self._lockstep else PATIENCE_S
+            self._await("answers", lambda: self._answers, before, patience)
+
+    def _await(self, what: str, count: Callable[[], int], before: int, patience_s: float) -> None:
+        """Hear until there are more of them than `before`; not again for one who let us down."""
+        if self._silent.get(what) == before:
+            return
+        end = time.monotonic() + patience_s
+        while count() == before:
             left = end - time.monotonic()
             if left <= 0:
+                if self._lockstep:
+                    self._silent[what] = before
                 return
             wait(self.ports, left)
             self.hear()

@@ -12,7 +12,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import load_airframe
-from coaxlink.link.live_effects import LiveEffects, Telemetry
+from coaxlink.link.live_effects import LiveEffects
+from coaxlink.link.live_telemetry import Telemetry
 from coaxlink.link.mixing import MixCore
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import Effect, load_rotor_model
