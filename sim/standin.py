@@ -4,8 +4,9 @@ The vehicle's own clock is the plant's. A live mixer in the loop is waited for (
 not run at its natural speed, for otherwise the speed itself would look like latency.
 
 In lock-step the world waits for whoever flies it as long as that takes: for the answer to every demand, and
-in offboard mode for a set-point after every position that was told. What is flown then does not depend on how
-busy the machine is. One who stays silent is waited for once, until he speaks again.
+in offboard mode for a set-point after every position that was told, each with the stamp of what it answers.
+What is flown then does not depend on how busy the machine is. One who stays silent is waited for once, until he
+speaks again; a command ends the wait.
 """
 
 from __future__ import annotations
@@ -25,8 +26,7 @@ from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
 LOCKSTEP_S = 10.0  # wall time
-GOALS = (76, 82, 84, 86)  # messages that say where to go; a command may say that there will be no more
-ANSWERS = (76, 139)
+GOALS, ANSWER, COMMAND = (82, 84, 86), 139, 76  # set-points; a command may say that there will be no more
 POSITION = 32
 SLIP_S = 0.25  # further behind than this, the clock gives up catching up
 REBOOT_S = 1.5
@@ -48,8 +48,9 @@ class Standin:
         lockstep: bool = False,
     ) -> None:
         self._key = key
-        self._lockstep, self._goals = lockstep, 0
-        self._silent: dict[str, int] = {}  # what was waited for in vain, with what had come until then
+        self._lockstep, self._commands = lockstep, 0
+        # the newest stamps (us) that set-points and answers carried, and those at which a wait was in vain
+        self._heard, self._silent = {"goal": -1, "answer": -1}, {"goal": -2, "answer": -2}
         self._manners = manners
         self._faults, self._seed = faults, seed
         self._sets, self._silent_until = 0, 0.0
@@ -83,12 +84,12 @@ class Standin:
             self.recorder.step()
         if self._booting:
             return
-        before, told = self._goals, False
+        told = False
         for conversation in self._conversations.values():
             told |= conversation.stream(POSITION)
             conversation.list_on()
         if self._lockstep and told and self.autopilot.led:
-            self._await("goals", lambda: self._goals, before, LOCKSTEP_S)
+            self._await("goal", stamp_us(self.autopilot) // 1000 * 1000)
 
     def hear(self) -> None:
         """Deal with everything that has come."""
@@ -105,8 +106,13 @@ class Standin:
 
     def _heed(self, conversation: Conversation, messages: list[Any]) -> None:
         for message in messages:
-            self._answers += message.get_msgId() in ANSWERS
-            self._goals += message.get_msgId() in GOALS
+            number = message.get_msgId()
+            self._answers += number == ANSWER
+            self._commands += number == COMMAND
+            if number == ANSWER:
+                self._heard["answer"] = message.time_usec
+            elif number in GOALS:
+                self._heard["goal"] = 1000 * message.time_boot_ms
             if message.get_msgId() == 256:
                 self._set_up_signing(message)
             if not self._booting:
@@ -181,23 +187,31 @@ class Standin:
         before = self._answers
         for conversation in due:
             conversation.send(self._manners.builders[140](self.autopilot))
-        if lockstep:
-            patience = LOCKSTEP_S if self._lockstep else PATIENCE_S
-            self._await("answers", lambda: self._answers, before, patience)
-
-    def _await(self, what: str, count: Callable[[], int], before: int, patience_s: float) -> None:
-        """Hear until there are more of them than `before`; not again for one who let us down."""
-        if self._silent.get(what) == before:
+        if not lockstep:
             return
+        if self._lockstep:
+            self._await("answer", stamp_us(self.autopilot))
+        else:
+            self._until(lambda: self._answers != before, PATIENCE_S)
+
+    def _await(self, what: str, stamp: int) -> None:
+        """Until a message of that kind carries this stamp or a later one, or a command comes."""
+        heard, commands = self._heard, self._commands
+        if self._silent[what] == heard[what]:
+            return
+        if not self._until(lambda: heard[what] >= stamp or self._commands != commands, LOCKSTEP_S):
+            self._silent[what] = heard[what]
+
+    def _until(self, met: Callable[[], bool], patience_s: float) -> bool:
+        """Hear what comes until then; False when that took too long."""
         end = time.monotonic() + patience_s
-        while count() == before:
+        while not met():
             left = end - time.monotonic()
             if left <= 0:
-                if self._lockstep:
-                    self._silent[what] = before
-                return
+                return False
             wait(self.ports, left)
             self.hear()
+        return True
 
 
 def run(standins: Sequence[Standin], speed: float, stop: Callable[[], bool]) -> None:

@@ -97,10 +97,12 @@ def fly_live(
     *,
     name: str | None = None,
     effects: bool = False,
+    lead_s: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Flight, Demands, dict[str, Any]]:
     """Fly the plan with the companion mixing: the flight, the demands answered, the mixer's account.
 
-    `effects` compensates those of the model from telemetry; `name` is the log's, if not the law's.
+    `effects` compensates those of the model from telemetry; `name` is the log's, if not the law's; `lead_s`
+    is the motors' lag and the one wanted of them instead.
     """
     from coaxlink.link.live_effects import LiveEffects
     from coaxlink.link.live_telemetry import Telemetry
@@ -117,7 +119,7 @@ def fly_live(
         extra = LiveEffects(session, airframe, model, telemetry) if effects and model.effects else None
         live = LiveMixer(
             session, airframe, make_law(law, airframe, model), model,
-            compensation=extra, timing=PATIENT, witness=False,
+            compensation=extra, timing=PATIENT, witness=False, lead_s=lead_s,
         )  # fmt: skip
         with live:
             yield

@@ -16,7 +16,7 @@ from coaxlink.cli._whole import whole_or_before
 if TYPE_CHECKING:
     from coaxlink.report.loop import LoopResult
 
-FLIGHTS = ("before", "after", "live_before", "live_after")
+FLIGHTS = ("before", "after", "separating", "live_before", "live_after")
 MADE = ("rotor.toml", "rotor_refined.toml", "tables", "report.html", *(f"{name}.tlog" for name in FLIGHTS))
 
 
@@ -34,11 +34,20 @@ def loop(
         bool | None,
         typer.Option("--live/--table", help="How both flights are mixed; else by what the effects need."),
     ] = None,
+    separate: Annotated[
+        bool, typer.Option("--separate", help="Where it is ambiguous, fly what would tell it apart first.")
+    ] = False,
+    lead: Annotated[
+        bool, typer.Option("--lead", help="Lead motors found slow, live: noisier commands are its price.")
+    ] = False,
     json: JsonOption = None,
 ) -> None:
-    """Fly, refine, re-table, fly again: the flight's allocation error before and after."""
+    """Fly, refine, re-table, fly again: the flight's allocation error before and after.
+
+    What the data do not demand is not put into the mixer: then nothing changes, and that is said.
+    """
     from coaxlink import files
-    from coaxlink.cli._loop import run_loop
+    from coaxlink.cli._loop import Wishes, run_loop
     from coaxlink.report.loop import write_report
 
     files.refuse_unwritable(json)
@@ -46,7 +55,7 @@ def loop(
         files.read_toml(truth)  # before anything is flown
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
     with whole_or_before(out, MADE), _progress() as (tell, watch):
-        result = run_loop(truth, chosen, out, speed, live, tell, watch)
+        result = run_loop(truth, chosen, out, speed, Wishes(live, separate, lead), tell, watch)
         tell("drawing the report")
         write_report(out / "report.html", result)
     if json is not None:

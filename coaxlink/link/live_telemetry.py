@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 STALE_S = 2.0
 # effect: message id -> rate in Hz of what it reads
