@@ -22,6 +22,7 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 CLEAN = {"clean": "--table", "clean_live": "--live"}
+LED = {"slow_motors_led": "slow_motors"}  # the world of another name, with --lead
 AXES = ("thrust", "roll", "pitch", "yaw")
 # who can take it back: a table, live mixing, nobody
 WORLDS = {
@@ -38,6 +39,7 @@ WORLDS = {
     "drag": "nobody",
     "wind": "nobody",
     "slow_motors": "nobody",
+    "slow_motors_led": "live",
     "rotor_inertia": "nobody",
 }
 Result = dict[str, Any]
@@ -47,14 +49,14 @@ def run(name: str, seed: int, speed: float) -> Result:
     """One loop through the verb, as a user types it; its JSON without the long parts."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        truth = ROOT / "examples" / f"truth_{name}.toml"
+        truth = ROOT / "examples" / f"truth_{LED.get(name, name)}.toml"
         if name in CLEAN:
             truth = folder / "clean.toml"
             truth.write_text("effects = []\n")
         out = folder / "loop.json"
         verb = [sys.executable, "-m", "coaxlink", "loop", "--truth", str(truth), "--seed", str(seed)]
         verb += ["--speed", str(speed), "--out", str(folder / "loop"), "--json", str(out)]
-        verb += [CLEAN[name]] if name in CLEAN else []
+        verb += [CLEAN[name]] if name in CLEAN else ["--lead"] if name in LED else []
         done = subprocess.run(verb, capture_output=True, text=True, check=False)
         if done.returncode:
             return {"failed": (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1]}
@@ -119,7 +121,7 @@ def truth_of(name: str) -> list[str]:
     """Names of what is true of a world, sorted."""
     if name in CLEAN:
         return []
-    text = (ROOT / "examples" / f"truth_{name}.toml").read_text()
+    text = (ROOT / "examples" / f"truth_{LED.get(name, name)}.toml").read_text()
     return sorted(e["name"] for e in tomllib.loads(text)["effects"])
 
 

@@ -5,8 +5,8 @@ not run at its natural speed, for otherwise the speed itself would look like lat
 
 In lock-step the world waits for whoever flies it as long as that takes: for the answer to every demand, and
 in offboard mode for a set-point after every position that was told, each with the stamp of what it answers.
-What is flown then does not depend on how busy the machine is. One who stays silent is waited for once, until he
-speaks again; a command ends the wait.
+What is flown then does not depend on how busy the machine is. One who stays silent is waited for once, until
+he speaks again; a command ends the wait.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
 LOCKSTEP_S = 10.0  # wall time
+LOOK_UP_S = 0.2  # so often somebody may want it all to end
 GOALS, ANSWER, COMMAND = (82, 84, 86), 139, 76  # set-points; a command may say that there will be no more
 POSITION = 32
 SLIP_S = 0.25  # further behind than this, the clock gives up catching up
@@ -56,6 +57,7 @@ class Standin:
         self._sets, self._silent_until = 0, 0.0
         self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
         self.recorder: Any = None  # `step()` is called after every step
+        self.stop: Callable[[], bool] = lambda: False
         self._conversations: dict[Peer, Conversation] = {}
         self._answers = 0
         self._system, self._boots = autopilot.system, autopilot.boots
@@ -207,9 +209,9 @@ class Standin:
         end = time.monotonic() + patience_s
         while not met():
             left = end - time.monotonic()
-            if left <= 0:
+            if left <= 0 or self.stop():
                 return False
-            wait(self.ports, left)
+            wait(self.ports, min(left, LOOK_UP_S))
             self.hear()
         return True
 
@@ -218,6 +220,8 @@ def run(standins: Sequence[Standin], speed: float, stop: Callable[[], bool]) -> 
     """All on one clock, step by step, until `stop()`; speed 0 is as fast as they go."""
     tick = 1.0 / RATE_HZ
     ports = [port for standin in standins for port in standin.ports]
+    for standin in standins:
+        standin.stop = stop
     start, done, beat = time.monotonic(), 0, 0.0
     while not stop():
         for standin in standins:

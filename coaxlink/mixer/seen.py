@@ -296,7 +296,8 @@ def _dead_band(b: _Bench, p: Mapping[str, float]) -> str:
         return loads.plus(**{name: getattr(turned, name) - getattr(told, name) for name in FIELDS})
 
     b.changes.append(change)
-    return f"commands count from {band:g} on, where motors start: at 0.5 they turn at {float(turns(np.array(0.5))):.3f}"
+    half = float(turns(np.array(0.5)))
+    return f"commands count from {band:g} on, where motors start: at 0.5 they turn at {half:.3f}"
 
 
 def _air(b: _Bench, p: Mapping[str, float]) -> str:

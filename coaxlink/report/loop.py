@@ -20,7 +20,7 @@ CHANNELS = ("thrust, N", "roll, N m", "pitch, N m", "yaw, N m")
 
 OUTCOMES = {  # what was put into the mixer, in words
     "compensated": "put into the mixer: {done}",
-    "not_compensable": "nothing could be put into the mixer: what was found is none of its business",
+    "not_compensable": "nothing could be put into the mixer: what was found is not for a mixer to take away",
     "nothing_found": "nothing found, nothing changed: rotor file and table stay as they are",
     "suspect_data": "nothing changed: the data contradict themselves, and no mixer may follow a sensor that "
     "lies; put it right and fly again",

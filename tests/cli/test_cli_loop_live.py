@@ -50,9 +50,8 @@ def test_an_inflow_is_taken_out_live_though_the_companion_sleeps_a_second(tmp_pa
 
     after = errors(fly(tmp_path, replace(MODEL, effects=(INFLOW,)), watch))
     assert slept
-    assert before[0] > 1.5 and min(before[1:3]) > 0.02
-    for axis in range(3):  # thrust, roll where the vehicle swings least, pitch
-        assert after[axis] < 0.5 * before[axis] or after[axis] < 0.008, (before, after)
+    assert before[0] > 1.5 and before[2] > 0.05  # the plan upsets thrust and pitch
+    assert after[0] < 0.5 * before[0] and after[2] < 0.5 * before[2], (before, after)
 
 
 def test_a_flight_that_was_not_the_mixers_is_not_weighed(monkeypatch, tmp_path):
