@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from coaxlink.link import Session
 
 TABLES = ("standard", "reduced", "fitted")
-LIVE_LAW = "coaxial"
+LIVE_LAW = "exact"
 LIVE = f"live {LIVE_LAW}"
 DEMAND_ID = 140  # ACTUATOR_CONTROL_TARGET
 # the world waits for the companion, and the companion for the world: a machine that is busy elsewhere for

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from coaxlink.link.trajectory import Plan
     from coaxlink.report.demo import DemoResult
 
-LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_coaxial.tlog")
+LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog")
 MADE = ("rotor.toml", "rotor_refined.toml", "tables", "report.html", "residual.png", *LOGS)
 STEPS = 7  # of the progress bar, beside the flights' own seconds
 
