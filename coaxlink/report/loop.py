@@ -153,8 +153,10 @@ def write_report(path: Path, result: LoopResult) -> None:
     from coaxlink.report.page import html_table, page
 
     said = "".join(f"<li>{_escaped(line)}</li>" for line in lines(result))
-    sections = (("Flights before and after", html_table(HEADINGS, rows(result)) + f"<ul>{said}</ul>"),)
-    files.write_atomic(path, page(result.refinement, f"coaxlink loop, seed {result.seed}", sections))
+    title = "The flight's allocation error: mean |meant - delivered| over the whole plan"
+    opening = ((title, html_table(HEADINGS, rows(result)) + f"<ul>{said}</ul>"),)
+    whole = page(result.refinement, f"coaxlink loop, seed {result.seed}", opening=opening)
+    files.write_atomic(path, whole)
 
 
 def _escaped(text: str) -> str:
