@@ -277,9 +277,13 @@ def _rejected(p: Problem, selection: Selection) -> tuple[Rejected, ...]:
 
 
 def _with_effects(model: RotorModel, effects: Sequence[FoundEffect]) -> RotorModel:
-    """The model with the effects added; one it had under the same name is replaced."""
+    """The model with the effects added; one it had under the same name is replaced.
+
+    It is the vehicle as it landed: what began in mid-flight is there from now on.
+    """
     added = tuple(
-        ModelEffect(e.name, {q.name: q.value for q in e.parameters}, tuple(e.needs)) for e in effects
+        ModelEffect(e.name, {q.name: q.value for q in e.parameters if q.name != "onset_s"}, tuple(e.needs))
+        for e in effects
     )
     names = {e.name for e in added}
     return replace(model, effects=(*(e for e in model.effects if e.name not in names), *added))

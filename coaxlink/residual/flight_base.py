@@ -81,9 +81,11 @@ def _instruments(frame: FlightFrame) -> Iterator[Correction]:
         late[:, part] = -slope[:, part]
         # commands hold between rows, speeds are computed as if they ran straight: half a row of delay
         yield Correction(name, bound + 0.5 * frame.step_s, late)
+    # I dw/dt has no mean, and noise in a column would be fitted away: the moving part of what is predicted
+    moving = frame.predicted[:, 3:] - np.mean(frame.predicted[frame.keep, 3:], axis=0)
     for k, axis in enumerate("xyz"):
         share = np.zeros((rows, 6))
-        share[:, 3 + k] = -frame.measured[:, 3 + k]
+        share[:, 3 + k] = -moving[:, k]
         yield Correction(f"inertia_{axis}_share", INERTIA, share)
     for k, axis in enumerate("xyz"):
         place = np.zeros((rows, 6))

@@ -78,6 +78,8 @@ def flight_floor(frame: FlightFrame, residual: Array, reduced: Array, lag_s: flo
         lag_s=frame.airframe.motor_lag_s if lag_s is None else lag_s,
         raw_rate_hz=1.0 / frame.step_s,
         differentiated=turned,
+        sampling=frame.sampling,
+        declared_lag_s=frame.airframe.motor_lag_s,
     )
     if floor is not None:
         return floor

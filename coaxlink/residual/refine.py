@@ -25,6 +25,7 @@ from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
 from coaxlink.residual.stand import joined, stand_frame
 from coaxlink.residual.stand_problem import known_parts as known_on_stand
 from coaxlink.residual.stand_problem import stand_floor, stand_problem, stand_variables
+from coaxlink.residual.sudden import with_onsets
 from coaxlink.residual.suspects import find_suspects
 from coaxlink.rotor import RotorModel
 
@@ -57,9 +58,13 @@ def refine(
     known, notes = known_in_flight(bare)
     frame = composed(bare, known)
     progress("fitting candidates")
-    problem = flight_problem(frame)
+    problem = with_onsets(flight_problem(frame), [], lambda c: reduce_columns(frame, c))
     progress("selecting")
     selection = Selection() if mislabelled else select(problem)
+    # a beginning that another effect hid is looked for once more beside it
+    further = with_onsets(problem, selection.members, lambda c: reduce_columns(frame, c))
+    if selection.members and further is not problem:
+        problem, selection = further, select(further)
     progress("fitting what was chosen together")
     joint, prediction = _together(problem, selection, bare, known, lambda c: reduce_columns(frame, c))
     progress("judging")
