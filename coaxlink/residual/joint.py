@@ -94,16 +94,29 @@ def straight(problem: Problem, options: Sequence[Option]) -> Joint:
 
 
 class Fitter:
-    """Moves members of one problem; `bare` is the frame without them, `reduce` as the problem was built."""
+    """Moves members of one problem; `bare` is the frame without them, `reduce` as the problem was built.
 
-    def __init__(self, problem: Problem, bare: Any, fixed: Sequence[Part], reduce: Callable[[Array], Array]):
+    `base` (rows, C, B) are whitened base columns other than the problem's.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        bare: Any,
+        fixed: Sequence[Part],
+        reduce: Callable[[Array], Array],
+        base: Array | None = None,
+    ):
         self.problem, self.bare, self.fixed, self.reduce = problem, bare, fixed, reduce
-        self._base = problem.design[:, :, problem.base]
+        self._base = problem.design[:, :, problem.base] if base is None else base
+
+    def acting(self, members: Sequence[Member]) -> Any:
+        """The frame with the members acting."""
+        return composed(self.bare, [*self.fixed, *((m.effect, m.parameters(self.bare)) for m in members)])
 
     def prediction(self, members: Sequence[Member]) -> Array:
         """(frame rows, channels) with the members acting."""
-        parts = [*self.fixed, *((m.effect, m.parameters(self.bare)) for m in members)]
-        return np.asarray(composed(self.bare, parts).predicted)
+        return np.asarray(self.acting(members).predicted)
 
     def linear(self, members: Sequence[Member]) -> Joint:
         """The problem about these members: whitened residual, base columns, derivatives."""

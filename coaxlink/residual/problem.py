@@ -48,6 +48,7 @@ class Problem:
     base_names: tuple[str, ...]
     options: tuple[Option, ...]
     impossible: tuple[tuple[str, str], ...]  # effects that cannot be tried, and why
+    clear_size: float = 0.005  # of the reference: how small an effect may be that clearly explains a channel
 
 
 def build(

@@ -13,7 +13,13 @@ from coaxlink.data.samples import Samples
 from coaxlink.residual.answer import Judged, answer, held_out_residual
 from coaxlink.residual.blocks import held_out, solve
 from coaxlink.residual.flight import flight_frame, reduce_columns
-from coaxlink.residual.flight_problem import corrected, flight_floor, flight_problem, flight_variables
+from coaxlink.residual.flight_problem import (
+    base_columns,
+    corrected,
+    flight_floor,
+    flight_problem,
+    flight_variables,
+)
 from coaxlink.residual.flight_problem import known_parts as known_in_flight
 from coaxlink.residual.flight_suspects import flight_suspects
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
@@ -66,9 +72,11 @@ def refine(
     if selection.members and further is not problem:
         problem, selection = further, select(further)
     progress("fitting what was chosen together")
-    joint, prediction = _together(problem, selection, bare, known, lambda c: reduce_columns(frame, c))
+    joint, acting = _together(
+        problem, selection, bare, known, lambda c: reduce_columns(frame, c), base_columns
+    )
     progress("judging")
-    floor = _flight_floor(frame, joint, prediction)
+    floor = _flight_floor(acting, joint)
     if airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(frame)
@@ -76,11 +84,11 @@ def refine(
     return answer(Judged(problem, selection, joint, floor, variables, *parts), several)
 
 
-def _flight_floor(frame: FlightFrame, joint: Joint, prediction: Array) -> Array:
-    """(6,) noise floor behind everything that was found."""
+def _flight_floor(frame: FlightFrame, joint: Joint) -> Array:
+    """(6,) noise floor behind everything that was found, all of it acting in the frame."""
     q = joint.problem
     final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
-    left = frame.measured - prediction - corrected(frame, final[q.base], q.base_names)
+    left = frame.measured - frame.predicted - corrected(frame, final[q.base], q.base_names)
     lags = [m.shape["lag_s"] for m in joint.members if m.name == "rotor_lag"]
     return flight_floor(frame, left, reduce_columns(frame, left), *lags)
 
@@ -149,8 +157,13 @@ def _together(
     bare: Any,
     known: Sequence[Part],
     reduce: Callable[[Array], Array],
-) -> tuple[Joint, Array]:
-    """Members and doubtful ones fitted together, and the prediction (frame rows, channels) with them."""
+    base: Callable[[Any, Callable[[Array], Array]], Array] | None = None,
+) -> tuple[Joint, Any]:
+    """Members and doubtful ones fitted together, and the frame with them acting.
+
+    `base(frame, reduce)` gives the base corrections of a frame, (rows, C, B): with effects in it they are
+    others than without.
+    """
     options = [*selection.members, *selection.doubtful]
     names = {o.name for o in options}
     # an effect that the model has and the log gives other numbers for starts from those it has
@@ -158,20 +171,24 @@ def _together(
     fitter = Fitter(problem, bare, [part for part in known if part[0].name not in names], reduce)
     plain = straight(problem, options)
     if not options:
-        return plain, fitter.prediction([])
+        return plain, fitter.acting([])
     start: list[Member] = []
     for o, m in zip(options, plain.members, strict=True):
         at = o.effect.inverse(bare, had[o.name]) if o.name in had else (m.shape, m.coefficients)
         start.append(member(bare, o.effect, *at))
     try:
         joint = fit(fitter, start, alternatives=problem.residual.size < LONG)
+        if base is not None:
+            columns = base(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
+            again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
+            joint = again if _squares(again.problem) < _squares(joint.problem) else joint
     except np.linalg.LinAlgError:  # numbers that no column tells apart
-        return plain, fitter.prediction(plain.members)
+        return plain, fitter.acting(plain.members)
     ratio = _squares(joint.problem) / max(_squares(plain.problem), 1e-12)
     refused = any(m.effect.refuse(m.parameters(bare)) for m in joint.members)
     if not names & set(had) and (not ratio < WORSE or refused):
         joint = plain
-    return joint, fitter.prediction(joint.members)
+    return joint, fitter.acting(joint.members)
 
 
 def _squares(p: Problem) -> float:

@@ -24,6 +24,7 @@ Index = NDArray[np.intp]
 
 ALPHA = 1e-3  # over all looks of one step
 SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
+CLEAR = 0.6  # of the squared error of a channel: what explains that much of what is left may be smaller
 GAIN = 0.15  # of the squared error of the channel that gains most
 MOST = 4
 ENOUGH = 150_000  # rows times channels that a trial looks at one by one
@@ -48,6 +49,7 @@ class Trial:
     size: float
     refused: str | None
     total: float  # held-out square sum left
+    least: float = SIZE  # size that counts
 
     @property
     def real(self) -> bool:
@@ -61,7 +63,7 @@ class Trial:
             return "no better on held-out blocks"
         if self.p_value > ALPHA:
             return f"within noise (p = {self.p_value:.2g} over all looks)"
-        if self.size < SIZE:
+        if self.size < self.least:
             return (
                 f"adds {100 * self.size:.2f} % of the reference load beyond what the base corrections absorb"
             )
@@ -176,6 +178,7 @@ class Judge:
             size,
             refused,
             total,
+            p.clear_size if share > CLEAR else SIZE,
         )
 
     def _refused(self, members: list[Option], option: Option) -> str | None:
