@@ -90,7 +90,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
             *_mass_or_thrust(j, final),
         ),
         suspect_data=(*j.suspects, *accused),
-        rejected=_rejected(p, j.selection),
+        rejected=_rejected(p, j.selection, {o.name for o in q.options}),
         model=_with_effects(_rebased(q, final, bool(effects)), effects),
         corrections={name: float(final[i]) for i, name in enumerate(q.base_names)},
         trace=tuple(j.selection.trace),
@@ -290,9 +290,11 @@ def _silent(j: Judged, told: Sequence[Unexplained], squares: Array) -> list[Unex
     return out
 
 
-def _rejected(p: Problem, selection: Selection) -> tuple[Rejected, ...]:
+def _rejected(p: Problem, selection: Selection, kept: set[str]) -> tuple[Rejected, ...]:
     chosen = {m.name for m in selection.members}
-    out = [Rejected(name, f"cannot be judged: {why}") for name, why in p.impossible]
+    last = {s.name: s for s in selection.trace if s.action == "drop" and s.name in chosen}
+    out = [Rejected(name, s.why) for name, s in last.items() if name not in kept]
+    out += [Rejected(name, f"cannot be judged: {why}") for name, why in p.impossible]
     for name, trial in selection.last.items():
         if name not in chosen:
             out.append(Rejected(name, trial.why_not or "adds nothing to what was chosen"))

@@ -23,6 +23,7 @@ Part = tuple[Effect[Any], Mapping[str, float]]
 STEPS = 5
 HALVINGS = (1.0, 0.5, 0.2, 0.05)
 SETTLED = 1e-4  # of the square sum
+AS_GOOD = 1.02  # of the held-out squares
 RICHER = 15.0  # of a log-likelihood ratio: what another form or a freer one must gain
 
 
@@ -233,9 +234,25 @@ def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) ->
             if refused and name not in refused:
                 trial, now = fitter.settle([m for m in trial.members if m.name not in refused])
                 refused = _refused(fitter, trial)
-            if not refused and (score - now) * rows / max(score, 1e-12) > RICHER:
+            richer = (score - now) * rows / max(score, 1e-12) > RICHER
+            # a form that physics allows takes the place of one it does not
+            allowed = now < AS_GOOD * score and bool(_refused(fitter, best))
+            if not refused and (richer or allowed):
                 best, score, improved = trial, now, shape
     return best
+
+
+def needed(fitter: Fitter, joint: Joint) -> Joint:
+    """The joint fit without members that it does not need: weakest first, the others fitted again."""
+    while len(joint.members) > 1:
+        score = _score(joint)
+        rows = fitter.problem.residual.size / _inflation(joint.problem)
+        trials = [fitter.settle([m for m in joint.members if m is not drop]) for drop in joint.members]
+        least = min(trials, key=lambda t: t[1])
+        if (least[1] - score) * rows / max(score, 1e-12) > RICHER or _refused(fitter, least[0]):
+            break
+        joint = least[0]
+    return joint
 
 
 def _refused(fitter: Fitter, joint: Joint) -> set[str]:

@@ -23,9 +23,9 @@ from coaxlink.residual.flight_problem import (
 from coaxlink.residual.flight_problem import known_parts as known_in_flight
 from coaxlink.residual.flight_suspects import flight_suspects
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
-from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, member, straight
-from coaxlink.residual.problem import Problem
-from coaxlink.residual.result import Ambiguous, Refinement
+from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, member, needed, straight
+from coaxlink.residual.problem import Option, Problem
+from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.select import Selection, columns_of, select
 from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
 from coaxlink.residual.stand import joined, stand_frame
@@ -179,6 +179,9 @@ def _together(
     try:
         joint = fit(fitter, start, alternatives=problem.residual.size < LONG)
         if base is not None:
+            if problem.residual.size < LONG and not (selection.doubtful or names & set(had)):
+                joint = needed(fitter, joint)
+                selection.trace += _dropped(selection.members, joint)
             columns = base(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
             again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
             joint = again if _squares(again.problem) < _squares(joint.problem) else joint
@@ -189,6 +192,13 @@ def _together(
     if not names & set(had) and (not ratio < WORSE or refused):
         joint = plain
     return joint, fitter.acting(joint.members)
+
+
+def _dropped(chosen: Sequence[Option], joint: Joint) -> list[Step]:
+    """A line of the trace for each that the joint fit does not need."""
+    kept = {m.name for m in joint.members}
+    why = "not needed when the others act together"
+    return [Step(9, "drop", o.name, 0.0, 1.0, 0.0, True, why) for o in chosen if o.name not in kept]
 
 
 def _squares(p: Problem) -> float:

@@ -279,7 +279,9 @@ def _reconsider(judge: Judge, out: Selection, number: int) -> None:
             continue
         best = _simplest(trials)
         name = out.members[i].name
-        if best.option is not out.members[i] and best.total < now - max(15.0, TIE * best.gain):
+        # another shape of the same effect needs no more than to be better
+        least = LITTLE if best.option.name == name else max(LITTLE, TIE * best.gain)
+        if best.option is not out.members[i] and best.total < now - least:
             out.trace.append(
                 Step(
                     number,
