@@ -77,7 +77,7 @@ def _fly_once(
         vehicle.take_off(-plan.at(0.0)[1].position_m[2])
         try:
             with mixing(session):
-                track = vehicle.follow(plan, watch)
+                track = vehicle.follow(plan, watch and (lambda segment, t: watch(f"{name}: {segment}", t)))
         except PlanAbandoned:
             vehicle.land()
             raise

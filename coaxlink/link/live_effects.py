@@ -81,8 +81,8 @@ class LiveEffects:
         self._lag_s = airframe.motor_lag_s if lag_s is None else lag_s
         self._air_C = air_temperature_C
         self._mass = airframe.mass_kg
-        self._inertia = np.array(airframe.inertia_kg_m2)
-        self._total = np.zeros(4)  # delivered at the last speeds, effects and all
+        self._inertia = airframe.inertia_kg_m2
+        self._total = [0.0] * 4  # delivered at the last speeds, effects and all
         self._voltage: Mapping[str, float] | None = None
         self._volts: float | None = None
         self._volts_at = 0.0
@@ -115,7 +115,7 @@ class LiveEffects:
         total = np.zeros(4)
         for part in self._parts:
             total += part(speeds)
-        self._total = self._rotors.wrench(speeds) + total
+        self._total = [m + e for m, e in zip(self._rotors.plain_wrench(speeds), total.tolist(), strict=True)]
         return total
 
     def _refresh(self) -> None:
@@ -134,25 +134,30 @@ class LiveEffects:
         """From the time of a reading to when the motors have followed what is told them now (s)."""
         return min(self.telemetry.age(name) + self._lag_s, MOST_AHEAD_S)
 
-    def _rates(self) -> Wrench | None:
+    def _rates(self) -> list[float] | None:
         """(3,) body rates then, rad/s."""
         known = self.telemetry.get("rates")
         if known is None:
             return None
-        rates = np.array(known)
-        turning = (self._total[1:] - np.cross(rates, self._inertia * rates)) / self._inertia
-        return np.asarray(rates + self._ahead("rates") * turning)
+        (p, q, r), (ix, iy, iz), ahead = known, self._inertia, self._ahead("rates")
+        _, roll, pitch, yaw = self._total
+        return [  # Euler's equations
+            p + ahead * (roll - (iz - iy) * q * r) / ix,
+            q + ahead * (pitch - (ix - iz) * r * p) / iy,
+            r + ahead * (yaw - (iy - ix) * p * q) / iz,
+        ]
 
-    def _velocity(self) -> Wrench | None:
+    def _velocity(self) -> list[float] | None:
         """(3,) speed over ground then, in body axes, m/s; air that moves is not known here."""
         velocity, attitude = self.telemetry.get("velocity"), self.telemetry.get("attitude")
         if velocity is None or attitude is None:
             return None
-        to_body = body_axes(*attitude)
-        pull = np.array([0.0, 0.0, GRAVITY]) - to_body[2] * self._total[0] / self._mass
-        if self._total[0] <= 0.0:  # nothing has been answered yet
-            pull = np.zeros(3)
-        return np.asarray(to_body @ (np.array(velocity) + self._ahead("velocity") * pull))
+        rows = body_axes(*attitude)
+        ahead, pull = self._ahead("velocity"), self._total[0] / self._mass
+        if pull > 0.0:  # something has been answered
+            weight = (0.0, 0.0, GRAVITY)
+            velocity = [v + ahead * (g - pull * z) for v, g, z in zip(velocity, weight, rows[2], strict=True)]
+        return [sum(a * v for a, v in zip(row, velocity, strict=True)) for row in rows]
 
     # -- parts, each (speeds) -> wrench (4,) ---------------------------------------------------------------
 

@@ -7,9 +7,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 STALE_S = 2.0
 # effect: message id -> rate in Hz of what it reads
 STREAMS: Mapping[str, Mapping[int, float]] = {
@@ -65,16 +62,14 @@ class Telemetry:
         return max(self.clock() - found[0], 0.0) if found else 0.0
 
 
-def body_axes(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+def body_axes(roll: float, pitch: float, yaw: float) -> list[list[float]]:
     """(3, 3) rotation from NED to body (FRD) for the angles yaw, pitch, roll (z, y, x)."""
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    return np.array(
-        [
-            [cp * cy, cp * sy, -sp],
-            [sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp],
-            [cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp],
-        ]
-    )
+    return [
+        [cp * cy, cp * sy, -sp],
+        [sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp],
+        [cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp],
+    ]
 
 
 def wanted_streams(names: Sequence[str]) -> dict[int, float]:
