@@ -1,12 +1,13 @@
 """`coaxlink loop` on worlds with known effects: what is named, and the flight's error before and after.
 
-    python benchmarks/loop_truths.py [--only NAME ...] [--speed X] [--seed N] [--json F]
+    python benchmarks/loop_truths.py [--only NAME ...] [--speed X] [--seed N] [--json F] [--markdown]
 
 Each world is an `examples/truth_*.toml`; the loop sees only flights, the truth file is read here for the
 score. Two worlds without effects, flown by table and mixed live, give each channel's floor (or 1.5 times the
 noise of the flight itself, where that is more). A channel that the effect upsets (before-error beyond twice
 the floor) shall have at most half its error after, or be within 1.5 of the floor. With `--json` a run goes on
-where an earlier one stopped.
+where an earlier one stopped; `--markdown` prints the rows of docs/loop.md, with intervals, of the channels
+that an effect upsets.
 """
 
 from __future__ import annotations
@@ -117,6 +118,32 @@ def show(name: str, results: dict[str, Result]) -> bool:
     return right and "MISSED" not in verdicts
 
 
+def intervals(flight: Result) -> list[list[float]]:
+    """95 % of each channel's mean error."""
+    return [flight["thrust_ci_N"], *flight["torque_ci_Nm"]]
+
+
+def row(name: str, seed: int, results: dict[str, Result]) -> str:
+    """A row of docs/loop.md."""
+    result = results[name]
+    if "failed" in result:
+        return f"| {name} | {seed} | failed | {result['failed']} | | |"
+    plain = name in CLEAN
+    verdicts = ["floor"] * 4 if plain else judge(name, result, floor_of(results, result["way"]))
+    cells = []
+    for k, axis in enumerate(AXES):
+        if not verdicts[k]:
+            continue
+        b, a = errors(result["before"])[k], errors(result["after"])[k]
+        (b0, b1), (a0, a1) = intervals(result["before"])[k], intervals(result["after"])[k]
+        unit = "N" if k == 0 else "N m"
+        cells.append(f"{axis} {b:.3g} ({b0:.3g} to {b1:.3g}) -> {a:.3g} ({a0:.3g} to {a1:.3g}) {unit}")
+    found = " + ".join(sorted(e["name"] for e in result["effects"])) or "nothing"
+    said = {"half", "floor"} >= set(filter(None, verdicts)) or "MISSED" not in verdicts
+    word = "" if plain else "stays" if "stays" in verdicts else "yes" if said else "MISSED"
+    return f"| {name} | {seed} | {result['way']} | {found} | {'; '.join(cells)} | {word} |"
+
+
 def truth_of(name: str) -> list[str]:
     """Names of what is true of a world, sorted."""
     if name in CLEAN:
@@ -132,10 +159,15 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--markdown", action="store_true")
     options = parser.parse_args()
     results: dict[str, Result] = {}
     if options.json and options.json.exists():
         results = json.loads(options.json.read_text())
+    if options.markdown:
+        for name in [n for n in options.only if n in results]:
+            print(row(name, options.seed, results))
+        return
     units = [f"{axis} {'N' if axis == 'thrust' else 'N m'}" for axis in AXES]
     print(f"{'world':21}{'mixed':6}{'named':32}" + "".join(f"{u:>25}" for u in units) + f"{'s':>6}")
     good = 0

@@ -32,7 +32,8 @@ LIVE = f"live {LIVE_LAW}"
 DEMAND_ID = 140  # ACTUATOR_CONTROL_TARGET
 # the world waits for the companion, and the companion for the world: a machine that is busy elsewhere for
 # seconds is no silence of the vehicle
-PATIENT = Timing(hold_after_s=20.0, ramp_after_s=40.0)
+PATIENT = Timing(fade_s=0.0, hold_after_s=20.0, ramp_after_s=40.0)
+OWN_CURVE = 1.0  # THR_MDL_FAC that makes the own mixer's demand mean about what the law's does (docs/live.md)
 JUDGED = ("hover", "circle")  # the paper's own flight
 Watch = Callable[[str, float], None]
 
@@ -119,7 +120,7 @@ def fly_live(
         extra = LiveEffects(session, airframe, model, telemetry) if effects and model.effects else None
         live = LiveMixer(
             session, airframe, make_law(law, airframe, model), model,
-            compensation=extra, timing=PATIENT, witness=False, lead_s=lead_s,
+            own_curve=OWN_CURVE, compensation=extra, timing=PATIENT, witness=False, lead_s=lead_s,
         )  # fmt: skip
         with live:
             yield
@@ -131,7 +132,15 @@ def fly_live(
     arguments = ["--firmware", "px4:1.13", "--speed", str(speed), "--lockstep", *world]
     with simulator(arguments) as address:
         log = out / f"{name or f'live_{law}'}.tlog"
-        flight = fly(name or f"live {law}", address, plan, log, watch=watch, mixing=companion)
+        flight = fly(
+            name or f"live {law}",
+            address,
+            plan,
+            log,
+            watch=watch,
+            mixing=companion,
+            parameters={"THR_MDL_FAC": OWN_CURVE},
+        )
     return flight, demands, account
 
 

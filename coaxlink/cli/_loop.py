@@ -24,7 +24,8 @@ LAW, LIVE_LAW = "fitted", "exact"
 DEMANDS_HZ = 250.0  # of the vehicle's own time
 ENOUGH = 0.99  # of them answered, for a flight to be that of the mixer
 OTHER_NOISE = 100_003  # added to the seed for each further flight
-LED = "coaxlink loop --lead and coaxlink mix --lead lead slower motors, at the price of livelier commands"
+LED = "coaxlink loop --lead and coaxlink mix --lead lead slow motors, with livelier commands"
+SAGS = "coaxlink loop --live and coaxlink mix follow it as it sags"
 Tell = Callable[[str], None]
 
 
@@ -153,9 +154,12 @@ def _second_flight(
     tell("second flight" if usable else "second flight, nothing changed")
     again = _fly_table(world, 1, seen.airframe, "after", table, rotor_file, watch)
     after = steps.errors_of_table(again, seen.airframe, seen.model, table.params, whole=True)
+    done = {
+        name: f"{what}; {SAGS}" if name == "battery_voltage" else what for name, what in seen.done.items()
+    }
     cannot = {name: f"{why}; {LED}" if name == "rotor_lag" else why for name, why in seen.cannot.items()}
     flown, before = first
-    return "table", _Pair(before, after, (str(flown.log), str(again.log)), dict(seen.done), cannot)
+    return "table", _Pair(before, after, (str(flown.log), str(again.log)), done, cannot)
 
 
 def _separate(world: World, start: _Start, refinement: Refinement, tell: Tell, watch: Watch) -> Path | None:

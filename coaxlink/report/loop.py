@@ -111,7 +111,7 @@ def lines(result: LoopResult) -> Iterator[str]:
     """What was done about each effect and what was left alone, in words."""
     yield OUTCOMES[result.outcome].format(done=", ".join(result.compensated))
     if result.way == "live":
-        yield "both flights mixed live by the exact law: a table cannot hold all of this"
+        yield "both flights mixed live by the exact law"
     for name, what in result.compensated.items():
         yield f"compensated: {name}: {what}"
     for name, why in result.not_compensated.items():
