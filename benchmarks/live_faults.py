@@ -1,6 +1,6 @@
 """The milliseconds of docs/live.md's fault matrix, measured in flight on the stand-in.
 
-    python benchmarks/live_faults.py [--times 5]
+    python benchmarks/live_faults.py [--times 5] [--way compiled|plain] [--curve 1]
 
 For each fault: from its onset to the first tick flown on the autopilot's own mixer for good, what the height
 and the tilt did in the 3 s after, and from its end to the first tick driven again.
@@ -18,6 +18,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "link"))
 from live_flight import EXAMPLES, HEIGHT_M, Companion, Flight, demand
 
 from coaxlink.airframe import load_airframe
+from coaxlink.link import hot_build
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
@@ -37,16 +39,18 @@ CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 class Own:
     """A companion in this process."""
 
-    def __init__(self, flight: Flight, curve: float) -> None:
+    def __init__(self, flight: Flight, curve: float, native: Any) -> None:
         self.flight = flight
         self.companion = Companion(flight)
         law = make_law("exact", X8, CRM)
-        self.mixer = LiveMixer(self.companion.session, X8, law, CRM, own_curve=curve)
+        self.mixer = LiveMixer(self.companion.session, X8, law, CRM, own_curve=curve, native=native)
         starting = threading.Thread(target=self.mixer.start)
         starting.start()
         flight.fly(3.0, until=lambda: not starting.is_alive())
         flight.fly(3.0, until=lambda: self.mixer.state == "live")
         flight.fly(1.0)
+        if native is not None and (self.mixer._hot is None or self.mixer._hot.answers < 100):
+            sys.exit("the compiled loop did not take over")
 
     def close(self) -> None:
         self.mixer.session.tap = None
@@ -74,6 +78,10 @@ def break_law(own: Own) -> None:
     own.mixer.core.law = type(
         "Broken", (), {"name": "broken", "dropped": (), "speeds": staticmethod(broken)}
     )()
+    if own.mixer._hot is not None:
+        for numbers in own.mixer._hot._loop._arrays[18:]:
+            if numbers.dtype == float:
+                numbers.fill(math.nan)
 
 
 FAULTS: dict[str, Callable[[Own], None]] = {
@@ -91,9 +99,9 @@ def aftermath(flight: Flight) -> tuple[float, float]:
     return HEIGHT_M + 0.2 - flight.lowest_m, flight.steepest_deg
 
 
-def in_process(name: str, curve: float) -> tuple[float, float, float, float]:
+def in_process(name: str, curve: float, native: Any) -> tuple[float, float, float, float]:
     flight = Flight(own_curve=curve)
-    own = Own(flight, curve)
+    own = Own(flight, curve, native)
     flight.rows.clear()
     FAULTS[name](own)
     since = time.monotonic()
@@ -109,11 +117,12 @@ def in_process(name: str, curve: float) -> tuple[float, float, float, float]:
     return (handed or math.nan) * 1e3, back * 1e3, lost, tilt
 
 
-def killed(number: int, curve: float) -> tuple[float, float, float, float]:
+def killed(number: int, curve: float, native: Any) -> tuple[float, float, float, float]:
     flight = Flight(own_curve=curve)
     command = [sys.executable, "-m", "coaxlink", "mix", str(EXAMPLES / "x8_demo.toml")]
+    way = ["--plain"] if native is None else []
     process = subprocess.Popen(
-        [*command, "--connect", flight.address], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*command, "--connect", flight.address, *way], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     flight.fly(15.0, until=lambda: flight.driven)
     flight.fly(1.0)
@@ -136,17 +145,20 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--times", type=int, default=5)
     parser.add_argument("--curve", type=float, default=1.0, help="THR_MDL_FAC on board")
+    parser.add_argument("--way", choices=("compiled", "plain"), default="compiled")
     o = parser.parse_args()
+    native = hot_build.load() if o.way == "compiled" else None
     runs: dict[str, Callable[[], tuple[float, float, float, float]]] = {
-        name: (lambda name=name: in_process(name, o.curve)) for name in FAULTS
+        name: (lambda name=name: in_process(name, o.curve, native)) for name in FAULTS
     }
-    runs["processor starved (SIGSTOP)"] = lambda: killed(signal.SIGSTOP, o.curve)
-    runs["killed (SIGKILL)"] = lambda: killed(signal.SIGKILL, o.curve)
-    print("ms to the autopilot's own mixer (worst), ms back (worst), m of height lost, deg of tilt (worst)")
+    runs["processor starved (SIGSTOP)"] = lambda: killed(signal.SIGSTOP, o.curve, native)
+    runs["killed (SIGKILL)"] = lambda: killed(signal.SIGKILL, o.curve, native)
+    print(f"THR_MDL_FAC {o.curve:g}, {o.way}; the worst of each:")
+    print(f"{'':28s} ms to own mixer, ms back, m of height lost, deg of tilt")
     for name, once in runs.items():
         rows = np.array([once() for _ in range(o.times)])
         worst = np.nanmax(rows, axis=0) if not np.isnan(rows[:, 1]).all() else rows.max(axis=0)
-        print(f"{name:28s} {worst[0]:6.0f} {worst[1]:6.0f} {worst[2]:6.2f} {worst[3]:6.1f}   at {o.curve:g}")
+        print(f"{name:28s} {worst[0]:6.0f} {worst[1]:6.0f} {worst[2]:6.2f} {worst[3]:6.1f}")
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from coaxlink.link.live_guard import Timing
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.mixer import make_law
 
-BURST = 4
+BURST = 32  # hostile frames between two sane ones; the answer to a sane one is waited for, so none drowns
 
 
 def resident_mb() -> float:

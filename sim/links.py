@@ -29,6 +29,7 @@ class Peer:
         self.parser.robust_parsing = True
         self.heard_at = time.monotonic()
         self.gone, self.faulty = False, True
+        self.link = 0  # which of the vehicle's links it is on
         self.out: Wire | None = None  # faults on the way there and back
         self.back: Wire | None = None
 

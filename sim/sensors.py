@@ -1,7 +1,8 @@
 """What the vehicle measures of the truth: noise, bias and quantisation, by seed.
 
 Figures are those of an autopilot's corrected outputs (bias estimated away to a remainder), not of raw parts.
-Attitude, position and velocity come out of an estimator: their errors wander, they do not jump.
+Attitude, position and velocity come out of an estimator, which predicts them with the inertial sensors and
+is corrected slowly: their errors wander smoothly, they neither jump nor rattle.
 """
 
 from __future__ import annotations
@@ -67,7 +68,8 @@ class Sensors:
         self._sizes = np.array(sizes)
         self._keep = np.exp(-READ_S / WANDER_S)
         self._fresh = np.sqrt(1.0 - self._keep**2)
-        self._wander = self._sizes[6:15] * self._random.standard_normal(9)
+        self._push = self._sizes[6:15] * self._random.standard_normal(9)
+        self._wander = self._push.copy()
         self._block = np.empty((0, len(sizes)))
         self._next = 0
         self._past: deque[Reading] = deque()
@@ -84,7 +86,9 @@ class Sensors:
             self._next = 0
         noise = self._block[self._next]
         self._next += 1
-        self._wander = self._keep * self._wander + self._fresh * noise[6:15]
+        self._push = self._keep * self._push + self._fresh * noise[6:15]
+        # twice first order; the second halves the variance
+        self._wander = self._keep * self._wander + np.sqrt(2.0) * (1.0 - self._keep) * self._push
         p = self._plant
         q, half = p.quaternion, 0.5 * self._wander[0:3]
         # a small rotation about the body axes: q * (1, e / 2)

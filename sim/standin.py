@@ -2,6 +2,11 @@
 
 The vehicle's own clock is the plant's. A live mixer in the loop is waited for (a little) when the clock does
 not run at its natural speed, for otherwise the speed itself would look like latency.
+
+In lock-step the world waits for whoever flies it as long as that takes: for the answer to every demand, and
+in offboard mode for a set-point after every position that was told, each with the stamp of what it answers.
+What is flown then does not depend on how busy the machine is. One who stays silent is waited for once, until
+he speaks again; a command ends the wait.
 """
 
 from __future__ import annotations
@@ -20,6 +25,10 @@ from sim.px4.telemetry import stamp_us
 from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
+LOCKSTEP_S = 10.0  # wall time
+LOOK_UP_S = 0.2  # so often somebody may want it all to end
+GOALS, ANSWER, COMMAND = (82, 84, 86), 139, 76  # set-points; a command may say that there will be no more
+POSITION = 32
 SLIP_S = 0.25  # further behind than this, the clock gives up catching up
 REBOOT_S = 1.5
 
@@ -37,13 +46,18 @@ class Standin:
         seed: int = 0,
         manners: type[Conversation] = Conversation,
         key: bytes | None = None,
+        lockstep: bool = False,
     ) -> None:
         self._key = key
+        self._lockstep, self._commands = lockstep, 0
+        # the newest stamps (us) that set-points and answers carried, and those at which a wait was in vain
+        self._heard, self._silent = {"goal": -1, "answer": -1}, {"goal": -2, "answer": -2}
         self._manners = manners
         self._faults, self._seed = faults, seed
         self._sets, self._silent_until = 0, 0.0
         self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
         self.recorder: Any = None  # `step()` is called after every step
+        self.stop: Callable[[], bool] = lambda: False
         self._conversations: dict[Peer, Conversation] = {}
         self._answers = 0
         self._system, self._boots = autopilot.system, autopilot.boots
@@ -72,14 +86,18 @@ class Standin:
             self.recorder.step()
         if self._booting:
             return
+        told = False
         for conversation in self._conversations.values():
-            conversation.stream()
+            told |= conversation.stream(POSITION)
             conversation.list_on()
+        if self._lockstep and told and self.autopilot.led:
+            self._await("goal", stamp_us(self.autopilot) // 1000 * 1000)
 
     def hear(self) -> None:
         """Deal with everything that has come."""
-        for port in self.ports:
+        for link, port in enumerate(self.ports):
             for peer, data in port.receive():
+                peer.link = link
                 self._heed(self._meet(peer), peer.parse(data))
             for peer in port.peers:
                 conversation = self._meet(peer)
@@ -90,7 +108,13 @@ class Standin:
 
     def _heed(self, conversation: Conversation, messages: list[Any]) -> None:
         for message in messages:
-            self._answers += message.get_msgId() == 139
+            number = message.get_msgId()
+            self._answers += number == ANSWER
+            self._commands += number == COMMAND
+            if number == ANSWER:
+                self._heard["answer"] = message.time_usec
+            elif number in GOALS:
+                self._heard["goal"] = 1000 * message.time_boot_ms
             if message.get_msgId() == 256:
                 self._set_up_signing(message)
             if not self._booting:
@@ -159,25 +183,45 @@ class Standin:
         due = [c for c in self._conversations.values() if c.demand_due()]
         if not due:
             return
-        lockstep = self.speed != 1.0 and self.autopilot.takes_live and self.autopilot.live
+        lockstep = (self._lockstep or self.speed != 1.0) and self.autopilot.takes_live and self.autopilot.live
         if lockstep:
             self.hear()  # an answer to an older demand is not the one to wait for
         before = self._answers
         for conversation in due:
             conversation.send(self._manners.builders[140](self.autopilot))
-        end = time.monotonic() + PATIENCE_S
-        while lockstep and self._answers == before:
+        if not lockstep:
+            return
+        if self._lockstep:
+            self._await("answer", stamp_us(self.autopilot))
+        else:
+            self._until(lambda: self._answers != before, PATIENCE_S)
+
+    def _await(self, what: str, stamp: int) -> None:
+        """Until a message of that kind carries this stamp or a later one, or a command comes."""
+        heard, commands = self._heard, self._commands
+        if self._silent[what] == heard[what]:
+            return
+        if not self._until(lambda: heard[what] >= stamp or self._commands != commands, LOCKSTEP_S):
+            self._silent[what] = heard[what]
+
+    def _until(self, met: Callable[[], bool], patience_s: float) -> bool:
+        """Hear what comes until then; False when that took too long."""
+        end = time.monotonic() + patience_s
+        while not met():
             left = end - time.monotonic()
-            if left <= 0:
-                return
-            wait(self.ports, left)
+            if left <= 0 or self.stop():
+                return False
+            wait(self.ports, min(left, LOOK_UP_S))
             self.hear()
+        return True
 
 
 def run(standins: Sequence[Standin], speed: float, stop: Callable[[], bool]) -> None:
     """All on one clock, step by step, until `stop()`; speed 0 is as fast as they go."""
     tick = 1.0 / RATE_HZ
     ports = [port for standin in standins for port in standin.ports]
+    for standin in standins:
+        standin.stop = stop
     start, done, beat = time.monotonic(), 0, 0.0
     while not stop():
         for standin in standins:

@@ -44,6 +44,7 @@ class World:
     seed: int = 0
     wire: str = ""  # faults, as `wire.parse_faults` reads them
     signing_key: Path | None = None
+    lockstep: bool = False
 
 
 def open_links(addresses: Sequence[str], number: int = 0) -> list[Port]:
@@ -97,6 +98,7 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0, number: int =
     faults = parse_faults(world.wire) if world.wire else None
     plant, truth = build_plant(world)
     common: dict[str, Any] = {"speed": speed, "faults": faults, "seed": world.seed}
+    common["lockstep"] = world.lockstep
     common["key"] = None if world.signing_key is None else read_key(world.signing_key)
     if ardupilot:
         from sim.ardupilot.copter import Copter

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from coaxlink.airframe import Airframe
 from coaxlink.cli._flights import Flight, fly
 from coaxlink.cli._simulator import simulator
+from coaxlink.link.live_guard import Timing
 from coaxlink.link.trajectory import Plan
 from coaxlink.report.demo import FlightErrors
 from coaxlink.residual.delivered import delivered
-from coaxlink.residual.signals import lagged
 from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
@@ -26,9 +27,13 @@ if TYPE_CHECKING:
     from coaxlink.link import Session
 
 TABLES = ("standard", "reduced", "fitted")
-LIVE_LAW = "coaxial"
+LIVE_LAW = "exact"
 LIVE = f"live {LIVE_LAW}"
-LIVE_SPEED = 4.0  # a companion's answer takes wall time: a faster world would turn it into latency
+DEMAND_ID = 140  # ACTUATOR_CONTROL_TARGET
+# the world waits for the companion, and the companion for the world: a machine that is busy elsewhere for
+# seconds is no silence of the vehicle
+PATIENT = Timing(fade_s=0.0, hold_after_s=20.0, ramp_after_s=40.0)
+OWN_CURVE = 1.0  # THR_MDL_FAC that makes the own mixer's demand mean about what the law's does (docs/live.md)
 JUDGED = ("hover", "circle")  # the paper's own flight
 Watch = Callable[[str, float], None]
 
@@ -46,10 +51,21 @@ class Demands:
             self.time_s.append(message.time_usec / 1e6)
             self.controls.append(tuple(message.controls[:4]))
 
-    def at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Controls (rows, 4) at the log's own times."""
-        columns = np.array(self.controls)
-        return np.stack([np.interp(time_s, self.time_s, column) for column in columns.T], axis=1)
+    def now(self) -> float:
+        """The vehicle's own time at the last of them (s)."""
+        return self.time_s[-1] if self.time_s else 0.0
+
+    def at(self, time_s: NDArray[np.float64], lag_s: float = 0.0) -> NDArray[np.float64]:
+        """Controls (rows, 4) at the log's own times, after a first-order lag (each held to the next)."""
+        stamps, columns = np.array(self.time_s), np.array(self.controls)
+        if lag_s > 0.0:
+            step = float(np.median(np.diff(stamps)))
+            grid = np.arange(stamps[0], stamps[-1] + 0.5 * step, step)
+            held = columns[np.maximum(np.searchsorted(stamps, grid + 0.25 * step) - 1, 0)]
+            keep = float(np.exp(-step / lag_s))
+            stamps = grid
+            columns = lfilter([0.0, 1.0 - keep], [1.0, -keep], held, axis=0, zi=held[:1])[0]
+        return np.stack([np.interp(time_s, stamps, column) for column in columns.T], axis=1)
 
 
 def fly_tables(
@@ -63,7 +79,7 @@ def fly_tables(
 ) -> tuple[dict[str, Flight], dict[str, dict[str, Any]]]:
     """Upload each table to one stand-in and fly the plan with it: flights and upload results by name."""
     flights, uploads = {}, {}
-    with simulator(["--firmware", "px4", "--speed", str(speed), *world]) as address:
+    with simulator(["--firmware", "px4", "--speed", str(speed), "--lockstep", *world]) as address:
         for name, folder in folders.items():
             uploads[name] = upload(address, folder)
             flights[name] = fly(name, address, plan, out / f"{name}.tlog", watch=watch)
@@ -82,12 +98,15 @@ def fly_live(
     *,
     name: str | None = None,
     effects: bool = False,
+    lead_s: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Flight, Demands, dict[str, Any]]:
     """Fly the plan with the companion mixing: the flight, the demands answered, the mixer's account.
 
-    `effects` compensates those of the model from telemetry; `name` is the log's, if not the law's.
+    `effects` compensates those of the model from telemetry; `name` is the log's, if not the law's; `lead_s`
+    is the motors' lag and the one wanted of them instead.
     """
     from coaxlink.link.live_effects import LiveEffects
+    from coaxlink.link.live_telemetry import Telemetry
     from coaxlink.link.mixing import LiveMixer
     from coaxlink.mixer import make_law
 
@@ -97,17 +116,31 @@ def fly_live(
     @contextmanager
     def mixing(session: Session) -> Iterator[None]:
         forget = session.subscribe(demands.hear)
-        extra = LiveEffects(session, airframe, model) if effects and model.effects else None
-        live = LiveMixer(session, airframe, make_law(law, airframe, model), model, compensation=extra)
+        telemetry = Telemetry(demands.now)
+        extra = LiveEffects(session, airframe, model, telemetry) if effects and model.effects else None
+        live = LiveMixer(
+            session, airframe, make_law(law, airframe, model), model,
+            own_curve=OWN_CURVE, compensation=extra, timing=PATIENT, witness=False, lead_s=lead_s,
+        )  # fmt: skip
         with live:
             yield
+        session.request_stream(DEMAND_ID, -1.0)
         forget()
         account.update(live.summary())
 
     companion: Callable[[Session], AbstractContextManager[object]] = mixing
-    with simulator(["--firmware", "px4:1.13", "--speed", str(min(speed, LIVE_SPEED)), *world]) as address:
+    arguments = ["--firmware", "px4:1.13", "--speed", str(speed), "--lockstep", *world]
+    with simulator(arguments) as address:
         log = out / f"{name or f'live_{law}'}.tlog"
-        flight = fly(name or f"live {law}", address, plan, log, watch=watch, mixing=companion)
+        flight = fly(
+            name or f"live {law}",
+            address,
+            plan,
+            log,
+            watch=watch,
+            mixing=companion,
+            parameters={"THR_MDL_FAC": OWN_CURVE},
+        )
     return flight, demands, account
 
 
@@ -146,8 +179,7 @@ def errors_of_live(
     scale = DemandScale(airframe, standard_coefficients(model)).matrix
 
     def meant(time_s: NDArray[np.float64], _: NDArray[np.float64]) -> NDArray[np.float64]:
-        wrench = demands.at(time_s) @ scale.T
-        return lagged(wrench, float(np.median(np.diff(time_s))), airframe.motor_lag_s) if whole else wrench
+        return demands.at(time_s, airframe.motor_lag_s if whole else 0.0) @ scale.T
 
     return _errors(flight, airframe, model, meant, whole)
 

@@ -14,11 +14,16 @@ from coaxlink.errors import InputError
 if TYPE_CHECKING:
     from coaxlink.mixer import Seen
 
+DENSITY = (0.3, 1.8)  # of air that anyone flies in, kg/m3
+
 VoltageOption = Annotated[
     float | None, typer.Option(metavar="V", help="Supply to be right at, for a rotor file that knows it.")
 ]
 HeightOption = Annotated[float | None, typer.Option(metavar="M", help="Height above ground to be right at.")]
 ClimbOption = Annotated[float | None, typer.Option(metavar="M/S", help="Climb speed to be right at.")]
+DensityOption = Annotated[
+    float | None, typer.Option(metavar="KG/M3", help="Density of the air to be right in.")
+]
 
 
 def load_seen(
@@ -28,6 +33,7 @@ def load_seen(
     voltage: float | None = None,
     height: float | None = None,
     climb: float | None = None,
+    density: float | None = None,
 ) -> tuple[Seen, Path]:
     """The airframe and its rotors with the effects of the rotor file in them, and that file's path.
 
@@ -40,11 +46,14 @@ def load_seen(
     for name, value in (("--voltage", voltage), ("--height", height), ("--climb", climb)):
         if value is not None and not math.isfinite(value):
             raise InputError(name, f"{value:g}", "a finite number expected")
+    if density is not None and not DENSITY[0] <= density <= DENSITY[1]:
+        raise InputError("--density", f"{density:g}", f"{DENSITY[0]} to {DENSITY[1]} kg/m3 expected")
     frame = load_airframe(airframe)
     path = rotor_path(frame.rotor_model, rotor, airframe)
     model = load_rotor_model(path)
     refuse_no_lift(model, path)
-    return see(frame, model, Conditions(voltage, height, climb)), path
+    at = Conditions(voltage, height, climb, air_density_kg_m3=density)
+    return see(frame, model, at), path
 
 
 def rotor_path(own: Path | None, option: Path | None, airframe: Path) -> Path:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from coaxlink.cli._shell import say
 from coaxlink.link import Session, connect
+from coaxlink.link.parameters import Parameters
 from coaxlink.link.trajectory import Plan
 from coaxlink.link.vehicle import PlanAbandoned, Track, Vehicle
 
@@ -26,6 +28,7 @@ STREAMS = {
 
 
 ATTEMPTS = 2
+FLOAT = 9  # MAV_PARAM_TYPE_REAL32
 
 
 @dataclass(frozen=True)
@@ -45,15 +48,18 @@ def fly(
     *,
     watch: Callable[[str, float], None] | None = None,
     mixing: Callable[[Session], AbstractContextManager[object]] = lambda session: nullcontext(),
+    parameters: Mapping[str, float] = MappingProxyType({}),
 ) -> Flight:
     """Arm, take off to the plan's start, fly it, land; `mixing` may put the companion in the loop meanwhile.
+
+    `parameters` (floats) are set on the ground.
 
     A simulator faster than real time outruns a machine that is busy for a moment: the plan is then flown
     again. Raises SafetyRefusal, CheckFailed or LinkError of the vehicle that flies.
     """
     for left in reversed(range(ATTEMPTS)):
         try:
-            return _fly_once(name, address, plan, log, watch, mixing)
+            return _fly_once(name, address, plan, log, watch, mixing, parameters)
         except PlanAbandoned as error:
             if not left:
                 raise PlanAbandoned(f"{error}; try a lower --speed") from error
@@ -68,16 +74,19 @@ def _fly_once(
     log: Path,
     watch: Callable[[str, float], None] | None,
     mixing: Callable[[Session], AbstractContextManager[object]],
+    parameters: Mapping[str, float],
 ) -> Flight:
     with connect(address, record=log) as session:
         for message_id, rate_hz in STREAMS.items():
             session.request_stream(message_id, rate_hz)
+        for parameter, value in parameters.items():
+            Parameters(session).write(parameter, value, FLOAT)
         vehicle = Vehicle(session)
         vehicle.arm()
         vehicle.take_off(-plan.at(0.0)[1].position_m[2])
         try:
             with mixing(session):
-                track = vehicle.follow(plan, watch)
+                track = vehicle.follow(plan, watch and (lambda segment, t: watch(f"{name}: {segment}", t)))
         except PlanAbandoned:
             vehicle.land()
             raise

@@ -12,44 +12,80 @@ from coaxlink.airframe import Airframe
 from coaxlink.cli import _demo as steps
 from coaxlink.cli._demo import Watch
 from coaxlink.report.demo import FlightErrors
-from coaxlink.report.loop import LoopResult
+from coaxlink.report.loop import LoopResult, outcome_of
 from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
     from coaxlink.data import Samples
     from coaxlink.link.trajectory import Plan
+    from coaxlink.residual.result import Refinement
 
 LAW, LIVE_LAW = "fitted", "exact"
 DEMANDS_HZ = 250.0  # of the vehicle's own time
-ENOUGH = 0.9  # of them answered, for a flight to be that of the mixer
-SLOWER = 3  # tries, each at half the speed
+ENOUGH = 0.99  # of them answered, for a flight to be that of the mixer
+OTHER_NOISE = 100_003  # added to the seed for each further flight
+LED = "coaxlink loop --lead and coaxlink mix --lead lead slow motors, with livelier commands"
+SAGS = "coaxlink loop --live and coaxlink mix follow it as it sags"
 Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class World:
-    """Where is flown: the simulator's arguments, its speed, the folder of all files, the plan."""
+    """Where is flown: the simulator's arguments but its seed, its speed, the folder of files, the plan."""
 
-    arguments: list[str]
+    hidden: list[str]
+    seed: int
     speed: float
     out: Path
     plan: Plan
 
+    def arguments(self, flight: int) -> list[str]:
+        """Of the simulator: the same world, and noise of its own for every flight (from 0)."""
+        return [*self.hidden, "--seed", str(self.seed + OTHER_NOISE * flight)]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user asked for: how to mix (None: by what the effects need), and what may be flown besides."""
+
+    live: bool | None = None
+    separate: bool = False
+    lead: bool = False
+
+
+@dataclass(frozen=True)
+class _Start:
+    """What all flights share: the declared vehicle, its identified rotors, its first table."""
+
+    airframe: Airframe
+    model: RotorModel
+    table: Any
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Both flights, and what was done between them."""
+
+    before: FlightErrors
+    after: FlightErrors
+    logs: tuple[str, str]
+    done: dict[str, str]
+    cannot: dict[str, str]
+
 
 def run_loop(
-    truth: Path | None, seed: int, out: Path, speed: float, live: bool | None, tell: Tell, watch: Watch
+    truth: Path | None, seed: int, out: Path, speed: float, wishes: Wishes, tell: Tell, watch: Watch
 ) -> LoopResult:
     """Two flights and what lies between them; four files' worth of results in `out`.
 
-    `live` mixes both flights live; None does where the effects found ask for it. Raises what the steps raise.
+    Nothing is put into the mixer that the data do not demand: where they are contradictory, ambiguous,
+    unexplained or at the floor, the second flight is the first once more. Raises what the steps raise.
     """
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.data import read_flight_log, read_stand_log
     from coaxlink.link import tables
     from coaxlink.link.trajectory import paper_flight
-    from coaxlink.mixer import Conditions, see
-    from coaxlink.mixer.seen import LIVE_ONLY
     from coaxlink.residual import refine
     from coaxlink.rotor import identify, save_rotor_model
 
@@ -57,40 +93,86 @@ def run_loop(
     airframe_file = files.example("x8_demo.toml")
     airframe = load_airframe(airframe_file)
     hidden = ["--truth", str(truth.resolve())] if truth is not None else ["--hidden-seed", str(seed)]
-    world = World(
-        ["--airframe", str(airframe_file), "--seed", str(seed), *hidden], speed, out, paper_flight()
-    )
+    world = World(["--airframe", str(airframe_file), *hidden], seed, speed, out, paper_flight())
     tell("identifying the rotor pair")
     model = identify(read_stand_log(files.example("stand_eq17.csv")), "crm").model
     save_rotor_model(out / "rotor.toml", model)
-    first = tables.report_px4(airframe, model, LAW)
+    start = _Start(airframe, model, tables.report_px4(airframe, model, LAW))
     tell("first flight")
-    flown = _fly_table(world, airframe, "before", first, out / "rotor.toml", watch)
-    by_table = steps.errors_of_table(flown, airframe, model, first.params, whole=True)
+    flown = _fly_table(world, 0, airframe, "before", start.table, out / "rotor.toml", watch)
+    by_table = steps.errors_of_table(flown, airframe, model, start.table.params, whole=True)
     log = read_flight_log(flown.log)
     tell("tracing the residual")
     refinement = refine(log, airframe, model)
-    found = refinement.model or model
-    save_rotor_model(out / "rotor_refined.toml", found)
-    seen = see(airframe, found, Conditions(voltage_V=mean_voltage(log)))
-    if live is None:
-        live = any(name in LIVE_ONLY for name in seen.cannot)
-    if live:
-        before, after, done, cannot = _live_pair(
-            world, airframe, model, found, seen.airframe.mass_kg, tell, watch
-        )
-        logs = str(out / "live_before.tlog"), str(out / "live_after.tlog")
-    else:
-        second = tables.report_px4(seen.airframe, seen.model, LAW)
-        tell("second flight")
-        again = _fly_table(world, seen.airframe, "after", second, out / "rotor_refined.toml", watch)
-        before = by_table
-        after = steps.errors_of_table(again, seen.airframe, seen.model, second.params, whole=True)
-        done, cannot, logs = dict(seen.done), dict(seen.cannot), (str(flown.log), str(again.log))
+    separated = None
+    if wishes.separate and refinement.ambiguous and not refinement.suspect_data:
+        separated = _separate(world, start, refinement, tell, watch)
+        if separated is not None:
+            tell("tracing the residual of both flights")
+            refinement = refine([log, read_flight_log(separated)], airframe, model)
+    way, pair = _second_flight(world, start, refinement, log, wishes, (flown, by_table), tell, watch)
     return LoopResult(
-        seed, "live" if live else "table", before, after, *logs, refinement, done, cannot, by_table,
-        time.monotonic() - began,
+        seed, way, pair.before, pair.after, *pair.logs, refinement, pair.done, pair.cannot, by_table,
+        time.monotonic() - began, outcome_of(refinement, pair.done),
+        str(separated) if separated is not None else None,
     )  # fmt: skip
+
+
+def _second_flight(
+    world: World,
+    start: _Start,
+    refinement: Refinement,
+    log: Samples,
+    wishes: Wishes,
+    first: tuple[Any, FlightErrors],
+    tell: Tell,
+    watch: Watch,
+) -> tuple[str, _Pair]:
+    """How was mixed (table or live), and both flights."""
+    from coaxlink.mixer import Conditions, see
+    from coaxlink.mixer.seen import LIVE_ONLY
+    from coaxlink.rotor import save_rotor_model
+
+    airframe, model = start.airframe, start.model
+    usable = bool(refinement.effects) and not refinement.suspect_data and refinement.model is not None
+    found = refinement.model if usable and refinement.model is not None else model
+    if usable:
+        save_rotor_model(world.out / "rotor_refined.toml", found)
+    seen = see(airframe, found, Conditions(voltage_V=mean_voltage(log)))
+    leads = wishes.lead and any(e.name == "rotor_lag" for e in found.effects)
+    live = wishes.live
+    if live is None:
+        live = leads or any(name in LIVE_ONLY for name in seen.cannot)
+    if live:
+        return "live", _live_pair(world, start, found, seen.airframe.mass_kg, leads, tell, watch)
+    table, rotor_file = start.table, world.out / "rotor.toml"
+    if usable:
+        from coaxlink.link import tables
+
+        table = tables.report_px4(seen.airframe, seen.model, LAW)
+        rotor_file = world.out / "rotor_refined.toml"
+    tell("second flight" if usable else "second flight, nothing changed")
+    again = _fly_table(world, 1, seen.airframe, "after", table, rotor_file, watch)
+    after = steps.errors_of_table(again, seen.airframe, seen.model, table.params, whole=True)
+    done = {
+        name: f"{what}; {SAGS}" if name == "battery_voltage" else what for name, what in seen.done.items()
+    }
+    cannot = {name: f"{why}; {LED}" if name == "rotor_lag" else why for name, why in seen.cannot.items()}
+    flown, before = first
+    return "table", _Pair(before, after, (str(flown.log), str(again.log)), done, cannot)
+
+
+def _separate(world: World, start: _Start, refinement: Refinement, tell: Tell, watch: Watch) -> Path | None:
+    """Fly what would tell rivals apart, by the first table; its log, None where no such flight is known."""
+    from coaxlink.link.trajectory import planned_flight
+
+    experiments = [a.experiment for a in refinement.ambiguous if a.experiment is not None]
+    if not experiments:
+        return None
+    tell(f"flying what would tell apart {' or '.join(experiments[0].names)}")
+    there = replace(world, plan=planned_flight(experiments[0].document()))
+    rotor = world.out / "rotor.toml"
+    return Path(_fly_table(there, 2, start.airframe, "separating", start.table, rotor, watch).log)
 
 
 def mean_voltage(log: Samples) -> float | None:
@@ -101,76 +183,67 @@ def mean_voltage(log: Samples) -> float | None:
     return float(volts.mean()) if len(volts) else None
 
 
-def _fly_table(world: World, airframe: Airframe, name: str, report: Any, rotor: Path, watch: Watch) -> Any:
+def _fly_table(
+    world: World, flight: int, airframe: Airframe, name: str, report: Any, rotor: Path, watch: Watch
+) -> Any:
     from coaxlink.cli.demo import upload_into, write_table
     from coaxlink.link.tables import refuse_traps
-    from coaxlink.link.vehicle import PlanAbandoned
 
     refuse_traps(report)
     folder = write_table(world.out, airframe, name, report, rotor)
-    speed = world.speed
-    for left in reversed(range(SLOWER)):
-        try:
-            flown, _ = steps.fly_tables(
-                world.arguments, speed, {name: folder}, upload_into(world.out), world.plan, world.out, watch
-            )
-            break
-        except PlanAbandoned:
-            if not left:
-                raise
-            speed /= 2.0  # this machine is too busy for it
+    flown, _ = steps.fly_tables(
+        world.arguments(flight), world.speed, {name: folder}, upload_into(world.out), world.plan, world.out,
+        watch,
+    )  # fmt: skip
     return flown[name]
 
 
 def _fly_live(
-    world: World, airframe: Airframe, rotors: RotorModel, name: str, effects: bool, tell: Tell, watch: Watch
+    world: World, flight: int, airframe: Airframe, rotors: RotorModel, name: str, watch: Watch, **how: Any
 ) -> tuple[Any, steps.Demands]:
-    """One flight mixed live, at a speed at which this machine answers nearly every demand."""
+    """One flight mixed live. Raises CheckFailed when not nearly every demand was answered."""
     from coaxlink.errors import CheckFailed
 
-    speed = min(world.speed, steps.LIVE_SPEED)
-    for _ in range(SLOWER):
-        flight, demands, account = steps.fly_live(
-            world.arguments, speed, airframe, rotors, world.plan, world.out, watch,
-            law=LIVE_LAW, name=name, effects=effects,
-        )  # fmt: skip
-        answered = account["cycles"] / (DEMANDS_HZ * world.plan.duration_s)
-        # one hand-over belongs to the end of the flight
-        if answered > ENOUGH and account["hand_overs"] <= 1:
-            return flight, demands
-        share = f"{100 * min(answered, 1.0):.0f} % answered, {account['hand_overs']} hand-overs"
-        tell(f"{share} at {speed:g} times real time: too fast for this machine now, again at half")
-        speed /= 2.0
-    raise CheckFailed("this machine is too busy to mix a simulated flight live; try again, or with --table")
+    flown, demands, account = steps.fly_live(
+        world.arguments(flight), world.speed, airframe, rotors, world.plan, world.out, watch,
+        law=LIVE_LAW, name=name, **how,
+    )  # fmt: skip
+    answered = account["cycles"] / (DEMANDS_HZ * world.plan.duration_s)
+    # one hand-over belongs to the end of the flight
+    if answered < ENOUGH or account["hand_overs"] > 1:
+        share = (
+            f"{100 * min(answered, 1.0):.0f} % of the demands answered, {account['hand_overs']} hand-overs"
+        )
+        raise CheckFailed(f"{name}: {share}: not the mixer's flight, so not weighed")
+    return flown, demands
 
 
 def _live_pair(
-    world: World,
-    airframe: Airframe,
-    model: RotorModel,
-    found: RotorModel,
-    mass_kg: float,
-    tell: Tell,
-    watch: Watch,
-) -> tuple[FlightErrors, FlightErrors, dict[str, str], dict[str, str]]:
-    """Both flights with the companion mixing, by `model`, then by `found` with its effects.
+    world: World, start: _Start, found: RotorModel, mass_kg: float, leads: bool, tell: Tell, watch: Watch
+) -> _Pair:
+    """Both flights with the companion mixing, by the stand's model, then by `found` with its effects.
 
     `mass_kg` is what the effects make the vehicle weigh.
     """
     from coaxlink.link.live_effects import LiveEffects
 
-    errors = []
-    ways = (("live_before", model, airframe.mass_kg, False), ("live_after", found, mass_kg, True))
-    for name, rotors, mass, with_effects in ways:
-        tell(f"mixing live {'with' if with_effects else 'without'} the effects")
-        flight, demands = _fly_live(world, airframe, rotors, name, with_effects, tell, watch)
-        weighed = replace(airframe, mass_kg=mass)
-        errors.append(steps.errors_of_live(flight, weighed, rotors, demands, whole=True))
+    airframe = start.airframe
+    lag = next((e.parameters["lag_s"] for e in found.effects if e.name == "rotor_lag"), 0.0)
+    lead_s = (lag, airframe.motor_lag_s) if leads and lag > airframe.motor_lag_s else (0.0, 0.0)
+    tell("mixing live without the effects")
+    flown, demands = _fly_live(world, 1, airframe, start.model, "live_before", watch)
+    before = steps.errors_of_live(flown, airframe, start.model, demands, whole=True)
+    tell("mixing live with the effects")
+    again, demands = _fly_live(world, 2, airframe, found, "live_after", watch, effects=True, lead_s=lead_s)
+    after = steps.errors_of_live(again, replace(airframe, mass_kg=mass_kg), found, demands, whole=True)
     account = LiveEffects(None, airframe, found)
     done = dict.fromkeys(account.names, "taken out of the commands live, from telemetry")
     cannot = dict(account.left_out)
-    if cannot.pop("mass_change", None):
+    if cannot.pop("mass_change", ""):
         done["mass_change"] = (
             f"{mass_kg:.2f} kg instead of {airframe.mass_kg:.2f}: forces are weighed with it"
         )
-    return errors[0], errors[1], done, cannot
+    if lead_s[0] > 0.0 and cannot.pop("rotor_lag", ""):
+        led = f"motors led from {1e3 * lead_s[0]:.0f} to {1e3 * lead_s[1]:.0f} ms"
+        done["rotor_lag"] = f"{led}: livelier commands are its price"
+    return _Pair(before, after, (str(flown.log), str(again.log)), done, cannot)

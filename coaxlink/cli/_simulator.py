@@ -24,7 +24,10 @@ def simulator(arguments: Sequence[str]) -> Iterator[str]:
     port = free_port()
     command = [sys.executable, "-m", "coaxlink", "sim", *arguments, "--listen", f"udpin:127.0.0.1:{port}"]
     with tempfile.TemporaryFile("w+") as talk:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=talk, text=True)
+        # a group of its own: Ctrl-C is ours to deal with, and the world must not be gone before we have
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=talk, text=True, start_new_session=True
+        )
         try:
             assert process.stdout is not None
             if not process.stdout.readline().startswith("ready"):

@@ -7,7 +7,14 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli._effects import ClimbOption, HeightOption, VoltageOption, load_seen, say_effects
+from coaxlink.cli._effects import (
+    ClimbOption,
+    DensityOption,
+    HeightOption,
+    VoltageOption,
+    load_seen,
+    say_effects,
+)
 from coaxlink.cli._shell import JsonOption, console
 from coaxlink.errors import InputError
 
@@ -23,6 +30,7 @@ def allocate(
     voltage: VoltageOption = None,
     height: HeightOption = None,
     climb: ClimbOption = None,
+    density: DensityOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """One allocation: speeds, thrusts, torques, and what the rotors miss of the wrench."""
@@ -30,7 +38,7 @@ def allocate(
     from coaxlink.airframe import AXES
 
     demand = parse_wrench(wrench)
-    conditions = {"voltage": voltage, "height": height, "climb": climb}
+    conditions = {"voltage": voltage, "height": height, "climb": climb, "density": density}
     true, _ = load_seen(airframe, rotor, **conditions)
     believed = load_seen(airframe, law_rotor, **conditions)[0] if law_rotor else true
     frame, model = true.airframe, true.model

@@ -7,7 +7,14 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli._effects import ClimbOption, HeightOption, VoltageOption, load_seen, say_effects
+from coaxlink.cli._effects import (
+    ClimbOption,
+    DensityOption,
+    HeightOption,
+    VoltageOption,
+    load_seen,
+    say_effects,
+)
 from coaxlink.cli._shell import JsonOption, console, say
 
 
@@ -22,6 +29,7 @@ def compare(
     voltage: VoltageOption = None,
     height: HeightOption = None,
     climb: ClimbOption = None,
+    density: DensityOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Weigh all laws over an envelope of wrenches: error per axis, power, authority, efficiency."""
@@ -33,7 +41,7 @@ def compare(
     from coaxlink.mixer.fitted import GRAVITY, FittedLaw, envelope
     from coaxlink.rotor.model import load_rotor_model
 
-    seen, _ = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb)
+    seen, _ = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(seen)
     frame, model = seen.airframe, seen.model
     fitted = FittedLaw(frame, model)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coaxlink.cli._shell import JsonOption, console, say, talk
-from coaxlink.cli._whole import whole_or_before
+from coaxlink.cli._whole import terminated_as_interrupted, whole_or_before
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from coaxlink.link.trajectory import Plan
     from coaxlink.report.demo import DemoResult
 
-LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_coaxial.tlog")
-MADE = ("rotor.toml", "rotor_refined.toml", "tables", "report.html", "residual.png", *LOGS)
+LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog")
+MADE = ("rotor.toml", "rotor_refined.toml", "tables", "backups", "report.html", "residual.png", *LOGS)
 STEPS = 7  # of the progress bar, beside the flights' own seconds
 
 
@@ -43,7 +43,7 @@ def demo(
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
     from coaxlink.report.demo import write_report
 
-    with whole_or_before(out, MADE):
+    with terminated_as_interrupted(), whole_or_before(out, MADE):
         result = run_demo(chosen, out, speed)
         page = write_report(out, result)
     _show(result)

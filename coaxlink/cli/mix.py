@@ -74,6 +74,12 @@ def mix(
             help="Lead the motors' declared lag down to so much; amplifies noise in the demand.",
         ),
     ] = None,
+    air_temperature: Annotated[
+        float | None,
+        typer.Option(
+            min=-60, max=60, metavar="C", help="Of the air, for air_density; a barometer knows its board's."
+        ),
+    ] = None,
     system: SystemOption = None,
     signing_key: SigningOption = None,
     json_file: JsonOption = None,
@@ -106,8 +112,9 @@ def mix(
             _motors(session, frame, json_file)
             return
         options = _Options(
-            rate, seconds, dry_run, record, plot, forward, witness, airframe if loop else None, leading
-        )
+            rate, seconds, dry_run, record, plot, forward, witness, airframe if loop else None, leading,
+            air_temperature,
+        )  # fmt: skip
         gc.collect()
         gc.freeze()  # what has been built so far is here to stay: no pause to look through it again
         _fly(session, frame, chosen, model, options, json_file, native)
@@ -152,10 +159,11 @@ class _Options:
     def __init__(
         self, rate: float, seconds: float | None, dry_run: bool, record: Path | None, plot: bool,
         forward: str | None, witness: bool, loop: Path | None, lead_s: tuple[float, float],
+        air_C: float | None,
     ) -> None:  # fmt: skip
         self.rate, self.seconds, self.dry_run, self.record = rate, seconds, dry_run, record
         self.plot, self.forward, self.witness, self.loop = plot, forward, witness, loop
-        self.lead_s = lead_s
+        self.lead_s, self.air_C = lead_s, air_C
 
 
 def _fly(
@@ -177,7 +185,12 @@ def _fly(
     identity = session.identity
     if not identity.is_ardupilot:  # there a bridge decides, which has to be listened for
         require_path(identity.autopilot, identity.version)
-    effects = LiveEffects(session, frame, model) if model.effects else None
+    led = o.lead_s[1] if o.lead_s[0] else None
+    effects = (
+        LiveEffects(session, frame, model, lag_s=led, air_temperature_C=o.air_C) if model.effects else None
+    )
+    if effects and "air_density" in effects.names and o.air_C is None:
+        say("air_density: nothing is done before the vehicle sends HYGROMETER_SENSOR (or --air-temperature)")
     for name, why in effects.left_out.items() if effects else ():
         say(f"not compensated live: {name} ({why})")
     about = {"law": law.name, "airframe": frame.name, "rotors": len(frame.rotors), "rotor_form": model.form}

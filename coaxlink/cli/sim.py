@@ -27,6 +27,9 @@ def sim(
         list[str] | None, typer.Option(help="udpin:HOST:PORT or tcpin:HOST:PORT; may be given again.")
     ] = None,
     speed: Annotated[float, typer.Option(help="Times real time; 0 is as fast as it goes.")] = 1.0,
+    lockstep: Annotated[
+        bool, typer.Option("--lockstep", help="Wait for each set-point and live answer, as long as it takes.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed of all noise.")] = 0,
     wire: Annotated[
         str, typer.Option(help="Faults: loss=P,copies=P,disorder=P,corruption=P,delay=S,dead=S:S,reboot=N.")
@@ -82,6 +85,7 @@ def sim(
             seed,
             wire,
             signing_key,
+            lockstep,
         )
         if flight:
             _alone(build(world, []).autopilot, flight, log, truth_log)

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink.cli import _tables
-from coaxlink.cli._effects import ClimbOption, HeightOption, VoltageOption, load_seen, say_effects
+from coaxlink.cli._effects import (
+    ClimbOption,
+    DensityOption,
+    HeightOption,
+    VoltageOption,
+    load_seen,
+    say_effects,
+)
 from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.cli._tables import write_px4
 from coaxlink.errors import InputError, SafetyRefusal
@@ -39,12 +46,13 @@ def table(
     voltage: VoltageOption = None,
     height: HeightOption = None,
     climb: ClimbOption = None,
+    density: DensityOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Write a mixer table and say what mix the firmware will make of it."""
     if firmware not in ("px4", "ardupilot"):
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
-    seen, path = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb)
+    seen, path = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(seen)
     with _naming(path):
         if firmware == "px4":

@@ -47,6 +47,11 @@ class Batch:
             found.append((whole[at : at + long], whole[answer : answer + whole[at + size - 1]]))
         return found
 
+    def last_demand(self) -> bytes:
+        """Payload of the newest demand."""
+        whole = self.raw[-1, :SLOT].tobytes()
+        return whole[10 : whole[SLOT - 1] - 2]
+
     def answers(self, most: int) -> list[bytes]:
         """Payload of the newest answers."""
         whole = self.raw[-most:, SLOT:].tobytes()

@@ -5,11 +5,20 @@ a while (`SRV_Channels:set_output_pwm_chan_timeout`). The script sends roll, pit
 ACTUATOR_CONTROL_TARGET each time it runs, takes the newest answer meant for this vehicle, checks it whole
 (eight finite numbers in 0..1, armed, no emergency stop) and holds the motors' outputs for HOLD_MS: on silence
 the matrix flies again by itself. Overrides bypass ArduPilot's own emergency stop, hence the checks.
+
+The demand goes to the links where a companion has asked for it within ASKED_MS, by an answer or by one of
+group ASK that commands nothing: a radio with a ground station behind it is not flooded. One companion is
+followed until it has been silent for HOLD_MS, and told to all: controls 5 and 6 of the demand are the system
+and component of the companion followed, 0 when there is none.
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
+
+from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link.mixing_core import CONTROLS
@@ -32,6 +41,9 @@ if TYPE_CHECKING:
 SCRIPT_NAME = "coaxlink_bridge.lua"
 HOLD_MS = 100
 PERIOD_MS = 4
+ASK = 255  # the group of an answer that only asks for the demand
+ASKED_MS = 3000
+FIND_S, ASK_EVERY_S, REMIND_S = 1.5, 0.3, 1.0
 
 
 def bridge_script(motors: int, *, hold_ms: int = HOLD_MS, period_ms: int = PERIOD_MS) -> str:
@@ -43,7 +55,7 @@ def bridge_script(motors: int, *, hold_ms: int = HOLD_MS, period_ms: int = PERIO
         raise InputError("bridge", "motors", f"1 to {CONTROLS} expected, found {motors}")
     if not 20 <= hold_ms <= 500:
         raise InputError("bridge", "hold_ms", f"20 to 500 expected, found {hold_ms}")
-    return _SCRIPT.format(motors=motors, hold=hold_ms, period=period_ms)
+    return _SCRIPT.format(motors=motors, hold=hold_ms, period=period_ms, ask=ASK, asked=ASKED_MS)
 
 
 def board_factors(session: Session) -> list[list[float]]:
@@ -69,6 +81,43 @@ def board_factors(session: Session) -> list[list[float]]:
     return [[float(f) for f in row] for row in factors]
 
 
+class BridgeEnd:
+    """The companion's end of the bridge: asks for the demand, and reads in it whom the bridge follows."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._asked = session, 0.0
+
+    def find(self) -> bool:
+        """Whether our script speaks."""
+        end = time.monotonic() + FIND_S
+        while time.monotonic() < end:  # one question may be lost
+            self._ask()
+            if self._session.wait("ACTUATOR_CONTROL_TARGET", ASK_EVERY_S) is not None:
+                return True
+        return False
+
+    def tick(self, now: float) -> None:
+        """Remind it that we are here; `now` by time.perf_counter."""
+        if now - self._asked > REMIND_S:
+            self._ask()
+
+    def rival(self, demand: Sequence[float]) -> str | None:
+        """Another companion that a demand (stamp, eight controls, group) says the bridge follows."""
+        who = demand[5:7]
+        if tuple(who) in ((0.0, 0.0), self._session.source):
+            return None
+        return f"system {who[0]:g} component {who[1]:g}"
+
+    def _ask(self) -> None:
+        self._asked = time.perf_counter()
+        identity = self._session.identity
+        self._session.send(
+            mavlink.MAVLink_set_actuator_control_target_message(
+                0, ASK, identity.system, identity.component, [0.0] * CONTROLS
+            )
+        )
+
+
 def _script_on_board(session: Session) -> str:
     from coaxlink.link.ftp import Files
 
@@ -92,6 +141,7 @@ def _loader_parameters(parameters: Parameters) -> dict[str, float]:
 _SCRIPT = """\
 -- coaxlink bridge: the companion mixes, this script passes the demand out and its outputs in.
 -- Written by coaxlink; change it there, not here. On {hold} ms of silence the matrix flies again.
+-- An answer of group {ask} commands nothing: it asks for the demand on the link it came by.
 
 local MOTORS, HOLD_MS, PERIOD_MS = {motors}, {hold}, {period}
 local DEMAND, ANSWER = 140, 139
@@ -99,6 +149,9 @@ local low = param:get("MOT_PWM_MIN") or 1000
 local high = param:get("MOT_PWM_MAX") or 2000
 local own = param:get("SYSID_THISMAV") or param:get("MAV_SYSID") or 1
 local channel = {{}}
+local ASKED_MS = {asked}
+local asked = {{}}  -- links with a companion, and when it last spoke there
+local followed, heard = nil, millis()  -- the companion whose answers are taken, and when the last one was
 
 for n = 1, MOTORS do
   channel[n] = SRV_Channels:find_channel(32 + n)
@@ -118,47 +171,70 @@ local function stamp()
   return string.pack("<I2I2I4", a % 65536, b % 65536, b // 65536)
 end
 
+local function following()
+  if followed and (millis() - heard):toint() > HOLD_MS then
+    followed = nil
+  end
+  return followed
+end
+
 local function send_demand()
+  if not next(asked) then
+    return
+  end
   local roll = motors:get_roll() + motors:get_roll_ff()
   local pitch = motors:get_pitch() + motors:get_pitch_ff()
   local yaw = motors:get_yaw() + motors:get_yaw_ff()
-  local body = string.pack("<ffffffffB", roll, pitch, yaw, motors:get_throttle(), 0, 0, 0, 0, 0)
-  mavlink:send_chan(0, DEMAND, stamp() .. body)
+  local whose = following() or 0  -- system in the lowest byte, then component, then the link
+  local body = string.pack("<ffffffffB", roll, pitch, yaw, motors:get_throttle(),
+                           whose % 256, whose // 256 % 256, 0, 0, 0)
+  local now, message = millis(), stamp() .. body
+  for link, at in pairs(asked) do
+    if (now - at):toint() > ASKED_MS then
+      asked[link] = nil
+    else
+      mavlink:send_chan(link, DEMAND, message)
+    end
+  end
 end
 
 local function stopped()
   return not arming:is_armed() or (SRV_Channels.get_emergency_stop and SRV_Channels:get_emergency_stop())
 end
 
--- the newest answer that is whole and meant for us; nil if there is none
+-- the newest answer of the companion we follow, if it is whole and meant for us, and whose it is; or nil
 local function answer()
-  local newest
+  local newest, sender
   for _ = 1, 8 do
-    local message = mavlink:receive_chan()
+    local message, link = mavlink:receive_chan()
     if not message then
       break
     end
-    newest = message
+    local group, system = string.unpack("<BB", message, 53)
+    if string.unpack("<I3", message, 10) == ANSWER and system == own then
+      asked[link] = millis()
+      local whose = string.unpack("<I2", message, 8) + 65536 * link
+      if group == 0 and whose == (following() or whose) then
+        newest, sender = message, whose
+      end
+    end
   end
-  if not newest or string.unpack("<I3", newest, 10) ~= ANSWER then
+  if not newest then
     return nil
   end
   local u = {{ string.unpack("<ffffffff", newest, 21) }}
-  local group, system = string.unpack("<BB", newest, 53)
-  if group ~= 0 or system ~= own then
-    return nil
-  end
   for n = 1, MOTORS do
     if not (u[n] >= 0 and u[n] <= 1) then  -- also for NaN
       return nil
     end
   end
-  return u
+  return u, sender
 end
 
 local function update()
-  local u = answer()
+  local u, sender = answer()
   if u and not stopped() then
+    followed, heard = sender, millis()
     for n = 1, MOTORS do
       local pwm = math.floor(low + (high - low) * u[n] + 0.5)
       SRV_Channels:set_output_pwm_chan_timeout(channel[n], pwm, HOLD_MS)

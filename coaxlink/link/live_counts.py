@@ -90,6 +90,25 @@ class Counters:
             self.error_sum[k] += sums[k]
             self.error_max[k] = max(self.error_max[k], most[k])
 
+    def account(self, seconds: float) -> dict[str, Any]:
+        """All of it as `coaxlink mix --json` writes it, after so many seconds."""
+        n = max(self.cycles, 1)
+        return {
+            "cycles": self.cycles,
+            "seconds": seconds,
+            "rate_hz": self.cycles / seconds if seconds > 0 else 0.0,
+            "latency_us": {
+                "p50": self.latency.percentile(50) * 1e6,
+                "p99": self.latency.percentile(99) * 1e6,
+                "max": self.latency.largest_s * 1e6,
+            },
+            "allocation_error": {"mean": [e / n for e in self.error_sum], "max": list(self.error_max)},
+            "clamped_demands": self.clamped,
+            "axes_given_up": self.dropped,
+            "hand_overs": self.hand_overs,
+            "unanswered": self.unanswered(),
+        }
+
     def unanswered(self) -> dict[str, int]:
         """Demands that got no answer, by reason."""
         names = (

@@ -12,7 +12,6 @@ signed link what comes in goes through pymavlink, which keeps the books of signa
 
 from __future__ import annotations
 
-import select
 import threading
 import time
 from collections import deque
@@ -31,6 +30,7 @@ from coaxlink.link.live_paths import PATHS, path_for, require_path
 from coaxlink.link.live_timesync import TimeSync
 from coaxlink.link.live_witness import REPORT_HZ, Witness
 from coaxlink.link.mixing_core import CONTROLS, Compensation, DemandScale, MixCore
+from coaxlink.link.transport import Polled
 from coaxlink.mixer import Law
 from coaxlink.rotor import RotorModel
 
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     from coaxlink.link.attitude_loop import AttitudeLoop
     from coaxlink.link.hot import Batch
+    from coaxlink.link.live_bridge import BridgeEnd
     from coaxlink.link.live_hot import HotPath
     from coaxlink.link.live_record import LiveRecord
     from coaxlink.link.session import Session
@@ -51,7 +52,6 @@ __all__ = [
 DEMAND, ANSWER = codec.ACTUATOR_CONTROL_TARGET, codec.SET_ACTUATOR_CONTROL_TARGET
 OUTPUTS = codec.ACTUATOR_OUTPUT_STATUS
 STATE, TARGET = codec.ATTITUDE_QUATERNION, codec.ATTITUDE_TARGET
-BRIDGE_S = 1.5  # how long ArduPilot is listened to for the bridge
 ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 PATIENCE_S = 0.004  # newer demands may keep an answer waiting so long, and no longer
 FLYING = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
@@ -100,10 +100,11 @@ class LiveMixer:
         self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
         self._waiting_since = 0.0
         self._echoes: deque[bytes] = deque(maxlen=64)
-        self._poll, self._polled = select.poll(), -1
+        self._line = Polled()
         self._payload: tuple[Any, ...] = ()
         self._target = (0, 0)
         self._own_mixer = False
+        self._bridge: BridgeEnd | None = None
         self._unsubscribe: Callable[[], None] | None = None
         self._started = self._stopped = 0.0
 
@@ -140,16 +141,21 @@ class LiveMixer:
                 self._let_go()
                 what = "the state and setpoint" if self._loop else "its wrench demand"
                 raise SafetyRefusal(f"the autopilot will not send {what} ({message.name})")
-        if self._witness is not None and not self.session.request_stream(OUTPUTS.number, REPORT_HZ):
+        # ArduPilot has no such message and would say so on every ground station's screen
+        if self._witness is not None and (
+            bridged or not self.session.request_stream(OUTPUTS.number, REPORT_HZ)
+        ):
             self._witness = None
 
     def _find_bridge(self) -> bool:
         """Whether our script speaks; then its demand is read by the matrix on board."""
-        from coaxlink.link.live_bridge import board_factors
+        from coaxlink.link.live_bridge import BridgeEnd, board_factors
 
-        if self.session.wait(DEMAND.name, BRIDGE_S) is None:
+        bridge = BridgeEnd(self.session)
+        if not bridge.find():
             return False
         self.core.use_matrix(board_factors(self.session))
+        self._bridge = bridge
         return True
 
     def stop(self, patience_s: float = 0.25) -> None:
@@ -202,6 +208,8 @@ class LiveMixer:
 
     def kept(self, rows: NDArray[np.float64], batch: Batch) -> None:
         """Book the answers of the hot loop, rows as `hot_kernel` lays them out."""
+        if self._bridge is not None:
+            self._outdone(DEMAND.unpack(batch.last_demand()))
         commands = rows[:, COMMANDS : COMMANDS + CONTROLS].tolist()
         self.commands = commands[-1]
         self._echoes.extend(batch.answers(64))
@@ -226,7 +234,7 @@ class LiveMixer:
                     for frame in self._scanner.feed(data):
                         self._frame(frame, began)
             if self._waiting is not None and (
-                began - self._waiting_since > PATIENCE_S or not self._more_waits()
+                began - self._waiting_since > PATIENCE_S or not self._line.readable(self.session.fileno)
             ):
                 demand, self._waiting = self._waiting, None
                 self._answer(demand, began)
@@ -254,7 +262,8 @@ class LiveMixer:
                 return
             self._meant(frame.number, codec.HOT[frame.number].unpack(frame.payload), began)
         elif frame.number == ANSWER.number:
-            if frame.payload not in self._echoes:  # a router may hand us our own words back
+            ours = frame.payload in self._echoes or ANSWER.unpack(frame.payload)[9] != 0
+            if not ours:  # a router may hand us our own words back
                 who = f"system {frame.system} component {frame.component}"
                 self._give_up(SafetyRefusal(f"another companion commands the motors ({who})"))
         elif self._witness is not None and (frame.system, frame.component) == self._target:
@@ -297,18 +306,12 @@ class LiveMixer:
             self._meant(number, codec.fields_of(message), now)
             self.take(b"")
 
-    def _more_waits(self) -> bool:
-        number = self.session.fileno
-        if number != self._polled:
-            self._poll, self._polled = select.poll(), number
-            if number >= 0:
-                self._poll.register(number, select.POLLIN)
-        return bool(number >= 0 and self._poll.poll(0))
-
     def _answer(self, demand: tuple[Any, ...], began: float) -> None:
         core, guard = self.core, self.guard
         stamp = demand[0]
         if not core.admit(stamp, demand[9], demand[1:5]):
+            return
+        if self._bridge is not None and self._outdone(demand):
             return
         share = guard.good(began)
         if share is None:
@@ -322,6 +325,13 @@ class LiveMixer:
         core.account(latency)
         if self._record is not None:
             self._record.add(stamp, began, core.held, commands, core.error, latency, guard.state)
+
+    def _outdone(self, demand: tuple[Any, ...]) -> bool:
+        """Whether the bridge says that it follows another companion; then this one is done."""
+        rival = self._bridge.rival(demand) if self._bridge and not self.dry_run else None
+        if rival:
+            self._give_up(SafetyRefusal(f"another companion commands the motors ({rival})"))
+        return rival is not None
 
     def _say(self, stamp: int, commands: list[float], now: float) -> None:
         self.commands = commands
@@ -341,6 +351,8 @@ class LiveMixer:
         guard, core = self.guard, self.core
         if self._timesync is not None:
             self._timesync.tick()
+        if self._bridge is not None:
+            self._bridge.tick(now)
         before = guard.hand_overs
         share = guard.tick(now)
         if share is not None and self._own_mixer:
@@ -368,9 +380,8 @@ class LiveMixer:
 
     def summary(self) -> dict[str, Any]:
         """Counters, latency and allocation error so far, as `coaxlink mix --json` writes them."""
-        c = self.core.counters
         seconds = (self._stopped or time.monotonic()) - self._started if self._started else 0.0
-        n, sync, last_us = max(c.cycles, 1), self._timesync, self.core.last_us
+        sync, last_us = self._timesync, self.core.last_us
         trip = sync.round_trip_s if sync else None
         age = sync.age_s(last_us, self.guard.last) if sync and last_us is not None else None
         return {
@@ -378,20 +389,8 @@ class LiveMixer:
             "state": self.guard.state,
             "why": self.guard.why,
             "dry_run": self.dry_run,
-            "cycles": c.cycles,
-            "seconds": seconds,
-            "rate_hz": c.cycles / seconds if seconds > 0 else 0.0,
-            "latency_us": {
-                "p50": c.latency.percentile(50) * 1e6,
-                "p99": c.latency.percentile(99) * 1e6,
-                "max": c.latency.largest_s * 1e6,
-            },
             "round_trip_us": trip * 1e6 if trip is not None else None,
             "demand_age_us": age * 1e6 if age is not None else None,
-            "allocation_error": {"mean": [e / n for e in c.error_sum], "max": list(c.error_max)},
-            "clamped_demands": c.clamped,
-            "axes_given_up": c.dropped,
-            "hand_overs": c.hand_overs,
             "outputs_confirmed": self._witness.confirmed if self._witness else None,
-            "unanswered": c.unanswered(),
+            **self.core.counters.account(seconds),
         }

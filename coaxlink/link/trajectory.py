@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Protocol
+from typing import Any, Protocol
 
 
 @dataclass(frozen=True)
@@ -159,3 +160,46 @@ def paper_flight() -> Plan:
             Hold("last hover", hover, 3.0),
         )
     )
+
+
+@dataclass(frozen=True)
+class Swing:
+    """To another place and heading and back, `cycles` times along a cosine; or, with none, there to stay."""
+
+    name: str
+    start_m: tuple[float, float, float]
+    end_m: tuple[float, float, float]
+    duration_s: float
+    cycles: int
+    yaw_start_rad: float = 0.0
+    yaw_end_rad: float = 0.0
+
+    def at(self, t: float) -> Setpoint:
+        if not self.cycles:
+            yaws = self.yaw_start_rad, self.yaw_end_rad
+            return Move(self.name, self.start_m, self.end_m, self.duration_s, *yaws).at(t)
+        w = 2.0 * math.pi * self.cycles / self.duration_s
+        p, v, a = 0.5 * (1 - math.cos(w * t)), 0.5 * w * math.sin(w * t), 0.5 * w * w * math.cos(w * t)
+        step = [e - b for b, e in zip(self.start_m, self.end_m, strict=True)]
+        north, east, down = (b + p * d for b, d in zip(self.start_m, step, strict=True))
+        return Setpoint(
+            (north, east, down),
+            (v * step[0], v * step[1], v * step[2]),
+            (a * step[0], a * step[1], a * step[2]),
+            self.yaw_start_rad + p * (self.yaw_end_rad - self.yaw_start_rad),
+        )
+
+
+def planned_flight(document: Mapping[str, Any]) -> Plan:
+    """A plan as `coaxlink refine --plan` writes it (height_m, pieces), settled in a hover first."""
+    place, yaw = (0.0, 0.0, -float(document["height_m"])), 0.0
+    segments: list[Segment] = [Hold("settle", place, 4.0)]
+    for piece in document["pieces"]:
+        north, east = (float(piece.get(k, p)) for k, p in zip(("north_m", "east_m"), place[:2], strict=True))
+        there = (north, east, -float(piece.get("height_m", -place[2])))
+        heading = math.radians(float(piece["yaw_deg"])) if "yaw_deg" in piece else yaw
+        cycles = int(piece.get("cycles", 0))
+        segments.append(Swing(piece["what"], place, there, float(piece["seconds"]), cycles, yaw, heading))
+        if not cycles:
+            place, yaw = there, heading
+    return Plan(tuple(segments))

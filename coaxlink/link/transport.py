@@ -212,3 +212,18 @@ class Serial:
 
     def close(self) -> None:
         os.close(self._file)
+
+
+class Polled:
+    """Whether bytes wait on a line, asked often: keeps the poll of the descriptor it was last asked about."""
+
+    def __init__(self) -> None:
+        self._poll, self._number = select.poll(), -1
+
+    def readable(self, number: int) -> bool:
+        """Of a file descriptor; one below 0 is a line that is not open."""
+        if number != self._number:
+            self._poll, self._number = select.poll(), number
+            if number >= 0:
+                self._poll.register(number, select.POLLIN)
+        return bool(number >= 0 and self._poll.poll(0))

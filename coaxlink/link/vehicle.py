@@ -9,9 +9,11 @@ a simulator that runs faster than real time. Wall time only bounds how long sile
 from __future__ import annotations
 
 import math
+import queue
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -85,27 +87,31 @@ class Vehicle:
         The stream starts before PX4's mode changes, as it asks. Raises LinkError when positions stop, and
         PlanAbandoned when the vehicle leaves the mode.
         """
-        if not self.session.identity.is_ardupilot:
-            for _ in range(15):
-                self._send(self._position().time_boot_ms, plan.at(0.0)[1])
-            self._mode(OFFBOARD)
         rows: list[tuple[float, str, tuple[float, float, float], tuple[float, float, float]]] = []
-        start = self.now_s()
+        start: float | None = None
         following = False
-        while True:
-            position = self._position()
-            t = position.time_boot_ms / 1e3 - start
-            was, following = following, self._follows()
-            if was and not following:
-                problem = f"the vehicle gave the plan up at {t:.0f} of {plan.duration_s:.0f} s"
-                raise PlanAbandoned(f"{problem}: set-points came too late, or its pilot took over")
-            if t > plan.duration_s:
-                return Track(*(tuple(column) for column in zip(*rows, strict=True)))
-            segment, setpoint = plan.at(t)
-            self._send(position.time_boot_ms, setpoint)
-            rows.append((start + t, segment, setpoint.position_m, (position.x, position.y, position.z)))
-            if watch:
-                watch(segment, t)
+        # one queue for all of it: no position passes between two looks, each gets its set-point
+        with self.session.listen(("LOCAL_POSITION_NED",)) as inbox:
+            if not self.session.identity.is_ardupilot:
+                for _ in range(15):
+                    self._send(self._newest(inbox).time_boot_ms, plan.at(0.0)[1])
+                self._mode(OFFBOARD)
+            while True:
+                position = self._newest(inbox)
+                now = position.time_boot_ms / 1e3
+                start = now if start is None else start
+                t = now - start
+                was, following = following, self._follows()
+                if was and not following:
+                    problem = f"the vehicle gave the plan up at {t:.0f} of {plan.duration_s:.0f} s"
+                    raise PlanAbandoned(f"{problem}: set-points came too late, or its pilot took over")
+                if t > plan.duration_s:
+                    return Track(*(tuple(column) for column in zip(*rows, strict=True)))
+                segment, setpoint = plan.at(t)
+                self._send(position.time_boot_ms, setpoint)
+                rows.append((now, segment, setpoint.position_m, (position.x, position.y, position.z)))
+                if watch:
+                    watch(segment, t)
 
     def land(self, timeout_s: float = 60.0) -> None:
         """Land and wait until the motors are disarmed (vehicle's time)."""
@@ -126,6 +132,15 @@ class Vehicle:
 
     def _position(self) -> mavlink.MAVLink_local_position_ned_message:
         message = self.session.wait("LOCAL_POSITION_NED", SILENCE_S)
+        if message is None:
+            raise LinkError(self.session.address, f"no position for {SILENCE_S:.0f} s")
+        return message
+
+    def _newest(self, inbox: queue.SimpleQueue[Any]) -> mavlink.MAVLink_local_position_ned_message:
+        """The newest position that waits, or the next."""
+        message = self.session.take(inbox, SILENCE_S)
+        while message is not None and not inbox.empty():
+            message = self.session.take(inbox, 0.0) or message
         if message is None:
             raise LinkError(self.session.address, f"no position for {SILENCE_S:.0f} s")
         return message

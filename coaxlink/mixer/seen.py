@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
-from coaxlink.mixer.bent import Loads, bent, scaled_speed
+from coaxlink.mixer.bent import FIELDS, Loads, bent, scaled_speed
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import GRAVITY
 from coaxlink.mixer.physics import climb_loss, ground_gain, speed_factor
@@ -32,6 +32,8 @@ LIVE_ONLY = {  # name -> what a static table lacks
     "live mixing measures it",
     "battery_voltage": "speed follows the supply: a static mixer needs its voltage stated (--voltage), "
     "live mixing measures it",
+    "air_density": "loads follow the air's density: a static mixer needs it stated (--density), live mixing "
+    "takes it from the barometer and an air temperature",
 }
 CANNOT = {
     "rotor_drag": "a force in the rotors' plane, which no rotor speed can take back; feed-forward can",
@@ -39,7 +41,8 @@ CANNOT = {
     "rotor_lag": "a mixer is static: declare motor_lag_s and tune the loops for the slower rotor",
     "rotor_inertia_torque": "the reaction lasts only while speeds change: a static mixer cannot hold it",
     "motor_heating": "speed follows the winding's temperature, which no mixer is told",
-    "dead_band": "no mixer turns a motor below its start: raise the output's minimum to the band",
+    "dead_band": "no mixer turns a motor below its start: raise the outputs' minimum to the band "
+    "(PWM_MAIN_MINn, MOT_SPIN_MIN)",
     "hysteresis": "the mixer does not know which way the speed came",
     "sensor_drift": "a property of the stand's cells, not of the rotors",
     "air_density": "the file does not say at which density its base holds",
@@ -279,23 +282,42 @@ def _spacing(b: _Bench, p: Mapping[str, float]) -> str:
     return f"pairs {1e3 * gap:.0f} mm apart where the base holds at {1e3 * p['reference_spacing_m']:.0f} mm"
 
 
+def _dead_band(b: _Bench, p: Mapping[str, float]) -> str:
+    if "stretched" not in p:  # above the band the command is the speed
+        raise _Left(CANNOT["dead_band"])
+    band, share = p["band"], p.get("share", 1.0)
+    slope = share * band / (1.0 - band)
+
+    def turns(command: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.maximum(command * (1.0 + slope) - slope, 0.0)
+
+    def change(model: RotorModel, loads: Loads) -> Loads:
+        told, turned = (model.loads(f(loads.upper), f(loads.lower)) for f in (lambda u: u, turns))
+        return loads.plus(**{name: getattr(turned, name) - getattr(told, name) for name in FIELDS})
+
+    b.changes.append(change)
+    half = float(turns(np.array(0.5)))
+    return f"commands count from {band:g} on, where motors start: at 0.5 they turn at {half:.3f}"
+
+
 def _air(b: _Bench, p: Mapping[str, float]) -> str:
     rho, reference = b.at.air_density_kg_m3, p.get("reference_density_kg_m3")
     if reference is None:
         raise _Left(CANNOT["air_density"])
     if rho is None:
-        raise _Left("loads follow the air's density, which no mixer is told")
+        raise _Left(LIVE_ONLY["air_density"])
     gain = (rho / reference) ** p["density_exponent"]
     b.thrust *= gain
     b.torque *= gain
     return f"loads {100 * (gain - 1):+.1f} % in air of {rho:.3f} kg/m3"
 
 
-SURFACES = ("lower_on_upper_interference", "blade_speed_law", "rotor_spacing")
+SURFACES = ("lower_on_upper_interference", "blade_speed_law", "rotor_spacing", "dead_band")
 MAKERS: dict[str, Callable[[_Bench, Mapping[str, float]], str]] = {
     "lower_on_upper_interference": _interference,
     "blade_speed_law": _blade,
     "rotor_spacing": _spacing,
+    "dead_band": _dead_band,
     "degraded_rotor": _rotor,
     "cg_offset": _offset,
     "mass_change": _mass,

@@ -112,6 +112,7 @@ SPLIT_HEADINGS = ("flight", "arm", "upper N", "lower N", "lower share")
 def tables(result: DemoResult) -> Iterator[Any]:
     """Rich tables of the flights, the split per arm, and the residual before and after."""
     from coaxlink.report.refine import tables as refine_tables
+    from coaxlink.report.refine import verdict
 
     yield _table(
         "Flights: mean |meant - delivered|, mean |wanted - flown|",
@@ -119,6 +120,7 @@ def tables(result: DemoResult) -> Iterator[Any]:
         flight_rows(result.flights),
     )
     yield _table("Thrust split per arm", SPLIT_HEADINGS, split_rows(result.flights))
+    yield f"what the world hides, from the logs of all flights: {verdict(result.refinement)}"
     yield from refine_tables(result.refinement)
 
 

@@ -18,6 +18,32 @@ HEADINGS = ("mean |meant - delivered|", "before (95 %)", "after (95 %)", "ratio"
 CHANNELS = ("thrust, N", "roll, N m", "pitch, N m", "yaw, N m")
 
 
+OUTCOMES = {  # what was put into the mixer, in words
+    "compensated": "put into the mixer: {done}",
+    "not_compensable": "nothing could be put into the mixer: what was found is not for a mixer to take away",
+    "nothing_found": "nothing found, nothing changed: rotor file and table stay as they are",
+    "suspect_data": "nothing changed: the data contradict themselves, and no mixer may follow a sensor that "
+    "lies; put it right and fly again",
+    "ambiguous": "nothing changed: the data do not say which effect it is",
+    "unexplained": "nothing changed: no known effect explains what is left",
+}
+AGAIN = "the second flight is by the same table, with other noise: what differs between them is chance"
+OWN_FLIGHT = (
+    "before and after are flights of their own, with noise of their own; the model saw the first log only"
+)
+
+
+def outcome_of(refinement: Refinement, done: Mapping[str, str]) -> str:
+    """What came of it, a key of OUTCOMES; `done` are the effects that were compensated."""
+    if refinement.suspect_data:
+        return "suspect_data"
+    if refinement.effects:
+        return "compensated" if done else "not_compensable"
+    if refinement.ambiguous:
+        return "ambiguous"
+    return "unexplained" if refinement.unexplained else "nothing_found"
+
+
 @dataclass(frozen=True)
 class LoopResult:
     """All that the loop did; the renderers only format it."""
@@ -33,12 +59,15 @@ class LoopResult:
     not_compensated: Mapping[str, str]  # effect -> why nothing was
     table_before: FlightErrors  # of the first flight, by table; `before` unless the way is live
     seconds: float  # wall time of it all
+    outcome: str  # one of OUTCOMES
+    log_separating: str | None = None  # of the flight that was to tell rivals apart
 
     def to_json(self) -> dict[str, Any]:
         """As `loop --json` writes it."""
         return {
             "seed": self.seed,
             "way": self.way,
+            "outcome": self.outcome,
             "before": self.before.to_json(),
             "effects": self.refinement.to_json()["effects"],
             "after": self.after.to_json(),
@@ -47,6 +76,7 @@ class LoopResult:
             "table_before": self.table_before.to_json(),
             "log_before": self.log_before,
             "log_after": self.log_after,
+            "log_separating": self.log_separating,
             "seconds": self.seconds,
             "refine": self.refinement.to_json(),
         }
@@ -78,13 +108,31 @@ def _span(interval: tuple[float, float]) -> str:
 
 
 def lines(result: LoopResult) -> Iterator[str]:
-    """What was done about each effect, in words."""
+    """What was done about each effect and what was left alone, in words."""
+    yield OUTCOMES[result.outcome].format(done=", ".join(result.compensated))
     if result.way == "live":
-        yield "both flights mixed live: a table cannot hold all of this"
+        yield "both flights mixed live by the exact law"
     for name, what in result.compensated.items():
         yield f"compensated: {name}: {what}"
     for name, why in result.not_compensated.items():
         yield f"not compensated: {name}: {why}"
+    yield from _doubts(result)
+    yield OWN_FLIGHT if result.outcome in ("compensated", "not_compensable") else AGAIN
+
+
+def _doubts(result: LoopResult) -> Iterator[str]:
+    found = result.refinement
+    if result.log_separating is not None:
+        yield f"flown to tell rivals apart: {result.log_separating}"
+    for a in found.ambiguous:
+        said = f"ambiguous: {' or '.join(a.names)}"
+        tell_apart = f"; to separate: {a.separate_by}" if a.separate_by else ""
+        ask = "; coaxlink loop --separate flies that" if a.experiment and not result.log_separating else ""
+        yield f"{said}{tell_apart}{ask}"
+    for u in found.unexplained:
+        yield f"unexplained: {u.channel} still follows {', '.join(u.depends_on)} ({u.where})"
+    for s in found.suspect_data:
+        yield f"suspect: {s.column}, rows {s.rows}: {s.why}"
 
 
 def table(result: LoopResult) -> Any:
@@ -105,8 +153,10 @@ def write_report(path: Path, result: LoopResult) -> None:
     from coaxlink.report.page import html_table, page
 
     said = "".join(f"<li>{_escaped(line)}</li>" for line in lines(result))
-    sections = (("Flights before and after", html_table(HEADINGS, rows(result)) + f"<ul>{said}</ul>"),)
-    files.write_atomic(path, page(result.refinement, f"coaxlink loop, seed {result.seed}", sections))
+    title = "The flight's allocation error: mean |meant - delivered| over the whole plan"
+    opening = ((title, html_table(HEADINGS, rows(result)) + f"<ul>{said}</ul>"),)
+    whole = page(result.refinement, f"coaxlink loop, seed {result.seed}", opening=opening)
+    files.write_atomic(path, whole)
 
 
 def _escaped(text: str) -> str:

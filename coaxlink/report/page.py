@@ -28,16 +28,20 @@ li{margin:.2rem 0}
 
 
 def page(
-    result: Refinement, title: str = "What the model lacks", sections: Sequence[tuple[str, str]] = ()
+    result: Refinement,
+    title: str = "What the model lacks",
+    sections: Sequence[tuple[str, str]] = (),
+    opening: Sequence[tuple[str, str]] = (),
 ) -> str:
-    """The whole report as HTML; `sections` (heading, HTML) stand before what was tried."""
+    """The whole report as HTML; `sections` (heading, HTML) stand before what was tried, `opening` first."""
     parts = [
         f"<h1>{escape(title)}</h1>",
         f'<p class="verdict">{escape(verdict(result))}</p>',
         f'<p class="dim">{escape(result.source)} &middot; {escape(result.kind)} data &middot; '
         "all errors on blocks the fit has not seen</p>",
+        *(f"<h2>{escape(heading)}</h2>{html}" for heading, html in opening),
         *_pictures(result),
-        "<h2>Error before and after</h2>",
+        "<h2>Residual of the model before and after</h2>",
         _errors(result),
     ]
     if result.effects:

@@ -12,6 +12,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.residual.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.dependence import dependences
 from coaxlink.residual.experiment import Rival, stand_experiment
+from coaxlink.residual.flight_base import lift_share
 from coaxlink.residual.flight_experiment import flight_experiment
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import Joint, Part
@@ -34,6 +35,7 @@ from coaxlink.rotor import RotorModel
 
 DRAWS = 200
 SERIES_ROWS = 4000
+DOUBTFUL_LIFT = 0.022  # of the weight: less is a stand's own
 SILENT, SILENT_SIZE = (
     1.3,
     0.004,
@@ -83,11 +85,15 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         channels=_channels(j, squares_before, squares_after),
         effects=effects,
         unexplained=(*unexplained, *_silent(j, unexplained, squares_after)),
-        ambiguous=tuple(
-            _separable(j.selection.problem or p, j.selection, a, j.variables) for a in j.selection.ambiguous
+        ambiguous=(
+            *(
+                _separable(j.selection.problem or p, j.selection, a, j.variables)
+                for a in j.selection.ambiguous
+            ),
+            *_mass_or_thrust(j, final),
         ),
         suspect_data=(*j.suspects, *accused),
-        rejected=_rejected(p, j.selection),
+        rejected=_rejected(p, j.selection, {o.name for o in q.options}),
         model=_with_effects(_rebased(q, final, bool(effects)), effects),
         corrections={name: float(final[i]) for i, name in enumerate(q.base_names)},
         trace=tuple(j.selection.trace),
@@ -252,6 +258,24 @@ def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
     return out
 
 
+def _mass_or_thrust(j: Judged, final: Array) -> list[Ambiguous]:
+    """A flight that lifts less or more than the model says, by no more than a stand may be wrong."""
+    frame = j.problem.frame
+    said = {o.name for o in j.joint.problem.options} | {effect.name for effect, _ in j.known}
+    if not isinstance(frame, FlightFrame) or not j.labelled or said & {"mass_change", "battery_voltage"}:
+        return []
+    share = lift_share(frame, dict(zip(j.joint.problem.base_names, final, strict=False)))
+    if abs(share) < DOUBTFUL_LIFT:
+        return []
+    mass, way = frame.airframe.mass_kg, "more" if share > 0 else "less"
+    text = (
+        f"the vehicle lifts {100 * abs(share):.1f} % {way} than model and mass say, within what a stand may "
+        f"be wrong by: weigh it. {mass / (1.0 + share):.2f} kg on the scales instead of {mass:.2f} is "
+        f"mass_change, {mass:.2f} kg a level of thrust"
+    )
+    return [Ambiguous(("mass_change", "thrust_level"), text)]
+
+
 def _silent(j: Judged, told: Sequence[Unexplained], squares: Array) -> list[Unexplained]:
     """Channels far above their noise though nothing recorded was found that they follow."""
     q, rows, out = j.joint.problem, j.problem.blocks.rows, []
@@ -269,9 +293,11 @@ def _silent(j: Judged, told: Sequence[Unexplained], squares: Array) -> list[Unex
     return out
 
 
-def _rejected(p: Problem, selection: Selection) -> tuple[Rejected, ...]:
+def _rejected(p: Problem, selection: Selection, kept: set[str]) -> tuple[Rejected, ...]:
     chosen = {m.name for m in selection.members}
-    out = [Rejected(name, f"cannot be judged: {why}") for name, why in p.impossible]
+    last = {s.name: s for s in selection.trace if s.action == "drop" and s.name in chosen}
+    out = [Rejected(name, s.why) for name, s in last.items() if name not in kept]
+    out += [Rejected(name, f"cannot be judged: {why}") for name, why in p.impossible]
     for name, trial in selection.last.items():
         if name not in chosen:
             out.append(Rejected(name, trial.why_not or "adds nothing to what was chosen"))
@@ -279,9 +305,13 @@ def _rejected(p: Problem, selection: Selection) -> tuple[Rejected, ...]:
 
 
 def _with_effects(model: RotorModel, effects: Sequence[FoundEffect]) -> RotorModel:
-    """The model with the effects added; one it had under the same name is replaced."""
+    """The model with the effects added; one it had under the same name is replaced.
+
+    It is the vehicle as it landed: what began in mid-flight is there from now on.
+    """
     added = tuple(
-        ModelEffect(e.name, {q.name: q.value for q in e.parameters}, tuple(e.needs)) for e in effects
+        ModelEffect(e.name, {q.name: q.value for q in e.parameters if q.name != "onset_s"}, tuple(e.needs))
+        for e in effects
     )
     names = {e.name for e in added}
     return replace(model, effects=(*(e for e in model.effects if e.name not in names), *added))

@@ -78,11 +78,10 @@ def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
     return _spread(blocks, use, _bounded(gram, weights @ moments[:, use], blocks.bounds[use]))
 
 
-def least_of(blocks: Blocks, use: Index, design: Array, residual: Array) -> float:
-    """Least square sum that the columns `use`, as `design` (rows, C, k), leave of a residual (rows, C)."""
-    gram = blocks.whole[0].sum(axis=0)[use[:, None], use]
+def least_of(gram: Array, bounds: Array, design: Array, residual: Array) -> float:
+    """Least square sum that columns, `design` (rows, C, k) of this `gram` (k, k), leave of (rows, C)."""
     moment = np.einsum("rck,rc->k", design, residual.astype(design.dtype), optimize=True).astype(float)
-    values = _bounded(gram, moment, blocks.bounds[use])
+    values = _bounded(gram, moment, bounds)
     return float(np.sum(residual**2) - 2.0 * moment @ values + values @ gram @ values)
 
 

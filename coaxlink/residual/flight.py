@@ -8,7 +8,7 @@ low-pass; what an effect adds goes through it too. Rows on the ground are not ju
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,9 @@ CUTOFF_HZ = 4.0
 TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 4 Hz is judged
 LONG_ROWS, LONG_RATE_HZ = 100_000, 30.0  # beyond, half the rate does
 JUDGED_RATE_HZ = 10.0
+JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
+COARSER = (2, 4)  # rows a row, to see what fewer rows cost
+WHITE_HZ = 45.0
 EDGE_S = 0.4  # the low-pass still feels what happened outside
 NEEDED = (
     "time_s",
@@ -69,13 +72,15 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
     thrust, torque = airframe.loads(model, whole["speeds"])
     predicted = airframe.body_loads(thrust, torque)
     keep, notes = _judged(whole, parts, stretches, -predicted[:, 2], airframe)
+    jumps = airframe.body_loads(*airframe.loads(model, np.clip(whole["commands"], 0.0, None)))
+    keep = _steady(keep, jumps, whole["stretch"], stretches, notes)
     if len(keep) < 8 * JUDGED_RATE_HZ:
         raise InputError(
             source,
             "height_m" if "height" in whole else "motor1",
             f"{len(keep) / JUDGED_RATE_HZ:.0f} s in the air; 8 s are needed",
         )
-    return FlightFrame(
+    frame = FlightFrame(
         airframe=airframe,
         model=model,
         rate_hz=rate,
@@ -102,6 +107,25 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         step_s=max(s.step_s for s in stretches),
         notes=tuple(notes),
     )
+    return replace(frame, sampling=_between_rows(frame, whole))
+
+
+def _between_rows(frame: FlightFrame, whole: dict[str, Array]) -> Array:
+    """(6,) error, low-passed, of loads whose commands are known at the log's rows only.
+
+    With every second and every fourth row alone it is known; on it goes as it came, and below the loops' own
+    filters (30 to 40 Hz), up to where the noise of commands still grows, hardly falls.
+    """
+    if any(f"every_{e}" not in whole for e in COARSER):
+        return np.zeros(6)
+    errors = []
+    for every in COARSER:
+        speeds = np.clip(frame.speeds + whole[f"every_{every}"], 0.0, None)
+        changed = frame.airframe.body_loads(*frame.airframe.loads(frame.model, speeds)) - frame.predicted
+        errors.append(np.sqrt(np.mean(reduce_columns(frame, changed) ** 2, axis=0)))
+    second, fourth = errors
+    least = 0.9 if frame.step_s > 1.0 / WHITE_HZ else 0.0
+    return np.asarray(second * np.clip(second / np.maximum(fourth, 1e-12), least, 1.0))
 
 
 def reduce_columns(frame: FlightFrame, columns: Array) -> Array:
@@ -150,6 +174,11 @@ def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: 
         commands = np.stack([columns.pop(m) for m in motors], axis=1)
         columns["commands"] = np.clip(commands, 0.0, 1.0)
         columns["speeds"] = lagged(columns["commands"], step, lag_s)
+        if len(grid) < LONG_ROWS:
+            for every in COARSER:
+                kept = columns["commands"][::every]
+                coarse = np.stack([np.interp(grid, grid[::every], k) for k in kept.T], axis=1)
+                columns[f"every_{every}"] = lagged(coarse, step, lag_s) - columns["speeds"]
         pieces.append(_thin(_Stretch(number, 1.0 / step, step, columns)))
     return pieces
 
@@ -210,9 +239,39 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
         "east": world_to_body[:, :, 1],
         "measured": np.concatenate([airframe.mass_kg * force, moment], axis=1),
     }
+    out |= {name: values for name, values in c.items() if name.startswith("every_")}
     for name, key in (("height_m", "height"), ("voltage_V", "voltage")):
         if name in c:
             out[key] = c[name]
+    return out
+
+
+def _steady(
+    keep: np.ndarray, loads: Array, stretch: Array, stretches: list[_Stretch], notes: list[str]
+) -> np.ndarray:
+    """Judged rows without those where commands jump so fast that the log's rows do not show what they did.
+
+    A jump of D at an unknown time between two rows h apart is an impulse of D h / sqrt(12), one standard
+    deviation; its two second differences tell of it. `loads` (rows, 6) are those of the bare commands.
+    """
+    doubt = np.zeros(loads.shape)
+    for number, piece in enumerate(stretches):
+        rows = np.flatnonzero(stretch == number)
+        bend = np.zeros((len(rows), loads.shape[1]))
+        bend[1:-1] = np.diff(loads[rows], 2, axis=0)
+        impulse = np.zeros((2 * int(EDGE_S * piece.rate_hz) + 1, 1))
+        impulse[len(impulse) // 2] = 1.0
+        reach = low_pass(impulse, piece.rate_hz, CUTOFF_HZ)[:, 0] ** 2
+        for c in range(loads.shape[1]):
+            doubt[rows, c] = np.convolve(bend[:, c] ** 2, reach, mode="same")[: len(rows)]
+    doubt = doubt[keep]
+    usual = np.maximum(np.median(doubt, axis=0), 1e-12)
+    excess = np.max(doubt / usual, axis=1)
+    allowed = max(JUMP, float(np.quantile(excess, 1.0 - MOST_JUMPS)))
+    out = keep[excess <= allowed]
+    if len(out) < len(keep):
+        seconds = (len(keep) - len(out)) / JUDGED_RATE_HZ
+        notes.append(f"{seconds:.1f} s not judged: commands jump there between two rows of the log")
     return out
 
 

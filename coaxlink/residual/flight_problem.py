@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
 from coaxlink.residual.effects import FLIGHT_EFFECTS
@@ -13,6 +16,7 @@ from coaxlink.residual.problem import Index, Problem, build, contiguous_blocks
 from coaxlink.residual.signals import difference_gain, noise_floor, spectral_floor
 
 JUDGED_HZ = 10.0
+CLEAR_SIZE = 0.0025  # of the reference load
 
 
 def known_parts(frame: FlightFrame) -> tuple[list[Part], list[str]]:
@@ -44,7 +48,7 @@ def flight_problem(frame: FlightFrame) -> Problem:
     residual = reduce(frame.measured - frame.predicted)
     broken = runs_of(frame)
     floor = flight_floor(frame, frame.measured - frame.predicted, residual)
-    return build(
+    problem = build(
         frame=frame,
         channels=FLIGHT_CHANNELS,
         units=FLIGHT_UNITS,
@@ -56,6 +60,12 @@ def flight_problem(frame: FlightFrame) -> Problem:
         reduce=reduce,
         block=contiguous_blocks(frame.time_s[frame.keep], broken, least_s=2.0, count=40),
     )
+    return replace(problem, clear_size=CLEAR_SIZE)
+
+
+def base_columns(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Array:
+    """(kept, 6, B) of the base corrections of a frame."""
+    return np.stack([reduce(c.columns) for c in flight_corrections(frame)], axis=-1)
 
 
 def runs_of(frame: FlightFrame) -> Index:
@@ -78,6 +88,8 @@ def flight_floor(frame: FlightFrame, residual: Array, reduced: Array, lag_s: flo
         lag_s=frame.airframe.motor_lag_s if lag_s is None else lag_s,
         raw_rate_hz=1.0 / frame.step_s,
         differentiated=turned,
+        sampling=frame.sampling,
+        declared_lag_s=frame.airframe.motor_lag_s,
     )
     if floor is not None:
         return floor

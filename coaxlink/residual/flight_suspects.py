@@ -6,6 +6,7 @@ Found before anything is fitted; the rows are left out, or, where every row is c
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -23,6 +24,7 @@ SENSORS = (*(f"accel_{a}_m_s2" for a in "xyz"), *(f"gyro_{a}_rad_s" for a in "xy
 STUCK_S, STUCK_TIMES = 0.5, 12  # how long, and how many times longer than the log's own repeats
 REPEATED_ROWS = 12
 SWAP = 0.1  # of the torque's squares left with two motors exchanged
+FAILS = 3.0  # times what the exchange leaves: one failing rotor that leaves less is as good an explanation
 REVERSED = -0.7  # correlation of a gyro with the attitude's own rate
 
 
@@ -124,6 +126,26 @@ def _reversed(frame: FlightFrame) -> list[Suspect]:
     return out
 
 
+def _one_fails(frame: FlightFrame, measured: Array, scale: Array) -> float:
+    """What is left of the torques (kept, 3), over `scale`, if one rotor lost some of its loads."""
+    at = replace(frame, keep=np.arange(len(measured))).turning_at(
+        np.clip(reduce_columns(frame, frame.speeds), 0.0, None)
+    )
+    told = measured - at.predicted[:, 3:] / scale
+    least = np.inf
+    for k in range(at.thrust.shape[1]):
+        only = np.eye(at.thrust.shape[1])[k]
+        none = np.zeros_like(at.thrust)
+        lost = [
+            at.airframe.body_loads(at.thrust * only, none),
+            at.airframe.body_loads(none, at.torque * only),
+        ]
+        columns = np.stack([(x[:, 3:] / scale).ravel() for x in lost], axis=1)
+        fit = np.linalg.lstsq(columns, told.ravel(), rcond=None)[0]
+        least = min(least, float(np.mean((told.ravel() - columns @ fit) ** 2)))
+    return least
+
+
 def _swapped(frame: FlightFrame) -> list[Suspect]:
     """Two motors whose commands explain the torques only when exchanged."""
     speeds = np.clip(reduce_columns(frame, frame.speeds), 0.0, None)
@@ -143,7 +165,7 @@ def _swapped(frame: FlightFrame) -> list[Suspect]:
         now = left(order)
         if now < best:
             best, pair = now, (i, j)
-    if best > SWAP * as_told or as_told < 0.05:
+    if best > SWAP * as_told or as_told < 0.05 or _one_fails(frame, measured / scale, scale) < FAILS * best:
         return []
     why = (
         f"with the two exchanged the torques fit {np.sqrt(as_told / best):.0f} times closer: they are swapped"

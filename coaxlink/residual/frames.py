@@ -50,6 +50,9 @@ class FlightFrame:
     keep: NDArray[np.intp]  # rows that are judged: in the air, away from edges, thinned
     cutoff_hz: float
     step_s: float  # between the log's own rows, before any thinning
+    sampling: Array = field(
+        default_factory=lambda: np.zeros(6)
+    )  # (6,) error by what commands do between rows
     notes: tuple[str, ...] = ()
     extra: Mapping[str, Array] = field(default_factory=dict)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ STEPS = 5
 SHORT = 40_000  # judged rows times channels: candidates are taken through the members
 HALVINGS = (1.0, 0.5, 0.2, 0.05)
 SETTLED = 1e-4  # of the square sum
+AS_GOOD = 1.02  # of the held-out squares
 RICHER = 15.0  # of a log-likelihood ratio: what another form or a freer one must gain
 
 
@@ -95,16 +97,30 @@ def straight(problem: Problem, options: Sequence[Option]) -> Joint:
 
 
 class Fitter:
-    """Moves members of one problem; `bare` is the frame without them, `reduce` as the problem was built."""
+    """Moves members of one problem; `bare` is the frame without them, `reduce` as the problem was built.
 
-    def __init__(self, problem: Problem, bare: Any, fixed: Sequence[Part], reduce: Callable[[Array], Array]):
+    `base` (rows, C, B) are whitened base columns other than the problem's.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        bare: Any,
+        fixed: Sequence[Part],
+        reduce: Callable[[Array], Array],
+        base: Array | None = None,
+    ):
         self.problem, self.bare, self.fixed, self.reduce = problem, bare, fixed, reduce
-        self._base = problem.design[:, :, problem.base]
+        self._base = problem.design[:, :, problem.base] if base is None else base
+        self._own_base = base is not None
+
+    def acting(self, members: Sequence[Member]) -> Any:
+        """The frame with the members acting."""
+        return composed(self.bare, [*self.fixed, *((m.effect, m.parameters(self.bare)) for m in members)])
 
     def prediction(self, members: Sequence[Member]) -> Array:
         """(frame rows, channels) with the members acting."""
-        parts = [*self.fixed, *((m.effect, m.parameters(self.bare)) for m in members)]
-        return np.asarray(composed(self.bare, parts).predicted)
+        return np.asarray(self.acting(members).predicted)
 
     def linear(self, members: Sequence[Member]) -> Joint:
         """The problem about these members: whitened residual, base columns, derivatives."""
@@ -194,7 +210,15 @@ class Fitter:
         """Square sum with the members exactly where they stand, the base at its best."""
         p = self.problem
         residual = self.reduce(self.bare.measured - self.prediction(members)) / p.sigma
-        return least_of(p.blocks, p.base, self._base, residual)
+        return least_of(self._gram, p.blocks.bounds[p.base], self._base, residual)
+
+    @cached_property
+    def _gram(self) -> Array:
+        """(B, B) of the base columns."""
+        p, base = self.problem, self._base
+        if self._own_base:
+            return np.einsum("rci,rcj->ij", base, base, optimize=True)
+        return np.asarray(p.blocks.whole[0].sum(axis=0)[p.base[:, None], p.base])
 
     def _moved(self, m: Member, values: Array, share: float) -> Member:
         """The member on its way to other values (K + keys,), no further than its limits."""
@@ -249,9 +273,25 @@ def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) ->
             if refused and name not in refused:
                 trial, now = fitter.settle([m for m in trial.members if m.name not in refused])
                 refused = _refused(fitter, trial)
-            if not refused and (score - now) * rows / max(score, 1e-12) > RICHER:
+            richer = (score - now) * rows / max(score, 1e-12) > RICHER
+            # a form that physics allows takes the place of one it does not
+            allowed = now < AS_GOOD * score and bool(_refused(fitter, best))
+            if not refused and (richer or allowed):
                 best, score, improved = trial, now, shape
     return best
+
+
+def needed(fitter: Fitter, joint: Joint) -> Joint:
+    """The joint fit without members that it does not need: weakest first, the others fitted again."""
+    while len(joint.members) > 1:
+        score = _score(joint)
+        rows = fitter.problem.residual.size / _inflation(joint.problem)
+        trials = [fitter.settle([m for m in joint.members if m is not drop]) for drop in joint.members]
+        least = min(trials, key=lambda t: t[1])
+        if (least[1] - score) * rows / max(score, 1e-12) > RICHER or _refused(fitter, least[0]):
+            break
+        joint = least[0]
+    return joint
 
 
 def _refused(fitter: Fitter, joint: Joint) -> set[str]:

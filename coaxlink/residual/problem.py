@@ -56,6 +56,8 @@ class Problem:
     base_names: tuple[str, ...]
     options: tuple[Option, ...]
     impossible: tuple[tuple[str, str], ...]  # effects that cannot be tried, and why
+    noise_known: bool = False  # `sigma` is the noise of a row: what is left can be held against it
+    clear_size: float = 0.005  # of the reference: how small an effect may be that clearly explains a channel
 
 
 def build(

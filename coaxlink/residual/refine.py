@@ -14,18 +14,25 @@ from coaxlink.residual.answer import Judged, answer, held_out_residual
 from coaxlink.residual.blocks import held_out, solve
 from coaxlink.residual.effects.base import Shape
 from coaxlink.residual.flight import flight_frame, reduce_columns
-from coaxlink.residual.flight_problem import corrected, flight_floor, flight_problem, flight_variables
+from coaxlink.residual.flight_problem import (
+    base_columns,
+    corrected,
+    flight_floor,
+    flight_problem,
+    flight_variables,
+)
 from coaxlink.residual.flight_problem import known_parts as known_in_flight
 from coaxlink.residual.flight_suspects import flight_suspects
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
-from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, member, straight
+from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, member, needed, straight
 from coaxlink.residual.problem import Option, Problem
-from coaxlink.residual.result import Ambiguous, Refinement
+from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.select import Selection, columns_of, select
 from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
 from coaxlink.residual.stand import joined, stand_frame
 from coaxlink.residual.stand_problem import known_parts as known_on_stand
 from coaxlink.residual.stand_problem import stand_floor, stand_problem, stand_variables
+from coaxlink.residual.sudden import with_onsets
 from coaxlink.residual.suspects import find_suspects
 from coaxlink.rotor import RotorModel
 
@@ -60,13 +67,19 @@ def refine(
     known, notes = known_in_flight(bare)
     frame = composed(bare, known)
     progress("fitting candidates")
-    problem = flight_problem(frame)
+    problem = with_onsets(flight_problem(frame), [], lambda c: reduce_columns(frame, c))
     progress("selecting")
     selection = Selection() if mislabelled else select(problem)
+    # a beginning that another effect hid is looked for once more beside it
+    further = with_onsets(problem, selection.members, lambda c: reduce_columns(frame, c))
+    if selection.members and further is not problem:
+        problem, selection = further, select(further)
     progress("fitting what was chosen together")
-    joint, prediction = _together(problem, selection, bare, known, lambda c: reduce_columns(frame, c))
+    joint, acting = _together(
+        problem, selection, bare, known, lambda c: reduce_columns(frame, c), base=base_columns
+    )
     progress("judging")
-    floor = _flight_floor(frame, joint, prediction)
+    floor = _flight_floor(acting, joint)
     if airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(frame)
@@ -74,11 +87,11 @@ def refine(
     return answer(Judged(problem, selection, joint, floor, variables, *parts), several)
 
 
-def _flight_floor(frame: FlightFrame, joint: Joint, prediction: Array) -> Array:
-    """(6,) noise floor behind everything that was found."""
+def _flight_floor(frame: FlightFrame, joint: Joint) -> Array:
+    """(6,) noise floor behind everything that was found, all of it acting in the frame."""
     q = joint.problem
     final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
-    left = frame.measured - prediction - corrected(frame, final[q.base], q.base_names)
+    left = frame.measured - frame.predicted - corrected(frame, final[q.base], q.base_names)
     lags = [m.shape["lag_s"] for m in joint.members if m.name == "rotor_lag"]
     return flight_floor(frame, left, reduce_columns(frame, left), *lags)
 
@@ -119,10 +132,10 @@ def refine_stand(
         selection = Selection() if mislabelled or few else select(problem)
         reduce = _present(bare)
         selection, start = _again(problem, selection, bare, known, reduce)
-        joint, prediction = _together(problem, selection, bare, known, reduce, start)
+        joint, acting = _together(problem, selection, bare, known, reduce, start)
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:
-            shed = prediction - problem.frame.predicted if selection.members else None
+            shed = acting.predicted - problem.frame.predicted if selection.members else None
             floor = _stand_floor(bare, joint)
             parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled)
             best = error, Judged(problem, selection, joint, floor, stand_variables(bare), *parts)
@@ -203,10 +216,13 @@ def _together(
     known: Sequence[Part],
     reduce: Callable[[Array], Array],
     settled: Mapping[str, Member] | None = None,
-) -> tuple[Joint, Array]:
-    """Members and doubtful ones fitted together, and the prediction (frame rows, channels) with them.
+    *,
+    base: Callable[[Any, Callable[[Array], Array]], Array] | None = None,
+) -> tuple[Joint, Any]:
+    """Members and doubtful ones fitted together, and the frame with them acting.
 
-    `settled` are members as an earlier fit left them: they start from there.
+    `settled` are members as an earlier fit left them: they start from there. `base(frame, reduce)` gives the
+    base corrections of a frame, (rows, C, B): with effects in it they are others than without.
     """
     options = [*selection.members, *selection.doubtful]
     names = {o.name for o in options}
@@ -215,7 +231,7 @@ def _together(
     fitter = _fitter(problem, bare, known, names, reduce)
     plain = straight(problem, _of_grid(problem, options))
     if not options:
-        return plain, fitter.prediction([])
+        return plain, fitter.acting([])
     start: list[Member] = []
     for o, m in zip(options, plain.members, strict=True):
         if settled and o.name in settled:
@@ -225,13 +241,27 @@ def _together(
         start.append(member(bare, o.effect, *at))
     try:
         joint = fit(fitter, start, alternatives=problem.residual.size < LONG)
+        if base is not None:
+            if problem.residual.size < LONG and not (selection.doubtful or names & set(had)):
+                joint = needed(fitter, joint)
+                selection.trace += _dropped(selection.members, joint)
+            columns = base(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
+            again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
+            joint = again if _squares(again.problem) < _squares(joint.problem) else joint
     except np.linalg.LinAlgError:  # numbers that no column tells apart
-        return plain, fitter.prediction(plain.members)
+        return plain, fitter.acting(plain.members)
     ratio = _squares(joint.problem) / max(_squares(plain.problem), 1e-12)
     refused = any(m.effect.refuse(m.parameters(bare)) for m in joint.members)
     if not names & set(had) and (not ratio < WORSE or refused):
         joint = plain
-    return joint, fitter.prediction(joint.members)
+    return joint, fitter.acting(joint.members)
+
+
+def _dropped(chosen: Sequence[Option], joint: Joint) -> list[Step]:
+    """A line of the trace for each that the joint fit does not need."""
+    kept = {m.name for m in joint.members}
+    why = "not needed when the others act together"
+    return [Step(9, "drop", o.name, 0.0, 1.0, 0.0, True, why) for o in chosen if o.name not in kept]
 
 
 def _of_grid(problem: Problem, options: Sequence[Option]) -> list[Option]:

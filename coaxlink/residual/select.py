@@ -25,6 +25,7 @@ Index = NDArray[np.intp]
 
 ALPHA = 1e-3  # over all looks of one step
 SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
+CLEAR = 0.6  # of the squared error of a channel: what explains that much of what is left may be smaller
 GAIN = 0.15  # of the squared error of the channel that gains most
 # an effect of which the base corrections take back most is believed by what is left of it, if only noise
 # remains then: nothing else that is wrong would leave that
@@ -55,6 +56,7 @@ class Trial:
     total: float  # held-out square sum left
     worth: float  # as size, with what the base corrections took back
     left: float  # variance that is left over the noise's, of the worst channel that it changes
+    least: float = SIZE  # size that counts
 
     @property
     def real(self) -> bool:
@@ -81,12 +83,13 @@ class Trial:
             return f"within noise (p = {self.p_value:.2g} over all looks)"
         if self.exact:
             return self.refused
-        if self.size < SIZE:
+        if self.size < self.least:
             return (
                 f"adds {100 * self.size:.2f} % of the reference load beyond what the base corrections absorb"
             )
         if self.left > FAR and self.share < MOST_OF_IT:
-            return f"leaves {np.sqrt(self.left):.0f} times the noise: this takes too little of it to be its cause"
+            over = np.sqrt(self.left)
+            return f"leaves {over:.0f} times the noise: this takes too little of it to be its cause"
         if self.share < GAIN:
             return f"lowers no channel's held-out squared error by more than {100 * self.share:.1f} %"
         return self.refused
@@ -193,6 +196,11 @@ class Judge:
         refused = option.effect.refuse(named)
         if option.effect.accused and refused is None:
             refused = _witnesses(p.channels, shares)
+        remains = 0.0
+        if p.noise_known:
+            remains = (
+                float(np.max(variance, where=shares > 0.3 * share, initial=0.0)) if share > 0 else np.inf
+            )
         return Trial(
             option,
             gain if total < before.sum() else -1.0,
@@ -201,8 +209,9 @@ class Judge:
             size,
             refused,
             total,
-            float(np.quantile(mine, 0.95, axis=0).max()),
-            float(np.max(variance, where=shares > 0.3 * share, initial=0.0)) if share > 0 else np.inf,
+            float(np.quantile(mine, 0.95, axis=0).max()) if p.noise_known else 0.0,
+            remains,
+            p.clear_size if share > CLEAR else SIZE,
         )
 
     def _refused(self, members: list[Option], option: Option) -> str | None:
@@ -321,7 +330,9 @@ def _reconsider(judge: Judge, out: Selection, number: int, untried: Collection[s
             continue
         best = _simplest(trials)
         name = out.members[i].name
-        if best.option is not out.members[i] and best.total < now - max(15.0, TIE * best.gain):
+        # another shape of the same effect needs no more than to be better
+        least = LITTLE if best.option.name == name else max(LITTLE, TIE * best.gain)
+        if best.option is not out.members[i] and best.total < now - least:
             out.trace.append(
                 Step(
                     number,

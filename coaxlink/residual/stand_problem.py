@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def stand_problem(frame: StandFrame) -> Problem:
     base = [(name, bound, reduce(columns)) for name, bound, columns in base_corrections(frame)]
     reference = frame.reference[present]
     floor = stand_floor(frame, _without_base(residual, base))
-    return build(
+    problem = build(
         frame=frame,
         channels=[STAND_CHANNELS[c] for c in present],
         units=[STAND_UNITS[c] for c in present],
@@ -53,6 +54,7 @@ def stand_problem(frame: StandFrame) -> Problem:
         reduce=reduce,
         block=block.astype(np.intp),
     )
+    return replace(problem, noise_known=True)
 
 
 def _without_base(residual: Array, base: Sequence[tuple[str, float, Array]]) -> Array:

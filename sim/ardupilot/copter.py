@@ -61,6 +61,7 @@ SETTINGS: dict[str, tuple[str, float] | float] = {
     "MPC_THR_HOVER": ("MOT_THST_HOVER", 1.0),
     "MPC_USE_HTE": 1.0,
     "HTE_THR_RANGE": 0.25,
+    "IMU_GYRO_CUTOFF": ("INS_GYRO_FILTER", 1.0),
     "IMU_DGYRO_CUTOFF": ("ATC_RAT_RLL_FLTD", 1.5),
     "MPC_TKO_RAMP_T": ("TKOFF_SLEW_TIME", 1.0),
     "MPC_TKO_SPEED": ("WPNAV_SPEED_UP", 0.006),
@@ -119,7 +120,7 @@ class Copter(Autopilot):
             for letter, gain in zip("PID", gains, strict=True):
                 store.preset(f"ATC_RAT_{axis}_{letter}", gain)
         self.scripts = Scripts(self, store, self.files, mixer)
-        self.send_raw: Callable[[int, bytes], None] = lambda number, payload: None
+        self.send_raw: Callable[[int, int, bytes], None] = lambda link, number, payload: None
         self._pwm = [1000] * self.rotors
 
     def boot(self) -> None:
@@ -161,9 +162,9 @@ class Copter(Autopilot):
         """V."""
         return self.reading.voltage
 
-    def script_send(self, message_id: int, payload: bytes) -> bool:
-        """A message of a script's own."""
-        self.send_raw(message_id, payload)
+    def script_send(self, link: int, message_id: int, payload: bytes) -> bool:
+        """A message of a script's own, on one link."""
+        self.send_raw(link, message_id, payload)
         return True
 
     def millis(self) -> int:

@@ -49,12 +49,17 @@ class ApConversation(Conversation):
             if autopilot.store[name] > 0:
                 self._take_rates(name)
         self._handlers["REQUEST_DATA_STREAM"] = self._data_stream
-        autopilot.send_raw = lambda number, payload: everyone(_Raw(number, payload))
+        autopilot.send_raw = lambda link, number, payload: everyone(_Raw(number, payload, link))
 
     def hear(self, message: Any) -> None:
         """As any; and what a script listens to goes to it."""
-        self.copter.scripts.hear(message.get_msgId(), bytes(message.get_msgbuf()))
+        self.copter.scripts.hear(message.get_msgId(), bytes(message.get_msgbuf()), self.peer.link)
         super().hear(message)
+
+    def send(self, message: Any) -> None:
+        """As any; what a script says goes to the link it was said to."""
+        if not isinstance(message, _Raw) or message.link == self.peer.link:
+            super().send(message)
 
     # -- parameters ----------------------------------------------------------------------------
 
@@ -186,9 +191,10 @@ class ApConversation(Conversation):
 
 
 class _Raw:
-    """A message of a script's own: a number and a payload."""
+    """A message of a script's own: a number and a payload, for one link."""
 
-    def __init__(self, number: int, payload: bytes) -> None:
+    def __init__(self, number: int, payload: bytes, link: int) -> None:
+        self.link = link
         self._message = m.MAVLink_message(number, "SCRIPT")
         self._payload = payload
         known = m.mavlink_map.get(number)

@@ -71,7 +71,7 @@ function battery:num_instances() return 1 end
 function mavlink:init(queue, ids) end
 function mavlink:register_rx_msgid(id) return c.listen(id) end
 function mavlink:receive_chan() return c.receive() end
-function mavlink:send_chan(channel, id, payload) return c.send(id, payload) end
+function mavlink:send_chan(link, id, payload) return c.send(link, id, payload) end
 function mavlink:block_command(id) return true end
 local number = { toint = function(n) return math.floor(n) end, tofloat = function(n) return n + 0.0 end }
 debug.setmetatable(0, { __index = number })
@@ -111,7 +111,7 @@ class Host(Protocol):
     def script_mode(self) -> int: ...
     def script_output(self, channel: int) -> int: ...
     def script_voltage(self) -> float: ...
-    def script_send(self, message_id: int, payload: bytes) -> bool: ...
+    def script_send(self, link: int, message_id: int, payload: bytes) -> bool: ...
     def millis(self) -> int: ...
 
 
@@ -129,7 +129,7 @@ class Scripts:
         self._motors: set[int] = set()
         self._rows: list[list[float]] = []
         self._initialised = 0
-        self._heard: deque[bytes] = deque(maxlen=16)
+        self._heard: deque[tuple[bytes, int]] = deque(maxlen=16)
         self._listens: set[int] = set()
         self.checksum = 0
 
@@ -185,10 +185,13 @@ class Scripts:
             for _, function, path in ready:
                 self._run(function, path)
 
-    def hear(self, message_id: int, frame: bytes) -> None:
-        """A message came; scripts that listen get it as ArduPilot keeps it: checksum, header, payload."""
+    def hear(self, message_id: int, frame: bytes, link: int = 0) -> None:
+        """A message came on that link; a script that listens gets it as ArduPilot keeps it.
+
+        That is checksum, header, payload.
+        """
         if message_id in self._listens:
-            self._heard.append(frame[-2:] + frame[:-2].ljust(265, b"\0"))
+            self._heard.append((frame[-2:] + frame[:-2].ljust(265, b"\0"), link))
 
     def held(self, channel: int) -> int | None:
         """PWM that a script holds an output at, while it does."""
@@ -220,7 +223,9 @@ class Scripts:
             "voltage": host.script_voltage,
             "listen": self._listen,
             "receive": self._receive,
-            "send": lambda number, payload: host.script_send(int(number), payload.encode("latin-1")),
+            "send": lambda link, number, payload: host.script_send(
+                int(link), int(number), payload.encode("latin-1")
+            ),
             "millis": host.millis,
             "module": self._module,
         }
@@ -296,7 +301,8 @@ class Scripts:
     def _receive(self) -> Any:
         if not self._heard:
             return None
-        return self._heard.popleft().decode("latin-1"), 0, self._host.millis()
+        message, link = self._heard.popleft()
+        return message.decode("latin-1"), link, self._host.millis()
 
     def _module(self, name: str) -> str | None:
         path = f"{FOLDER}/modules/{name.replace('.', '/')}.lua"

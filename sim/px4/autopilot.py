@@ -179,6 +179,11 @@ class Autopilot(Navigator):
         return self.plant.time_s - self._offboard_at < float(self.settings["COM_OF_LOSS_T"])
 
     @property
+    def led(self) -> bool:
+        """Whether it flies after set-points."""
+        return self.armed and self.mode == Mode.OFFBOARD and self.offboard_fresh
+
+    @property
     def takes_live(self) -> bool:
         """Whether SET_ACTUATOR_CONTROL_TARGET drives the motors: v1.13 with the old mixer."""
         return self.version < (1, 14, 0) and self.mixer.legacy

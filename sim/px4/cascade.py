@@ -78,7 +78,7 @@ class Gains:
         self.rate_d = [get(f"MC_{a}_D") * get(f"MC_{a}_K") for a, _ in axes]
         self.rate_ff = [get(f"MC_{a}_FF") for a, _ in axes]
         self.rate_limit = [get(f"MC_{short}_INT_LIM") for _, short in axes]
-        self.rate_cutoff = get("IMU_DGYRO_CUTOFF")
+        self.gyro_cutoff, self.rate_cutoff = get("IMU_GYRO_CUTOFF"), get("IMU_DGYRO_CUTOFF")
         self.accel_cutoff = get("MPC_VELD_LP")
 
 
@@ -94,7 +94,7 @@ class Cascade:
         self.reset()
 
     def _heard(self, name: str) -> None:
-        self._stale = self._stale or name.startswith(("MPC_", "MC_", "HTE_", "IMU_DGYRO"))
+        self._stale = self._stale or name.startswith(("MPC_", "MC_", "HTE_", "IMU_"))
 
     def _refresh(self) -> None:
         if self._stale:
@@ -111,6 +111,7 @@ class Cascade:
         self._accel = [0.0, 0.0, 0.0]
         self._alpha = [0.0, 0.0, 0.0]
         self._last_rates: Three | None = None
+        self._gyro = [0.0] * 12  # by axis: two readings and two filtered rates of before
         self._last_velocity: Three | None = None
         self._thrust = 0.0
 
@@ -207,9 +208,10 @@ class Cascade:
         return self.hold_rates((wanted_rates[0], wanted_rates[1], wanted_rates[2]), thrust, rates, wanted)
 
     def hold_rates(self, wanted: Three, thrust: float, rates: Three, attitude: Four) -> Demand:
-        """The rate loop: P, I with a limit, D on the filtered angular acceleration."""
+        """The rate loop on the low-passed gyro: P, I with a limit, D on the filtered angular acceleration."""
         self._refresh()
         g, dt = self.gains, self.dt
+        rates = self._low_passed(rates)
         share = 1.0 - math.exp(-2 * math.pi * g.rate_cutoff * dt)
         torque = [0.0, 0.0, 0.0]
         for k in range(3):
@@ -224,6 +226,26 @@ class Cascade:
                 self._rate_i[k] = min(max(self._rate_i[k] + step, -limit), limit)
         self._last_rates = rates
         return Demand(torque[0], torque[1], torque[2], thrust, attitude, wanted)
+
+    def _low_passed(self, rates: Three) -> Three:
+        """What the loops see of the gyro: a second-order Butterworth at IMU_GYRO_CUTOFF (0: as it is)."""
+        cutoff, past = self.gains.gyro_cutoff, self._gyro
+        if not 0.0 < cutoff < 0.45 / self.dt:
+            return rates
+        if self._last_rates is None:
+            self._gyro = [x for r in rates for x in (r, r, r, r)]
+            return rates
+        w = math.tan(math.pi * cutoff * self.dt)
+        whole = 1.0 + math.sqrt(2.0) * w + w * w
+        gain, first = w * w / whole, 2.0 * (w * w - 1.0) / whole
+        second = (1.0 - math.sqrt(2.0) * w + w * w) / whole
+        out = [0.0, 0.0, 0.0]
+        for k, r in enumerate(rates):
+            x1, x2, y1, y2 = past[4 * k : 4 * k + 4]
+            y = gain * (r + 2.0 * x1 + x2) - first * y1 - second * y2
+            past[4 * k : 4 * k + 4] = r, x1, y, y1
+            out[k] = y
+        return (out[0], out[1], out[2])
 
 
 def multiply(a: Four, b: Four) -> Four:

@@ -7,6 +7,13 @@ import math
 from sim.px4.cascade import Goal, Three
 
 RATE_HZ = 250
+SETTLE_1_S = 4.0  # the last bit is closed at this rate: a goal that only braked would rattle about its target
+
+
+def _approach(gap: float, braking: float) -> float:
+    """The speed from which a gap is closed with this braking, proportional to the gap where it is small."""
+    near = braking / SETTLE_1_S**2
+    return SETTLE_1_S * gap if gap < near else math.sqrt(2.0 * braking * (gap - 0.5 * near))
 
 
 def step_towards(goal: Goal, target: Three, cruise: float, climb: float, yaw: float) -> Goal:
@@ -15,11 +22,10 @@ def step_towards(goal: Goal, target: Three, cruise: float, climb: float, yaw: fl
     p, v = goal.position, goal.velocity
     gap = (target[0] - p[0], target[1] - p[1])
     far = math.hypot(*gap)
-    # slow enough to stop with 2 m/s^2 of braking
-    level = min(cruise, math.sqrt(2 * 2.0 * far)) if far > 1e-6 else 0.0
+    level = min(cruise, _approach(far, 2.0)) if far > 1e-6 else 0.0
     wanted = [gap[0] / far * level, gap[1] / far * level] if far > 1e-6 else [0.0, 0.0]
     rise = target[2] - p[2]
-    vertical = math.copysign(min(climb, math.sqrt(2 * 1.5 * abs(rise))), rise)
+    vertical = math.copysign(min(climb, _approach(abs(rise), 1.5)), rise)
     speeds = [*wanted, vertical]
     out = [v[k] + min(max(speeds[k] - v[k], -3.0 * dt), 3.0 * dt) for k in range(3)]
     place = [p[k] + out[k] * dt for k in range(3)]

@@ -82,9 +82,9 @@ class Conversation:
         for one in message if isinstance(message, list) else [message]:
             self.peer.send(one)
 
-    def stream(self) -> None:
-        """Send what has come due at this reading."""
-        now = stamp_us(self.autopilot)
+    def stream(self, asked: int = 0) -> bool:
+        """Send what has come due at this reading; whether message `asked` was among it."""
+        now, sent = stamp_us(self.autopilot), False
         for message_id, interval in self.interval_us.items():
             due = self._due_us.get(message_id, 0.0)
             if now + 1 < due:
@@ -92,6 +92,8 @@ class Conversation:
             self._due_us[message_id] = max(due + interval, now + 0.5 * interval)
             if message_id != 140:
                 self.send(self.builders[message_id](self.autopilot))
+                sent |= message_id == asked
+        return sent
 
     def demand_due(self) -> bool:
         """Whether ACTUATOR_CONTROL_TARGET goes out now: before mixing, so that the answer can count."""

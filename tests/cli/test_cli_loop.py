@@ -1,6 +1,11 @@
 """The loop ends in a better flight, where the table can hold the cure."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -50,6 +55,35 @@ def test_a_weak_rotor_is_found_and_flown_around(tmp_path, capsys):
 def test_a_truth_that_is_none_is_one_line(tmp_path, capsys):
     truth = tmp_path / "truth.toml"
     truth.write_text('[[effects]]\nname = "gremlins"\nsize = 1.0\n')
-    assert run(build_app(), ["loop", "--truth", str(truth), "--out", str(tmp_path / "out")]) == 3
-    said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert "did not start" in said and "effects[1].name" in said
+    assert run(build_app(), ["loop", "--truth", str(truth), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1 and str(truth) in said[0] and "effects[1].name" in said[0]
+    assert not (tmp_path / "out").exists()
+
+
+def children(pid):
+    """Processes whose parent is `pid`."""
+    found = subprocess.run(["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True)
+    return [int(n) for n in found.stdout.split()]
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_loop_leaves_the_folder_and_no_child(tmp_path, stop):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.html").write_text("the one before")
+    verb = [sys.executable, "-m", "coaxlink", "loop", "--seed", "1", "--out", str(out)]
+    process = subprocess.Popen(verb, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    end = time.monotonic() + 60.0
+    while not (out / "before.tlog").exists() and time.monotonic() < end:
+        time.sleep(0.1)
+    worlds = children(process.pid)
+    assert worlds and (out / "tables").exists()
+    process.send_signal(stop)
+    _, said = process.communicate(timeout=30.0)
+    assert process.returncode == 130 and said.strip().endswith("coaxlink: interrupted")
+    assert [p.name for p in out.iterdir()] == ["report.html"]
+    assert (out / "report.html").read_text() == "the one before"
+    for world in worlds:
+        with pytest.raises(ProcessLookupError):
+            os.kill(world, 0)

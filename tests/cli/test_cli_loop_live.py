@@ -1,4 +1,7 @@
-"""A live flight that the machine cannot keep up with is not read as a mixer's error."""
+"""The loop's live way, flown in lock-step: what is found does not depend on how busy the machine is."""
+
+import time
+from dataclasses import replace
 
 import pytest
 
@@ -6,42 +9,59 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import _demo, _loop
 from coaxlink.errors import CheckFailed
-from coaxlink.link.trajectory import paper_flight
+from coaxlink.link.trajectory import Hold, Plan, Swing
 from coaxlink.rotor import load_rotor_model
+from coaxlink.rotor.model import Effect
 
 AIRFRAME = load_airframe(files.example("x8_demo.toml"))
 MODEL = load_rotor_model(files.example("rotor_paper.toml"))
+HOVER, NORTH, UP = (0.0, 0.0, -3.0), (1.0, 0.0, -3.0), (0.0, 0.0, -4.2)
+PLAN = Plan(
+    (Hold("hover", HOVER, 2.0), Swing("to and fro", HOVER, NORTH, 5.0, 2), Swing("up", HOVER, UP, 4.0, 2))
+)
+# the world's own law is another: thrust times 1 - r / (1 + |r|), r = 4 V / (u 105 m/s)
+INFLOW = Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.5, "by_thrust": 1.0, "levelling_s_m": 0.05})
+STALL_S = 1.0
 
 
-def fly(monkeypatch, tmp_path, accounts):
-    """(speeds flown at, flight) with a companion whose accounts these are, one a try."""
-    speeds, left = [], list(accounts)
-
-    def flown(world, speed, *_, **__):
-        speeds.append(speed)
-        return f"flight {len(speeds)}", _demo.Demands(), left.pop(0)
-
-    monkeypatch.setattr(_demo, "fly_live", flown)
-    plan = paper_flight()
-    world = _loop.World([], 10.0, tmp_path, plan)
-    whole = round(250 * plan.duration_s)
-    for account in accounts:
-        account["cycles"] = round(account["cycles"] * whole)
-    flight, _ = _loop._fly_live(world, AIRFRAME, MODEL, "before", False, lambda _: None, lambda *_: None)
-    return speeds, flight
+def fly(tmp_path, model, watch=lambda *_: None):
+    truth = tmp_path / "truth.toml"
+    truth.write_text('[[effects]]\nname = "axial_inflow"\nsize = 4.0\n')
+    hidden = ["--airframe", str(files.example("x8_demo.toml")), "--truth", str(truth)]
+    world = _loop.World(hidden, 1, 30.0, tmp_path, PLAN)
+    return _loop._fly_live(world, 1, AIRFRAME, model, "live", watch, effects=bool(model.effects))
 
 
-def test_a_flight_with_all_demands_answered_is_taken(monkeypatch, tmp_path):
-    good = {"cycles": 0.99, "hand_overs": 1}
-    assert fly(monkeypatch, tmp_path, [good]) == ([4.0], "flight 1")
+def errors(flown):
+    flight, demands = flown
+    d = _demo.errors_of_live(flight, AIRFRAME, MODEL, demands, whole=True).delivered
+    return [d.thrust_error_N, *d.torque_error_Nm]
 
 
-def test_it_is_flown_slower_until_the_machine_keeps_up(monkeypatch, tmp_path):
-    late, handed = {"cycles": 0.6, "hand_overs": 1}, {"cycles": 0.97, "hand_overs": 5}
-    good = {"cycles": 0.97, "hand_overs": 0}
-    assert fly(monkeypatch, tmp_path, [late, handed, good]) == ([4.0, 2.0, 1.0], "flight 3")
+@pytest.mark.timeout(120)
+def test_an_inflow_is_taken_out_live_though_the_companion_sleeps_a_second(tmp_path):
+    before = errors(fly(tmp_path, MODEL))
+    slept = []
+
+    def watch(segment, t):
+        if t > 6.0 and not slept:  # 30 s of the vehicle's time, were it not to wait
+            slept.append(t)
+            time.sleep(STALL_S)
+
+    after = errors(fly(tmp_path, replace(MODEL, effects=(INFLOW,)), watch))
+    assert slept
+    assert before[0] > 1.5 and before[2] > 0.05  # the plan upsets thrust and pitch
+    assert after[0] < 0.5 * before[0] and after[2] < 0.5 * before[2], (before, after)
 
 
-def test_a_machine_that_never_keeps_up_is_told(monkeypatch, tmp_path):
-    with pytest.raises(CheckFailed, match="too busy"):
-        fly(monkeypatch, tmp_path, [{"cycles": 0.1, "hand_overs": 9} for _ in range(3)])
+def test_a_flight_that_was_not_the_mixers_is_not_weighed(monkeypatch, tmp_path):
+    world = _loop.World([], 1, 10.0, tmp_path, PLAN)
+    whole = round(250 * PLAN.duration_s)
+    for cycles, hand_overs in ((0.6 * whole, 1), (whole, 5)):
+        account = {"cycles": cycles, "hand_overs": hand_overs}
+        monkeypatch.setattr(_demo, "fly_live", lambda *_, a=account, **__: ("flown", _demo.Demands(), a))
+        with pytest.raises(CheckFailed, match="not the mixer's flight"):
+            _loop._fly_live(world, 1, AIRFRAME, MODEL, "before", lambda *_: None)
+    account = {"cycles": whole, "hand_overs": 1}
+    monkeypatch.setattr(_demo, "fly_live", lambda *_, **__: ("flown", _demo.Demands(), account))
+    assert _loop._fly_live(world, 1, AIRFRAME, MODEL, "before", lambda *_: None)[0] == "flown"

@@ -1,7 +1,7 @@
 """A stand-in PX4 1.13 in the test's own hands: ticked by the test, in real time or as fast as it goes.
 
 What the motors were told, whether a companion drove them and where the vehicle was is read off the world
-itself, tick by tick. `Faults` sits on the companion's line and does what lines do when they fail.
+itself, tick by tick. `Faults` lies on the vehicle's line and does what lines do when they fail.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Flight:
     ) -> None:
         # the vehicle and its companion share one interpreter here: neither may hold it for long
         sys.setswitchinterval(0.0005)
-        self.ports = open_links(["udpin:127.0.0.1:0"])
+        self.ports = open_links(["udpin:127.0.0.1:0"] * self.links)
         self.address = "udpout:" + self.ports[0].name.partition(":")[2]
         self.standin = build(
             World(EXAMPLES / airframe, firmware=self.firmware, signing_key=key_file), self.ports
@@ -79,6 +79,7 @@ class Flight:
             self.depart()
 
     firmware = "px4:1.13"
+    links = 1
 
     def prepare(self) -> None:
         """On the ground, before arming."""
@@ -155,55 +156,59 @@ class Flight:
 
 
 class Faults:
-    """A UDP line whose traffic the test may lose or change, message by message (pymavlink's parser)."""
+    """What a line does when it fails, put where the vehicle's words leave it and others' reach it.
 
-    def __init__(self, address: str) -> None:
-        self._inner = Udp(parse_address(address))
+    The companion keeps a socket of its own, so that its compiled loop meets the same faults.
+    """
+
+    def __init__(self) -> None:
         self.dead = False
         self.change: Callable[[Any], Any] | None = None  # of demands; it may lose one by returning None
         self._parser = mavlink.MAVLink(None)
         self._packer = mavlink.MAVLink(None, 1, 1)
 
-    def read(self, timeout_s: float) -> tuple[bytes, Any]:
-        data, peer = self._inner.read(timeout_s)
-        if not data or self.dead:
-            return b"", None
+    def lie_on(self, peer: Any) -> None:
+        """On a peer's way there and back, in the shape of the world's own wires."""
+        peer.out, peer.back = _Way(self._there), _Way(self._back)
+
+    def _back(self, data: bytes) -> list[bytes]:
+        return [] if self.dead else [data]
+
+    def _there(self, data: bytes) -> list[bytes]:
+        if self.dead:
+            return []
         if self.change is None:
-            return data, peer
-        out = b""
-        for message in self._parser.parse_buffer(data) or []:
-            frame = bytes(message.get_msgbuf())
-            if message.get_type() == "ACTUATOR_CONTROL_TARGET":
-                changed = self.change(message)
-                if changed is None:
-                    continue
-                if changed is not message:
-                    self._packer.seq = message.get_seq()
-                    frame = bytes(changed.pack(self._packer))
-            out += frame
-        return out, peer
+            return [data]
+        (message,) = self._parser.parse_buffer(data)
+        if message.get_type() != "ACTUATOR_CONTROL_TARGET":
+            return [data]
+        changed = self.change(message)
+        if changed is None or changed is message:
+            return [data] if changed is message else []
+        self._packer.seq = message.get_seq()
+        return [bytes(changed.pack(self._packer))]
 
-    def write(self, data: bytes, peer: Any = None) -> None:
-        if not self.dead:
-            self._inner.write(data, peer)
 
-    def fileno(self) -> int:
-        return self._inner.fileno()
+class _Way:
+    def __init__(self, carry: Callable[[bytes], list[bytes]]) -> None:
+        self.carry = carry
 
-    def close(self) -> None:
-        self._inner.close()
+    def due(self) -> list[bytes]:
+        return []
 
 
 class Companion:
     """A session on a faulty line; needs the vehicle ticked while it connects."""
 
-    def __init__(self, flight: Flight, component: int = 191, signer: Any = None) -> None:
-        self.line = Faults(flight.address)
-        self.session = Session(self.line, flight.address, 245, component, signer=signer)
+    def __init__(self, flight: Flight, component: int = 191, signer: Any = None, link: int = 0) -> None:
+        address = "udpout:" + flight.ports[link].name.partition(":")[2]
+        self.session = Session(Udp(parse_address(address)), address, 245, component, signer=signer)
         starting = threading.Thread(target=self.session.start, args=(5.0,))
         starting.start()
         flight.fly(5.0, until=lambda: not starting.is_alive())
         starting.join()
+        self.line = Faults()
+        self.line.lie_on(flight.ports[link].peers[-1])
 
     def close(self) -> None:
         self.session.close()

@@ -32,6 +32,7 @@ GUIDED = 4
 
 class Copter(Flight):
     firmware = "ardupilot"
+    links = 2
 
     def prepare(self) -> None:
         a = self.autopilot
@@ -123,6 +124,78 @@ def test_what_is_not_whole_or_not_ours_never_reaches_an_output(copter: Any) -> N
     copter.autopilot.armed = True
     companion.close()
     copter.rush(4.0)
+
+
+@pytest.mark.parametrize("native", [False, True], ids=["plain", "compiled"])
+@pytest.mark.flaky(reruns=2)
+def test_a_second_companion_drives_nothing_and_lets_go_at_once(copter: Any, native: bool) -> None:
+    from coaxlink.link import hot_build
+
+    if native and not hot_build.available():
+        pytest.skip("the compiled loop runs on 64-bit Linux")
+    kernel = hot_build.load() if native else None
+    copter.autopilot.armed = True
+    first, second = Companion(copter), Companion(copter, component=192)
+    mixers = [
+        LiveMixer(c.session, X8, make_law("exact", X8, CRM), CRM, native=kernel) for c in (first, second)
+    ]
+    for mixer in mixers:
+        starting = threading.Thread(target=mixer.start)
+        starting.start()
+        copter.fly(5.0, until=lambda started=starting: not started.is_alive())
+        copter.fly(3.0, until=lambda m=mixer: m.failed.is_set() or copter.driven)
+    copter.fly(0.5)
+    assert mixers[1].failed.is_set()
+    assert "another companion commands the motors (system 245 component 191)" in str(mixers[1].error)
+    assert not mixers[0].failed.is_set()
+    # whoever speaks on the second's behalf is not listened to while the first is there
+    before = list(copter.autopilot.command)
+    second.session.send(mavlink.MAVLink_set_actuator_control_target_message(1, 0, 1, 1, [1.0] * 8))
+    copter.fly(0.05)
+    assert copter.autopilot.command == pytest.approx(before, abs=0.1)
+    # and is when the first has fallen silent
+    first.line.dead = True
+    copter.fly(0.3)
+    assert not copter.driven
+    second.session.send(mavlink.MAVLink_set_actuator_control_target_message(1, 0, 1, 1, before))
+    copter.fly(0.03)
+    assert copter.driven
+    for mixer, companion in zip(mixers, (first, second), strict=True):
+        mixer.session.tap = None
+        companion.close()
+    copter.rush(5.0)
+    assert not copter.autopilot.landed
+
+
+@pytest.mark.flaky(reruns=2)
+def test_the_demand_goes_where_a_companion_asks_for_it_and_nowhere_else(copter: Any) -> None:
+    station, companion = Companion(copter, component=190), Companion(copter, link=1)
+    heard: list[str] = []
+    station.session.subscribe(lambda message: heard.append(message.get_type()))
+    live = LiveMixer(companion.session, X8, make_law("exact", X8, CRM), CRM)
+    starting = threading.Thread(target=live.start)
+    starting.start()
+    copter.fly(5.0, until=lambda: not starting.is_alive())
+    assert copter.fly(3.0, until=lambda: copter.driven) < 3.0
+    # nobody answers, a reminder a second is enough to be spoken to
+    live.dry_run = True
+    copter.fly(4.0)
+    before = live.summary()["cycles"]
+    copter.fly(0.5)
+    assert not copter.driven
+    assert live.summary()["cycles"] > before + 50
+    assert "HEARTBEAT" in heard
+    assert "ACTUATOR_CONTROL_TARGET" not in heard
+    live.session.tap = None
+    companion.session.subscribe(lambda message: heard.append(message.get_type()))
+    copter.fly(3.5)
+    assert "ACTUATOR_CONTROL_TARGET" in heard
+    heard.clear()
+    copter.fly(0.3)
+    assert "ACTUATOR_CONTROL_TARGET" not in heard  # gone, and forgotten
+    station.close()
+    companion.close()
+    copter.rush(3.0)
 
 
 def test_without_a_bridge_ardupilot_is_refused() -> None:

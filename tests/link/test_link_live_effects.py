@@ -12,7 +12,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import load_airframe
-from coaxlink.link.live_effects import LiveEffects, Telemetry
+from coaxlink.link.live_effects import LiveEffects
+from coaxlink.link.live_telemetry import Telemetry
 from coaxlink.link.mixing import MixCore
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import Effect, load_rotor_model
@@ -116,6 +117,94 @@ def test_climbing_air_is_allowed_for() -> None:
     u = settled(core, 30)
     thrust, torque = X8.loads(CRM, u)
     assert X8.wrench(thrust - 2.0 * u * 1.5, torque) == pytest.approx(core.wrench, abs=0.02)
+
+
+def test_a_turning_vehicle_in_any_attitude_meets_the_air_at_every_hub() -> None:
+    c = 1.3
+    core, telemetry, _, _ = compensated(Effect("axial_inflow", {"thrust_per_climb_N_s_m": c}))
+    roll, pitch, yaw, rates, v = 0.2, -0.3, 2.0, (0.5, -0.8, 0.3), np.array([2.0, -1.0, 0.7])
+    telemetry.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, 0, *v))
+    telemetry.hear(mavlink.MAVLink_attitude_message(0, roll, pitch, yaw, *rates))
+    u = settled(core, 40)
+    # the body's z axis in NED, for yaw, pitch, roll in turn
+    z = np.array([
+        math.cos(roll) * math.sin(pitch) * math.cos(yaw) + math.sin(roll) * math.sin(yaw),
+        math.cos(roll) * math.sin(pitch) * math.sin(yaw) - math.sin(roll) * math.cos(yaw),
+        math.cos(roll) * math.cos(pitch),
+    ])  # fmt: skip
+    climb = np.array([-(v @ z) - np.cross(rates, r.position_m)[2] for r in X8.rotors])
+    thrust, torque = X8.loads(CRM, u)
+    assert X8.wrench(thrust - c * u * climb, torque) == pytest.approx(core.wrench, abs=0.02)
+    blind = X8.wrench(*X8.loads(CRM, settled(MixCore(X8, make_law("exact", X8, CRM), CRM))))
+    assert np.abs(X8.wrench(thrust, torque) - blind)[1:3].max() > 0.05  # the turning counts
+
+
+def test_what_acts_later_is_taken_as_it_will_be_then() -> None:
+    """A vehicle that gathers speed downwards and turns ever faster: 60 ms later, not now."""
+    lag, age = 0.05, 0.01
+    model = dataclasses.replace(CRM, effects=(Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}),))
+    clock = Clock()
+    telemetry = Telemetry(clock)
+    live = LiveEffects(None, X8, model, telemetry, lag_s=lag)
+    core = MixCore(X8, make_law("exact", X8, CRM), CRM, live)
+    telemetry.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, 0, 0, 0, 1.0))
+    telemetry.hear(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0.4, 0, 0))
+    clock.now += age
+    u = settled(core, 60)
+    thrust, torque = X8.loads(CRM, u)
+    force = core.wrench
+    down = 1.0 + (lag + age) * (9.80665 - force[0] / X8.mass_kg)
+    turn = np.array([0.4, 0.0, 0.0]) + (lag + age) * np.array(force[1:]) / X8.inertia_kg_m2
+    climb = np.array([-down - np.cross(turn, r.position_m)[2] for r in X8.rotors])
+    assert X8.wrench(thrust - 2.0 * u * climb, torque) == pytest.approx(force, abs=0.02)
+    now = np.array([-1.0 - np.cross([0.4, 0.0, 0.0], r.position_m)[2] for r in X8.rotors])
+    assert np.abs(X8.wrench(thrust - 2.0 * u * now, torque) - force).max() > 0.1
+
+
+AIR = Effect("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.225})
+
+
+def imu(hectopascal: float) -> Any:
+    return mavlink.MAVLink_highres_imu_message(
+        0, 0, 0, 0, 0, 0, 0, 0, 0, 0, hectopascal, 0, 0, 25.0, 0x1FFF, 0
+    )
+
+
+def test_thin_air_is_flown_faster_through() -> None:
+    clock = Clock()
+    telemetry = Telemetry(clock)
+    model = dataclasses.replace(CRM, effects=(AIR,))
+    live = LiveEffects(None, X8, model, telemetry, air_temperature_C=5.0)
+    core = MixCore(X8, make_law("exact", X8, model), model, live)
+    telemetry.hear(imu(880.0))
+    share = 88000.0 / (287.05 * 278.15) / 1.225
+    thrust, torque = X8.loads(CRM, settled(core, 40))
+    assert X8.wrench(share * thrust, share * torque) == pytest.approx(core.wrench, abs=0.02)
+    assert share < 0.93
+
+
+def test_air_that_cannot_be_or_whose_temperature_nobody_knows_changes_nothing() -> None:
+    plain = settled(MixCore(X8, make_law("exact", X8, CRM), CRM))
+    core, telemetry, _, live = compensated(AIR)
+    telemetry.hear(imu(880.0))  # the barometer's own 25 C are its board's
+    assert settled(core) == pytest.approx(plain, abs=1e-9)
+    telemetry.hear(mavlink.MAVLink_hygrometer_sensor_message(0, 500, 4000))
+    assert settled(core, 30).mean() > plain.mean() + 0.01
+    for broken in (0.0, 12.0, 1e9, math.nan):
+        telemetry.hear(imu(broken))
+        if not math.isnan(broken):  # which is not taken: the last good one stands
+            assert settled(core) == pytest.approx(plain, abs=1e-9)
+    unknown = LiveEffects(
+        None, X8, dataclasses.replace(CRM, effects=(Effect("air_density", {"density_exponent": 1.0}),))
+    )
+    assert "at which density" in unknown.left_out["air_density"] and not unknown.names
+    assert live.names == ["air_density"]
+
+
+def test_an_effect_without_its_numbers_is_left_out_by_name() -> None:
+    for name in ("battery_voltage", "axial_inflow", "cg_offset", "degraded_rotor"):
+        live = LiveEffects(None, X8, dataclasses.replace(CRM, effects=(Effect(name, {}),)))
+        assert "missing in the rotor file" in live.left_out[name] and not live.names
 
 
 def test_without_telemetry_nothing_is_allowed_for_and_what_cannot_be_is_said() -> None:

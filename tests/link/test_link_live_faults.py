@@ -39,13 +39,25 @@ def flight() -> Iterator[Flight]:
     vehicle.close()
 
 
+@pytest.fixture(scope="module", params=["plain", "compiled"])
+def native(request: pytest.FixtureRequest) -> Any:
+    """The loop in Python, and the compiled one that takes over wherever all is well."""
+    if request.param == "plain":
+        return None
+    from coaxlink.link import hot_build
+
+    if not hot_build.available():
+        pytest.skip("the compiled loop runs on 64-bit Linux")
+    return hot_build.load()
+
+
 class Live:
     """A companion that mixes, and the vehicle under it."""
 
     def __init__(self, flight: Flight, law: Any = None, component: int = 191, **options: Any) -> None:
         self.flight = flight
         self.companion = Companion(flight, component)
-        law = law or make_law("coaxial", X8, CRM)
+        law = law or make_law("exact", X8, CRM)
         self.mixer = LiveMixer(self.companion.session, X8, law, CRM, own_curve=1.0, **options)
 
     def start(self) -> None:
@@ -66,11 +78,15 @@ class Live:
 
 
 @pytest.fixture
-def live(flight: Flight) -> Iterator[Live]:
+def live(flight: Flight, native: Any) -> Iterator[Live]:
     flight.back_to_hover()
-    one = Live(flight)
+    one = Live(flight, native=native)
     one.start()
     one.until_live()
+    if native is not None:
+        flight.fly(0.2)
+        assert one.mixer._hot is not None and one.mixer._hot.answers > 20  # it is this loop that is tried
+    flight.rows.clear()
     yield one
     one.close()
     flight.rush(0.2)
@@ -196,6 +212,25 @@ def test_our_own_wall_clock_jumps(live: Live, monkeypatch: pytest.MonkeyPatch) -
     assert live.mixer.state == "live"
 
 
+def poison_compiled_law(live: Live) -> None:
+    """No number is left in what the compiled loop's law works on."""
+    if live.mixer._hot is not None:
+        for numbers in live.mixer._hot._loop._arrays[18:]:
+            if numbers.dtype == float:
+                numbers.fill(math.nan)
+
+
+@real_time
+def test_where_the_compiled_law_fails_the_plain_one_flies_on(live: Live) -> None:
+    flight = live.flight
+    poison_compiled_law(live)
+    flight.fly(0.4)
+    assert all(row[1] for row in flight.rows)
+    assert not live.mixer.failed.is_set()
+    live.mixer.session.tap = None
+    stays_up(flight)
+
+
 @real_time
 def test_a_law_that_fails_in_flight(live: Live) -> None:
     flight = live.flight
@@ -207,6 +242,7 @@ def test_a_law_that_fails_in_flight(live: Live) -> None:
             raise FloatingPointError("singular")
 
     live.mixer.core.law = Broken()
+    poison_compiled_law(live)
     failed = time.monotonic()
     flight.fly(0.4)
     assert live.mixer.failed.is_set()

@@ -5,13 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from coaxlink.link.trajectory import Circle, Hold, Move, Plan, paper_flight
+from coaxlink.link.trajectory import Circle, Hold, Move, Plan, Swing, paper_flight, planned_flight
 
 SEGMENTS = [
     Hold("h", (1.0, 2.0, -3.0), 2.0),
     Move("m", (0.0, 0.0, -3.0), (2.0, -1.0, -4.5), 3.0, 0.0, 1.0),
     Circle("c", 2.0, -4.5, 8.0, 2),
     Circle("f", 2.0, -4.5, 3.6, 3),
+    Swing("s", (0.0, 0.0, -3.0), (1.0, -2.0, -4.0), 6.0, 2, 0.0, 1.0),
+    Swing("t", (0.0, 0.0, -3.0), (1.0, -2.0, -4.0), 6.0, 0),
 ]
 
 
@@ -48,3 +50,24 @@ def test_after_the_end_a_plan_holds_its_last_place():
     plan = Plan((Move("m", (0.0, 0.0, -1.0), (0.0, 0.0, -3.0), 2.0),))
     assert plan.at(99.0)[1].position_m == (0.0, 0.0, -3.0)
     assert plan.at(-1.0)[1].position_m == (0.0, 0.0, -1.0)
+
+
+def test_a_plan_of_refine_is_flown_piece_by_piece():
+    plan = planned_flight(
+        {
+            "height_m": 4.0,
+            "pieces": [
+                {"what": "swing", "seconds": 8.0, "north_m": 2.0, "cycles": 2},
+                {"what": "sink", "seconds": 4.0, "height_m": 1.5, "yaw_deg": 90.0},
+                {"what": "stay", "seconds": 2.0},
+            ],
+        }
+    )
+    start = plan.duration_s - 14.0
+    assert start > 2.0  # it settles first
+    assert plan.at(0.0)[1].position_m == (0.0, 0.0, -4.0)
+    name, there = plan.at(start + 2.0)  # half of the first cycle
+    assert name == "swing" and there.position_m == pytest.approx((2.0, 0.0, -4.0))
+    assert plan.at(start + 8.0)[1].position_m == pytest.approx((0.0, 0.0, -4.0), abs=1e-9)
+    last = plan.at(start + 13.0)[1]
+    assert last.position_m == pytest.approx((0.0, 0.0, -1.5)) and last.yaw_rad == pytest.approx(math.pi / 2)

@@ -1,5 +1,7 @@
 """A vehicle that gives the plan up is noticed: its errors would be read as those of a mixer."""
 
+from contextlib import contextmanager
+from queue import SimpleQueue
 from types import SimpleNamespace
 
 import pytest
@@ -21,7 +23,11 @@ class Session:
     def __init__(self, gives_up_s):
         self.now_ms, self.gives_up_ms, self.sent = 0, 1e3 * gives_up_s, 0
 
-    def wait(self, *_):
+    @contextmanager
+    def listen(self, _):
+        yield SimpleQueue()
+
+    def take(self, *_):
         self.now_ms += 20
         return mavlink.MAVLink_local_position_ned_message(self.now_ms, 0, 0, -3, 0, 0, 0)
 

@@ -149,6 +149,30 @@ def test_what_is_not_stated_or_cannot_be_held_is_said():
     assert set(s.cannot) == {"battery_voltage", "ground_effect", "axial_inflow", "rotor_drag", "dust"}
 
 
+def test_commands_begin_where_motors_start():
+    band, share = 0.08, 0.9
+    s = seen(Effect("dead_band", {"band": band, "share": share, "stretched": 1.0}))
+    assert "0.08" in s.done["dead_band"]
+    u = make_law("exact", s.airframe, s.model).speeds(DEMAND)
+    turned = u + share * ((u - band) / (1.0 - band) - u)
+    assert delivered(turned) == pytest.approx(DEMAND, abs=0.35)
+    blind = make_law("exact", X8, CRM).speeds(DEMAND)
+    short = delivered(blind + share * ((blind - band) / (1.0 - band) - blind))
+    assert short[0] < DEMAND[0] - 10.0
+    # a band that only cuts off needs no other command above it, and no mixer can go below
+    cut = seen(Effect("dead_band", {"band": band, "share": 1.0}))
+    assert "minimum" in cut.cannot["dead_band"] and cut.model.terms() == CRM.terms()
+
+
+def test_air_of_another_density_is_stated():
+    air = Effect("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.2})
+    assert "--density" in seen(air).cannot["air_density"]
+    s = seen(air, air_density_kg_m3=1.0)
+    u = make_law("exact", s.airframe, s.model).speeds(DEMAND)
+    pull, drag = X8.loads(CRM, u)
+    assert X8.wrench(pull / 1.2, drag / 1.2) == pytest.approx(DEMAND, abs=1e-6)
+
+
 def test_live_mixing_is_left_what_it_measures():
     model = dataclasses.replace(CRM, effects=(SAG, INTERFERENCE, WEAK))
     s = see(X8, model, surfaces_only=True)

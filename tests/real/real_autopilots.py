@@ -89,24 +89,36 @@ def _instance() -> int:
     raise AssertionError("no PX4 instance is free on this machine")
 
 
+def free_port() -> int:
+    """A UDP port of loopback that nobody has at the moment."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
 @contextmanager
 def arducopter(
-    binary: Path, folder: Path, params: Mapping[str, float], *options: str, speed: float = 3.0
+    binary: Path,
+    folder: Path,
+    params: Mapping[str, float],
+    *options: str,
+    speed: float = 3.0,
+    second_port: int = 0,
 ) -> Iterator[str]:
     """ArduCopter's SITL in `folder` on the JSON bridge; yields its first serial port's address.
 
-    A reboot it does by itself, in the same process. `options` are the bridge's.
+    A reboot it does by itself, in the same process. `options` are the bridge's. It speaks on `second_port`
+    of loopback too, if there is one.
     """
     defaults = folder / "defaults.parm"
     defaults.write_text("".join(f"{name} {value:.9g}\n" for name, value in params.items()))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        link = probe.getsockname()[1]
+    link = free_port()
     with bridge("ardupilot", *options) as port:
         command = [str(binary), "--model", "JSON:127.0.0.1", "--sim-port-out", str(port)]
         command += ["--speedup", str(speed), "--rate", str(LOOP_HZ), "--defaults", str(defaults)]
         command += ["--home", "47.397742,8.545594,488,0", "--serial0", f"udpclient:127.0.0.1:{link}"]
-        command += ["--serial1", "none", "--serial2", "none"]
+        second = f"udpclient:127.0.0.1:{second_port}" if second_port else "none"
+        command += ["--serial1", "none", "--serial2", second]
         with _running(command, folder, dict(os.environ)):
             yield f"udpin:127.0.0.1:{link}"
 

@@ -1,7 +1,6 @@
 """The stand-in ArduCopter: pymavlink and MAVSDK talk to it, scripts bring it tables, it flies them."""
 
 import math
-import os
 import re
 import struct
 import time
@@ -11,10 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-os.environ.setdefault("MAVLINK20", "1")
+from ground import client, command, get, mavsdk_system
 from mavsdk.plugins.ftp import FtpResult
-from pymavlink import mavutil
 
 from firmware_params.ardupilot.scripts import loader_params, loader_script, matrix_script
 from sim.ardupilot.copter import GUIDED, Copter
@@ -38,29 +35,8 @@ REDUCED = [
 
 @pytest.fixture(scope="module")
 def link() -> Iterator[Any]:
-    with standin("--firmware", "ardupilot", "--speed", "4") as port:
-        address = f"udpout:127.0.0.1:{port}"
-        c = mavutil.mavlink_connection(address, source_system=255, dialect="ardupilotmega")
-        c.mav.heartbeat_send(6, 8, 0, 0, 4)
-        assert c.wait_heartbeat(timeout=10) is not None
+    with standin("--firmware", "ardupilot", "--speed", "4") as port, client(port) as c:
         yield c
-        c.close()
-
-
-def get(link: Any, kind: str, timeout: float = 3.0, met: Callable[[Any], bool] = lambda _: True) -> Any:
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
-        message = link.recv_match(type=kind, blocking=True, timeout=0.2)
-        if message is not None and met(message):
-            return message
-    return None
-
-
-def command(link: Any, number: int, *p: float) -> int:
-    link.mav.command_long_send(1, 1, number, 0, *[*p, *[0.0] * (7 - len(p))])
-    ack = get(link, "COMMAND_ACK", met=lambda a: a.command == number)
-    assert ack is not None
-    return int(ack.result)
 
 
 def test_values_come_back_as_the_board_keeps_them(link: Any) -> None:
@@ -113,30 +89,22 @@ def test_a_guided_flight(link: Any) -> None:
 
 
 def test_mavsdk_connects_reads_parameters_and_moves_files(tmp_path: Path) -> None:
-    from mavsdk.mavsdk import Configuration, Mavsdk
     from mavsdk.plugins.ftp import Ftp
     from mavsdk.plugins.param import Param
 
-    with standin("--firmware", "ardupilot", "--speed", "2") as port:
-        mavsdk = Mavsdk(Configuration.create_manual(245, 190, True))
-        try:
-            mavsdk.add_any_connection(f"udpout://127.0.0.1:{port}")
-            system = mavsdk.first_autopilot(timeout_s=10.0)
-            assert system is not None
-            assert Param(system).get_param_float("MOT_THST_EXPO") == pytest.approx(0.65)
-            ftp = Ftp(system)
-            ftp.create_directory("scripts")
-            assert [e.name for e in ftp.list_directory("/").entries] == ["logs", "scripts"]
-            script, back = tmp_path / "table.lua", tmp_path / "back"
-            script.write_text(matrix_script(REDUCED, title="test"))
-            back.mkdir()
-            transfer(ftp.upload_async, str(script), "scripts")
-            assert ftp.are_files_identical(str(script), "scripts/table.lua")
-            for burst in (False, True):
-                transfer(ftp.download_async, "scripts/table.lua", str(back), burst)
-                assert (back / "table.lua").read_bytes() == script.read_bytes()
-        finally:
-            mavsdk.destroy()
+    with standin("--firmware", "ardupilot", "--speed", "2") as port, mavsdk_system(port) as system:
+        assert Param(system).get_param_float("MOT_THST_EXPO") == pytest.approx(0.65)
+        ftp = Ftp(system)
+        ftp.create_directory("scripts")
+        assert [e.name for e in ftp.list_directory("/").entries] == ["logs", "scripts"]
+        script, back = tmp_path / "table.lua", tmp_path / "back"
+        script.write_text(matrix_script(REDUCED, title="test"))
+        back.mkdir()
+        transfer(ftp.upload_async, str(script), "scripts")
+        assert ftp.are_files_identical(str(script), "scripts/table.lua")
+        for burst in (False, True):
+            transfer(ftp.download_async, "scripts/table.lua", str(back), burst)
+            assert (back / "table.lua").read_bytes() == script.read_bytes()
 
 
 def transfer(start: Callable[..., None], *arguments: object) -> None:

@@ -1,7 +1,6 @@
 """Files and flight logs of the PX4 stand-in: by the byte, and as MAVSDK and log readers see them."""
 
 import struct
-import time
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mavsdk.mavsdk import Configuration, Mavsdk
+from ground import mavsdk_system, until
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.ftp import Ftp, FtpError, FtpResult
 from mavsdk.plugins.log_files import LogFiles, LogFilesResult
@@ -89,22 +88,8 @@ def test_what_is_not_the_cards_cannot_be_written(card: Card) -> None:
 
 @pytest.fixture(scope="module")
 def vehicle() -> Iterator[System]:
-    with standin("--speed", "4", "--seed", "3") as port:
-        mavsdk = Mavsdk(Configuration.create_manual(245, 190, True))
-        try:
-            mavsdk.add_any_connection(f"udpout://127.0.0.1:{port}")
-            system = mavsdk.first_autopilot(timeout_s=10.0)
-            assert system is not None
-            yield system
-        finally:
-            mavsdk.destroy()
-
-
-def until(met: Callable[[], bool], seconds: float, what: str) -> None:
-    end = time.monotonic() + seconds
-    while not met():
-        assert time.monotonic() < end, what
-        time.sleep(0.02)
+    with standin("--speed", "4", "--seed", "3") as port, mavsdk_system(port) as system:
+        yield system
 
 
 def transfer(start: Callable[..., None], going: int, *arguments: object) -> int:

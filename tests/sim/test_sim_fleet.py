@@ -2,50 +2,19 @@
 
 import itertools
 import math
-import os
 import socket
 import struct
-import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pytest
-
-os.environ.setdefault("MAVLINK20", "1")
-from pymavlink import mavutil
+from ground import client, command, get
 
 from sim.errors import SimError, WorldError
 from sim.testing import standin, standins
 from sim.world import World, build_many
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-@contextmanager
-def client(port: int) -> Iterator[Any]:
-    link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255, dialect="ardupilotmega")
-    link.mav.heartbeat_send(6, 8, 0, 0, 4)
-    assert link.wait_heartbeat(timeout=10) is not None
-    yield link
-    link.close()
-
-
-def get(link: Any, kind: str, timeout: float = 5.0, met: Callable[[Any], bool] = lambda _: True) -> Any:
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
-        message = link.recv_match(type=kind, blocking=True, timeout=0.1)
-        if message is not None and met(message):
-            return message
-    return None
-
-
-def command(link: Any, system: int, number: int, *p: float) -> int:
-    link.mav.command_long_send(system, 1, number, 0, *[*p, *[0.0] * (7 - len(p))])
-    ack = get(link, "COMMAND_ACK", met=lambda a: a.command == number)
-    assert ack is not None
-    return int(ack.result)
 
 
 def as_int(field: float) -> int:
@@ -63,9 +32,9 @@ def test_three_fly_at_once(firmware: str, id_name: bytes) -> None:
             for unread in (30, 31, 83, 85, 105, 132, 291, 375):
                 link.mav.command_long_send(system, 1, 511, 0, unread, -1, 0, 0, 0, 0, 0)
             for number in (32, 33):
-                assert command(link, system, 511, number, 100000) == 0
+                assert command(link, 511, number, 100000, system=system) == 0
             if firmware == "ardupilot":
-                assert command(link, system, 176, 1, 4) == 0
+                assert command(link, 176, 1, 4, system=system) == 0
             else:  # a busy machine may take its time between arming and take-off
                 link.mav.param_set_send(system, 1, b"COM_DISARM_PRFLT", -1.0, 9)
         links[2].mav.command_long_send(2, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)  # not its own number: not heard
@@ -76,16 +45,16 @@ def test_three_fly_at_once(firmware: str, id_name: bytes) -> None:
         heights = (3.0, 4.0, 5.0)
         for system, (link, height) in enumerate(zip(links, heights, strict=True), 1):
             assert not get(link, "HEARTBEAT").base_mode & 128
-            assert command(link, system, 400, 1) == 0
+            assert command(link, 400, 1, system=system) == 0
             sea = height if firmware == "ardupilot" else 488.0 + height
-            assert command(link, system, 22, 0, 0, 0, math.nan, math.nan, math.nan, sea) == 0
+            assert command(link, 22, 0, 0, 0, math.nan, math.nan, math.nan, sea, system=system) == 0
         for link, height in zip(links, heights, strict=True):
             low, high = -height - 0.25, -height + 0.25
             assert get(link, "LOCAL_POSITION_NED", 15.0, lambda p, a=low, b=high: a < p.z < b) is not None
         east = [get(link, "GLOBAL_POSITION_INT").lon * 1e-7 for link in links]
         apart = [(b - a) * 111319.49 * math.cos(math.radians(47.397742)) for a, b in itertools.pairwise(east)]
         assert apart == pytest.approx([5.0, 5.0], abs=0.5)
-        assert command(links[1], 2, 21) == 0
+        assert command(links[1], 21, system=2) == 0
         assert get(links[1], "HEARTBEAT", 15.0, lambda h: not h.base_mode & 128) is not None
         assert get(links[0], "HEARTBEAT").base_mode & 128 and get(links[2], "HEARTBEAT").base_mode & 128
 
@@ -114,6 +83,6 @@ def test_a_new_system_id_counts_from_the_next_boot() -> None:
         link.mav.param_set_send(1, 1, b"MAV_SYSID", 42.0, 4)
         assert get(link, "PARAM_VALUE").param_value == 42
         assert get(link, "HEARTBEAT").get_srcSystem() == 1
-        assert command(link, 1, 246, 1) == 0
+        assert command(link, 246, 1) == 0
         assert get(link, "HEARTBEAT", met=lambda h: h.get_srcSystem() == 42) is not None
-        assert command(link, 42, 511, 32, 100000) == 0
+        assert command(link, 511, 32, 100000, system=42) == 0

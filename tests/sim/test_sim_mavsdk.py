@@ -1,11 +1,10 @@
 """MAVSDK, which nobody here wrote, flies the stand-ins."""
 
 import math
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
-from mavsdk.mavsdk import Configuration, Mavsdk
+from ground import mavsdk_system, until
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.info import Info
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw
@@ -19,22 +18,11 @@ from sim.testing import standin
 @pytest.fixture
 def vehicle(request: pytest.FixtureRequest) -> Iterator[System]:
     firmware = getattr(request, "param", "px4")
-    with standin("--firmware", firmware, "--speed", "4", "--seed", "7") as port:
-        mavsdk = Mavsdk(Configuration.create_manual(245, 190, True))
-        try:
-            mavsdk.add_any_connection(f"udpout://127.0.0.1:{port}")
-            system = mavsdk.first_autopilot(timeout_s=10.0)
-            assert system is not None
-            yield system
-        finally:
-            mavsdk.destroy()
-
-
-def until(met: Callable[[], bool], seconds: float, what: str) -> None:
-    end = time.monotonic() + seconds
-    while not met():
-        assert time.monotonic() < end, what
-        time.sleep(0.02)
+    with (
+        standin("--firmware", firmware, "--speed", "4", "--seed", "7") as port,
+        mavsdk_system(port) as system,
+    ):
+        yield system
 
 
 def test_mavsdk_reads_and_sets_parameters(vehicle: System) -> None:

@@ -1,20 +1,15 @@
 """Missions by the protocol, flown on both stand-ins by bare pymavlink and by MAVSDK."""
 
 import math
-import os
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
-
-os.environ.setdefault("MAVLINK20", "1")
-from mavsdk.mavsdk import Configuration, Mavsdk
+from ground import client, command, get, mavsdk_system, until
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.mission import Mission, MissionItem, MissionPlan
 from mavsdk.plugins.telemetry import FlightMode, Telemetry
-from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as m
 
 from sim.testing import standin
@@ -24,35 +19,9 @@ WAYPOINT, RTL, LAND, TAKEOFF, JUMP = 16, 20, 21, 22, 177
 
 
 @contextmanager
-def client(*arguments: str) -> Iterator[Any]:
-    with standin(*arguments) as port:
-        link = mavutil.mavlink_connection(
-            f"udpout:127.0.0.1:{port}", source_system=255, dialect="ardupilotmega"
-        )
-        try:
-            link.mav.heartbeat_send(6, 8, 0, 0, 4)
-            assert link.wait_heartbeat(timeout=10) is not None
-            yield link
-        finally:
-            link.close()
-
-
-def get(
-    link: Any, kind: str | list, timeout: float = 5.0, met: Callable[[Any], bool] = lambda _: True
-) -> Any:
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
-        message = link.recv_match(type=kind, blocking=True, timeout=0.2)
-        if message is not None and met(message):
-            return message
-    return None
-
-
-def command(link: Any, number: int, *p: float) -> int:
-    link.mav.command_long_send(1, 1, number, 0, *[*p, *[0.0] * (7 - len(p))])
-    ack = get(link, "COMMAND_ACK", met=lambda a: a.command == number)
-    assert ack is not None
-    return int(ack.result)
+def flown(*arguments: str) -> Iterator[Any]:
+    with standin(*arguments) as port, client(port) as link:
+        yield link
 
 
 def item(seq: int, number: int, north: float, east: float, up: float, *p: float, frame: int = 6) -> Any:
@@ -88,7 +57,7 @@ def square(first: int) -> list[Any]:
 
 @pytest.mark.parametrize(("firmware", "first", "mode"), [("px4", 0, 67371008), ("ardupilot", 1, 3)])
 def test_pymavlink_flies_a_mission(firmware: str, first: int, mode: int) -> None:
-    with client("--firmware", firmware, "--speed", "8") as link:
+    with flown("--firmware", firmware, "--speed", "8") as link:
         items = square(first)
         result, asked = upload(link, items)
         assert result == 0 and sorted(set(asked)) == list(range(len(items)))
@@ -130,7 +99,7 @@ def test_pymavlink_flies_a_mission(firmware: str, first: int, mode: int) -> None
 
 
 def test_what_cannot_be_flown_is_refused() -> None:
-    with client("--speed", "4") as link:
+    with flown("--speed", "4") as link:
         assert command(link, 176, 1, 4, 4) == 0 and command(link, 300) == 2  # no mission yet
         assert upload(link, [item(0, 31010, 0, 0, 0)])[0] == 3
         assert upload(link, [item(0, WAYPOINT, 0, 0, 3, frame=17)])[0] == 2
@@ -151,7 +120,7 @@ def test_what_cannot_be_flown_is_refused() -> None:
 
 
 def test_an_ardupilot_mission_starts_with_a_takeoff_and_jumps() -> None:
-    with client("--firmware", "ardupilot", "--speed", "8") as link:
+    with flown("--firmware", "ardupilot", "--speed", "8") as link:
         home = item(0, WAYPOINT, 0, 0, 0, frame=0)
         assert command(link, 176, 1, 3) == 0 and command(link, 400, 1) == 4  # "AUTO mode not armable"
         assert upload(link, [home, item(1, WAYPOINT, 3, 0, 3)])[0] == 0
@@ -173,13 +142,6 @@ def test_an_ardupilot_mission_starts_with_a_takeoff_and_jumps() -> None:
         assert [seq for seq in reached if seq != 4] == [1, 2, 3, 2, 3, 5]
 
 
-def until(met: Callable[[], bool], seconds: float, what: str) -> None:
-    end = time.monotonic() + seconds
-    while not met():
-        assert time.monotonic() < end, what
-        time.sleep(0.02)
-
-
 def test_mavsdk_flies_a_mission() -> None:
     def corner(north: float, east: float, up: float) -> MissionItem:
         lon = LON + east * METRE / math.cos(math.radians(LAT))
@@ -190,27 +152,20 @@ def test_mavsdk_flies_a_mission() -> None:
             MissionItem.VehicleAction.NONE,
         )  # fmt: skip
 
-    with standin("--speed", "8") as port:
-        mavsdk = Mavsdk(Configuration.create_manual(245, 190, True))
-        try:
-            mavsdk.add_any_connection(f"udpout://127.0.0.1:{port}")
-            system = mavsdk.first_autopilot(timeout_s=10.0)
-            assert system is not None
-            telemetry, action, mission = Telemetry(system), Action(system), Mission(system)
-            plan = [corner(4, 0, 3), corner(4, 4, 3.5), corner(0, 4, 3)]
-            mission.upload_mission(MissionPlan(plan))
-            back = mission.download_mission().mission_items
-            assert [round(i.relative_altitude_m, 1) for i in back] == [3.0, 3.5, 3.0]
-            until(telemetry.health_all_ok, 10.0, "never healthy")
-            action.arm()
-            mission.start_mission()
-            until(lambda: telemetry.flight_mode() == FlightMode.MISSION, 5.0, "no mission mode")
-            until(lambda: mission.mission_progress().current >= 2, 20.0, "does not come on")
-            until(mission.is_mission_finished, 20.0, "does not finish")
-            p = telemetry.position_velocity_ned().position
-            assert math.dist((p.north_m, p.east_m, p.down_m), (0, 4, -3)) < 1.0
-            until(lambda: telemetry.flight_mode() == FlightMode.HOLD, 5.0, "does not hold")
-            action.land()
-            until(lambda: not telemetry.armed(), 20.0, "did not land")
-        finally:
-            mavsdk.destroy()
+    with standin("--speed", "8") as port, mavsdk_system(port) as system:
+        telemetry, action, mission = Telemetry(system), Action(system), Mission(system)
+        plan = [corner(4, 0, 3), corner(4, 4, 3.5), corner(0, 4, 3)]
+        mission.upload_mission(MissionPlan(plan))
+        back = mission.download_mission().mission_items
+        assert [round(i.relative_altitude_m, 1) for i in back] == [3.0, 3.5, 3.0]
+        until(telemetry.health_all_ok, 10.0, "never healthy")
+        action.arm()
+        mission.start_mission()
+        until(lambda: telemetry.flight_mode() == FlightMode.MISSION, 5.0, "no mission mode")
+        until(lambda: mission.mission_progress().current >= 2, 20.0, "does not come on")
+        until(mission.is_mission_finished, 20.0, "does not finish")
+        p = telemetry.position_velocity_ned().position
+        assert math.dist((p.north_m, p.east_m, p.down_m), (0, 4, -3)) < 1.0
+        until(lambda: telemetry.flight_mode() == FlightMode.HOLD, 5.0, "does not hold")
+        action.land()
+        until(lambda: not telemetry.armed(), 20.0, "did not land")

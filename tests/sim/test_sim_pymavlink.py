@@ -1,56 +1,22 @@
 """A bare pymavlink client: PX4's manners on the wire, a flight, live motor commands, links that end."""
 
+import itertools
 import math
-import os
 import socket
 import struct
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import pytest
-
-os.environ.setdefault("MAVLINK20", "1")
-import itertools
-
-from pymavlink import mavutil
+from ground import client, command, get
 from pymavlink.dialects.v20 import common as m
 
 from sim.errors import SimError
 from sim.testing import standin
 
 HOLD, OFFBOARD = 4 << 16 | 3 << 24, 6 << 16
-
-
-@contextmanager
-def client(port: int, kind: str = "udpout") -> Iterator[Any]:
-    link = mavutil.mavlink_connection(f"{kind}:127.0.0.1:{port}", source_system=255, dialect="common")
-    try:
-        link.mav.heartbeat_send(6, 8, 0, 0, 4)
-        assert link.wait_heartbeat(timeout=10) is not None
-        yield link
-    finally:
-        link.close()
-
-
-def get(link: Any, kind: str, timeout: float = 3.0, met: Callable[[Any], bool] = lambda _: True) -> Any:
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
-        message = link.recv_match(type=kind, blocking=True, timeout=0.2)
-        if message is not None and met(message):
-            return message
-    return None
-
-
-def command(link: Any, number: int, *p: float) -> int:
-    params = [*p, *[0.0] * (7 - len(p))]
-    link.mav.command_long_send(1, 1, number, 0, *params)
-    ack = get(link, "COMMAND_ACK", met=lambda a: a.command == number)
-    assert ack is not None, f"no answer to command {number}"
-    assert ack.target_system == 255
-    return int(ack.result)
 
 
 def count(link: Any, kind: str, seconds: float, met: Callable[[Any], bool] = lambda _: True) -> int:
@@ -67,7 +33,7 @@ def as_int(field: float) -> int:
 
 @pytest.fixture(scope="module")
 def link() -> Iterator[Any]:
-    with standin("--speed", "4") as port, client(port) as c:
+    with standin("--speed", "4") as port, client(port, dialect="common") as c:
         yield c
 
 
@@ -189,7 +155,7 @@ def fly_live(link: Any) -> tuple[int, int]:
 
 @pytest.mark.parametrize(("firmware", "taken"), [("px4:1.13", True), ("px4", False)])
 def test_live_motor_commands_are_taken_by_1_13_only(firmware: str, taken: bool) -> None:
-    with standin("--firmware", firmware, "--speed", "2") as port, client(port) as link:
+    with standin("--firmware", firmware, "--speed", "2") as port, client(port, dialect="common") as link:
         own, ours = fly_live(link)
         assert (ours > 3 * own and ours > 5) if taken else ours == 0
         # the stream has stopped: its own mixer flies again
@@ -198,7 +164,7 @@ def test_live_motor_commands_are_taken_by_1_13_only(firmware: str, taken: bool) 
 
 
 def test_a_table_acts_at_once() -> None:
-    with standin("--speed", "4") as port, client(port) as link:
+    with standin("--speed", "4") as port, client(port, dialect="common") as link:
         command(link, 400, 1)
         command(link, 22, 0, 0, 0, math.nan, math.nan, math.nan, math.nan)
         assert get(link, "LOCAL_POSITION_NED", 10.0, lambda p: p.z < -2.0) is not None
@@ -219,9 +185,9 @@ def test_a_table_acts_at_once() -> None:
 
 def test_tcp_serves_two_clients_and_outlives_them() -> None:
     with standin("--speed", "4", kind="tcpin") as port:
-        with client(port, "tcp") as a, client(port, "tcp") as b:
+        with client(port, "tcp", "common") as a, client(port, "tcp", "common") as b:
             assert get(a, "ATTITUDE") is not None and get(b, "ATTITUDE") is not None
-        with client(port, "tcp") as again:
+        with client(port, "tcp", "common") as again:
             assert get(again, "ATTITUDE") is not None
 
 

@@ -43,6 +43,7 @@ class Effect(Generic[Frame]):
     inverse: Callable[[Frame, Mapping[str, float]], tuple[Shape, Array]]
     refuse: Callable[[Mapping[str, float]], str | None]
     cause: Callable[[Frame, Shape, str], tuple[str, Array]]
+    sudden: bool = False  # may begin in mid-log: knows the shape number `onset_s`
     accused: str = ""  # a column: what is found is a wrong instrument, not physics
     stage: int = 5
     apply: Callable[[Frame, Mapping[str, float]], Frame] | None = None

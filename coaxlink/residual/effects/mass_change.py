@@ -2,7 +2,7 @@
 
 Source: Newton's second law. The accelerometer times the declared mass reads F m_declared / m. A rotor model
 that is off by the same few per cent looks alike in force: only what exceeds the stand's own doubt is a
-mass.
+mass. A payload that falls, or is taken up, shows by itself.
 """
 
 from __future__ import annotations
@@ -12,22 +12,24 @@ from collections.abc import Mapping
 import numpy as np
 
 from coaxlink.residual.effects.base import Array, Effect, Shape, one_shape, outside, present
+from coaxlink.residual.effects.onset import onset_limits, since
 from coaxlink.residual.frames import FlightFrame
 
 
-def _columns(frame: FlightFrame, _: Shape) -> Array:
+def _columns(frame: FlightFrame, shape: Shape) -> Array:
     out = np.zeros((len(frame.predicted), 6, 1))
-    out[:, :3, 0] = -frame.predicted[:, :3]
+    out[:, :3, 0] = -frame.predicted[:, :3] * since(frame, shape)[:, None]
     return out
 
 
-def _parameters(frame: FlightFrame, _: Shape, c: Array) -> dict[str, float]:
+def _parameters(frame: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
     # m_declared / m = 1 - c
-    return {"mass_kg": float(frame.airframe.mass_kg / max(1.0 - c[0], 0.05))}
+    return {"mass_kg": float(frame.airframe.mass_kg / max(1.0 - c[0], 0.05)), **shape}
 
 
 def _inverse(frame: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    return {}, np.array([1.0 - frame.airframe.mass_kg / p["mass_kg"]])
+    shape = {k: v for k, v in p.items() if k == "onset_s"}
+    return shape, np.array([1.0 - frame.airframe.mass_kg / p["mass_kg"]])
 
 
 FLIGHT: Effect[FlightFrame] = Effect(
@@ -36,7 +38,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     source="Newton's second law",
     needs=("accel_z_m_s2",),
     channels=("force_x", "force_y", "force_z"),
-    units={"mass_kg": "kg"},
+    units={"mass_kg": "kg", "onset_s": "s"},
     missing=present,
     shapes=one_shape,
     columns=_columns,
@@ -44,5 +46,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=lambda p: outside("mass_kg", p["mass_kg"], 1e-3, 1e4, "kg"),
     cause=lambda frame, _, channel: ("total_thrust_N", frame.thrust.sum(axis=1)),
+    sudden=True,
     stage=9,
+    free=onset_limits,
 )

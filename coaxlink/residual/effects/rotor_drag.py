@@ -90,11 +90,23 @@ def _shapes(_: FlightFrame) -> Sequence[Shape]:
     return [*({form: 1.0} for form in _FORMS), *level]
 
 
-def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    """From a drag that does not level off to one that may, at any speed."""
-    if "saturation_m_s" in shape or "by_square" in shape:
-        return []
-    return [({**shape, "saturation_m_s": 12.0}, c)]
+def _finer(frame: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    """Other forms of the same size, and from a drag that does not level off to one that may, at any speed."""
+    usual = {form: _usual(frame, {form: 1.0}) for form in _FORMS if form != "by_square"}
+    mine = next(iter(shape))
+    out: list[tuple[Shape, Array]] = []
+    if mine in usual and "saturation_m_s" not in shape:
+        out = [({form: 1.0}, c * usual[mine] / size) for form, size in usual.items() if form != mine]
+        out.append(({**shape, "saturation_m_s": 12.0}, c))
+    return out
+
+
+def _usual(frame: FlightFrame, shape: Shape) -> float:
+    """What the drag of the middle one of the rotors grows with."""
+    still = np.zeros((len(frame.time_s), 3))
+    rotors = range(len(frame.airframe.rotors))
+    weights = np.stack([_weight(frame, i, still, shape) for i in rotors], axis=1)[frame.keep]
+    return max(float(np.median(weights)), 1e-9)
 
 
 def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:

@@ -12,6 +12,7 @@ from coaxlink.residual.frames import STAND_LOADS, StandFrame
 GAS_CONSTANT = 287.05
 POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: told from full speed down
 RISES = (2.0, 4.0, 7.0)  # of Mach number: nothing at rest
+ARM_M = 0.3  # torque over thrust: a rotor of a metre has some 0.05
 OVER = (-0.12, -0.06, 0.0, 0.06, 0.12)  # of the log's median density: where a given model holds
 APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
 SPACING = {"decay": (0.05, 8.0), "apart": (-0.5, 0.5)}
@@ -174,6 +175,12 @@ def _interference_columns(frame: StandFrame, shape: Shape) -> Array:
     return out
 
 
+def _interference_refuse(p: Mapping[str, float]) -> str | None:
+    """It takes thrust; torque goes with it, by no more of an arm than rotors have."""
+    arm = p["torque_loss_Nm"] / max(p["thrust_loss_N"], 1e-9)
+    return outside("thrust_loss_N", p["thrust_loss_N"], 0.0, 1e4) or outside("arm", arm, -ARM_M, ARM_M, "m")
+
+
 INTERFERENCE: Effect[StandFrame] = Effect(
     name="lower_on_upper_interference",
     stage=4,
@@ -194,7 +201,7 @@ INTERFERENCE: Effect[StandFrame] = Effect(
         {k: v for k, v in p.items() if k.endswith("power")},
         np.array([p["thrust_loss_N"], p["torque_loss_Nm"]]),
     ),
-    refuse=lambda p: outside("thrust_loss_N", p["thrust_loss_N"], 0.0, 1e4),
+    refuse=_interference_refuse,
     cause=lambda frame, _, __: ("u_l", frame.speeds[:, 1]),
     free=lambda _, __: {"lower_power": (0.4, 5.0), "upper_power": (0.0, 4.0)},
 )
