@@ -24,7 +24,18 @@ from coaxlink.residual.flight_problem import (
 from coaxlink.residual.flight_problem import known_parts as known_in_flight
 from coaxlink.residual.flight_suspects import flight_suspects
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
-from coaxlink.residual.joint import Fitter, Joint, Member, Part, composed, fit, member, needed, straight
+from coaxlink.residual.joint import (
+    SHORT,
+    Fitter,
+    Joint,
+    Member,
+    Part,
+    composed,
+    fit,
+    member,
+    needed,
+    straight,
+)
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.select import Selection, columns_of, select
@@ -40,7 +51,8 @@ Progress = Callable[[str], None]
 ROUNDS = 3  # of judging again
 LEAST_ROWS = 80  # judged rows of a flight
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
-LONG = 200_000  # judged rows times channels: beyond, other forms of an effect are not tried
+MANY_ROWS, STRETCH = 60_000, 64  # of a stand log: a longer one is judged on every so many stretches
+LONG = 100_000  # judged rows times channels: beyond, other forms of an effect are not tried
 FAR_OFF = 1.15  # of the noise: a fitted base is looked at again
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
 
@@ -112,6 +124,9 @@ def refine_stand(
     bare = stand_frame(samples, model)
     suspects, bad, mislabelled = find_suspects(bare)
     trusted = np.flatnonzero(np.logical_not(bad))
+    thinned = max(1, round(len(trusted) / MANY_ROWS))
+    if thinned > 1:  # stretches whole: neighbours tell the noise, and what lags or remembers sees every row
+        trusted = trusted[(trusted // STRETCH) % thinned == 0]
     best: tuple[float, Judged] | None = None
     shed: Array | None = None
     # a base of high order may swallow an effect that a plain one leaves to be named; and how rich a base must
@@ -124,6 +139,8 @@ def refine_stand(
         if best is not None and bare.model.terms() == best[1].problem.frame.model.terms():
             continue
         known, notes = known_on_stand(bare)
+        if thinned > 1:
+            notes.append(f"a long log: judged on every {thinned}th stretch of {STRETCH} rows")
         problem = stand_problem(composed(bare, known))
         progress("selecting")
         few = len(trusted) < LEAST_STAND_ROWS
@@ -183,7 +200,8 @@ def _again(
     """
     settled: dict[str, Member] = {}
     barred: set[str] = set()
-    for number in range(1, ROUNDS + 1):
+    rounds = ROUNDS if problem.residual.size < SHORT else 1
+    for number in range(1, rounds + 1):
         if not selection.members:
             break
         claimed = Selection(members=selection.members)
@@ -193,7 +211,7 @@ def _again(
         fitter = _fitter(problem, bare, known, {m.name for m in joint.members}, reduce)
         about = fitter.beside(joint)
         had = {m.name for m in joint.members}
-        again = select(about, about.options[: len(had)], barred=barred, on_trial=number < ROUNDS)
+        again = select(about, about.options[: len(had)], barred=barred, on_trial=number < rounds)
         same = {m.name for m in again.members} == had
         barred |= had - {m.name for m in again.members}
         settled = {m.name: m for m in joint.members}
