@@ -11,12 +11,16 @@ import select
 import socket
 import struct
 import time
+from typing import Any
 
 from pymavlink.dialects.v20 import common as m
 
 
-def relay(listen: socket.socket, vehicle: tuple[str, int], loss: float, seed: int) -> None:
-    """Carry datagrams both ways: lose `loss`, double 2 %, delay 2 ms, 5 % up to 60 ms late, corrupt 0.5 %."""
+def relay(listen: socket.socket, vehicle: tuple[str, int], share: Any, seed: int) -> None:
+    """Carry datagrams both ways: lose a share, double 2 %, delay 2 ms, 5 % up to 60 ms late, corrupt 0.5 %.
+
+    `share` is a multiprocessing.Value; while it is 0 nothing is done to any datagram.
+    """
     draw = random.Random(seed)
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     peer, late = None, []
@@ -32,6 +36,7 @@ def relay(listen: socket.socket, vehicle: tuple[str, int], loss: float, seed: in
                 data, source = ready.recvfrom(65536)
             except OSError:
                 continue
+            loss = share.value
             if ready is listen:
                 peer = source
             there = (out, vehicle) if ready is listen else (listen, peer)

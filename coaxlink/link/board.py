@@ -106,6 +106,8 @@ class Board(ABC):
             rewritten |= self._put_file(path, data)
         now, later = self._in_order(content)
         written = self._put_values(now, known.values, guard, settle_s)
+        if now:
+            self._make_last()
         restart |= rewritten or bool(self.reboots & written)
         if restart:
             guard()
@@ -136,6 +138,10 @@ class Board(ABC):
     def _in_order(self, content: Content) -> tuple[Mapping[str, Value], Mapping[str, Value]]:
         """(parameters to write first, those that can only be written after a restart)."""
         return content.values, {}
+
+    @abstractmethod
+    def _make_last(self) -> None:
+        """See that what was written survives a power cut. Raises LinkError."""
 
     def _put_later(self, values: Mapping[str, Value], guard: Guard, settle_s: float) -> None:
         raise NotImplementedError

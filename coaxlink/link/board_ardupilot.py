@@ -105,6 +105,9 @@ class ArduPilotBoard(Board):
         live = {n: v for n, v in content.values.items() if n.startswith(_LIVE)}
         return fixed, live if runs else {}
 
+    def _make_last(self) -> None:
+        """ArduPilot saves every value as it comes, and has no command for it."""
+
     def _put_later(self, values: Mapping[str, Value], guard: Guard, settle_s: float) -> None:
         """The loader's parameters, its checksum last: it takes the table when that agrees."""
         end = time.monotonic() + self._script_s

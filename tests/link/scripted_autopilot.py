@@ -96,7 +96,7 @@ class ScriptedAutopilot:
             self.commands.append((message.command, message.param1, message.param2))
             if message.command == 512 and message.param1 == 148:
                 self._send_version()
-            known = message.command in (400, 511, 512)
+            known = message.command in (245, 400, 511, 512)
             self.send(m.MAVLink_command_ack_message(message.command, 0 if known else 3))
         elif kind == "PARAM_REQUEST_READ":
             names = list(self.params)

@@ -203,7 +203,9 @@ class _Once(set):
         return False
 
 
-def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(board, tmp_path):
+def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(board, tmp_path, monkeypatch):
+    monkeypatch.setattr("coaxlink.link.parameters.LOST_S", 0.6)
+    monkeypatch.setattr("coaxlink.link.parameters._BEAT_S", 0.3)
     before = dict(board.params)
     board.mute_after = 7
     with connect(board.url) as session:
@@ -213,7 +215,6 @@ def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(boar
             patience_s=0.0,
             parameters=Parameters(session, timeout_s=0.02),
         )
-        session._heard_s -= 10.0
         outcome = worker.upload(_plan(tmp_path))
     assert (
         outcome.result == "failed"
