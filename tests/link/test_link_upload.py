@@ -29,6 +29,13 @@ def board():
         yield vehicle
 
 
+@pytest.fixture
+def impatient(monkeypatch):
+    """A vehicle that beats every 50 ms is missed sooner."""
+    monkeypatch.setattr("coaxlink.link.parameters.LOST_S", 0.6)
+    monkeypatch.setattr("coaxlink.link.parameters._BEAT_S", 0.1)
+
+
 def _plan(tmp_path, **options):
     folder = tmp_path / "table"
     folder.mkdir(exist_ok=True)
@@ -203,9 +210,7 @@ class _Once(set):
         return False
 
 
-def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(board, tmp_path, monkeypatch):
-    monkeypatch.setattr("coaxlink.link.parameters.LOST_S", 0.6)
-    monkeypatch.setattr("coaxlink.link.parameters._BEAT_S", 0.3)
+def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(board, tmp_path, impatient):
     before = dict(board.params)
     board.mute_after = 7
     with connect(board.url) as session:
@@ -234,7 +239,7 @@ def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(boar
     assert Journal(_Identity).open_entry() is None
 
 
-def test_the_old_table_comes_back_when_the_link_does(board, tmp_path):
+def test_the_old_table_comes_back_when_the_link_does(board, tmp_path, impatient):
     before = dict(board.params)
     board.mute_after = 7
     said = []
@@ -251,7 +256,6 @@ def test_the_old_table_comes_back_when_the_link_does(board, tmp_path):
             talk=Talk(say=say),
             parameters=Parameters(session, timeout_s=0.02),
         )
-        session._heard_s -= 10.0
         outcome = worker.upload(_plan(tmp_path))
     assert outcome.result == "rolled_back" and isinstance(outcome.error, Exception)
     assert _same(board.params, before)
@@ -321,12 +325,11 @@ def test_a_nan_on_board_is_backed_up_and_never_sent(board, tmp_path):
     assert back.result == "verified" and "SENS_NONE" not in board.sets
 
 
-def test_the_backup_of_an_interrupted_upload_is_the_last_whole_table(board, tmp_path):
+def test_the_backup_of_an_interrupted_upload_is_the_last_whole_table(board, tmp_path, impatient):
     """Half a table on board, a journal of it: what is saved then, and goes back, is the table before both."""
     before = dict(board.params)
     board.mute_after = 7
     with connect(board.url) as session:
-        session._heard_s -= 10.0
         quick = Parameters(session, timeout_s=0.02)
         worker = Uploader(session, backup_folder=tmp_path / "a", patience_s=0.0, parameters=quick)
         assert worker.upload(_plan(tmp_path)).result == "failed"
