@@ -114,7 +114,7 @@ def series(draw, losses, board, known, folder, rows) -> None:
         seconds = time.monotonic() - started
         if what == "none":
             took[loss].append(seconds)
-        state, _ = looker.look()
+        state, off = looker.look()
         journal = next(Path(os.environ["COAXLINK_STATE"]).glob("*.journal.json"), None)
         ways = []
         while journal is not None and journal.exists() and len(ways) < 5:
@@ -123,7 +123,7 @@ def series(draw, losses, board, known, folder, rows) -> None:
             again = upload_in_a_child(board.url, back, folder, folder / "resumed.json")
             assert _wait(again, time.monotonic() + 240.0), "a resumed upload hangs"
             ways.append(back.name)
-        after, off = "", {}
+        after = ""
         if ways:
             after, off = ("open", {}) if journal.exists() else looker.look()
         elif outcome["result"] == "verified" and draw.random() < 0.15:

@@ -106,8 +106,6 @@ class Board(ABC):
             rewritten |= self._put_file(path, data)
         now, later = self._in_order(content)
         written = self._put_values(now, known.values, guard, settle_s)
-        if now:
-            self._make_last()
         restart |= rewritten or bool(self.reboots & written)
         if restart:
             guard()
@@ -165,6 +163,7 @@ class Board(ABC):
             with self.session.listen(("PARAM_VALUE",), lambda m: m.param_id in values) as echoes:
                 self.parameters.write_many(todo, before_each=guard)
                 written |= {v.name for v in todo}
+                self._make_last()  # before reading: a board that lost its power in between says the old
                 time.sleep(settle_s)
                 found = self.parameters.read_many(values, missing_ok=True)
                 while (echo := self.session.take(echoes, 0.0)) is not None:

@@ -1,7 +1,7 @@
 """Every no of upload, restore and verify as a user meets it: exit code, one line, the board as it was.
 
-The rows are the table "Exit codes" of docs/tables.md. Faults that need a file system on board or a restart are
-in tests/link (test_link_fork.py, test_link_standins.py).
+The rows are the table "Exit codes" of docs/tables.md. Faults that need a file system on board, or a restart,
+are in tests/link (test_link_fork.py, test_link_standins.py).
 """
 
 import json

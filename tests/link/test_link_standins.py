@@ -81,6 +81,21 @@ def test_px4_keeps_it_over_a_reboot(tables, tmp_path):
         assert any("rebooting" in text for text in said) and verify(session, None).holds
 
 
+def test_what_is_verified_survives_a_power_cut(tables, tmp_path):
+    """PX4 saves its parameters up to two seconds late: the word "verified" must not come before."""
+    plan, memory = load_plan(tables["px4"]), ("--memory", str(tmp_path / "flash"))
+    with (
+        standin("--firmware", "px4", *memory) as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        assert Uploader(session, backup_folder=tmp_path).upload(plan).result == "verified"
+    with (
+        standin("--firmware", "px4", *memory) as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        assert verify(session, plan).holds
+
+
 def test_a_reboot_in_the_middle_does_not_leave_a_mixture(tables, tmp_path):
     with (
         standin("--firmware", "px4", "--wire", "reboot=7") as port,

@@ -4,6 +4,7 @@ import struct
 
 import pytest
 from px4_board import params_text, x8
+from pymavlink.dialects.v20 import common as m
 from scripted_autopilot import ScriptedAutopilot
 
 from coaxlink.errors import InputError, LinkError
@@ -319,3 +320,36 @@ def test_a_board_that_is_not_known_by_its_id_is_asked_again(board, tmp_path):
     outcome = _upload(board, _plan(tmp_path), tmp_path)
     assert outcome.result == "verified" and len(asked) > 7
     assert Journal(_Identity).last() is not None
+
+
+def test_power_lost_before_the_board_saved_is_seen(board, tmp_path):
+    """It comes back with what it had, and then accepts to save that: what was read before is worth nothing."""
+    old = dict(board.params)
+    handle, cuts = board._handle, []
+
+    def lose_power(message):
+        if (
+            message.get_type() == "COMMAND_LONG"
+            and message.command == m.MAV_CMD_PREFLIGHT_STORAGE
+            and not cuts
+        ):
+            cuts.append(len(board.sets))
+            board.params = dict(old)
+        handle(message)
+
+    board._handle = lose_power
+    outcome = _upload(board, _plan(tmp_path), tmp_path)
+    assert cuts == [18] and outcome.result == "verified"
+    assert board.params["CA_ROTOR0_CT"][0] == pytest.approx(46.98) and len(board.sets) == 36
+
+
+def test_a_board_that_is_busy_saving_is_asked_again_and_one_that_cannot_is_waited_for(
+    board, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("coaxlink.link.board_px4._AUTOSAVE_S", 0.3)
+    answers = [m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_TEMPORARILY_REJECTED, m.MAV_RESULT_ACCEPTED]
+    board.storage = lambda: answers.pop(0)
+    assert _upload(board, _plan(tmp_path), tmp_path).result == "verified" and answers == []
+    board.storage, said = lambda: m.MAV_RESULT_UNSUPPORTED, []
+    outcome = _upload(board, _plan(tmp_path, MPC_THR_HOVER=0.41), tmp_path, Talk(say=said.append))
+    assert outcome.result == "verified" and any("does not save on request" in text for text in said)
