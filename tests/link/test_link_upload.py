@@ -323,7 +323,7 @@ def test_a_board_that_is_not_known_by_its_id_is_asked_again(board, tmp_path):
 
 
 def test_power_lost_before_the_board_saved_is_seen(board, tmp_path):
-    """It comes back with what it had, and then accepts to save that: what was read before is worth nothing."""
+    """It comes back with what it had, and then accepts to save that: what was read before is worthless."""
     old = dict(board.params)
     handle, cuts = board._handle, []
 
