@@ -180,9 +180,19 @@ def test_ardupilot_refuses_what_it_must(tables, tmp_path):
         ):
             outcome = upload(change)
             assert outcome.result == "refused" and why in outcome.reason and outcome.error.exit_code == 4
+        path = folder / "scripts" / scripts.MATRIX_NAME
+        path.write_text(turned(next((tables["matrix"] / "scripts").iterdir()).read_text()))
+        outcome = upload(("FRAME_CLASS,15", "FRAME_CLASS,15"))
+        assert outcome.result == "refused" and "motor 1 changes spin (8 motors differ)" in outcome.reason
         outcome = Uploader(session, backup_folder=tmp_path).upload(load_plan(tables["px4"]))
         assert outcome.result == "refused" and "is for PX4, the vehicle runs ArduPilot" in outcome.reason
         assert not (tmp_path / "b").exists()
+
+
+def turned(script):
+    """Our matrix script with every yaw factor turned round."""
+    factors = [(r, p, -y, t) for r, p, y, t in scripts.script_factors(script)]
+    return scripts.matrix_script(factors, title="turned")
 
 
 def test_a_script_that_fails_its_own_check_is_rolled_back_or_cannot_arm(tables, tmp_path):
