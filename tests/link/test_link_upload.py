@@ -1,6 +1,9 @@
 """Uploads against a scripted autopilot: what is on board afterwards is what counts."""
 
+import os
+import signal
 import struct
+from pathlib import Path
 
 import pytest
 from px4_board import params_text, x8
@@ -353,3 +356,45 @@ def test_a_board_that_is_busy_saving_is_asked_again_and_one_that_cannot_is_waite
     board.storage, said = lambda: m.MAV_RESULT_UNSUPPORTED, []
     outcome = _upload(board, _plan(tmp_path, MPC_THR_HOVER=0.41), tmp_path, Talk(say=said.append))
     assert outcome.result == "verified" and any("does not save on request" in text for text in said)
+
+
+def _upload_in_a_child(board, plan, tmp_path):
+    """Fork: the child uploads and ends without a word; its process id."""
+    pid = os.fork()
+    if not pid:
+        try:
+            _upload(board, plan, tmp_path)
+        finally:
+            os._exit(0)
+    return pid
+
+
+@pytest.mark.parametrize("first", [1, 2, 3])
+def test_killed_after_each_write_the_next_call_makes_it_whole(board, tmp_path, first):
+    """SIGKILL once n of 18 values are on board, for every n; then the same table, another, or the backup."""
+    plan, other = _plan(tmp_path), tmp_path / "other"
+    other.mkdir()
+    (other / "x8.params").write_text(params_text(ct_upper=50.0, ct_lower=60.0))
+    before = dict(board.params)
+    for n in range(first, 19, 3):
+        board.params, board.sets, board.after_set = dict(before), [], {}
+        pid = _upload_in_a_child(board, plan, tmp_path)
+        board.after_set = {n: lambda pid=pid: os.kill(pid, signal.SIGKILL)}
+        assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == -signal.SIGKILL
+        entry = Journal(_Identity).open_entry()
+        assert entry is not None and entry.old.values["CA_ROTOR0_CT"].value == 6.5
+        way = n % 3
+        if way == 0:
+            with connect(board.url) as session:
+                back = Uploader(session, backup_folder=tmp_path / "b").restore(
+                    read_backup(Path(entry.backup))
+                )
+            assert back.result == "verified" and _same(board.params, before)
+        else:
+            wanted = plan if way == 1 else load_plan(other)
+            assert _upload(board, wanted, tmp_path).result == "verified"
+            held = {name: _f32(board.params[name][0]) for name in wanted.params}
+            assert held == {name: _f32(v) for name, v in wanted.params.items()}
+            rest = {name: v for name, v in board.params.items() if name not in wanted.params}
+            assert _same(rest, {name: v for name, v in before.items() if name not in wanted.params})
+        assert Journal(_Identity).open_entry() is None
