@@ -69,7 +69,8 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         rate = min(s.rate_hz for s in stretches)
     stretches = [_at_rate(s, rate) for s in stretches]
     parts = [_side(i, s, airframe, motors) for i, s in enumerate(stretches)]
-    whole = {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+    shared = [name for name in parts[0] if all(name in p for p in parts)]
+    whole = {name: np.concatenate([p[name] for p in parts]) for name in shared}
     thrust, torque = airframe.loads(model, whole["speeds"])
     predicted = airframe.body_loads(thrust, torque)
     keep, notes = _judged(whole, parts, stretches, -predicted[:, 2], airframe)
@@ -274,7 +275,8 @@ def _steady(
     runs = np.cumsum(np.diff(keep, prepend=keep[:1]) != every).astype(float)
     gain = [difference_gain(rate, cutoff, every, differentiated=c > 2) for c in range(loads.shape[1])]
     noise = noise_floor(reduced[keep], runs, np.array(gain))
-    excess = np.max(doubt / np.maximum(JUMP * np.median(doubt, axis=0), (MATTERS * noise) ** 2), axis=1)
+    usual = np.maximum(JUMP * np.median(doubt, axis=0), (MATTERS * noise) ** 2)
+    excess = np.max(doubt / np.maximum(usual, 1e-30), axis=1)
     out = keep[excess <= max(1.0, float(np.quantile(excess, 1.0 - MOST_JUMPS)))]
     if len(out) < len(keep):
         seconds = (len(keep) - len(out)) / JUDGED_RATE_HZ
