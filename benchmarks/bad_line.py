@@ -1,14 +1,17 @@
 """Uploads to the stand-in over a line that loses, doubles, reorders, delays and corrupts, with kills.
 
-    python benchmarks/bad_line.py [--firmware px4|ardupilot] [--uploads 1000] [--workers 3] [--json FILE]
+    python benchmarks/bad_line.py [--firmware px4|ardupilot] [--uploads 1000] [--workers 6] [--keep FILE]
 
-Each worker has a stand-in (`coaxlink sim`), a relay process that spoils the line, and uploads tables in turn
-(ArduPilot: two of FRAME_CLASS 17, two of 15, so that scripts come, go and change), each from a process of
-its own that may be killed with SIGKILL; the stand-in may freeze or reboot. After every upload the board is
-read over a clean line by a reader of its own: parameters, and on ArduPilot the scripts' checksums. It must
-hold one of the tables whole, or the mixture must be known: a journal on disk. Then the journal is resumed
-over the same bad line, by an upload of the same table, of another one, or by restoring its backup, until it
-is closed, and the board is read again. The faults of the line are drawn here, not by the product's simulator.
+Each worker has a stand-in (`coaxlink sim --memory`), a relay process that spoils the line, and uploads tables
+in turn (ArduPilot: two of FRAME_CLASS 17, two of 15, so that scripts come, go and change), each from a
+process of its own that may be killed with SIGKILL; the stand-in may freeze, reboot, or be killed and started
+again, at any time and just after a table was verified. After every upload the board is read over a clean line
+by a reader of its own: parameters, and on ArduPilot the scripts' checksums. It must hold one of the tables
+whole, or the mixture must be known: a journal on disk. Then the journal is resumed over the same bad line, by
+an upload of the same table, of another one, or by restoring its backup, until it is closed, and the board is
+read again. The faults of the line are drawn here, not by the product's simulator.
+
+SIGTERM ends it with a table of what there is; with `--keep`, the next call goes on from there.
 """
 
 from __future__ import annotations
@@ -20,57 +23,17 @@ import multiprocessing
 import os
 import random
 import signal
-import socket
 import statistics
-import struct
 import subprocess
 import sys
 import tempfile
 import time
-import zlib
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
-from spoiled_line import Clean, relay
+from boards import ROOT, Standin, ardupilot_tables, fate, px4_tables
 
 LOSSES = (0.0, 0.05, 0.1, 0.2, 0.3)
-PIECE = 10  # uploads to one stand-in
-ROOT = Path(__file__).parents[1]
-
-
-def ardupilot_tables(folder: Path) -> list[tuple[Path, dict[str, bytes | None]]]:
-    """Four tables as files, and what the board holds of each: bits of parameters, CRCs of both scripts."""
-    made = []
-    for law, frame_class in (("reduced", 17), ("standard", 17), ("reduced", 15), ("standard", 15)):
-        place = folder / f"{law}{frame_class}"
-        command = [sys.executable, "-m", "coaxlink", "table", str(ROOT / "examples" / "x8_paper.toml")]
-        command += ["--firmware", "ardupilot", "--law", law, "--frame-class", str(frame_class)]
-        subprocess.run([*command, "--out", str(place)], check=True, capture_output=True)
-        (path,) = place.glob("*.param")
-        lines = [line.split(",") for line in path.read_text().splitlines() if not line.startswith("#")]
-        held: dict[str, bytes | None] = {n: struct.pack("<f", float(v)) for n, v in lines}
-        for name in ("coaxlink_matrix.lua", "coaxlink_loader.lua"):
-            script = place / "scripts" / name
-            crc = zlib.crc32(script.read_bytes(), 0xFFFFFFFF) ^ 0xFFFFFFFF if script.exists() else None
-            held[f"/APM/scripts/{name}"] = None if crc is None else struct.pack("<I", crc)
-        made.append((place, held))
-    return made
-
-
-def tables(folder: Path) -> list[tuple[Path, dict[str, bytes]]]:
-    """Two tables as files, and their bits."""
-    from firmware_params import px4
-
-    made = []
-    for law in ("reduced", "standard"):
-        command = [sys.executable, "-m", "coaxlink", "table", str(ROOT / "examples" / "x8_paper.toml")]
-        command += ["--firmware", "px4", "--law", law, "--out", str(folder / law)]
-        subprocess.run(command, check=True, capture_output=True)
-        (path,) = (folder / law).glob("*.params")
-        read = px4.read_params_file(path)
-        bits = {n: struct.pack("<i" if read.types[n] == 6 else "<f", v) for n, v in read.params.items()}
-        made.append((folder / law, bits))
-    return made
 
 
 def upload_in_a_child(url: str, source: Path, folder: Path, result: Path) -> int:
@@ -78,6 +41,7 @@ def upload_in_a_child(url: str, source: Path, folder: Path, result: Path) -> int
     pid = os.fork()
     if pid:
         return pid
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     code = 70
     try:
         from coaxlink.link import connect
@@ -100,127 +64,113 @@ def upload_in_a_child(url: str, source: Path, folder: Path, result: Path) -> int
 
 
 def worker(
-    number: int, firmware: str, jobs: list[tuple[float, int]], folder: Path, rows: multiprocessing.Queue
+    number: int, firmware: str, losses: list[float], known: list, folder: Path, rows: multiprocessing.Queue
 ) -> None:
-    """Run `jobs` of (loss, uploads)."""
+    """One upload for each of `losses`."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the stand-in ends with us
-    os.environ["COAXLINK_STATE"] = str(folder / f"state{number}")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ["COAXLINK_STATE"] = str(folder / "state")
     import coaxlink.link.upload  # noqa: F401 - once, before the forks
 
-    draw = random.Random(number)
-    make = tables if firmware == "px4" else ardupilot_tables
-    known = make(folder / f"tables{number}")
-    for loss, count in jobs:
-        command = [sys.executable, "-m", "coaxlink", "sim", "--listen", "udpin:127.0.0.1:0"]
-        command += ["--firmware", firmware]
-        vehicle = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        port = int(vehicle.stdout.readline().strip().rpartition(":")[2])
-        listen = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        listen.bind(("127.0.0.1", 0))
-        url = f"udpout:127.0.0.1:{listen.getsockname()[1]}"
-        spoiler = multiprocessing.Process(
-            target=relay, args=(listen, ("127.0.0.1", port), loss, draw.randrange(2**31)), daemon=True
-        )
-        spoiler.start()
-        try:
-            series(
-                draw,
-                loss,
-                count,
-                url,
-                Clean(("127.0.0.1", port)),
-                vehicle,
-                known,
-                folder / f"w{number}",
-                rows,
-            )
-        finally:
-            spoiler.kill()
-            vehicle.send_signal(signal.SIGCONT)
-            vehicle.terminate()
-            try:
-                vehicle.wait(30)
-            except subprocess.TimeoutExpired:
-                vehicle.kill()
-    rows.put(None)
+    draw = random.Random(f"{number} {len(losses)}")
+    board = Standin(firmware, folder, draw.randrange(2**31))
+    try:
+        series(draw, losses, board, known, folder, rows)
+        rows.put(None)
+    finally:
+        board.close()
 
 
-def series(draw, loss, count, url, clean, vehicle, known, folder, rows) -> None:
-    """Uploads in turn to one stand-in."""
-    keys = sorted({key for _, held in known for key in held})
-    names, paths = [k for k in keys if "/" not in k], [k for k in keys if "/" in k]
-    first = clean.board(names, paths)
-    # a backup of the first state does not speak of the loader's parameters, which are not there then
-    initial = {k: v for k, v in first.items() if v is not None or "/" in k}
-    wholes = {source.name: held for source, held in known} | {"initial": initial}
+class Looker:
+    """Says which table the board holds, by a reader of its own over a clean line."""
 
-    def look() -> tuple[str, dict[str, list[str]]]:
+    def __init__(self, board: Standin, known: list) -> None:
+        self._board = board
+        keys = sorted({key for _, held in known for key in held})
+        self._names, self._paths = [k for k in keys if "/" not in k], [k for k in keys if "/" in k]
+        first = board.clean.board(self._names, self._paths)
+        # a backup of the first state does not speak of the loader's parameters, which are not there then
+        initial = {k: v for k, v in first.items() if v is not None or "/" in k}
+        self._wholes = {source.name: held for source, held in known} | {"initial": initial}
+
+    def look(self) -> tuple[str, dict[str, list[str]]]:
         """The name of the table on board; for a mixture, by what it differs from each."""
         time.sleep(0.15)  # what is still under way arrives
-        now = clean.board(names, paths)
-        off = {n: [k for k, v in w.items() if now[k] != v] for n, w in wholes.items()}
+        now = self._board.clean.board(self._names, self._paths)
+        off = {n: [k for k, v in w.items() if now[k] != v] for n, w in self._wholes.items()}
         whole = next((n for n, keys in off.items() if not keys), None)
-        return (whole, {}) if whole else ("mixture", off)
+        return (whole, {}) if whole else ("mixture", {n: keys[:6] for n, keys in off.items()})
 
-    took = [2.0]
-    folder.mkdir(parents=True, exist_ok=True)
-    for i in range(count):
+
+def series(draw, losses, board, known, folder, rows) -> None:
+    """Uploads in turn to one stand-in."""
+    looker = Looker(board, known)
+    took = collections.defaultdict(lambda: [2.0])
+    for i, loss in enumerate(losses):
+        board.lose(loss)
         source, _ = known[i % len(known)]
-        result = folder / "result.json"
-        result.unlink(missing_ok=True)
         started = time.monotonic()
-        pid = upload_in_a_child(url, source, folder, result)
-        fate = draw.choices(("none", "kill", "freeze", "reboot"), (0.55, 0.25, 0.12, 0.08))[0]
-        when = draw.uniform(0.2, 1.2 * statistics.median(took[-20:]))
-        ended = _wait(pid, started + when)
-        if not ended and draw.random() < 0.6:  # most faults belong into the short time of writing
-            ended = _writing(pid, started + 60.0) or _wait(
-                pid, time.monotonic() + draw.uniform(0.0, 0.15 + loss)
-            )
-        if not ended and fate == "kill":
-            os.kill(pid, signal.SIGKILL)
-        elif not ended and fate == "freeze":
-            vehicle.send_signal(signal.SIGSTOP)
-            time.sleep(draw.uniform(0.3, 4.0))
-            vehicle.send_signal(signal.SIGCONT)
-        elif not ended and fate == "reboot":
-            clean.reboot()
-        fate = "none" if ended else fate
-        if not ended:
-            assert _wait(pid, started + 180.0), "an upload hangs"
+        what, outcome = strike(draw, board, source, folder, statistics.median(took[loss][-20:]), loss)
         seconds = time.monotonic() - started
-        outcome = json.loads(result.read_text()) if result.exists() else {"result": "killed", "retries": 0}
-        if fate == "none":
-            took.append(seconds)
-        state, _ = look()
+        if what == "none":
+            took[loss].append(seconds)
+        state, off = looker.look()
         journal = next(Path(os.environ["COAXLINK_STATE"]).glob("*.journal.json"), None)
-        resumed, after, ways, off = 0, "", [], {}
-        while journal is not None and journal.exists() and resumed < 5:
+        ways = []
+        while journal is not None and journal.exists() and len(ways) < 5:
             way = draw.choice((source, known[(i + 1) % len(known)][0], None))
             back = way or Path(json.loads(journal.read_text())["backup"])
-            again = upload_in_a_child(url, back, folder, folder / "resumed.json")
+            again = upload_in_a_child(board.url, back, folder, folder / "resumed.json")
             assert _wait(again, time.monotonic() + 240.0), "a resumed upload hangs"
-            resumed += 1
             ways.append(back.name)
-        if resumed:
-            after, off = ("open", {}) if journal.exists() else look()
+        after = ""
+        if ways:
+            after, off = ("open", {}) if journal.exists() else looker.look()
+        elif outcome["result"] == "verified" and draw.random() < 0.15:
+            board.cut(0.0)
+            after, off = looker.look()
         rows.put(
             {
                 "loss": loss,
-                "fate": fate,
+                "fate": what,
                 "result": outcome["result"],
                 "wanted": source.name,
                 "state": state,
                 "journal": journal is not None,
-                "resumed": resumed,
-                "after": after,
+                "resumed": len(ways),
                 "ways": ways,
-                "off": {name: keys[:6] for name, keys in off.items()},
+                "after": after,
+                "off": off,
                 "seconds": seconds,
                 "retries": outcome["retries"],
                 "reason": outcome.get("reason", ""),
             }
         )
+
+
+def strike(draw, board, source, folder, usual_s, loss) -> tuple[str, dict]:
+    """One upload, and what befalls it: (what did, its outcome)."""
+    result = folder / "result.json"
+    result.unlink(missing_ok=True)
+    started = time.monotonic()
+    pid = upload_in_a_child(board.url, source, folder, result)
+    what = fate(draw)
+    ended = _wait(pid, started + draw.uniform(0.2, 1.2 * usual_s))
+    if not ended and draw.random() < 0.6:  # most faults belong into the short time of writing
+        ended = _writing(pid, started + 60.0) or _wait(pid, time.monotonic() + draw.uniform(0.0, 0.15 + loss))
+    if ended:
+        what = "none"
+    elif what == "kill":
+        os.kill(pid, signal.SIGKILL)
+    elif what == "freeze":
+        board.freeze(draw.uniform(0.3, 4.0))
+    elif what == "reboot":
+        board.clean.reboot()
+    elif what == "power":
+        board.cut(draw.uniform(0.0, 2.0))
+    if not ended:
+        assert _wait(pid, time.monotonic() + 180.0), "an upload hangs"
+    return what, json.loads(result.read_text()) if result.exists() else {"result": "killed", "retries": 0}
 
 
 def _writing(pid: int, until: float) -> bool:
@@ -251,7 +201,9 @@ def wrong(row: dict) -> str:
         return "rolled back to a mixture"
     if row["state"] == "mixture" and not row["journal"]:
         return "a mixture that nobody knows of"
-    if row["after"] in ("mixture", "open"):
+    if not row["resumed"] and row["after"] not in ("", row["wanted"]):
+        return "verified, and lost in a power cut"
+    if row["resumed"] and row["after"] in ("mixture", "open"):
         return f"a resumed journal that ended with the board: {row['after']}"
     return ""
 
@@ -261,51 +213,68 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--firmware", choices=("px4", "ardupilot"), default="px4")
     options.add_argument("--uploads", type=int, default=1000)
-    options.add_argument("--workers", type=int, default=3)
-    options.add_argument("--json", type=Path)
+    options.add_argument("--workers", type=int, default=6)
+    options.add_argument("--keep", type=Path, metavar="ROWS.jsonl", help="rows as they come; go on from them")
     asked = options.parse_args()
-    each = asked.uploads // len(LOSSES)
-    pieces = [(loss, PIECE) for _ in range(each // PIECE) for loss in LOSSES]
-    rows: list[dict] = []
+    rows = _kept(asked.keep)
+    have = collections.Counter(row["loss"] for row in rows)
+    losses = [loss for n in range(asked.uploads // len(LOSSES)) for loss in LOSSES if n >= have[loss]]
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        known = (px4_tables if asked.firmware == "px4" else ardupilot_tables)(folder / "tables")
         queue = multiprocessing.Queue()
+        # each worker has its share of every loss, one after the other
         running = [
             multiprocessing.Process(
-                target=worker, args=(n, asked.firmware, pieces[n :: asked.workers], Path(place), queue)
+                target=worker,
+                args=(n, asked.firmware, losses[n :: asked.workers], known, folder / f"w{n}", queue),
             )
             for n in range(asked.workers)
         ]
         for one in running:
             one.start()
-        left = len(running)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-        while left:
-            try:
-                row = queue.get(timeout=900)
-            except KeyboardInterrupt:  # enough: report what there is
-                for one in running:
-                    one.terminate()
-                break
-            if row is None:
-                left -= 1
-                continue
-            rows.append(row)
-            if wrong(row):
-                print("WRONG", row, flush=True)
-            if len(rows) % 50 == 0:
-                print(f"... {len(rows)} uploads", file=sys.stderr, flush=True)
+        try:
+            collect(queue, len(running), rows, asked.keep)
+        except KeyboardInterrupt:  # enough: report what there is
+            for one in running:
+                one.terminate()
         for one in running:
             one.join()
     report(rows)
-    if asked.json:
-        asked.json.write_text(json.dumps(rows, indent=1))
     sys.exit(any(map(wrong, rows)))
+
+
+def collect(queue: multiprocessing.Queue, left: int, rows: list[dict], keep: Path | None) -> None:
+    """Take rows until every worker is done."""
+    code = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.strip()
+    while left:
+        row = queue.get(timeout=900)
+        if row is None:
+            left -= 1
+            continue
+        rows.append(row | {"code": code})
+        if keep:
+            with keep.open("a") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
+        if wrong(row):
+            print("WRONG", wrong(row), row, flush=True)
+        if len(rows) % 50 == 0:
+            print(f"... {len(rows)} uploads", file=sys.stderr, flush=True)
+
+
+def _kept(path: Path | None) -> list[dict]:
+    if path is None or not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def report(rows: list[dict]) -> None:
     """The loss-and-kill table."""
     heads = ("loss", "uploads", "verified", "rolled back", "failed", "killed", "journal open", "mix, known")
-    heads += ("mix, unknown", "resumed", "then mix", "wrong", "median s", "p95 s", "repeats")
+    heads += ("mix, unknown", "resumed", "then mix", "cut after", "wrong", "median s", "p95 s", "repeats")
     print(*(f"{h:>12}" for h in heads))
     for loss in sorted({r["loss"] for r in rows}):
         some = [r for r in rows if r["loss"] == loss]
@@ -319,15 +288,16 @@ def report(rows: list[dict]) -> None:
         ]
         cells += [sum(r["journal"] for r in some), sum(r["journal"] for r in mixed)]
         cells += [sum(not r["journal"] for r in mixed), sum(r["resumed"] > 0 for r in some)]
-        cells += [sum(r["after"] in ("mixture", "open") for r in some), sum(bool(wrong(r)) for r in some)]
+        cells += [sum(r["resumed"] > 0 and r["after"] in ("mixture", "open") for r in some)]
+        cells += [sum(not r["resumed"] and r["after"] != "" for r in some), sum(bool(wrong(r)) for r in some)]
         if calm:
             repeats = statistics.mean(r["retries"] for r in some if r["fate"] == "none")
             p95 = calm[int(0.95 * (len(calm) - 1))]
             cells += [f"{statistics.median(calm):.2f}", f"{p95:.2f}", f"{repeats:.1f}"]
         print(*(f"{cell:>12}" for cell in cells))
     fates = collections.Counter((r["fate"], r["result"]) for r in rows)
-    for (fate, result), count in sorted(fates.items()):
-        print(f"{fate:>8} -> {result:<12} {count}")
+    for (what, result), count in sorted(fates.items()):
+        print(f"{what:>8} -> {result:<12} {count}")
 
 
 if __name__ == "__main__":

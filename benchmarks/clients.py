@@ -27,7 +27,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
-from bad_line import tables
+from boards import px4_tables
 from spoiled_line import Clean, relay
 
 LOSSES = (0.0, 0.1, 0.2, 0.3)
@@ -118,7 +118,7 @@ def main() -> None:
 
     rows = []
     with tempfile.TemporaryDirectory() as place:
-        known = [bits for _, bits in tables(Path(place))]
+        known = [bits for _, bits in px4_tables(Path(place))]
     names = [n for n in known[0] if known[0][n] != known[1][n]]
     print(f"{len(names)} values")
     print(*(f"{h:>10}" for h in ("loss", "client", "right", "said so", "median s", "max s")))
@@ -149,7 +149,9 @@ def series(
             listen.bind(("127.0.0.1", 0))
             seed = random.Random(f"{loss} {run}").randrange(2**31)
             spoiler = multiprocessing.Process(
-                target=relay, args=(listen, ("127.0.0.1", port), loss, seed), daemon=True
+                target=relay,
+                args=(listen, ("127.0.0.1", port), multiprocessing.Value("d", loss), seed),
+                daemon=True,
             )
             spoiler.start()
             bits = known[run % 2]

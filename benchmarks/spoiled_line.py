@@ -11,12 +11,16 @@ import select
 import socket
 import struct
 import time
+from typing import Any
 
 from pymavlink.dialects.v20 import common as m
 
 
-def relay(listen: socket.socket, vehicle: tuple[str, int], loss: float, seed: int) -> None:
-    """Carry datagrams both ways: lose `loss`, double 2 %, delay 2 ms, 5 % up to 60 ms late, corrupt 0.5 %."""
+def relay(listen: socket.socket, vehicle: tuple[str, int], share: Any, seed: int) -> None:
+    """Carry datagrams both ways: lose a share, double 2 %, delay 2 ms, 5 % up to 60 ms late, corrupt 0.5 %.
+
+    `share` is a multiprocessing.Value; while it is 0 nothing is done to any datagram.
+    """
     draw = random.Random(seed)
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     peer, late = None, []
@@ -32,6 +36,7 @@ def relay(listen: socket.socket, vehicle: tuple[str, int], loss: float, seed: in
                 data, source = ready.recvfrom(65536)
             except OSError:
                 continue
+            loss = share.value
             if ready is listen:
                 peer = source
             there = (out, vehicle) if ready is listen else (listen, peer)
@@ -90,11 +95,12 @@ class Clean:
         """Parameters and the checksums of files; None for what is not there."""
         self._drain()
         found: dict[str, bytes | None] = {}
-        left, rounds = -1, 0
-        while rounds < 4 or (not found and rounds < 300):  # what is silent in four rounds is not there
+        left, until = -1, 0.0
+        # on a busy machine a stand-in may be silent for seconds; only then is a name not there
+        while left < 0 or time.monotonic() < until + (0.0 if found else 40.0):
             missing = len([key for key in [*names, *paths] if key not in found])
-            rounds = rounds + 1 if missing == left else 0
-            left = missing
+            if missing != left:
+                left, until = missing, time.monotonic() + 4.0
             for name in [n for n in names if n not in found]:
                 self.send(m.MAVLink_param_request_read_message(1, 1, name.encode(), -1))
             for number, path in enumerate(paths):

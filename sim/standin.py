@@ -18,6 +18,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as m
 
 from sim.links import Peer, Port, wait
+from sim.memory import Memory
 from sim.px4.autopilot import RATE_HZ, Autopilot
 from sim.px4.cascade import Demand
 from sim.px4.protocol import Conversation
@@ -47,8 +48,9 @@ class Standin:
         manners: type[Conversation] = Conversation,
         key: bytes | None = None,
         lockstep: bool = False,
+        memory: Memory | None = None,
     ) -> None:
-        self._key = key
+        self._key, self._memory = key, memory
         self._lockstep, self._commands = lockstep, 0
         # the newest stamps (us) that set-points and answers carried, and those at which a wait was in vain
         self._heard, self._silent = {"goal": -1, "answer": -1}, {"goal": -2, "answer": -2}
@@ -84,6 +86,8 @@ class Standin:
             self.autopilot.logger.record(stamp_us(self.autopilot))
         if self.recorder is not None:
             self.recorder.step()
+        if self._memory is not None:
+            self._memory.step()
         if self._booting:
             return
         told = False

@@ -12,6 +12,7 @@ from typing import Any
 
 from sim.errors import WorldError
 from sim.links import Port, open_port
+from sim.memory import Memory
 from sim.place import HOME
 from sim.plant import Plant
 from sim.rotors import read_pair
@@ -45,6 +46,7 @@ class World:
     wire: str = ""  # faults, as `wire.parse_faults` reads them
     signing_key: Path | None = None
     lockstep: bool = False
+    memory: Path | None = None  # what survives a power cut
 
 
 def open_links(addresses: Sequence[str], number: int = 0) -> list[Port]:
@@ -108,11 +110,22 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0, number: int =
         copter = Copter(plant, truth, version=version, seed=world.seed)
         DataFlashLogger(copter)
         _settle(copter, number)
+        common["memory"] = _memory(world.memory, copter, lazy=False)
         return Standin(copter, ports, manners=ApConversation, **common)
     autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
     UlogLogger(autopilot)
     _settle(autopilot, number)
+    common["memory"] = _memory(world.memory, autopilot, lazy=True)
     return Standin(autopilot, ports, **common)
+
+
+def _memory(path: Path | None, autopilot: Any, *, lazy: bool) -> Memory | None:
+    """What it knew before its power was cut. Raises WorldError."""
+    if path is None:
+        return None
+    memory = Memory(path, autopilot, lazy=lazy)
+    memory.load()
+    return memory
 
 
 def _settle(autopilot: Any, number: int) -> None:

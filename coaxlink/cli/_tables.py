@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from coaxlink.link.tables import TableReport
     from firmware_params.errors import Finding
 
-AP_GAINS = ("ATC_RAT_RLL_*", "ATC_RAT_PIT_*", "ATC_RAT_YAW_*")
+AP_GAINS = ("ATC_RAT_RLL_[PID]", "ATC_RAT_PIT_[PID]", "ATC_RAT_YAW_[PID]")  # patterns of names
 PX4_GAINS = ("MC_ROLLRATE_K", "MC_PITCHRATE_K", "MC_YAWRATE_K")
 
 

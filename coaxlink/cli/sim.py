@@ -38,6 +38,9 @@ def sim(
         int, typer.Option(help="So many, on ports one after another, with system ids from 1.")
     ] = 1,
     signing_key: Annotated[Path | None, typer.Option(help="Sign all links, take nothing unsigned.")] = None,
+    memory: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Parameters and files that survive kill -9.")
+    ] = None,
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
     flight: Annotated[
         str, typer.Option("--fly", help="Fly without a client: paper, vigorous, or a PLAN.toml.")
@@ -64,6 +67,8 @@ def sim(
         raise InputError("--hidden-seed", "", "not with --truth")
     if vehicles != 1 and (bridge or flight or stand is not None):
         raise InputError("--vehicles", "", "not with --bridge, --fly or --stand")
+    if memory and vehicles != 1:
+        raise InputError("--memory", "", "not with --vehicles")
     if (log or tlog) and (bridge or vehicles != 1):
         raise InputError("--log, --tlog", "", "not with --bridge or --vehicles")
     if tlog and flight:
@@ -86,6 +91,7 @@ def sim(
             wire,
             signing_key,
             lockstep,
+            memory,
         )
         if flight:
             _alone(build(world, []).autopilot, flight, log, truth_log)

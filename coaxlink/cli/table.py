@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli import _tables
+from coaxlink.cli import _explain, _tables
 from coaxlink.cli._effects import (
     ClimbOption,
     DensityOption,
@@ -58,7 +58,7 @@ def table(
         if firmware == "px4":
             _px4(seen, path, law, out, json_file, explain, connect, csv)
         else:
-            _ardupilot(seen, path, law, out, json_file, explain, frame_class, spin_min)
+            _ardupilot(seen, path, law, out, json_file, explain, connect, frame_class, spin_min)
 
 
 @contextlib.contextmanager
@@ -86,7 +86,7 @@ def _px4(
 ) -> None:
     from coaxlink import files
     from coaxlink.link import tables
-    from coaxlink.link.explain import explain_px4, present_table
+    from coaxlink.link.explain import explain_px4, present_px4
 
     frame, model = seen.airframe, seen.model
     report = tables.report_px4(frame, model, law)
@@ -96,10 +96,10 @@ def _px4(
     document = _tables.px4_json(frame, report, written) | seen.to_json()
     _tables.show_px4(frame, report)
     if explain:
-        board = present_table(connect) if connect else None
+        board = present_px4(connect) if connect else None
         explained = explain_px4(frame, model, report, board)
         document["explain"] = explained.to_json()
-        explained.show(console(), _tables.PX4_GAINS)
+        _explain.show(console(), frame, explained, "PX4", _tables.PX4_GAINS)
     if json_file:
         files.write_json(json_file, document)
     for path in written:
@@ -115,12 +115,13 @@ def _ardupilot(
     out: Path | None,
     json_file: Path | None,
     explain: bool,
+    connect: str,
     frame_class: int,
     spin_min: float,
 ) -> None:
     from coaxlink import files
     from coaxlink.link.ap_tables import report_ap
-    from coaxlink.link.explain import explain_ap
+    from coaxlink.link.explain import explain_ap, present_ap
 
     frame, model = seen.airframe, seen.model
     report = report_ap(frame, model, law, frame_class=frame_class, spin_min=spin_min)
@@ -128,9 +129,9 @@ def _ardupilot(
     document = _tables.ap_json(frame, report, written) | seen.to_json()
     _tables.show_ap(frame, report)
     if explain:
-        explained = explain_ap(frame, model, report)
+        explained = explain_ap(frame, model, report, present_ap(connect) if connect else None)
         document["explain"] = explained.to_json()
-        explained.show(console(), _tables.AP_GAINS)
+        _explain.show(console(), frame, explained, "ArduPilot", _tables.AP_GAINS)
     if json_file:
         files.write_json(json_file, document)
     for path in written:

@@ -54,7 +54,7 @@ def upload(
 
     plan = load_plan(source)
     try:
-        refuse_values(plan)
+        refuse_values(plan.firmware, plan.params, plan.files[0])
     except SafetyRefusal as error:
         finish(Outcome(REFUSED, files=tuple(map(str, plan.files)), reason=str(error), error=error), json_file)
     with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:

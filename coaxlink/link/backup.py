@@ -6,7 +6,9 @@ same name.
 
 from __future__ import annotations
 
+import struct
 import time
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +36,7 @@ class Backup:
     firmware: str
     time: str
     files: Mapping[str, bytes] = field(default_factory=dict)  # by name
+    proved: bool = False  # by its checksum: nobody changed it since it was written
 
 
 def backup_path(folder: Path, identity: Identity, suffix: str) -> Path:
@@ -50,6 +53,8 @@ def backup_path(folder: Path, identity: Identity, suffix: str) -> Path:
 def write_backup(path: Path, identity: Identity, snapshot: Snapshot, files: BoardFiles) -> None:
     """Write every parameter and `files` atomically, the parameters last. Raises InputError."""
     values = list(snapshot.values.values())
+    plain = path.suffix == ".param"  # ArduPilot's format: numbers only
+    numbers = {v.name: float(v.value) if plain else v.value for v in values}
     header = [
         _TITLE,
         "",
@@ -61,17 +66,18 @@ def write_backup(path: Path, identity: Identity, snapshot: Snapshot, files: Boar
         f"Hash: {snapshot.hash:08x}",
         f"Count: {len(values)}",
         f"Files: {sum(data is not None for data in files.values())}",
+        f"Sum: {_checksum(numbers, _by_name(files)):08x}",
     ]
     for place, data in files.items():
         if data is not None:
             write_atomic(path.with_suffix(_FILES) / Path(place).name, data)
     try:
-        if path.suffix == ".param":
-            ardupilot.write_param_file(path, {v.name: float(v.value) for v in values}, header)
+        if plain:
+            ardupilot.write_param_file(path, numbers, header)
             return
         px4.write_params_file(
             path,
-            {v.name: v.value for v in values},
+            numbers,
             types={v.name: v.type for v in values},
             header=[*header, "", "Vehicle-Id Component-Id Name Value Type"],
             system=identity.system,
@@ -105,6 +111,22 @@ def read_backup(path: Path) -> Backup:
     files = {p.name: p.read_bytes() for p in sorted(folder.glob("*")) if p.is_file()}
     if head.get("Files", "0") != str(len(files)):
         raise InputError(folder, "", f"{head.get('Files', '0')} files are expected, found {len(files)}")
-    return Backup(
-        path, params, types, head.get("Board", ""), head.get("Firmware", ""), head.get("Time", ""), files
-    )
+    if "Sum" in head and head["Sum"] != f"{_checksum(params, files):08x}":
+        raise InputError(path, "", "changed since it was written; delete its line '# Sum:' if that was meant")
+    board, firmware, taken = (head.get(key, "") for key in ("Board", "Firmware", "Time"))
+    return Backup(path, params, types, board, firmware, taken, files, "Sum" in head)
+
+
+def _by_name(files: BoardFiles) -> dict[str, bytes]:
+    return {Path(place).name: data for place, data in files.items() if data is not None}
+
+
+def _checksum(params: Mapping[str, Number], files: Mapping[str, bytes]) -> int:
+    """CRC32 of values as the board has them and of files, in order of their names."""
+    crc = 0
+    for name, value in sorted(params.items()):
+        held = struct.pack("<q", value) if isinstance(value, int) else struct.pack("<f", value)
+        crc = zlib.crc32(name.encode() + held, crc)
+    for name, data in sorted(files.items()):
+        crc = zlib.crc32(name.encode() + data, crc)
+    return crc

@@ -137,6 +137,10 @@ class Board(ABC):
         """(parameters to write first, those that can only be written after a restart)."""
         return content.values, {}
 
+    @abstractmethod
+    def _make_last(self) -> None:
+        """See that what was written survives a power cut. Raises LinkError."""
+
     def _put_later(self, values: Mapping[str, Value], guard: Guard, settle_s: float) -> None:
         raise NotImplementedError
 
@@ -159,6 +163,7 @@ class Board(ABC):
             with self.session.listen(("PARAM_VALUE",), lambda m: m.param_id in values) as echoes:
                 self.parameters.write_many(todo, before_each=guard)
                 written |= {v.name for v in todo}
+                self._make_last()  # before reading: a board that lost its power in between says the old
                 time.sleep(settle_s)
                 found = self.parameters.read_many(values, missing_ok=True)
                 while (echo := self.session.take(echoes, 0.0)) is not None:

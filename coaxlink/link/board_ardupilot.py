@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
+from coaxlink.link.ap_present import moved_motors, planned_table, present_table
 from coaxlink.link.ap_scripts import ScriptFolder, is_table
 from coaxlink.link.backup import Backup, backup_path, write_backup
 from coaxlink.link.board import Board, Guard
@@ -60,6 +61,8 @@ class ArduPilotBoard(Board):
         wanted = plan.rotor_count
         if wanted and now not in (0, wanted):
             raise SafetyRefusal(f"another vehicle: the table is for {wanted} motors, the board drives {now}")
+        if not new_geometry and is_table(plan.cargo):
+            self._refuse_other_motors(plan, snapshot)
         values = self._as_kept(plan.params, snapshot)
         return Content(values, self._folder.planned(plan.cargo, table=is_table(plan.cargo)))
 
@@ -105,6 +108,9 @@ class ArduPilotBoard(Board):
         live = {n: v for n, v in content.values.items() if n.startswith(_LIVE)}
         return fixed, live if runs else {}
 
+    def _make_last(self) -> None:
+        """ArduPilot saves every value as it comes, and has no command for it."""
+
     def _put_later(self, values: Mapping[str, Value], guard: Guard, settle_s: float) -> None:
         """The loader's parameters, its checksum last: it takes the table when that agrees."""
         end = time.monotonic() + self._script_s
@@ -134,6 +140,21 @@ class ArduPilotBoard(Board):
         return all(n in found and found[n].same(v) for n, v in values.items())
 
     # -- parts ---------------------------------------------------------------------------------------------
+
+    def _refuse_other_motors(self, plan: Plan, snapshot: Snapshot) -> None:
+        """A frame of ArduPilot's own may number its motors in another way than the table (Y6 does)."""
+        numbers = {n: v.value for n, v in snapshot.values.items()}
+        new = planned_table(plan.params, plan.cargo)
+        old = present_table(numbers, lambda: self.files.read(f"{self._folder.path}/{scripts.MATRIX_NAME}"))
+        if old is None or new is None:
+            frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
+            self._talk.say(f"the motors of {frame} are not known here: check each with mix --props-off")
+            return
+        moved = moved_motors(old, new)
+        if moved:
+            raise SafetyRefusal(
+                f"another vehicle: {moved[0]} ({len(moved)} motors differ); --new-geometry to mean it"
+            )
 
     def _as_kept(self, params: Mapping[str, float | int], snapshot: Snapshot) -> dict[str, Value]:
         """As the board will keep them. Raises SafetyRefusal for an unknown name."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
+
+from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import SafetyRefusal
 from coaxlink.link.backup import Backup, backup_path, write_backup
@@ -12,6 +15,9 @@ from coaxlink.link.limits import board_limits, refuse_beyond
 from coaxlink.link.parameters import Snapshot
 from coaxlink.link.plan import Plan, refuse_table
 from firmware_params.px4 import csv_mixer
+
+_AUTOSAVE_S = 2.5  # PX4 v1.16 saves 0.3 s after a change, at most every 2 s (parameters/autosave.cpp)
+_SAVED_S = 5.0
 
 
 class Px4Board(Board):
@@ -58,6 +64,23 @@ class Px4Board(Board):
         path = backup_path(folder, self.session.identity, ".params")
         write_backup(path, self.session.identity, snapshot, files)
         return path
+
+    def _make_last(self) -> None:
+        """PX4 saves late; a power cut before that would leave the old values, or some of each."""
+        for _ in range(2):  # a second request is only taken once the save of the first has ended
+            result = self._save()
+            if result != mavlink.MAV_RESULT_ACCEPTED:
+                self._talk.say(f"it does not save on request (result {result}); waiting until it has")
+                time.sleep(_AUTOSAVE_S)
+                return
+
+    def _save(self) -> int:
+        end = time.monotonic() + _SAVED_S
+        while True:
+            result = self.session.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1.0, timeout_s=0.4, tries=24)
+            if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or time.monotonic() > end:
+                return result
+            time.sleep(0.05)
 
     def _switch(self, snapshot: Snapshot) -> str | None:
         return next((name for name in csv_mixer.PARAMETERS if name in snapshot.values), None)

@@ -7,7 +7,10 @@ asks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,15 +18,24 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
-from coaxlink.link.ap_tables import ApReport, report_ap
+from coaxlink.link.ap_present import present_table
+from coaxlink.link.ap_tables import ApReport, ap_speeds, report_ap
 from coaxlink.link.asked import nearest, wanted_mix, worst_relative
 from coaxlink.link.behaviour import TURNS, Behaviour, behaviour
+from coaxlink.link.ftp import Files
+from coaxlink.link.parameters import Number, Parameters
+from coaxlink.link.session import Session
 from coaxlink.link.tables import TableReport, px4_speeds, report_px4
 from coaxlink.rotor import RotorModel
+from firmware_params import ardupilot as ap
 from firmware_params import px4
+from firmware_params.ardupilot import scripts
+from firmware_params.ardupilot.table import ApTable
 from firmware_params.errors import TableError
 
 AXES = ("roll", "pitch", "yaw", "thrust")
+Changed = tuple[tuple[str, float, float], ...]  # name, on board, in the table
+_GAIN = re.compile(r"MC_(ROLL|PITCH|YAW)RATE_K|ATC_RAT_(RLL|PIT|YAW)_[PID]")
 
 
 @dataclass(frozen=True)
@@ -35,7 +47,9 @@ class Explanation:
     flown: Behaviour
     reference: Behaviour
     reference_name: str
-    changed: tuple[tuple[str, float, float], ...] = ()  # parameters that the board has otherwise
+    changed: Changed = ()  # parameters that the board has otherwise
+    gains_now: Mapping[str, float] = field(default_factory=dict)  # the board's rate gains
+    axes: tuple[str, ...] = AXES
 
     @property
     def worst(self) -> dict[str, float]:
@@ -61,47 +75,9 @@ class Explanation:
             "changed": [{"name": n, "board": a, "new": b} for n, a, b in self.changed],
         }
 
-    def show(self, out: Any, gains: tuple[str, str, str]) -> None:
-        """Print it to a rich console."""
-        from rich.table import Table
-
-        out.print("asked -> done, 1e-3 u^2 per N m of roll, pitch and yaw, per N of thrust:")
-        rows = Table("rotor", *AXES, box=None)
-        for n in range(len(self.asked)):
-            cells = [
-                f"{1e3 * a:+.2f} -> {1e3 * d:+.2f}" for a, d in zip(self.asked[n], self.done[n], strict=True)
-            ]
-            rows.add_row(str(n + 1), *cells)
-        out.print(rows)
-        worst = max(self.worst.items(), key=lambda item: item[1])
-        out.print(f"largest difference: {worst[1]:.2%} of the largest entry, on {worst[0]}")
-        self._show_worth(out, gains)
-        for name, board, new in self.changed:
-            out.print(f"{name}: {board:.6g} on board, {new:.6g} in this table")
-
-    def _show_worth(self, out: Any, gains: tuple[str, str, str]) -> None:
-        from rich.table import Table
-
-        this, other = self.flown, self.reference
-        rows = Table("on the rotor model, in hover", "this table", self.reference_name, box=None)
-        for n, axis in enumerate(TURNS):
-            rows.add_row(f"{axis}: N m per unit demand", f"{this.gain_Nm[n]:.3f}", f"{other.gain_Nm[n]:.3f}")
-        for n, axis in enumerate(TURNS):
-            rows.add_row(
-                f"{axis}: authority, N m", f"{this.authority_Nm[n]:.3f}", f"{other.authority_Nm[n]:.3f}"
-            )
-        rows.add_row("ceiling, N", f"{this.ceiling_N:.1f}", f"{other.ceiling_N:.1f}")
-        rows.add_row("hover demand", _shown(this.hover), _shown(other.hover))
-        out.print(rows)
-        hints = zip(gains, this.gain_hint(other), strict=True)
-        # no gain mends an axis that turns the wrong way
-        usable = [f"{gain} x {scale:.3f}" for gain, scale in hints if 0.0 < scale < float("inf")]
-        if usable:
-            out.print("to keep the loop as it was: " + ", ".join(usable))
-
 
 def explain_px4(
-    airframe: Airframe, model: RotorModel, report: TableReport, board: dict[str, float | int] | None = None
+    airframe: Airframe, model: RotorModel, report: TableReport, board: Mapping[str, Number] | None = None
 ) -> Explanation:
     """Explain a PX4 table against the board's present one, else against the standard law.
 
@@ -109,7 +85,7 @@ def explain_px4(
     """
     mixed = np.stack([*report.mix.mix.T[:3], -report.mix.mix[:, 5]], axis=-1)
     asked = wanted_mix(report.table)
-    changed: tuple[tuple[str, float, float], ...] = ()
+    changed: Changed = ()
     if board is None:
         reference, name = report_px4(airframe, model, "standard").behaviour, "standard law"
     else:
@@ -122,14 +98,34 @@ def explain_px4(
                 "--connect", "", f"the board has {len(present.mix)} rotors, {airframe.name} another number"
             )
         reference, name = behaviour(airframe, model, px4_speeds(present)), "on board"
-        differing = ((n, float(board[n]), float(v)) for n, v in report.params.items() if n in board)
-        changed = tuple(row for row in differing if row[1] != row[2])
-    return Explanation(asked, nearest(mixed, asked), report.behaviour, reference, name, changed)
+        changed = _differing(board, report.params)
+    done = nearest(mixed, asked)
+    return Explanation(asked, done, report.behaviour, reference, name, changed, _gains(board or {}))
 
 
-def explain_ap(airframe: Airframe, model: RotorModel, report: ApReport) -> Explanation:
-    """Explain an ArduPilot table against the standard law on the same frame class."""
+def explain_ap(
+    airframe: Airframe,
+    model: RotorModel,
+    report: ApReport,
+    board: tuple[Mapping[str, Number], ApTable | None] | None = None,
+) -> Explanation:
+    """Explain an ArduPilot table against the board's parameters and table, else against the standard law on
+    the same frame class. Raises InputError when the board flies what is not known here."""
     asked = wanted_mix(report.columns)
+    done = nearest(report.mix.factors, asked)
+    if board is not None:
+        numbers, present = board
+        if present is None:
+            frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
+            raise InputError("--connect", "", f"the board flies a matrix that is not known here ({frame})")
+        mix = ap.realise(present)
+        if len(mix.factors) != len(airframe.rotors):
+            raise InputError(
+                "--connect", "", f"the board has {len(mix.factors)} motors, {airframe.name} another number"
+            )
+        held = behaviour(airframe, model, ap_speeds(mix))
+        changed = tuple(row for row in _differing(numbers, report.params) if row[0] != "SCR_LD_CHECKSUM")
+        return Explanation(asked, done, report.behaviour, held, "on board", changed, _gains(numbers))
     standard = report_ap(
         airframe,
         model,
@@ -137,19 +133,39 @@ def explain_ap(airframe: Airframe, model: RotorModel, report: ApReport) -> Expla
         frame_class=report.table.frame_class,
         spin_min=report.table.parameters.spin_min,
     )
-    done = nearest(report.mix.factors, asked)
     return Explanation(asked, done, report.behaviour, standard.behaviour, "standard law")
 
 
-def present_table(url: str) -> dict[str, float | int]:
-    """The table parameters of the board at `url`. Raises LinkError."""
+def present_px4(url: str) -> dict[str, Number]:
+    """The parameters of the PX4 at `url`. Raises LinkError, InputError."""
+    with _open(url) as session:
+        if not session.identity.is_px4:
+            raise InputError(url, "", f"the vehicle runs {session.identity.name}, not PX4")
+        return {n: v.value for n, v in Parameters(session).read_all().values.items()}
+
+
+def present_ap(url: str) -> tuple[dict[str, Number], ApTable | None]:
+    """The parameters and the table of the ArduPilot at `url`. Raises LinkError, InputError."""
+    with _open(url) as session:
+        if not session.identity.is_ardupilot:
+            raise InputError(url, "", f"the vehicle runs {session.identity.name}, not ArduPilot")
+        numbers = {n: v.value for n, v in Parameters(session).read_all().values.items()}
+        files = Files(session)
+        places = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
+        read = (files.read(place) for place in places)  # not before the frame asks for it
+        return numbers, present_table(numbers, lambda: next((d for d in read if d is not None), None))
+
+
+def _open(url: str) -> Session:
     from coaxlink.link.opening import connect
-    from coaxlink.link.parameters import Parameters
 
-    with connect(url) as session:
-        found = Parameters(session).read_all().values
-    return {name: value.value for name, value in found.items() if name in px4.PARAMETERS}
+    return connect(url)
 
 
-def _shown(value: float | None) -> str:
-    return "none" if value is None else f"{value:.3f}"
+def _differing(board: Mapping[str, Number], params: Mapping[str, Number]) -> Changed:
+    pairs = ((n, float(board[n]), float(v)) for n, v in params.items() if n in board)
+    return tuple(row for row in pairs if struct.pack("<f", row[1]) != struct.pack("<f", row[2]))
+
+
+def _gains(board: Mapping[str, Number]) -> dict[str, float]:
+    return {n: float(v) for n, v in board.items() if _GAIN.fullmatch(n)}

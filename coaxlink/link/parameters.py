@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed, InputError, LinkError
 from coaxlink.link.asking import Asker
-from coaxlink.link.session import Message, Session
+from coaxlink.link.session import LOST_S, Message, Session
 from coaxlink.link.values import FLOAT, Coding, Number, ParamSet, Value, raw_bits
 
 __all__ = ["FLOAT", "Number", "Parameters", "Snapshot", "Value"]
@@ -24,6 +24,7 @@ HASH = "_HASH_CHECK"
 _NO_INDEX = 65535
 _WINDOW = 20  # requests in the air at a time
 _FEW_GAPS = 0.12  # of the list; with more missing the whole list is quicker than its parts
+_BEAT_S = 1.5  # autopilots send their heartbeat every second
 _ANSWERS = ("PARAM_VALUE", "PARAM_ERROR")
 
 
@@ -229,7 +230,9 @@ class Parameters:
         )
 
     def _require_link(self, what: str) -> None:
-        if self._session.silence_s > 3.0:
+        """Raise LinkError when the vehicle is gone; one that beats is only silent about this."""
+        silent_s = self._session.silence_s
+        if silent_s > _BEAT_S and self._session.wait("HEARTBEAT", max(0.0, LOST_S - silent_s)) is None:
             raise LinkError(
                 self._session.address, f"{what}, and no heartbeat for {self._session.silence_s:.1f} s"
             )

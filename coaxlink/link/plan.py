@@ -51,6 +51,10 @@ class Plan:
         count = self.params.get("CA_ROTOR_COUNT")
         return None if count is None else int(count)
 
+    def is_for(self, identity: Identity) -> bool:
+        """Whether that autopilot runs the firmware the files are for."""
+        return identity.is_px4 if self.firmware == "px4" else identity.is_ardupilot
+
 
 def motor_outputs(params: Mapping[str, Number]) -> int:
     """How many outputs are motors on an ArduPilot board."""
@@ -94,16 +98,16 @@ def _load_ardupilot(source: Path) -> Plan:
     return Plan("ardupilot", (source, *paths), read.params, {}, read.header, scripts)
 
 
-def refuse_values(plan: Plan) -> None:
-    """Raise SafetyRefusal for a value that is not finite or out of the firmware's range."""
-    found = px4.out_of_range(plan.params) if plan.firmware == "px4" else ardupilot.out_of_range(plan.params)
+def refuse_values(firmware: str, params: Mapping[str, Number], source: Path) -> None:
+    """Raise SafetyRefusal for a value of `source` that is not finite or out of the firmware's range."""
+    found = px4.out_of_range(params) if firmware == "px4" else ardupilot.out_of_range(params)
     for finding in found:
-        raise SafetyRefusal(f"{plan.files[0].name}: {finding}")
+        raise SafetyRefusal(f"{source.name}: {finding}")
 
 
 def refuse_vehicle(plan: Plan, identity: Identity) -> None:
     """Raise SafetyRefusal when this is not a vehicle the plan can be for."""
-    if not (identity.is_px4 if plan.firmware == "px4" else identity.is_ardupilot):
+    if not plan.is_for(identity):
         firmware = "PX4" if plan.firmware == "px4" else "ArduPilot"
         raise SafetyRefusal(f"{plan.files[0].name} is for {firmware}, the vehicle runs {identity.name}")
     if identity.is_px4 and identity.version and identity.version < _OLDEST:

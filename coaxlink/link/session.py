@@ -6,8 +6,6 @@ Messages are pymavlink objects of the `common` dialect, plus ESC_STATUS and ESC_
 
 from __future__ import annotations
 
-import contextlib
-import queue
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
@@ -21,6 +19,7 @@ import firmware_params.px4.messages  # noqa: F401 - teaches the dialect ESC_STAT
 from coaxlink.errors import LinkError, SafetyRefusal
 from coaxlink.link.identity import Identity, companion_heartbeat, is_vehicle, version_request, with_version
 from coaxlink.link.line import Outgoing, Tap
+from coaxlink.link.listening import Ears, Match
 from coaxlink.link.loss import Loss
 from coaxlink.link.tlog import TLog
 from coaxlink.link.transport import Transport
@@ -29,13 +28,12 @@ from coaxlink.link.values import Message
 if TYPE_CHECKING:
     from coaxlink.link.signing import Signer
 
-Match = Callable[[Message], bool]
 COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
 _TICK_S = 0.05
 
 
-class Session:
+class Session(Ears):
     """See the module; make one with `opening.connect` and use it as a context manager."""
 
     def __init__(
@@ -48,6 +46,7 @@ class Session:
         record: Path | None = None,
         signer: Signer | None = None,
     ) -> None:
+        super().__init__()
         self.address = address
         self.armed = False
         self.answer_s = 0.0  # how long the first answer took, 0 when its request had to be repeated
@@ -64,14 +63,9 @@ class Session:
         if signer:
             signer.attach(self._out)
             signer.attach(self._in)
-        self._lock = threading.Lock()
-        self._latest: dict[str, Message] = {}
-        self._subscribers: tuple[Callable[[Message], None], ...] = ()
-        self._watchers: tuple[Callable[[bytes], None], ...] = ()
         self._heard_s = 0.0
         self._loss = Loss()
         self._stopping = threading.Event()
-        self._failure: BaseException | None = None
         self._log = TLog(record) if record else None
         self._thread = threading.Thread(target=self._run, name="coaxlink-link", daemon=True)
 
@@ -83,7 +77,7 @@ class Session:
             self._thread.start()
             end = time.monotonic() + timeout_s
             while self._identity is None:
-                if self._take(inbox, end) is None and self._identity is None:
+                if self.take_until(inbox, end) is None and self._identity is None:
                     if self._signer and self._signer.refused:
                         raise SafetyRefusal("the vehicle is heard, but does not sign with this key")
                     who = f"system {self._target}" if self._target else "autopilot"
@@ -151,10 +145,6 @@ class Session:
         """Share of the autopilot's messages that did not arrive, from their sequence numbers."""
         return self._loss.share
 
-    def latest(self, type_name: str) -> Message | None:
-        """The vehicle's last message of a type, None if there was none."""
-        return self._latest.get(type_name)
-
     # -- talking -------------------------------------------------------------------------------------------
 
     def send(self, message: Message) -> None:
@@ -200,15 +190,6 @@ class Session:
                 self._log.write(heard, at_us)
                 self._log.write(said, at_us)
 
-    def watch(self, callback: Callable[[bytes], None]) -> Callable[[], None]:
-        """Call back with the frames that `book` keeps: with `subscribe`, all of the vehicle's."""
-        self._watchers = (*self._watchers, callback)
-
-        def leave() -> None:
-            self._watchers = tuple(w for w in self._watchers if w is not callback)
-
-        return leave
-
     def command(self, command_id: int, *params: float, timeout_s: float = 1.5, tries: int = 3) -> int:
         """Send COMMAND_LONG until it is acknowledged; the MAV_RESULT. Raises LinkError on silence."""
         target = self.identity
@@ -221,58 +202,11 @@ class Session:
                     )
                 )
                 end = time.monotonic() + timeout_s
-                while (ack := self._take(inbox, end)) is not None:
+                while (ack := self.take_until(inbox, end)) is not None:
                     if ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
                         return int(ack.result)
                     end = time.monotonic() + max(timeout_s, LOST_S)
         raise LinkError(self.address, f"command {command_id} was not acknowledged ({tries} tries)")
-
-    def request_stream(self, message_id: int, rate_hz: float) -> bool:
-        """Ask for a message at a rate; False when the autopilot will not send it."""
-        interval_us = -1.0 if rate_hz <= 0 else 1e6 / rate_hz
-        result = self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, interval_us)
-        return result == mavlink.MAV_RESULT_ACCEPTED
-
-    # -- listening -----------------------------------------------------------------------------------------
-
-    def subscribe(self, callback: Callable[[Message], None]) -> Callable[[], None]:
-        """Call back with every message of the vehicle, on the receiver thread; returns the way out.
-
-        An error in a callback ends the session's receiving and is raised by the next wait.
-        """
-        with self._lock:
-            self._subscribers = (*self._subscribers, callback)
-
-        def unsubscribe() -> None:
-            with self._lock:
-                self._subscribers = tuple(s for s in self._subscribers if s is not callback)
-
-        return unsubscribe
-
-    @contextlib.contextmanager
-    def listen(
-        self, type_names: Collection[str], match: Match | None = None
-    ) -> Iterator[queue.SimpleQueue[Message]]:
-        """A queue of the messages of these types that arrive inside the block."""
-        inbox: queue.SimpleQueue[Message] = queue.SimpleQueue()
-
-        def keep(message: Message) -> None:
-            if message.get_type() in type_names and (match is None or match(message)):
-                inbox.put(message)
-
-        leave = self.subscribe(keep)
-        try:
-            yield inbox
-        finally:
-            leave()
-
-    def wait(
-        self, type_names: str | Collection[str], timeout_s: float, match: Match | None = None
-    ) -> Message | None:
-        """The next message of these types, None after `timeout_s`. Raises LinkError when the line broke."""
-        names = (type_names,) if isinstance(type_names, str) else type_names
-        with self.listen(names, match) as inbox:
-            return self._take(inbox, time.monotonic() + timeout_s)
 
     def exchange(
         self,
@@ -287,27 +221,18 @@ class Session:
         with self.listen(type_names, match) as inbox:
             for attempt in range(tries):
                 self.send(request)
-                answer = self._take(inbox, time.monotonic() + timeout_s)
+                answer = self.take(inbox, timeout_s)
                 if answer is not None:
                     return answer, attempt
         return None, tries - 1
 
-    def take(self, inbox: queue.SimpleQueue[Message], timeout_s: float) -> Message | None:
-        """The next message of a `listen` queue, None after `timeout_s`."""
-        return self._take(inbox, time.monotonic() + timeout_s)
+    def request_stream(self, message_id: int, rate_hz: float) -> bool:
+        """Ask for a message at a rate; False when the autopilot will not send it."""
+        interval_us = -1.0 if rate_hz <= 0 else 1e6 / rate_hz
+        result = self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, interval_us)
+        return result == mavlink.MAV_RESULT_ACCEPTED
 
     # -- inside --------------------------------------------------------------------------------------------
-
-    def _take(self, inbox: queue.SimpleQueue[Message], end: float) -> Message | None:
-        while True:
-            if self._failure is not None:
-                raise self._failure
-            left = end - time.monotonic()
-            try:
-                return inbox.get(timeout=min(max(left, 0.0), _TICK_S)) if left > 0 else inbox.get_nowait()
-            except queue.Empty:
-                if left <= 0:
-                    return None
 
     def _run(self) -> None:
         while not self._stopping.is_set():
@@ -383,9 +308,7 @@ class Session:
             self._identity = self._identity or known
         with self._lock:
             self._record(bytes(message.get_msgbuf()))
-        self._latest[name] = message
-        for subscriber in self._subscribers:
-            subscriber(message)
+        self._tell(name, message)
 
     def count(self, sequences: Any) -> None:
         """Frames of the vehicle passed by the parser with these sequence numbers (n,), an array of uint8."""

@@ -80,7 +80,7 @@ class Uploader:
         self._files = tuple(str(path) for path in plan.files)
 
         def first() -> None:
-            refuse_values(plan)
+            refuse_values(plan.firmware, plan.params, plan.files[0])
             refuse_vehicle(plan, self._session.identity)
 
         def wanted(board: Snapshot) -> Content:
@@ -98,6 +98,9 @@ class Uploader:
             here = self._session.identity.uid or "unknown"
             if backup.board != here:
                 raise SafetyRefusal(f"{backup.path.name} is of board {backup.board}, this is {here}")
+            if not backup.proved:  # a board may hold what no table should; a hand must not add to it
+                firmware = "px4" if self._session.identity.is_px4 else "ardupilot"
+                refuse_values(firmware, backup.params, backup.path)
 
         def wanted(board: Snapshot) -> Content:
             return self._board.saved(backup, board)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from coaxlink.errors import InputError
+from coaxlink.errors import CheckFailed, InputError
 from coaxlink.link.ftp import Files
 from coaxlink.link.journal import Journal
 from coaxlink.link.parameters import FLOAT, Parameters, Value
@@ -49,9 +49,11 @@ class Verification:
 def verify(session: Session, plan: Plan | None, journal: Journal | None = None) -> Verification:
     """Hold the board against a plan, or against what was verified last on this board.
 
-    Raises InputError when there is neither, LinkError on silence.
+    Raises InputError when there is neither, CheckFailed for a plan of another firmware, LinkError on silence.
     """
     session.ask_version(tries=40)
+    if plan is not None and not plan.is_for(session.identity):
+        raise CheckFailed(f"{plan.files[0]} is not for {session.identity.name}")
     journal = journal or Journal(session.identity)
     parameters = Parameters(session)
     last = journal.last()

@@ -16,7 +16,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.residual.frames import Array, FlightFrame
-from coaxlink.residual.signals import derivative, lagged, low_pass
+from coaxlink.residual.signals import derivative, difference_gain, lagged, low_pass, noise_floor
 from coaxlink.rotor import RotorModel
 
 CUTOFF_HZ = 4.0
@@ -24,6 +24,7 @@ TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 
 LONG_ROWS, LONG_RATE_HZ = 100_000, 30.0  # beyond, half the rate does
 JUDGED_RATE_HZ = 10.0
 JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
+MATTERS = 1.0  # times the noise
 COARSER = (2, 4)  # rows a row, to see what fewer rows cost
 WHITE_HZ = 45.0
 EDGE_S = 0.4  # the low-pass still feels what happened outside
@@ -68,12 +69,14 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         rate = min(s.rate_hz for s in stretches)
     stretches = [_at_rate(s, rate) for s in stretches]
     parts = [_side(i, s, airframe, motors) for i, s in enumerate(stretches)]
-    whole = {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+    shared = [name for name in parts[0] if all(name in p for p in parts)]
+    whole = {name: np.concatenate([p[name] for p in parts]) for name in shared}
     thrust, torque = airframe.loads(model, whole["speeds"])
     predicted = airframe.body_loads(thrust, torque)
     keep, notes = _judged(whole, parts, stretches, -predicted[:, 2], airframe)
     jumps = airframe.body_loads(*airframe.loads(model, np.clip(whole["commands"], 0.0, None)))
-    keep = _steady(keep, jumps, whole["stretch"], stretches, notes)
+    cutoff = min(CUTOFF_HZ, 0.4 * rate)
+    keep = _steady(keep, (jumps, whole["measured"] - predicted), whole["stretch"], rate, cutoff, notes)
     if len(keep) < 8 * JUDGED_RATE_HZ:
         raise InputError(
             source,
@@ -103,7 +106,7 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         predicted=predicted,
         measured=whole["measured"],
         keep=keep,
-        cutoff_hz=CUTOFF_HZ,
+        cutoff_hz=cutoff,
         step_s=max(s.step_s for s in stretches),
         notes=tuple(notes),
     )
@@ -247,28 +250,34 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
 
 
 def _steady(
-    keep: np.ndarray, loads: Array, stretch: Array, stretches: list[_Stretch], notes: list[str]
+    keep: np.ndarray, sides: tuple[Array, Array], stretch: Array, rate: float, cutoff: float, notes: list[str]
 ) -> np.ndarray:
     """Judged rows without those where commands jump so fast that the log's rows do not show what they did.
 
     A jump of D at an unknown time between two rows h apart is an impulse of D h / sqrt(12), one standard
-    deviation; its two second differences tell of it. `loads` (rows, 6) are those of the bare commands.
+    deviation; its two second differences tell of it. `sides` are loads (rows, 6) of the bare commands, and
+    the residual, whose noise a doubt must match to count.
     """
-    doubt = np.zeros(loads.shape)
-    for number, piece in enumerate(stretches):
+    loads, residual = sides
+    doubt, reduced = np.zeros(loads.shape), np.zeros(loads.shape)
+    impulse = np.zeros((2 * int(EDGE_S * rate) + 1, 1))
+    impulse[len(impulse) // 2] = 1.0
+    reach = low_pass(impulse, rate, cutoff)[:, 0] ** 2
+    for number in np.unique(stretch):
         rows = np.flatnonzero(stretch == number)
         bend = np.zeros((len(rows), loads.shape[1]))
-        bend[1:-1] = np.diff(loads[rows], 2, axis=0)
-        impulse = np.zeros((2 * int(EDGE_S * piece.rate_hz) + 1, 1))
-        impulse[len(impulse) // 2] = 1.0
-        reach = low_pass(impulse, piece.rate_hz, CUTOFF_HZ)[:, 0] ** 2
+        bend[1:-1] = np.diff(loads[rows], 2, axis=0) / np.sqrt(24.0)
+        reduced[rows] = low_pass(residual[rows], rate, cutoff)
         for c in range(loads.shape[1]):
             doubt[rows, c] = np.convolve(bend[:, c] ** 2, reach, mode="same")[: len(rows)]
     doubt = doubt[keep]
-    usual = np.maximum(np.median(doubt, axis=0), 1e-12)
-    excess = np.max(doubt / usual, axis=1)
-    allowed = max(JUMP, float(np.quantile(excess, 1.0 - MOST_JUMPS)))
-    out = keep[excess <= allowed]
+    every = max(1, round(rate / JUDGED_RATE_HZ))
+    runs = np.cumsum(np.diff(keep, prepend=keep[:1]) != every).astype(float)
+    gain = [difference_gain(rate, cutoff, every, differentiated=c > 2) for c in range(loads.shape[1])]
+    noise = noise_floor(reduced[keep], runs, np.array(gain))
+    usual = np.maximum(JUMP * np.median(doubt, axis=0), (MATTERS * noise) ** 2)
+    excess = np.max(doubt / np.maximum(usual, 1e-30), axis=1)
+    out = keep[excess <= max(1.0, float(np.quantile(excess, 1.0 - MOST_JUMPS)))]
     if len(out) < len(keep):
         seconds = (len(keep) - len(out)) / JUDGED_RATE_HZ
         notes.append(f"{seconds:.1f} s not judged: commands jump there between two rows of the log")

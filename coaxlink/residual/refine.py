@@ -13,6 +13,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.residual.answer import Judged, answer, held_out_residual
 from coaxlink.residual.blocks import held_out, solve
 from coaxlink.residual.effects.base import Shape
+from coaxlink.residual.felt_noise import felt_noise
 from coaxlink.residual.flight import flight_frame, reduce_columns
 from coaxlink.residual.flight_problem import (
     base_columns,
@@ -91,7 +92,10 @@ def refine(
         problem, selection, bare, known, lambda c: reduce_columns(frame, c), base=base_columns
     )
     progress("judging")
-    floor = _flight_floor(acting, joint)
+    members = {m.name for m in joint.members}
+    act = [part for part in known if part[0].name not in members]
+    act += [(m.effect, m.parameters(bare)) for m in joint.members]
+    floor = np.hypot(_flight_floor(acting, joint), felt_noise(bare, act))
     if airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(frame)

@@ -169,6 +169,10 @@ class ApConversation(Conversation):
             return super()._execute(command, p)
         return ACCEPTED, None
 
+    def _storage(self, action: float) -> int:
+        """It keeps every value at once and knows no such request."""
+        return DENIED
+
     def _reboot(self, action: float) -> int:
         if self.copter.armed:
             return FAILED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import resources
 
 from firmware_params.ardupilot.parameters import FLOAT, INT8, INT16, INT32, as_stored, servo_function
@@ -56,6 +56,19 @@ class Store:
     def values(self) -> dict[str, float]:
         """A copy of all."""
         return dict(self._values)
+
+    def memory(self) -> dict[str, float]:
+        """What a power cut leaves: also the values of scripts that do not run now."""
+        return self._kept | self._values
+
+    def recall(self, values: Mapping[str, float]) -> None:
+        """What was kept over a power cut; names that nobody knows belong to scripts."""
+        for name, value in values.items():
+            if name in self._values:
+                self.preset(name, value)
+            else:
+                self._kept[name] = value
+        self._list()
 
     def type(self, name: str) -> int:
         """MAV_PARAM_TYPE."""

@@ -58,6 +58,7 @@ class Autopilot(Navigator):
         self.cascade = Cascade(self.settings, 1.0 / RATE_HZ)
         self.say: Callable[[int, str], None] = lambda severity, text: None
         self.exchange: Callable[[Demand], None] = lambda demand: None
+        self.keep: Callable[[], None] = lambda: None  # parameters, against a power cut
         self.command: NDArray[np.float64] = np.zeros(self.rotors)  # what the motors were told last
         self.boots = 0
         self.boot()

@@ -277,7 +277,9 @@ class Conversation:
             return self._set_actuators(p), None
         elif command == 178:
             a.cruise = p[1] if p[1] > 0 else a.cruise
-        elif command not in (179, 245):  # home, storage: taken, of no effect
+        elif command == 245:
+            return self._storage(p[0]), None
+        elif command != 179:  # home: taken, of no effect
             return UNSUPPORTED, None
         return ACCEPTED, None
 
@@ -320,6 +322,14 @@ class Conversation:
         else:
             self.interval_us[message_id] = max(interval_us, 4000.0)
         self._due_us.pop(message_id, None)
+        return ACCEPTED
+
+    def _storage(self, action: float) -> int:
+        """Parameters on disk at once; never in the air."""
+        if self.autopilot.armed:
+            return TEMPORARILY
+        if action == 1:
+            self.autopilot.keep()
         return ACCEPTED
 
     def _reboot(self, action: float) -> int:

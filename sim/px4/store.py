@@ -6,7 +6,7 @@ import math
 import struct
 import tomllib
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from importlib import resources
 
 from firmware_params.px4.parameters import FLOAT, INT32, PARAMETERS
@@ -63,6 +63,16 @@ class Store:
     def values(self) -> dict[str, int | float]:
         """A copy of all."""
         return dict(self._values)
+
+    memory = values
+
+    def recall(self, values: Mapping[str, float]) -> None:
+        """What was kept over a power cut."""
+        for name, value in values.items():
+            self.preset(name, value)
+        for name in self.names:
+            for callback in self._listeners:
+                callback(name)
 
     def __contains__(self, name: str) -> bool:
         return name in self._values

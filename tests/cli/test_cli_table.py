@@ -1,6 +1,7 @@
 """`coaxlink table` as a user runs it."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,23 @@ from firmware_params import px4
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = str(EXAMPLES / "x8_paper.toml")
+
+
+PLACES = [(1, 1), (1, -1), (-1, -1), (-1, 1), (1, -1), (1, 1), (-1, 1), (-1, -1)]
+FACTORY = {
+    f"CA_ROTOR{n}_{key}": value
+    for n, (x, y) in enumerate(PLACES)
+    for key, value in {
+        "PX": 0.1807 * x,
+        "PY": 0.1807 * y,
+        "PZ": -0.075 if n < 4 else 0.075,
+        "AX": 0.0,
+        "AY": 0.0,
+        "AZ": -1.0,
+        "CT": 6.5,
+        "KM": 0.05 * (1 if n % 2 == 0 else -1),
+    }.items()
+}
 
 
 def _run(capsys, *arguments):
@@ -80,13 +98,29 @@ def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
         "--json",
         tmp_path / "a.json",
     )
-    assert code == 0 and "FRAME_CLASS 15" in out and "ATC_RAT_RLL_* x" in out and "wrote" in err
+    assert code == 0 and "FRAME_CLASS 15" in out and "ATC_RAT_RLL_P, I, D x" in out and "wrote" in err
     names = sorted(p.relative_to(tmp_path / "a").as_posix() for p in (tmp_path / "a").rglob("*.*"))
     assert names == ["paper-x8.param", "scripts/coaxlink_matrix.lua"]
     shown = json.loads((tmp_path / "a.json").read_text())
     assert shown["explain"]["worst_relative"]["roll"] < 1e-6 and shown["explain"]["against"] == "standard law"
     code, out, _ = _run(capsys, X8, "--firmware", "px4", "--law", "reduced", "--explain")
-    assert code == 0 and "MC_YAWRATE_K x" in out and "asked -> done" in out
+    assert code == 0 and "MC_YAWRATE_K x" in out and "PX4 does what the law asks" in out
+
+
+def test_an_explanation_fits_80_columns_and_says_what_the_board_loses(capsys, monkeypatch):
+    board = {"CA_ROTOR_COUNT": 8, "MC_ROLLRATE_K": 1.5, **FACTORY}
+    monkeypatch.setattr("coaxlink.link.explain.present_px4", lambda url: board)
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("coaxlink.cli._shell.PIPE_WIDTH", 80)
+    arguments = ["--firmware", "px4", "--law", "reduced", "--explain", "--connect", "udpout:127.0.0.1:9"]
+    code, out, _ = _run(capsys, X8, *arguments)
+    assert code == 0
+    explained = out[out.index("What the law asks") :]
+    assert max(map(len, explained.splitlines())) <= 80
+    (roll,) = re.findall(r"MC_ROLLRATE_K x ([\d.]+): 1.5 -> ([\d.]+)", explained)
+    assert float(roll[1]) == pytest.approx(1.5 * float(roll[0]), rel=1e-3)
+    assert "What this table changes on board: 16 parameters" in explained
+    assert re.search(r"CA_ROTOR4_\*\s+6.5 -> [\d.]+\s+0.05 -> 0.0", explained)
 
 
 def test_the_research_fork_s_file_is_the_same_mix(tmp_path, capsys):

@@ -68,46 +68,7 @@ def test_nobody_to_ask_means_no(board):
     assert ended.returncode == 0 and len(board.sets) == 18
 
 
-@pytest.mark.parametrize(
-    ("prepare", "options", "code", "text"),
-    [
-        (lambda v: setattr(v, "armed", True), {}, 4, "the vehicle is armed"),
-        (lambda v: None, {"count": 6}, 4, "another vehicle"),
-        (lambda v: None, {"CA_ROTOR0_CT": "nan"}, 4, "CA_ROTOR0_CT is nan"),
-        (lambda v: None, {"CA_ROTOR0_CT": 150}, 4, "outside 0..100"),
-        (lambda v: None, {"CA_ROTOR0_CT": "x"}, 2, "a number is expected"),
-        (lambda v: setattr(v, "keeps", {"CA_ROTOR0_CT": 6.5}), {}, 1, "rolled back"),
-    ],
-)
-def test_each_no_has_its_code_and_one_line(board, capsys, prepare, options, code, text):
-    prepare(board)
-    Path("t/x8.params").write_text(params_text(**options))
-    got, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
-    assert got == code and text in err.splitlines()[-1]
-    if code != 2:
-        assert json.loads(Path("u.json").read_text())["result"] == ("refused" if code == 4 else "rolled_back")
-    if code != 1:
-        assert board.sets == []
-
-
-def test_a_dead_port_is_three(capsys):
-    code, _, err = _run(capsys, "upload", "t", "--connect", "udpin:127.0.0.1:0", "--yes")
-    assert code == 2 and "port" in err
-    with ScriptedAutopilot({}) as gone:
-        url = gone.url
-    code, _, err = _run(capsys, "upload", "t", "--connect", url, "--yes", "--timeout", "0.5")
-    assert code == 3 and err.count("\n") == 1 and "no autopilot heard" in err
-
-
-def test_what_is_no_backup_is_refused(board, capsys):
-    code, _, err = _run(capsys, "restore", "t/x8.params", "--connect", board.url, "--yes")
-    assert code == 2 and "not a coaxlink backup" in err
-
-
 def test_verify_knows_the_last_upload_and_a_change_since(board, capsys):
-    code, _, err = _run(capsys, "verify", "--connect", board.url)
-    assert code == 2 and "nothing was uploaded" in err
-    assert _run(capsys, "verify", "t", "--connect", board.url)[0] == 1
     assert _run(capsys, "upload", "t", "--connect", board.url, "--yes")[0] == 0
     assert _run(capsys, "verify", "t", "--connect", board.url)[0] == 0
     code, out, _ = _run(capsys, "verify", "--connect", board.url)

@@ -33,6 +33,7 @@ class ScriptedAutopilot:
         self.hash = 0x12345678
         self.after_set = {}  # number of sets -> what then happens
         self.ears_closed = threading.Event()
+        self.storage = lambda: 0  # what MAV_CMD_PREFLIGHT_STORAGE is answered
         self.skip_in_list = set()  # indices the next list loses
         self.sets = []
         self.sent = []
@@ -96,8 +97,9 @@ class ScriptedAutopilot:
             self.commands.append((message.command, message.param1, message.param2))
             if message.command == 512 and message.param1 == 148:
                 self._send_version()
-            known = message.command in (400, 511, 512)
-            self.send(m.MAVLink_command_ack_message(message.command, 0 if known else 3))
+            known = message.command in (245, 400, 511, 512)
+            result = self.storage() if message.command == 245 else 0 if known else 3
+            self.send(m.MAVLink_command_ack_message(message.command, result))
         elif kind == "PARAM_REQUEST_READ":
             names = list(self.params)
             name = message.param_id if message.param_index < 0 else names[message.param_index]

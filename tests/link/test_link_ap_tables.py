@@ -1,5 +1,6 @@
 """Laws as ArduPilot tables, and tables explained."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +8,12 @@ import pytest
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
+from coaxlink.link.ap_present import moved_motors, present_table
 from coaxlink.link.ap_tables import ap_factors, report_ap
 from coaxlink.link.explain import explain_ap, explain_px4
 from coaxlink.link.tables import report_px4
 from coaxlink.rotor import load_rotor_model
-from firmware_params.ardupilot import scripts
+from firmware_params.ardupilot import scripts, used_factors
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FRAMES = ["x8_paper", "coax_quad_plus", "y6", "mixed_hexa"]
@@ -95,17 +97,37 @@ def test_against_the_board():
         explain_px4(airframe, model, report, board | {"CA_ROTOR_COUNT": 6})
 
 
-def test_an_explanation_fits_a_terminal_of_80_columns():
-    import io
-
-    from rich.console import Console
-
+def test_an_ardupilot_board_is_known_by_its_frame_its_script_or_its_parameters():
     airframe, model = _load()
-    explained = explain_px4(airframe, model, report_px4(airframe, model, "reduced"))
-    text = io.StringIO()
-    explained.show(Console(file=text, width=80), ("MC_ROLLRATE_K", "MC_PITCHRATE_K", "MC_YAWRATE_K"))
-    lines = text.getvalue().splitlines()
-    assert max(map(len, lines)) <= 80
-    asked = 1e3 * explained.asked[0, 2]
-    (row,) = [line for line in lines if line.split()[:1] == ["1"]]
-    assert f"{asked:+.2f} -> {asked:+.2f}" in row
+    matrix = report_ap(airframe, model, "reduced")
+    (text,) = matrix.scripts.values()
+    built_in = present_table({"FRAME_CLASS": 4, "FRAME_TYPE": 1}, lambda: None)
+    scripted = present_table({**matrix.params, "FRAME_TYPE": 0}, text.encode)
+    np.testing.assert_allclose(used_factors(scripted), matrix.mix.factors, atol=1e-6)
+    loader = report_ap(airframe, model, "reduced", frame_class=17)
+    live = present_table(loader.params, lambda: None)
+    np.testing.assert_allclose(used_factors(live), loader.mix.factors, atol=1e-6)
+    assert not moved_motors(built_in, scripted) and not moved_motors(scripted, live)
+    for params, script in (
+        ({"FRAME_CLASS": 3, "FRAME_TYPE": 1}, None),
+        (matrix.params, None),
+        (matrix.params, b"MotorsMatrix:init(8)"),
+        (loader.params | {"CXL_T1": 0.9}, None),
+    ):
+        assert present_table(params, lambda script=script: script) is None
+    explained = explain_ap(airframe, model, matrix, ({"FRAME_CLASS": 4.0, "ATC_RAT_RLL_P": 0.135}, built_in))
+    assert explained.reference_name == "on board" and explained.gains_now == {"ATC_RAT_RLL_P": 0.135}
+    assert explained.changed == (("FRAME_CLASS", 4.0, 15.0),)
+    with pytest.raises(InputError, match="not known here"):
+        explain_ap(airframe, model, matrix, ({"FRAME_CLASS": 3.0}, None))
+
+
+def test_motors_that_a_frame_numbers_in_another_way_are_found():
+    """ArduPilot's own Y6 layers its motors in another order than our example, its X8 as the paper."""
+    table = report_ap(*_load("y6"), "reduced").table
+    y6 = present_table({"FRAME_CLASS": 5, "FRAME_TYPE": 1}, lambda: None)
+    assert moved_motors(y6, table)[0] == "motor 3 changes left or right and front or rear"
+    x8 = present_table({"FRAME_CLASS": 4, "FRAME_TYPE": 1}, lambda: None)
+    assert moved_motors(x8, table) == ["8 motors now, 6 in the table"]
+    turned = dataclasses.replace(table, factors=tuple((r, p, -y, t) for r, p, y, t in table.factors))
+    assert moved_motors(table, turned)[5] == "motor 6 changes spin"

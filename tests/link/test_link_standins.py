@@ -81,6 +81,21 @@ def test_px4_keeps_it_over_a_reboot(tables, tmp_path):
         assert any("rebooting" in text for text in said) and verify(session, None).holds
 
 
+def test_what_is_verified_survives_a_power_cut(tables, tmp_path):
+    """PX4 saves its parameters up to two seconds late: the word "verified" must not come before."""
+    plan, memory = load_plan(tables["px4"]), ("--memory", str(tmp_path / "flash"))
+    with (
+        standin("--firmware", "px4", *memory) as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        assert Uploader(session, backup_folder=tmp_path).upload(plan).result == "verified"
+    with (
+        standin("--firmware", "px4", *memory) as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        assert verify(session, plan).holds
+
+
 def test_a_reboot_in_the_middle_does_not_leave_a_mixture(tables, tmp_path):
     with (
         standin("--firmware", "px4", "--wire", "reboot=7") as port,
@@ -165,9 +180,19 @@ def test_ardupilot_refuses_what_it_must(tables, tmp_path):
         ):
             outcome = upload(change)
             assert outcome.result == "refused" and why in outcome.reason and outcome.error.exit_code == 4
+        path = folder / "scripts" / scripts.MATRIX_NAME
+        path.write_text(turned(next((tables["matrix"] / "scripts").iterdir()).read_text()))
+        outcome = upload(("FRAME_CLASS,15", "FRAME_CLASS,15"))
+        assert outcome.result == "refused" and "motor 1 changes spin (8 motors differ)" in outcome.reason
         outcome = Uploader(session, backup_folder=tmp_path).upload(load_plan(tables["px4"]))
         assert outcome.result == "refused" and "is for PX4, the vehicle runs ArduPilot" in outcome.reason
         assert not (tmp_path / "b").exists()
+
+
+def turned(script):
+    """Our matrix script with every yaw factor turned round."""
+    factors = [(r, p, -y, t) for r, p, y, t in scripts.script_factors(script)]
+    return scripts.matrix_script(factors, title="turned")
 
 
 def test_a_script_that_fails_its_own_check_is_rolled_back_or_cannot_arm(tables, tmp_path):

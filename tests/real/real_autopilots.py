@@ -6,25 +6,33 @@ looked for beside it, in ../etc.
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
+from coaxlink.errors import CoaxlinkError
+from coaxlink.link import connect
 from coaxlink.link.session import Session
-from coaxlink.link.trajectory import Hold, Plan
+from coaxlink.link.trajectory import Hold, Plan, table_4_flight
 from coaxlink.link.vehicle import Vehicle
 
 ROOT = Path(__file__).parents[2]
+AIRFRAME = ROOT / "examples" / "x8_demo.toml"
+PAIRS = ((0, 5), (1, 4), (2, 7), (3, 6))  # upper, lower
 LOOP_HZ = 800  # of its simulation: at least 1.8 times its own loop
 
 
@@ -53,13 +61,16 @@ class Px4:
         self.address = f"udpin:127.0.0.1:{14540 + instance}"
 
     @contextmanager
-    def boot(self, params: Mapping[str, float] | None = None) -> Iterator[str]:
-        """One power-up, `params` set before it starts; yields the companion link's address."""
+    def boot(self, params: Mapping[str, float] | None = None, *, cut: bool = False) -> Iterator[str]:
+        """One power-up, `params` set before it starts; yields the companion link's address.
+
+        With `cut` it ends as when the plug is pulled: SIGKILL.
+        """
         etc = self.binary.resolve().parent.parent / "etc"
         clean = {k: v for k, v in os.environ.items() if not k.startswith("PX4_")}
         preset = {f"PX4_PARAM_{name}": repr(value) for name, value in (params or {}).items()}
         command = [str(self.binary), "-d", "-i", str(self.instance), "-w", str(self.folder), str(etc)]
-        with _running(command, self.folder, clean | preset | {"PX4_SYS_AUTOSTART": "10016"}):
+        with _running(command, self.folder, clean | preset | {"PX4_SYS_AUTOSTART": "10016"}, cut):
             yield self.address
 
 
@@ -124,7 +135,9 @@ def arducopter(
 
 
 @contextmanager
-def _running(command: list[str], folder: Path, environment: dict[str, str]) -> Iterator[None]:
+def _running(
+    command: list[str], folder: Path, environment: dict[str, str], cut: bool = False
+) -> Iterator[None]:
     with (folder / "autopilot.log").open("a") as talk:
         process = subprocess.Popen(
             command,
@@ -138,7 +151,7 @@ def _running(command: list[str], folder: Path, environment: dict[str, str]) -> I
         try:
             yield
         finally:
-            os.killpg(process.pid, signal.SIGTERM)
+            os.killpg(process.pid, signal.SIGKILL if cut else signal.SIGTERM)
             try:
                 process.wait(10)
             except subprocess.TimeoutExpired:
@@ -153,6 +166,52 @@ def coaxlink(*arguments: str, cwd: Path = ROOT, fails: bool = False) -> subproce
     done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=120)
     assert fails or done.returncode == 0, done.stderr
     return done
+
+
+def take_off(session: Session) -> Vehicle:
+    """Arm as soon as the vehicle lets us, and climb to 3 m."""
+    vehicle, end = Vehicle(session), time.monotonic() + 90.0
+    while True:
+        try:
+            vehicle.arm()
+            break
+        except CoaxlinkError:  # its estimator has not settled yet
+            assert time.monotonic() < end
+            time.sleep(0.5)
+    vehicle.take_off(3.0)
+    return vehicle
+
+
+def fly_the_factory_table(url: str, tables: Path) -> float:
+    """Take off, be refused an upload in the air, fly the paper's circle, land; its rms distance (m)."""
+    with connect(url, timeout_s=60.0) as session:
+        take_off(session)
+    refused = coaxlink("upload", str(tables), "--connect", url, "--yes", fails=True)
+    assert refused.returncode == 4 and "armed" in refused.stderr
+    with connect(url, timeout_s=60.0) as session:
+        vehicle = Vehicle(session)
+        track = vehicle.follow(table_4_flight())
+        vehicle.land()
+    far = np.linalg.norm(np.array(track.wanted_m) - np.array(track.flown_m), axis=1)
+    return float(np.sqrt((far**2).mean()))
+
+
+def upload(url: str, tables: Path, folder: Path) -> dict[str, Any]:
+    """The verb, which must verify; its JSON."""
+    out = folder / "up.json"
+    coaxlink("upload", str(tables), "--connect", url, "--yes", "--json", str(out), cwd=folder)
+    written: dict[str, Any] = json.loads(out.read_text())
+    assert written["result"] == "verified"
+    return written
+
+
+def held_to_mix(done: NDArray[np.float64], mix: NDArray[np.float64], pure: NDArray[np.float64]) -> None:
+    """Each motor (N,) within half a percent of what some control (4,) makes of `mix` (N, 4), and the split of
+    each coaxial pair of that of `pure` (N,), the motors in pure thrust."""
+    control = np.linalg.lstsq(mix, done, rcond=None)[0]
+    assert done == pytest.approx(mix @ control, rel=0.005)
+    for upper, lower in PAIRS:
+        assert done[lower] / done[upper] == pytest.approx(pure[lower] / pure[upper], rel=0.005)
 
 
 def hover(session: Session, vehicle: Vehicle, seconds: float = 20.0) -> NDArray[np.float64]:

@@ -98,6 +98,10 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
     for i, e in enumerate(effects):
         if "weak" in e:
             sick[i, e["weak"][0] - 1] -= e["weak"][1]
+    slow, onset, dropped = np.ones((B, 8)), get("onset"), get("dropped")  # dropped: share of the mass
+    for i, e in enumerate(effects):
+        if "slow" in e:
+            slow[i, e["slow"][0] - 1] -= e["slow"][1]
     shift = np.array([e.get("cg", (0.0, 0.0)) for e in effects], float)
     shift = np.concatenate([shift, np.zeros((B, 1))], axis=1)
     wind = np.array([(*e.get("wind", (0.0, 0.0)), 0.0) for e in effects], float)
@@ -121,10 +125,13 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
         volts_now = SUPPLY * (1 - sag * (0.15 + 0.85 * t / seconds)) - sag * 0.02 * u.sum(axis=1)
         volts += (volts_now - volts) * dt / 0.05
         target = command * (1 - 0.92 * (1 - volts / SUPPLY))[:, None]
+        begun = (t >= onset)[:, None]
+        target = target * np.where(begun, slow, 1.0)
+        mass_now = mass * np.where(begun[:, 0], 1.0 - dropped, 1.0)
         u = u + (target - u) * (dt / np.maximum(tau, dt))[:, None]
         thrust, torque = rotor_loads(u)
-        thrust = thrust * sick
-        torque = torque * (1 - 0.4 * (1 - sick))
+        thrust = thrust * np.where(begun, sick, 1.0)
+        torque = torque * np.where(begun, 1 - 0.4 * (1 - sick), 1.0)
         air = np.einsum("bji,bj->bi", R, v - wind - gust)
         hub = air[:, None, :] + np.cross(w[:, None, :], PLACE - shift[:, None, :])
         thrust = thrust * (1 / (1 - inflow[:, None] * hub[:, :, 2] / 4.0))
@@ -147,7 +154,7 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
         moment = moment - np.cross(w, H)
         momentum_before = momentum
         dw = (moment - np.cross(w, INERTIA * w)) / INERTIA
-        specific = force / mass[:, None]
+        specific = force / mass_now[:, None]
         acceleration = np.einsum("bij,bj->bi", R, specific) + np.array([0, 0, G])
         v = v + acceleration * dt
         p = p + v * dt

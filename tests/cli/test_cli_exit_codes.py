@@ -1,0 +1,361 @@
+"""Every no of upload, restore and verify as a user meets it: exit code, one line, the board as it was.
+
+The rows are the table "Exit codes" of docs/tables.md. Faults that need a file system on board, or a restart,
+are in tests/link (test_link_fork.py, test_link_standins.py).
+"""
+
+import json
+import re
+import resource
+import socket
+import struct
+import sys
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import common as m
+
+sys.path.append(str(Path(__file__).parents[1] / "link"))
+
+from px4_board import params_text, x8
+from scripted_autopilot import INT32, ScriptedAutopilot
+
+from coaxlink.cli import main
+from coaxlink.link.parameters import Parameters
+from coaxlink.link.upload import Uploader
+
+KEY = bytes(range(32))
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
+    monkeypatch.setattr("coaxlink.link.parameters.LOST_S", 0.6)  # the board here beats every 50 ms
+    monkeypatch.setattr("coaxlink.link.parameters._BEAT_S", 0.1)
+    monkeypatch.setitem(Parameters.__init__.__kwdefaults__, "timeout_s", 0.15)
+    monkeypatch.setitem(Uploader.__init__.__kwdefaults__, "patience_s", 1.0)
+    monkeypatch.chdir(tmp_path)
+    Path("t").mkdir()
+    Path("t/x8.params").write_text(params_text())
+    Path("key").write_bytes(KEY)
+    Path("key").chmod(0o600)
+
+
+@pytest.fixture
+def board():
+    with ScriptedAutopilot(x8()) as vehicle:
+        yield vehicle
+
+
+def _run(capsys, *arguments):
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as ended:
+        main(list(map(str, arguments)))
+    captured = capsys.readouterr()
+    return ended.value.code, captured.out, captured.err
+
+
+def _no(err, text):
+    """The one line that says no: the last, and the only one of its kind."""
+    lines = err.splitlines()
+    assert text in lines[-1], err
+    assert [line for line in lines if line.startswith("coaxlink: ")] == [lines[-1]]
+    assert "Traceback" not in err
+
+
+def _held(board):
+    return {n: struct.pack("<f", v) for n, (v, _) in board.params.items()}
+
+
+def _sets(**attributes):
+    def prepare(board):
+        for name, value in attributes.items():
+            setattr(board, name, value)
+
+    return prepare
+
+
+def _holds(**params):
+    def prepare(board):
+        for name, value in params.items():
+            board.params[name] = (value, INT32)
+
+    return prepare
+
+
+def _table(**options):
+    return lambda board: Path("t/x8.params").write_text(params_text(**options))
+
+
+def _contended(board):
+    """Another station that puts its own value back whenever ours arrives."""
+    original = board._set
+
+    def contend(message):
+        original(message)
+        if message.param_id == "CA_ROTOR3_CT" and message.param_value > 10.0:
+            board.params["CA_ROTOR3_CT"] = (9.0, 9)
+            board._send_value("CA_ROTOR3_CT")
+
+    board._set = contend
+
+
+ARMS = ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, -1), (1, 1), (-1, 1), (-1, -1))
+WIDE = {f"CA_ROTOR{n}_P{k}": 1.4 * s for n, arm in enumerate(ARMS) for k, s in zip("XY", arm, strict=True)}
+REFUSED = {
+    "armed": (_sets(armed=True), "the vehicle is armed: disarm it first"),
+    "another kind of vehicle": (_sets(vehicle_type=m.MAV_TYPE_FIXED_WING), "of type fixed_wing, not a multi"),
+    "a type with other rotors": (_sets(vehicle_type=m.MAV_TYPE_HEXAROTOR), "the table is for 8 rotors"),
+    "a table of other rotors": (_table(count=6), "another vehicle: the table is for 6 rotors"),
+    "a board set up for others": (_holds(CA_ROTOR_COUNT=4), "the board is set up for 4"),
+    "rotors in other places": (_table(CA_ROTOR0_PX=-0.18), "rotor 1 changes front or rear"),
+    "another spin": (_table(CA_ROTOR1_KM=0.05), "rotor 2 changes spin"),
+    "another firmware": (_sets(px4=False), "is for PX4, the vehicle runs ArduPilot"),
+    "too old a firmware": (_sets(version=(1, 12, 3)), "PX4 1.12.3 reads no CA_ROTOR table"),
+    "allocation switched off": (_sets(version=(1, 13, 3)), "ignores the table while SYS_CTRL_ALLOC is 0"),
+    "out of range": (_table(CA_ROTOR0_CT=150), "CA_ROTOR0_CT = 150 is outside 0..100"),
+    "NaN": (_table(CA_ROTOR0_CT="nan"), "CA_ROTOR0_CT is nan"),
+    "infinite": (_table(MPC_THR_HOVER="inf"), "MPC_THR_HOVER is inf"),
+    "an axis PX4 would drop": (_table(ct_upper=0.9, ct_lower=1.2), "px4.weak-axis: PX4 drops yaw"),
+    "axes PX4 would zero": (_table(ct_upper=100, ct_lower=100, **WIDE), "px4.small-mix"),
+    "a name the board lacks": (_table(CA_UNHEARD_OF=1.0), "has no parameter CA_UNHEARD_OF"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_upload_refuses_before_it_writes(board, capsys, case):
+    prepare, text = REFUSED[case]
+    board.params["SYS_CTRL_ALLOC"] = (0, INT32)
+    prepare(board)
+    before = _held(board)
+    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    assert code == 4
+    _no(err, text)
+    assert json.loads(Path("u.json").read_text())["result"] == "refused"
+    assert board.sets == [] and _held(board) == before and not Path("backups").exists()
+
+
+@pytest.mark.parametrize(
+    ("prepare", "code", "text"),
+    [
+        pytest.param(_sets(arm_after=5), 4, "armed", id="armed under way"),
+        pytest.param(_sets(keeps={"CA_ROTOR0_CT": 6.5}), 1, "rolled back", id="a value it does not keep"),
+        pytest.param(_contended, 1, "CA_ROTOR3_CT", id="another station writing"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["upload", "restore"])
+def test_what_goes_wrong_under_way_ends_with_the_old_table(board, capsys, verb, prepare, code, text):
+    source, before = "t", _held(board)
+    if verb == "restore":  # the backup is of the table that is to come back
+        assert _run(capsys, "upload", "t", "--connect", board.url, "--yes")[0] == 0
+        (table,) = Path("backups").glob("*.params")
+        assert _run(capsys, "restore", table, "--connect", board.url, "--yes")[0] == 0
+        source, board.sets = max(Path("backups").glob("*.params"), key=lambda p: p.stat().st_mtime_ns), []
+        assert source != table and _held(board) == before
+    prepare(board)
+    got, _, err = _run(capsys, verb, source, "--connect", board.url, "--yes", "--json", "u.json")
+    assert got == code
+    _no(err, text)
+    assert json.loads(Path("u.json").read_text())["result"] == "rolled_back"
+    assert _held(board) == before and board.sets != []
+    assert not list(Path("state").glob("*.journal.json"))
+
+
+def test_a_link_that_dies_under_way_is_three_and_says_how_to_come_back(board, capsys):
+    board.mute_after = 7
+    before = _held(board)
+    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    assert code == 3
+    _no(err, "coaxlink restore backups/")
+    assert json.loads(Path("u.json").read_text())["result"] == "failed" and _held(board) != before
+    command = re.search(r"coaxlink (restore \S+ --connect \S+)", err)[1].split()
+    board.mute_after, board.deaf = None, False
+    assert _run(capsys, *command, "--yes")[0] == 0
+    assert _held(board) == before
+
+
+def _backup(board, capsys):
+    assert _run(capsys, "upload", "t", "--connect", board.url, "--yes")[0] == 0
+    (path,) = Path("backups").glob("*.params")
+    return path
+
+
+EDITS = {
+    "a changed value": (
+        lambda t: t.replace("CA_ROTOR0_CT\t6.5", "CA_ROTOR0_CT\t7.5"),
+        2,
+        "changed since it was",
+    ),
+    "a changed value, meant": (
+        lambda t: re.sub("# Sum.*\n", "", t).replace("CA_ROTOR0_CT\t6.5", "CA_ROTOR0_CT\t750"),
+        4,
+        "outside 0..100",
+    ),
+    "a NaN, meant": (
+        lambda t: re.sub("# Sum.*\n", "", t).replace("CA_ROTOR0_CT\t6.5", "CA_ROTOR0_CT\tnan"),
+        4,
+        "CA_ROTOR0_CT is nan",
+    ),
+    "a word for a number": (lambda t: t.replace("CA_ROTOR0_CT\t6.5", "CA_ROTOR0_CT\tsix"), 2, "line "),
+    "cut": (lambda t: "".join(t.splitlines(keepends=True)[:-3]), 2, "it was cut"),
+    "no backup": (lambda t: params_text(), 2, "not a coaxlink backup"),
+    "another board's": (lambda t: re.sub("(Board: 0*)c0a1", r"\1beef", t), 4, "is of board"),
+    "not text": (lambda t: b"\xff\xfe\x00" + t.encode("utf-16-le"), 2, "UTF-8"),
+}
+
+
+@pytest.mark.parametrize("case", EDITS)
+def test_a_backup_that_a_hand_was_in(board, capsys, case):
+    edit, code, text = EDITS[case]
+    path = _backup(board, capsys)
+    edited = edit(path.read_text())
+    path.write_bytes(edited if isinstance(edited, bytes) else edited.encode())
+    board.sets, before = [], _held(board)
+    got, _, err = _run(capsys, "restore", path, "--connect", board.url, "--yes")
+    assert got == code
+    _no(err, text)
+    assert board.sets == [] and _held(board) == before
+
+
+def test_a_backup_goes_back_also_when_the_board_held_what_no_table_may(board, capsys):
+    board.params["CA_ROTOR0_CT"] = (150.0, 9)
+    path = _backup(board, capsys)
+    assert board.params["CA_ROTOR0_CT"][0] < 100.0
+    assert _run(capsys, "restore", path, "--connect", board.url, "--yes")[0] == 0
+    assert board.params["CA_ROTOR0_CT"][0] == 150.0
+
+
+def _verbs(board_url, tmp_path=Path()):
+    return {
+        "upload": ["upload", "t", "--connect", board_url, "--yes"],
+        "restore": ["restore", "b.params", "--connect", board_url, "--yes"],
+        "verify": ["verify", "t", "--connect", board_url],
+    }
+
+
+@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
+@pytest.mark.parametrize(
+    ("options", "code", "text"),
+    [
+        pytest.param(["--signing-key", "key"], 4, "does not sign with this key", id="unsigned"),
+        pytest.param(["--signing-key", "open"], 4, "chmod 600", id="a key that all can read"),
+        pytest.param(["--signing-key", "none"], 2, "the signing key cannot be read", id="no key"),
+        pytest.param(["--signing-key", "empty"], 2, "an empty signing key", id="an empty key"),
+        pytest.param(["--system", "7"], 3, "no system 7 heard", id="another system id"),
+    ],
+)
+def test_the_vehicle_on_the_line_must_be_the_one_that_is_meant(board, capsys, verb, options, code, text):
+    Path("b.params").write_text(_backup(board, capsys).read_text())
+    for name, content, mode in (("open", KEY, 0o644), ("empty", b"", 0o600)):
+        Path(name).write_bytes(content)
+        Path(name).chmod(mode)
+    board.sets = []
+    got, _, err = _run(capsys, *_verbs(board.url)[verb], *options, "--timeout", "0.4")
+    assert got == code
+    _no(err, text)
+    assert board.sets == []
+
+
+@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
+def test_nobody_there_is_three_and_no_address_is_two(capsys, verb):
+    with ScriptedAutopilot(x8()) as gone:
+        Path("b.params").write_text(_backup(gone, capsys).read_text())
+        url = gone.url
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        dead = f"tcp:127.0.0.1:{free.getsockname()[1]}"
+    for address, code, text in (
+        (url, 3, "no autopilot heard within 0.3 s"),
+        (dead, 3, "refused"),
+        ("/dev/ttyNONE9,57600", 3, "No such file"),
+        ("udpin:127.0.0.1:0", 2, "a port between 1 and 65535"),
+        ("elsewhere", 2, "not a connection"),
+    ):
+        got, _, err = _run(capsys, *_verbs(address)[verb], "--timeout", "0.3")
+        assert got == code, (address, err)
+        _no(err, text)
+        assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (params_text(CA_ROTOR0_CT="x"), r"t/x8.params: line \d+: .*a number is expected"),
+        ("# only a header\n", r"t/x8.params: "),
+        (params_text() + "1\t1\tCA_ROTOR0_CT\t6.5\t9\n", r"t/x8.params: line \d+: .*twice"),
+        (params_text().replace("\t9\n", "\t4\n"), r"t/x8.params: line \d+: "),
+        (None, r"t: no .params or .param file in it"),
+    ],
+    ids=["no number", "empty", "twice", "type", "no table"],
+)
+@pytest.mark.parametrize("verb", ["upload", "verify"])
+def test_a_bad_table_is_two_and_names_its_line(capsys, verb, text, said):
+    Path("t/x8.params").unlink()
+    if text is not None:
+        Path("t/x8.params").write_text(text)
+    code, _, err = _run(capsys, *_verbs("udpout:127.0.0.1:9")[verb])
+    assert code == 2 and len(err.splitlines()) == 1 and re.search(said, err), err
+
+
+def test_a_disk_without_room_for_the_backup_is_two_and_nothing_is_sent(board, capsys):
+    before, limit = _held(board), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (600, limit[1]))  # Python ignores SIGXFSZ: writes fail
+    try:
+        code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert code == 2
+    _no(err, "the backup cannot be written")
+    assert board.sets == [] and _held(board) == before
+    assert [p for p in Path().rglob("*") if p.is_file() and "backups" in p.parts] == []
+
+
+def test_a_place_that_is_no_folder_is_two(board, capsys):
+    Path("file").write_text("")
+    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--backup-dir", "file")
+    assert code == 2 and board.sets == []
+    _no(err, "file/")
+
+
+def test_verify_says_no_with_one_and_never_writes(board, capsys):
+    address = ["--connect", board.url]
+    for arguments, code, text in (
+        ([], 2, "nothing was uploaded to this board from here"),
+        (["t"], 1, "parameters differ from t/x8.params"),
+    ):
+        got, _, err = _run(capsys, "verify", *arguments, *address)
+        assert got == code
+        _no(err, text)
+    board.armed = True  # looking is allowed at any time
+    assert _run(capsys, "verify", "t", *address)[0] == 1
+    board.px4 = False
+    got, _, err = _run(capsys, "verify", "t", *address)
+    assert got == 1
+    _no(err, "t/x8.params is not for ArduPilot")
+    assert board.sets == []
+
+
+def test_names_in_any_script_and_with_blanks(board, capsys):
+    folder = Path("Flügel 機体 №1")
+    Path("t").rename(folder)
+    (folder / "x8.params").rename(folder / "Tabelle für X8 ✈.params")
+    before = _held(board)
+    code, _, _ = _run(
+        capsys,
+        "upload",
+        folder,
+        "--connect",
+        board.url,
+        "--yes",
+        "--json",
+        "ü.json",
+        "--backup-dir",
+        "Rück halt",
+    )
+    assert code == 0 and json.loads(Path("ü.json").read_text())["files"] == [
+        f"{folder}/Tabelle für X8 ✈.params"
+    ]
+    assert _run(capsys, "verify", folder, "--connect", board.url)[0] == 0
+    (backup,) = Path("Rück halt").iterdir()
+    assert _run(capsys, "restore", backup, "--connect", board.url, "--yes")[0] == 0
+    assert _held(board) == before

@@ -1,0 +1,74 @@
+"""What a stand-in still knows after its plug was pulled."""
+
+from pathlib import Path
+
+import pytest
+
+from sim.errors import WorldError
+from sim.world import World, build
+
+X8 = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
+FLOAT = 9
+
+
+def _boot(memory, firmware="px4"):
+    return build(World(X8, firmware=firmware, memory=memory), [])
+
+
+def test_px4_saves_late_or_when_it_is_told_to(tmp_path):
+    memory = tmp_path / "memory.json"
+    first = _boot(memory)
+    first.autopilot.store.write("CA_ROTOR0_CT", FLOAT, 30.0)
+    first.tick()
+    assert _boot(memory).autopilot.store["CA_ROTOR0_CT"] == 6.5
+    first.autopilot.keep()
+    again = _boot(memory)
+    assert again.autopilot.store["CA_ROTOR0_CT"] == 30.0
+    assert again.autopilot.mixer.mix.effectiveness[5, 0] == -30.0  # and flies it
+
+
+def test_px4_s_own_save_comes_a_moment_after_the_change(tmp_path, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr("sim.memory.time.monotonic", lambda: clock[0])
+    memory = tmp_path / "memory.json"
+    board = _boot(memory)
+
+    def kept(after_s):
+        clock[0] += after_s
+        board.tick()
+        return _boot(memory).autopilot.store["CA_ROTOR0_CT"]
+
+    board.autopilot.store.write("CA_ROTOR0_CT", FLOAT, 30.0)
+    assert (kept(0.29), kept(0.02)) == (6.5, 30.0)
+    board.autopilot.store.write("CA_ROTOR0_CT", FLOAT, 31.0)  # not twice within two seconds
+    assert (kept(1.9), kept(0.2)) == (30.0, 31.0)
+
+
+def test_ardupilot_keeps_values_scripts_and_what_they_added_at_once(tmp_path):
+    memory = tmp_path / "memory.json"
+    board = _boot(memory, "ardupilot").autopilot
+    board.store.write("SCR_ENABLE", 1.0)
+    board.files.make("scripts")
+    text = b"param:add_table(7, 'ABC_', 1) param:add_param(7, 1, 'D', 2.5)"
+    assert board.files.begin("/APM/scripts/a.lua", text)
+    standin = _boot(memory, "ardupilot")
+    assert standin.autopilot.store["SCR_ENABLE"] == 0.0  # nothing ran that could have kept it
+    board = standin.autopilot
+    board.store.write("SCR_ENABLE", 1.0)
+    board.files.make("scripts")
+    board.files.begin("/APM/scripts/a.lua", text)
+    standin.tick()
+    standin = _boot(memory, "ardupilot")
+    assert standin.autopilot.store["ABC_D"] == 2.5
+    standin.autopilot.store.write("ABC_D", 4.0)
+    standin.tick()
+    assert _boot(memory, "ardupilot").autopilot.store["ABC_D"] == 4.0
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"parameters": {}}', '{"parameters": {}, "files": 3, "folders": []}']
+)
+def test_another_file_is_no_memory(tmp_path, text):
+    (tmp_path / "m.json").write_text(text)
+    with pytest.raises(WorldError, match=r"m\.json: no memory of a stand-in"):
+        _boot(tmp_path / "m.json")
