@@ -53,7 +53,7 @@ ROUNDS = 3  # of judging again
 LEAST_ROWS = 80  # judged rows of a flight
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 60_000, 64  # of a stand log: a longer one is judged on every so many stretches
-LONG = 100_000  # judged rows times channels: beyond, other forms of an effect are not tried
+LONG, LONG_STAND = 200_000, 100_000  # judged rows times channels: beyond, other forms are not tried
 FAR_OFF = 1.15  # of the noise: a fitted base is looked at again
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
 
@@ -262,7 +262,8 @@ def _together(
         at = o.effect.inverse(bare, had[o.name]) if o.name in had else (m.shape, m.coefficients)
         start.append(member(bare, o.effect, *at))
     try:
-        joint = fit(fitter, start, alternatives=problem.residual.size < LONG)
+        long = LONG_STAND if problem.noise_known else LONG
+        joint = fit(fitter, start, alternatives=problem.residual.size < long)
         if base is not None:
             if problem.residual.size < LONG and not (selection.doubtful or names & set(had)):
                 joint = needed(fitter, joint)
