@@ -1,4 +1,4 @@
-"""Data that cannot be what their labels say: stuck cells, lying tachometers, repeated batches, swapped rotors.
+"""Data that cannot be what their labels say: stuck cells, lying tachometers, repeats, swapped rotors.
 
 Found before anything is fitted; the rows are left out, or, where every row is concerned, nothing is claimed.
 """

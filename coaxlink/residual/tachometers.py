@@ -1,8 +1,9 @@
-"""A tachometer that begins to lie: a stretch of rows in which it reads another speed than throttle and loads.
+"""A tachometer that begins to lie: in a stretch of rows it reads another speed than throttle and loads show.
 
-A slipping marker, a second reflection or a changed pole count multiplies the reading from one moment on. Where
-the log has throttle and speed, the stretch shows as a step in speed over throttle; the loads then say whether
-the rotor or its reading changed. (One that lies above some speed is an option of the fit, `effects.stand_rig`.)
+A slipping marker, a second reflection or a changed pole count multiplies the reading from one moment on.
+Where the log has throttle and speed, the stretch shows as a step in speed over throttle; the loads then say
+whether the rotor or its reading changed. (One that lies above some speed is an option of the fit, in
+`effects.stand_rig`.)
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ class Lie:
     def why(self) -> str:
         """In words."""
         return (
-            f"reads {100 * self.reads_high_by:+.1f} % here: throttle and loads agree on the speed that it showed"
-            " in the other rows"
+            f"reads {100 * self.reads_high_by:+.1f} % here: throttle and loads agree on what it shows in the"
+            " other rows"
         )
 
 
