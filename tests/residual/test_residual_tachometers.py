@@ -14,7 +14,7 @@ RPM, RATE = 6200.0, 10.0
 def bench(
     seed: int, *, from_s: float, to_s: float, turns: float = 1.0, reads: float = 1.0, side: str = "lower"
 ) -> Samples:
-    """Random holds; in a stretch a rotor turns `turns` times as fast and its tachometer shows `reads` of it."""
+    """Random holds; for a while a rotor turns `turns` times as fast, its tachometer shows `reads` of it."""
     random = np.random.default_rng(seed)
     throttle = np.repeat(random.uniform(0.2, 0.95, (80, 2)), 15, axis=0)
     time = np.arange(len(throttle)) / RATE
