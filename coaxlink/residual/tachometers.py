@@ -48,20 +48,28 @@ def lies(frame: StandFrame) -> list[Lie]:
     for side in (0, 1):
         if frame.driven or frame.throttles is None or np.ptp(frame.throttles[:, side]) < 0.05:
             continue
-        # a sagging supply may hide a step, and stand in for one: the loads decide
-        for supply in (False, True):
-            lie = _step(frame, side, supply)
-            if lie is not None and _loads_clear(frame, lie):
+        # a stretch of time or of throttle; a sagging supply may hide a step, and stand in for one
+        ways = [(order, supply) for order in _orders(frame, side) for supply in (False, True)]
+        steps = [step for way in ways if (step := _step(frame, side, *way)) is not None]
+        for _, lie in sorted(steps, key=lambda step: -step[0]):
+            if _loads_clear(frame, lie):
                 found.append(lie)
                 break
     return found
 
 
-def _step(frame: StandFrame, side: int, supply: bool) -> Lie | None:
-    """The stretch in which the speed is furthest from what the throttle gives elsewhere."""
+def _orders(frame: StandFrame, side: int) -> list[NDArray[np.intp]]:
     assert frame.throttles is not None
-    speed = frame.speeds[:, side]
-    x = _curves(frame, side, supply)
+    return [np.arange(len(frame.time_s)), np.argsort(frame.throttles[:, side], kind="stable")]
+
+
+def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -> tuple[float, Lie] | None:
+    """The stretch of rows, in that order, whose speed is furthest from what the throttle gives elsewhere.
+
+    With it, by how much its squares are lower once the reading is mended.
+    """
+    speed = frame.speeds[order, side]
+    x = _curves(frame, side, supply)[order]
     rows = len(speed)
     inside = np.zeros(rows, bool)
     for number in range(ROUNDS):
@@ -91,7 +99,11 @@ def _step(frame: StandFrame, side: int, supply: bool) -> Lie | None:
     shift = abs(lie) * float(np.mean(np.abs(usual[inside])))
     if abs(lie) < LEAST_LIE or shift * np.sqrt(inside.sum()) < SURE * noise:
         return None
-    return Lie(side, inside, lie)
+    mended = np.where(inside, speed / (1.0 + lie), speed)
+    lowered = float(np.sum((speed - usual) ** 2) - np.sum((mended - usual) ** 2))
+    rows_of = np.zeros(rows, bool)
+    rows_of[order[inside]] = True
+    return lowered, Lie(side, rows_of, lie)
 
 
 def _curves(frame: StandFrame, side: int, supply: bool) -> Array:
