@@ -33,10 +33,12 @@ def restore(
     backup_dir: BackupOption = Path("backups"),
 ) -> None:
     """Put a backup back: all parameters that differ, read back and compared; roll back on any failure."""
+    from coaxlink import files
     from coaxlink.link import connect as open_session
     from coaxlink.link.backup import read_backup
     from coaxlink.link.upload import Uploader
 
+    files.refuse_unwritable(json_file)
     saved = read_backup(backup)
     with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
         say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coaxlink import files
 from coaxlink.cli import _explain, _tables
 from coaxlink.cli._effects import (
     ClimbOption,
@@ -52,6 +53,7 @@ def table(
     """Write a mixer table and say what mix the firmware will make of it."""
     if firmware not in ("px4", "ardupilot"):
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
+    files.refuse_unwritable(json_file)
     seen, path = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(seen)
     with _naming(path):
@@ -84,7 +86,6 @@ def _px4(
     connect: str,
     csv: bool,
 ) -> None:
-    from coaxlink import files
     from coaxlink.link import tables
     from coaxlink.link.explain import explain_px4, present_px4
 
@@ -119,7 +120,6 @@ def _ardupilot(
     frame_class: int,
     spin_min: float,
 ) -> None:
-    from coaxlink import files
     from coaxlink.link.ap_tables import report_ap
     from coaxlink.link.explain import explain_ap, present_ap
 

@@ -47,11 +47,13 @@ def upload(
     ] = False,
 ) -> None:
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
+    from coaxlink import files
     from coaxlink.link import connect as open_session
     from coaxlink.link.outcome import REFUSED, Outcome
     from coaxlink.link.plan import load_plan, refuse_values
     from coaxlink.link.upload import Uploader
 
+    files.refuse_unwritable(json_file)
     plan = load_plan(source)
     try:
         refuse_values(plan.firmware, plan.params, plan.files[0])

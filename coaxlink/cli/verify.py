@@ -28,6 +28,7 @@ def verify(
     from coaxlink.link.plan import load_plan
     from coaxlink.link.verify import verify as check
 
+    files.refuse_unwritable(json_file)
     plan = load_plan(source) if source else None
     with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
         say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")

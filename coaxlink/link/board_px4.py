@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from firmware_params.px4 import csv_mixer
 
 _AUTOSAVE_S = 2.5  # PX4 v1.16 saves 0.3 s after a change, at most every 2 s (parameters/autosave.cpp)
 _SAVED_S = 5.0
+_KNOWN = (1, 17)  # newest version whose allocation was read and flown
+_OUTPUT, _MOTOR_1 = re.compile(r"_FUNC\d+$"), 101
 
 
 class Px4Board(Board):
@@ -32,6 +35,7 @@ class Px4Board(Board):
         if limits is not None:
             refuse_beyond(plan.params, limits, self.session.identity.name)
             self._talk.say(f"values held against the {len(limits)} parameters of the board's own list")
+        self._remark(plan, snapshot)
         params, types = dict(plan.params), dict(plan.types)
         if not plan.cargo:
             return Content(self._stored(params, types, snapshot, known_only=False))
@@ -45,6 +49,21 @@ class Px4Board(Board):
         params[switch], types[switch] = 1, snapshot.values[switch].type
         values = self._stored(params, types, snapshot, known_only=False)
         return Content(values, {csv_mixer.BOARD_PATH: plan.cargo[csv_mixer.FILE_NAME]})
+
+    def _remark(self, plan: Plan, snapshot: Snapshot) -> None:
+        """What the flight engineer should know, though it forbids nothing."""
+        identity = self.session.identity
+        if identity.version and identity.version[:2] > _KNOWN:
+            known = ".".join(map(str, _KNOWN))
+            self._talk.say(
+                f"what {identity.name} drops of a table is only known up to {known}: look at it fly"
+            )
+        outputs = {v.value for n, v in snapshot.values.items() if _OUTPUT.search(n)}
+        bare = [n for n in range(1, (plan.rotor_count or 0) + 1) if _MOTOR_1 + n - 1 not in outputs]
+        if outputs and bare:
+            self._talk.say(
+                f"no output of this board drives motor {', '.join(map(str, bare))} (*_FUNCn = 101..112)"
+            )
 
     def saved(self, backup: Backup, snapshot: Snapshot) -> Content:
         """A fork's mixer.csv goes back too, or away if there was none."""

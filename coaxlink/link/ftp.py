@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import random
 import struct
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -22,7 +24,7 @@ from firmware_params.ardupilot.scripts import file_crc
 _TERMINATE, _LIST, _OPEN_RO, _READ, _CREATE, _WRITE = 1, 3, 4, 5, 6, 7
 _REMOVE, _MAKE_FOLDER, _RENAME, _CRC = 8, 9, 13, 14
 _ACK, _NAK = 128, 129
-_EOF, _EXISTS, _NOT_FOUND = 6, 8, 10
+_NO_SESSION, _EOF, _EXISTS, _NOT_FOUND = 4, 6, 8, 10
 _ERRORS = {
     1: "failed",
     2: "failed in its file system",
@@ -41,6 +43,9 @@ _WINDOW = 4  # a board keeps no more than five requests waiting
 _ANSWER = "FILE_TRANSFER_PROTOCOL"
 _HEAD = struct.Struct("<HBBBBBBI")  # number, session, code, size, request code, burst end, padding, offset
 SIDE = ".new"
+_TIMES, _LATE_S = 3, 0.3
+
+Result = TypeVar("Result")
 
 
 class FileError(CheckFailed):
@@ -49,6 +54,10 @@ class FileError(CheckFailed):
     def __init__(self, what: str, code: int) -> None:
         self.code = code
         super().__init__(f"{what}: {_ERRORS.get(code, f'error {code}')} on board")
+
+
+class _Spoiled(CheckFailed):
+    """What is on board is not what was sent."""
 
 
 @dataclass(frozen=True)
@@ -84,29 +93,40 @@ class Files:
 
     def read(self, path: str) -> bytes | None:
         """A file, None when there is none. The size the board announces is not trusted: read to the end."""
-        opened = self._maybe(_OPEN_RO, path.encode())
-        if opened is None:
-            return None
-        try:
-            return self._read_on(path, opened)
-        finally:
-            self._request(_TERMINATE, b"", session=opened.session)
+
+        def once() -> bytes | None:
+            opened = self._maybe(_OPEN_RO, path.encode())
+            if opened is None:
+                return None
+            try:
+                return self._read_on(path, opened)
+            finally:
+                self._request(_TERMINATE, b"", session=opened.session)
+
+        return self._again(once)
 
     def write(self, path: str, data: bytes) -> None:
-        """Put a file in place of the old one, once the board's CRC of it is right. Raises FileError."""
+        """Put a file in place of the old one, once the board's CRC of it is right. Raises FileError.
+
+        A request that the line doubled and held up may undo a later one (a board knows only the last), and a
+        restart ends a transfer: both show, and then all is done again.
+        """
+        self._again(lambda: self._write_once(path, data))
+
+    def _write_once(self, path: str, data: bytes) -> None:
         side = path + SIDE
         self.remove(side)
         try:
             self.write_plain(side, data)
             if self.crc(side) != file_crc(data):
-                raise CheckFailed(f"{path}: the board's checksum of what was written is wrong")
+                raise _Spoiled(f"{path}: the board's checksum of what was written is wrong")
         except CheckFailed:
             self.remove(side)
             raise
         self.remove(path)
         self._request(_RENAME, side.encode() + b"\0" + path.encode())
         if self.crc(path) != file_crc(data):
-            raise CheckFailed(f"{path}: the board's checksum is wrong after renaming")
+            raise _Spoiled(f"{path}: the board's checksum is wrong after renaming")
 
     def write_plain(self, path: str, data: bytes) -> None:
         """Write straight to a name (@PARAM/param.pck and such have no other). Raises FileError."""
@@ -159,6 +179,17 @@ class Files:
             names += [e[1:].split(b"\t")[0].decode(errors="replace") for e in entries if e[:1] == b"F"]
 
     # -- inside --------------------------------------------------------------------------------------------
+
+    def _again(self, work: Callable[[], Result]) -> Result:
+        """Do it up to three times; what a fault of the file system refused stays refused."""
+        for _ in range(_TIMES - 1):
+            try:
+                return work()
+            except (_Spoiled, FileError) as error:
+                if isinstance(error, FileError) and error.code not in (_NO_SESSION, _NOT_FOUND):
+                    raise
+                time.sleep(_LATE_S)  # until what is under way has come
+        return work()
 
     def _maybe(self, code: int, data: bytes) -> _Answer | None:
         try:

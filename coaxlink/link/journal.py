@@ -102,7 +102,10 @@ class Journal:
             )
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
-                self.path, "", f"a damaged journal ({error}); restore a backup, then delete it"
+                self.path,
+                "",
+                f"a damaged journal ({error}): the board may hold half a table; delete it, then restore the "
+                "newest backup",
             ) from error
 
     def begin(self, entry: Entry) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from coaxlink.errors import InputError
 from coaxlink.link.address import parse_address
 from coaxlink.link.session import COMPANION_COMPONENT, COMPANION_SYSTEM, Session
 from coaxlink.link.transport import open_transport
@@ -30,6 +32,10 @@ def connect(
     LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that does not
     sign with this key.
     """
+    if not 0.0 < timeout_s < math.inf:
+        raise InputError("--timeout", "", f"seconds above 0 are expected, found {timeout_s:g}")
+    if target_system is not None and not 1 <= target_system <= 255:
+        raise InputError("--system", "", f"a system id from 1 to 255 is expected, found {target_system}")
     signer = _signer(signing_key) if signing_key else None
     address = parse_address(url)
     line = open_transport(address, timeout_s)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed, LinkError
 from coaxlink.link.session import Message, Session
+
+_TRIES, _TRY_S = 12, 1.0
 
 
 def reboot(session: Session, gone_s: float = 5.0, back_s: float = 30.0) -> None:
@@ -25,7 +28,7 @@ def reboot(session: Session, gone_s: float = 5.0, back_s: float = 30.0) -> None:
 
     leave = session.subscribe(watch)
     try:
-        result = session.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
+        result = _ask(session, lambda: restarted[0])
         if result != mavlink.MAV_RESULT_ACCEPTED:
             raise CheckFailed(f"the vehicle refuses to reboot (result {result})")
         gone = time.monotonic() + gone_s
@@ -41,3 +44,15 @@ def reboot(session: Session, gone_s: float = 5.0, back_s: float = 30.0) -> None:
         except LinkError:
             time.sleep(0.5)
     raise LinkError(session.address, f"the vehicle did not come back from its reboot within {back_s:g} s")
+
+
+def _ask(session: Session, restarted: Callable[[], bool]) -> int:
+    """The MAV_RESULT of the command. A restart whose acknowledgement got lost is known by the vehicle's clock
+    alone: mere silence may be the line's."""
+    for _ in range(_TRIES):
+        try:
+            return session.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0, timeout_s=_TRY_S, tries=1)
+        except LinkError:
+            if restarted():
+                return int(mavlink.MAV_RESULT_ACCEPTED)
+    raise LinkError(session.address, f"the command to reboot was not acknowledged ({_TRIES} tries)")

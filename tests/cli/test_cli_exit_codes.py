@@ -257,6 +257,39 @@ def test_the_vehicle_on_the_line_must_be_the_one_that_is_meant(board, capsys, ve
 
 
 @pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--json", "file/out.json"], "file/out.json: cannot be written"),
+        (["--timeout", "nan"], "--timeout: seconds above 0 are expected"),
+        (["--system", "300"], "--system: a system id from 1 to 255 is expected"),
+        (["--sytem", "1"], "No such option"),
+    ],
+)
+def test_wrong_use_is_two_before_anything_is_sent(board, capsys, verb, options, text):
+    Path("b.params").write_text(_backup(board, capsys).read_text())
+    Path("file").write_text("")
+    board.params, board.sets, board.heard = x8(), [], []
+    code, _, err = _run(capsys, *_verbs(board.url)[verb], *options)
+    assert code == 2 and board.heard == []
+    _no(err, text)
+
+
+@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
+def test_a_damaged_journal_is_two_and_says_what_to_do(board, capsys, verb):
+    Path("b.params").write_text(_backup(board, capsys).read_text())
+    journal = Path("state") / f"{0xC0A1:016x}.journal.json"
+    board.sets = []
+    for text in ("", '{"board": 3', "[1]", '{"board": "x", "old": 3}'):
+        journal.write_text(text)
+        code, _, err = _run(capsys, *_verbs(board.url)[verb])
+        assert code == 2 and board.sets == []
+        _no(err, "delete it, then restore the newest backup")
+    journal.unlink()
+    assert _run(capsys, *_verbs(board.url)[verb])[0] == 0
+
+
+@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
 def test_nobody_there_is_three_and_no_address_is_two(capsys, verb):
     with ScriptedAutopilot(x8()) as gone:
         Path("b.params").write_text(_backup(gone, capsys).read_text())

@@ -6,6 +6,7 @@ import socket
 import struct
 import threading
 import time
+import types
 
 import pytest
 from pymavlink.dialects.v20 import common as m
@@ -14,6 +15,7 @@ from scripted_autopilot import ScriptedAutopilot
 from coaxlink.errors import InputError, LinkError
 from coaxlink.link import connect
 from coaxlink.link.address import parse_address
+from coaxlink.link.reboot import reboot
 
 
 @pytest.mark.parametrize(
@@ -230,3 +232,34 @@ def test_loss_is_measured_from_the_sequence():
             vehicle.send(m.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0))
         time.sleep(0.5)
         assert 0.2 < session.loss < 0.4
+
+
+class _Rebooting:
+    """A session whose vehicle never acknowledges; `stamps` are its clock after each try."""
+
+    address, silence_s = "nowhere", 0.0
+
+    def __init__(self, stamps):
+        self.stamps, self.tries = list(stamps), 0
+
+    def subscribe(self, callback):
+        self.tell = callback
+        callback(types.SimpleNamespace(time_boot_ms=50_000))
+        return lambda: None
+
+    def command(self, *params, timeout_s, tries):
+        self.tries += 1
+        if self.stamps:
+            self.tell(types.SimpleNamespace(time_boot_ms=self.stamps.pop(0)))
+        raise LinkError(self.address, "not acknowledged")
+
+    def wait(self, *_):
+        return "a heartbeat"
+
+
+def test_a_reboot_whose_word_is_lost_is_known_by_the_clock():
+    session = _Rebooting([51_000, 52_000, 1_000])
+    reboot(session)
+    assert session.tries == 3
+    with pytest.raises(LinkError, match="reboot was not acknowledged"):
+        reboot(_Rebooting([51_000]))

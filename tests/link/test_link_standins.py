@@ -228,6 +228,32 @@ def test_files_over_a_bad_line(tmp_path):
         assert files.remove("/APM/scripts/a.lua") and files.retries > 0
 
 
+def test_a_file_that_an_old_request_spoils_is_written_again(monkeypatch):
+    """A doubled and delayed "remove" comes after the renaming; a restart forgets an open file."""
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        files, other, late = Files(session), Files(session), ["rename", "write"]
+        request, window = files._request, files._window
+
+        def spoil(code, data, **kw):
+            answer = request(code, data, **kw)
+            if code == 13 and "rename" in late:
+                late.remove("rename")
+                other.remove("/APM/a.lua")
+            return answer
+
+        def forget(what, orders):
+            if "write" in late and any(order.code == 7 for order in orders.values()):
+                late.remove("write")
+                other._request(1, b"")  # the board has one session, and it is closed now
+            return window(what, orders)
+
+        monkeypatch.setattr(files, "_request", spoil)
+        monkeypatch.setattr(files, "_window", forget)
+        files.write("/APM/a.lua", b"-- whole")
+        assert other.read("/APM/a.lua") == b"-- whole" and late == []
+        assert other.listing("/APM") == ["a.lua"]
+
+
 def test_a_folder_without_a_parent_is_no_end_of_the_search(monkeypatch):
     """The real SITL has no /APM: making /APM/scripts there is answered with errno 2."""
     with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:

@@ -398,3 +398,15 @@ def test_killed_after_each_write_the_next_call_makes_it_whole(board, tmp_path, f
             rest = {name: v for name, v in board.params.items() if name not in wanted.params}
             assert _same(rest, {name: v for name, v in before.items() if name not in wanted.params})
         assert Journal(_Identity).open_entry() is None
+
+
+def test_what_forbids_nothing_is_still_said(board, tmp_path):
+    """A motor that no output drives, a firmware newer than was ever looked at."""
+    board.params |= {f"PWM_MAIN_FUNC{n}": (100 + n if n != 7 else 0, 6) for n in range(1, 9)}
+    board.version, said = (1, 18, 0), []
+    assert _upload(board, _plan(tmp_path), tmp_path, Talk(say=said.append)).result == "verified"
+    assert any("PX4 1.18.0 drops of a table is only known up to 1.17" in text for text in said)
+    assert any("no output of this board drives motor 7 (" in text for text in said)
+    board.params["PWM_MAIN_FUNC7"], board.version, said = (107, 6), (1, 17, 2), []
+    assert _upload(board, _plan(tmp_path), tmp_path, Talk(say=said.append)).result == "verified"
+    assert not any("drives motor" in text or "only known" in text for text in said)

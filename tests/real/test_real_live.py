@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from real_autopilots import ROOT, arducopter, coaxlink, free_port
-from test_real_ardupilot import AIRFRAME, FACTORY, PAIRS, take_off
+from real_autopilots import AIRFRAME, PAIRS, ROOT, arducopter, coaxlink, free_port, take_off
+from test_real_ardupilot import FACTORY
 
 from coaxlink.airframe import load_airframe
 from coaxlink.link import connect
