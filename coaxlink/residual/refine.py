@@ -144,7 +144,7 @@ def refine_stand(
             continue
         known, notes = known_on_stand(bare)
         if thinned > 1:
-            notes.append(f"a long log: judged on every {thinned}th stretch of {STRETCH} rows")
+            notes.append(f"a long log: one stretch of {STRETCH} rows in {thinned} is judged")
         problem = stand_problem(composed(bare, known))
         progress("selecting")
         few = len(trusted) < LEAST_STAND_ROWS

@@ -1,0 +1,154 @@
+"""Stand logs whose effects follow other laws than the analysis has, and pairs that no polynomial follows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from residual_rig import FULL_RPM, steady_loads
+
+from coaxlink.data.samples import Samples
+from coaxlink.residual import refine_stand
+from coaxlink.residual.effects.stand_hysteresis import direction, slipping
+from coaxlink.rotor import RotorModel
+
+NOISE = np.array([[0.3], [0.006], [0.3], [0.006]])
+TERMS = {
+    "upper.thrust_N": {"u_u^2": 55.9517, "u_u": 22.4464},
+    "upper.torque_Nm": {"u_u^2": 1.2437, "u_u": 0.7155},
+    "lower.thrust_N": {
+        "u_l^2": 64.721, "u_l": 12.402, "1": 0.801,
+        "u_u^2 u_l^2": 2.755, "u_u u_l": -2.547, "u_u^2": -37.502,
+    },
+    "lower.torque_Nm": {"u_u u_l^2": 0.307, "u_l^2": 1.466, "u_l": 0.573, "u_u^2": -0.695},
+}  # fmt: skip
+
+
+def model():
+    return RotorModel.from_terms("crm", FULL_RPM, TERMS)
+
+
+def ramps(rows=900):
+    """(rows,) times and both speeds: triangles of two periods, up and down."""
+    t = 0.1 * np.arange(rows)
+
+    def triangle(period):
+        return 0.9 * np.abs(((t / period) % 2.0) - 1.0)
+
+    return t, 0.9 - triangle(15.0), 0.9 - triangle(6.1)
+
+
+def log_of(t, a, b, loads, seed=0, **more):
+    rng = np.random.default_rng(seed)
+    loads = loads + NOISE * rng.standard_normal(loads.shape)
+    names = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+    columns = {"time_s": t, "upper_rpm": FULL_RPM * a, "lower_rpm": FULL_RPM * b}
+    columns |= dict(zip(names, loads, strict=True)) | more
+    return Samples(columns, "stand", ())
+
+
+def names(answer):
+    return sorted(e.name for e in answer.effects)
+
+
+def over(answer):
+    return max(c.rmse_after / c.noise_floor for c in answer.channels.values())
+
+
+def test_friction_that_takes_a_way_to_turn_is_hysteresis_and_nothing_else():
+    t, a, b = ramps()
+    loads = steady_loads(a, b)
+    for row, u in ((0, a), (2, b)):  # a viscous element in the travelled way, not the analysis' sticking ones
+        state = np.zeros(len(u))
+        for k in range(1, len(u)):
+            move = u[k] - u[k - 1]
+            state[k] = state[k - 1] * np.exp(-abs(move) / 0.06) + np.sign(move) * -np.expm1(-abs(move) / 0.06)
+        loads[row] *= 1.0 - 0.06 * state
+        loads[row + 1] *= 1.0 - 0.04 * state
+    answer = refine_stand(log_of(t, a, b, loads), model())
+    assert names(answer) == ["hysteresis"]
+    assert over(answer) < 1.12
+
+
+def test_growth_of_lift_at_the_tips_is_a_blade_speed_law_though_the_base_takes_most_of_it():
+    t, a, b = ramps(1500)
+    loads = steady_loads(a, b)
+    for row, u in ((0, a), (1, a), (2, b), (3, b)):
+        loads[row] *= 1.0 + 0.09 * (u > 0.5) * ((u - 0.5) / 0.4) ** 2
+    answer = refine_stand(log_of(t, a, b, loads), model())
+    assert names(answer) == ["blade_speed_law"]
+    assert over(answer) < 1.12
+
+
+def test_cold_air_all_along_is_density_and_no_other_law():
+    t, a, b = ramps()
+    celsius = -12.0 + 9.0 * np.sin(0.05 * t)  # 10 % denser than where the model holds
+    loads = steady_loads(a, b) * 288.15 / (celsius + 273.15)
+    answer = refine_stand(log_of(t, a, b, loads, air_temperature_C=celsius), model())
+    assert names(answer) == ["air_density"]
+    assert over(answer) < 1.1
+
+
+def test_a_pair_that_no_polynomial_follows_still_shows_a_drift():
+    t, a, b = ramps(1200)
+    loads = steady_loads(a, b)
+    angle = np.arctan2(b, a + 1e-9)
+    whole = a**2 + b**2
+    loads[2] = whole * (70.0 * np.sin(angle) - 35.0 * np.cos(angle) / (1.0 + 6.0 * angle))
+    loads[3] = whole * (1.7 * np.sin(angle) - 1.2 * np.exp(-9.0 * angle))
+    calm = refine_stand(log_of(t, a, b, loads, seed=1))
+    assert names(calm) == []
+    loads[2] += 2.0 * t / t[-1]
+    answer = refine_stand(log_of(t, a, b, loads, seed=1))
+    assert names(answer) == ["sensor_drift"]
+    assert answer.channels["lower_thrust"].rmse_after < 1.15 * answer.channels["lower_thrust"].noise_floor
+    assert any("ratio of the speeds" in note for note in answer.notes)
+
+
+def test_no_tachometer_is_accused_without_a_throttle_to_witness():
+    t, a, b = ramps()
+    answer = refine_stand(log_of(t, a * (1 + 0.06 * (a > 0.5)), b, steady_loads(a, b)), model())
+    assert not any("rpm" in s.column for s in answer.suspect_data)
+
+
+def test_a_cell_stuck_where_the_load_stands_still():
+    t = 0.1 * np.arange(600)
+    levels = np.repeat(np.linspace(0.2, 0.9, 10), 60)
+    loads = steady_loads(levels, levels[::-1])
+    log = log_of(t, levels, levels[::-1], loads)
+    stuck = log["upper_torque_Nm"].copy()
+    stuck[305:350] = stuck[305]
+    answer = refine_stand(log.with_columns(upper_torque_Nm=stuck), model())
+    assert [s.column for s in answer.suspect_data] == ["upper_torque_Nm"]
+    assert "306-350" in answer.suspect_data[0].rows
+
+
+def test_a_long_log_is_judged_on_stretches():
+    rows = 95_000
+    t = 0.02 * np.arange(rows)
+    a, b = 0.45 * (1 - np.cos(0.21 * t)), 0.45 * (1 - np.cos(0.057 * t))
+    loads = steady_loads(a, b)
+    loads[2] += 2.0 * t / t[-1]
+    answer = refine_stand(log_of(t, a, b, loads), model())
+    assert names(answer) == ["sensor_drift"]
+    assert any("in 2 is judged" in note for note in answer.notes)
+    assert max(c.held_out_rows for c in answer.channels.values()) < rows
+
+
+@pytest.mark.parametrize("rows", [1, 7, 400])
+def test_slipping_elements_are_those_run_one_row_at_a_time(rows):
+    course = np.cumsum(np.random.default_rng(3).normal(0.0, 0.02, rows))
+    ways = np.array([0.01, 0.1])
+    state, expected = np.zeros(2), []
+    for k in range(rows):
+        move = (course[k] - course[k - 1]) if k else 0.0
+        state = np.clip(state + 2.0 * move / ways, -1.0, 1.0)
+        expected.append(state)
+    assert np.allclose(slipping(course, ways), expected)
+
+
+def test_a_sweep_that_jumps_back_has_no_way_down():
+    class Frame:
+        throttles = None
+        speeds = np.column_stack([np.tile(np.linspace(0.0, 0.9, 10), 5)] * 2)
+
+    assert not np.any(direction(Frame(), 0) < 0)
