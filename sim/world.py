@@ -132,6 +132,7 @@ def _settle(autopilot: Any, number: int) -> None:
     """A number, and a place of its own."""
     autopilot.store.preset(autopilot.id_parameter, number + 1)
     autopilot.system = number + 1
+    autopilot.uid += number
     autopilot.home = HOME.moved(0.0, APART_M * number)
 
 

@@ -139,7 +139,7 @@ def refine_stand(
         if again and (shed is None or best is None or not _far_off(best[1])):
             break
         progress("fitting candidates")
-        bare = replace(stand_frame(samples, model, order, shed if again else None), keep=trusted)
+        bare = stand_frame(samples, model, order, shed if again else None, trusted)
         if best is not None and bare.model.terms() == best[1].problem.frame.model.terms():
             continue
         known, notes = known_on_stand(bare)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
@@ -58,12 +59,16 @@ def joined(logs: Sequence[Samples]) -> Samples:
 
 
 def stand_frame(
-    samples: Samples, model: RotorModel | None, order: int | None = None, shed: Array | None = None
+    samples: Samples,
+    model: RotorModel | None,
+    order: int | None = None,
+    shed: Array | None = None,
+    trusted: NDArray[np.intp] | None = None,
 ) -> StandFrame:
     """Both sides of a stand log; without a model, one of this order, or of the order the log supports.
 
     `shed` (rows, 6) is what effects add that are known of already: how rich a base the log asks for is seen
-    best without them.
+    best without them. `trusted` rows alone are asked for the base, and judged.
     Raises InputError: nothing measured, no speeds, too few rows.
     """
     names = [c for c in STAND_LOADS if samples.has(COLUMN_OF[c])]
@@ -95,11 +100,12 @@ def stand_frame(
     free = model is None
     orders = ORDERS if order is None else (order,)
     plain = measured if shed is None else measured - shed
-    base = model or own_model(u, plain, present, speeds.speed_max_rpm, orders)
+    keep = np.arange(samples.rows) if trusted is None else trusted
+    base = model or own_model(u[keep], plain[keep], present, speeds.speed_max_rpm, orders)
     surfaces: dict[int, Surface] = {}
     notes = [f"speeds: {speeds.source}"]
     if free and order is None:
-        base, surfaces = _with_surfaces(base, u, plain, present)
+        base, surfaces = _with_surfaces(base, u[keep], plain[keep], present)
     if surfaces:
         names_of_loads = " and ".join(STAND_CHANNELS[c] for c in surfaces)
         notes.append(
@@ -120,7 +126,7 @@ def stand_frame(
         free_base=free,
         columns=samples.columns,
         block=_blocks(u if throttles is None else throttles, time),
-        keep=np.arange(samples.rows),
+        keep=keep,
         notes=tuple(notes),
         surfaces=surfaces,
     )

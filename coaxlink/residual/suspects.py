@@ -1,4 +1,4 @@
-"""Data that cannot be what their labels say: stuck cells, repeated batches, swapped rotors.
+"""Data that cannot be what their labels say: stuck cells, lying tachometers, repeats, swapped rotors.
 
 Found before anything is fitted; the rows are left out, or, where every row is concerned, nothing is claimed.
 """
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.result import Suspect
 from coaxlink.residual.stand import COLUMN_OF, own_model
+from coaxlink.residual.tachometers import lies
 
 STUCK_ROWS = 4
 REPEATED_ROWS = 3
@@ -28,6 +29,9 @@ def find_suspects(frame: StandFrame) -> tuple[list[Suspect], Array, bool]:
                 bad |= stuck
                 why = "one reading repeats exactly while the rotors turn and other cells do not stand still"
                 out.append(Suspect(COLUMN_OF[STAND_CHANNELS[c]], rows_text(stuck), why))
+    for lie in lies(frame):
+        bad |= lie.rows
+        out.append(Suspect(f"{('upper', 'lower')[lie.side]}_rpm", rows_text(lie.rows), lie.why))
     repeated = _repeated(frame) & ~bad
     if repeated.any():
         bad |= repeated

@@ -49,9 +49,9 @@ def distance_sensor(a: Any) -> Any:
 
 def autopilot_version(a: Any) -> Any:
     """148."""
-    none = [0] * 8
+    none, long_uid = [0] * 8, [0x40 + (a.uid & 0xFF), *[0] * 17]
     return m.MAVLink_autopilot_version_message(
-        CAPABILITIES, VERSION, 0, 0, 0, none, none, none, 0x1209, 0x5740, 0, [0x41] + [0] * 17
+        CAPABILITIES, VERSION, 0, 0, 0, none, none, none, 0x1209, 0x5740, 0, long_uid
     )
 
 

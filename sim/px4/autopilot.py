@@ -40,6 +40,7 @@ class Autopilot(Navigator):
 
     first_item = 0  # of a mission
     id_parameter = "MAV_SYS_ID"
+    uid = 0x2001  # of the board, whatever its system id
 
     def __init__(
         self, plant: Plant, truth: Truth, *, version: tuple[int, int, int] = (1, 16, 1), seed: int = 0

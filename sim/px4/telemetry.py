@@ -249,7 +249,7 @@ def autopilot_version(a: Autopilot) -> Any:
     number = major << 24 | minor << 16 | patch << 8 | 255
     bits = CAPABILITIES | (SET_ACTUATOR_TARGET if a.takes_live else 0)
     none = [0] * 8
-    return m.MAVLink_autopilot_version_message(bits, number, number, 0, 0, none, none, none, 0, 0, 0x2001)
+    return m.MAVLink_autopilot_version_message(bits, number, number, 0, 0, none, none, none, 0, 0, a.uid)
 
 
 BUILDERS: dict[int, Callable[[Autopilot], Any]] = {

@@ -16,11 +16,6 @@ from coaxlink.link.upload import Uploader
 from coaxlink.link.verify import verify
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path, monkeypatch):
-    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
-
-
 @pytest.fixture
 def table(tmp_path):
     options = ["--firmware", "px4", "--law", "reduced", "--csv", "--out", str(tmp_path / "t")]

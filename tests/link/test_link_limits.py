@@ -3,7 +3,6 @@
 import json
 import lzma
 
-import pytest
 from fork_board import fork_board
 from px4_board import params_text
 
@@ -22,11 +21,6 @@ LIST = {
         *({"name": f"FILLER_{n}", "type": "Float", "max": n * 1.7} for n in range(400)),
     ],
 }
-
-
-@pytest.fixture(autouse=True)
-def state(tmp_path, monkeypatch):
-    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
 
 
 def test_limits_of_a_list():

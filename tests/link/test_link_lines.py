@@ -24,19 +24,6 @@ KEY = bytes(range(32))
 PIECE = 11  # bytes at a time: a stream knows no frames
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path, monkeypatch):
-    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
-
-
-@pytest.fixture
-def key_file(tmp_path):
-    path = tmp_path / "key"
-    path.write_bytes(KEY)
-    path.chmod(0o600)
-    return path
-
-
 class Wire:
     """A stream of bytes on one side, the scripted autopilot's datagrams on the other."""
 

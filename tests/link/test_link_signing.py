@@ -18,19 +18,6 @@ from coaxlink.link.signing import load_key
 KEY = bytes(range(32))
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path, monkeypatch):
-    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
-
-
-@pytest.fixture
-def key_file(tmp_path):
-    path = tmp_path / "key"
-    path.write_bytes(KEY)
-    path.chmod(0o600)
-    return path
-
-
 def test_both_sides_sign_and_timestamps_are_kept(key_file, tmp_path):
     with ScriptedAutopilot(x8(), key=KEY) as vehicle:
         with connect(vehicle.url, signing_key=key_file) as session:

@@ -28,11 +28,6 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = EXAMPLES / "x8_paper.toml"
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path, monkeypatch):
-    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
-
-
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory):
     """Folders by name, each written by the verb."""

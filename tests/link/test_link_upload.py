@@ -20,11 +20,6 @@ from coaxlink.link.plan import load_plan
 from coaxlink.link.upload import Uploader
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path, monkeypatch):
-    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
-
-
 @pytest.fixture
 def board():
     with ScriptedAutopilot(x8()) as vehicle:

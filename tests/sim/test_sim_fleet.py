@@ -42,6 +42,12 @@ def test_three_fly_at_once(firmware: str, id_name: bytes) -> None:
         told = get(links[1], "PARAM_VALUE", met=lambda v: v.param_id == id_name.decode())
         number = told.param_value if firmware == "ardupilot" else as_int(told.param_value)
         assert number == 2
+        boards = set()
+        for system, link in enumerate(links, 1):
+            assert command(link, 512, 148, system=system) == 0
+            version = get(link, "AUTOPILOT_VERSION")
+            boards.add((version.uid, bytes(version.uid2)))
+        assert len(boards) == 3
         heights = (3.0, 4.0, 5.0)
         for system, (link, height) in enumerate(zip(links, heights, strict=True), 1):
             assert not get(link, "HEARTBEAT").base_mode & 128

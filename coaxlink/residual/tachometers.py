@@ -1,0 +1,142 @@
+"""A tachometer that begins to lie: in a stretch of rows it reads another speed than throttle and loads show.
+
+A slipping marker, a second reflection or a changed pole count multiplies the reading from one moment on.
+Where the log has throttle and speed, the stretch shows as a step in speed over throttle; the loads then say
+whether the rotor or its reading changed. (One that lies above some speed is an option of the fit, in
+`effects.stand_rig`.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.residual.frames import Array, StandFrame
+from coaxlink.residual.stand import own_model
+
+Mask = NDArray[np.bool_]
+LEAST_SHARE, MOST_SHARE = 0.04, 0.5  # of the rows: more than half of them cannot be told from the other half
+LEAST_ROWS = 12
+LEAST_LIE = 0.01  # of the speed
+SURE = 8.0  # standard errors of the step
+CLEARED = 0.25  # of the squares that the loads leave, once the reading is mended
+ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Lie:
+    """What one tachometer says in some rows."""
+
+    side: int  # 0 upper, 1 lower
+    rows: Mask
+    reads_high_by: float  # share of the speed
+
+    @property
+    def why(self) -> str:
+        """In words."""
+        return (
+            f"reads {100 * self.reads_high_by:+.1f} % here: throttle and loads agree on what it shows in the"
+            " other rows"
+        )
+
+
+def lies(frame: StandFrame) -> list[Lie]:
+    """Stretches in which a tachometer contradicts throttle and loads alike, at most one a side."""
+    found = []
+    for side in (0, 1):
+        if frame.driven or frame.throttles is None or np.ptp(frame.throttles[:, side]) < 0.05:
+            continue
+        # a stretch of time or of throttle; a sagging supply may hide a step, and stand in for one
+        ways = [(order, supply) for order in _orders(frame, side) for supply in (False, True)]
+        steps = [step for way in ways if (step := _step(frame, side, *way)) is not None]
+        for _, lie in sorted(steps, key=lambda step: -step[0]):
+            if _loads_clear(frame, lie):
+                found.append(lie)
+                break
+    return found
+
+
+def _orders(frame: StandFrame, side: int) -> list[NDArray[np.intp]]:
+    assert frame.throttles is not None
+    return [np.arange(len(frame.time_s)), np.argsort(frame.throttles[:, side], kind="stable")]
+
+
+def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -> tuple[float, Lie] | None:
+    """The stretch of rows, in that order, whose speed is furthest from what the throttle gives elsewhere.
+
+    With it, by how much its squares are lower once the reading is mended.
+    """
+    speed = frame.speeds[order, side]
+    x = _curves(frame, side, supply)[order]
+    rows = len(speed)
+    inside = np.zeros(rows, bool)
+    for number in range(ROUNDS):
+        usual = x @ np.linalg.lstsq(x[~inside], speed[~inside], rcond=1e-10)[0]
+        off = speed - usual
+        now = np.zeros(rows, bool)
+        if number == 0:
+            path = np.cumsum(off - np.mean(off))
+            first, last = sorted((int(np.argmin(path)), int(np.argmax(path))))
+            now[first + 1 : last + 1] = True
+            if now.mean() > MOST_SHARE:  # the step seen from its other end
+                now = ~now
+        else:  # the stretch whose squares the step lowers most
+            step = float(np.sum(off[inside] * usual[inside]) / np.sum(usual[inside] ** 2))
+            path = np.concatenate([[0.0], np.cumsum(off**2 - (off - step * usual) ** 2)])
+            low = np.minimum.accumulate(path)
+            last = int(np.argmax(path - low))
+            now[int(np.argmin(path[: last + 1])) : last] = True
+        if not LEAST_SHARE * rows <= now.sum() >= LEAST_ROWS or now.mean() > MOST_SHARE:
+            return None
+        if np.array_equal(now, inside):
+            break
+        inside = now
+    usual = x @ np.linalg.lstsq(x[~inside], speed[~inside], rcond=1e-10)[0]
+    lie = float(np.sum(speed[inside] * usual[inside]) / np.sum(usual[inside] ** 2)) - 1.0
+    noise = float(np.std(speed[~inside] - usual[~inside]))
+    shift = abs(lie) * float(np.mean(np.abs(usual[inside])))
+    if abs(lie) < LEAST_LIE or shift * np.sqrt(inside.sum()) < SURE * noise:
+        return None
+    mended = np.where(inside, speed / (1.0 + lie), speed)
+    lowered = float(np.sum((speed - usual) ** 2) - np.sum((mended - usual) ** 2))
+    rows_of = np.zeros(rows, bool)
+    rows_of[order[inside]] = True
+    return lowered, Lie(side, rows_of, lie)
+
+
+def _curves(frame: StandFrame, side: int, supply: bool) -> Array:
+    """(rows, K) what a motor's speed may follow: its throttle, its load, the other's load, its supply."""
+    assert frame.throttles is not None
+    mine, rival = frame.throttles[:, side], frame.throttles[:, 1 - side]
+    columns = [mine**0, mine, mine**2, mine**3, mine * rival, rival]
+    for name in ("voltage_V", f"{('upper', 'lower')[side]}_voltage_V") if supply else ():
+        volts = frame.context(name)
+        if volts is not None and np.all(np.isfinite(volts)) and np.ptp(volts) > 0.0:
+            columns.append(mine * (volts / np.mean(volts) - 1.0))
+    return np.stack(columns, axis=1)
+
+
+def _loads_clear(frame: StandFrame, lie: Lie) -> bool:
+    """Whether the rotor's own loads fit clearly better with the reading mended than as it stands."""
+    loads = [c for c in (2 * lie.side, 2 * lie.side + 1) if c in frame.present]
+    if not loads:
+        return False
+    model = frame.model
+    if frame.free_base:
+        rest = ~lie.rows
+        model = own_model(frame.speeds[rest], frame.measured[rest], loads, frame.model.speed_max_rpm)
+    left = []
+    for factor in (1.0, 1.0 / (1.0 + lie.reads_high_by)):
+        u = frame.speeds.copy()
+        u[lie.rows, lie.side] *= factor
+        pair = model.loads(u[:, 0], u[:, 1])
+        predicted = (pair.upper_thrust, pair.upper_torque, pair.lower_thrust, pair.lower_torque)
+        squares = 0.0
+        for c in loads:
+            p, m, rest = predicted[c], frame.measured[:, c], ~lie.rows
+            level = float(p[rest] @ m[rest]) / max(float(p[rest] @ p[rest]), 1e-12)  # another day's level
+            squares += float(np.mean((m[lie.rows] - level * p[lie.rows]) ** 2)) / frame.reference[c] ** 2
+        left.append(squares)
+    return left[1] < CLEARED * left[0]

@@ -1,0 +1,68 @@
+"""A tachometer that lies for a while, against rotors that really turn at another speed for a while."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coaxlink.data import Samples
+from coaxlink.residual import refine_stand
+
+RPM, RATE = 6200.0, 10.0
+
+
+def bench(
+    seed: int, *, from_s: float, to_s: float, turns: float = 1.0, reads: float = 1.0, side: str = "lower"
+) -> Samples:
+    """Random holds; for a while a rotor turns `turns` times as fast, its tachometer shows `reads` of it."""
+    random = np.random.default_rng(seed)
+    throttle = np.repeat(random.uniform(0.2, 0.95, (80, 2)), 15, axis=0)
+    time = np.arange(len(throttle)) / RATE
+    stretch = (time >= from_s) & (time < to_s)
+    k = ("upper", "lower").index(side)
+    speed = throttle * (1.08 - 0.1 * throttle)  # a motor under load
+    speed[stretch, k] *= turns
+    shown = speed.copy()
+    shown[stretch, k] *= reads
+    u, v = speed.T
+    loads = {
+        "upper_thrust_N": 61.0 * u**2 + 14.0 * u,
+        "upper_torque_Nm": 1.4 * u**2 + 0.5 * u,
+        "lower_thrust_N": 66.0 * v**2 + 11.0 * v - 30.0 * u**2 + 2.0 * u**2 * v**2,
+        "lower_torque_Nm": 1.5 * v**2 + 0.5 * v - 0.6 * u**2,
+    }
+    columns = {"time_s": time, "upper_throttle": throttle[:, 0], "lower_throttle": throttle[:, 1]}
+    columns["upper_rpm"] = RPM * shown[:, 0] + 4.0 * random.standard_normal(len(u))
+    columns["lower_rpm"] = RPM * shown[:, 1] + 4.0 * random.standard_normal(len(u))
+    for name, clean in loads.items():
+        columns[name] = clean + 0.005 * clean.max() * random.standard_normal(len(u))
+    return Samples(columns, "bench")
+
+
+@pytest.mark.parametrize(
+    ("side", "from_s", "to_s", "reads"),
+    [("lower", 80.0, 999.0, 0.94), ("upper", 0.0, 40.0, 1.03), ("lower", 50.0, 65.0, 0.5)],
+)
+def test_a_reading_that_steps_is_accused_with_its_rows(
+    side: str, from_s: float, to_s: float, reads: float
+) -> None:
+    found = refine_stand(bench(1, from_s=from_s, to_s=to_s, reads=reads, side=side)).to_json()
+    (suspect,) = found["suspect_data"]
+    assert suspect["column"] == f"{side}_rpm"
+    first, last = map(int, suspect["rows"].split("-"))
+    assert first == pytest.approx(from_s * RATE + 1, abs=2)
+    assert last == pytest.approx(min(to_s * RATE, 1200), abs=2)
+    assert f"{100 * (reads - 1):+.1f} %" in suspect["why"]
+    assert found["effects"] == []
+    assert all(c["rmse_after"] < 1.1 * c["noise_floor"] for c in found["channels"].values())
+
+
+@pytest.mark.parametrize("turns", [0.94, 0.5])
+def test_a_rotor_that_really_slows_down_is_no_lie(turns: float) -> None:
+    found = refine_stand(bench(2, from_s=80.0, to_s=999.0, turns=turns)).to_json()
+    assert found["suspect_data"] == []
+
+
+def test_an_honest_log_accuses_nobody() -> None:
+    for seed in range(3, 8):
+        assert refine_stand(bench(seed, from_s=0.0, to_s=0.0)).to_json()["suspect_data"] == []
