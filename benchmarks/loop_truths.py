@@ -129,7 +129,8 @@ def row(name: str, seed: int, results: dict[str, Result]) -> str:
     if "failed" in result:
         return f"| {name} | {seed} | failed | {result['failed']} | | |"
     plain = name in CLEAN
-    verdicts = ["floor"] * 4 if plain else judge(name, result, floor_of(results, result["way"]))
+    # torques are much alike where nothing is the matter
+    verdicts = ["floor", "floor", "", "floor"] if plain else judge(name, result, floor_of(results, result["way"]))
     cells = []
     for k, axis in enumerate(AXES):
         if not verdicts[k]:
