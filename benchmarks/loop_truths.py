@@ -129,7 +129,9 @@ def row(name: str, seed: int, results: dict[str, Result]) -> str:
     if "failed" in result:
         return f"| {name} | {seed} | failed | {result['failed']} | | |"
     plain = name in CLEAN
-    verdicts = ["floor"] * 4 if plain else judge(name, result, floor_of(results, result["way"]))
+    verdicts = ["floor", "floor", "", "floor"]  # torques are much alike where nothing is the matter
+    if not plain:
+        verdicts = judge(name, result, floor_of(results, result["way"]))
     cells = []
     for k, axis in enumerate(AXES):
         if not verdicts[k]:
