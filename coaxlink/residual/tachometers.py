@@ -19,7 +19,7 @@ from coaxlink.residual.stand import own_model
 Mask = NDArray[np.bool_]
 LEAST_SHARE, MOST_SHARE = 0.04, 0.5  # of the rows: more than half of them cannot be told from the other half
 LEAST_ROWS = 12
-LEAST_LIE = 0.01  # of the speed
+LEAST_LIE, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
 SURE = 8.0  # standard errors of the step
 CLEARED = 0.25  # of the squares that the loads leave, once the reading is mended
 ROUNDS = 4
@@ -97,7 +97,7 @@ def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -
     lie = float(np.sum(speed[inside] * usual[inside]) / np.sum(usual[inside] ** 2)) - 1.0
     noise = float(np.std(speed[~inside] - usual[~inside]))
     shift = abs(lie) * float(np.mean(np.abs(usual[inside])))
-    if abs(lie) < LEAST_LIE or shift * np.sqrt(inside.sum()) < SURE * noise:
+    if abs(lie) < LEAST_LIE or lie < LOWEST or shift * np.sqrt(inside.sum()) < SURE * noise:
         return None
     mended = np.where(inside, speed / (1.0 + lie), speed)
     lowered = float(np.sum((speed - usual) ** 2) - np.sum((mended - usual) ** 2))

@@ -66,3 +66,13 @@ def test_a_rotor_that_really_slows_down_is_no_lie(turns: float) -> None:
 def test_an_honest_log_accuses_nobody() -> None:
     for seed in range(3, 8):
         assert refine_stand(bench(seed, from_s=0.0, to_s=0.0)).to_json()["suspect_data"] == []
+
+
+def test_a_rotor_that_rests_below_some_throttle_is_no_lie() -> None:
+    log = bench(9, from_s=0.0, to_s=0.0)
+    rests = log["lower_throttle"] < 0.35
+    resting = {
+        "lower_rpm": np.where(rests, 0.0, log["lower_rpm"]),
+        "lower_thrust_N": np.where(rests, -30.0 * (log["upper_rpm"] / RPM) ** 2, log["lower_thrust_N"]),
+    }
+    assert refine_stand(log.with_columns(**resting)).to_json()["suspect_data"] == []
