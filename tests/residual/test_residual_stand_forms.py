@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from residual_rig import FULL_RPM, steady_loads
@@ -123,7 +125,9 @@ def test_a_cell_stuck_where_the_load_stands_still():
 
 
 def test_a_long_log_is_judged_on_stretches(monkeypatch):
-    monkeypatch.setattr("coaxlink.residual.refine.MANY_ROWS", 2000)  # as a hundred thousand would be
+    monkeypatch.setattr(
+        sys.modules["coaxlink.residual.refine"], "MANY_ROWS", 2000
+    )  # as a hundred thousand would be
     rows = 4000
     t = 0.02 * np.arange(rows)
     a, b = 0.45 * (1 - np.cos(0.21 * t)), 0.45 * (1 - np.cos(0.057 * t))
