@@ -256,6 +256,13 @@ def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) ->
     Members whose numbers another's better form makes unphysical are dropped with it.
     """
     best, score = fitter.settle(members)
+    astray = _refused(fitter, best)
+    if (
+        astray
+    ):  # a shape and its coefficient that the data hardly tell apart: the shape stays as it was chosen
+        trial, now = fitter.settle([replace(m, keys=()) if m.name in astray else m for m in members])
+        if not _refused(fitter, trial):
+            best, score = trial, now
     if not alternatives:
         return best
     rows = fitter.problem.residual.size / _inflation(best.problem)
@@ -295,4 +302,11 @@ def needed(fitter: Fitter, joint: Joint) -> Joint:
 
 
 def _refused(fitter: Fitter, joint: Joint) -> set[str]:
-    return {m.name for m in joint.members if m.effect.refuse(m.parameters(fitter.bare))}
+    """Members whose numbers physics does not allow, where they stand or where the linear problem puts them."""
+    p = joint.problem
+    values = solve(p.blocks, columns_of(p), np.ones(p.blocks.count))
+    return {
+        m.name
+        for k, m in enumerate(joint.members)
+        if m.effect.refuse(m.parameters(fitter.bare)) or m.effect.refuse(joint.named(k, values))
+    }
