@@ -302,7 +302,7 @@ def needed(fitter: Fitter, joint: Joint) -> Joint:
 
 
 def _refused(fitter: Fitter, joint: Joint) -> set[str]:
-    """Members whose numbers physics does not allow, where they stand or where the linear problem puts them."""
+    """Members whose numbers physics does not allow, as they stand or as the linear problem has them."""
     p = joint.problem
     values = solve(p.blocks, columns_of(p), np.ones(p.blocks.count))
     return {
