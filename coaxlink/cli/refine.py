@@ -52,6 +52,8 @@ def refine(
     from coaxlink.residual import refine_stand as run_stand
     from coaxlink.rotor import load_rotor_model, save_rotor_model
 
+    for place in (out, report, plan, json):
+        files.refuse_unwritable(place)
     kinds = [is_flight_log(path) for path in logs]
     if any(kinds) != all(kinds):
         raise InputError(
@@ -72,11 +74,14 @@ def refine(
             result = run(samples, body, model, progress=status.update)
         else:
             result = run_stand(samples, model, progress=status.update)
+        drawn = None
         if report is not None:
             from coaxlink.report.page import page
 
             status.update("drawing")
-            files.write_atomic(report, page(result))
+            drawn = page(result)
+    if report is not None and drawn is not None:
+        files.write_atomic(report, drawn)
     if out is not None and result.model is not None:
         save_rotor_model(out, result.model)
     if plan is not None:

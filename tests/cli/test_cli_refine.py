@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
 import sys
+import time
 import tomllib
 from pathlib import Path
 
@@ -51,6 +54,39 @@ def test_everything_is_written(folder, capsys):
     assert "http" not in page  # self-contained
     code = run("refine", folder / "stand.csv", "--rotor", folder / "better.toml")
     assert code == 0 and "nothing to explain" in capsys.readouterr().out
+
+
+def test_a_place_that_cannot_be_written_is_said_before_the_work(folder, capsys):
+    (folder / "file").write_text("in the way")
+    places = ("--json", folder / "r2.json", "--out", folder / "file" / "b.toml")
+    code = run("refine", folder / "stand.csv", *places)
+    said = capsys.readouterr().err.strip().splitlines()
+    assert code == 2 and len(said) == 1 and "b.toml" in said[0] and "cannot be written" in said[0]
+    assert not (folder / "r2.json").exists()
+
+
+@pytest.mark.parametrize("after_s", [1.2, 1.8, 2.4])
+def test_an_interrupted_refine_leaves_the_files_of_before(tmp_path, after_s):
+    rows = [np.stack(list(residual_rig.run(seed=k, air=1.0).values()), axis=1) for k in range(40)]
+    columns = residual_rig.run(seed=0, air=1.0)
+    log = np.concatenate(rows)
+    log[:, list(columns).index("time_s")] = np.arange(len(log), dtype=float)
+    np.savetxt(tmp_path / "s.csv", log, delimiter=",", header=",".join(columns), comments="", fmt="%.7g")
+    names = ("b.toml", "r.html", "r.json")
+    for name in names:
+        (tmp_path / name).write_text("the one before")
+    # where the tests run in a shell's background Ctrl-C is ignored, and children would inherit that
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    places = [str(tmp_path / name) for name in names]
+    verb = [sys.executable, "-m", "coaxlink", "refine", str(tmp_path / "s.csv")]
+    verb += ["--out", places[0], "--report", places[1], "--json", places[2]]
+    process = subprocess.Popen(verb, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    time.sleep(after_s)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60.0)
+    assert process.returncode == 130 and said.strip().endswith("coaxlink: interrupted")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["b.toml", "r.html", "r.json", "s.csv"]
+    assert {(tmp_path / name).read_text() for name in names} == {"the one before"}
 
 
 def test_bad_input_is_one_line(folder, capsys):
