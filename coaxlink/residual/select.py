@@ -34,6 +34,10 @@ FAR, MOST_OF_IT = 25.0, 0.4  # variances of the noise left, share of the squared
 MOST = 4
 ENOUGH = 150_000  # rows times channels that a trial looks at one by one
 TIE = 0.04  # of the gain: a special case this close to the general one is preferred
+# of what a member adds to a load: its form may err by that much, so less beside it is no effect
+FORM = 0.05
+# beside a base fitted to the log: what the other loads must be due to be asked, and how much they must show
+SHOWN, BORNE_OUT = 9.0, 0.3
 LITTLE = 15.0  # of a log-likelihood ratio: less than this decides nothing
 # where even the best leaves more than noise, its form is not exact and a likelihood says less: then a rival
 # counts as an equal if it reaches most of the gain and does not lose steadily over the blocks
@@ -137,6 +141,19 @@ def _witnesses(channels: tuple[str, ...], shares: Array) -> str | None:
     return None if min(loads, speeds) > GAIN else "the loads and the throttle do not both contradict it"
 
 
+def _alone(drops: Array, asked: Array) -> str | None:
+    """An effect that one load alone asks for, while the others, which it must change as well, deny it.
+
+    Falls of the square sums (C,) and what the effect as fitted adds to each channel, both in its variances. A
+    base fitted to the log follows some loads worse than others, and a misfit of one is no cause of it.
+    """
+    others = np.arange(len(drops)) != int(np.argmax(drops))
+    due, had = float(asked[others].sum()), float(drops[others].sum())
+    if due < SHOWN or had >= BORNE_OUT * due:
+        return None
+    return "one load asks for it, and the others, which must show it, do not"
+
+
 class Judge:
     """Tries options against sets of members; remembers the held-out errors of sets."""
 
@@ -180,13 +197,12 @@ class Judge:
         left = self._residual - view @ full[used]
         variance = np.maximum(np.mean(left**2, axis=0), 1e-12)
         inflation = autocorrelation_time(left, self._block)
-        drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0)
-        statistic = float(np.sum(drop / (variance * inflation)))
+        drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0) / (variance * inflation)
+        statistic = float(np.sum(drop))
         p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(option.columns))))
-        moved = np.abs(view @ (full - null)[used]) * p.sigma / p.reference
-        size = float(np.quantile(moved, 0.95, axis=0).max())
-        mine = self._design[:, :, option.columns].astype(float) @ full[option.columns]
-        mine = np.abs(mine) * p.sigma / p.reference
+        change = view @ (full - null)[used]
+        size = float(np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0).max())
+        mine = self._worth(option.columns, full)
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
         shares = (held_before - held_after) / np.maximum(held_before, 1e-12)
         share = float(np.max(shares))
@@ -196,6 +212,10 @@ class Judge:
         refused = option.effect.refuse(named)
         if option.effect.accused and refused is None:
             refused = _witnesses(p.channels, shares)
+        if refused is None:
+            refused = self._within_form(members, full, mine)
+        if p.own_fit and refused is None:
+            refused = _alone(drop, rows * np.mean(change**2, axis=0) / (variance * inflation))
         remains = 0.0
         if p.noise_known:
             remains = (
@@ -209,10 +229,24 @@ class Judge:
             size,
             refused,
             total,
-            float(np.quantile(mine, 0.95, axis=0).max()) if p.noise_known else 0.0,
+            float(mine.max()) if p.noise_known else 0.0,
             remains,
             p.clear_size if share > CLEAR else SIZE,
         )
+
+    def _worth(self, columns: Index, fit: Array) -> Array:
+        """(C,) what columns add under a fit (P,), 95th percentile over the reference load."""
+        added = self._design[:, :, columns].astype(float) @ fit[columns]
+        scale = self.problem.sigma / self.problem.reference
+        return np.asarray(np.quantile(np.abs(added), 0.95, axis=0) * scale)
+
+    def _within_form(self, members: list[Option], fit: Array, mine: Array) -> str | None:
+        """Whether what is added, `mine` (C,), is no more anywhere than the form of a member may err by."""
+        c = int(np.argmax(mine))
+        for m in members:
+            if mine[c] < FORM * float(self._worth(m.columns, fit)[c]):
+                return f"no more than the form of {m.name} may err by"
+        return None
 
     def _refused(self, members: list[Option], option: Option) -> str | None:
         """Why physics does not allow the option's coefficients beside the others'."""

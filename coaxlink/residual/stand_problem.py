@@ -11,8 +11,10 @@ from coaxlink.residual.effects import STAND_EFFECTS
 from coaxlink.residual.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.joint import Part
 from coaxlink.residual.problem import Problem, build
-from coaxlink.residual.signals import noise_floor
+from coaxlink.residual.signals import NEIGHBOURS, neighbour_floor, noise_floor
 from coaxlink.residual.stand import base_corrections
+
+FEW = 3000  # rows: more of them tell their noise by second differences alone
 
 
 def known_parts(frame: StandFrame) -> tuple[list[Part], list[str]]:
@@ -54,7 +56,7 @@ def stand_problem(frame: StandFrame) -> Problem:
         reduce=reduce,
         block=block.astype(np.intp),
     )
-    return replace(problem, noise_known=True)
+    return replace(problem, noise_known=True, own_fit=frame.free_base)
 
 
 def _without_base(residual: Array, base: Sequence[tuple[str, float, Array]]) -> Array:
@@ -80,6 +82,13 @@ def stand_variables(frame: StandFrame) -> dict[str, Array]:
 
 
 def stand_floor(frame: StandFrame, left: Array) -> Array:
-    """(C,) noise of residuals (kept, C): second differences between neighbours of one sweep."""
+    """(C,) noise of residuals (kept, C): second differences between neighbours of one sweep.
+
+    Of few rows these say little; there it is taken from neighbours in both speeds, where the two agree.
+    """
     block = np.unique(frame.block[frame.keep], return_inverse=True)[1]
-    return noise_floor(left, block.astype(float), np.full(left.shape[1], 6.0))
+    along = noise_floor(left, block.astype(float), np.full(left.shape[1], 6.0))
+    if not 3 * NEIGHBOURS < len(left) < FEW:
+        return along
+    about = neighbour_floor(left, frame.speeds[frame.keep])
+    return np.where(about < along * (1.0 + 2.0 / np.sqrt(len(left))), about, along)
