@@ -111,8 +111,8 @@ def noise_floor(residual: Array, runs: Array, gain: Array) -> Array:
 def neighbour_floor(residual: Array, places: Array) -> Array:
     """Noise of each channel (C,) from what planes through nearest neighbours leave of (rows, C).
 
-    `places` (rows, D) is where the rows stand. It uses nearly all that few rows can tell of their noise, where
-    second differences throw half away; but what changes from sweep to sweep counts as noise here.
+    `places` (rows, D) is where the rows stand. It uses nearly all that few rows can tell of their noise;
+    second differences throw half of it away. But what changes from sweep to sweep counts as noise here.
     """
     from scipy.spatial import cKDTree
 

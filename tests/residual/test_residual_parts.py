@@ -8,7 +8,14 @@ import pytest
 from coaxlink.residual.blocks import accumulate, error_interval, held_out, held_out_sum, solve, squares
 from coaxlink.residual.dependence import dependences
 from coaxlink.residual.problem import contiguous_blocks
-from coaxlink.residual.signals import derivative, difference_gain, lagged, low_pass, noise_floor
+from coaxlink.residual.signals import (
+    derivative,
+    difference_gain,
+    lagged,
+    low_pass,
+    neighbour_floor,
+    noise_floor,
+)
 
 
 def test_low_pass_has_no_delay_and_half_power_where_it_should():
@@ -60,6 +67,17 @@ def make_blocks(rng, rows=600, bound=np.inf):
     block = np.repeat(np.arange(12), rows // 12)
     bounds = np.array([bound, np.inf, np.inf])
     return design, residual, block, accumulate(design, residual, block, np.arange(12) % 4, bounds)
+
+
+def test_few_rows_tell_their_noise():
+    """On 11 x 11 points beside a smooth misfit: nearly as well as if the misfit were known."""
+    rng = np.random.default_rng(1)
+    grid = np.linspace(0.1, 1.0, 11)
+    places = np.array([(a, b) for a in grid for b in grid])
+    misfit = 0.3 * np.sin(3.0 * places[:, :1]) * places[:, 1:]
+    noises = rng.standard_normal((60, len(places), 1))
+    over = np.array([np.sqrt(np.mean(y**2)) / neighbour_floor(y + misfit, places)[0] for y in noises])
+    assert abs(over.mean() - 1.0) < 0.02 and over.std() < 0.045
 
 
 def test_blocks_give_the_least_squares_of_the_rows():
