@@ -38,6 +38,12 @@ class Blocks:
         return self.gram.sum(axis=1), self.moment.sum(axis=1)
 
     @cached_property
+    def touched(self) -> list[Index]:
+        """Of every channel, the columns that are not zero there."""
+        size = np.einsum("bcpp->cp", self.gram)
+        return [np.flatnonzero(mine) for mine in size]
+
+    @cached_property
     def trains(self) -> tuple[Array, Array]:
         """(folds, P, P) and (folds, P) of the blocks that each fold is fitted to."""
         grams, moments = self.whole
@@ -119,11 +125,14 @@ def _bounded(gram: Array, moment: Array, bounds: Array) -> Array:
 
 def squares(blocks: Blocks, coefficients: Array, which: Array | None = None) -> Array:
     """(B, C) sum of squared whitened residuals under coefficients (P,); `which` (B,) bool picks blocks."""
-    c = coefficients
-    pick = slice(None) if which is None else which
-    linear = blocks.moment[pick] @ c
-    square = np.matmul(blocks.gram[pick], c) @ c
-    return np.asarray(np.maximum(blocks.power[pick] - 2.0 * linear + square, 0.0))
+    rows = np.arange(blocks.count) if which is None else np.flatnonzero(which)
+    out = blocks.power[rows].copy()
+    for channel, touched in enumerate(blocks.touched):
+        use = touched[coefficients[touched] != 0.0]
+        c = coefficients[use]
+        square = (blocks.gram[rows[:, None, None], channel, use[:, None], use] @ c) @ c
+        out[:, channel] += square - 2.0 * blocks.moment[rows[:, None], channel, use] @ c
+    return np.maximum(out, 0.0)
 
 
 def held_out(blocks: Blocks, use: Index) -> tuple[Array, Array]:

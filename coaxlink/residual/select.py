@@ -167,6 +167,7 @@ class Judge:
         self._rows: Any = slice(None) if every == 1 else np.flatnonzero(problem.block % every == 0)
         self._design, self._residual = problem.design[self._rows], problem.residual[self._rows]
         self._block = problem.block[self._rows]
+        self._base = np.ascontiguousarray(self._design[:, :, problem.base], dtype=float)
 
     def held_out(self, members: list[Option]) -> Array:
         """(B, C) held-out square sums of a set."""
@@ -192,15 +193,15 @@ class Judge:
         null = solve(p.blocks, columns_of(p, members), ones)
         full = solve(p.blocks, columns_of(p, [*members, option]), ones)
         rows = p.blocks.rows.sum()
-        used = np.flatnonzero((full != 0.0) | (null != 0.0))
-        view = self._design[:, :, used].astype(float)
-        left = self._residual - view @ full[used]
+        beyond = columns_of(p, [*members, option])[len(p.base) :]
+        added = self._design[:, :, beyond].astype(float)
+        left = self._residual - self._base @ full[p.base] - added @ full[beyond]
         variance = np.maximum(np.mean(left**2, axis=0), 1e-12)
         inflation = autocorrelation_time(left, self._block)
         drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0) / (variance * inflation)
         statistic = float(np.sum(drop))
         p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(option.columns))))
-        change = view @ (full - null)[used]
+        change = self._base @ (full - null)[p.base] + added @ (full - null)[beyond]
         size = float(np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0).max())
         mine = self._worth(option.columns, full)
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
