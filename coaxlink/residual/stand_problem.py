@@ -91,4 +91,5 @@ def stand_floor(frame: StandFrame, left: Array) -> Array:
     if not 3 * NEIGHBOURS < len(left) < FEW:
         return along
     about = neighbour_floor(left, frame.speeds[frame.keep])
-    return np.where(about < along * (1.0 + 2.0 / np.sqrt(len(left))), about, along)
+    loads = np.array(frame.present) < 4  # a speed's own noise is in the speeds that rows are neighbours by
+    return np.where(loads & (about < along * (1.0 + 2.0 / np.sqrt(len(left)))), about, along)
