@@ -106,20 +106,20 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
 def _channels(j: Judged, before: Array, after: Array) -> dict[str, ChannelError]:
     """Errors by channel from held-out square sums (B, C)."""
     p, rows = j.problem, j.problem.blocks.rows
+    was, now = p.sigma, j.joint.problem.sigma
     out = {}
     for c, name in enumerate(p.channels):
-        scale = float(p.sigma[c])
         low_b, high_b = error_interval(before[:, c], rows)
         low_a, high_a = error_interval(after[:, c], rows)
         out[name] = ChannelError(
             unit=p.units[c],
             noise_floor=float(j.floor[c]),
-            rmse_before=scale * _rms(before[:, c], rows),
-            rmse_after=scale * _rms(after[:, c], rows),
-            ci_before=(scale * low_b, scale * high_b),
-            ci_after=(scale * low_a, scale * high_a),
+            rmse_before=float(was[c]) * _rms(before[:, c], rows),
+            rmse_after=float(now[c]) * _rms(after[:, c], rows),
+            ci_before=(float(was[c]) * low_b, float(was[c]) * high_b),
+            ci_after=(float(now[c]) * low_a, float(now[c]) * high_a),
             held_out_rows=int(rows.sum()),
-            rmse_as_given=float(scale * np.sqrt(np.mean(p.residual[:, c] ** 2))),
+            rmse_as_given=float(was[c] * np.sqrt(np.mean(p.residual[:, c] ** 2))),
         )
     return out
 

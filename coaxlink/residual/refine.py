@@ -38,6 +38,7 @@ from coaxlink.residual.joint import (
     straight,
 )
 from coaxlink.residual.problem import Option, Problem
+from coaxlink.residual.reweigh import settled_base, weighed_again
 from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.select import Selection, columns_of, select
 from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
@@ -100,7 +101,7 @@ def refine(
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(frame)
     parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled)
-    return answer(Judged(problem, selection, joint, floor, variables, *parts), several)
+    return answer(Judged(settled_base(problem), selection, joint, floor, variables, *parts), several)
 
 
 def _flight_floor(frame: FlightFrame, joint: Joint) -> Array:
@@ -253,8 +254,11 @@ def _together(
     fitter = _fitter(problem, bare, known, names, reduce)
     plain = straight(problem, _of_grid(problem, options))
     if not options:
+        if base is not None:
+            plain = straight(settled_base(problem), [])
         return plain, fitter.acting([])
     start: list[Member] = []
+    exact: Joint | None = None
     for o, m in zip(options, plain.members, strict=True):
         if settled and o.name in settled:
             start.append(settled[o.name])
@@ -271,12 +275,17 @@ def _together(
             columns = base(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
             again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
             joint = again if _squares(again.problem) < _squares(joint.problem) else joint
+            exact = weighed_again(
+                joint, problem, bare, fitter.fixed, reduce, base, alternatives=problem.residual.size < LONG
+            )
     except np.linalg.LinAlgError:  # numbers that no column tells apart
         return plain, fitter.acting(plain.members)
     ratio = _squares(joint.problem) / max(_squares(plain.problem), 1e-12)
     refused = any(m.effect.refuse(m.parameters(bare)) for m in joint.members)
     if not names & set(had) and (not ratio < WORSE or refused):
         joint = plain
+    elif exact is not None and not any(m.effect.refuse(m.parameters(bare)) for m in exact.members):
+        joint = exact
     return joint, fitter.acting(joint.members)
 
 
