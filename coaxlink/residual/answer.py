@@ -12,7 +12,6 @@ from coaxlink.data.samples import Samples
 from coaxlink.residual.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.dependence import dependences
 from coaxlink.residual.experiment import Rival, stand_experiment
-from coaxlink.residual.flight_base import lift_share
 from coaxlink.residual.flight_experiment import flight_experiment
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import Joint, Part
@@ -35,7 +34,6 @@ from coaxlink.rotor import RotorModel
 
 DRAWS = 200
 SERIES_ROWS = 4000
-DOUBTFUL_LIFT = 0.022  # of the weight: less is a stand's own
 SILENT, SILENT_SIZE = (
     1.3,
     0.004,
@@ -55,6 +53,7 @@ class Judged:
     suspects: tuple[Suspect, ...] = ()
     notes: tuple[str, ...] = ()
     labelled: bool = True  # False: the labels are wrong as a whole, nothing is claimed
+    doubts: tuple[Ambiguous, ...] = ()  # beside those of the selection
 
     @property
     def claimed(self) -> list[Option]:
@@ -90,7 +89,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
                 _separable(j.selection.problem or p, j.selection, a, j.variables)
                 for a in j.selection.ambiguous
             ),
-            *_mass_or_thrust(j, final),
+            *j.doubts,
         ),
         suspect_data=(*j.suspects, *accused),
         rejected=_rejected(p, j.selection, {o.name for o in q.options}),
@@ -256,24 +255,6 @@ def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
             related = tuple(dict.fromkeys(d.variable for d in mine if d.share > 0.5 * strongest.share))[:3]
             out.append(Unexplained(name, related, strongest.rms, f"{strongest.variable}: {strongest.where}"))
     return out
-
-
-def _mass_or_thrust(j: Judged, final: Array) -> list[Ambiguous]:
-    """A flight that lifts less or more than the model says, by no more than a stand may be wrong."""
-    frame = j.problem.frame
-    said = {o.name for o in j.joint.problem.options} | {effect.name for effect, _ in j.known}
-    if not isinstance(frame, FlightFrame) or not j.labelled or said & {"mass_change", "battery_voltage"}:
-        return []
-    share = lift_share(frame, dict(zip(j.joint.problem.base_names, final, strict=False)))
-    if abs(share) < DOUBTFUL_LIFT:
-        return []
-    mass, way = frame.airframe.mass_kg, "more" if share > 0 else "less"
-    text = (
-        f"the vehicle lifts {100 * abs(share):.1f} % {way} than model and mass say, within what a stand may "
-        f"be wrong by: weigh it. {mass / (1.0 + share):.2f} kg on the scales instead of {mass:.2f} is "
-        f"mass_change, {mass:.2f} kg a level of thrust"
-    )
-    return [Ambiguous(("mass_change", "thrust_level"), text)]
 
 
 def _silent(j: Judged, told: Sequence[Unexplained], squares: Array) -> list[Unexplained]:

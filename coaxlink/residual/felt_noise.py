@@ -18,22 +18,44 @@ from coaxlink.residual.joint import Part, composed
 
 SLOWEST_HZ = 0.15
 STEP_M_S = 0.05
+STEP_RAD = 0.002
 GRAVITY = 9.80665
 
 
 def felt_noise(bare: FlightFrame, parts: Sequence[Part]) -> Array:
-    """(6,) rms that the velocity's noise adds to the residual through these effects, low-passed."""
-    out = np.zeros(6)
+    """(6,) rms that the velocity's and the attitude's noise add to the residual through these effects.
+
+    The attitude tells what is downwards: how high every disc is, and what of a climb is along the axes.
+    """
     here = composed(bare, parts).predicted
-    sigma: Array | None = None
+    power = np.zeros(6)
+    noise: Array | None = None
     for k in range(3):
         moved = replace(bare, velocity=bare.velocity + STEP_M_S * np.eye(3)[k])
         slope = (composed(moved, parts).predicted - here)[bare.keep] / STEP_M_S
         if not np.any(slope):
             continue
-        sigma = velocity_noise(bare) if sigma is None else sigma
-        out += sigma[k] ** 2 * np.mean(slope**2, axis=0)
-    return np.sqrt(out)
+        noise = _body_noise(bare) if noise is None else noise
+        power += noise[k] ** 2 * np.mean(slope**2, axis=0)
+    told = bare.extra.get("attitude_noise")
+    if told is None or not np.isfinite(told[bare.keep]).any():
+        return np.sqrt(power)
+    sigma = np.sqrt(np.nanmean(told[bare.keep] ** 2, axis=0))
+    for k in range(2):
+        leaning = replace(bare, attitude=bare.attitude + STEP_RAD * np.eye(3)[k])
+        slope = (composed(leaning, parts).predicted - here)[bare.keep] / STEP_RAD
+        power += sigma[k] ** 2 * np.mean(slope**2, axis=0)
+    return np.sqrt(power)
+
+
+def _body_noise(frame: FlightFrame) -> Array:
+    """(3,) rms of the velocity's noise along the body's axes: what smoothing left of it, or as logged."""
+    left = frame.extra.get("velocity_noise")
+    if left is None or not np.isfinite(left[frame.keep]).all():
+        return velocity_noise(frame)
+    down = np.cross(frame.north, frame.east)
+    to_body = np.stack([frame.north, frame.east, down], axis=2)[frame.keep]
+    return np.asarray(np.sqrt(np.mean(np.einsum("rbw,rw->rb", to_body**2, left[frame.keep] ** 2), axis=0)))
 
 
 def velocity_noise(frame: FlightFrame) -> Array:

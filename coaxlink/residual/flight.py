@@ -17,6 +17,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.residual.frames import Array, FlightFrame
 from coaxlink.residual.signals import derivative, difference_gain, lagged, low_pass, noise_floor
+from coaxlink.residual.strapdown import smoothed_attitude, smoothed_height, smoothed_velocity
 from coaxlink.rotor import RotorModel
 
 CUTOFF_HZ = 4.0
@@ -109,6 +110,7 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         cutoff_hz=cutoff,
         step_s=max(s.step_s for s in stretches),
         notes=tuple(notes),
+        extra={name: whole[name] for name in ("told_attitude", "attitude_noise", "velocity_noise")},
     )
     return replace(frame, sampling=_between_rows(frame, whole))
 
@@ -218,13 +220,16 @@ def _at_rate(piece: _Stretch, rate_hz: float) -> _Stretch:
 def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -> dict[str, Array]:
     c = piece.columns
     rows = len(c["time_s"])
-    roll, pitch, yaw = c["roll_rad"], c["pitch_rad"], c["yaw_rad"]
-    world_to_body = _world_to_body(roll, pitch, yaw)
-    velocity = np.einsum("rij,rj->ri", world_to_body, np.stack([c[f"vel_{a}_m_s"] for a in "ned"], axis=1))
     rates = np.stack([c[f"gyro_{a}_rad_s"] for a in "xyz"], axis=1)
     smooth = low_pass(rates, piece.rate_hz, 3.0 * CUTOFF_HZ)
     turning = derivative(rates, piece.rate_hz)
     force = np.stack([c[f"accel_{a}_m_s2"] for a in "xyz"], axis=1)
+    told = np.stack([c["roll_rad"], c["pitch_rad"], c["yaw_rad"]], axis=1)
+    attitude, attitude_noise = smoothed_attitude(told, rates, piece.rate_hz)
+    world_to_body = _world_to_body(*attitude.T)
+    velocity = np.stack([c[f"vel_{a}_m_s"] for a in "ned"], axis=1)
+    to_world = world_to_body.transpose(0, 2, 1)
+    velocity, velocity_noise = smoothed_velocity(velocity, force, to_world, piece.rate_hz)
     inertia = np.asarray(airframe.inertia_kg_m2)
     moment = inertia * turning + np.cross(smooth, inertia * smooth)
     out = {
@@ -236,8 +241,11 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
         "rates": smooth,
         "turning": turning,
         "specific_force": force,
-        "attitude": np.stack([roll, pitch, yaw], axis=1),
-        "velocity": velocity,
+        "attitude": attitude,
+        "velocity": np.einsum("rij,rj->ri", world_to_body, velocity),
+        "told_attitude": told,
+        "attitude_noise": np.tile(attitude_noise, (rows, 1)),
+        "velocity_noise": np.tile(velocity_noise, (rows, 1)),
         "north": world_to_body[:, :, 0],
         "east": world_to_body[:, :, 1],
         "measured": np.concatenate([airframe.mass_kg * force, moment], axis=1),
@@ -246,6 +254,8 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
     for name, key in (("height_m", "height"), ("voltage_V", "voltage")):
         if name in c:
             out[key] = c[name]
+    if "height" in out:
+        out["height"] = smoothed_height(out["height"], velocity[:, 2], piece.rate_hz)
     return out
 
 

@@ -100,11 +100,12 @@ def _repeated(log: Samples) -> list[tuple[str, Mask, str]]:
 
 def _reversed(frame: FlightFrame) -> list[Suspect]:
     """A gyro that turns against the attitude that the same log tells."""
-    roll, pitch = frame.attitude[:, 0], frame.attitude[:, 1]
-    rate = np.zeros_like(frame.attitude)
+    told_attitude = frame.extra.get("told_attitude", frame.attitude)  # as logged: nothing of the gyro in it
+    roll, pitch = told_attitude[:, 0], told_attitude[:, 1]
+    rate = np.zeros_like(told_attitude)
     for number in np.unique(frame.stretch):
         rows = np.flatnonzero(frame.stretch == number)
-        smooth = low_pass(np.unwrap(frame.attitude[rows], axis=0), frame.rate_hz, frame.cutoff_hz)
+        smooth = low_pass(np.unwrap(told_attitude[rows], axis=0), frame.rate_hz, frame.cutoff_hz)
         rate[rows] = derivative(smooth, frame.rate_hz)
     body = np.stack(
         [

@@ -37,6 +37,7 @@ from coaxlink.residual.joint import (
     needed,
     straight,
 )
+from coaxlink.residual.mass_or_thrust import Scales, doubt, scales
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.reweigh import settled_base, weighed_again
 from coaxlink.residual.result import Ambiguous, Refinement, Step
@@ -92,6 +93,19 @@ def refine(
     joint, acting = _together(
         problem, selection, bare, known, lambda c: reduce_columns(frame, c), base=base_columns
     )
+    doubts: tuple[Ambiguous, ...] = ()
+    if not mislabelled and not {m.name for m in joint.members} & {"mass_change", "battery_voltage"}:
+        seen = _scales(joint, acting, frame)
+        mass = next((o for o in problem.options if o.name == "mass_change" and not o.shape), None)
+        if seen.verdict == "mass" and mass is not None and not _carried(known):
+            why = "the lift is off, roll and pitch torque are not"
+            selection.trace.append(Step(9, "add", mass.name, 0.0, 0.0, abs(seen.lift), True, why))
+            selection = replace(selection, members=[*selection.members, mass])
+            joint, acting = _together(
+                problem, selection, bare, known, lambda c: reduce_columns(frame, c), base=base_columns, all_of=True
+            )
+        elif not _carried(known):
+            doubts = tuple(doubt(frame, seen))
     progress("judging")
     members = {m.name for m in joint.members}
     act = [part for part in known if part[0].name not in members]
@@ -100,8 +114,21 @@ def refine(
     if airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(frame)
-    parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled)
+    parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled, doubts)
     return answer(Judged(settled_base(problem), selection, joint, floor, variables, *parts), several)
+
+
+def _carried(known: Sequence[Part]) -> bool:
+    """Whether the model has an effect already that its lift's level belongs to."""
+    return bool({effect.name for effect, _ in known} & {"mass_change", "battery_voltage"})
+
+
+def _scales(joint: Joint, acting: FlightFrame, frame: FlightFrame) -> Scales:
+    """How lift and torques compare with the prediction, everything found acting."""
+    q = joint.problem
+    final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
+    corrections = dict(zip(q.base_names, final[q.base], strict=True))
+    return scales(acting, corrections, q.block, lambda c: reduce_columns(frame, c))
 
 
 def _flight_floor(frame: FlightFrame, joint: Joint) -> Array:
@@ -241,11 +268,13 @@ def _together(
     settled: Mapping[str, Member] | None = None,
     *,
     base: Callable[[Any, Callable[[Array], Array]], Array] | None = None,
+    all_of: bool = False,
 ) -> tuple[Joint, Any]:
     """Members and doubtful ones fitted together, and the frame with them acting.
 
     `settled` are members as an earlier fit left them: they start from there. `base(frame, reduce)` gives the
-    base corrections of a frame, (rows, C, B): with effects in it they are others than without.
+    base corrections of a frame, (rows, C, B): with effects in it they are others than without. `all_of`: none
+    is dropped for being needless.
     """
     options = [*selection.members, *selection.doubtful]
     names = {o.name for o in options}
@@ -269,7 +298,7 @@ def _together(
         long = LONG_STAND if problem.noise_known else LONG
         joint = fit(fitter, start, alternatives=problem.residual.size < long)
         if base is not None:
-            if problem.residual.size < LONG and not (selection.doubtful or names & set(had)):
+            if problem.residual.size < LONG and not (all_of or selection.doubtful or names & set(had)):
                 joint = needed(fitter, joint)
                 selection.trace += _dropped(selection.members, joint)
             columns = base(fitter.acting(joint.members), reduce) / problem.sigma[:, None]

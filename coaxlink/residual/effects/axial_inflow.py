@@ -72,8 +72,9 @@ def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
 
 def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     bent = np.array([c[0], 0.0])
-    other = {} if "by_thrust" in shape else {"by_thrust": 1.0}
-    forms: list[Shape] = [dict(shape), other]
+    mine: Shape = {k: v for k, v in shape.items() if k == "by_thrust"}
+    other: Shape = {} if mine else {"by_thrust": 1.0}
+    forms = [mine, other]
     return [
         (other, c[:1]),
         *(({**form, "bent": 1.0}, bent) for form in forms),

@@ -4,7 +4,8 @@ Source: Cheeseman and Bennett 1955, T / T_inf = 1 / (1 - (R / 4 h)^2), for which
 term; for multirotors the effective radius is larger than one rotor's (Sanchez-Cuevas, Heredia and Ollero
 2017), and an exponential in height fits flights as well (He, Lee and Leang 2019). Both are tried, the
 power of height being free between limits; each rotor feels the height of its own disc, which rights a tilted
-vehicle.
+vehicle. Close to the ground the gain g grows faster than its first term (Cheeseman's 1 / (1 - g)) or levels
+off (Hayden 1976, whose power falls short): g / (1 + b g), b free, is either.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ LOWEST_M = 0.08
 
 
 POWERS = (0.7, 5.0)
+BEND = (-2.5, 6.0)
 
 
 def _height(frame: FlightFrame) -> Array:
@@ -60,18 +62,20 @@ def _columns(frame: FlightFrame, shape: Shape) -> Array:
 
 
 def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
+    bend = {k: v for k, v in shape.items() if k == "levelling"}
     if "height_scale_m" in shape:
-        return {"gain_at_ground": float(c[0]), "height_scale_m": shape["height_scale_m"]}
+        return {"gain_at_ground": float(c[0]), "height_scale_m": shape["height_scale_m"], **bend}
     power = shape.get("height_power", 2.0)
     radius = float(np.sign(c[0]) * abs(c[0]) ** (1.0 / power))
-    return {"effective_radius_m": radius, "height_power": power}
+    return {"effective_radius_m": radius, "height_power": power, **bend}
 
 
 def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    bend = {k: v for k, v in p.items() if k == "levelling"}
     if "height_scale_m" in p:
-        return {"height_scale_m": p["height_scale_m"]}, np.array([p["gain_at_ground"]])
+        return {"height_scale_m": p["height_scale_m"], **bend}, np.array([p["gain_at_ground"]])
     power, radius = p.get("height_power", 2.0), p["effective_radius_m"]
-    return {"height_power": power}, np.array([np.sign(radius) * abs(radius) ** power])
+    return {"height_power": power, **bend}, np.array([np.sign(radius) * abs(radius) ** power])
 
 
 def _refuse(p: Mapping[str, float]) -> str | None:
@@ -82,13 +86,26 @@ def _refuse(p: Mapping[str, float]) -> str | None:
 
 def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
     shape, c = _inverse(frame, p)
-    return frame.pulling(frame.thrust * (1.0 + c[0] * _gain(frame, shape)), frame.torque)
+    gain = c[0] * _gain(frame, shape)
+    gain = gain / np.maximum(1.0 + shape.get("levelling", 0.0) * gain, 0.3)
+    return frame.pulling(frame.thrust * (1.0 + gain), frame.torque)
 
 
 def _free(_: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    bend = {"levelling": BEND} if "levelling" in shape else {}
     if "height_scale_m" in shape:
-        return {"height_scale_m": (0.5 * SCALES_M[0], 2.0 * SCALES_M[-1])}
-    return {"height_power": POWERS}
+        return {"height_scale_m": (0.5 * SCALES_M[0], 2.0 * SCALES_M[-1]), **bend}
+    return {"height_power": POWERS, **bend}
+
+
+def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    sign = np.sign(c[0])
+    mine = {k: v for k, v in shape.items() if k != "levelling"}
+    other, size = ({"height_scale_m": 0.5}, 0.2) if "height_power" in shape else ({"height_power": 2.0}, 0.1)
+    out: list[tuple[Shape, Array]] = [(other, np.array([size * sign]))]
+    if "levelling" not in shape:
+        out += [({**mine, "levelling": b}, c) for b in (0.3, -0.3)]
+    return out
 
 
 FLIGHT: Effect[FlightFrame] = Effect(
@@ -97,7 +114,13 @@ FLIGHT: Effect[FlightFrame] = Effect(
     source="Cheeseman and Bennett 1955; Sanchez-Cuevas, Heredia and Ollero 2017; He, Lee and Leang 2019",
     needs=("height_m",),
     channels=("force_z",),
-    units={"gain_at_ground": "1", "height_scale_m": "m", "effective_radius_m": "m", "height_power": "1"},
+    units={
+        "gain_at_ground": "1",
+        "height_scale_m": "m",
+        "effective_radius_m": "m",
+        "height_power": "1",
+        "levelling": "1",
+    },
     missing=_missing,
     shapes=_shapes,
     columns=_columns,
@@ -108,9 +131,5 @@ FLIGHT: Effect[FlightFrame] = Effect(
     stage=4,
     apply=_apply,
     free=_free,
-    finer=lambda _, shape, c: (
-        [({"height_power": 2.0}, np.array([0.1 * np.sign(c[0])]))]
-        if "height_scale_m" in shape
-        else [({"height_scale_m": 0.5}, np.array([0.2 * np.sign(c[0])]))]
-    ),
+    finer=_finer,
 )
