@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 Numbers = Mapping[str, float]
 LOWEST_M = 0.08  # a disc is never nearer to the ground
 LEAST_SPEED = 0.1
+LEAST_BEND = 0.3  # a gain that steepens near the ground ends at about three times its first term
 
 
 def speed_factor(p: Numbers, voltage_V: float) -> float:
@@ -28,9 +29,11 @@ def ground_gain(p: Numbers, height_m: float) -> float:
     """Share of thrust that the ground adds to a rotor whose disc is this high."""
     h = max(height_m, LOWEST_M)
     if "height_scale_m" in p:
-        return p["gain_at_ground"] * math.exp(-h / p["height_scale_m"])
-    radius, power = p["effective_radius_m"], p.get("height_power", 2.0)
-    return math.copysign((abs(radius) / (4.0 * h)) ** power, radius)
+        gain = p["gain_at_ground"] * math.exp(-h / p["height_scale_m"])
+    else:
+        radius, power = p["effective_radius_m"], p.get("height_power", 2.0)
+        gain = math.copysign((abs(radius) / (4.0 * h)) ** power, radius)
+    return gain / max(1.0 + p.get("levelling", 0.0) * gain, LEAST_BEND)
 
 
 def climb_loss(p: Numbers, climb_m_s: ArrayLike, speed: ArrayLike, lift: ArrayLike, usual: float) -> Array:

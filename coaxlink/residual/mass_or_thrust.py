@@ -1,10 +1,10 @@
-"""A flight that lifts a few per cent more or less than model and mass say: the mass, or the level of thrust?
+"""A flight that lifts a few per cent more or less than model and mass say: the mass, or the thrust's level?
 
-The force alone cannot tell, for a stand may be off by as much. The torques can: what scales the rotors' thrust
-scales the roll and the pitch that they make by the same share, while a mass on the centre leaves both alone.
-Only if both declared moments of inertia were off by that very share as well would a level of thrust look like
-a mass; drawings err by 5 %, so that both lie within a fifth of a share of 3 % once in a hundred. A mass that
-hangs below adds inertia and lies between the two: then the answer stays open.
+The force alone cannot tell, for a stand may be off by as much. The torques can: what scales the rotors'
+thrust scales the roll and the pitch that they make by the same share, while a mass on the centre leaves both
+alone. Only if both declared moments of inertia were off by that very share as well would a level of thrust
+look like a mass; drawings err by 5 %, so that both lie within a fifth of a share of 3 % once in a hundred. A
+mass that hangs below adds inertia and lies between the two: then the answer stays open.
 """
 
 from __future__ import annotations
@@ -53,11 +53,10 @@ class Scales:
 def scales(
     acting: FlightFrame, corrections: Mapping[str, float], block: Index, reduce: Callable[[Array], Array]
 ) -> Scales:
-    """Of a flight with its effects acting; `corrections` are the base's, `block` (kept,) of the judged rows."""
+    """Of a flight with its effects acting; `corrections` are the base's, `block` (kept,) the judged rows'."""
     late = derivative(acting.predicted, acting.rate_hz)
     left, predicted, slope = (
-        reduce(values[:, 3:5])
-        for values in (acting.measured - acting.predicted, acting.predicted, late)
+        reduce(values[:, 3:5]) for values in (acting.measured - acting.predicted, acting.predicted, late)
     )
     torque, sigma = np.zeros(2), np.zeros(2)
     for k in range(2):
@@ -90,7 +89,9 @@ def doubt(frame: FlightFrame, s: Scales) -> list[Ambiguous]:
     if s.verdict == "level":
         seen = f"the torques are off alike ({seen}): a level of thrust is likelier"
     elif np.any(SURE * s.sigma > LIKE * abs(s.lift)):
-        seen = f"too calm a flight to see whether the torques are off alike ({seen}): roll and pitch it briskly"
+        seen = (
+            f"too calm a flight to see whether the torques are off alike ({seen}): roll and pitch it briskly"
+        )
     else:
         seen = f"the torques side with neither ({seen}): inertia differs from the declared one as well"
     text = (

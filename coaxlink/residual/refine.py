@@ -39,8 +39,8 @@ from coaxlink.residual.joint import (
 )
 from coaxlink.residual.mass_or_thrust import Scales, doubt, scales
 from coaxlink.residual.problem import Option, Problem
-from coaxlink.residual.reweigh import settled_base, weighed_again
 from coaxlink.residual.result import Ambiguous, Refinement, Step
+from coaxlink.residual.reweigh import channel_errors, reweighed, settled_base, weighed_again
 from coaxlink.residual.select import Selection, columns_of, select
 from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
 from coaxlink.residual.stand import joined, stand_frame
@@ -57,6 +57,8 @@ PLAINER = 0.005  # a plain base that errs by no more than this share above a ric
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
 LONG, LONG_STAND = 200_000, 100_000  # judged rows times channels: beyond, other forms are not tried
 FAR_OFF = 1.15  # of the noise: a fitted base is looked at again
+DOUBTED = 1.5  # of the floor: a flight's choice that leaves more in a channel is judged once more
+CLEARLY = 0.1  # of the logarithm of errors, channels together, that another choice must leave less
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
 
 
@@ -90,9 +92,12 @@ def refine(
     if selection.members and further is not problem:
         problem, selection = further, select(further)
     progress("fitting what was chosen together")
-    joint, acting = _together(
-        problem, selection, bare, known, lambda c: reduce_columns(frame, c), base=base_columns
-    )
+
+    def reduce(columns: Array) -> Array:
+        return reduce_columns(frame, columns)
+
+    joint, acting = _together(problem, selection, bare, known, reduce, base=base_columns)
+    selection, joint, acting = _doubted(problem, selection, joint, acting, bare, known, reduce)
     doubts: tuple[Ambiguous, ...] = ()
     if not mislabelled and not {m.name for m in joint.members} & {"mass_change", "battery_voltage"}:
         seen = _scales(joint, acting, frame)
@@ -102,7 +107,13 @@ def refine(
             selection.trace.append(Step(9, "add", mass.name, 0.0, 0.0, abs(seen.lift), True, why))
             selection = replace(selection, members=[*selection.members, mass])
             joint, acting = _together(
-                problem, selection, bare, known, lambda c: reduce_columns(frame, c), base=base_columns, all_of=True
+                problem,
+                selection,
+                bare,
+                known,
+                lambda c: reduce_columns(frame, c),
+                base=base_columns,
+                all_of=True,
             )
         elif not _carried(known):
             doubts = tuple(doubt(frame, seen))
@@ -116,6 +127,40 @@ def refine(
     variables = flight_variables(frame)
     parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled, doubts)
     return answer(Judged(settled_base(problem), selection, joint, floor, variables, *parts), several)
+
+
+def _doubted(
+    problem: Problem,
+    selection: Selection,
+    joint: Joint,
+    acting: FlightFrame,
+    bare: FlightFrame,
+    known: Sequence[Part],
+    reduce: Callable[[Array], Array],
+) -> tuple[Selection, Joint, FlightFrame]:
+    """The choice judged once more where it leaves a channel far above its noise, by what is sharp now.
+
+    A first choice is made where the torques count little: a failing rotor may have stood in for a mass and a
+    centre of mass. Another choice is taken if it leaves clearly less, all channels together.
+    """
+    q = joint.problem
+    kept = selection, joint, acting
+    if not joint.members or selection.doubtful or problem.residual.size > SHORT or q.frame is not bare:
+        return kept
+    errors, floor = channel_errors(q, q.options), _flight_floor(acting, joint)
+    if np.max(errors / floor) < DOUBTED:
+        return kept
+    again = select(reweighed(problem, floor))
+    if again.ambiguous or not again.members or _names(again.members) == _names(joint.members):
+        return kept
+    again = replace(again, trace=[*selection.trace, *again.trace])
+    other, then = _together(problem, again, bare, known, reduce, base=base_columns)
+    less = np.sum(np.log(errors)) - np.sum(np.log(channel_errors(other.problem, other.problem.options)))
+    return (again, other, then) if less > CLEARLY else kept
+
+
+def _names(members: Sequence[Any]) -> set[str]:
+    return {m.name for m in members}
 
 
 def _carried(known: Sequence[Part]) -> bool:

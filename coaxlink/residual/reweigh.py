@@ -93,4 +93,3 @@ def _base_of(p: Problem, sigma: Array) -> Problem:
     )
     only = replace(p, design=p.design[:, :, p.base], blocks=small, base=np.arange(len(p.base)), options=())
     return reweighed(only, sigma)
-

@@ -87,10 +87,10 @@ def smoothed_velocity(velocity: Array, force: Array, to_world: Array, rate_hz: f
     # a bias of the accelerometer turns with the body
     carried = integral(to_world.reshape(len(to_world), 9), rate_hz).reshape(-1, 3, 3)
     quick = differs - slow_part(differs, rate_hz)
-    columns = carried.reshape(len(carried), 9)
-    columns = (columns - slow_part(columns, rate_hz)).reshape(-1, 3, 3)
-    bias = np.linalg.lstsq(columns.reshape(-1, 3), quick.ravel(), rcond=1e-6)[0]
-    quick = quick - columns @ bias
+    flat = carried.reshape(len(carried), 9)
+    turned = (flat - slow_part(flat, rate_hz)).reshape(-1, 3, 3)
+    bias = np.linalg.lstsq(turned.reshape(-1, 3), quick.ravel(), rcond=1e-6)[0]
+    quick = quick - turned @ bias
     if np.max(np.abs(quick)) > STRAYS_M_S:
         return velocity, np.full(3, np.nan)
     return velocity - quick, _left(quick, rate_hz)

@@ -12,13 +12,14 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.residual import refine
-from coaxlink.rotor import load_rotor_model
+from coaxlink.rotor import RotorModel, load_rotor_model
 
 HIDDEN = {
     "chipped": {"weak": (3, 0.15), "onset": 33.3},
     "slow": {"slow": (2, 0.07)},  # an upper rotor: the lower one feels less wake
     "dropped": {"dropped": 0.05, "onset": 30.0},
     "heavy": {"mass": 0.03},
+    "clean": {},
     "chipped and late": {"weak": (6, 0.12), "onset": 27.7, "lag": 0.05},
 }
 
@@ -29,9 +30,22 @@ def flights():
     return {name: Samples(log, name) for name, log in zip(HIDDEN, logs, strict=True)}
 
 
+def x8():
+    return replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+
+
+def with_thrust(level: float) -> RotorModel:
+    """The true model with every thrust off by one share."""
+    exact = load_rotor_model(files.example("rotor_paper.toml"))
+    terms = {
+        load: {t: c * (level if "thrust" in load else 1.0) for t, c in named.items()}
+        for load, named in exact.terms().items()
+    }
+    return RotorModel.from_terms("crm", exact.speed_max_rpm, terms)
+
+
 def found(log: Samples):
-    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
-    return refine(log, airframe, load_rotor_model(files.example("rotor_paper.toml")))
+    return refine(log, x8(), load_rotor_model(files.example("rotor_paper.toml")))
 
 
 def numbers(answer, name):
@@ -71,14 +85,40 @@ def test_a_payload_that_falls_is_a_mass(flights):
     assert got["mass_kg"] == pytest.approx(19.0, abs=0.1)
 
 
-def test_a_little_more_mass_may_be_a_level_of_thrust(flights):
+def test_a_little_more_mass_is_told_from_thrust_by_the_torques(flights):
     answer = found(flights["heavy"])
+    assert [e.name for e in answer.effects] == ["mass_change"]
+    assert answer.ambiguous == ()
+    assert numbers(answer, "mass_change")["mass_kg"] == pytest.approx(20.6, abs=0.15)
+
+
+def test_with_the_inertia_in_doubt_it_may_be_a_level_of_thrust(flights):
+    airframe = x8()
+    ix, iy, iz = airframe.inertia_kg_m2
+    wrong = replace(airframe, inertia_kg_m2=(1.05 * ix, 0.96 * iy, iz))
+    answer = refine(flights["heavy"], wrong, load_rotor_model(files.example("rotor_paper.toml")))
     assert answer.effects == ()
     (doubt,) = answer.ambiguous
     assert doubt.names == ("mass_change", "thrust_level")
-    assert "weigh it" in doubt.separate_by
     said = float(doubt.separate_by.split("weigh it. ")[1].split(" kg")[0])
     assert said == pytest.approx(20.6, abs=0.15)
+
+
+def test_a_level_of_thrust_moves_the_torques_with_the_lift(flights):
+    answer = refine(flights["clean"], x8(), with_thrust(1.03))
+    assert answer.effects == ()
+    (doubt,) = answer.ambiguous
+    assert doubt.names == ("mass_change", "thrust_level")
+    assert "level of thrust is likelier" in doubt.separate_by
+
+
+@pytest.mark.parametrize(("level", "share"), [(0.98, 1.08), (1.02, 0.92)])
+def test_a_stand_two_per_cent_off_and_a_rough_inertia_are_no_mass(flights, level, share):
+    airframe = x8()
+    ix, iy, iz = airframe.inertia_kg_m2
+    wrong = replace(airframe, inertia_kg_m2=(share * ix, iy / share, iz))
+    answer = refine(flights["clean"], wrong, with_thrust(level))
+    assert answer.effects == () and answer.ambiguous == ()
 
 
 def test_both_of_a_failure_and_a_lag_are_found(flights):

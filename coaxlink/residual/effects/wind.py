@@ -81,7 +81,9 @@ def _refuse(p: Mapping[str, float]) -> str | None:
     )
 
 
-def _finer(_: FlightFrame, __: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    if "north" in shape:
+        return []
     k = c[0] if abs(c[0]) > 1e-9 else 1e-9
     wind = np.array([c[1], c[2]]) / k
     speed = float(np.hypot(*wind))
