@@ -34,10 +34,8 @@ from coaxlink.rotor import RotorModel
 
 DRAWS = 200
 SERIES_ROWS = 4000
-SILENT, SILENT_SIZE = (
-    1.3,
-    0.004,
-)  # times the noise, share of the reference load: more is said to be unexplained
+# times the noise, share of the reference load: more is said to be unexplained; a flight's noise is small
+SILENT, SILENT_SIZE, SILENT_FLIGHT = 1.3, 0.004, 0.0008
 
 
 @dataclass(frozen=True)
@@ -268,7 +266,8 @@ def _silent(j: Judged, told: Sequence[Unexplained], squares: Array) -> list[Unex
         excess = float(np.sqrt(max(rms**2 - j.floor[c] ** 2, 0.0)))
         if name in {u.channel for u in told} or float(q.sigma[c]) * low < SILENT * j.floor[c]:
             continue
-        if excess > SILENT_SIZE * q.reference[c]:
+        least = SILENT_FLIGHT if isinstance(q.frame, FlightFrame) else SILENT_SIZE
+        if excess > least * q.reference[c]:
             where = f"{rms / j.floor[c]:.1f} times the noise between neighbouring rows, by nothing recorded"
             out.append(Unexplained(name, ("time_s",), excess, where))
     return out

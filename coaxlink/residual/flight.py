@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
@@ -27,7 +28,7 @@ JUDGED_RATE_HZ = 10.0
 JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
 MATTERS = 1.0  # times the noise
 COARSER = (2, 4)  # rows a row, to see what fewer rows cost
-WHITE_HZ = 45.0
+WHITE_HZ, FILTERED = 45.0, 0.85
 EDGE_S = 0.4  # the low-pass still feels what happened outside
 NEEDED = (
     "time_s",
@@ -119,7 +120,8 @@ def _between_rows(frame: FlightFrame, whole: dict[str, Array]) -> Array:
     """(6,) error, low-passed, of loads whose commands are known at the log's rows only.
 
     With every second and every fourth row alone it is known; on it goes as it came, and below the loops' own
-    filters (30 to 40 Hz), up to where the noise of commands still grows, hardly falls.
+    filters (30 to 40 Hz), up to where the noise of commands still grows, hardly falls. From half a rate that
+    lies at these filters to a rate beyond them it falls faster than before.
     """
     if any(f"every_{e}" not in whole for e in COARSER):
         return np.zeros(6)
@@ -130,7 +132,8 @@ def _between_rows(frame: FlightFrame, whole: dict[str, Array]) -> Array:
         errors.append(np.sqrt(np.mean(reduce_columns(frame, changed) ** 2, axis=0)))
     second, fourth = errors
     least = 0.9 if frame.step_s > 1.0 / WHITE_HZ else 0.0
-    return np.asarray(second * np.clip(second / np.maximum(fourth, 1e-12), least, 1.0))
+    falls = FILTERED if WHITE_HZ < 1.0 / frame.step_s < 2.0 * WHITE_HZ else 1.0
+    return np.asarray(falls * second * np.clip(second / np.maximum(fourth, 1e-12), least, 1.0))
 
 
 def reduce_columns(frame: FlightFrame, columns: Array) -> Array:
@@ -181,8 +184,10 @@ def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: 
         columns["speeds"] = lagged(columns["commands"], step, lag_s)
         if len(grid) < LONG_ROWS:
             for every in COARSER:
-                kept = columns["commands"][::every]
-                coarse = np.stack([np.interp(grid, grid[::every], k) for k in kept.T], axis=1)
+                # what runs smoothly is no error of fewer rows: a spline passes it
+                coarse = CubicSpline(grid[::every], columns["commands"][::every])(
+                    np.minimum(grid, grid[::every][-1])
+                )
                 columns[f"every_{every}"] = lagged(coarse, step, lag_s) - columns["speeds"]
         pieces.append(_thin(_Stretch(number, 1.0 / step, step, columns)))
     return pieces

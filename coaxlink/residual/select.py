@@ -45,6 +45,7 @@ INEXACT = 1.25
 RIVAL = 0.9
 STEADY = 1.5
 NESTED = {("rotor_drag", "wind"), ("mass_change", "battery_voltage")}  # (special case, general case)
+WITHIN = {"wind": "rotor_drag"}  # the wind's drag is the rotors': beside it theirs would be counted twice
 
 
 @dataclass(frozen=True)
@@ -289,7 +290,8 @@ def select(
     for number in range(1, MOST + 1):
         if len(out.members) >= MOST:
             break
-        trials = [t for t in judge.best_of_each(out.members) if t.option.name not in {*barred, *dropped}]
+        out_of_play = {*barred, *dropped, *(WITHIN.get(m.name, "") for m in out.members)}
+        trials = [t for t in judge.best_of_each(out.members) if t.option.name not in out_of_play]
         good = _eligible(trials)
         if not good and on_trial:
             good = [t for t in trials if t.promising][:1]

@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 SEGMENT_S = 4.0
 TOP_HZ = 16.0
 PENALTY = 4.0  # of the log-likelihood, a kind of noise more
+DOUBT = 0.3  # standard deviation of the logarithm of what commands do between rows
+DOUBTS = tuple(np.linspace(-0.9, 0.9, 13))
 
 
 def low_pass(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
@@ -173,15 +175,22 @@ def spectral_floor(
     for c, turned in enumerate(differentiated):
         given = 0.0 if sampling is None else float(sampling[c]) ** 2 / behind
         level = spectrum[band, c] / thinned
-        known = given * shapes[0][:, 1]
         # the plainest mixture that the spectrum asks for: a needless kind adds to the noise, never takes away
         choices = ([2], [2, 1], [2, 0], [2, 1, 0]) if turned else ([0], [0, 1])
-        fits = [_mixture(level, shapes[0][:, kinds], segments, known) for kinds in choices]
-        best = int(
-            np.argmin([miss + PENALTY * len(kinds) for (_, miss), kinds in zip(fits, choices, strict=True)])
-        )
-        noise = shapes[1][:, choices[best]] @ fits[best][0] + given * shapes[1][:, 1]
-        out[c] = np.sqrt(np.sum(noise * kernel) * step)
+        tries: list[tuple[float, float]] = []
+        for doubt in DOUBTS if given > 0.0 and turned else (0.0,):
+            known = given * np.exp(2.0 * doubt)
+            for kinds in choices:
+                if given > 0.0 and turned and 1 in kinds and doubt < 0.0:
+                    continue  # less of it and more of it
+                amounts, miss = _mixture(level, shapes[0][:, kinds], segments, known * shapes[0][:, 1])
+                noise = shapes[1][:, kinds] @ amounts + known * shapes[1][:, 1]
+                miss += PENALTY * len(kinds) + 0.5 * (doubt / DOUBT) ** 2
+                tries.append((miss, float(np.sum(noise * kernel) * step)))
+        # the middle of what the spectrum leaves open, each weighed by its likelihood
+        misses, powers = np.array(tries).T
+        weights = np.exp(-(misses - misses.min()))
+        out[c] = np.exp(0.5 * np.sum(weights * np.log(np.maximum(powers, 1e-300))) / np.sum(weights))
     return out
 
 

@@ -1,8 +1,9 @@
 """Wind: the air moves, and with it the velocity that drags the rotors: F_xy = -k sum(u_i) (v - w)_xy.
 
 Source: rotor drag (see `rotor_drag`) on the air speed; constant wind in the world frame, seen by the body
-through its attitude; the body's own drag, d |v - w| (v - w), acts besides. Needs turns of heading or speed to
-be told from a sensor bias. It is found linear in the wind and then fitted as written.
+through its attitude; the body's own drag, (d |v - w| + e) (v - w), acts besides. Needs turns of heading or
+speed to be told from a sensor bias. It is found linear in the wind and then fitted as written; near the ground
+it may blow less: w = w_m (h / h_m)^p, h_m the flight's middle height (power law of the wind's profile).
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from coaxlink.residual.effects.rotor_drag import drag_cause, hub_drag
 from coaxlink.residual.frames import FlightFrame
 
 _BY_SPEED: Shape = {"by_speed": 1.0}
+LOWEST_M = 0.2
+LIMITS = {"north": (-30.0, 30.0), "east": (-30.0, 30.0), "shear": (0.0, 0.6)}
 
 
 def _missing(frame: FlightFrame) -> str | None:
@@ -40,12 +43,25 @@ def _columns(frame: FlightFrame, shape: Shape) -> Array:
 
 def _exact(frame: FlightFrame, shape: Shape) -> Array:
     """Drag of rotors, of their moments, and of the body, at one wind."""
-    air = frame.velocity - shape["north"] * frame.north - shape["east"] * frame.east
+    blows = _profile(frame, shape)[:, None]
+    air = frame.velocity - blows * (shape["north"] * frame.north + shape["east"] * frame.east)
     force, moment = (hub_drag(frame, v, _BY_SPEED) for v in (air, frame.velocity))
     force[:, 3:], moment[:, :3] = 0.0, 0.0
     body = np.zeros_like(force)
     body[:, :3] = -np.linalg.norm(air, axis=1, keepdims=True) * air
-    return np.stack([force, moment, body], axis=-1)
+    if "linear" not in shape:
+        return np.stack([force, moment, body], axis=-1)
+    linear = np.zeros_like(force)
+    linear[:, :3] = -air
+    return np.stack([force, moment, body, linear], axis=-1)
+
+
+def _profile(frame: FlightFrame, shape: Shape) -> Array:
+    """(rows,) share of the wind that blows at every height."""
+    if "shear" not in shape or frame.height is None:
+        return np.ones(len(frame.time_s))
+    height = np.maximum(frame.height, LOWEST_M)
+    return np.asarray((height / float(np.median(height[frame.keep]))) ** shape["shear"])
 
 
 def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
@@ -56,6 +72,8 @@ def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
             "wind_east_m_s": shape["east"],
             "moment_N_s_m": float(c[1]),
             "body_drag_kg_m": float(c[2]),
+            **({"body_drag_kg_s": float(c[3])} if "linear" in shape else {}),
+            **({"shear_power": shape["shear"]} if "shear" in shape else {}),
         }
     k = c[0] if abs(c[0]) > 1e-9 else 1e-9
     return {
@@ -70,7 +88,13 @@ def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
     k = p["drag_per_speed_N_s_m"]
     if "body_drag_kg_m" in p:
         shape = {"north": p["wind_north_m_s"], "east": p["wind_east_m_s"]}
-        return shape, np.array([k, p["moment_N_s_m"], p["body_drag_kg_m"]])
+        c = [k, p["moment_N_s_m"], p["body_drag_kg_m"]]
+        if "shear_power" in p:
+            shape["shear"] = p["shear_power"]
+        if "body_drag_kg_s" in p:
+            shape["linear"] = 1.0
+            c.append(p["body_drag_kg_s"])
+        return shape, np.array(c)
     return {}, np.array([k, k * p["wind_north_m_s"], k * p["wind_east_m_s"], k * p["moment_share"]])
 
 
@@ -81,9 +105,14 @@ def _refuse(p: Mapping[str, float]) -> str | None:
     )
 
 
-def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    if "north" in shape:
-        return []
+def _finer(frame: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    if "north" in shape:  # what else may be: drag of the body in proportion, less wind near the ground
+        richer: list[tuple[Shape, Array]] = []
+        if "linear" not in shape:
+            richer.append(({**shape, "linear": 1.0}, np.append(c, 0.0)))
+        if "shear" not in shape and frame.height is not None:
+            richer.append(({**shape, "shear": 0.1}, c))
+        return richer
     k = c[0] if abs(c[0]) > 1e-9 else 1e-9
     wind = np.array([c[1], c[2]]) / k
     speed = float(np.hypot(*wind))
@@ -108,6 +137,8 @@ FLIGHT: Effect[FlightFrame] = Effect(
         "moment_share": "1",
         "moment_N_s_m": "N s/m",
         "body_drag_kg_m": "kg/m",
+        "body_drag_kg_s": "kg/s",
+        "shear_power": "1",
     },
     missing=_missing,
     shapes=lambda _: [{}],
@@ -117,6 +148,6 @@ FLIGHT: Effect[FlightFrame] = Effect(
     refuse=_refuse,
     cause=drag_cause,
     stage=5,
-    free=lambda _, shape: dict.fromkeys(shape, (-30.0, 30.0)),
+    free=lambda _, shape: {k: LIMITS[k] for k in shape if k in LIMITS},
     finer=_finer,
 )
