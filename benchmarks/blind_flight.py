@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 AIRFRAMES = ("x8_demo.toml", "y6.toml", "coax_quad_plus.toml")
 LAG_S = 0.02
+FALLEN_RAD, ATTEMPTS, SMALLER = 1.5, 12, 0.9
 # size of an effect in the world's own unit when it is worth one of thrust
 WORTH = {
     "battery_voltage": 1 / 0.18,
@@ -116,8 +117,27 @@ def wandering(random: np.random.Generator) -> Callable[[float], Goal]:
 
 
 def make(hidden: tuple[str, ...], seed: int, worth: float, family: str, folder: Path) -> Made:
-    """Fly one world; its truth file is left in `folder`."""
-    random = np.random.default_rng([seed, zlib.crc32("+".join((family, *hidden)).encode()), 0xF17])
+    """Fly one world; its truth file is left in `folder`.
+
+    A vehicle that falls (too late motors, too weak a rotor) is no flight: the same world is drawn anew, and
+    from the fifth time on a tenth smaller each time.
+    """
+    for attempt in range(ATTEMPTS):
+        size = worth * SMALLER ** max(0, attempt - 3)
+        made = _fly(hidden, seed, size, family, folder, attempt)
+        if _flew(made.columns):
+            break
+    return made
+
+
+def _flew(log: dict[str, Array]) -> bool:
+    """Whether it never tipped over."""
+    return bool(np.max(np.hypot(log["roll_rad"], log["pitch_rad"])) < FALLEN_RAD)
+
+
+def _fly(hidden: tuple[str, ...], seed: int, worth: float, family: str, folder: Path, attempt: int) -> Made:
+    draw = [seed, zlib.crc32("+".join((family, *hidden)).encode()), 0xF17, *([attempt] if attempt else [])]
+    random = np.random.default_rng(draw)
     name = str(random.choice(AIRFRAMES, p=[0.6, 0.2, 0.2]))
     text = (EXAMPLES / name).read_text()
     if "motor_lag_s" not in text:
@@ -157,7 +177,7 @@ def make(hidden: tuple[str, ...], seed: int, worth: float, family: str, folder: 
             _spoil(log, fault, worth, random, vehicle.rotors)
     truth: dict[str, object] = {
         "airframe": name, "plan": plan, "noise": noise, "every": every, "worth": worth, "told": told,
-        "rows": len(log["time_s"]),
+        "rows": len(log["time_s"]), "attempt": attempt,
     }  # fmt: skip
     return Made(log, body.name, truth)
 

@@ -2,7 +2,7 @@
 
 Source: rotor drag (see `rotor_drag`) on the air speed; constant wind in the world frame, seen by the body
 through its attitude; the body's own drag, (d |v - w| + e) (v - w), acts besides. Needs turns of heading or
-speed to be told from a sensor bias. It is found linear in the wind and then fitted as written; near the ground
+speed to be told from a sensor bias. It is found linear in the wind, then fitted as written; near the ground
 it may blow less: w = w_m (h / h_m)^p, h_m the flight's middle height (power law of the wind's profile).
 """
 
