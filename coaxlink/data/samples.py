@@ -67,6 +67,11 @@ class Samples:
         added = {name: np.asarray(column, float) for name, column in columns.items()}
         return replace(self, columns={**self.columns, **added})
 
+    def without(self, *names: str) -> Samples:
+        """A copy without these columns."""
+        kept = {name: column for name, column in self.columns.items() if name not in names}
+        return replace(self, columns=kept)
+
     def with_notes(self, *notes: str) -> Samples:
         """A copy with remarks added."""
         return replace(self, notes=self.notes + notes)

@@ -138,3 +138,19 @@ class StandFrame:
         for c, surface in self.surfaces.items():
             out[:, c] += surface(speeds)
         return out
+
+
+def rows_of(frame: StandFrame, rows: NDArray[np.intp]) -> StandFrame:
+    """A frame of these rows alone, in that order, all of them judged."""
+    return replace(
+        frame,
+        time_s=frame.time_s[rows],
+        speeds=frame.speeds[rows],
+        throttles=None if frame.throttles is None else frame.throttles[rows],
+        predicted=frame.predicted[rows],
+        measured=frame.measured[rows],
+        slope=frame.slope[rows],
+        columns={name: column[rows] for name, column in frame.columns.items()},
+        block=frame.block[rows],
+        keep=np.arange(len(rows)),
+    )

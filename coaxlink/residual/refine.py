@@ -198,9 +198,11 @@ def refine_stand(
     several = [logs] if isinstance(logs, Samples) else list(logs)
     progress("reading the stand")
     samples = joined(several)
-    bare = stand_frame(samples, model)
-    suspects, bad, mislabelled = find_suspects(bare)
-    trusted = np.flatnonzero(np.logical_not(bad))
+    wrong = find_suspects(stand_frame(samples, model))
+    suspects, mislabelled = wrong.suspects, wrong.mislabelled
+    if not mislabelled:
+        samples = samples.without(*wrong.columns)
+    trusted = np.flatnonzero(np.logical_not(wrong.bad))
     thinned = max(1, round(len(trusted) / MANY_ROWS))
     if thinned > 1:  # stretches whole: neighbours tell the noise, and what lags or remembers sees every row
         trusted = trusted[(trusted // STRETCH) % thinned == 0]
@@ -231,7 +233,7 @@ def refine_stand(
         if best is None or error <= best[0] + PLAINER:
             shed = acting.predicted - problem.frame.predicted if selection.members else None
             floor = _stand_floor(bare, joint)
-            parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled)
+            parts = (tuple(known), suspects, tuple(notes), not mislabelled)
             best = error, Judged(problem, selection, joint, floor, stand_variables(bare), *parts)
     assert best is not None
     progress("judging")

@@ -1,49 +1,122 @@
-"""Data that cannot be what their labels say: stuck cells, lying tachometers, repeats, swapped rotors.
+"""Data that cannot be what their labels say: stuck cells, lying tachometers, repeats, wrong labels and units.
 
-Found before anything is fitted; the rows are left out, or, where every row is concerned, nothing is claimed.
+Found before anything is fitted; the rows are left out, or the column where all of it is concerned, or, where
+nothing that is left could be trusted, nothing is claimed.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame
+from coaxlink.residual.cells import clipped_rows, names_of, odd_arms, repeated_rows, stuck_rows
+from coaxlink.residual.commands import crossed_throttles
+from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame, rows_of
+from coaxlink.residual.labels import mislabels
 from coaxlink.residual.result import Suspect
 from coaxlink.residual.stand import COLUMN_OF, own_model
+from coaxlink.residual.stretches import Mask
 from coaxlink.residual.tachometers import lies
 
-STUCK_ROWS = 4
-REPEATED_ROWS = 3
 SWAP = 0.25  # of the squares left when the labels are exchanged
+LEAST_LEFT = 8  # rows
 
 
-def find_suspects(frame: StandFrame) -> tuple[list[Suspect], Array, bool]:
-    """Suspects, (rows,) mask of rows to leave out, and whether the labels as a whole are wrong."""
-    out: list[Suspect] = []
-    bad = np.zeros(len(frame.time_s), bool)
-    for c in frame.present:
-        if c < 4:
-            stuck = _stuck(frame, c)
-            if stuck.any():
-                bad |= stuck
-                why = "one reading repeats exactly while the rotors turn and other cells do not stand still"
-                out.append(Suspect(COLUMN_OF[STAND_CHANNELS[c]], rows_text(stuck), why))
-    for lie in lies(frame):
-        bad |= lie.rows
-        out.append(Suspect(f"{('upper', 'lower')[lie.side]}_rpm", rows_text(lie.rows), lie.why))
-    repeated = _repeated(frame) & ~bad
+@dataclass(frozen=True)
+class Suspicion:
+    """What of a stand log cannot be trusted."""
+
+    suspects: tuple[Suspect, ...]
+    bad: Mask  # (rows,) to leave out
+    columns: tuple[str, ...]  # to leave out
+    mislabelled: bool  # the labels as a whole are wrong: nothing can be claimed
+
+
+@dataclass
+class _Finding:
+    """What was found so far."""
+
+    frame: StandFrame
+    suspects: list[Suspect]
+    bad: Mask
+    columns: list[str]
+    swapped: bool = False
+
+    def rows(self, column: str, rows: Mask, why: str) -> None:
+        """Accuse a column in some rows."""
+        self.bad |= rows
+        self.suspects.append(Suspect(column, rows_text(rows), why))
+
+    def whole(self, column: str, why: str, *leave_out: str) -> None:
+        """Accuse a column throughout."""
+        self.suspects.append(Suspect(column, "all", why))
+        self.columns += leave_out
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing is left to be claimed."""
+        loads = {COLUMN_OF[STAND_CHANNELS[c]] for c in self.frame.present if c < 4}
+        return bool(self.swapped or loads <= set(self.columns) or np.sum(~self.bad) < LEAST_LEFT)
+
+
+def find_suspects(frame: StandFrame) -> Suspicion:
+    """All that contradicts its label in a log."""
+    found = _Finding(frame, [], np.zeros(len(frame.time_s), bool), [])
+    _look_at_cells(found)
+    _look_at_labels(found)
+    if not found.silent:
+        _look_at_drives(found)
+    return Suspicion(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
+
+
+def _look_at_cells(found: _Finding) -> None:
+    frame = found.frame
+    for c in [c for c in frame.present if c < 4]:
+        column, stuck, clipped = COLUMN_OF[STAND_CHANNELS[c]], stuck_rows(frame, c), clipped_rows(frame, c)
+        if clipped is not None:
+            why = f"the cell reads no further than {clipped[1]:g}, where speeds give more: it is saturated"
+            found.rows(column, clipped[0], why)
+        elif stuck.any():
+            why = "one reading repeats exactly while the rotors turn and other cells do not stand still"
+            found.rows(column, stuck, why)
+    repeated = repeated_rows(frame) & ~found.bad
     if repeated.any():
-        bad |= repeated
-        out.append(
-            Suspect(
-                "all loads", rows_text(repeated), "these readings stand in the log before, digit by digit"
-            )
-        )
-    swapped = _swapped(frame)
-    if swapped is not None:
-        out.append(Suspect("upper_*, lower_* speeds", "all", swapped))
-    return out, bad, swapped is not None
+        found.rows("all loads", repeated, "these readings stand in the log before, digit by digit")
+
+
+def _look_at_labels(found: _Finding) -> None:
+    frame = found.frame
+    for wrong in mislabels(frame, ~found.bad):
+        if not wrong.whole:
+            found.rows(wrong.way.columns, wrong.rows, wrong.why)
+            continue
+        names = [] if wrong.way.speeds else [COLUMN_OF[STAND_CHANNELS[c]] for c in wrong.way.channels]
+        found.whole(wrong.way.columns, wrong.why, *names)
+        found.swapped |= wrong.way.speeds
+    for channels, why in odd_arms(frame, ~found.bad) if frame.free_base else ():
+        found.whole(names_of(channels), why, *names_of(channels).split(", "))
+    if not found.silent and not found.columns:
+        said = _swapped(rows_of(frame, np.flatnonzero(~found.bad)))
+        if said is not None:
+            found.whole("upper_*, lower_* speeds", said)
+            found.swapped = True
+
+
+def _look_at_drives(found: _Finding) -> None:
+    names = ("upper_throttle", "lower_throttle")
+    crossed = crossed_throttles(found.frame, ~found.bad)
+    if crossed is not None and crossed.whole:
+        found.whole(", ".join(names), crossed.why, *names)
+        return
+    if crossed is not None:
+        found.rows(", ".join(names), crossed.rows, crossed.why)
+    sound = np.flatnonzero(~found.bad)
+    for lie in lies(rows_of(found.frame, sound)) if len(sound) >= LEAST_LEFT else ():
+        rows = np.zeros(len(found.bad), bool)
+        rows[sound[lie.rows]] = True
+        found.rows(f"{('upper', 'lower')[lie.side]}_rpm", rows, lie.why)
 
 
 def rows_text(mask: Array | NDArray[np.bool_]) -> str:
@@ -52,41 +125,6 @@ def rows_text(mask: Array | NDArray[np.bool_]) -> str:
     runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     shown = [f"{r[0] + 1}-{r[-1] + 1}" if len(r) > 1 else f"{r[0] + 1}" for r in runs[:6]]
     return ", ".join(shown) + (f" and {len(runs) - 6} more" if len(runs) > 6 else "")
-
-
-def _stuck(frame: StandFrame, channel: int) -> Array:
-    values = frame.measured[:, channel]
-    same = np.concatenate([[False], np.diff(values) == 0.0])
-    start = np.flatnonzero(~same)
-    out = np.zeros(len(values), bool)
-    need = max(STUCK_ROWS, len(values) // 100)
-    # a cell that else never shows one reading twice is stuck even where the load should stand still
-    noisy = float(np.mean(same)) < 0.2 and len(values) > 50
-    long = max(3 * STUCK_ROWS, len(values) // 50)
-    for first, end in zip(start, np.append(start[1:], len(values)), strict=True):
-        expected = np.ptp(frame.predicted[first:end, channel])
-        level = np.max(np.abs(frame.predicted[first:end, channel]))
-        still = noisy and end - first >= long and level > 0.05 * frame.reference[channel]
-        moved = end - first >= need and expected > 0.02 * frame.reference[channel]
-        if values[first] != 0.0 and (moved or still):
-            out[first:end] = True
-    return out
-
-
-def _repeated(frame: StandFrame) -> Array:
-    loads = [c for c in frame.present if c < 4]
-    values = frame.measured[:, loads]
-    out = np.zeros(len(values), bool)
-    if len(loads) < 2:
-        return out
-    _, first, inverse = np.unique(values, axis=0, return_index=True, return_inverse=True)
-    turning = np.any(np.abs(values) > 1e-9, axis=1)
-    twin = (first[inverse.ravel()] != np.arange(len(values))) & turning
-    rows = np.flatnonzero(twin)
-    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-        if len(run) >= REPEATED_ROWS:
-            out[run] = True
-    return out
 
 
 def _swapped(frame: StandFrame) -> str | None:

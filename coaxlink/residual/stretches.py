@@ -1,0 +1,69 @@
+"""Stretches of rows that another reading of the columns fits far better than their labels do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.residual.frames import Array
+
+Mask = NDArray[np.bool_]
+LEAST_ROWS = 4
+LEAST_GAIN = 60.0  # squared tolerances that one stretch must win
+CAP = 25.0  # squared tolerances: a reading that is off by more is off, by however much
+MOST = 12  # stretches
+LEAST_PLACES = 3  # a single change of speed, with a lag in it, may look like anything
+WHOLE = 0.9  # of the rows: more than this is the whole log
+PARTS: Sequence[tuple[tuple[float, float], ...]] = (
+    ((0.0, 1.0),),
+    ((0.0, 0.5),),
+    ((0.5, 1.0),),
+    ((0.25, 0.75),),
+    ((0.0, 0.25), (0.75, 1.0)),
+    ((0.0, 0.34),),
+    ((0.33, 0.67),),
+    ((0.66, 1.0),),
+)
+
+
+def stretches(gain: Array) -> list[slice]:
+    """Runs of rows whose summed gain (rows,) is largest, each of at least `LEAST_GAIN`, best first."""
+    out: list[slice] = []
+    left = gain.astype(float).copy()
+    for _ in range(MOST):
+        path = np.concatenate([[0.0], np.cumsum(left)])
+        low = np.minimum.accumulate(path)
+        end = int(np.argmax(path - low))
+        if path[end] - low[end] < LEAST_GAIN:
+            break
+        start = int(np.flatnonzero(path[: end + 1] == low[end])[-1])
+        out.append(slice(start, end))
+        left[start:end] = -CAP  # a later one does not run across it
+    return out
+
+
+def parts_of(rows: int) -> list[Mask]:
+    """Masks (rows,) of contiguous parts of a log: in one of them the labels may be right throughout."""
+    at = (np.arange(rows) + 0.5) / rows
+    return [np.logical_or.reduce([(a <= at) & (at < b) for a, b in part]) for part in PARTS]
+
+
+def robust_fit(x: Array, y: Array, weights: Mask) -> Array:
+    """(K,) coefficients of columns x (rows, K) for y (rows,) on the rows of a mask; a few outliers do not
+    count (squares first, then ever more like absolute values)."""
+    x, y = x[weights], y[weights]
+    scale = np.sqrt(np.mean(x**2, axis=0)) + 1e-12
+    fit = np.linalg.lstsq(x / scale, y, rcond=1e-6)[0]
+    for _ in range(12):
+        miss = np.abs(y - x / scale @ fit)
+        spread = max(1.4826 * float(np.median(miss)), 1e-9 * (float(np.abs(y).max()) + 1e-12))
+        w = np.sqrt(1.0 / np.maximum(miss / spread, 1.0))
+        fit = np.linalg.lstsq(x / scale * w[:, None], y * w, rcond=1e-6)[0]
+    return np.asarray(fit / scale)
+
+
+def places(values: Array) -> int:
+    """How many places rows (rows, 2) of speeds or throttles take, a fiftieth of full speed apart."""
+    return len(np.unique(np.round(values * 50.0), axis=0))
