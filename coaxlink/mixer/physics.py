@@ -42,7 +42,7 @@ def climb_loss(p: Numbers, climb_m_s: ArrayLike, speed: ArrayLike, lift: ArrayLi
     `speed` normalised, `lift` their thrust in N; `usual` is thrust over speed squared of a usual rotor in
     hover, which counts only where the effect goes by thrust.
     """
-    climb, u = np.asarray(climb_m_s, float), np.asarray(speed, float)
-    grows = np.asarray(lift, float) / np.maximum(u, LEAST_SPEED) / usual if "by_thrust" in p else u
-    loss = p["thrust_per_climb_N_s_m"] * grows * climb / (1.0 + p.get("levelling_s_m", 0.0) * np.abs(climb))
-    return np.asarray(loss + p.get("thrust_per_climb_squared_N_s2_m2", 0.0) * climb**2)
+    climb, u = np.asarray(climb_m_s, float), np.maximum(np.asarray(speed, float), LEAST_SPEED)
+    share = np.asarray(lift, float) / u**2 / usual if "by_thrust" in p else 1.0
+    loss = p["thrust_per_climb_N_s_m"] * u * climb / (1.0 + p.get("levelling_s_m", 0.0) * np.abs(climb) / u)
+    return np.asarray(share * (loss + p.get("thrust_per_climb_squared_N_s2_m2", 0.0) * climb**2))

@@ -106,9 +106,15 @@ def smoothed_height(height: Array, sinking: Array, rate_hz: float) -> Array:
 
 
 def _left(quick: Array, rate_hz: float, corner_hz: float = CORNER_HZ) -> Array:
-    """(3,) rms of noise below the corner, as flat there as it is just above it, of what lies above."""
-    band = [1.5 * corner_hz, 6.0 * corner_hz]
-    sos = butter(2, band, "bandpass", fs=rate_hz, output="sos")
-    inside = sosfiltfilt(sos, quick, axis=0, padlen=min(len(quick) - 1, round(rate_hz / corner_hz)))
-    density = np.mean(inside**2, axis=0) / (band[1] - band[0])
-    return np.asarray(np.sqrt(density * corner_hz * np.pi / 4.0))
+    """(3,) rms of the noise below the corner, as dense there as just above it.
+
+    `quick` is what lies above: the filter's own share is undone.
+    """
+    window = np.hanning(len(quick))[:, None]
+    power = np.abs(np.fft.rfft(quick * window, axis=0)) ** 2
+    density = 2.0 * power / (rate_hz * np.sum(window**2))
+    frequency = np.fft.rfftfreq(len(quick), 1.0 / rate_hz)
+    near = (frequency >= corner_hz) & (frequency <= 2.5 * corner_hz)
+    passed = 1.0 / (1.0 + (frequency[near] / corner_hz) ** 2)
+    level = np.mean(density[near] / (1.0 - passed[:, None]) ** 2, axis=0)
+    return np.asarray(np.sqrt(level * corner_hz * np.pi / 4.0))

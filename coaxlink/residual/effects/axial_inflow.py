@@ -2,8 +2,8 @@
 
 Source: blade element theory, dT = -c Omega V_axial for small climb (Leishman, Principles of Helicopter
 Aerodynamics, 2006, ch. 2-3). V is the rotor hub's own: body rates add to it, which damps roll and pitch. With
-the climb's share of the inflow the slope changes (momentum theory, the same book): V / (1 + a |V|) + b V^2
-is that, to second order, for climb and descent.
+the climb's share of the inflow the slope changes (momentum theory, the same book): with r = V / Omega,
+r / (1 + a |r|) + b r^2 is that, to second order, for climb and descent.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 from coaxlink.residual.effects.base import Array, Effect, Shape, outside
 from coaxlink.residual.frames import FlightFrame
 
-LEVELLING_S_M = (0.0, 0.5)
+LEVELLING_S_M = (0.0, 0.3)  # at full speed
+LEAST_SPEED = 0.1
 
 
 def hub_climb(frame: FlightFrame) -> Array:
@@ -33,14 +34,16 @@ def _missing(frame: FlightFrame) -> str | None:
 
 def _loss(frame: FlightFrame, shape: Shape) -> Array:
     """(rows, N, K) thrust lost by unit coefficients, N."""
-    climb, u = hub_climb(frame), frame.speeds
+    climb, u = hub_climb(frame), np.maximum(frame.speeds, LEAST_SPEED)
+    share = np.ones_like(u)
     if "by_thrust" in shape:  # a rotor in another's wake has less thrust to lose
-        scale = float(np.median(frame.thrust[frame.keep] / np.maximum(u[frame.keep], 0.1) ** 2))
-        u = frame.thrust / np.maximum(u, 0.1) / max(scale, 1e-9)
-    first = u * climb / (1.0 + shape.get("levelling_s_m", 0.0) * np.abs(climb))
+        share = frame.thrust / u**2
+        share = share / max(float(np.median(share[frame.keep])), 1e-9)
+    # T = u^2 f(V / u): what bends does so with the inflow's ratio
+    first = share * u * climb / (1.0 + shape.get("levelling_s_m", 0.0) * np.abs(climb) / u)
     if "bent" not in shape:
         return np.asarray(first[..., None])
-    return np.stack([first, climb**2], axis=-1)
+    return np.stack([first, share * climb**2], axis=-1)
 
 
 def _columns(frame: FlightFrame, shape: Shape) -> Array:
@@ -78,7 +81,7 @@ def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Arra
     return [
         (other, c[:1]),
         *(({**form, "bent": 1.0}, bent) for form in forms),
-        *(({**form, "levelling_s_m": 0.05}, c[:1]) for form in forms),
+        *(({**form, "levelling_s_m": 0.03}, c[:1]) for form in forms),
     ]
 
 
