@@ -20,6 +20,8 @@ from coaxlink.residual.joint import Fitter, Joint, Part, fit
 from coaxlink.residual.problem import Option, Problem
 
 ROUNDS = 3
+MOVED = {"mass_change", "cg_offset"}  # what was moved or added turns as well
+ROUGH = 3.0  # times the bound of a declared inertia, then
 LEAST = 0.02  # of the whitening before: no channel is ever believed finer
 SETTLED = 0.01  # change of a channel's error
 
@@ -68,7 +70,8 @@ def weighed_again(
     best, errors = joint, channel_errors(joint.problem, joint.problem.options)
     for number in range(ROUNDS):
         sigma = np.maximum(errors, LEAST * problem.sigma)
-        about = _base_of(problem, sigma)
+        rough = ROUGH if MOVED & {m.name for m in best.members} else 1.0
+        about = _base_of(problem, sigma, rough)
         fitter = Fitter(about, bare, fixed, reduce)
         columns = base(fitter.acting(best.members), reduce) / sigma[:, None]
         fitter = Fitter(about, bare, fixed, reduce, columns)
@@ -83,13 +86,17 @@ def weighed_again(
     return best
 
 
-def _base_of(p: Problem, sigma: Array) -> Problem:
-    """The problem's rows and base at other scales, no options: all that a joint fit asks of it."""
+def _base_of(p: Problem, sigma: Array, rough: float = 1.0) -> Problem:
+    """The problem's rows and base at other scales, no options: all that a joint fit asks of it.
+
+    `rough` widens what inertia may be off by.
+    """
+    wider = np.array([rough if name.startswith("inertia_") else 1.0 for name in p.base_names])
     small = replace(
         p.blocks,
         gram=p.blocks.gram[:, :, p.base[:, None], p.base],
         moment=p.blocks.moment[:, :, p.base],
-        bounds=p.blocks.bounds[p.base],
+        bounds=p.blocks.bounds[p.base] * wider,
     )
     only = replace(p, design=p.design[:, :, p.base], blocks=small, base=np.arange(len(p.base)), options=())
     return reweighed(only, sigma)

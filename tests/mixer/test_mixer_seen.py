@@ -37,7 +37,9 @@ def seen(*effects, **at):
     return see(X8, dataclasses.replace(CRM, effects=effects), Conditions(**at))
 
 
-def delivered(u, *, speed=1.0, weak=None, shift=(0.0, 0.0), thrust_gain=1.0, climb=0.0, more=0.0, bend=None):
+def delivered(
+    u, *, speed=1.0, weak=None, shift=(0.0, 0.0), thrust_gain=1.0, climb=0.0, less=0.0, more=0.0, bend=None
+):
     """(4,) wrench about the true centre of mass of rotors that turn at `speed` of their commands `u`."""
     pull, drag = np.zeros(8), np.zeros(8)
     for upper, lower in ((0, 5), (1, 4), (2, 7), (3, 6)):
@@ -46,8 +48,8 @@ def delivered(u, *, speed=1.0, weak=None, shift=(0.0, 0.0), thrust_gain=1.0, cli
         each = [load.upper_thrust, load.upper_torque, load.lower_thrust, load.lower_torque]
         each = bend(a, b, each) if bend else each
         pull[upper], drag[upper], pull[lower], drag[lower] = each
-        pull[upper] -= 1.8 * climb * a
-        pull[lower] -= 1.8 * climb * b
+        pull[upper] -= 1.8 * climb * a / (1 + less * climb / a)
+        pull[lower] -= 1.8 * climb * b / (1 + less * climb / b)
     pull = (pull + more) * thrust_gain
     if weak is not None:
         pull[weak] *= 0.7
@@ -69,10 +71,15 @@ CASES = {
         {"height_m": 0.4},
         {"thrust_gain": 1 + (0.5 / 4 / ABOVE) ** 1.6},
     ),
+    "bent ground": (
+        (Effect("ground_effect", {"effective_radius_m": 0.5, "height_power": 2.0, "levelling": -1.0}),),
+        {"height_m": 0.4},
+        {"thrust_gain": 1 / (1 - (0.5 / 4 / ABOVE) ** 2)},
+    ),
     "climb, bent": (
         (Effect("axial_inflow", BENT),),
         {"climb_m_s": 1.5},
-        {"climb": 1 / (1 + 0.1 * 1.5) * 1.5, "more": -0.1 * 1.5**2},
+        {"climb": 1.5, "less": 0.1, "more": -0.1 * 1.5**2},
     ),
     "climb": ((INFLOW,), {"climb_m_s": 1.5}, {"climb": 1.5}),
     "three at once": (
