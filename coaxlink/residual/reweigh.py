@@ -68,7 +68,7 @@ def weighed_again(
 ) -> Joint:
     """The joint fit with every channel weighed by what it is left with, and the base about its members."""
     best, errors = joint, channel_errors(joint.problem, joint.problem.options)
-    for number in range(ROUNDS):
+    for number in range(ROUNDS if alternatives else 1):  # of a long log one round is as good
         sigma = np.maximum(errors, LEAST * problem.sigma)
         rough = ROUGH if MOVED & {m.name for m in best.members} else 1.0
         about = _base_of(problem, sigma, rough)
