@@ -75,7 +75,7 @@ def weighed_again(
         fitter = Fitter(about, bare, fixed, reduce)
         columns = base(fitter.acting(best.members), reduce) / sigma[:, None]
         fitter = Fitter(about, bare, fixed, reduce, columns)
-        trial = fit(fitter, best.members, alternatives=alternatives and number < 2)
+        trial = fit(fitter, best.members, alternatives=alternatives and number == 0)
         now = channel_errors(trial.problem, trial.problem.options)
         if not np.sum(np.log(now)) < np.sum(np.log(errors)):
             break
