@@ -104,7 +104,7 @@ class StandFrame:
     time_s: Array  # (rows,)
     speeds: Array  # (rows, 2) upper, lower, normalised
     throttles: Array | None  # (rows, 2)
-    driven: bool  # speeds are throttles: whatever slows a motor shows in the loads
+    driven: bool  # speeds are throttles or set-points: whatever slows a motor shows in the loads
     predicted: Array  # (rows, 6)
     measured: Array  # (rows, 6), NaN-free; absent channels are zero
     present: tuple[int, ...]  # channels that were measured
@@ -122,9 +122,12 @@ class StandFrame:
         return self.columns.get(name)
 
     def slowed(self, change: Array) -> Array:
-        """(rows, 6) what changes of the normalised speeds (rows, 2) against the throttles do."""
+        """(rows, 6) what changes of the normalised speeds (rows, 2) against the throttles do.
+
+        Without throttles they show in the loads: then the log's rpm are set-points, not measured.
+        """
         out = np.zeros((len(change), 6))
-        if self.driven:
+        if self.driven or self.throttles is None:
             out[:, :4] = np.einsum("rcs,rs->rc", self.slope, change)
         else:
             out[:, 4:] = change

@@ -170,9 +170,8 @@ class Judge:
         self._block = problem.block[self._rows]
         self._base = np.ascontiguousarray(self._design[:, :, problem.base], dtype=float)
 
-    def held_out(self, members: list[Option]) -> Array:
-        """(B, C) held-out square sums of a set."""
-        use = columns_of(self.problem, members)
+    def held_out(self, use: Index) -> Array:
+        """(B, C) held-out square sums of a fit of these columns."""
         key = tuple(use)
         if key not in self._known:
             self._known[key] = held_out(self.problem.blocks, use)[0]
@@ -189,22 +188,23 @@ class Judge:
     def trial(self, members: list[Option], option: Option) -> Trial:
         """`option` on top of `members`."""
         p = self.problem
-        before, after = self.held_out(members), self.held_out([*members, option])
+        without = np.concatenate([columns_of(p, members), option.carried])
+        whole = columns_of(p, [*members, option])
+        before, after = self.held_out(without), self.held_out(whole)
         ones = np.ones(p.blocks.count)
-        null = solve(p.blocks, columns_of(p, members), ones)
-        full = solve(p.blocks, columns_of(p, [*members, option]), ones)
+        null, full = solve(p.blocks, without, ones), solve(p.blocks, whole, ones)
         rows = p.blocks.rows.sum()
-        beyond = columns_of(p, [*members, option])[len(p.base) :]
+        beyond = whole[len(p.base) :]
         added = self._design[:, :, beyond].astype(float)
         left = self._residual - self._base @ full[p.base] - added @ full[beyond]
         variance = np.maximum(np.mean(left**2, axis=0), 1e-12)
         inflation = autocorrelation_time(left, self._block)
         drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0) / (variance * inflation)
         statistic = float(np.sum(drop))
-        p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(option.columns))))
+        p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(whole) - len(without))))
         change = self._base @ (full - null)[p.base] + added @ (full - null)[beyond]
         size = float(np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0).max())
-        mine = self._worth(option.columns, full)
+        mine = self._worth(np.setdiff1d(option.columns, option.carried), full)
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
         shares = (held_before - held_after) / np.maximum(held_before, 1e-12)
         share = float(np.max(shares))

@@ -32,6 +32,7 @@ ORDERS = (2, 3, 4)
 RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
 LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
 LEAST_ROWS = 24
+SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
 FEW_ROWS = 8  # enough to hold a given model against, not to find anything
 DELAY_S, FAST_S = (
     0.06,
@@ -104,6 +105,9 @@ def stand_frame(
     base = model or own_model(u[keep], plain[keep], present, speeds.speed_max_rpm, orders)
     surfaces: dict[int, Surface] = {}
     notes = [f"speeds: {speeds.source}"]
+    commanded = not speeds.from_throttle and throttles is None and _set_points(u)
+    if commanded:
+        notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
     if free and order is None:
         base, surfaces = _with_surfaces(base, u[keep], plain[keep], present)
     if surfaces:
@@ -117,7 +121,7 @@ def stand_frame(
         time_s=time,
         speeds=u,
         throttles=throttles,
-        driven=speeds.from_throttle,
+        driven=speeds.from_throttle or commanded,
         predicted=np.zeros((samples.rows, 6)),
         measured=measured,
         present=tuple(present),
@@ -131,6 +135,15 @@ def stand_frame(
         surfaces=surfaces,
     )
     return predict(frame)
+
+
+def _set_points(u: Array) -> bool:
+    """Whether speeds (rows, 2) are what somebody asked for: tachometers do not repeat to the last digit."""
+    for column in u.T:
+        turning = column[column > 0.0]
+        if len(np.unique(turning)) > SETTINGS * len(turning):
+            return False
+    return len(u) > LEAST_ROWS
 
 
 def _with_surfaces(

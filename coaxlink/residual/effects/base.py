@@ -46,6 +46,8 @@ class Effect(Generic[Frame]):
     sudden: bool = False  # may begin in mid-log: knows the shape number `onset_s`
     accused: str = ""  # a column: what is found is a wrong instrument, not physics
     stage: int = 5
+    # of a shape, the coefficients that come with the effect and do not make it: a zero beside its drift
+    carried: Callable[[Shape], tuple[int, ...]] = lambda _: ()
     apply: Callable[[Frame, Mapping[str, float]], Frame] | None = None
     free: Callable[[Frame, Shape], Mapping[str, tuple[float, float]]] = lambda _, __: {}
     finer: Callable[[Frame, Shape, Array], Sequence[tuple[Shape, Array]]] = lambda _, __, ___: ()

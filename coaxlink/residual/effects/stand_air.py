@@ -102,8 +102,8 @@ AIR_DENSITY: Effect[StandFrame] = Effect(
 
 
 def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
-    out = np.zeros((_rows(frame), 6, 1))
-    for side, own in ((0, slice(0, 2)), (1, slice(2, 4))):
+    out = np.zeros((_rows(frame), 6, 2 if "apart" in shape else 1))
+    for side in (0, 1):
         u = np.maximum(frame.speeds[:, side], 1e-3)
         if "tip" in shape:
             factor = -(np.maximum(u - shape["tip"], 0.0) ** 2)
@@ -112,24 +112,36 @@ def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
         else:
             power = shape["power"] if abs(shape["power"]) > 1e-4 else 1e-4
             factor = np.expm1(power * np.log(u)) / power
-        out[:, own, 0] = frame.predicted[:, own] * factor[:, None]
+        for k, load in enumerate((2 * side, 2 * side + 1)):
+            out[:, load, k if "apart" in shape else 0] = frame.predicted[:, load] * factor
     return out
 
 
-def _blade_refuse(p: dict[str, float] | object) -> str | None:
-    assert isinstance(p, dict)
-    return outside("exponent_change", p.get("exponent_change", 0.0), -1.0, 1.0) or outside(
-        "loss", p.get("loss", 0.1), 0.0, 10.0
-    )
+def _blade_names(shape: Shape) -> tuple[str, ...]:
+    name = "loss" if "tip" in shape else "exponent_change"
+    return (name, f"torque_{name}") if "apart" in shape else (name,)
+
+
+def _blade_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    shape = {k: v for k, v in p.items() if k in (*BLADES, "apart")}
+    return shape, np.array([p[name] for name in _blade_names(shape)])
+
+
+def _blade_refuse(p: Mapping[str, float]) -> str | None:
+    for name in ("exponent_change", "torque_exponent_change"):
+        if why := outside(name, p.get(name, 0.0), -1.0, 1.0):
+            return why
+    return outside("loss", p.get("loss", 0.1), 0.0, 10.0)
 
 
 def _blade_finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
-    """The same bend at the other end of the speeds."""
+    """The same bend at the other end of the speeds; torque by a change of its own."""
     forms: dict[str, tuple[Shape, Array]] = {
-        "power": ({"power": -0.4}, 0.5 * c),
-        "rise": ({"rise": 4.0}, -c if "tip" in shape else c),
+        "power": ({"power": -0.4}, 0.5 * c[:1]),
+        "rise": ({"rise": 4.0}, -c[:1] if "tip" in shape else c[:1]),
     }
-    return [form for name, form in forms.items() if name not in shape]
+    out = [form for name, form in forms.items() if name not in shape]
+    return out if "apart" in shape else [*out, ({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
 
 
 BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
@@ -139,7 +151,10 @@ BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
     source="Deters, Ananda and Selig 2014, Reynolds number effects on small propellers; Glauert 1928",
     needs=("upper_rpm",),
     channels=STAND_LOADS,
-    units={"exponent_change": "1", "power": "1", "rise": "1", "loss": "1", "tip": "1"},
+    units=dict.fromkeys(
+        ("exponent_change", "torque_exponent_change", "loss", "torque_loss", "power", "rise", "tip", "apart"),
+        "1",
+    ),
     missing=lambda frame: (
         "no rotor model is given: the power of speed is the fitted base's own" if frame.free_base else None
     ),
@@ -147,22 +162,18 @@ BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
         *({"power": p} for p in POWERS),
         *({"rise": p} for p in RISES),
         *({"tip": t} for t in TIPS),
+        # slow blades have less lift and more drag: torque need not follow thrust
+        *({"power": p, "apart": 1.0} for p in (-0.5, -0.1)),
     ],
     columns=_blade_columns,
-    parameters=lambda _, shape, c: {
-        ("loss" if "tip" in shape else "exponent_change"): float(c[0]),
-        **shape,
-    },
-    inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k in BLADES},
-        np.array([p.get("loss", p.get("exponent_change", 0.0))]),
-    ),
+    parameters=lambda _, shape, c: {**dict(zip(_blade_names(shape), map(float, c), strict=True)), **shape},
+    inverse=_blade_inverse,
     refuse=_blade_refuse,
     cause=lambda frame, _, channel: (
         f"u_{channel[0]}",
         frame.speeds[:, 1 if channel.startswith("lower") else 0],
     ),
-    free=lambda _, shape: {name: BLADES[name] for name in shape},
+    free=lambda _, shape: {name: BLADES[name] for name in shape if name in BLADES},
     finer=_blade_finer,
 )
 

@@ -48,7 +48,7 @@ def _no_voltage(frame: StandFrame) -> str | None:
     if v is None:
         return "voltage_V is not in the log"
     spread = float(np.ptp(np.quantile(v, [0.02, 0.98])) / max(float(np.median(v)), 1e-6))
-    return _drivable(frame) or (None if spread > 0.005 else f"the voltage moves by only {100 * spread:.1f} %")
+    return None if spread > 0.005 else f"the voltage moves by only {100 * spread:.1f} %"
 
 
 def _loaded(u: Array, shape: Shape) -> Array:
@@ -131,7 +131,8 @@ def _no_heat(frame: StandFrame) -> str | None:
     logged = frame.context("motor_temperature_C")
     if logged is not None and np.ptp(logged) < 3.0:
         return f"motor_temperature_C moves by only {np.ptp(logged):.1f} K"
-    return _drivable(frame)
+    # heat that was not logged is worked out from the throttle
+    return None if logged is not None else _drivable(frame)
 
 
 def _heat_shapes(frame: StandFrame) -> Sequence[Shape]:
@@ -272,7 +273,7 @@ def _dead(frame: StandFrame, shape: Shape) -> Array:
 
 
 def _no_low(frame: StandFrame) -> str | None:
-    low = float(np.mean((drive(frame) > 0.0) & (drive(frame) < 0.2)))
+    low = float(np.mean(drive(frame) < 0.2))
     return _drivable(frame) or (None if low > 0.01 else "no rows at low throttle")
 
 

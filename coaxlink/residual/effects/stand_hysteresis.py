@@ -19,6 +19,7 @@ NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "loa
 ALL = {"both", "sweep", "load"}  # not one rotor's alone
 FREE = {"reach": (0.004, 0.6), "spread": (1.02, 3.0), "power": (0.0, 1.5)}
 TURNED = 0.01  # of normalised speed: less is no turn
+SAME, RETURNS = 0.03, 0.1  # of normalised speed; of the rows: had at a speed from one side and the other
 JUMP = 0.3  # of normalised speed from row to row: the next sweep begins, no way back
 STICKING = np.array([-1.5, -0.5, 0.5, 1.5])  # elements: their ways are reach * spread^k
 Maps = tuple[Array, Array, Array]  # x -> clip(x + shift, low, high)
@@ -74,12 +75,21 @@ def _course(frame: StandFrame) -> Array:
     return frame.speeds if frame.throttles is None else frame.throttles
 
 
+def _returns(frame: StandFrame, side: int) -> bool:
+    """Whether a rotor stood at the same speeds coming from below and from above.
+
+    A level that was visited once has one sign, and what the base misses there would be its hysteresis.
+    """
+    way, u = direction(frame, side), frame.speeds[:, side]
+    level = np.round((u - u.min()) / SAME).astype(int)
+    rose, fell = np.bincount(level, way > 0), np.bincount(level, way < 0)
+    return bool(2.0 * np.minimum(rose, fell).sum() > RETURNS * len(u))
+
+
 def _no_return(frame: StandFrame) -> str | None:
-    for side in (0, 1):
-        way = direction(frame, side)
-        if min(np.mean(way > 0), np.mean(way < 0)) > 0.2:
-            return None
-    return "no sweep runs both up and down"
+    if _returns(frame, 0) or _returns(frame, 1):
+        return None
+    return "no speed was come to from below and from above"
 
 
 def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
@@ -126,7 +136,7 @@ def _columns(frame: StandFrame, shape: Shape) -> Array:
     return out
 
 
-def _shapes(_: StandFrame) -> list[dict[str, float]]:
+def _shapes(frame: StandFrame) -> list[dict[str, float]]:
     forms = [
         {},
         {"bulge": 1.0},
@@ -135,8 +145,9 @@ def _shapes(_: StandFrame) -> list[dict[str, float]]:
         *({"reach": r, "spread": 1.8} for r in REACHES),
     ]
     worn = [form for form in forms if "reach" in form]
+    sides = ["both", "sweep", *(name for name, side in SIDES.items() if _returns(frame, side))]
     return [
-        *({side: 1.0, **form} for side in ("both", "upper", "lower", "sweep") for form in forms),
+        *({side: 1.0, **form} for side in sides for form in forms),
         *({"load": 1.0, **form} for form in worn),
     ]
 

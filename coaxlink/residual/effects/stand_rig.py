@@ -13,6 +13,8 @@ FAST_S = 0.3  # rows slower than that are settled
 MEMORIES = (0.1, 0.3)  # of the run: time constants of a drift that settles
 MEMORY = (0.01, 4.0)
 DRIFT = ("per_minute", "zero", "settling_per_minute")
+ALSO = "also_"
+ABOVE = tuple(0.05 * k for k in range(5, 17))  # of the full speed: from there on a tachometer lies
 SIDES = {"upper": 0, "lower": 1}
 
 
@@ -30,22 +32,46 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
         settling = memory / 60.0 * (1.0 - np.exp(-elapsed / memory))
         courses = [elapsed / 60.0, settling] if "creep" in shape else [settling]
     # the base may hold no constant: the zero at the start comes with the drift
-    out = np.zeros((len(elapsed), 6, len(courses) + 1))
-    for k, course in enumerate([courses[0], np.ones(len(elapsed)), *courses[1:]]):
-        out[:, int(shape["channel"]), k] = course
+    cells = [int(shape[name]) for name in ("channel", "also") if name in shape]
+    courses = [courses[0], np.ones(len(elapsed)), *courses[1:]]
+    out = np.zeros((len(elapsed), 6, len(courses) * len(cells)))
+    for n, cell in enumerate(cells):
+        for k, course in enumerate(courses):
+            out[:, cell, n * len(courses) + k] = course
     return out
 
 
-def _drift_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    """A zero that settles, and one that settles and creeps on."""
-    if "creep" in shape:
-        return []
-    memory = shape.get("memory", 0.3)
+def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    """A zero that settles, one that settles and creeps on, and any of these in a second cell as well."""
     forms: list[tuple[Shape, Array]] = []
-    if "memory" not in shape:
-        forms.append(({**shape, "memory": memory}, c))
-    first = [0.5 * c[0], c[1], 0.5 * c[0]]
-    return [*forms, *(({**shape, "memory": m, "creep": 1.0}, np.array(first)) for m in (memory, 0.1))]
+    if "creep" not in shape:
+        memory = shape.get("memory", 0.3)
+        if "memory" not in shape:
+            forms.append(({**shape, "memory": memory}, c))
+        cells = np.reshape(c, (-1, 2))
+        first = np.column_stack([0.5 * cells[:, 0], cells[:, 1], 0.5 * cells[:, 0]]).ravel()
+        forms += [({**shape, "memory": m, "creep": 1.0}, first) for m in (memory, 0.1)]
+    if "also" not in shape:
+        others = [k for k in frame.present if k < 4 and k != int(shape["channel"])]
+        both = [(shape, c), *forms[-1:]]
+        forms += [
+            ({**form, "also": float(k)}, np.concatenate([x, 0.01 * x])) for form, x in both for k in others
+        ]
+    return forms
+
+
+def _drift_names(shape: Shape) -> tuple[str, ...]:
+    names = DRIFT if "creep" in shape else DRIFT[:2]
+    return (*names, *(ALSO + n for n in names)) if "also" in shape else names
+
+
+def _drift_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    shape = {k: v for k, v in p.items() if k.removeprefix(ALSO) not in DRIFT}
+    return shape, np.array([p[name] for name in _drift_names(shape)])
+
+
+def _drift_carried(shape: Shape) -> tuple[int, ...]:
+    return tuple(k for k, name in enumerate(_drift_names(shape)) if name.endswith("zero"))
 
 
 def _no_clock(frame: StandFrame) -> str | None:
@@ -61,21 +87,19 @@ SENSOR_DRIFT: Effect[StandFrame] = Effect(
     source="creep and warm-up of strain gauges",
     needs=("time_s",),
     channels=STAND_LOADS,
-    units={"channel": "1", "per_minute": "N or N m", "zero": "N or N m", "memory": "1", "creep": "1",
-           "settling_per_minute": "N or N m"},
+    units={"channel": "1", "also": "1", "memory": "1", "creep": "1"}
+    | {before + name: "N or N m" for name in DRIFT for before in ("", ALSO)},
     missing=_no_clock,
     shapes=_drift_shapes,
     columns=_drift_columns,
-    parameters=lambda _, shape, c: {**shape, **dict(zip(DRIFT, map(float, c), strict=False))},
-    inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k not in DRIFT},
-        np.array([p[k] for k in DRIFT if k in p]),
-    ),
+    parameters=lambda _, shape, c: {**shape, **dict(zip(_drift_names(shape), map(float, c), strict=True))},
+    inverse=_drift_inverse,
     refuse=lambda p: None,
     cause=lambda frame, _, __: ("time_s", frame.time_s),
     free=lambda _, shape: {"memory": MEMORY} if "memory" in shape else {},
     finer=_drift_finer,
-)  # fmt: skip
+    carried=_drift_carried,
+)
 
 
 def _tachometer_columns(side: int, frame: StandFrame, shape: Shape) -> Array:
@@ -116,7 +140,7 @@ def _tachometer(name: str) -> Effect[StandFrame]:
         channels=(*STAND_LOADS, f"{name}_speed"),
         units={"reads_high_by": "1", "above": "1"},
         missing=_no_second_witness,
-        shapes=lambda _: [{"above": a} for a in (0.3, 0.4, 0.5, 0.6, 0.7)],
+        shapes=lambda _: [{"above": a} for a in ABOVE],
         columns=columns,
         parameters=lambda _, shape, c: {"reads_high_by": float(c[0]), **shape},
         inverse=lambda _, p: ({"above": p["above"]}, np.array([p["reads_high_by"]])),
