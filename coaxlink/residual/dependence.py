@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from coaxlink.residual.select import autocorrelation_time
+from coaxlink.residual.gates import autocorrelation_time
 
 Array = NDArray[np.float64]
 HATS = 8

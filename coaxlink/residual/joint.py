@@ -17,8 +17,8 @@ import numpy as np
 
 from coaxlink.residual.blocks import held_out_sum, least_of, solve
 from coaxlink.residual.effects.base import Array, Effect, Shape
+from coaxlink.residual.gates import autocorrelation_time
 from coaxlink.residual.problem import Index, Option, Problem, from_design
-from coaxlink.residual.select import autocorrelation_time
 
 Part = tuple[Effect[Any], Mapping[str, float]]
 STEPS = 5

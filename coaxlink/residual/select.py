@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from coaxlink.residual.blocks import held_out, held_out_sum, solve, squares
+from coaxlink.residual.gates import GAIN, alone, autocorrelation_time, carried_by_few, witnesses
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Step
 
@@ -26,7 +27,6 @@ Index = NDArray[np.intp]
 ALPHA = 1e-3  # over all looks of one step
 SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
 CLEAR = 0.6  # of the squared error of a channel: what explains that much of what is left may be smaller
-GAIN = 0.15  # of the squared error of the channel that gains most
 # an effect of which the base corrections take back most is believed by what is left of it, if only noise
 # remains then: nothing else that is wrong would leave that
 EXACT_ALPHA, EXACT_LEFT, EXACT_SIZE, EXACT_GAIN, EXACT_WORTH = 1e-9, 1.2, 0.001, 0.03, 0.01
@@ -36,8 +36,6 @@ ENOUGH = 150_000  # rows times channels that a trial looks at one by one
 TIE = 0.04  # of the gain: a special case this close to the general one is preferred
 # of what a member adds to a load: its form may err by that much, so less beside it is no effect
 FORM = 0.05
-# beside a base fitted to the log: what the other loads must be due to be asked, and how much they must show
-SHOWN, BORNE_OUT = 9.0, 0.3
 LITTLE = 15.0  # of a log-likelihood ratio: less than this decides nothing
 # where even the best leaves more than noise, its form is not exact and a likelihood says less: then a rival
 # counts as an equal if it reaches most of the gain and does not lose steadily over the blocks
@@ -117,44 +115,6 @@ def columns_of(problem: Problem, members: list[Option]) -> Index:
     return np.concatenate([problem.base, *(m.columns for m in members)]).astype(np.intp)
 
 
-def autocorrelation_time(residual: Array, block: Index) -> Array:
-    """(C,) variance inflation of sums of residuals (rows, C): 1 + 2 sum rho, summed while rho is positive."""
-    same = [block[k:] == block[:-k] for k in range(1, 60) if k < len(block)]
-    out = np.ones(residual.shape[1])
-    for c in range(residual.shape[1]):
-        r = residual[:, c]
-        power = float(np.mean(r * r)) or 1.0
-        for k, inside in enumerate(same, start=1):
-            if inside.sum() < 30:
-                break
-            rho = float(np.mean(r[k:][inside] * r[:-k][inside])) / power
-            if rho < 0.05:
-                break
-            out[c] += 2.0 * rho
-    return out
-
-
-def _witnesses(channels: tuple[str, ...], shares: Array) -> str | None:
-    """An instrument is accused only by two witnesses: the loads and the throttle must contradict it alike."""
-    gains = dict(zip(channels, shares, strict=True))
-    loads = max((g for c, g in gains.items() if not c.endswith("_speed")), default=0.0)
-    speeds = max((g for c, g in gains.items() if c.endswith("_speed")), default=1.0)
-    return None if min(loads, speeds) > GAIN else "the loads and the throttle do not both contradict it"
-
-
-def _alone(drops: Array, asked: Array) -> str | None:
-    """An effect that one load alone asks for, while the others, which it must change as well, deny it.
-
-    Falls of the square sums (C,) and what the effect as fitted adds to each channel, both in its variances. A
-    base fitted to the log follows some loads worse than others, and a misfit of one is no cause of it.
-    """
-    others = np.arange(len(drops)) != int(np.argmax(drops))
-    due, had = float(asked[others].sum()), float(drops[others].sum())
-    if due < SHOWN or had >= BORNE_OUT * due:
-        return None
-    return "one load asks for it, and the others, which must show it, do not"
-
-
 class Judge:
     """Tries options against sets of members; remembers the held-out errors of sets."""
 
@@ -213,11 +173,13 @@ class Judge:
         named = option.numbers(p.frame, full[option.columns])
         refused = option.effect.refuse(named)
         if option.effect.accused and refused is None:
-            refused = _witnesses(p.channels, shares)
+            refused = witnesses(p.channels, shares)
         if refused is None:
             refused = self._within_form(members, full, mine)
         if p.own_fit and refused is None:
-            refused = _alone(drop, rows * np.mean(change**2, axis=0) / (variance * inflation))
+            refused = alone(drop, rows * np.mean(change**2, axis=0) / (variance * inflation))
+        if p.together is not None and refused is None:
+            refused = carried_by_few(change, left, variance, p.together[self._rows])
         remains = 0.0
         if p.noise_known:
             remains = (

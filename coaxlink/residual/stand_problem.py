@@ -10,10 +10,11 @@ import numpy as np
 from coaxlink.residual.effects import STAND_EFFECTS
 from coaxlink.residual.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.joint import Part
-from coaxlink.residual.problem import Problem, build
+from coaxlink.residual.problem import Index, Problem, build
 from coaxlink.residual.signals import NEIGHBOURS, neighbour_floor, noise_floor
 from coaxlink.residual.stand import base_corrections
 
+LEVEL, HELD = 0.02, 16  # of normalised speed; a speed with more levels than that runs
 FEW = 3000  # rows: more of them tell their noise by second differences alone
 
 
@@ -56,7 +57,19 @@ def stand_problem(frame: StandFrame) -> Problem:
         reduce=reduce,
         block=block.astype(np.intp),
     )
-    return replace(problem, noise_known=True, own_fit=frame.free_base)
+    together = _together(frame, problem.block) if frame.free_base else None
+    return replace(problem, noise_known=True, own_fit=frame.free_base, together=together)
+
+
+def _together(frame: StandFrame, block: Index) -> Index:
+    """(kept, C) what a fitted base may miss together: a level of speed that was held, or a block."""
+    out = np.zeros((len(block), len(frame.present)), np.intp)
+    for k, c in enumerate(frame.present):
+        u = frame.speeds[frame.keep, c % 2 if c > 3 else c // 2]
+        level = np.unique(np.round(u / LEVEL).astype(int), return_inverse=True)[1]
+        mine = level if level.max() < HELD else block
+        out[:, k] = mine + out.max() + 1
+    return out
 
 
 def _without_base(residual: Array, base: Sequence[tuple[str, float, Array]]) -> Array:

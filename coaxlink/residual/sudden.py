@@ -14,8 +14,9 @@ import numpy as np
 
 from coaxlink.residual.blocks import accumulate
 from coaxlink.residual.effects.base import Array, Shape
+from coaxlink.residual.gates import autocorrelation_time
 from coaxlink.residual.problem import Option, Problem
-from coaxlink.residual.select import autocorrelation_time, columns_of
+from coaxlink.residual.select import columns_of
 
 GAIN = 40.0  # of a log-likelihood ratio over the same effect without a beginning, all edges looked at
 EDGE_BLOCKS = 3  # on either side
