@@ -12,6 +12,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.residual.answer import Judged, answer, held_out_residual
 from coaxlink.residual.blocks import held_out, solve
+from coaxlink.residual.courses import outrun
 from coaxlink.residual.effects.base import Shape
 from coaxlink.residual.felt_noise import felt_noise
 from coaxlink.residual.flight import flight_frame, reduce_columns
@@ -229,6 +230,9 @@ def refine_stand(
         reduce = _present(bare)
         selection, start = _again(problem, selection, bare, known, reduce)
         joint, acting = _together(problem, selection, bare, known, reduce, start)
+        if outrun_names := outrun(joint, acting, reduce):
+            selection = _without(selection, outrun_names)
+            joint, acting = _together(problem, selection, bare, known, reduce, start)
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:
             shed = acting.predicted - problem.frame.predicted if selection.members else None
@@ -238,6 +242,17 @@ def refine_stand(
     assert best is not None
     progress("judging")
     return answer(best[1], several)
+
+
+def _without(selection: Selection, names: set[str]) -> Selection:
+    """The selection less what a free course over time does as well."""
+    why = "needless beside something that changes over time and was not logged"
+    steps = [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(names)]
+    kept = [m for m in selection.members if m.name not in names]
+    doubtful = [m for m in selection.doubtful if m.name not in names]
+    doubts = [a for a in selection.ambiguous if not names & set(a.names)]
+    trace = [*selection.trace, *steps]
+    return replace(selection, members=kept, doubtful=doubtful, ambiguous=doubts, trace=trace)
 
 
 def _far_off(j: Judged) -> bool:

@@ -32,6 +32,8 @@ ORDERS = (2, 3, 4)
 RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
 LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
 LEAST_ROWS = 24
+APART, MOST_LEVELS = 0.02, 16  # of normalised speed; a speed with more levels than that runs
+MISSED = 0.015  # of the reference load, at one level, by a fitted polynomial
 SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
 FEW_ROWS = 8  # enough to hold a given model against, not to find anything
 DELAY_S, FAST_S = (
@@ -235,6 +237,11 @@ def base_corrections(frame: StandFrame) -> Base:
             for term in terms[load]:
                 values = design_matrix([term], frame.speeds[:, 0], frame.speeds[:, 1])[:, 0]
                 column(f"{load} {term}", np.inf, c, values)
+            if c < 2:
+                # the polynomial need not meet each of a few levels: between them it is no witness
+                level = held_levels(frame.speeds[:, 0])
+                for k in np.unique(level) if level is not None else ():
+                    column(f"{load} level {k}", MISSED * frame.reference[c], c, 1.0 * (level == k))
             if c in frame.surfaces:
                 for k, values in enumerate(frame.surfaces[c].columns(frame.speeds).T):
                     column(f"{load} surface {k}", frame.surfaces[c].scale, c, values)
@@ -267,6 +274,12 @@ def base_corrections(frame: StandFrame) -> Base:
             for name, values in curves.items():
                 column(f"{STAND_CHANNELS[4 + side]}_throttle {name}", np.inf, 4 + side, values)
     return out
+
+
+def held_levels(u: Array) -> NDArray[np.intp] | None:
+    """(rows,) numbers of the levels at which a speed was held; None where it ran."""
+    _, level = np.unique(np.round(u / APART).astype(int), return_inverse=True)
+    return np.asarray(level, np.intp) if 2 < level.max() + 1 <= MOST_LEVELS else None
 
 
 def _blocks(u: Array, time: Array) -> np.ndarray:

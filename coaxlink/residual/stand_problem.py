@@ -12,9 +12,8 @@ from coaxlink.residual.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFr
 from coaxlink.residual.joint import Part
 from coaxlink.residual.problem import Index, Problem, build
 from coaxlink.residual.signals import NEIGHBOURS, neighbour_floor, noise_floor
-from coaxlink.residual.stand import base_corrections
+from coaxlink.residual.stand import base_corrections, held_levels
 
-LEVEL, HELD = 0.02, 16  # of normalised speed; a speed with more levels than that runs
 FEW = 3000  # rows: more of them tell their noise by second differences alone
 
 
@@ -66,9 +65,8 @@ def _together(frame: StandFrame, block: Index) -> Index:
     out = np.zeros((len(block), len(frame.present)), np.intp)
     for k, c in enumerate(frame.present):
         u = frame.speeds[frame.keep, c % 2 if c > 3 else c // 2]
-        level = np.unique(np.round(u / LEVEL).astype(int), return_inverse=True)[1]
-        mine = level if level.max() < HELD else block
-        out[:, k] = mine + out.max() + 1
+        level = held_levels(u)
+        out[:, k] = (block if level is None else level) + out.max() + 1
     return out
 
 

@@ -1,0 +1,107 @@
+"""Stand logs in which an effect could be named that is not there, and the names that are right."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from residual_rig import FULL_RPM, run, steady_loads
+
+from coaxlink import files
+from coaxlink.data import Samples
+from coaxlink.residual import refine_stand
+from coaxlink.rotor import load_rotor_model
+
+CONTEXT = ("voltage_V", "air_temperature_C", "motor_temperature_C", "rotor_spacing_m", "operator_mood")
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return load_rotor_model(files.example("rotor_paper.toml"))
+
+
+def refined(columns, model=None, *without):
+    return refine_stand(Samples({k: v for k, v in columns.items() if k not in without}, "test", ()), model)
+
+
+def names(answer):
+    return [e.name for e in answer.effects]
+
+
+@pytest.mark.parametrize("rpm", [True, False])
+@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize(
+    ("true", "column"), [({"battery": 0.8}, "voltage_V"), ({"air": 1.0}, "air_temperature_C")]
+)
+def test_a_cause_that_was_not_logged_gets_no_other_name(paper, rpm, given, true, column):
+    answer = refined(run(seed=4, rpm=rpm, **true), paper if given else None, column)
+    assert not answer.effects and not answer.ambiguous
+    assert any("time_s" in u.depends_on for u in answer.unexplained)
+    assert any(column in r.why for r in answer.rejected)
+
+
+def test_a_zero_that_is_off_is_no_drift(paper):
+    columns = run(seed=5)
+    columns["lower_thrust_N"] = columns["lower_thrust_N"] + 3.0
+    assert names(refined(columns, paper)) == []
+
+
+def test_two_cells_drift(paper):
+    columns = run(seed=6, drift=0.2)
+    columns["upper_torque_Nm"] = columns["upper_torque_Nm"] - 0.004 * columns["time_s"] / 60.0
+    (found,) = refined(columns, paper).effects
+    numbers = {p.name: p.value for p in found.parameters}
+    assert found.name == "sensor_drift" and {numbers["channel"], numbers["also"]} == {1.0, 2.0}
+    assert sorted(found.channels) == ["lower_thrust", "upper_torque"]
+
+
+def test_rpm_that_repeat_to_the_last_digit_are_commands(paper):
+    columns = run(seed=7, battery=0.8, rpm=False)
+    for name in ("upper", "lower"):
+        columns[f"{name}_rpm"] = FULL_RPM * columns.pop(f"{name}_throttle")
+    answer = refined(columns, paper)
+    assert names(answer) == ["battery_voltage"]
+    assert any("set-points" in note for note in answer.notes)
+
+
+@pytest.mark.parametrize("torque", [1.0, -1.0])
+def test_slow_blades_may_lose_lift_and_gain_drag(paper, torque):
+    columns = run(seed=8)
+    for rotor in ("upper", "lower"):
+        u = np.maximum(columns[f"{rotor}_rpm"] / FULL_RPM, 0.05)
+        share = 0.04 * (u**-0.5 - 1.0)
+        columns[f"{rotor}_thrust_N"] = columns[f"{rotor}_thrust_N"] * (1.0 - share)
+        columns[f"{rotor}_torque_Nm"] = columns[f"{rotor}_torque_Nm"] * (1.0 - torque * share)
+    answer = refined(columns, paper)
+    assert names(answer) == ["blade_speed_law"] and not answer.unexplained
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_levels_that_were_held_once_are_no_hysteresis_and_no_drift(seed):
+    """The upper rotor at seven levels in no order, the lower up and down at each; loads no polynomial meets."""
+    rng = np.random.default_rng(seed)
+    a = np.repeat(rng.permutation(np.linspace(0.3, 1.0, 7)), 80)
+    b = np.tile(np.concatenate([np.linspace(0.2, 1.0, 40), np.linspace(1.0, 0.2, 40)]), 7)
+    loads = steady_loads(a, b)
+    loads[0] += 12.0 * (a - 0.3) * (a - 0.6) * (a - 1.0) + 6.0 * np.sin(9.0 * a)
+    loads += np.array([[0.3], [0.006], [0.3], [0.006]]) * rng.standard_normal(loads.shape)
+    columns = {"time_s": 0.5 * np.arange(len(a)), "upper_rpm": FULL_RPM * a + rng.standard_normal(len(a))}
+    columns["lower_rpm"] = FULL_RPM * b + rng.standard_normal(len(a))
+    named = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+    assert names(refined(columns | dict(zip(named, loads, strict=True)))) == []
+
+
+def test_a_dead_band_shows_where_a_rotor_stands_at_rest(paper):
+    """Levels 0, 0.2 .. 1: no throttle between, but the whole scale is stretched."""
+    columns = run(seed=9)
+    level = np.round(columns["upper_throttle"] * 5.0) / 5.0, np.round(columns["lower_throttle"] * 5.0) / 5.0
+    u = [np.maximum(x - 0.08, 0.0) / 0.92 for x in level]
+    rng = np.random.default_rng(1)
+    loads = steady_loads(*u) + np.array([[0.3], [0.006], [0.3], [0.006]]) * rng.standard_normal(
+        (4, len(u[0]))
+    )
+    for name, throttle, speed in zip(("upper", "lower"), level, u, strict=True):
+        columns[f"{name}_throttle"] = throttle
+        columns[f"{name}_rpm"] = FULL_RPM * speed + 2.0 * rng.standard_normal(len(speed)) * (speed > 0.0)
+    named = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+    answer = refined(columns | dict(zip(named, loads, strict=True)), paper, *CONTEXT)
+    assert names(answer) == ["dead_band"]
