@@ -75,9 +75,9 @@ def test_slow_blades_may_lose_lift_and_gain_drag(paper, torque):
     assert names(answer) == ["blade_speed_law"] and not answer.unexplained
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_levels_that_were_held_once_are_no_hysteresis_and_no_drift(seed):
-    """The upper rotor at seven levels in no order, the lower up and down at each; loads no polynomial meets."""
+    """The upper rotor at seven levels in no order, the lower up and down at each; no polynomial fits."""
     rng = np.random.default_rng(seed)
     a = np.repeat(rng.permutation(np.linspace(0.3, 1.0, 7)), 80)
     b = np.tile(np.concatenate([np.linspace(0.2, 1.0, 40), np.linspace(1.0, 0.2, 40)]), 7)
