@@ -100,10 +100,11 @@ def refine(
     joint, acting = _together(problem, selection, bare, known, reduce, base=base_columns)
     selection, joint, acting = _doubted(problem, selection, joint, acting, bare, known, reduce)
     doubts: tuple[Ambiguous, ...] = ()
+    carried = bool({effect.name for effect, _ in known} & {"mass_change", "battery_voltage"})
     if not mislabelled and not {m.name for m in joint.members} & {"mass_change", "battery_voltage"}:
         seen = _scales(joint, acting, frame)
         mass = next((o for o in problem.options if o.name == "mass_change" and not o.shape), None)
-        if seen.verdict == "mass" and mass is not None and not _carried(known):
+        if seen.verdict == "mass" and mass is not None and not carried:
             why = "the lift is off, roll and pitch torque are not"
             selection.trace.append(Step(9, "add", mass.name, 0.0, 0.0, abs(seen.lift), True, why))
             selection = replace(selection, members=[*selection.members, mass])
@@ -116,7 +117,7 @@ def refine(
                 base=base_columns,
                 all_of=True,
             )
-        elif not _carried(known):
+        elif not carried:
             doubts = tuple(doubt(frame, seen))
     progress("judging")
     members = {m.name for m in joint.members}
@@ -142,7 +143,7 @@ def _doubted(
     """The choice judged once more where it leaves a channel far above its noise, by what is sharp now.
 
     A first choice is made where the torques count little: a failing rotor may have stood in for a mass and a
-    centre of mass. Another choice is taken if it leaves clearly less, all channels together.
+    centre of mass. Another choice is taken only if it leaves little but noise, and clearly less together.
     """
     q = joint.problem
     kept = selection, joint, acting
@@ -152,21 +153,17 @@ def _doubted(
     if np.max(errors / floor) < DOUBTED:
         return kept
     again = select(reweighed(problem, floor))
-    if again.ambiguous or not again.members or _names(again.members) == _names(joint.members):
+    if (
+        again.ambiguous
+        or not again.members
+        or {m.name for m in again.members} == {m.name for m in joint.members}
+    ):
         return kept
     again = replace(again, trace=[*selection.trace, *again.trace])
     other, then = _together(problem, again, bare, known, reduce, base=base_columns)
     less = np.sum(np.log(errors)) - np.sum(np.log(channel_errors(other.problem, other.problem.options)))
-    return (again, other, then) if less > CLEARLY else kept
-
-
-def _names(members: Sequence[Any]) -> set[str]:
-    return {m.name for m in members}
-
-
-def _carried(known: Sequence[Part]) -> bool:
-    """Whether the model has an effect already that its lift's level belongs to."""
-    return bool({effect.name for effect, _ in known} & {"mass_change", "battery_voltage"})
+    left = channel_errors(other.problem, other.problem.options) / _flight_floor(then, other)
+    return (again, other, then) if less > CLEARLY and np.max(left) < DOUBTED else kept
 
 
 def _scales(joint: Joint, acting: FlightFrame, frame: FlightFrame) -> Scales:
