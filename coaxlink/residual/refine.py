@@ -58,6 +58,7 @@ PLAINER = 0.005  # a plain base that errs by no more than this share above a ric
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
 LONG, LONG_STAND = 200_000, 100_000  # judged rows times channels: beyond, other forms are not tried
 FAR_OFF = 1.15  # of the noise: a fitted base is looked at again
+BY_TORQUES = "the lift is off, roll and pitch torque are not"
 DOUBTED = 1.5  # of the floor: a flight's choice that leaves more in a channel is judged once more
 CLEARLY = 0.1  # of the logarithm of errors, channels together, that another choice must leave less
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
@@ -105,8 +106,7 @@ def refine(
         seen = _scales(joint, acting, frame)
         mass = next((o for o in problem.options if o.name == "mass_change" and not o.shape), None)
         if seen.verdict == "mass" and mass is not None and not carried:
-            why = "the lift is off, roll and pitch torque are not"
-            selection.trace.append(Step(9, "add", mass.name, 0.0, 0.0, abs(seen.lift), True, why))
+            selection.trace.append(Step(9, "add", mass.name, 0.0, 0.0, abs(seen.lift), True, BY_TORQUES))
             selection = replace(selection, members=[*selection.members, mass])
             joint, acting = _together(
                 problem,
@@ -140,13 +140,11 @@ def _doubted(
     known: Sequence[Part],
     reduce: Callable[[Array], Array],
 ) -> tuple[Selection, Joint, FlightFrame]:
-    """The choice judged once more where it leaves a channel far above its noise, by what is sharp now.
+    """The choice judged once more, torques counting in full, where a channel is left far above its noise.
 
-    A first choice is made where the torques count little: a failing rotor may have stood in for a mass and a
-    centre of mass. Another choice is taken only if it leaves little but noise, and clearly less together.
+    Another one (a mass and a centre for a failing rotor) is taken only if it leaves little but noise.
     """
-    q = joint.problem
-    kept = selection, joint, acting
+    q, kept = joint.problem, (selection, joint, acting)
     if not joint.members or selection.doubtful or problem.residual.size > SHORT or q.frame is not bare:
         return kept
     errors, floor = channel_errors(q, q.options), _flight_floor(acting, joint)
@@ -170,8 +168,8 @@ def _scales(joint: Joint, acting: FlightFrame, frame: FlightFrame) -> Scales:
     """How lift and torques compare with the prediction, everything found acting."""
     q = joint.problem
     final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
-    corrections = dict(zip(q.base_names, final[q.base], strict=True))
-    return scales(acting, corrections, q.block, lambda c: reduce_columns(frame, c))
+    named = dict(zip(q.base_names, final[q.base], strict=True))
+    return scales(acting, named, q.block, lambda c: reduce_columns(frame, c))
 
 
 def _flight_floor(frame: FlightFrame, joint: Joint) -> Array:
