@@ -89,7 +89,6 @@ def refine(
     problem = with_onsets(flight_problem(frame), [], lambda c: reduce_columns(frame, c))
     progress("selecting")
     selection = Selection() if mislabelled else select(problem)
-    # a beginning that another effect hid is looked for once more beside it
     further = with_onsets(problem, selection.members, lambda c: reduce_columns(frame, c))
     if selection.members and further is not problem:
         problem, selection = further, select(further)
@@ -157,16 +156,15 @@ def _doubted(
         or {m.name for m in again.members} == {m.name for m in joint.members}
     ):
         return kept
-    again = replace(again, trace=[*selection.trace, *again.trace])
+    again.trace = [*selection.trace, *again.trace]
     other, then = _together(problem, again, bare, known, reduce, base=base_columns)
-    less = np.sum(np.log(errors)) - np.sum(np.log(channel_errors(other.problem, other.problem.options)))
-    left = channel_errors(other.problem, other.problem.options) / _flight_floor(then, other)
+    now = channel_errors(other.problem, other.problem.options)
+    less, left = float(np.sum(np.log(errors / now))), now / _flight_floor(then, other)
     return (again, other, then) if less > CLEARLY and np.max(left) < DOUBTED else kept
 
 
 def _scales(joint: Joint, acting: FlightFrame, frame: FlightFrame) -> Scales:
-    """How lift and torques compare with the prediction, everything found acting."""
-    q = joint.problem
+    q = joint.problem  # everything found acts in `acting`
     final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
     named = dict(zip(q.base_names, final[q.base], strict=True))
     return scales(acting, named, q.block, lambda c: reduce_columns(frame, c))
