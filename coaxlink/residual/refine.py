@@ -43,6 +43,7 @@ from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.reweigh import channel_errors, reweighed, settled_base, weighed_again
 from coaxlink.residual.select import Selection, columns_of, select
+from coaxlink.residual.speed_gain import wrong_gain
 from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
 from coaxlink.residual.stand import joined, stand_frame
 from coaxlink.residual.stand_problem import known_parts as known_on_stand
@@ -219,6 +220,9 @@ def refine_stand(
         few = len(trusted) < LEAST_STAND_ROWS
         if few:
             notes.append(f"{len(trusted)} rows: held against the model; too few to identify any effect")
+        gain = None if mislabelled or few else wrong_gain(problem)
+        if gain is not None:
+            suspects, mislabelled = (*suspects, gain), True
         selection = Selection() if mislabelled or few else select(problem)
         reduce = _present(bare)
         selection, start = _again(problem, selection, bare, known, reduce)

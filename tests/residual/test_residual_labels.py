@@ -142,3 +142,32 @@ def test_real_effects_are_no_wrong_labels(paper) -> None:
         for model in (paper, None):
             log = Samples(run(seed=30 + seed, rpm="battery" not in true, **true), "rig")
             assert find_suspects(stand_frame(log, model)).suspects == (), (true, model is None)
+
+
+@pytest.mark.parametrize(("side", "share"), [("upper", 0.05), ("lower", -0.06), ("upper", -0.03)])
+@pytest.mark.parametrize("throttle", [True, False])
+def test_a_tachometer_that_is_off_throughout(paper, side: str, share: float, throttle: bool) -> None:
+    columns = run(seed=9, throttle=throttle)
+    columns[f"{side}_rpm"] *= 1.0 + share
+    answer = refine_stand(Samples(columns, "rig"), paper)
+    (suspect,) = answer.suspect_data
+    assert suspect.column == f"{side}_rpm" and suspect.rows == "all"
+    found = float(suspect.why.split("reads ")[1].split(" %")[0]) / 100.0
+    assert found == pytest.approx(share, abs=0.006)
+    assert nothing_claimed(answer)
+
+
+def test_no_tachometer_is_accused_of_what_the_air_or_the_cells_do(paper) -> None:
+    columns = run(seed=10, air=1.0)
+    assert [e.name for e in refine_stand(Samples(columns, "rig"), paper).effects] == ["air_density"]
+    columns = run(seed=11)
+    for k, name in enumerate(
+        (*UPPER, *LOWER)
+    ):  # all loads less by one share, as in thin air that is not logged
+        columns[name] = columns[name] * (0.94 + 0.002 * k)
+    answer = refine_stand(Samples(columns, "rig"), paper)
+    assert not any("rpm" in s.column for s in answer.suspect_data)
+    columns = run(seed=12)
+    for name in UPPER:  # two cells another day: within what a base may be off by
+        columns[name] = columns[name] * 0.97
+    assert refine_stand(Samples(columns, "rig"), paper).suspect_data == ()
