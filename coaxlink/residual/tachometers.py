@@ -19,6 +19,7 @@ from coaxlink.residual.stand import own_model
 Mask = NDArray[np.bool_]
 LEAST_SHARE, MOST_SHARE = 0.04, 0.5  # of the rows: more than half of them cannot be told from the other half
 LEAST_ROWS = 12
+MOST_ABOVE, PLACES = 0.75, 24  # of the rows; thresholds of throttle
 LEAST_LIE, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
 SURE = 8.0  # standard errors of the step
 CLEARED = 0.25  # of the squares that the loads leave, once the reading is mended
@@ -51,6 +52,7 @@ def lies(frame: StandFrame) -> list[Lie]:
         # a stretch of time or of throttle; a sagging supply may hide a step, and stand in for one
         ways = [(order, supply) for order in _orders(frame, side) for supply in (False, True)]
         steps = [step for way in ways if (step := _step(frame, side, *way)) is not None]
+        steps += [step for supply in (False, True) for step in _beyond(frame, side, supply)]
         for _, lie in sorted(steps, key=lambda step: -step[0]):
             if _loads_clear(frame, lie):
                 found.append(lie)
@@ -104,6 +106,38 @@ def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -
     rows_of = np.zeros(rows, bool)
     rows_of[order[inside]] = True
     return lowered, Lie(side, rows_of, lie)
+
+
+def _beyond(frame: StandFrame, side: int, supply: bool) -> list[tuple[float, Lie]]:
+    """A share that comes in above some throttle, fitted beside the curves, which would else bend to it.
+
+    Which of the two parts of the rows lies, where neither is clearly the smaller, the loads must say.
+    """
+    assert frame.throttles is not None
+    speed, throttle = frame.speeds[:, side], frame.throttles[:, side]
+    curves = _curves(frame, side, supply)
+    best: tuple[float, float, Mask] | None = None
+    plain = float(np.sum((speed - curves @ np.linalg.lstsq(curves, speed, rcond=1e-10)[0]) ** 2))
+    for edge in np.unique(np.quantile(throttle, np.linspace(LEAST_SHARE, 1.0 - LEAST_SHARE, PLACES))):
+        above = throttle > edge
+        if not LEAST_SHARE * len(speed) <= above.sum() >= LEAST_ROWS or (~above).sum() < LEAST_ROWS:
+            continue
+        x = np.concatenate([curves, (speed * above)[:, None]], axis=1)
+        fit = np.linalg.lstsq(x, speed, rcond=1e-10)[0]
+        left = float(np.sum((speed - x @ fit) ** 2))
+        if best is None or left < best[0]:
+            best = left, float(fit[-1]), above
+    if best is None:
+        return []
+    left, part, above = best  # part of the reading that the curves do not give
+    noise = left / max(len(speed) - curves.shape[1] - 1, 1)
+    if plain - left < (SURE**2) * noise or abs(part) > 0.9:
+        return []
+    lie = part / (1.0 - part)
+    out = [(plain - left, Lie(side, rows, lies_by))
+           for rows, lies_by in ((above, lie), (~above, -lie / (1.0 + lie)))
+           if rows.mean() <= MOST_ABOVE]  # fmt: skip
+    return [(gain, found) for gain, found in out if abs(found.reads_high_by) >= LEAST_LIE]
 
 
 def _curves(frame: StandFrame, side: int, supply: bool) -> Array:
