@@ -18,7 +18,7 @@ from coaxlink.residual.labels import mislabels
 from coaxlink.residual.result import Suspect
 from coaxlink.residual.stand import COLUMN_OF, own_model
 from coaxlink.residual.stretches import Mask
-from coaxlink.residual.tachometers import lies
+from coaxlink.residual.tachometers import coarse_step, lies
 
 SWAP = 0.25  # of the squares left when the labels are exchanged
 LEAST_LEFT = 8  # rows
@@ -42,7 +42,7 @@ class _Finding:
     suspects: list[Suspect]
     bad: Mask
     columns: list[str]
-    swapped: bool = False
+    swapped: bool = False  # or else so wrong that nothing can be claimed
 
     def rows(self, column: str, rows: Mask, why: str) -> None:
         """Accuse a column in some rows."""
@@ -112,6 +112,14 @@ def _look_at_drives(found: _Finding) -> None:
         return
     if crossed is not None:
         found.rows(", ".join(names), crossed.rows, crossed.why)
+    for side in (0, 1):
+        step = coarse_step(found.frame, side)
+        if step is not None:  # loads of speeds that nobody knows
+            why = f"reads in steps of {100 * step:.1f} % of full speed, while the throttle moves far finer"
+            found.whole(f"{('upper', 'lower')[side]}_rpm", why)
+            found.swapped = True
+    if found.silent:
+        return
     sound = np.flatnonzero(~found.bad)
     for lie in lies(rows_of(found.frame, sound)) if len(sound) >= LEAST_LEFT else ():
         rows = np.zeros(len(found.bad), bool)

@@ -23,6 +23,7 @@ MOST_ABOVE, PLACES = 0.75, 24  # of the rows; thresholds of throttle
 LEAST_LIE, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
 SURE = 8.0  # standard errors of the step
 CLEARED = 0.25  # of the squares that the loads leave, once the reading is mended
+COARSE = 0.02  # of the speed
 ROUNDS = 4
 
 
@@ -53,11 +54,30 @@ def lies(frame: StandFrame) -> list[Lie]:
         ways = [(order, supply) for order in _orders(frame, side) for supply in (False, True)]
         steps = [step for way in ways if (step := _step(frame, side, *way)) is not None]
         steps += [step for supply in (False, True) for step in _beyond(frame, side, supply)]
-        for _, lie in sorted(steps, key=lambda step: -step[0]):
+        for lie in sorted(steps, key=lambda lie: _left(frame, lie)):
             if _loads_clear(frame, lie):
                 found.append(lie)
                 break
     return found
+
+
+def _left(frame: StandFrame, lie: Lie) -> float:
+    """Squares that the curves of throttle leave of the speed, once the reading is mended."""
+    x = _curves(frame, lie.side, True)
+    speed = np.where(lie.rows, 1.0 / (1.0 + lie.reads_high_by), 1.0) * frame.speeds[:, lie.side]
+    return float(np.sum((speed - x @ np.linalg.lstsq(x, speed, rcond=1e-10)[0]) ** 2))
+
+
+def coarse_step(frame: StandFrame, side: int) -> float | None:
+    """The step, as a share of full speed, in which a tachometer reads where the throttle moves far finer."""
+    if frame.driven or frame.throttles is None:
+        return None
+    read = np.unique(frame.speeds[:, side])
+    told = np.unique(np.round(frame.throttles[:, side], 3))
+    if len(read) < 3 or len(told) < 2 * len(read) + 4:
+        return None
+    step = float(np.min(np.diff(read)))
+    return step if step > COARSE * float(read[-1]) else None
 
 
 def _orders(frame: StandFrame, side: int) -> list[NDArray[np.intp]]:
@@ -65,11 +85,8 @@ def _orders(frame: StandFrame, side: int) -> list[NDArray[np.intp]]:
     return [np.arange(len(frame.time_s)), np.argsort(frame.throttles[:, side], kind="stable")]
 
 
-def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -> tuple[float, Lie] | None:
-    """The stretch of rows, in that order, whose speed is furthest from what the throttle gives elsewhere.
-
-    With it, by how much its squares are lower once the reading is mended.
-    """
+def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -> Lie | None:
+    """The stretch of rows, in that order, whose speed is furthest from what the throttle gives elsewhere."""
     speed = frame.speeds[order, side]
     x = _curves(frame, side, supply)[order]
     rows = len(speed)
@@ -101,14 +118,12 @@ def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -
     shift = abs(lie) * float(np.mean(np.abs(usual[inside])))
     if abs(lie) < LEAST_LIE or lie < LOWEST or shift * np.sqrt(inside.sum()) < SURE * noise:
         return None
-    mended = np.where(inside, speed / (1.0 + lie), speed)
-    lowered = float(np.sum((speed - usual) ** 2) - np.sum((mended - usual) ** 2))
     rows_of = np.zeros(rows, bool)
     rows_of[order[inside]] = True
-    return lowered, Lie(side, rows_of, lie)
+    return Lie(side, rows_of, lie)
 
 
-def _beyond(frame: StandFrame, side: int, supply: bool) -> list[tuple[float, Lie]]:
+def _beyond(frame: StandFrame, side: int, supply: bool) -> list[Lie]:
     """A share that comes in above some throttle, fitted beside the curves, which would else bend to it.
 
     Which of the two parts of the rows lies, where neither is clearly the smaller, the loads must say.
@@ -134,10 +149,8 @@ def _beyond(frame: StandFrame, side: int, supply: bool) -> list[tuple[float, Lie
     if plain - left < (SURE**2) * noise or abs(part) > 0.9:
         return []
     lie = part / (1.0 - part)
-    out = [(plain - left, Lie(side, rows, lies_by))
-           for rows, lies_by in ((above, lie), (~above, -lie / (1.0 + lie)))
-           if rows.mean() <= MOST_ABOVE]  # fmt: skip
-    return [(gain, found) for gain, found in out if abs(found.reads_high_by) >= LEAST_LIE]
+    parts = ((above, lie), (~above, -lie / (1.0 + lie)))
+    return [Lie(side, r, by) for r, by in parts if r.mean() <= MOST_ABOVE and abs(by) >= LEAST_LIE]
 
 
 def _curves(frame: StandFrame, side: int, supply: bool) -> Array:

@@ -76,3 +76,11 @@ def test_a_rotor_that_rests_below_some_throttle_is_no_lie() -> None:
         "lower_thrust_N": np.where(rests, -30.0 * (log["upper_rpm"] / RPM) ** 2, log["lower_thrust_N"]),
     }
     assert refine_stand(log.with_columns(**resting)).to_json()["suspect_data"] == []
+
+
+def test_a_tachometer_that_reads_in_coarse_steps_is_accused() -> None:
+    log = bench(10, from_s=0.0, to_s=0.0)
+    step = 0.05 * RPM
+    answer = refine_stand(log.with_columns(lower_rpm=step * np.round(log["lower_rpm"] / step)))
+    assert [(s.column, s.rows) for s in answer.suspect_data] == [("lower_rpm", "all")]
+    assert answer.effects == () and "steps of" in answer.suspect_data[0].why
