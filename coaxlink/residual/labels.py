@@ -153,14 +153,15 @@ def _copies(frame: StandFrame, usable: Mask) -> list[Mislabel]:
     # two rotors told to turn alike may do so: only where the loads contradict it
     same = _runs(usable & (frame.speeds[:, 0] == frame.speeds[:, 1]), frame.speeds[:, 0])
     rest = usable & ~same
-    if frame.driven or not same.any() or rest.sum() < 24 or same.sum() > rest.sum():
+    if not same.any() or rest.sum() < 24 or same.sum() > rest.sum():
         return out
     loads = [c for c in frame.present if c < 4]
     stick = _Yardstick(frame, frame.predicted[:, :4], frame.predicted[:, :4])
     if frame.free_base:
         stick = _fitted(frame, rest)
     cost = stick.cost(None)[:, loads].max(axis=1)
-    if np.mean(cost[same]) > max(NEAR, 4.0 * float(np.mean(cost[rest]))):
+    # commands that are alike may be meant so, and what they make of it may err
+    if np.mean(cost[same]) > max(0.6 * CAP if frame.driven else NEAR, 4.0 * float(np.mean(cost[rest]))):
         says = "both show the same readings, digit by digit, and the loads are of other speeds"
         out.append(Mislabel(Way("upper_rpm, lower_rpm", tuple(loads), says=says), same, 0.0))
     return out
