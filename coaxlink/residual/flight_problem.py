@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from coaxlink.residual.blocks import solve
 from coaxlink.residual.effects import FLIGHT_EFFECTS
 from coaxlink.residual.flight import reduce_columns
 from coaxlink.residual.flight_base import flight_corrections
 from coaxlink.residual.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
-from coaxlink.residual.joint import Part
+from coaxlink.residual.joint import Joint, Part, columns_of
 from coaxlink.residual.problem import Index, Problem, build, contiguous_blocks
 from coaxlink.residual.signals import difference_gain, noise_floor, spectral_floor
 
@@ -96,6 +97,15 @@ def flight_floor(frame: FlightFrame, residual: Array, reduced: Array, lag_s: flo
     every = max(1, round(frame.rate_hz / JUDGED_HZ))
     gain = [difference_gain(frame.rate_hz, frame.cutoff_hz, every, differentiated=d) for d in turned]
     return noise_floor(reduced, runs.astype(float), np.array(gain))
+
+
+def floor_behind(frame: FlightFrame, joint: Joint) -> Array:
+    """(6,) noise floor behind everything that was found, all of it acting in the frame."""
+    q = joint.problem
+    final = solve(q.blocks, columns_of(q), np.ones(q.blocks.count))
+    left = frame.measured - frame.predicted - corrected(frame, final[q.base], q.base_names)
+    lags = [m.shape["lag_s"] for m in joint.members if m.name == "rotor_lag"]
+    return flight_floor(frame, left, reduce_columns(frame, left), *lags)
 
 
 def corrected(frame: FlightFrame, values: Array, names: tuple[str, ...]) -> Array:

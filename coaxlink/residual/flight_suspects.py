@@ -23,22 +23,29 @@ Mask = NDArray[np.bool_]
 SENSORS = (*(f"accel_{a}_m_s2" for a in "xyz"), *(f"gyro_{a}_rad_s" for a in "xyz"))
 STUCK_S, STUCK_TIMES = 0.5, 12  # how long, and how many times longer than the log's own repeats
 REPEATED_ROWS = 12
+DEAD = 0.5  # of the log: an axis that reads the same for so long never worked
 SWAP = 0.1  # of the torque's squares left with two motors exchanged
 FAILS = 3.0  # times what the exchange leaves: one failing rotor that leaves less is as good an explanation
 REVERSED = -0.7  # correlation of a gyro with the attitude's own rate
+# a sound gyro's scale is off by less; what a filter or slow rows do falls with frequency, a scale does not
+SCALE, SCALE_HZ, PIECES = 0.05, (1.2, 0.6), 8
 
 
 def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[Suspect], Mask, bool]:
-    """Suspects, (frame rows,) mask of rows to leave out, and whether a label as a whole is wrong."""
+    """Suspects, (frame rows,) mask of rows to leave out, and whether the log as a whole is wrong.
+
+    It is where a label is, a gyro's sign or scale, or where a sensor was dead for most of the flight.
+    """
     out: list[Suspect] = []
-    bad = np.zeros(len(frame.time_s), bool)
+    bad, dead = np.zeros(len(frame.time_s), bool), False
     for number, log in enumerate(logs):
         for column, rows, why in [*_stuck(log), *_repeated(log)]:
             out.append(Suspect(column, rows_text(rows), why))
             mine = frame.log == number
             bad |= mine & _around(frame.time_s, log["time_s"], rows)
+            dead |= rows.mean() > DEAD
     wrong = [*_reversed(frame), *_swapped(frame)]
-    return [*out, *wrong], bad, bool(wrong)
+    return [*out, *wrong], bad, bool(wrong) or dead
 
 
 def _around(frame_time: Array, time: Array, rows: Mask) -> Mask:
@@ -73,8 +80,14 @@ def _stuck(log: Samples) -> list[tuple[str, Mask, str]]:
         first, length = _runs(np.concatenate([[False], np.diff(values) == 0.0]))
         usual = float(np.quantile(length, 0.9))
         rows = np.zeros(len(values), bool)
+        if length.max() > DEAD * len(values):
+            usual = 1.0  # nothing else was ever read
         for a, n in zip(first, length, strict=True):
-            if n * step > STUCK_S and n > STUCK_TIMES * usual and flying[a : a + n].mean() > 0.9:
+            if (
+                n * step > STUCK_S
+                and n > STUCK_TIMES * usual
+                and flying[a : a + n].mean() > (0.5 if n > DEAD * len(values) else 0.9)
+            ):
                 rows[a : a + n] = True
         if rows.any():
             found.append((name, rows, "one reading repeats exactly while the vehicle flies"))
@@ -99,14 +112,35 @@ def _repeated(log: Samples) -> list[tuple[str, Mask, str]]:
 
 
 def _reversed(frame: FlightFrame) -> list[Suspect]:
-    """A gyro that turns against the attitude that the same log tells."""
-    told_attitude = frame.extra.get("told_attitude", frame.attitude)  # as logged: nothing of the gyro in it
-    roll, pitch = told_attitude[:, 0], told_attitude[:, 1]
-    rate = np.zeros_like(told_attitude)
+    """A gyro that turns against the attitude that the same log tells, or by another factor than one."""
+    out = []
+    slow, slower = (_turning(frame, hz) for hz in SCALE_HZ)
+    for k, axis in enumerate("xyz"):
+        told, seen = (x[frame.keep, k] for x in _turning(frame, frame.cutoff_hz))
+        if np.std(seen) < 0.02 or np.std(told) < 0.02:
+            continue
+        agreement = float(np.corrcoef(told, seen)[0, 1])
+        if agreement < REVERSED:
+            why = f"its sign is reversed: against the attitude's own rate the correlation is {agreement:.2f}"
+            out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
+            continue
+        scales = [_scale(frame, told[:, k], seen[:, k]) for told, seen in (slow, slower)]
+        if all(low > 1.0 + SCALE for low, _ in scales) or all(high < 1.0 - SCALE for _, high in scales):
+            why = f"it reads {np.mean(scales[-1]):.2f} times the attitude's own rate: its scale is wrong"
+            out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
+    return out
+
+
+def _turning(frame: FlightFrame, cutoff_hz: float) -> tuple[Array, Array]:
+    """(rows, 3) body rates below a frequency, as the gyro tells them and as the logged attitude turns."""
+    attitude = frame.extra.get("told_attitude", frame.attitude)  # as logged: nothing of the gyro in it
+    rate, told = np.zeros_like(attitude), np.zeros_like(frame.rates)
     for number in np.unique(frame.stretch):
         rows = np.flatnonzero(frame.stretch == number)
-        smooth = low_pass(np.unwrap(told_attitude[rows], axis=0), frame.rate_hz, frame.cutoff_hz)
-        rate[rows] = derivative(smooth, frame.rate_hz)
+        smooth = np.unwrap(attitude[rows], axis=0)
+        told[rows] = frame.rates[rows]
+        rate[rows] = derivative(low_pass(smooth, frame.rate_hz, frame.cutoff_hz), frame.rate_hz)
+    roll, pitch = attitude[:, 0], attitude[:, 1]
     body = np.stack(
         [
             rate[:, 0] - rate[:, 2] * np.sin(pitch),
@@ -114,17 +148,42 @@ def _reversed(frame: FlightFrame) -> list[Suspect]:
             -rate[:, 1] * np.sin(roll) + rate[:, 2] * np.cos(roll) * np.cos(pitch),
         ],
         axis=1,
-    )[frame.keep]
-    out = []
-    for k, axis in enumerate("xyz"):
-        told, seen = frame.rates[frame.keep, k], body[:, k]
-        if np.std(seen) < 0.02 or np.std(told) < 0.02:
-            continue
-        agreement = float(np.corrcoef(told, seen)[0, 1])
-        if agreement < REVERSED:
-            why = f"its sign is reversed: against the attitude's own rate the correlation is {agreement:.2f}"
-            out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
-    return out
+    )
+    if cutoff_hz < frame.cutoff_hz:
+        for number in np.unique(frame.stretch):
+            rows = np.flatnonzero(frame.stretch == number)
+            body[rows] = low_pass(body[rows], frame.rate_hz, cutoff_hz)
+            told[rows] = low_pass(told[rows], frame.rate_hz, cutoff_hz)
+    return told, body
+
+
+def _scale(frame: FlightFrame, told: Array, seen: Array) -> tuple[float, float]:
+    """Between what gyro over attitude's rate (rows,) lies: four sigma, pieces of the flight left out in turn.
+
+    A delay between the two is fitted beside. With the gyro on the right side its noise makes the factor seem
+    larger, with the attitude's rate there that one's noise makes it seem smaller: it lies between the two.
+    """
+    late = np.zeros_like(told)
+    for number in np.unique(frame.stretch):
+        rows = np.flatnonzero(frame.stretch == number)
+        late[rows] = derivative(told[rows], frame.rate_hz)
+    columns = np.stack([told, late, np.ones(len(told))], axis=1)[frame.keep]
+    pieces = np.array_split(np.arange(len(frame.keep)), PIECES)
+    grams = np.stack([columns[p].T @ columns[p] for p in pieces])
+    moments = np.stack([columns[p].T @ seen[frame.keep][p] for p in pieces])
+    whole, ridge = grams.sum(axis=0), 1e-12 * np.trace(grams.sum(axis=0)) * np.eye(3)
+
+    def factor(gram: Array, moment: Array) -> float:
+        return 1.0 / max(float(np.linalg.solve(gram + ridge, moment)[0]), 1e-3)
+
+    parts = np.array(
+        [factor(whole - g, moments.sum(axis=0) - m) for g, m in zip(grams, moments, strict=True)]
+    )
+    reach = 4.0 * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
+    high = factor(whole, moments.sum(axis=0))
+    fit = columns @ np.linalg.solve(whole + ridge, moments.sum(axis=0))
+    like = float(np.var(fit) / max(float(np.var(seen[frame.keep])), 1e-12))
+    return (high * like - reach, high + reach) if like > 0.5 else (-np.inf, np.inf)
 
 
 def _one_fails(frame: FlightFrame, measured: Array, scale: Array) -> float:

@@ -238,6 +238,19 @@ def columns_of(p: Problem) -> Index:
     return np.concatenate([p.base, *(o.columns for o in p.options)]).astype(np.intp)
 
 
+def of_grid(problem: Problem, options: Sequence[Option]) -> list[Option]:
+    """The problem's own options nearest to these, which may be of another problem."""
+    out = []
+    for o in options:
+        mine = [x for x in problem.options if x.name == o.name]
+        out.append(min(mine, key=lambda x: _distance(x.shape, o.shape)))
+    return out
+
+
+def _distance(a: Shape, b: Shape) -> float:
+    return sum(abs(a.get(k, 9.0) - b.get(k, 9.0)) for k in {*a, *b})
+
+
 def _score(joint: Joint) -> float:
     """Held-out square sum about the point the problem is linear at, base free, members as they stand."""
     return float(held_out_sum(joint.problem.blocks, columns_of(joint.problem)).sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,35 +13,30 @@ from coaxlink.data.samples import Samples
 from coaxlink.residual.answer import Judged, answer, held_out_residual
 from coaxlink.residual.blocks import held_out, solve
 from coaxlink.residual.courses import outrun
-from coaxlink.residual.effects.base import Shape
+from coaxlink.residual.drag_in_wind import drag_beside
 from coaxlink.residual.felt_noise import felt_noise
 from coaxlink.residual.flight import flight_frame, reduce_columns
 from coaxlink.residual.flight_problem import (
     base_columns,
-    corrected,
-    flight_floor,
     flight_problem,
     flight_variables,
+    floor_behind,
 )
 from coaxlink.residual.flight_problem import known_parts as known_in_flight
 from coaxlink.residual.flight_suspects import flight_suspects
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import (
     SHORT,
-    Fitter,
     Joint,
     Member,
     Part,
     composed,
-    fit,
-    member,
-    needed,
-    straight,
 )
-from coaxlink.residual.mass_or_thrust import Scales, doubt, scales
-from coaxlink.residual.problem import Option, Problem
+from coaxlink.residual.mass_or_thrust import Scales, behind_voltage, doubt, scales, whole_mass
+from coaxlink.residual.problem import Problem
 from coaxlink.residual.result import Ambiguous, Refinement, Step
-from coaxlink.residual.reweigh import channel_errors, reweighed, settled_base, weighed_again
+from coaxlink.residual.reweigh import channel_errors, reweighed, settled_base
+from coaxlink.residual.scrutiny import Doubt, disbelieved, settled_lift, undone, without
 from coaxlink.residual.select import Selection, columns_of, select
 from coaxlink.residual.speed_gain import wrong_gain
 from coaxlink.residual.stand import LEAST_ROWS as LEAST_STAND_ROWS
@@ -50,19 +45,18 @@ from coaxlink.residual.stand_problem import known_parts as known_on_stand
 from coaxlink.residual.stand_problem import stand_floor, stand_problem, stand_variables
 from coaxlink.residual.sudden import with_onsets
 from coaxlink.residual.suspects import find_suspects
+from coaxlink.residual.together import fitter_of, together
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
 ROUNDS = 3  # of judging again
 LEAST_ROWS = 80  # judged rows of a flight
+SCRUTINIES = 4  # of a flight's choice; of a long one, one
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
-LONG, LONG_STAND = 200_000, 100_000  # judged rows times channels: beyond, other forms are not tried
 FAR_OFF = 1.15  # of the noise: a fitted base is looked at again
-BY_TORQUES = "the lift is off, roll and pitch torque are not"
 DOUBTED = 1.5  # of the floor: a flight's choice that leaves more in a channel is judged once more
 CLEARLY = 0.1  # of the logarithm of errors, channels together, that another choice must leave less
-WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
 
 
 def refine(
@@ -86,44 +80,69 @@ def refine(
         bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
     known, notes = known_in_flight(bare)
     frame = composed(bare, known)
-    progress("fitting candidates")
-    problem = with_onsets(flight_problem(frame), [], lambda c: reduce_columns(frame, c))
-    progress("selecting")
-    selection = Selection() if mislabelled else select(problem)
-    further = with_onsets(problem, selection.members, lambda c: reduce_columns(frame, c))
-    if selection.members and further is not problem:
-        problem, selection = further, select(further)
-    progress("fitting what was chosen together")
 
     def reduce(columns: Array) -> Array:
         return reduce_columns(frame, columns)
 
-    joint, acting = _together(problem, selection, bare, known, reduce, base=base_columns)
-    selection, joint, acting = _doubted(problem, selection, joint, acting, bare, known, reduce)
+    progress("fitting candidates")
+    problem = flight_problem(frame)
+    struck: list[Doubt] = []
+    for number in range(SCRUTINIES):
+        progress("selecting")
+        began = {d.name for d in struck if d.onset}
+        problem = with_onsets(problem, [], reduce, barred=began)
+        selection = Selection() if mislabelled else select(problem)
+        # a beginning that another effect hid is looked for once more beside it
+        further = with_onsets(problem, selection.members, reduce, barred=began)
+        if selection.members and further is not problem:
+            problem, selection = further, select(further)
+        selection.trace[:0] = [Step(0, "drop", d.name, 0.0, 1.0, 0.0, True, d.why) for d in struck]
+        progress("fitting what was chosen together")
+        joint, acting = together(problem, selection, bare, known, reduce, base=base_columns)
+        selection, joint, acting = _doubted(problem, selection, joint, acting, bare, known, reduce)
+        again = disbelieved(problem, joint, floor_behind(acting, joint), {e.name for e, _ in known})
+        if not again:
+            break
+        struck += again  # at most every effect once, and its beginning
+        problem = without(problem, again)
+        if number == SCRUTINIES - 1 or problem.residual.size > SHORT:
+            gone = {d.name for d in again}
+            selection = undone(selection, gone)
+            joint, acting = together(problem, selection, bare, known, reduce, base=base_columns)
+            break
     doubts: tuple[Ambiguous, ...] = ()
     carried = bool({effect.name for effect, _ in known} & {"mass_change", "battery_voltage"})
-    if not mislabelled and not {m.name for m in joint.members} & {"mass_change", "battery_voltage"}:
+    lifted = settled_lift(joint, floor_behind(acting, joint))
+    named = {m.name for m in joint.members}
+    if lifted and not mislabelled and "mass_change" not in named and not carried:
         seen = _scales(joint, acting, frame)
         mass = next((o for o in problem.options if o.name == "mass_change" and not o.shape), None)
-        if seen.verdict == "mass" and mass is not None and not carried:
-            selection.trace.append(Step(9, "add", mass.name, 0.0, 0.0, abs(seen.lift), True, BY_TORQUES))
-            selection = replace(selection, members=[*selection.members, mass])
-            joint, acting = _together(
-                problem,
-                selection,
-                bare,
-                known,
-                lambda c: reduce_columns(frame, c),
-                base=base_columns,
-                all_of=True,
-            )
-        elif not carried:
+        why = behind_voltage(seen) if "battery_voltage" in named else whole_mass(seen)
+        if why and mass is not None:
+            beside = replace(selection, members=[*selection.members, mass])
+            trial = together(problem, beside, bare, known, reduce, base=base_columns, all_of=True)
+            if not disbelieved(problem, trial[0], floor_behind(trial[1], trial[0])):
+                selection, (joint, acting) = beside, trial
+                size = max(abs(seen.lift), float(np.max(np.abs(seen.torque))))
+                selection.trace.append(Step(9, "add", mass.name, 0.0, 0.0, size, True, why))
+        elif "battery_voltage" not in named:
             doubts = tuple(doubt(frame, seen))
+    if not (known or selection.doubtful):
+        drag = next((o for o in problem.options if o.name == "rotor_drag"), None)
+        fitter = fitter_of(problem, bare, known, named, reduce)
+        both = drag_beside(fitter, joint, base_columns) if drag is not None else None
+        if drag is not None and both is not None:
+            selection = replace(selection, members=[*selection.members, drag])
+            joint, acting = both, fitter.acting(both.members)
+            why = "what drags in the wind damps yaw as the rotors' drag does"
+            selection.trace.append(Step(9, "add", drag.name, 0.0, 0.0, 0.0, True, why))
     progress("judging")
     members = {m.name for m in joint.members}
     act = [part for part in known if part[0].name not in members]
     act += [(m.effect, m.parameters(bare)) for m in joint.members]
-    floor = np.hypot(_flight_floor(acting, joint), felt_noise(bare, act))
+    floor = np.hypot(floor_behind(acting, joint), felt_noise(bare, act))
+    if not lifted and frame.voltage is None:
+        notes.append("voltage_V is not in the log: a sagging supply would look like this change of thrust")
     if airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(frame)
@@ -147,7 +166,7 @@ def _doubted(
     q, kept = joint.problem, (selection, joint, acting)
     if not joint.members or selection.doubtful or problem.residual.size > SHORT or q.frame is not bare:
         return kept
-    errors, floor = channel_errors(q, q.options), _flight_floor(acting, joint)
+    errors, floor = channel_errors(q, q.options), floor_behind(acting, joint)
     if np.max(errors / floor) < DOUBTED:
         return kept
     again = select(reweighed(problem, floor))
@@ -158,9 +177,9 @@ def _doubted(
     ):
         return kept
     again.trace = [*selection.trace, *again.trace]
-    other, then = _together(problem, again, bare, known, reduce, base=base_columns)
+    other, then = together(problem, again, bare, known, reduce, base=base_columns)
     now = channel_errors(other.problem, other.problem.options)
-    less, left = float(np.sum(np.log(errors / now))), now / _flight_floor(then, other)
+    less, left = float(np.sum(np.log(errors / now))), now / floor_behind(then, other)
     return (again, other, then) if less > CLEARLY and np.max(left) < DOUBTED else kept
 
 
@@ -169,15 +188,6 @@ def _scales(joint: Joint, acting: FlightFrame, frame: FlightFrame) -> Scales:
     final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
     named = dict(zip(q.base_names, final[q.base], strict=True))
     return scales(acting, named, q.block, lambda c: reduce_columns(frame, c))
-
-
-def _flight_floor(frame: FlightFrame, joint: Joint) -> Array:
-    """(6,) noise floor behind everything that was found, all of it acting in the frame."""
-    q = joint.problem
-    final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
-    left = frame.measured - frame.predicted - corrected(frame, final[q.base], q.base_names)
-    lags = [m.shape["lag_s"] for m in joint.members if m.name == "rotor_lag"]
-    return flight_floor(frame, left, reduce_columns(frame, left), *lags)
 
 
 def refine_stand(
@@ -226,10 +236,10 @@ def refine_stand(
         selection = Selection() if mislabelled or few else select(problem)
         reduce = _present(bare)
         selection, start = _again(problem, selection, bare, known, reduce)
-        joint, acting = _together(problem, selection, bare, known, reduce, start)
+        joint, acting = together(problem, selection, bare, known, reduce, start)
         if outrun_names := outrun(joint, acting, reduce):
             selection = _without(selection, outrun_names)
-            joint, acting = _together(problem, selection, bare, known, reduce, start)
+            joint, acting = together(problem, selection, bare, known, reduce, start)
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:
             shed = acting.predicted - problem.frame.predicted if selection.members else None
@@ -296,10 +306,10 @@ def _again(
         if not selection.members:
             break
         claimed = Selection(members=selection.members)
-        joint, _ = _together(problem, claimed, bare, known, reduce, settled)
+        joint, _ = together(problem, claimed, bare, known, reduce, settled)
         if len(joint.members) != len(selection.members) or joint.problem.frame is not bare:
             break  # the plain sum was better
-        fitter = _fitter(problem, bare, known, {m.name for m in joint.members}, reduce)
+        fitter = fitter_of(problem, bare, known, {m.name for m in joint.members}, reduce)
         about = fitter.beside(joint)
         had = {m.name for m in joint.members}
         again = select(about, about.options[: len(had)], barred=barred, on_trial=number < rounds)
@@ -310,95 +320,6 @@ def _again(
         if same:
             break
     return selection, settled
-
-
-def _fitter(
-    problem: Problem, bare: Any, known: Sequence[Part], names: set[str], reduce: Callable[[Array], Array]
-) -> Fitter:
-    return Fitter(problem, bare, [part for part in known if part[0].name not in names], reduce)
-
-
-def _together(
-    problem: Problem,
-    selection: Selection,
-    bare: Any,
-    known: Sequence[Part],
-    reduce: Callable[[Array], Array],
-    settled: Mapping[str, Member] | None = None,
-    *,
-    base: Callable[[Any, Callable[[Array], Array]], Array] | None = None,
-    all_of: bool = False,
-) -> tuple[Joint, Any]:
-    """Members and doubtful ones fitted together, and the frame with them acting.
-
-    `settled` are members as an earlier fit left them: they start from there. `base(frame, reduce)` gives the
-    base corrections of a frame, (rows, C, B): with effects in it they are others than without. `all_of`: none
-    is dropped for being needless.
-    """
-    options = [*selection.members, *selection.doubtful]
-    names = {o.name for o in options}
-    # an effect that the model has and the log gives other numbers for starts from those it has
-    had = {effect.name: parameters for effect, parameters in known}
-    fitter = _fitter(problem, bare, known, names, reduce)
-    plain = straight(problem, _of_grid(problem, options))
-    if not options:
-        if base is not None:
-            plain = straight(settled_base(problem), [])
-        return plain, fitter.acting([])
-    start: list[Member] = []
-    exact: Joint | None = None
-    for o, m in zip(options, plain.members, strict=True):
-        if settled and o.name in settled:
-            start.append(settled[o.name])
-            continue
-        at = o.effect.inverse(bare, had[o.name]) if o.name in had else (m.shape, m.coefficients)
-        start.append(member(bare, o.effect, *at))
-    try:
-        long = LONG_STAND if problem.noise_known else LONG
-        joint = fit(fitter, start, alternatives=problem.residual.size < long)
-        if base is not None:
-            if problem.residual.size < LONG and not (all_of or selection.doubtful or names & set(had)):
-                joint = needed(fitter, joint)
-                selection.trace += _dropped(selection.members, joint)
-            columns = base(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
-            again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
-            joint = again if _squares(again.problem) < _squares(joint.problem) else joint
-            exact = weighed_again(
-                joint, problem, bare, fitter.fixed, reduce, base, alternatives=problem.residual.size < LONG
-            )
-    except np.linalg.LinAlgError:  # numbers that no column tells apart
-        return plain, fitter.acting(plain.members)
-    ratio = _squares(joint.problem) / max(_squares(plain.problem), 1e-12)
-    refused = any(m.effect.refuse(m.parameters(bare)) for m in joint.members)
-    if not names & set(had) and (not ratio < WORSE or refused):
-        joint = plain
-    elif exact is not None and not any(m.effect.refuse(m.parameters(bare)) for m in exact.members):
-        joint = exact
-    return joint, fitter.acting(joint.members)
-
-
-def _dropped(chosen: Sequence[Option], joint: Joint) -> list[Step]:
-    """A line of the trace for each that the joint fit does not need."""
-    kept = {m.name for m in joint.members}
-    why = "not needed when the others act together"
-    return [Step(9, "drop", o.name, 0.0, 1.0, 0.0, True, why) for o in chosen if o.name not in kept]
-
-
-def _of_grid(problem: Problem, options: Sequence[Option]) -> list[Option]:
-    """The problem's own options nearest to these, which may be of another problem."""
-    out = []
-    for o in options:
-        mine = [x for x in problem.options if x.name == o.name]
-        out.append(min(mine, key=lambda x: _distance(x.shape, o.shape)))
-    return out
-
-
-def _distance(a: Shape, b: Shape) -> float:
-    return sum(abs(a.get(k, 9.0) - b.get(k, 9.0)) for k in {*a, *b})
-
-
-def _squares(p: Problem) -> float:
-    return float(held_out(p.blocks, columns_of(p, list(p.options)))[0].sum())
 
 
 __all__ = ["Ambiguous", "Refinement", "refine", "refine_stand"]

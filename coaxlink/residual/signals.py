@@ -212,6 +212,8 @@ def _noises(frequency: Array, rate_hz: float, lag_s: float) -> Array:
 def _mixture(spectrum: Array, shapes: Array, segments: float, known: Array) -> tuple[Array, float]:
     """(K,) amounts >= 0 of shapes (F, K) beside what is `known` (F,) of a spectrum averaged over segments,
     and its -log L."""
+    if not np.any(spectrum):  # a channel that was never measured
+        return np.zeros(shapes.shape[1]), 0.0
     level = np.full(len(spectrum), float(np.mean(spectrum)))
     scale = shapes.mean(axis=0)
     amounts = np.zeros(shapes.shape[1])

@@ -7,7 +7,7 @@ mid-flight explains far more than a state that was always there, the effect is o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,8 +23,13 @@ EDGE_BLOCKS = 3  # on either side
 MOST = 3  # starts offered for each effect
 
 
-def with_onsets(p: Problem, members: Sequence[Option], reduce: Callable[[Array], Array]) -> Problem:
-    """The problem with effects offered that begin in mid-flight; the same object where none is worth it."""
+def with_onsets(
+    p: Problem, members: Sequence[Option], reduce: Callable[[Array], Array], barred: Collection[str] = ()
+) -> Problem:
+    """The problem with effects offered that begin in mid-flight; the same object where none is worth it.
+
+    Those of `barred` names are not offered.
+    """
     if len(np.unique(p.frame.log)) > 1 or p.blocks.count < 4 * EDGE_BLOCKS:
         return p
     offered = {
@@ -33,7 +38,7 @@ def with_onsets(p: Problem, members: Sequence[Option], reduce: Callable[[Array],
     found: list[tuple[float, Option, float]] = []
     scan = _Scan(p, list(members))
     for option in p.options:
-        if not option.effect.sudden or "onset_s" in option.shape:
+        if not option.effect.sudden or option.name in barred or "onset_s" in option.shape:
             continue
         gain, start = scan.best(option)
         if gain > GAIN:

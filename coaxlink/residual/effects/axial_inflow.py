@@ -111,6 +111,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=lambda p: outside("thrust_per_climb_N_s_m", p["thrust_per_climb_N_s_m"], 0.0, 30.0, "N s/m"),
     cause=_cause,
+    nil=lambda _: {"thrust_per_climb_N_s_m": 0.0},
     stage=3,
     apply=_apply,
     free=lambda _, shape: {"levelling_s_m": LEVELLING_S_M} if "levelling_s_m" in shape else {},

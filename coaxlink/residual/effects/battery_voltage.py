@@ -91,6 +91,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=_refuse,
     cause=lambda frame, _, channel: ("voltage_V", _voltage(frame)),
+    nil=lambda _: {"speed_exponent": 0.0},
     stage=1,
     apply=_apply,
 )

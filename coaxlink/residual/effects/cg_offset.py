@@ -43,6 +43,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     ),
     refuse=_refuse,
     cause=lambda frame, _, channel: ("total_thrust_N", frame.thrust.sum(axis=1)),
+    nil=lambda _: {"offset_x_m": 0.0, "offset_y_m": 0.0},
     sudden=True,
     stage=8,
     free=onset_limits,

@@ -16,6 +16,9 @@ from coaxlink.residual.effects.base import Array, Effect, Shape, outside, presen
 from coaxlink.residual.effects.onset import onset_limits, since
 from coaxlink.residual.frames import FlightFrame
 
+# how much torque may change, and more with the thrust that is lost
+TORQUE_ALONE, TORQUE_PER_THRUST = 0.03, 4.0
+
 
 def _shapes(frame: FlightFrame) -> Sequence[Shape]:
     numbers = [float(r.number) for r in frame.airframe.rotors]
@@ -63,8 +66,10 @@ def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
 
 
 def _refuse(p: Mapping[str, float]) -> str | None:
+    # a blade that drags otherwise lifts otherwise: torque alone is no failing rotor
+    most = min(1.0, TORQUE_ALONE + TORQUE_PER_THRUST * abs(p["thrust_loss"]))
     return outside("thrust_loss", p["thrust_loss"], 0.0, 1.0) or outside(
-        "torque_loss", p["torque_loss"], -1.0, 1.0
+        "torque_loss", p["torque_loss"], -most, most
     )
 
 
@@ -102,6 +107,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
         f"thrust of rotor {int(shape['rotor'])}, N",
         frame.thrust[:, int(shape["rotor"]) - 1],
     ),
+    nil=lambda _: {"thrust_loss": 0.0},
     sudden=True,
     stage=2,
     apply=_apply,

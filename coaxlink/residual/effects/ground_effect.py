@@ -128,6 +128,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=_refuse,
     cause=lambda frame, _, channel: ("height_m", _height(frame)),
+    nil=lambda _: {"gain_at_ground": 0.0, "effective_radius_m": 0.0},
     stage=4,
     apply=_apply,
     free=_free,

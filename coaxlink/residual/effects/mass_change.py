@@ -46,6 +46,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=lambda p: outside("mass_kg", p["mass_kg"], 1e-3, 1e4, "kg"),
     cause=lambda frame, _, channel: ("total_thrust_N", frame.thrust.sum(axis=1)),
+    nil=lambda frame: {"mass_kg": frame.airframe.mass_kg},
     sudden=True,
     stage=9,
     free=onset_limits,

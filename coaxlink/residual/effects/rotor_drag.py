@@ -150,6 +150,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=_refuse,
     cause=drag_cause,
+    nil=lambda _: dict.fromkeys(_FORMS.values(), 0.0),
     stage=5,
     free=lambda _, shape: {"saturation_m_s": (0.5, 60.0)} if "saturation_m_s" in shape else {},
     finer=_finer,

@@ -48,5 +48,6 @@ FLIGHT: Effect[FlightFrame] = Effect(
             frame.speeds @ np.array([r.yaw_sign for r in frame.airframe.rotors], float), 1 / frame.rate_hz
         ),
     ),
+    nil=lambda _: {"rotor_inertia_kg_m2": 0.0},
     stage=7,
 )

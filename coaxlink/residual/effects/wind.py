@@ -2,8 +2,9 @@
 
 Source: rotor drag (see `rotor_drag`) on the air speed; constant wind in the world frame, seen by the body
 through its attitude; the body's own drag, (d |v - w| + e) (v - w), acts besides. Needs turns of heading or
-speed to be told from a sensor bias. It is found linear in the wind, then fitted as written; near the ground
-it may blow less: w = w_m (h / h_m)^p, h_m the flight's middle height (power law of the wind's profile).
+speed to be told from a sensor bias. Where `rotor_drag` stands beside it, that is the rotors' drag in still
+air, and here is what the wind makes more of it. It is found linear in the wind, then fitted as written; near
+the ground it may blow less: w = w_m (h / h_m)^p, h_m the flight's middle height (the wind's power law).
 """
 
 from __future__ import annotations
@@ -49,11 +50,16 @@ def _exact(frame: FlightFrame, shape: Shape) -> Array:
     force[:, 3:], moment[:, :3] = 0.0, 0.0
     body = np.zeros_like(force)
     body[:, :3] = -np.linalg.norm(air, axis=1, keepdims=True) * air
-    if "linear" not in shape:
-        return np.stack([force, moment, body], axis=-1)
-    linear = np.zeros_like(force)
-    linear[:, :3] = -air
-    return np.stack([force, moment, body, linear], axis=-1)
+    columns = [force, moment, body]
+    if "beside_drag" in shape:  # what the rotors' drag is more than in still air
+        still = hub_drag(frame, frame.velocity, _BY_SPEED)
+        still[:, 3:] = 0.0
+        columns = [force - still, body]
+    if "linear" in shape:
+        linear = np.zeros_like(force)
+        linear[:, :3] = -air
+        columns.append(linear)
+    return np.stack(columns, axis=-1)
 
 
 def _profile(frame: FlightFrame, shape: Shape) -> Array:
@@ -64,16 +70,23 @@ def _profile(frame: FlightFrame, shape: Shape) -> Array:
     return np.asarray((height / float(np.median(height[frame.keep]))) ** shape["shear"])
 
 
+def _names(shape: Shape) -> tuple[str, ...]:
+    """Of the coefficients at one wind."""
+    moment = () if "beside_drag" in shape else ("moment_N_s_m",)
+    linear = ("body_drag_kg_s",) if "linear" in shape else ()
+    return ("drag_per_speed_N_s_m", *moment, "body_drag_kg_m", *linear)
+
+
 def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
     if "north" in shape:
+        named = dict(zip(_names(shape), map(float, c), strict=True))
         return {
-            "drag_per_speed_N_s_m": float(c[0]),
+            "drag_per_speed_N_s_m": named.pop("drag_per_speed_N_s_m"),
             "wind_north_m_s": shape["north"],
             "wind_east_m_s": shape["east"],
-            "moment_N_s_m": float(c[1]),
-            "body_drag_kg_m": float(c[2]),
-            **({"body_drag_kg_s": float(c[3])} if "linear" in shape else {}),
+            **named,
             **({"shear_power": shape["shear"]} if "shear" in shape else {}),
+            **({"beside_drag": 1.0} if "beside_drag" in shape else {}),
         }
     k = c[0] if abs(c[0]) > 1e-9 else 1e-9
     return {
@@ -88,14 +101,19 @@ def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
     k = p["drag_per_speed_N_s_m"]
     if "body_drag_kg_m" in p:
         shape = {"north": p["wind_north_m_s"], "east": p["wind_east_m_s"]}
-        c = [k, p["moment_N_s_m"], p["body_drag_kg_m"]]
         if "shear_power" in p:
             shape["shear"] = p["shear_power"]
-        if "body_drag_kg_s" in p:
-            shape["linear"] = 1.0
-            c.append(p["body_drag_kg_s"])
-        return shape, np.array(c)
+        shape |= {"linear": 1.0} if "body_drag_kg_s" in p else {}
+        shape |= {"beside_drag": 1.0} if "beside_drag" in p else {}
+        return shape, np.array([p[name] for name in _names(shape)])
     return {}, np.array([k, k * p["wind_north_m_s"], k * p["wind_east_m_s"], k * p["moment_share"]])
+
+
+def apart(p: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """The wind's parameters with the rotors' drag in still air as an effect of its own, and those of that."""
+    k = p["drag_per_speed_N_s_m"]
+    wind = {n: v for n, v in p.items() if n != "moment_N_s_m"} | {"beside_drag": 1.0}
+    return wind, {"drag_per_speed_N_s_m": k, "moment_share": p["moment_N_s_m"] / k}
 
 
 def _refuse(p: Mapping[str, float]) -> str | None:
@@ -139,6 +157,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
         "body_drag_kg_m": "kg/m",
         "body_drag_kg_s": "kg/s",
         "shear_power": "1",
+        "beside_drag": "1",
     },
     missing=_missing,
     shapes=lambda _: [{}],
@@ -147,6 +166,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
     inverse=_inverse,
     refuse=_refuse,
     cause=drag_cause,
+    nil=lambda _: {"wind_north_m_s": 0.0, "wind_east_m_s": 0.0},
     stage=5,
     free=lambda _, shape: {k: LIMITS[k] for k in shape if k in LIMITS},
     finer=_finer,
