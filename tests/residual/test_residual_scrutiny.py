@@ -14,6 +14,8 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.residual import refine
 from coaxlink.residual.effects import FLIGHT_EFFECTS
+from coaxlink.residual.effects.wind import apart
+from coaxlink.residual.flight import flight_frame
 from coaxlink.residual.scrutiny import nil
 from coaxlink.rotor import load_rotor_model
 
@@ -93,3 +95,17 @@ def test_torque_without_thrust_is_no_failing_rotor():
     refuse = EFFECTS["degraded_rotor"].refuse
     assert refuse({"rotor": 8.0, "thrust_loss": 0.001, "torque_loss": -0.09})
     assert refuse({"rotor": 8.0, "thrust_loss": 0.1, "torque_loss": -0.1}) is None
+
+
+def test_a_wind_and_rotor_drag_of_its_own_add_up_to_the_wind_that_held_both(flights):
+    airframe, model = (
+        load_airframe(files.example("x8_paper.toml")),
+        load_rotor_model(files.example("rotor_paper.toml")),
+    )
+    frame = flight_frame([Samples(flights["clean"], "flight")], airframe, model)
+    whole = {"drag_per_speed_N_s_m": 0.6, "wind_north_m_s": 4.0, "wind_east_m_s": -2.0}
+    whole |= {"moment_N_s_m": 0.5, "body_drag_kg_m": 0.1, "body_drag_kg_s": 0.2}
+    wind, drag = apart(whole)
+    both = EFFECTS["wind"].contribution(frame, wind) + EFFECTS["rotor_drag"].contribution(frame, drag)
+    assert both == pytest.approx(EFFECTS["wind"].contribution(frame, whole), abs=1e-9)
+    assert np.abs(EFFECTS["rotor_drag"].contribution(frame, drag)).max() > 0.1
