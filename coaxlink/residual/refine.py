@@ -51,7 +51,7 @@ from coaxlink.rotor import RotorModel
 Progress = Callable[[str], None]
 ROUNDS = 3  # of judging again
 LEAST_ROWS = 80  # judged rows of a flight
-SCRUTINIES = 4  # of a flight's choice; of a long one, one
+SCRUTINIES = 4  # of a flight's choice; of one longer than five minutes, one
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
 FAR_OFF = 1.15  # of the noise: a fitted base is looked at again
@@ -105,7 +105,7 @@ def refine(
             break
         struck += again  # at most every effect once, and its beginning
         problem = without(problem, again)
-        if number == SCRUTINIES - 1 or problem.residual.size > SHORT:
+        if number == SCRUTINIES - 1 or problem.residual.size > SHORT // 2:
             gone = {d.name for d in again}
             selection = undone(selection, gone)
             joint, acting = together(problem, selection, bare, known, reduce, base=base_columns)
