@@ -23,6 +23,7 @@ MOST_ABOVE, PLACES = 0.75, 24  # of the rows; thresholds of throttle
 LEAST_LIE, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
 SURE = 8.0  # standard errors of the step
 CLEARED = 0.25  # of the squares that the loads leave, once the reading is mended
+AMONG = 0.7  # of the rows that lie: at speeds that a base fitted to the other rows has seen
 COARSE = 0.02  # of the speed
 ROUNDS = 4
 
@@ -165,6 +166,13 @@ def _curves(frame: StandFrame, side: int, supply: bool) -> Array:
     return np.stack(columns, axis=1)
 
 
+def _between(speed: Array, lie: Lie) -> bool:
+    """Whether the mended speeds lie among those of the other rows."""
+    low, high = np.quantile(speed[~lie.rows], [0.02, 0.98])
+    mended = speed[lie.rows] / (1.0 + lie.reads_high_by)
+    return bool(np.mean((mended > low) & (mended < high)) > AMONG)
+
+
 def _loads_clear(frame: StandFrame, lie: Lie) -> bool:
     """Whether the rotor's own loads fit clearly better with the reading mended than as it stands."""
     loads = [c for c in (2 * lie.side, 2 * lie.side + 1) if c in frame.present]
@@ -173,6 +181,8 @@ def _loads_clear(frame: StandFrame, lie: Lie) -> bool:
     model = frame.model
     if frame.free_base:
         rest = ~lie.rows
+        if not _between(frame.speeds[:, lie.side], lie):
+            return False  # polynomials fitted to slow rows tell nothing of fast ones
         model = own_model(frame.speeds[rest], frame.measured[rest], loads, frame.model.speed_max_rpm)
     left = []
     for factor in (1.0, 1.0 / (1.0 + lie.reads_high_by)):

@@ -1,4 +1,4 @@
-"""Real firmware's flights (not part of the repository): the null gives nothing, the drag gives drag only."""
+"""Real logs (not part of the repository): flights of real firmware, steps of a real stand."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import pytest
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.data import read_flight_log
-from coaxlink.residual import refine
+from coaxlink.data import read_flight_log, read_stand_log
+from coaxlink.residual import refine, refine_stand
 from coaxlink.rotor import load_rotor_model
 
-FLIGHTS = Path(__file__).resolve().parents[3] / "shared" / "data" / "flights"
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+FLIGHTS = DATA / "flights"
 pytestmark = [
     pytest.mark.shared_data,
     pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the real logs are not beside the repository"),
@@ -41,3 +42,12 @@ def test_rotor_drag_is_found_alone_and_down_to_what_the_true_form_leaves():
     after = [result.channels[c].rmse_after for c in ("force_x", "force_y")]
     assert before == pytest.approx([6.5, 5.7], rel=0.1)
     assert after[0] < 0.32 and after[1] < 0.30  # the true form leaves 0.29 and 0.25
+
+
+@pytest.mark.parametrize("name", ["xNova-SR-steps.csv", "xNova-MR-steps.csv"])
+def test_steps_of_a_real_motor_show_its_lag_and_accuse_nobody(name):
+    result = refine_stand(read_stand_log(DATA / "single" / name))
+    numbers = {e.name: {p.name: p.value for p in e.parameters} for e in result.effects}
+    assert result.suspect_data == ()
+    assert numbers["rotor_lag"]["lag_s"] == pytest.approx(0.15, abs=0.02)
+    assert numbers["rotor_inertia_torque"]["rotor_inertia_kg_m2"] == pytest.approx(1.9e-5, rel=0.15)

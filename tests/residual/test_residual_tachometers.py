@@ -84,3 +84,22 @@ def test_a_tachometer_that_reads_in_coarse_steps_is_accused() -> None:
     answer = refine_stand(log.with_columns(lower_rpm=step * np.round(log["lower_rpm"] / step)))
     assert [(s.column, s.rows) for s in answer.suspect_data] == [("lower_rpm", "all")]
     assert answer.effects == () and "steps of" in answer.suspect_data[0].why
+
+
+def test_steps_between_two_speeds_accuse_nobody() -> None:
+    """One rotor, two throttles, a lag between them: what slow rows fit says nothing of the fast ones."""
+    random = np.random.default_rng(5)
+    throttle = np.tile(np.repeat([0.25, 0.8], 30), 12)
+    speed = np.zeros(len(throttle))
+    for k in range(len(throttle)):
+        target = throttle[k] * (1.1 - 0.25 * throttle[k]) + (0.06 if throttle[k] > 0.5 else 0.0)
+        speed[k] = target if k == 0 else speed[k - 1] + 0.45 * (target - speed[k - 1])
+    columns = {
+        "time_s": 0.1 * np.arange(len(throttle)),
+        "upper_throttle": throttle,
+        "upper_rpm": RPM * speed + 4.0 * random.standard_normal(len(speed)),
+        "upper_thrust_N": 60.0 * speed**2.0 + 0.2 * random.standard_normal(len(speed)),
+        "upper_torque_Nm": 1.4 * speed**2.0 + 0.005 * random.standard_normal(len(speed)),
+    }
+    answer = refine_stand(Samples(columns, "steps"))
+    assert not answer.suspect_data and "rotor_lag" in [e.name for e in answer.effects]
