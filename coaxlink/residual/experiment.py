@@ -219,6 +219,8 @@ def stand_experiment(frame: StandFrame, sigma: Array, rivals: Sequence[Rival]) -
     present = list(frame.present)
 
     def look(pieces: Sequence[Any]) -> View | None:
+        if not any(max(*p.upper, *p.lower) > 0.0 for p in pieces):
+            return None  # a rest by itself shows nothing
         plan = planned(bench, pieces)
         if any(r.effect.missing(plan) is not None for r in rivals):
             return None
@@ -256,7 +258,9 @@ def planned(bench: Bench, pieces: Sequence[Piece]) -> StandFrame:
         if c < 4:
             columns[COLUMN_OF[STAND_CHANNELS[c]]] = np.zeros(rows)
     out = stand_frame(Samples(columns, "planned"), frame.model)
-    return replace(out, free_base=frame.free_base, present=frame.present, reference=frame.reference)
+    return replace(
+        out, free_base=frame.free_base, driven=frame.driven, present=frame.present, reference=frame.reference
+    )
 
 
 def _rows(piece: Piece) -> Array:

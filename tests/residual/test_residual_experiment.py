@@ -97,3 +97,23 @@ def test_a_hover_cannot_weigh_but_the_proposed_flight_can(tmp_path):
     answer = tmp_path / "second.json"
     coaxlink("refine", second, "--airframe", EXAMPLES / "x8_demo.toml", "--json", answer)
     assert [e["name"] for e in json.loads(answer.read_text())["effects"]] == ["mass_change"]
+
+
+def test_a_log_with_rpm_gets_a_plan_too():
+    """No rotor turns in a rest alone, and a plan's exact rpm are no commands."""
+    from residual_rig import run as rig
+
+    from coaxlink.data import Samples
+    from coaxlink.residual.effects import STAND_EFFECTS
+    from coaxlink.residual.experiment import Rival, stand_experiment
+    from coaxlink.residual.stand import stand_frame
+
+    columns = rig(seed=2)
+    frame = stand_frame(Samples(columns, "stand"), None)
+    known = {e.name: e for e in STAND_EFFECTS}
+    drift = Rival(known["sensor_drift"], {"channel": 0.0, "per_minute": 0.3, "zero": 0.0})
+    loss = {"thrust_loss_N": 3.0, "torque_loss_Nm": 0.0, "lower_power": 2.0, "upper_power": 1.0}
+    found = stand_experiment(
+        frame, np.full(6, 0.1), [drift, Rival(known["lower_on_upper_interference"], loss)]
+    )
+    assert found is not None and found.distance > 3.0 and found.channel == "upper_thrust"
