@@ -33,6 +33,7 @@ OWN_COLUMNS = (
     "air_pressure_Pa",
     "rotor_spacing_m",
 )
+_OF_A_ROTOR = re.compile(r"(upper|lower)_(rpm|throttle|thrust_N|torque_Nm)")
 _OWN_STYLE = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 PWM_STOP_US, PWM_SPAN_US = 1000.0, 1000.0  # what ESCs and both firmwares take for 0 and 0..1
 
@@ -59,7 +60,10 @@ def read_stand_log(path: Path, columns_map: Path | None = None) -> Samples:
     for i in own:
         columns.setdefault(table.headings[i], table.numbers(i))
         used.add(i)
-    foreign = {} if own else _foreign(table, used, notes)
+    # a foreign file to which somebody added a spacing or a temperature of ours is a foreign file
+    foreign = (
+        {} if any(_OF_A_ROTOR.fullmatch(table.headings[i]) for i in own) else _foreign(table, used, notes)
+    )
     for name, column in foreign.items():
         columns.setdefault(name, column)
     context = _context(table, used, notes)

@@ -57,6 +57,12 @@ def test_platform_headings_grams_pwm_and_signs(tmp_path: Path) -> None:
     assert "Total Thrust [g]" in said and not any("Total" in name for name in log.columns)
 
 
+def test_a_foreign_file_with_a_column_of_ours_is_a_foreign_file(tmp_path: Path) -> None:
+    text = PLATFORM.strip() + ",rotor_spacing_m\n1500,1250,1000,-0.2,500,4000,3000,1500,2,0.226\n"
+    log = read_stand_log(write(tmp_path, text))
+    assert log["rotor_spacing_m"].tolist() == [0.226] and log["upper_rpm"].tolist() == [4000.0]
+
+
 @pytest.mark.parametrize("unit, factor", [("N", 1.0), ("gf", 0.00980665), ("kgf", 9.80665)])
 def test_tyto_thrust_units_bom_trailing_comma_and_both_micros(
     tmp_path: Path, unit: str, factor: float
