@@ -34,6 +34,7 @@ from coaxlink.residual.joint import (
 )
 from coaxlink.residual.mass_or_thrust import Scales, behind_voltage, doubt, scales, whole_mass
 from coaxlink.residual.problem import Problem
+from coaxlink.residual.remainder import minor
 from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.reweigh import channel_errors, reweighed, settled_base
 from coaxlink.residual.scrutiny import Doubt, disbelieved, settled_lift, undone, without
@@ -237,8 +238,12 @@ def refine_stand(
         reduce = _present(bare)
         selection, start = _again(problem, selection, bare, known, reduce)
         joint, acting = together(problem, selection, bare, known, reduce, start)
-        if outrun_names := outrun(joint, acting, reduce):
-            selection = _without(selection, outrun_names)
+        gone = outrun(joint, acting, reduce)
+        why = "needless beside something that changes over time and was not logged"
+        if not gone:
+            gone, why = minor(joint, _stand_floor(bare, joint)), "leaves most of what is there"
+        if gone:
+            selection = _without(selection, gone, why)
             joint, acting = together(problem, selection, bare, known, reduce, start)
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:
@@ -251,9 +256,8 @@ def refine_stand(
     return answer(best[1], several)
 
 
-def _without(selection: Selection, names: set[str]) -> Selection:
-    """The selection less what a free course over time does as well."""
-    why = "needless beside something that changes over time and was not logged"
+def _without(selection: Selection, names: set[str], why: str) -> Selection:
+    """The selection less what another does as well, or what does too little."""
     steps = [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(names)]
     kept = [m for m in selection.members if m.name not in names]
     doubtful = [m for m in selection.doubtful if m.name not in names]

@@ -18,7 +18,7 @@ from coaxlink.residual.labels import mislabels
 from coaxlink.residual.result import Suspect
 from coaxlink.residual.stand import COLUMN_OF, own_model
 from coaxlink.residual.stretches import Mask
-from coaxlink.residual.tachometers import coarse_step, lies
+from coaxlink.residual.tachometers import coarse_step, lies, stuck_readings
 
 SWAP = 0.25  # of the squares left when the labels are exchanged
 LEAST_LEFT = 8  # rows
@@ -81,6 +81,10 @@ def _look_at_cells(found: _Finding) -> None:
         elif stuck.any():
             why = "one reading repeats exactly while the rotors turn and other cells do not stand still"
             found.rows(column, stuck, why)
+    for side, name in enumerate(("upper_rpm", "lower_rpm")):
+        stuck = stuck_readings(frame, side)
+        if stuck.any():
+            found.rows(name, stuck, "one reading repeats exactly while the rotor's load goes up and down")
     repeated = repeated_rows(frame) & ~found.bad
     if repeated.any():
         found.rows("all loads", repeated, "these readings stand in the log before, digit by digit")

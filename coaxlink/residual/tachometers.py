@@ -23,6 +23,7 @@ MOST_ABOVE, PLACES = 0.75, 24  # of the rows; thresholds of throttle
 LEAST_LIE, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
 SURE = 8.0  # standard errors of the step
 CLEARED = 0.25  # of the squares that the loads leave, once the reading is mended
+RARE, MOVES = 0.1, 0.15  # of the runs of equal readings; of the reference load
 AMONG = 0.7  # of the rows that lie: at speeds that a base fitted to the other rows has seen
 COARSE = 0.02  # of the speed
 ROUNDS = 4
@@ -79,6 +80,32 @@ def coarse_step(frame: StandFrame, side: int) -> float | None:
         return None
     step = float(np.min(np.diff(read)))
     return step if step > COARSE * float(read[-1]) else None
+
+
+def stuck_readings(frame: StandFrame, side: int) -> Mask:
+    """(rows,) where a tachometer that else never repeats itself does, while the rotor's load moves."""
+    read, out = frame.speeds[:, side], np.zeros(len(frame.time_s), bool)
+    load = next((c for c in (2 * side, 2 * side + 1) if c in frame.present), None)
+    if frame.driven or load is None:
+        return out
+    start = np.flatnonzero(np.concatenate([[True], np.diff(read) != 0.0]))
+    least = max(LEAST_ROWS, len(read) // 50)
+    runs = list(zip(start, np.append(start[1:], len(read)), strict=True))
+    if sum(1 for first, end in runs if 1 < end - first < least) > RARE * len(runs):
+        return out
+    for first, end in runs:
+        rows = slice(first, end)
+        moved, due = (
+            np.ptp(np.quantile(x[rows, load], [0.05, 0.95]))
+            for x in (frame.measured, frame.loads_at(frame.speeds))
+        )
+        if (
+            end - first >= least
+            and read[first] > 0.0
+            and moved > max(MOVES * frame.reference[load], 2.0 * due)
+        ):
+            out[rows] = True
+    return out
 
 
 def _orders(frame: StandFrame, side: int) -> list[NDArray[np.intp]]:

@@ -105,3 +105,25 @@ def test_a_dead_band_shows_where_a_rotor_stands_at_rest(paper):
     named = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
     answer = refined(columns | dict(zip(named, loads, strict=True)), paper, *CONTEXT)
     assert names(answer) == ["dead_band"]
+
+
+def test_a_tachometer_that_stands_still_is_accused_with_its_rows(paper):
+    columns = run(seed=10, throttle=False)
+    order = np.random.default_rng(3).permutation(len(columns["time_s"]))
+    columns = {k: (v if k == "time_s" else v[order]) for k, v in columns.items()}
+    columns["lower_rpm"][200:280] = columns["lower_rpm"][200]
+    answer = refined(columns, paper, *CONTEXT)
+    (suspect,) = answer.suspect_data
+    assert not answer.effects and suspect.column == "lower_rpm" and suspect.rows.startswith("201-280")
+
+
+def test_a_stretched_scale_is_a_dead_band_though_no_throttle_was_low(paper):
+    rng = np.random.default_rng(4)
+    throttle = rng.uniform(0.35, 1.0, (2, 400))
+    loads = steady_loads(*((throttle - 0.12) / 0.88))
+    loads += np.array([[0.3], [0.006], [0.3], [0.006]]) * rng.standard_normal(loads.shape)
+    columns = {"time_s": np.arange(400.0), "upper_throttle": throttle[0], "lower_throttle": throttle[1]}
+    named = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+    answer = refined(columns | dict(zip(named, loads, strict=True)), paper)
+    assert names(answer) == ["dead_band"]
+    assert {p.name: p.value for p in answer.effects[0].parameters}["band"] == pytest.approx(0.12, abs=0.02)

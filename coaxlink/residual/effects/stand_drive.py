@@ -273,8 +273,13 @@ def _dead(frame: StandFrame, shape: Shape) -> Array:
 
 
 def _no_low(frame: StandFrame) -> str | None:
-    low = float(np.mean(drive(frame) < 0.2))
-    return _drivable(frame) or (None if low > 0.01 else "no rows at low throttle")
+    return None if float(np.mean(drive(frame) < 0.2)) > 0.01 else "no rows at low throttle"
+
+
+def _dead_shapes(frame: StandFrame) -> Sequence[Shape]:
+    # where no row is low, a band shows only if it stretches the whole scale
+    forms: list[Shape] = [{"stretched": 1.0}] if _no_low(frame) else [{}, {"stretched": 1.0}]
+    return [{"band": b, **form} for b in BANDS for form in forms]
 
 
 def _dead_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
@@ -299,8 +304,8 @@ DEAD_BAND: Effect[StandFrame] = Effect(
     needs=("upper_throttle",),
     channels=STAND_CHANNELS,
     units={"band": "1", "share": "1", "stretched": "1", "bend": "1"},
-    missing=_no_low,
-    shapes=lambda _: [{"band": b, **form} for b in BANDS for form in ({}, {"stretched": 1.0})],
+    missing=_drivable,
+    shapes=_dead_shapes,
     columns=lambda frame, shape: _bent(frame, _dead(frame, shape))[..., None],
     parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
     inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),

@@ -1,0 +1,37 @@
+"""Effects that leave most of what is there: whatever made it, they did not."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.residual.blocks import held_out
+from coaxlink.residual.joint import Joint
+from coaxlink.residual.problem import Option
+from coaxlink.residual.select import columns_of
+
+Array = NDArray[np.float64]
+
+SEEN, LEFT = 1.5, 3.0  # of the noise: without the effect, and with it
+TAKEN = 0.5  # of the squares above the noise
+
+
+def minor(joint: Joint, floor: Array) -> set[str]:
+    """Names of members that nowhere take half of what is above the noise `floor` (C,), and leave much."""
+    q = joint.problem
+    rows = q.blocks.rows.sum()
+
+    def errors(options: list[Option]) -> Array:
+        """(C,) held-out error over the noise."""
+        squares = held_out(q.blocks, columns_of(q, options))[0].sum(axis=0)
+        return np.asarray(np.sqrt(squares / rows) * q.sigma / np.maximum(floor, 1e-12))
+
+    found = set()
+    after = errors(list(q.options))
+    for option in q.options:
+        before = errors([o for o in q.options if o is not option])
+        seen = (before > SEEN) & (before > 1.02 * after)
+        taken = (before**2 - after**2) / np.maximum(before**2 - 1.0, 1e-9)
+        if seen.any() and np.all((taken < TAKEN) & (after > LEFT) | ~seen):
+            found.add(option.name)
+    return found
