@@ -2,7 +2,8 @@
 
 A supply that sags, a battery that was changed, weather: where voltage or air were not logged, speeds or loads
 still change with them, and an effect whose own column happens to run alike would take their place. A free
-course over time, the same for both rotors, has no name. What is needless beside one is not claimed.
+course over time, the same for both rotors, has no name, nor has a recorded column that no effect knows. What
+is needless beside one of these is not claimed.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ from coaxlink.residual.problem import Option, from_design
 from coaxlink.residual.select import Judge
 
 KNOTS = 8
+FEW_VALUES = 6
+KNOWN = ("_rpm", "_throttle", "_thrust_N", "_torque_Nm", "_V", "_A", "_W", "_C", "_Pa", "_pwm")
 CLEAR_P, CLEAR_SHARE = 1e-6, 0.3  # a course counts that takes this share of a load's squared error
 
 
 def outrun(joint: Joint, frame: StandFrame, reduce: Callable[[Array], Array]) -> set[str]:
     """Names of members that are needless beside a course over time which the log clearly asks for."""
     q, found = joint.problem, set()
-    for columns in _courses(frame) if joint.members else ():
+    for columns in (*_courses(frame), *_strangers(frame)) if joint.members else ():
         added = (reduce(columns) / q.sigma[:, None]).astype(q.design.dtype)
         at = q.design.shape[-1]
         course = Option(_NAMELESS, {}, np.arange(at, at + added.shape[-1]))
@@ -39,6 +42,22 @@ def outrun(joint: Joint, frame: StandFrame, reduce: Callable[[Array], Array]) ->
             if judge.trial([*rest, course], m).why_not is not None:
                 found.add(m.name)
     return found
+
+
+def _strangers(frame: StandFrame) -> list[Array]:
+    """(rows, 6, K) of every recorded column that no effect knows, added to each load and to its scale."""
+    out = []
+    for name, values in frame.columns.items():
+        known = name.endswith(KNOWN) or name in ("time_s", "log", "rotor_spacing_m")
+        if known or not np.all(np.isfinite(values)) or len(np.unique(values)) < FEW_VALUES:
+            continue
+        scaled = (values - np.mean(values)) / max(float(np.std(values)), 1e-12)
+        columns = np.zeros((len(values), 6, 8))
+        for c in range(4):
+            columns[:, c, 2 * c] = scaled * frame.reference[c]
+            columns[:, c, 2 * c + 1] = scaled * frame.predicted[:, c]
+        out.append(columns)
+    return out
 
 
 def _courses(frame: StandFrame) -> list[Array]:

@@ -93,18 +93,15 @@ def stuck_readings(frame: StandFrame, side: int) -> Mask:
     runs = list(zip(start, np.append(start[1:], len(read)), strict=True))
     if sum(1 for first, end in runs if 1 < end - first < least) > RARE * len(runs):
         return out
+    due = frame.loads_at(frame.speeds)[:, load]
     for first, end in runs:
-        rows = slice(first, end)
-        moved, due = (
-            np.ptp(np.quantile(x[rows, load], [0.05, 0.95]))
-            for x in (frame.measured, frame.loads_at(frame.speeds))
+        if end - first < least or read[first] <= 0.0:
+            continue
+        seen, told = (
+            float(np.ptp(np.quantile(x[first:end], [0.05, 0.95]))) for x in (frame.measured[:, load], due)
         )
-        if (
-            end - first >= least
-            and read[first] > 0.0
-            and moved > max(MOVES * frame.reference[load], 2.0 * due)
-        ):
-            out[rows] = True
+        if seen > max(MOVES * frame.reference[load], 2.0 * told):
+            out[first:end] = True
     return out
 
 
