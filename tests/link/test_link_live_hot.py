@@ -281,7 +281,7 @@ def test_the_compiled_loop_answers_as_the_plain_one_and_keeps_the_same_books(nat
         assert heard.count("HEARTBEAT") >= 2  # what rode along with a demand was not lost
         assert heard.count("ACTUATOR_CONTROL_TARGET") < 20  # nearly all were the compiled loop's
         steps = {(b - a) % 256 for a, b in itertools.pairwise(sequences)}
-        assert steps <= {1, 2}  # 2 where a heartbeat of ours went between
+        assert 1 in steps and max(steps) <= 3  # more than 1 where heartbeats of ours went between
     finally:
         rig.close()
 

@@ -34,6 +34,9 @@ HIDDEN = {
 }
 
 
+pytestmark = pytest.mark.timeout(400)  # one fixture flies and refines them all
+
+
 @pytest.fixture(scope="module")
 def flights():
     logs = fly([effects for effects, _, _ in HIDDEN.values()])
