@@ -22,6 +22,7 @@ KNOTS = 8
 FEW_VALUES = 6
 KNOWN = ("_rpm", "_throttle", "_thrust_N", "_torque_Nm", "_V", "_A", "_W", "_C", "_Pa", "_pwm")
 CLEAR_P, CLEAR_SHARE = 1e-6, 0.3  # a course counts that takes this share of a load's squared error
+BESIDE = 0.25  # and this share of what the effect takes
 
 
 def outrun(joint: Joint, frame: StandFrame, reduce: Callable[[Array], Array]) -> set[str]:
@@ -37,8 +38,11 @@ def outrun(joint: Joint, frame: StandFrame, reduce: Callable[[Array], Array]) ->
         there = judge.trial(members, course)
         if there.gain <= 0.0 or there.p_value > CLEAR_P or there.share < CLEAR_SHARE:
             continue
+        taken = judge.left(members) - judge.left([*members, course])
         for m in members:
             rest = [o for o in members if o is not m]
+            if taken < BESIDE * (judge.left(rest) - judge.left(members)):
+                continue  # the effect is what mostly changes over time here
             if judge.trial([*rest, course], m).why_not is not None:
                 found.add(m.name)
     return found

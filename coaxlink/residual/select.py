@@ -137,6 +137,10 @@ class Judge:
             self._known[key] = held_out(self.problem.blocks, use)[0]
         return self._known[key]
 
+    def left(self, members: list[Option]) -> float:
+        """Held-out square sum of a set."""
+        return float(self.sums(members).sum())
+
     def sums(self, members: list[Option]) -> Array:
         """(B,) held-out square sums of a set over all channels."""
         use = columns_of(self.problem, members)
