@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from coaxlink.residual.dependence import hats
 from coaxlink.residual.effects.base import Effect, one_shape, present
 from coaxlink.residual.frames import STAND_LOADS, Array, StandFrame
 from coaxlink.residual.joint import Joint
@@ -69,12 +70,11 @@ def _courses(frame: StandFrame) -> list[Array]:
     time, rows = frame.time_s, len(frame.time_s)
     if rows < 8 * KNOTS or not time[-1] > time[0]:
         return []
-    knots = np.linspace(time[0], time[-1], KNOTS)
-    hats = np.stack([np.interp(time, knots, one) for one in np.eye(KNOTS)], axis=1)
+    bumps = hats(time, np.linspace(time[0], time[-1], KNOTS))
     drive = frame.speeds if frame.throttles is None else frame.throttles
-    slowed = np.stack([frame.slowed(drive * hat[:, None]) for hat in hats.T], axis=-1)
+    slowed = np.stack([frame.slowed(drive * hat[:, None]) for hat in bumps.T], axis=-1)
     loads = np.zeros((rows, 6, KNOTS))
-    loads[:, :4] = frame.predicted[:, :4, None] * hats[:, None, :]
+    loads[:, :4] = frame.predicted[:, :4, None] * bumps[:, None, :]
     return [slowed, loads] if frame.driven or frame.throttles is not None else [loads]
 
 

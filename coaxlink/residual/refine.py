@@ -243,7 +243,8 @@ def refine_stand(
         if not gone:
             gone, why = minor(joint, _stand_floor(bare, joint)), "leaves most of what is there"
         if gone:
-            selection = _without(selection, gone, why)
+            selection = undone(selection, gone)
+            selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(gone)]
             joint, acting = together(problem, selection, bare, known, reduce, start)
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:
@@ -256,22 +257,10 @@ def refine_stand(
     return answer(best[1], several)
 
 
-def _without(selection: Selection, names: set[str], why: str) -> Selection:
-    """The selection less what another does as well, or what does too little."""
-    steps = [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(names)]
-    kept = [m for m in selection.members if m.name not in names]
-    doubtful = [m for m in selection.doubtful if m.name not in names]
-    doubts = [a for a in selection.ambiguous if not names & set(a.names)]
-    trace = [*selection.trace, *steps]
-    return replace(selection, members=kept, doubtful=doubtful, ambiguous=doubts, trace=trace)
-
-
 def _far_off(j: Judged) -> bool:
     """Whether a load is left with clearly more than its noise."""
     q = j.joint.problem
-    squares = held_out(q.blocks, columns_of(q, list(q.options)))[0].sum(axis=0)
-    over = np.sqrt(squares / q.blocks.rows.sum()) * q.sigma / np.maximum(j.floor, 1e-12)
-    return bool(np.max(over) > FAR_OFF)
+    return bool(np.max(channel_errors(q, q.options) / np.maximum(j.floor, 1e-12)) > FAR_OFF)
 
 
 def _present(frame: StandFrame) -> Callable[[Array], Array]:
@@ -287,8 +276,7 @@ def _stand_floor(frame: StandFrame, joint: Joint) -> Array:
 
 def _log_error(p: Problem) -> float:
     """Mean over channels of the logarithm of the held-out error, in the channels' units."""
-    squares = held_out(p.blocks, columns_of(p, list(p.options)))[0].sum(axis=0)
-    return float(np.mean(np.log(np.maximum(np.sqrt(squares / p.blocks.rows.sum()) * p.sigma, 1e-12))))
+    return float(np.mean(np.log(np.maximum(channel_errors(p, p.options), 1e-12))))
 
 
 def _again(

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.residual.blocks import held_out
 from coaxlink.residual.joint import Joint
-from coaxlink.residual.problem import Option
-from coaxlink.residual.select import columns_of
+from coaxlink.residual.reweigh import channel_errors
 
 Array = NDArray[np.float64]
 
@@ -19,17 +17,11 @@ TAKEN = 0.5  # of the squares above the noise
 def minor(joint: Joint, floor: Array) -> set[str]:
     """Names of members that nowhere take half of what is above the noise `floor` (C,), and leave much."""
     q = joint.problem
-    rows = q.blocks.rows.sum()
-
-    def errors(options: list[Option]) -> Array:
-        """(C,) held-out error over the noise."""
-        squares = held_out(q.blocks, columns_of(q, options))[0].sum(axis=0)
-        return np.asarray(np.sqrt(squares / rows) * q.sigma / np.maximum(floor, 1e-12))
-
+    noise = np.maximum(floor, 1e-12)
     found = set()
-    after = errors(list(q.options))
+    after = channel_errors(q, q.options) / noise
     for option in q.options:
-        before = errors([o for o in q.options if o is not option])
+        before = channel_errors(q, [o for o in q.options if o is not option]) / noise
         seen = (before > SEEN) & (before > 1.02 * after)
         taken = (before**2 - after**2) / np.maximum(before**2 - 1.0, 1e-9)
         if seen.any() and np.all((taken < TAKEN) & (after > LEFT) | ~seen):
