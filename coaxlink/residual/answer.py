@@ -14,7 +14,7 @@ from coaxlink.residual.dependence import dependences
 from coaxlink.residual.experiment import Rival, stand_experiment
 from coaxlink.residual.flight_experiment import flight_experiment
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
-from coaxlink.residual.joint import Joint, Part
+from coaxlink.residual.joint import ONSET, Joint, Part
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.rebase import rebased_flight
 from coaxlink.residual.result import (
@@ -147,7 +147,8 @@ def _found(j: Judged, k: int, final: Array, draws: Array, squares_after: Array) 
     for name, value in named.items():
         values = np.array([s[name] for s in sampled])
         low, high = np.quantile(values, [0.025, 0.975]) if len(values) else (value, value)
-        interval = (min(float(low), value), max(float(high), value))
+        row = 1.0 / q.frame.rate_hz if name == ONSET else 0.0  # a beginning is known to a row
+        interval = (min(float(low), value - row), max(float(high), value + row))
         parameters.append(ParameterValue(name, value, interval, effect.units.get(name, "1")))
     rest = [m for m in j.claimed if m is not option]
     without = held_out(q.blocks, columns_of(q, rest))[0].sum(axis=0)

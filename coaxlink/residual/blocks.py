@@ -8,13 +8,35 @@ bounds; effect columns are free.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+
+FOLDS, ASSIGNMENTS, FARTHEST = 6, 200, 40
+
+
+@lru_cache(maxsize=64)
+def folds_of(count: int, folds: int = FOLDS) -> Index:
+    """(count,) the fold of each block in a row: of random balanced ones, that which repeats itself least.
+
+    A schedule repeats itself: were blocks dealt in turn, every pass of the same set-points could be held out
+    at once, and the error be that of speeds the fit never saw.
+    """
+    random = np.random.default_rng(0)
+    least, best = np.inf, np.arange(count) % folds
+    for _ in range(ASSIGNMENTS if count > folds else 0):
+        dealt = np.concatenate([random.permutation(folds) for _ in range(-(-count // folds))])[:count]
+        apart = range(1, min(count // 2, FARTHEST) + 1)
+        alike = [float(np.mean(dealt[k:] == dealt[:-k])) for k in apart]
+        score = max(alike) + float(np.mean(alike)) + alike[0] * count  # neighbours never
+        if score < least:
+            least, best = score, dealt
+    return best.astype(np.intp)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ def outrun(joint: Joint, frame: StandFrame, reduce: Callable[[Array], Array]) ->
     for columns in (*_courses(frame), *_strangers(frame)) if joint.members else ():
         added = (reduce(columns) / q.sigma[:, None]).astype(q.design.dtype)
         at = q.design.shape[-1]
-        course = Option(_NAMELESS, {}, np.arange(at, at + added.shape[-1]))
+        course = Option(nameless, {}, np.arange(at, at + added.shape[-1]))
         design = np.concatenate([q.design, added], axis=-1)
         judge = Judge(from_design(q, design, q.residual, [*q.options, course], frame=frame))
         members = list(q.options)
@@ -78,7 +78,7 @@ def _courses(frame: StandFrame) -> list[Array]:
     return [slowed, loads] if frame.driven or frame.throttles is not None else [loads]
 
 
-_NAMELESS: Effect[StandFrame] = Effect(
+nameless: Effect[StandFrame] = Effect(
     name="course",
     physics="something changes over time",
     source="",

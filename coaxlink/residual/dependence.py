@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from coaxlink.residual.gates import autocorrelation_time
 
 Array = NDArray[np.float64]
+COMBINED = 16
 HATS = 8
 FINE_S = 1.2  # between the knots of a flight's fine smooth of time
 FINE_MOST = 20_000_000  # rows times knots: a longer flight is not looked at that finely
@@ -122,7 +123,13 @@ def _bases(
                 time = np.arange(len(fold), dtype=float)
                 yield "time_s", variables["time_s"], hats(time, np.linspace(0, time[-1], count)), near
     if {"upper_speed", "lower_speed"} <= set(variables):
-        both = grid_hats(variables["upper_speed"], variables["lower_speed"])
+        upper, lower = variables["upper_speed"], variables["lower_speed"]
+        # a beat is a thing of the difference, a resonance of the rig one of both
+        both_of = {"upper_speed - lower_speed": upper - lower, "upper_speed + lower_speed": upper + lower}
+        for name, values in both_of.items():
+            if np.ptp(values) > 1e-6 and len(fold) > 4 * COMBINED:
+                yield name, values, hats(values, np.linspace(values.min(), values.max(), COMBINED)), near
+        both = grid_hats(upper, lower)
         if both is not None and both.shape[1] * 2 < len(fold):
             yield "upper_speed x lower_speed", variables["lower_speed"], both, near
 

@@ -26,6 +26,7 @@ TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 
 LONG_ROWS, LONG_RATE_HZ = 100_000, 30.0  # beyond, half the rate does
 JUDGED_RATE_HZ = 10.0
 JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
+LIMIT, LIMIT_S, MOST_LIMITED = 0.002, 0.3, 0.15  # of full command; about it; of the time in the air
 MATTERS = 1.0  # times the noise
 COARSER = (2, 4)  # rows a row, to see what fewer rows cost
 WHITE_HZ, FILTERED = 45.0, 0.85
@@ -331,6 +332,15 @@ def _judged(
         flying &= (whole["height"] > ground + 0.2) | (moving & (whole["height"] > ground + 0.15))
     else:
         notes.append("height_m is not in the log: rows on the ground are told by thrust alone")
+    # when a command comes off its limit between two rows, the log does not say
+    limited = ((whole["commands"] <= LIMIT) | (whole["commands"] >= 1.0 - LIMIT)).any(axis=1)
+    near = np.convolve(limited, np.ones(2 * int(LIMIT_S * stretches[0].rate_hz) + 1), mode="same") > 0.5
+    if 0.0 < float(np.mean(near[flying])) < MOST_LIMITED:
+        seconds = float(np.sum(near & flying)) / stretches[0].rate_hz
+        notes.append(f"{seconds:.1f} s not judged: a command is at its limit")
+        flying_free = flying & ~near
+    else:
+        flying_free = flying
     keep: list[np.ndarray] = []
     start = 0
     for part, piece in zip(parts, stretches, strict=True):
@@ -341,6 +351,7 @@ def _judged(
         inside[:1] = inside[-1:] = False
         # shrink every run of flying rows by the edge
         blocked = np.convolve(~inside, np.ones(2 * edge + 1), mode="same") > 0.5
-        keep.append(start + np.flatnonzero(~blocked & (np.arange(rows) % every == 0)))
+        free = flying_free[start : start + rows]
+        keep.append(start + np.flatnonzero(~blocked & free & (np.arange(rows) % every == 0)))
         start += rows
     return np.concatenate(keep), notes

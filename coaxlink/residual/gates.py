@@ -13,6 +13,7 @@ GAIN = 0.15  # of the squared error of the channel that gains most
 # beside a base fitted to the log: what the other loads must be due to be asked, and how much they must show
 SHOWN, BORNE_OUT = 9.0, 0.3
 BY_FEW = 1e-3  # chance that levels which err together carry it
+FEW_LEVELS = "a few levels carry it, where the fitted base may miss as much"
 
 
 def autocorrelation_time(residual: Array, block: Index) -> Array:
@@ -40,13 +41,14 @@ def witnesses(channels: tuple[str, ...], shares: Array) -> str | None:
     return None if min(loads, speeds) > GAIN else "the loads and the throttle do not both contradict it"
 
 
-def alone(drops: Array, asked: Array) -> str | None:
+def alone(drops: Array, asked: Array, touched: NDArray[np.bool_]) -> str | None:
     """An effect that one load alone asks for, while the others, which it must change as well, deny it.
 
-    Falls of the square sums (C,) and what the effect as fitted adds to each channel, both in its variances. A
+    Falls of the square sums (C,) and what the effect as fitted adds to each channel, both in its variances;
+    `touched` (C,) are the channels it acts on: another changes only as what is fitted beside it gives way. A
     base fitted to the log follows some loads worse than others, and a misfit of one is no cause of it.
     """
-    others = np.arange(len(drops)) != int(np.argmax(drops))
+    others = touched & (np.arange(len(drops)) != int(np.argmax(drops)))
     due, had = float(asked[others].sum()), float(drops[others].sum())
     if due < SHOWN or had >= BORNE_OUT * due:
         return None
@@ -66,10 +68,10 @@ def carried_by_few(change: Array, left: Array, variance: Array, together: Index)
     used = weight > 1e-6 * whole
     count = int(used.sum())
     if whole <= 0.0 or count < 2:
-        return "a single level carries it"
+        return FEW_LEVELS
     score = score - weight * float(score.sum()) / whole
     spread = np.sqrt(float(np.sum(score[used] ** 2)) * count / (count - 1))
     freedom = max(1.0, whole**2 / float(np.sum(weight**2)) - 1.0)
     if 2.0 * float(student.sf(whole / max(spread, 1e-12), freedom)) > BY_FEW:
-        return "a few levels carry it, where the fitted base may miss as much"
+        return FEW_LEVELS
     return None

@@ -22,6 +22,7 @@ from coaxlink.residual.problem import Index, Option, Problem, from_design
 
 Part = tuple[Effect[Any], Mapping[str, float]]
 STEPS = 5
+ONSET = "onset_s"
 SHORT = 40_000  # judged rows times channels: candidates are taken through the members
 HALVINGS = (1.0, 0.5, 0.2, 0.05)
 SETTLED = 1e-4  # of the square sum
@@ -57,6 +58,17 @@ class Member:
     def parameters(self, frame: Any) -> dict[str, float]:
         """Named physical numbers."""
         return self.effect.parameters(frame, self.shape, self.coefficients)
+
+
+def _frozen(m: Member) -> Member:
+    """Without a free beginning: a fit that does not see the rows about it knows nothing of it."""
+    return replace(m, keys=tuple(k for k in m.keys if k != ONSET))
+
+
+def _thawed(m: Member, frame: Any) -> Member:
+    """With its beginning free."""
+    late = ONSET in m.shape and ONSET not in m.keys and ONSET in m.effect.free(frame, m.shape)
+    return replace(m, keys=(*m.keys, ONSET)) if late else m
 
 
 def member(frame: Any, effect: Effect[Any], shape: Shape, coefficients: Array) -> Member:
@@ -187,7 +199,7 @@ class Fitter:
 
     def settle(self, members: Sequence[Member]) -> tuple[Joint, float]:
         """Gauss-Newton from here: the linear problem about the best point, and its held-out square sum."""
-        best = self.linear(members)
+        best = self.linear([_thawed(m, self.bare) for m in members])
         least = self._least(members)
         for _ in range(STEPS):
             blocks = best.problem.blocks
@@ -204,6 +216,8 @@ class Fitter:
             best, least = self.linear(moved), now
             if done:
                 break
+        if any(ONSET in m.keys for m in best.members):
+            best = self.linear([_frozen(m) for m in best.members])
         return best, _score(best)
 
     def _least(self, members: Sequence[Member]) -> float:

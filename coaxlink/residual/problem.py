@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.residual.blocks import Blocks, accumulate
+from coaxlink.residual.blocks import Blocks, accumulate, folds_of
 from coaxlink.residual.effects.base import Array, Effect, Shape
 
 Index = NDArray[np.intp]
-FOLDS = 6
 LONG_ROWS = 50_000
 
 
@@ -79,7 +78,6 @@ def build(
     effects: Sequence[Effect[Any]],
     reduce: Callable[[Array], Array],
     block: Index,
-    fold: Index | None = None,
 ) -> Problem:
     """Assemble the design. `corrections` are (name, bound, reduced (rows, C) columns), `reduce` maps what an
     effect adds on the frame's rows onto judged rows, `residual` (rows, C) is measured minus predicted."""
@@ -106,8 +104,7 @@ def build(
     pieces.clear()
     whitened = residual / sigma
     count = int(block.max()) + 1
-    fold = np.arange(count) % min(FOLDS, count) if fold is None else fold
-    blocks = accumulate(design, whitened, block, fold, np.array(bounds))
+    blocks = accumulate(design, whitened, block, folds_of(count), np.array(bounds))
     return Problem(
         frame=frame,
         channels=tuple(channels),

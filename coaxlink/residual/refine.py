@@ -24,6 +24,7 @@ from coaxlink.residual.flight_problem import (
 )
 from coaxlink.residual.flight_problem import known_parts as known_in_flight
 from coaxlink.residual.flight_suspects import flight_suspects
+from coaxlink.residual.forms import within_forms
 from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import (
     SHORT,
@@ -55,7 +56,8 @@ LEAST_ROWS = 80  # judged rows of a flight
 SCRUTINIES = 4  # of a flight's choice; of one longer than five minutes, one
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
-FAR_OFF = 1.15  # of the noise: a fitted base is looked at again
+# order of a fitted base; whether what effects add is known; from what excess over the noise on
+TRIES = ((None, False, 0.0), (2, False, 0.0), (None, True, 1.05), (None, True, 1.25))
 DOUBTED = 1.5  # of the floor: a flight's choice that leaves more in a channel is judged once more
 CLEARLY = 0.1  # of the logarithm of errors, channels together, that another choice must leave less
 
@@ -216,8 +218,8 @@ def refine_stand(
     shed: Array | None = None
     # a base of high order may swallow an effect that a plain one leaves to be named; and how rich a base must
     # be is seen better once the effects are known
-    for order, again in ((None, False),) if model is not None else ((None, False), (2, False), (None, True)):
-        if again and (shed is None or best is None or not _far_off(best[1])):
+    for order, again, bar in TRIES[:1] if model is not None else TRIES:
+        if again and (shed is None or best is None or not _far_off(best[1], bar)):
             break
         progress("fitting candidates")
         bare = stand_frame(samples, model, order, shed if again else None, trusted)
@@ -241,6 +243,8 @@ def refine_stand(
         gone = outrun(joint, acting, reduce)
         why = "needless beside something that changes over time and was not logged"
         if not gone:
+            gone, why = within_forms(joint, bare), "no more than the form of a larger one misses"
+        if not gone:
             gone, why = minor(joint, _stand_floor(bare, joint)), "leaves most of what is there"
         if gone:
             selection = undone(selection, gone)
@@ -257,10 +261,10 @@ def refine_stand(
     return answer(best[1], several)
 
 
-def _far_off(j: Judged) -> bool:
-    """Whether a load is left with clearly more than its noise."""
+def _far_off(j: Judged, bar: float) -> bool:
+    """Whether a load is left with more than so many times its noise."""
     q = j.joint.problem
-    return bool(np.max(channel_errors(q, q.options) / np.maximum(j.floor, 1e-12)) > FAR_OFF)
+    return bool(np.max(channel_errors(q, q.options) / np.maximum(j.floor, 1e-12)) > bar)
 
 
 def _present(frame: StandFrame) -> Callable[[Array], Array]:

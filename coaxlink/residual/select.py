@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from coaxlink.residual.blocks import held_out, held_out_sum, solve, squares
-from coaxlink.residual.gates import GAIN, alone, autocorrelation_time, carried_by_few, witnesses
+from coaxlink.residual.gates import (
+    FEW_LEVELS,
+    GAIN,
+    alone,
+    autocorrelation_time,
+    carried_by_few,
+    witnesses,
+)
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Step
 
@@ -32,10 +39,12 @@ CLEAR = 0.6  # of the squared error of a channel: what explains that much of wha
 EXACT_ALPHA, EXACT_LEFT, EXACT_SIZE, EXACT_GAIN, EXACT_WORTH = 1e-9, 1.2, 0.001, 0.03, 0.01
 FAR, MOST_OF_IT = 25.0, 0.4  # variances of the noise left, share of the squared error taken away
 MOST = 4
+HIDDEN = 2  # trials that are asked whether another hides them
 ENOUGH = 150_000  # rows times channels that a trial looks at one by one
 TIE = 0.04  # of the gain: a special case this close to the general one is preferred
 # of what a member adds to a load: its form may err by that much, so less beside it is no effect
 FORM = 0.05
+BEYOND_FORM = 0.9  # of a channel's squared error: no misfit of another's form is mended so by chance
 LITTLE = 15.0  # of a log-likelihood ratio: less than this decides nothing
 # where even the best leaves more than noise, its form is not exact and a likelihood says less: then a rival
 # counts as an equal if it reaches most of the gain and does not lose steadily over the blocks
@@ -68,14 +77,20 @@ class Trial:
 
     @property
     def exact(self) -> bool:
-        """Whether it is beyond doubt and leaves nothing but noise: then it may be small."""
-        sure = self.p_value < EXACT_ALPHA and self.left < EXACT_LEFT and self.worth > EXACT_WORTH
-        return sure and self.size > EXACT_SIZE and self.share > EXACT_GAIN
+        """Whether it is beyond doubt and leaves a load nothing but noise, or little of what it had."""
+        sure = self.p_value < EXACT_ALPHA and self.worth > EXACT_WORTH and self.size > EXACT_SIZE
+        return sure and ((self.left < EXACT_LEFT and self.share > EXACT_GAIN) or self.share > CLEAR)
 
     @property
     def promising(self) -> bool:
         """Whether it could stand once its shape is right."""
         return self.real and self.p_value < 1e-6 and self.size > 0.5 * SIZE and self.share > 0.3 * GAIN
+
+    @property
+    def hidden(self) -> bool:
+        """Whether it would stand but for what errs together over whole blocks, which another may be."""
+        sure = self.gain > 0 and self.p_value < 1e-6 and self.size > SIZE and self.share > GAIN
+        return sure and self.refused == FEW_LEVELS
 
     @property
     def why_not(self) -> str | None:
@@ -168,7 +183,7 @@ class Judge:
         p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(whole) - len(without))))
         change = self._base @ (full - null)[p.base] + added @ (full - null)[beyond]
         size = float(np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0).max())
-        mine = self._worth(np.setdiff1d(option.columns, option.carried), full)
+        mine = self.worth_of(np.setdiff1d(option.columns, option.carried), full)
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
         shares = (held_before - held_after) / np.maximum(held_before, 1e-12)
         share = float(np.max(shares))
@@ -178,10 +193,11 @@ class Judge:
         refused = option.effect.refuse(named)
         if option.effect.accused and refused is None:
             refused = witnesses(p.channels, shares)
-        if refused is None:
+        if refused is None and share < BEYOND_FORM:
             refused = self._within_form(members, full, mine)
         if p.own_fit and refused is None:
-            refused = alone(drop, rows * np.mean(change**2, axis=0) / (variance * inflation))
+            touched = np.any(self._design[:, :, option.columns] != 0.0, axis=(0, 2))
+            refused = alone(drop, rows * np.mean(change**2, axis=0) / (variance * inflation), touched)
         if p.together is not None and refused is None:
             refused = carried_by_few(change, left, variance, p.together[self._rows])
         remains = 0.0
@@ -202,7 +218,7 @@ class Judge:
             p.clear_size if share > CLEAR else SIZE,
         )
 
-    def _worth(self, columns: Index, fit: Array) -> Array:
+    def worth_of(self, columns: Index, fit: Array) -> Array:
         """(C,) what columns add under a fit (P,), 95th percentile over the reference load."""
         added = self._design[:, :, columns].astype(float) @ fit[columns]
         scale = self.problem.sigma / self.problem.reference
@@ -212,7 +228,7 @@ class Judge:
         """Whether what is added, `mine` (C,), is no more anywhere than the form of a member may err by."""
         c = int(np.argmax(mine))
         for m in members:
-            if mine[c] < FORM * float(self._worth(m.columns, fit)[c]):
+            if mine[c] < FORM * float(self.worth_of(m.columns, fit)[c]):
                 return f"no more than the form of {m.name} may err by"
         return None
 
@@ -262,7 +278,7 @@ def select(
         if not good and on_trial:
             good = [t for t in trials if t.promising][:1]
             untried |= {t.option.name for t in good}
-        winner = _simplest(good) if good else None
+        winner = _simplest(good) if good else _with_another(judge, out, trials, out_of_play)
         for t in trials:
             kept = winner is not None and t is winner
             why = "best on held-out blocks" if kept else (t.why_not or "another explains more")
@@ -295,6 +311,17 @@ def _simplest(good: list[Trial]) -> Trial:
         if (other.option.name, best.option.name) in NESTED and other.gain >= (1.0 - TIE) * best.gain:
             return other
     return best
+
+
+def _with_another(judge: Judge, out: Selection, trials: list[Trial], barred: Collection[str]) -> Trial | None:
+    """A trial hidden by what another leaves over whole blocks, and that stands beside that other."""
+    for t in [t for t in trials if t.hidden][:HIDDEN]:
+        both = [*out.members, t.option]
+        beside = [s for s in judge.best_of_each(both) if s.option.name not in barred]
+        for s in _eligible(beside)[:1]:
+            if judge.trial([*out.members, s.option], t.option).why_not is None:
+                return t
+    return None
 
 
 def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) -> None:

@@ -16,21 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from coaxlink.residual.blocks import folds_of
 from coaxlink.residual.effects.base import Array
 from coaxlink.rotor.polynomial import design_matrix
 
 Index = NDArray[np.intp]
-KNOTS = (8, 12)
+KNOTS = (8, 12, 18)
 SUPPORT = 5.0  # rows that a column must have under it
-GAIN = 0.6  # a surface must leave less than this share of the held-out squares
+GAIN, FINER = 0.85, 0.95  # a surface must leave less than this share of the held-out squares
 REST = 0.005  # normalised speed
 
 
-def raw_columns(speeds: Array, knots: int) -> Array:
-    """(rows, K) of speeds (rows, 2): splines over the ratio times the squared speeds; the rotor at rest."""
+def raw_columns(speeds: Array, knots: int, first: float) -> Array:
+    """(rows, K) of speeds (rows, 2): splines over the ratio from an angle on, times the squared speeds.
+
+    The last is the rotor at rest.
+    """
     upper, lower = np.maximum(speeds[:, 0], 0.0), np.maximum(speeds[:, 1], 0.0)
-    angle = np.clip(np.arctan2(lower, upper), 0.0, np.pi / 2 - 1e-9)
-    at = np.pi / 2 * np.linspace(0.0, 1.0, knots) ** 2
+    angle = np.clip(np.arctan2(lower, upper), first, np.pi / 2 - 1e-9)
+    at = first + (np.pi / 2 - first) * np.linspace(0.0, 1.0, knots) ** 2
     whole = np.concatenate([[at[0]] * 3, at, [at[-1]] * 3])
     splines = BSpline.design_matrix(angle, whole, 3).toarray() * (upper**2 + lower**2)[:, None]
     return np.column_stack([splines, np.where(lower < REST, upper**2, 0.0)])
@@ -41,6 +45,7 @@ class Surface:
     """The surface of one load, beside polynomial terms that it holds nothing of on the log's own rows."""
 
     knots: int
+    first: float  # angle of the ratio where the curve begins
     terms: tuple[str, ...]
     used: Array  # (K,) bool: columns with rows under them
     share: Array  # (T, k) of the used columns that the polynomials have already
@@ -50,32 +55,37 @@ class Surface:
     def columns(self, speeds: Array) -> Array:
         """(rows, k) at speeds (rows, 2)."""
         poly = design_matrix(self.terms, speeds[:, 0], speeds[:, 1])
-        return np.asarray(raw_columns(speeds, self.knots)[:, self.used] - poly @ self.share)
+        return np.asarray(raw_columns(speeds, self.knots, self.first)[:, self.used] - poly @ self.share)
 
     def __call__(self, speeds: Array) -> Array:
         """(rows,) of the load."""
         return np.asarray(self.columns(speeds) @ self.coefficients)
 
 
-def find_surface(speeds: Array, load: Array, terms: tuple[str, ...]) -> Surface | None:
-    """The surface that a load (rows,) asks for beyond polynomial terms, judged on held-out rows; or None."""
+def find_surface(speeds: Array, load: Array, terms: tuple[str, ...], gain: float = GAIN) -> Surface | None:
+    """The surface that a load (rows,) asks for beyond polynomial terms, judged on held-out rows; or None.
+
+    It must leave less than `gain` of the squares.
+    """
     poly = design_matrix(terms, speeds[:, 0], speeds[:, 1])
     scale = 2.0 * float(np.quantile(np.abs(load), 0.95))
-    fold = np.asarray((np.arange(len(load)) * 20 // len(load)) % 5, np.intp)
+    fold = folds_of(20, 5)[np.arange(len(load)) * 20 // len(load)]
     plain = _held_out(poly, np.zeros((len(load), 0)), load, fold, scale)
     best: tuple[float, Surface] | None = None
+    turning = speeds[speeds[:, 1] >= REST]
+    first = float(np.min(np.arctan2(turning[:, 1], np.maximum(turning[:, 0], 0.0)), initial=np.pi / 4))
     for knots in KNOTS:
-        raw = raw_columns(speeds, knots)
+        raw = raw_columns(speeds, knots, first)
         peak = np.maximum(np.abs(raw).max(axis=0), 1e-9)
         used = (np.abs(raw) > 0.2 * peak).sum(axis=0) >= SUPPORT
         used &= peak > 1e-3
         if poly.shape[1] + used.sum() > len(load) // 4:
             break
         left = _held_out(poly, raw[:, used], load, fold, scale)
-        if left < GAIN * plain and (best is None or left < 0.9 * best[0]):
+        if left < gain * plain and (best is None or left < 0.9 * best[0]):
             share = np.asarray(np.linalg.lstsq(poly, raw[:, used], rcond=1e-10)[0], float)
             fit = _fit(poly, raw[:, used], load, scale)[poly.shape[1] :]
-            best = left, Surface(knots, terms, used, share, fit, scale)
+            best = left, Surface(knots, first, terms, used, share, fit, scale)
     return best[1] if best else None
 
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
+from coaxlink.residual.blocks import folds_of
 from coaxlink.residual.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
-from coaxlink.residual.similarity import Surface, find_surface
+from coaxlink.residual.similarity import FINER, GAIN, Surface, find_surface
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import design_matrix
@@ -35,6 +36,8 @@ LEAST_ROWS = 24
 APART, MOST_LEVELS = 0.02, 16  # of normalised speed; a speed with more levels than that runs
 MISSED = 0.015  # of the reference load, at one level, by a fitted polynomial
 SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
+IDLE = 0.04  # of full speed
+DRAGGED = 0.1  # of the upper speed: a slower lower rotor stalls in its wake
 FEW_ROWS = 8  # enough to hold a given model against, not to find anything
 DELAY_S, FAST_S = (
     0.06,
@@ -111,8 +114,14 @@ def stand_frame(
     if commanded:
         notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
     if free and order is None:
-        base, surfaces = _with_surfaces(base, u[keep], plain[keep], present)
+        turning_rows = keep[~_idle(u)[keep]]
+        gain = GAIN if shed is None else FINER
+        base, surfaces = _with_surfaces(base, u[turning_rows], plain[turning_rows], present, gain)
     if surfaces:
+        if len(turning_rows) < len(keep):
+            idle = len(keep) - len(turning_rows)
+            notes.append(f"{idle} rows, lower rotor below a tenth of the upper speed: not judged")
+        keep = turning_rows
         names_of_loads = " and ".join(STAND_CHANNELS[c] for c in surfaces)
         notes.append(
             f"{names_of_loads}: polynomials do not follow this pair; errors are beside a free curve over the"
@@ -148,8 +157,18 @@ def _set_points(u: Array) -> bool:
     return len(u) > LEAST_ROWS
 
 
+def _idle(u: Array) -> NDArray[np.bool_]:
+    """(rows,) where the lower rotor barely turns in a wake: it stalls and windmills; no surface follows.
+
+    At rest for longer than a row it is not idle: what the upper rotor does alone is seen there.
+    """
+    rest = u[:, 1] <= 0.0
+    lasting = rest & np.roll(rest, 1) & np.roll(rest, -1)
+    return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < np.maximum(IDLE, DRAGGED * u[:, 0])) & ~lasting)
+
+
 def _with_surfaces(
-    base: RotorModel, u: Array, measured: Array, present: Sequence[int]
+    base: RotorModel, u: Array, measured: Array, present: Sequence[int], gain: float
 ) -> tuple[RotorModel, dict[int, Surface]]:
     """A fitted base with the surfaces over the speeds' ratio that the lower loads ask for beside it."""
     terms = {load: dict(named) for load, named in base.terms().items()}
@@ -157,7 +176,7 @@ def _with_surfaces(
     surfaces = {}
     for c in (2, 3):
         if c in present and min(np.ptp(u, axis=0)) > 0.2:
-            surface = find_surface(u, measured[:, c], richest)
+            surface = find_surface(u, measured[:, c], richest, gain)
             if surface is not None:
                 surfaces[c] = surface
                 x = design_matrix(richest, u[:, 0], u[:, 1])
@@ -199,7 +218,7 @@ def own_model(
 ) -> RotorModel:
     """The polynomials that this log itself asks for, of the lowest order that held-out rows support."""
     terms: dict[str, dict[str, float]] = {load: {"u_u" if "upper" in load else "u_l": 0.0} for load in LOADS}
-    fold = (np.arange(len(u)) * 20 // len(u)) % 5
+    fold = folds_of(20, 5)[np.arange(len(u)) * 20 // len(u)]
     for c in present:
         if c > 3:
             continue

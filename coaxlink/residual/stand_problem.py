@@ -95,12 +95,16 @@ def stand_variables(frame: StandFrame) -> dict[str, Array]:
 def stand_floor(frame: StandFrame, left: Array) -> Array:
     """(C,) noise of residuals (kept, C): second differences between neighbours of one sweep.
 
-    Of few rows these say little; there it is taken from neighbours in both speeds, where the two agree.
+    Of few rows these say little; there it is taken from neighbours in both speeds (of a speed, in both
+    throttles), where the two agree.
     """
     block = np.unique(frame.block[frame.keep], return_inverse=True)[1]
     along = noise_floor(left, block.astype(float), np.full(left.shape[1], 6.0))
     if not 3 * NEIGHBOURS < len(left) < FEW:
         return along
-    about = neighbour_floor(left, frame.speeds[frame.keep])
     loads = np.array(frame.present) < 4  # a speed's own noise is in the speeds that rows are neighbours by
+    about = neighbour_floor(left, frame.speeds[frame.keep])
+    if frame.throttles is not None:
+        about = np.where(loads, about, neighbour_floor(left, frame.throttles[frame.keep]))
+        loads = np.ones_like(loads)
     return np.where(loads & (about < along * (1.0 + 2.0 / np.sqrt(len(left)))), about, along)

@@ -126,6 +126,7 @@ def test_both_of_a_failure_and_a_lag_are_found(flights):
     assert sorted(e.name for e in answer.effects) == ["degraded_rotor", "rotor_lag"]
     assert numbers(answer, "degraded_rotor")["onset_s"] == pytest.approx(27.7, abs=0.2)
     assert numbers(answer, "rotor_lag")["lag_s"] == pytest.approx(0.07, abs=0.01)
+    assert all(c.rmse_after < 1.2 * c.noise_floor for c in answer.channels.values())
 
 
 def test_rows_whose_commands_jump_between_two_rows_are_not_judged(flights):

@@ -243,8 +243,12 @@ def _spacing_course(frame: StandFrame, shape: Shape) -> Array:
 
 
 def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
-    alone = frame.loads_at(np.stack([np.zeros(_rows(frame)), frame.speeds[:, 1]], axis=1))
-    wake = frame.predicted[:, 2:4] - alone[:, 2:4]  # negative: what the lower rotor loses
+    base = frame.loads_at(frame.speeds)[:, 2:4]
+    alone = frame.loads_at(np.stack([np.zeros(_rows(frame)), frame.speeds[:, 1]], axis=1))[:, 2:4]
+    # what changed the loads before (thin air, a law of blade speed) changed the wake's share of them alike
+    sound = np.abs(base) > 0.02 * frame.reference[2:4]
+    scale = np.clip(np.where(sound, frame.predicted[:, 2:4] / np.where(sound, base, 1.0), 1.0), 0.5, 2.0)
+    wake = (base - alone) * scale  # negative: what the lower rotor loses
     out = np.zeros((_rows(frame), 6, 3))
     change = _spacing_course(frame, shape)
     out[:, 2, 0], out[:, 3, 1] = -wake[:, 0] * change, -wake[:, 1] * change

@@ -16,6 +16,7 @@ from coaxlink.residual.frames import STAND_CHANNELS, StandFrame
 from coaxlink.residual.signals import lagged
 
 LAGS_S = tuple(round(0.02 * 1.2**k, 4) for k in range(25))
+AT_REST = 0.2  # of the throttle
 BANDS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2)
 LOAD = (-0.8, 2.0)
 BEND = (1.0, 12.0)
@@ -196,6 +197,19 @@ def _stepped(u: Array, step_s: float, lag_s: float) -> Array:
     return np.asarray(out)
 
 
+def _both_ways(target: Array, step_s: float, up_s: float, down_s: float) -> Array:
+    """(rows, 2) behind targets that stand from row to row: one lag up, another down."""
+    rise, fall = float(np.exp(-step_s / up_s)), float(np.exp(-step_s / down_s))
+    out = np.empty_like(target)
+    for side in (0, 1):
+        now, mine = float(target[0, side]), []
+        for asked in target[:, side].tolist():  # which lag it is, the speed before says
+            now = asked + (now - asked) * (rise if asked > now else fall)
+            mine.append(now)
+        out[:, side] = mine
+    return out
+
+
 def _late(frame: StandFrame, shape: Shape) -> Array:
     """(rows, 2) speeds behind the throttles: one lag, a second stage before it, other lags up and down."""
     u, step = drive(frame), float(np.median(np.diff(frame.time_s)))
@@ -205,9 +219,8 @@ def _late(frame: StandFrame, shape: Shape) -> Array:
         u = follow(u, step, shape["second_s"])
     if "down" not in shape:
         return follow(u, step, lag)
-    rising = follow(u, step, lag)
-    falling = follow(u, step, lag * shape["down"])
-    return np.where(u >= 0.5 * (rising + falling), rising, falling)
+    target = u if "stepped" in shape else 0.5 * (u + np.concatenate([u[:1], u[:-1]]))
+    return _both_ways(target, step, lag, lag * shape["down"])
 
 
 def _bent(frame: StandFrame, speeds: Array) -> Array:
@@ -227,9 +240,9 @@ def _lag_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
 
 
 def _lag_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    if "second_s" in shape or "down" in shape:
-        return []
     second, down = {"second_s": 0.2 * shape["lag_s"]}, {"down": 1.2}
+    if "second_s" in shape or "down" in shape:
+        return [({**shape, **more}, np.ones(1)) for more in (second, down) if not set(more) & set(shape)]
     other = {"lag_s": shape["lag_s"]} | ({} if "stepped" in shape else {"stepped": 1.0})
     one = np.ones(1)
     return [
@@ -278,7 +291,7 @@ def _no_low(frame: StandFrame) -> str | None:
 
 def _dead_shapes(frame: StandFrame) -> Sequence[Shape]:
     # where no row is low, a band shows only if it stretches the whole scale
-    forms: list[Shape] = [{"stretched": 1.0}] if _no_low(frame) else [{}, {"stretched": 1.0}]
+    forms: list[Shape] = [{"stretched": 1.0}] if _no_low(frame) else [{}, {"stretched": 1.0}, {"bend": 2.0}]
     return [{"band": b, **form} for b in BANDS for form in forms]
 
 
@@ -289,11 +302,25 @@ def _dead_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]
     return {"band": (0.005, 0.4)} if "stretched" in shape else {}
 
 
-def _dead_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    if "bend" in shape:
-        return []
-    bare = {"band": shape["band"]}
-    return [({**bare, "bend": b}, c) for b in (1.5, 3.0)]
+def _start(frame: StandFrame) -> float | None:
+    """The throttle between the highest that leaves a rotor at rest and the lowest that turns it."""
+    sides = [c - 4 for c in frame.present if c > 3]
+    if frame.driven or not sides:
+        return None
+    u, speed = drive(frame)[:, sides], frame.measured[:, [4 + s for s in sides]]
+    rests = (speed < AT_REST * u) & (u > 0.0)
+    turns = speed >= AT_REST * u
+    if not rests.any() or not turns.any():
+        return None
+    return 0.5 * float(np.max(u[rests]) + np.min(u[turns & (u > 0.0)]))
+
+
+def _dead_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    bare, start = {"band": shape["band"]}, _start(frame)
+    forms: list[tuple[Shape, Array]] = [({"band": start}, np.ones(1))] if start is not None else []
+    if "bend" not in shape:
+        forms += [({**bare, "bend": b}, c) for b in (1.5, 3.0)]
+    return [form for form in forms if form[0] != shape]
 
 
 DEAD_BAND: Effect[StandFrame] = Effect(

@@ -11,7 +11,8 @@ from coaxlink.residual.frames import STAND_LOADS, StandFrame
 
 FAST_S = 0.3  # rows slower than that are settled
 MEMORIES = (0.1, 0.3)  # of the run: time constants of a drift that settles
-MEMORY = (0.01, 4.0)
+FREE = {"memory": (0.01, 4.0), "since": (0.02, 0.9), "power": (0.2, 3.0)}
+BEGINNINGS = (0.2, 0.5)  # of the run
 DRIFT = ("per_minute", "zero", "settling_per_minute")
 ALSO = "also_"
 ABOVE = tuple(0.05 * k for k in range(5, 17))  # of the full speed: from there on a tachometer lies
@@ -26,7 +27,8 @@ def _drift_shapes(frame: StandFrame) -> Sequence[Shape]:
 def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
     elapsed = frame.time_s - frame.time_s[0]
     span = max(float(elapsed[-1]), 1e-9)
-    courses = [elapsed / 60.0]
+    began = np.maximum(elapsed - shape.get("since", 0.0) * span, 0.0)
+    courses = [span / 60.0 * (began / span) ** shape.get("power", 1.0)]
     if "memory" in shape:
         memory = shape["memory"] * span
         settling = memory / 60.0 * (1.0 - np.exp(-elapsed / memory))
@@ -42,9 +44,12 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
 
 
 def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    """A zero that settles, one that settles and creeps on, and any of these in a second cell as well."""
+    """A zero that drifts later, by a power of time, settles, or settles and creeps on; also in two cells."""
     forms: list[tuple[Shape, Array]] = []
-    if "creep" not in shape:
+    if not {"creep", "since", "power"} & set(shape):
+        steady = {k: v for k, v in shape.items() if k != "memory"}
+        forms += [({**steady, "since": s}, c) for s in BEGINNINGS]
+        forms.append(({**steady, "power": 0.6}, c))
         memory = shape.get("memory", 0.3)
         if "memory" not in shape:
             forms.append(({**shape, "memory": memory}, c))
@@ -84,10 +89,10 @@ SENSOR_DRIFT: Effect[StandFrame] = Effect(
     name="sensor_drift",
     stage=8,
     physics="a load cell's zero wanders with time",
-    source="creep and warm-up of strain gauges",
+    source="creep (a power of time, Findley 1944) and warm-up of strain gauges",
     needs=("time_s",),
     channels=STAND_LOADS,
-    units={"channel": "1", "also": "1", "memory": "1", "creep": "1"}
+    units={"channel": "1", "also": "1", "memory": "1", "creep": "1", "since": "1", "power": "1"}
     | {before + name: "N or N m" for name in DRIFT for before in ("", ALSO)},
     missing=_no_clock,
     shapes=_drift_shapes,
@@ -96,7 +101,7 @@ SENSOR_DRIFT: Effect[StandFrame] = Effect(
     inverse=_drift_inverse,
     refuse=lambda p: None,
     cause=lambda frame, _, __: ("time_s", frame.time_s),
-    free=lambda _, shape: {"memory": MEMORY} if "memory" in shape else {},
+    free=lambda _, shape: {k: limits for k, limits in FREE.items() if k in shape},
     finer=_drift_finer,
     carried=_drift_carried,
 )

@@ -1,0 +1,107 @@
+"""Two things at once on a stand, schedules that repeat, forms that begin late or differ by direction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from residual_rig import FULL_RPM, run, steady_loads
+from test_residual_stand_forms import log_of, model, names, over, ramps
+
+from coaxlink.data.samples import Samples
+from coaxlink.residual import refine_stand
+from coaxlink.residual.blocks import folds_of
+
+
+@pytest.mark.parametrize("count", [7, 12, 20, 24, 36, 40])
+def test_folds_do_not_repeat_with_a_schedule(count):
+    dealt = folds_of(count)
+    assert np.ptp(np.bincount(dealt, minlength=6)) <= 1
+    assert not np.any(dealt[1:] == dealt[:-1])
+    for passes in range(1, count // 2 + 1):
+        assert np.mean(dealt[passes:] == dealt[:-passes]) < 0.35
+
+
+def stalling(a, b):
+    """Loads of a pair whose lower rotor bends sharply in the wake."""
+    loads = steady_loads(a, b)
+    angle, whole = np.arctan2(b, a + 1e-9), a**2 + b**2
+    loads[2] = whole * (70.0 * np.sin(angle) - 35.0 * np.cos(angle) / (1.0 + 6.0 * angle))
+    loads[3] = whole * (1.7 * np.sin(angle) - 1.2 * np.exp(-9.0 * angle))
+    return loads
+
+
+def test_passes_of_one_schedule_on_a_pair_that_no_polynomial_follows():
+    t, a, b = ramps(1200)
+    a, b, t = np.tile(a, 2), np.tile(b, 2), 0.1 * np.arange(2400)
+    celsius = 15.0 + 18.0 * np.tanh(6.0 * (t / t[-1] - 0.5))
+    loads = stalling(a, b) * 288.15 / (celsius + 273.15)
+    loads[2] += 3.0 * t / t[-1]
+    answer = refine_stand(log_of(t, a, b, loads, air_temperature_C=celsius))
+    assert names(answer) == ["air_density", "sensor_drift"]
+    assert over(answer) < 1.12
+    assert any("not judged" in note for note in answer.notes)
+
+
+def test_a_law_of_blade_speed_and_a_spacing_need_no_third():
+    columns = run(power=0.1, spacing=0.5, rpm=True, throttle=False)
+    answer = refine_stand(Samples(columns, "stand", ()), model())
+    assert names(answer) == ["blade_speed_law", "rotor_spacing"]
+    assert over(answer) < 1.1
+
+
+def test_what_a_large_form_misses_is_no_drift():
+    columns = run(spacing=0.6, rpm=True, throttle=False)
+    # the wake narrows beyond what a share of it can say: a constant that steps with the spacing, half-way
+    columns["lower_thrust_N"] += 0.9 * (columns["rotor_spacing_m"] / 0.15 - 1.0) / 0.2
+    answer = refine_stand(Samples(columns, "stand", ()), model())
+    assert names(answer) == ["rotor_spacing"]
+    assert any(s.name == "sensor_drift" and "form" in s.why for s in answer.trace)
+
+
+def followed(t, asked, up, down):
+    """Speeds behind what is asked, on a fine grid: slower down than up."""
+    fine = 20
+    now, out = asked[0], []
+    for target in asked:
+        for _ in range(fine):
+            now += (target - now) * (t[1] - t[0]) / fine / (up if target > now else down)
+        out.append(now)
+    return np.array(out)
+
+
+def test_a_lag_that_is_longer_down_than_up_leaves_noise():
+    rng = np.random.default_rng(2)
+    t = 0.1 * np.arange(1200)
+    asked = [np.repeat(rng.uniform(0.1, 0.95, 80), 15) for _ in range(2)]
+    a, b = (followed(t, u, 0.15, 0.27) for u in asked)
+    read = {f"{n}_throttle": u for n, u in zip(("upper", "lower"), asked, strict=True)}
+    noisy = [u + 5e-4 * rng.standard_normal(len(t)) for u in (a, b)]
+    log = log_of(t, a, b, steady_loads(a, b), **read)
+    log = log.with_columns(upper_rpm=FULL_RPM * noisy[0], lower_rpm=FULL_RPM * noisy[1])
+    answer = refine_stand(log, model())
+    assert names(answer) == ["rotor_lag"]
+    got = {q.name: q.value for q in answer.effects[0].parameters}
+    assert got["lag_s"] == pytest.approx(0.15, rel=0.05)
+    assert got["down"] == pytest.approx(1.8, rel=0.05)
+    assert over(answer) < 1.15
+
+
+def test_a_drift_that_begins_late_is_told_when():
+    t, a, b = ramps(1500)
+    loads = steady_loads(a, b)
+    loads[2] += 4.0 * np.maximum(t / t[-1] - 0.4, 0.0)
+    answer = refine_stand(log_of(t, a, b, loads), model())
+    assert names(answer) == ["sensor_drift"]
+    got = {q.name: q.value for q in answer.effects[0].parameters}
+    assert got["since"] == pytest.approx(0.4, abs=0.05)
+    assert over(answer) < 1.1
+
+
+def test_a_beat_of_the_two_speeds_in_shuffled_rows_is_seen():
+    rng = np.random.default_rng(5)
+    a, b = rng.uniform(0.2, 0.95, (2, 220))
+    loads = steady_loads(a, b)
+    loads[2] += 1.5 * np.sin(14.0 * (a - b))
+    answer = refine_stand(log_of(2.0 * np.arange(220.0), a, b, loads), model())
+    assert names(answer) == []
+    assert any("upper_speed - lower_speed" in u.depends_on for u in answer.unexplained)
