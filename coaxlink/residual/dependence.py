@@ -18,6 +18,7 @@ from coaxlink.residual.gates import autocorrelation_time
 
 Array = NDArray[np.float64]
 COMBINED = 16
+TURNING = 0.05  # of full speed: a rotor at rest makes no beat
 HATS = 8
 FINE_S = 1.2  # between the knots of a flight's fine smooth of time
 FINE_MOST = 20_000_000  # rows times knots: a longer flight is not looked at that finely
@@ -127,7 +128,8 @@ def _bases(
         # a beat is a thing of the difference, a resonance of the rig one of both
         both_of = {"upper_speed - lower_speed": upper - lower, "upper_speed + lower_speed": upper + lower}
         for name, values in both_of.items():
-            if np.ptp(values) > 1e-6 and len(fold) > 4 * COMBINED:
+            turning = min(np.ptp(upper), np.ptp(lower)) > TURNING
+            if turning and np.ptp(values) > TURNING and len(fold) > 4 * COMBINED:
                 yield name, values, hats(values, np.linspace(values.min(), values.max(), COMBINED)), near
         both = grid_hats(upper, lower)
         if both is not None and both.shape[1] * 2 < len(fold):

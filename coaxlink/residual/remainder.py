@@ -11,11 +11,11 @@ from coaxlink.residual.reweigh import channel_errors
 Array = NDArray[np.float64]
 
 SEEN, LEFT = 1.5, 3.0  # of the noise: without the effect, and with it
-TAKEN = 0.5  # of the squares above the noise
+TAKEN = 0.7  # of the squares above the noise
 
 
 def minor(joint: Joint, floor: Array) -> set[str]:
-    """Names of members that nowhere take half of what is above the noise `floor` (C,), and leave much."""
+    """Names of members that nowhere take most of what is above the noise `floor` (C,), and leave much."""
     q = joint.problem
     noise = np.maximum(floor, 1e-12)
     found = set()
@@ -24,6 +24,6 @@ def minor(joint: Joint, floor: Array) -> set[str]:
         before = channel_errors(q, [o for o in q.options if o is not option]) / noise
         seen = (before > SEEN) & (before > 1.02 * after)
         taken = (before**2 - after**2) / np.maximum(before**2 - 1.0, 1e-9)
-        if seen.any() and np.all((taken < TAKEN) & (after > LEFT) | ~seen):
+        if np.any(seen & (after > LEFT)) and np.all(taken[seen] < TAKEN):
             found.add(option.name)
     return found

@@ -73,8 +73,8 @@ def find_surface(speeds: Array, load: Array, terms: tuple[str, ...], gain: float
     plain = _held_out(poly, np.zeros((len(load), 0)), load, fold, scale)
     best: tuple[float, Surface] | None = None
     turning = speeds[speeds[:, 1] >= REST]
-    first = float(np.min(np.arctan2(turning[:, 1], np.maximum(turning[:, 0], 0.0)), initial=np.pi / 4))
-    for knots in KNOTS:
+    lowest = float(np.min(np.arctan2(turning[:, 1], np.maximum(turning[:, 0], 0.0)), initial=np.pi / 4))
+    for knots, first in ((knots, first) for knots in KNOTS for first in (0.0, lowest)):
         raw = raw_columns(speeds, knots, first)
         peak = np.maximum(np.abs(raw).max(axis=0), 1e-9)
         used = (np.abs(raw) > 0.2 * peak).sum(axis=0) >= SUPPORT
