@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from coaxlink.residual.gates import autocorrelation_time
 
 Array = NDArray[np.float64]
-COMBINED = 16
+COMBINED = (16, 32)
 TURNING = 0.05  # of full speed: a rotor at rest makes no beat
 HATS = 8
 FINE_S = 1.2  # between the knots of a flight's fine smooth of time
@@ -127,10 +127,11 @@ def _bases(
         upper, lower = variables["upper_speed"], variables["lower_speed"]
         # a beat is a thing of the difference, a resonance of the rig one of both
         both_of = {"upper_speed - lower_speed": upper - lower, "upper_speed + lower_speed": upper + lower}
-        for name, values in both_of.items():
-            turning = min(np.ptp(upper), np.ptp(lower)) > TURNING
-            if turning and np.ptp(values) > TURNING and len(fold) > 4 * COMBINED:
-                yield name, values, hats(values, np.linspace(values.min(), values.max(), COMBINED)), near
+        turning = min(np.ptp(upper), np.ptp(lower)) > TURNING
+        for name, values in both_of.items() if turning else ():
+            for count in COMBINED:
+                if np.ptp(values) > TURNING and len(fold) > FINE_ROWS * count:
+                    yield name, values, hats(values, np.linspace(values.min(), values.max(), count)), near
         both = grid_hats(upper, lower)
         if both is not None and both.shape[1] * 2 < len(fold):
             yield "upper_speed x lower_speed", variables["lower_speed"], both, near

@@ -10,6 +10,7 @@ from coaxlink.residual.effects.base import Array, Effect, Shape, outside
 from coaxlink.residual.frames import STAND_LOADS, StandFrame
 
 GAS_CONSTANT = 287.05
+SLOWEST = 0.025  # of full speed: a slower blade has no law of speed
 POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: told from full speed down
 RISES = (2.0, 4.0, 7.0)  # of Mach number: nothing at rest
 ARM_M = 0.3  # torque over thrust: a rotor of a metre has some 0.05
@@ -104,7 +105,7 @@ AIR_DENSITY: Effect[StandFrame] = Effect(
 def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
     out = np.zeros((_rows(frame), 6, 2 if "apart" in shape else 1))
     for side in (0, 1):
-        u = np.maximum(frame.speeds[:, side], 1e-3)
+        u = np.maximum(frame.speeds[:, side], SLOWEST)
         if "tip" in shape:
             factor = -(np.maximum(u - shape["tip"], 0.0) ** 2)
         elif "rise" in shape:
