@@ -134,3 +134,12 @@ def test_rows_whose_commands_jump_between_two_rows_are_not_judged(flights):
     jumped = np.clip(log["motor1"] + 0.3 * (np.arange(log.rows) == log.rows // 2), 0, 1)
     answer = found(log.with_columns(motor1=jumped))
     assert any("commands jump" in note for note in answer.notes)
+
+
+def test_rows_about_a_command_at_its_limit_are_not_judged(flights):
+    log = flights["heavy"]
+    full = log["motor1"].copy()
+    full[log.rows // 2 : log.rows // 2 + 5] = 1.0
+    answer = found(log.with_columns(motor1=full))
+    assert any("a command is at its limit" in note for note in answer.notes)
+    assert [e.name for e in answer.effects] == ["mass_change"]
