@@ -113,8 +113,13 @@ def stand_frame(
     commanded = not speeds.from_throttle and throttles is None and _set_points(u)
     if commanded:
         notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
+    if model is not None and not speeds.from_throttle and not commanded:
+        awake = keep[~_idle(u, 0.0)[keep]]
+        if LEAST_ROWS < len(awake) < len(keep):
+            notes.append(f"{len(keep) - len(awake)} rows, lower rotor below 4 % of full speed: not judged")
+            keep = awake
     if free and order is None:
-        turning_rows = keep[~_idle(u)[keep]]
+        turning_rows = keep[~_idle(u, DRAGGED)[keep]]
         gain = GAIN if shed is None else FINER
         base, surfaces = _with_surfaces(base, u[turning_rows], plain[turning_rows], present, gain)
     if surfaces:
@@ -157,14 +162,14 @@ def _set_points(u: Array) -> bool:
     return len(u) > LEAST_ROWS
 
 
-def _idle(u: Array) -> NDArray[np.bool_]:
+def _idle(u: Array, dragged: float) -> NDArray[np.bool_]:
     """(rows,) where the lower rotor barely turns in a wake: it stalls and windmills; no surface follows.
 
     At rest for longer than a row it is not idle: what the upper rotor does alone is seen there.
     """
     rest = u[:, 1] <= 0.0
     lasting = rest & np.roll(rest, 1) & np.roll(rest, -1)
-    return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < np.maximum(IDLE, DRAGGED * u[:, 0])) & ~lasting)
+    return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < np.maximum(IDLE, dragged * u[:, 0])) & ~lasting)
 
 
 def _with_surfaces(
