@@ -335,12 +335,11 @@ def _judged(
     # when a command comes off its limit between two rows, the log does not say
     limited = ((whole["commands"] <= LIMIT) | (whole["commands"] >= 1.0 - LIMIT)).any(axis=1)
     near = np.convolve(limited, np.ones(2 * int(LIMIT_S * stretches[0].rate_hz) + 1), mode="same") > 0.5
-    if 0.0 < float(np.mean(near[flying])) < MOST_LIMITED:
+    if 0 < np.sum(near & flying) < MOST_LIMITED * np.sum(flying):
         seconds = float(np.sum(near & flying)) / stretches[0].rate_hz
         notes.append(f"{seconds:.1f} s not judged: a command is at its limit")
-        flying_free = flying & ~near
     else:
-        flying_free = flying
+        near = np.zeros_like(flying)
     keep: list[np.ndarray] = []
     start = 0
     for part, piece in zip(parts, stretches, strict=True):
@@ -351,7 +350,7 @@ def _judged(
         inside[:1] = inside[-1:] = False
         # shrink every run of flying rows by the edge
         blocked = np.convolve(~inside, np.ones(2 * edge + 1), mode="same") > 0.5
-        free = flying_free[start : start + rows]
-        keep.append(start + np.flatnonzero(~blocked & free & (np.arange(rows) % every == 0)))
+        blocked |= near[start : start + rows]
+        keep.append(start + np.flatnonzero(~blocked & (np.arange(rows) % every == 0)))
         start += rows
     return np.concatenate(keep), notes

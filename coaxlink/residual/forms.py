@@ -33,7 +33,7 @@ def within_forms(joint: Joint, frame: StandFrame) -> set[str]:
         c = int(np.argmax(worth[small.name]))
         rest = [m for m in members if m is not small]
         for large in rest:
-            if worth[small.name][c] > SMALL * worth[large.name][c]:
+            if worth[small.name][c] >= SMALL * worth[large.name][c]:
                 continue
             added = _freely(joint, large, frame)
             at = q.design.shape[-1]

@@ -116,10 +116,14 @@ def stand_frame(
     if model is not None and not speeds.from_throttle and not commanded:
         awake = keep[~_idle(u, 0.0)[keep]]
         if LEAST_ROWS < len(awake) < len(keep):
-            notes.append(f"{len(keep) - len(awake)} rows, lower rotor below 4 % of full speed: not judged")
+            notes.append(
+                f"{len(keep) - len(awake)} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged"
+            )
             keep = awake
     if free and order is None:
         turning_rows = keep[~_idle(u, DRAGGED)[keep]]
+        if len(turning_rows) < LEAST_ROWS:
+            turning_rows = keep
         gain = GAIN if shed is None else FINER
         base, surfaces = _with_surfaces(base, u[turning_rows], plain[turning_rows], present, gain)
     if surfaces:

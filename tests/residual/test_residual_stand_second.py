@@ -111,3 +111,11 @@ def test_a_beat_or_a_resonance_of_both_speeds_in_shuffled_rows_is_seen(strange, 
     answer = refine_stand(log_of(2.0 * np.arange(220.0), a, b, loads), model())
     assert names(answer) == []
     assert any(where in u.depends_on for u in answer.unexplained)
+
+
+def test_a_lower_rotor_that_only_seems_to_turn_ends_in_no_error():
+    t, a, b = ramps(400)
+    faint = 2e-4 * np.abs(np.random.default_rng(3).standard_normal(400)) + 1e-5
+    log = log_of(t, a, faint, steady_loads(a, 0 * b))
+    assert names(refine_stand(log)) == []
+    assert names(refine_stand(log, model())) == []
