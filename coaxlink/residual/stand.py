@@ -116,9 +116,8 @@ def stand_frame(
     if model is not None and not speeds.from_throttle and not commanded:
         awake = keep[~_idle(u, 0.0)[keep]]
         if LEAST_ROWS < len(awake) < len(keep):
-            notes.append(
-                f"{len(keep) - len(awake)} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged"
-            )
+            asleep = len(keep) - len(awake)
+            notes.append(f"{asleep} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged")
             keep = awake
     if free and order is None:
         turning_rows = keep[~_idle(u, DRAGGED)[keep]]
