@@ -29,7 +29,13 @@ JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between row
 LIMIT, LIMIT_S, MOST_LIMITED = 0.002, 0.3, 0.15  # of full command; about it; of the time in the air
 MATTERS = 1.0  # times the noise
 COARSER = (2, 4)  # rows a row, to see what fewer rows cost
-WHITE_HZ, FILTERED = 45.0, 0.85
+# of logs up to a rate (Hz): what halving the rows costs beside halving them twice, and the share of it that
+# the rows as they are cost already
+SHARES = (
+    (45.0, (0.0,), (0.9,)),
+    (90.0, (0.53, 0.65), (0.82, 0.53)),
+    (np.inf, (0.0, 0.39, 0.57), (0.0, 0.38, 0.68)),
+)
 EDGE_S = 0.4  # the low-pass still feels what happened outside
 NEEDED = (
     "time_s",
@@ -120,9 +126,10 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
 def _between_rows(frame: FlightFrame, whole: dict[str, Array]) -> Array:
     """(6,) error, low-passed, of loads whose commands are known at the log's rows only.
 
-    With every second and every fourth row alone it is known; on it goes as it came, and below the loops' own
-    filters (30 to 40 Hz), up to where the noise of commands still grows, hardly falls. From half a rate that
-    lies at these filters to a rate beyond them it falls faster than before.
+    With every second and every fourth row alone it is known. How it goes on depends on what moves commands:
+    what comes from position and attitude grows by 1.6 for every doubled interval, what comes from the gyro
+    ends at the loops' own filters (30 to 40 Hz). The ratio of the two tells which it is; the shares are
+    those of flights without sensor noise, and with much of it, at every rate.
     """
     if any(f"every_{e}" not in whole for e in COARSER):
         return np.zeros(6)
@@ -132,9 +139,8 @@ def _between_rows(frame: FlightFrame, whole: dict[str, Array]) -> Array:
         changed = frame.airframe.body_loads(*frame.airframe.loads(frame.model, speeds)) - frame.predicted
         errors.append(np.sqrt(np.mean(reduce_columns(frame, changed) ** 2, axis=0)))
     second, fourth = errors
-    least = 0.9 if frame.step_s > 1.0 / WHITE_HZ else 0.0
-    falls = FILTERED if WHITE_HZ < 1.0 / frame.step_s < 2.0 * WHITE_HZ else 1.0
-    return np.asarray(falls * second * np.clip(second / np.maximum(fourth, 1e-12), least, 1.0))
+    ratios, shares = next((r, s) for rate, r, s in SHARES if 1.0 / frame.step_s < rate)
+    return np.asarray(second * np.interp(second / np.maximum(fourth, 1e-12), ratios, shares))
 
 
 def reduce_columns(frame: FlightFrame, columns: Array) -> Array:

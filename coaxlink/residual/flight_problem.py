@@ -91,6 +91,7 @@ def flight_floor(frame: FlightFrame, residual: Array, reduced: Array, lag_s: flo
         differentiated=turned,
         sampling=frame.sampling,
         declared_lag_s=frame.airframe.motor_lag_s,
+        alike=np.array([frame.airframe.mass_kg] * 3 + list(frame.airframe.inertia_kg_m2)),
     )
     if floor is not None:
         return floor

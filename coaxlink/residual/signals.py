@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,10 @@ Array = NDArray[np.float64]
 SEGMENT_S = 4.0
 TOP_HZ = 16.0
 PENALTY = 4.0  # of the log-likelihood, a kind of noise more
-DOUBT = 0.3  # standard deviation of the logarithm of what commands do between rows
-DOUBTS = tuple(np.linspace(-0.9, 0.9, 13))
+# standard deviation of the logarithm of what commands do between rows: of a log as it came, and of one that
+# was thinned (it has rows that tell)
+DOUBT, DOUBT_THINNED = 0.05, 0.15
+DOUBTS = tuple(np.linspace(-0.4, 0.4, 17))
 
 
 def low_pass(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
@@ -141,13 +144,16 @@ def spectral_floor(
     differentiated: Sequence[bool],
     sampling: Array | None = None,
     declared_lag_s: float = 0.0,
+    alike: Array | None = None,
 ) -> Array | None:
     """Noise (C,) that the low-pass leaves of unfiltered residuals `pieces` [(rows, C)]; None if too short.
 
     Above the judged band a residual is noise. Its spectrum there, fitted by what noise can be, is continued
     below: white (accelerometer, vibration), white commands that alias between the rows of the log and reach
     the loads through the motors' lag, and for torques the gyro's white noise, differentiated. `sampling` (C,)
-    is what of the second kind is known already, low-passed, behind the declared lag.
+    is what of the second kind is known already, low-passed, behind the declared lag. `alike` (C,) is what
+    one unit of a sensor's noise makes in each channel (mass, inertia): three axes of one sensor are held to
+    one level, unless their spectra speak against it.
     """
     length = int(SEGMENT_S * rate_hz)
     top = min(TOP_HZ, 0.38 * rate_hz)
@@ -164,34 +170,71 @@ def spectral_floor(
         return None
     spectrum = np.asarray(total / count)  # (F, C)
     fine = np.linspace(0.0, 0.5, 2001) * rate_hz
-    kernel = _passed(fine, rate_hz, cutoff_hz)
+    kernel = _passed(fine, rate_hz, cutoff_hz) * (fine[1] - fine[0])
     band = (frequency >= 1.2 * cutoff_hz) & (frequency <= top)
     thinned = _passed(frequency[band], raw_rate_hz, 0.4 * rate_hz) if raw_rate_hz > 1.5 * rate_hz else 1.0
-    shapes = [_noises(f, rate_hz, lag_s) for f in (frequency[band], fine)]
+    behind = float(np.sum(_noises(fine, rate_hz, declared_lag_s)[:, 1] * kernel))
+    given = np.zeros(spectrum.shape[1]) if sampling is None else sampling**2 / behind
+    above = _Above(
+        spectrum[band] / np.reshape(thinned, (-1, 1)),
+        given,
+        _noises(frequency[band], rate_hz, lag_s),
+        kernel @ _noises(fine, rate_hz, lag_s),
+        max(1.0, count / length),
+        DOUBT_THINNED if raw_rate_hz > 1.5 * rate_hz else DOUBT,
+    )
     out = np.zeros(spectrum.shape[1])
-    segments = max(1.0, count / length)
-    step = fine[1] - fine[0]
-    behind = float(np.sum(_noises(fine, rate_hz, declared_lag_s)[:, 1] * kernel) * step)
-    for c, turned in enumerate(differentiated):
-        given = 0.0 if sampling is None else float(sampling[c]) ** 2 / behind
-        level = spectrum[band, c] / thinned
-        # the plainest mixture that the spectrum asks for: a needless kind adds to the noise, never takes away
-        choices = ([2], [2, 1], [2, 0], [2, 1, 0]) if turned else ([0], [0, 1])
-        tries: list[tuple[float, float]] = []
-        for doubt in DOUBTS if given > 0.0 and turned else (0.0,):
-            known = given * np.exp(2.0 * doubt)
-            for kinds in choices:
-                if given > 0.0 and turned and 1 in kinds and doubt < 0.0:
-                    continue  # less of it and more of it
-                amounts, miss = _mixture(level, shapes[0][:, kinds], segments, known * shapes[0][:, 1])
-                noise = shapes[1][:, kinds] @ amounts + known * shapes[1][:, 1]
-                miss += PENALTY * len(kinds) + 0.5 * (doubt / DOUBT) ** 2
-                tries.append((miss, float(np.sum(noise * kernel) * step)))
-        # the middle of what the spectrum leaves open, each weighed by its likelihood
-        misses, powers = np.array(tries).T
-        weights = np.exp(-(misses - misses.min()))
-        out[c] = np.exp(0.5 * np.sum(weights * np.log(np.maximum(powers, 1e-300))) / np.sum(weights))
+    turned = np.asarray(differentiated)
+    for kind in (False, True):
+        group = np.flatnonzero(turned == kind)
+        each = [_continued(above, group[k : k + 1], np.ones(1), turned=kind) for k in range(len(group))]
+        miss, power = sum(m for m, _ in each), np.array([p[0] for _, p in each])
+        if alike is not None and len(group) > 1:
+            together, held = _continued(above, group, alike[group] ** 2, turned=kind)
+            power = held if together <= miss else power
+        out[group] = np.sqrt(power)
     return out
+
+
+@dataclass(frozen=True)
+class _Above:
+    """What is seen above the judged band, and what noise looks like there and passes below."""
+
+    spectrum: Array  # (F, C)
+    given: Array  # (C,) white commands behind the lag that are known of
+    shapes: Array  # (F, 3) spectra of unit noise
+    passes: Array  # (3,) their power after the low-pass
+    segments: float
+    doubt: float  # of the logarithm of what is given
+
+
+def _continued(
+    above: _Above, channels: NDArray[np.intp], scale: Array, *, turned: bool
+) -> tuple[float, Array]:
+    """-log L of the best mixture that channels share but for their scale (k,), and their power (k,) below."""
+    level = above.spectrum[:, channels]
+    given = above.given[channels]
+    # the plainest mixture that the spectrum asks for: a needless kind adds to the noise, never takes away
+    # sensors' axes are alike, but neither vibration nor commands are: channels share their own kind alone
+    choices = [[2], [2, 1], [2, 0], [2, 1, 0]] if turned else [[0], [0, 1]]
+    choices = choices[:1] if len(channels) > 1 else choices
+    told = turned and bool(np.any(given > 0.0))
+    misses, powers = [], []
+    for doubt in DOUBTS if told else (0.0,):
+        known = given * np.exp(2.0 * doubt)
+        beside = above.shapes[:, 1:2] * known
+        for kinds in choices:
+            if told and 1 in kinds and doubt < 0.0:
+                continue  # less of it and more of it
+            shapes = (above.shapes[:, None, kinds] * scale[:, None]).reshape(-1, len(kinds))
+            amounts, miss = _mixture(level.ravel(), shapes, above.segments, beside.ravel())
+            misses.append(miss + PENALTY * len(kinds) + 0.5 * (doubt / above.doubt) ** 2)
+            powers.append(scale * (above.passes[kinds] @ amounts) + above.passes[1] * known)
+    # the middle of what the spectrum leaves open, each weighed by its likelihood
+    best = min(misses)
+    weights = np.exp(best - np.array(misses))
+    logs = np.log(np.maximum(np.array(powers), 1e-300))
+    return best, np.asarray(np.exp(weights @ logs / weights.sum()))
 
 
 def _passed(frequency: Array, rate_hz: float, cutoff_hz: float) -> Array:

@@ -12,7 +12,7 @@ from coaxlink.residual.frames import Array
 from coaxlink.residual.joint import Fitter, Joint, Member, Part, fit, member, needed, of_grid, straight
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Step
-from coaxlink.residual.reweigh import settled_base, weighed_again
+from coaxlink.residual.reweigh import channel_errors, settled_base, weighed_again
 from coaxlink.residual.select import Selection, columns_of
 
 LONG, LONG_STAND = 200_000, 100_000  # judged rows times channels: beyond, other forms are not tried
@@ -60,6 +60,10 @@ def together(
             continue
         at = o.effect.inverse(bare, had[o.name]) if o.name in had else (m.shape, m.coefficients)
         start.append(member(bare, o.effect, *at))
+
+    def allowed(j: Joint) -> bool:
+        return not any(m.effect.refuse(m.parameters(bare)) for m in j.members)
+
     try:
         long = LONG_STAND if problem.noise_known else LONG
         joint = fit(fitter, start, alternatives=problem.residual.size < long)
@@ -75,12 +79,13 @@ def together(
             )
     except np.linalg.LinAlgError:  # numbers that no column tells apart
         return plain, fitter.acting(plain.members)
-    ratio = squares_of(joint.problem) / max(squares_of(plain.problem), 1e-12)
-    refused = any(m.effect.refuse(m.parameters(bare)) for m in joint.members)
-    if not names & set(had) and (not ratio < WORSE or refused):
-        joint = plain
-    elif exact is not None and not any(m.effect.refuse(m.parameters(bare)) for m in exact.members):
+    # a fit that went astray may still have led the one weighed by what channels are left with to a good end
+    better = exact is not None and allowed(exact) and _leaves(exact) < _leaves(plain)
+    sound = allowed(joint) and squares_of(joint.problem) < WORSE * max(squares_of(plain.problem), 1e-12)
+    if exact is not None and allowed(exact) and (sound or better or names & set(had)):
         joint = exact
+    elif not (sound or names & set(had)):
+        joint = plain
     return joint, fitter.acting(joint.members)
 
 
@@ -89,6 +94,11 @@ def _dropped(chosen: Sequence[Option], joint: Joint) -> list[Step]:
     kept = {m.name for m in joint.members}
     why = "not needed when the others act together"
     return [Step(9, "drop", o.name, 0.0, 1.0, 0.0, True, why) for o in chosen if o.name not in kept]
+
+
+def _leaves(joint: Joint) -> float:
+    """Sum of the logarithms of every channel's held-out error."""
+    return float(np.sum(np.log(channel_errors(joint.problem, joint.problem.options))))
 
 
 def squares_of(p: Problem) -> float:

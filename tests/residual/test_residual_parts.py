@@ -15,6 +15,7 @@ from coaxlink.residual.signals import (
     low_pass,
     neighbour_floor,
     noise_floor,
+    spectral_floor,
 )
 
 
@@ -67,6 +68,33 @@ def make_blocks(rng, rows=600, bound=np.inf):
     block = np.repeat(np.arange(12), rows // 12)
     bounds = np.array([bound, np.inf, np.inf])
     return design, residual, block, accumulate(design, residual, block, np.arange(12) % 4, bounds)
+
+
+def gyro_torques(rng, rows, rate, inertia):
+    """(rows, 3) what white noise of three gyro axes makes of torque, and (3,) its rms after the low-pass."""
+    torque = np.stack([i * derivative(rng.normal(size=rows), rate) for i in inertia], axis=1)
+    return torque, low_pass(torque, rate, 4.0)[60:-60].std(axis=0)  # no rows that the ends reach
+
+
+def test_axes_of_one_gyro_tell_of_each_others_noise():
+    """Held to one level they tell it closer; an axis that shakes five times as much is not held to it."""
+    rng, rate, inertia = np.random.default_rng(9), 60.0, np.array([0.3, 0.4, 0.7])
+
+    def floor(torque, alike):
+        return spectral_floor(
+            [torque], rate, 4.0, lag_s=0.02, raw_rate_hz=rate, differentiated=[True] * 3, alike=alike
+        )
+
+    off = {"alone": [], "alike": []}
+    for _ in range(12):
+        torque, rms = gyro_torques(rng, 1500, rate, inertia)
+        off["alone"].append(np.log(floor(torque, None) / rms))
+        off["alike"].append(np.log(floor(torque, inertia) / rms))
+    alone, alike = (np.sqrt(np.mean(np.square(off[k]))) for k in ("alone", "alike"))
+    assert alike < 0.06 and alike < alone
+    torque, rms = gyro_torques(rng, 6000, rate, inertia)
+    shaken = torque * np.array([5.0, 1.0, 1.0])
+    assert floor(shaken, inertia) == pytest.approx(rms * np.array([5.0, 1.0, 1.0]), rel=0.12)
 
 
 def test_few_rows_tell_their_noise():
