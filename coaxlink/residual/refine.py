@@ -57,7 +57,7 @@ SCRUTINIES = 4  # of a flight's choice; of one longer than five minutes, one
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
 # order of a fitted base; whether what effects add is known; from what excess over the noise on
-TRIES = ((None, False, 0.0), (2, False, 0.0), (None, True, 1.05), (None, True, 1.25))
+TRIES = ((None, "", 0.0), (2, "", 0.0), (None, "all", 1.05), (None, "all", 1.25), (None, "steady", 1.05))
 DOUBTED = 1.5  # of the floor: a flight's choice that leaves more in a channel is judged once more
 CLEARLY = 0.1  # of the logarithm of errors, channels together, that another choice must leave less
 
@@ -215,14 +215,14 @@ def refine_stand(
     if thinned > 1:  # stretches whole: neighbours tell the noise, and what lags or remembers sees every row
         trusted = trusted[(trusted // STRETCH) % thinned == 0]
     best: tuple[float, Judged] | None = None
-    shed: Array | None = None
+    shed: dict[str, Array] = {}  # what effects make of the loads: all of them, and all but a drift
     # a base of high order may swallow an effect that a plain one leaves to be named; and how rich a base must
     # be is seen better once the effects are known
     for order, again, bar in TRIES[:1] if model is not None else TRIES:
-        if again and (shed is None or best is None or not _far_off(best[1], bar)):
-            break
+        if again and (again not in shed or best is None or not _far_off(best[1], bar)):
+            continue
         progress("fitting candidates")
-        bare = stand_frame(samples, model, order, shed if again else None, trusted)
+        bare = stand_frame(samples, model, order, shed.get(again), trusted)
         if best is not None and bare.model.terms() == best[1].problem.frame.model.terms():
             continue
         known, notes = known_on_stand(bare)
@@ -252,7 +252,10 @@ def refine_stand(
             joint, acting = together(problem, selection, bare, known, reduce, start)
         error = _log_error(joint.problem)
         if best is None or error <= best[0] + PLAINER:
-            shed = acting.predicted - problem.frame.predicted if selection.members else None
+            shed = {"all": acting.predicted - problem.frame.predicted} if selection.members else {}
+            steady = [(m.effect, m.parameters(bare)) for m in joint.members if m.name != "sensor_drift"]
+            if 0 < len(steady) < len(joint.members):  # the drift may stand in for what the base lacks
+                shed["steady"] = composed(bare, [*known, *steady]).predicted - problem.frame.predicted
             floor = _stand_floor(bare, joint)
             parts = (tuple(known), suspects, tuple(notes), not mislabelled)
             best = error, Judged(problem, selection, joint, floor, stand_variables(bare), *parts)

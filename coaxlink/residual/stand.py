@@ -37,6 +37,7 @@ APART, MOST_LEVELS = 0.02, 16  # of normalised speed; a speed with more levels t
 MISSED = 0.015  # of the reference load, at one level, by a fitted polynomial
 SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
 IDLE = 0.04  # of full speed
+UNFOLLOWED = 3.0  # times the error elsewhere: rows with an idle lower rotor
 DRAGGED = 0.1  # of the upper speed: a slower lower rotor stalls in its wake
 FEW_ROWS = 8  # enough to hold a given model against, not to find anything
 DELAY_S, FAST_S = (
@@ -107,9 +108,12 @@ def stand_frame(
     orders = ORDERS if order is None else (order,)
     plain = measured if shed is None else measured - shed
     keep = np.arange(samples.rows) if trusted is None else trusted
-    base = model or own_model(u[keep], plain[keep], present, speeds.speed_max_rpm, orders)
     surfaces: dict[int, Surface] = {}
     notes = [f"speeds: {speeds.source}"]
+    if model is None:
+        base, keep = _own_base(u, plain, keep, present, speeds.speed_max_rpm, orders, notes)
+    else:
+        base = model
     commanded = not speeds.from_throttle and throttles is None and _set_points(u)
     if commanded:
         notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
@@ -173,6 +177,36 @@ def _idle(u: Array, dragged: float) -> NDArray[np.bool_]:
     rest = u[:, 1] <= 0.0
     lasting = rest & np.roll(rest, 1) & np.roll(rest, -1)
     return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < np.maximum(IDLE, dragged * u[:, 0])) & ~lasting)
+
+
+def _own_base(
+    u: Array,
+    measured: Array,
+    keep: NDArray[np.intp],
+    present: Sequence[int],
+    speed_max_rpm: float,
+    orders: Sequence[int],
+    notes: list[str],
+) -> tuple[RotorModel, NDArray[np.intp]]:
+    """The polynomials of these rows, and the rows: none with an idle lower rotor if they are not followed."""
+    base = own_model(u[keep], measured[keep], present, speed_max_rpm, orders)
+    idle = _idle(u[keep], 0.0)
+    lower = [c for c in present if c in (2, 3)]
+    if not lower or not idle.any() or np.sum(~idle) <= LEAST_ROWS:
+        return base, keep
+    pair = base.loads(*u[keep].T)
+    own = np.stack([pair.lower_thrust, pair.lower_torque], axis=1)[:, [c - 2 for c in lower]]
+    left = measured[keep][:, lower] - own
+    among, rest = (np.sqrt(np.mean(left[rows] ** 2, axis=0)) for rows in (idle, ~idle))
+    if np.all(among < UNFOLLOWED * rest):
+        return base, keep
+    notes.append(
+        f"{idle.sum()} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not followed, not judged"
+    )
+    awake = keep[~idle]
+    turning = own_model(u[awake], measured[awake], lower, speed_max_rpm, orders).terms()
+    terms = {**base.terms(), **{LOADS[c]: turning[LOADS[c]] for c in lower}}
+    return RotorModel.from_terms(base.form, speed_max_rpm, terms), awake
 
 
 def _with_surfaces(

@@ -120,3 +120,14 @@ def test_a_lower_rotor_that_only_seems_to_turn_ends_in_no_error():
     log = log_of(t, a, faint, steady_loads(a, 0 * b))
     assert names(refine_stand(log)) == []
     assert names(refine_stand(log, model())) == []
+
+
+def test_an_own_fit_does_not_stand_or_fall_with_an_idle_rotor():
+    """Polynomials follow this pair but where its lower rotor windmills, at three rows in a hundred."""
+    t, a, b = ramps(1500)
+    loads = steady_loads(a, b)
+    loads[3] += 0.35 * a**2 * np.exp(-((b / 0.02) ** 2))
+    answer = refine_stand(log_of(t, a, b, loads))
+    assert names(answer) == [] and not answer.unexplained
+    assert over(answer) < 1.1
+    assert any("not followed, not judged" in note for note in answer.notes)
