@@ -24,6 +24,8 @@ from coaxlink.rotor import RotorModel
 CUTOFF_HZ = 4.0
 TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 4 Hz is judged
 LONG_ROWS, LONG_RATE_HZ = 100_000, 30.0  # beyond, half the rate does
+MANY_ROWS, STRETCH_S = 300_000, 120.0  # of hours of flight: beyond, one stretch in so many is judged
+LEAST_S = 4.0  # of a gapless stretch
 JUDGED_RATE_HZ = 10.0
 JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
 LIMIT, LIMIT_S, MOST_LIMITED = 0.002, 0.3, 0.15  # of full command; about it; of the time in the air
@@ -77,12 +79,15 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         stretches = [_thin(s, LONG_RATE_HZ) for s in stretches]
         rate = min(s.rate_hz for s in stretches)
     stretches = [_at_rate(s, rate) for s in stretches]
+    stretches, share = _some(stretches, rate)
     parts = [_side(i, s, airframe, motors) for i, s in enumerate(stretches)]
     shared = [name for name in parts[0] if all(name in p for p in parts)]
     whole = {name: np.concatenate([p[name] for p in parts]) for name in shared}
     thrust, torque = airframe.loads(model, whole["speeds"])
     predicted = airframe.body_loads(thrust, torque)
     keep, notes = _judged(whole, parts, stretches, -predicted[:, 2], airframe)
+    if share > 1:
+        notes.append(f"a long log: one stretch of {STRETCH_S:.0f} s in {share} is judged")
     jumps = airframe.body_loads(*airframe.loads(model, np.clip(whole["commands"], 0.0, None)))
     cutoff = min(CUTOFF_HZ, 0.4 * rate)
     keep = _steady(keep, (jumps, whole["measured"] - predicted), whole["stretch"], rate, cutoff, notes)
@@ -175,7 +180,7 @@ def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: 
     cuts = np.flatnonzero(np.diff(t) > max(6.0 * step, 0.25)) + 1
     pieces: list[_Stretch] = []
     for rows in np.split(np.arange(len(t)), cuts):
-        if len(rows) < 40 or t[rows[-1]] - t[rows[0]] < 4.0:
+        if len(rows) < 40 or t[rows[-1]] - t[rows[0]] < LEAST_S:
             continue
         grid = np.arange(t[rows[0]], t[rows[-1]], step)
         columns = {"time_s": grid}
@@ -189,13 +194,12 @@ def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: 
         commands = np.stack([columns.pop(m) for m in motors], axis=1)
         columns["commands"] = np.clip(commands, 0.0, 1.0)
         columns["speeds"] = lagged(columns["commands"], step, lag_s)
-        if len(grid) < LONG_ROWS:
-            for every in COARSER:
-                # what runs smoothly is no error of fewer rows: a spline passes it
-                coarse = CubicSpline(grid[::every], columns["commands"][::every])(
-                    np.minimum(grid, grid[::every][-1])
-                )
-                columns[f"every_{every}"] = lagged(coarse, step, lag_s) - columns["speeds"]
+        for every in COARSER:
+            # what runs smoothly is no error of fewer rows: a spline passes it
+            coarse = CubicSpline(grid[::every], columns["commands"][::every])(
+                np.minimum(grid, grid[::every][-1])
+            )
+            columns[f"every_{every}"] = lagged(coarse, step, lag_s) - columns["speeds"]
         pieces.append(_thin(_Stretch(number, 1.0 / step, step, columns)))
     return pieces
 
@@ -211,6 +215,20 @@ def _thin(piece: _Stretch, top_hz: float = TOP_RATE_HZ) -> _Stretch:
         for name, values in piece.columns.items()
     }
     return _Stretch(piece.log, rate, piece.step_s, columns)
+
+
+def _some(stretches: list[_Stretch], rate_hz: float) -> tuple[list[_Stretch], int]:
+    """One piece in so many that what is judged stays within MANY_ROWS, and this number."""
+    share = -(-sum(len(s.columns["time_s"]) for s in stretches) // MANY_ROWS)
+    if share < 2:
+        return stretches, 1
+    size = int(STRETCH_S * rate_hz)
+    firsts = [(s, a) for s in stretches for a in range(0, len(s.columns["time_s"]), size)][::share]
+    return [
+        replace(s, columns={name: values[a : a + size].copy() for name, values in s.columns.items()})
+        for s, a in firsts
+        if len(s.columns["time_s"]) - a > LEAST_S * rate_hz
+    ], share
 
 
 def _at_rate(piece: _Stretch, rate_hz: float) -> _Stretch:

@@ -143,3 +143,12 @@ def test_rows_about_a_command_at_its_limit_are_not_judged(flights):
     answer = found(log.with_columns(motor1=full))
     assert any("a command is at its limit" in note for note in answer.notes)
     assert [e.name for e in answer.effects] == ["mass_change"]
+
+
+def test_hours_of_flight_are_judged_in_stretches(flights, monkeypatch):
+    monkeypatch.setattr("coaxlink.residual.flight.MANY_ROWS", 1600)
+    monkeypatch.setattr("coaxlink.residual.flight.STRETCH_S", 8.0)
+    answer = found(flights["slow"])
+    assert [e.name for e in answer.effects] == ["degraded_rotor"]
+    assert any("one stretch of 8 s in 2 is judged" in note for note in answer.notes)
+    assert answer.channels["force_z"].held_out_rows < 300

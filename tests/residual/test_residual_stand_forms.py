@@ -126,7 +126,7 @@ def test_a_cell_stuck_where_the_load_stands_still():
 
 def test_a_long_log_is_judged_on_stretches(monkeypatch):
     monkeypatch.setattr(
-        sys.modules["coaxlink.residual.refine"], "MANY_ROWS", 2000
+        sys.modules["coaxlink.residual.judge_stand"], "MANY_ROWS", 2000
     )  # as a hundred thousand would be
     rows = 4000
     t = 0.02 * np.arange(rows)
