@@ -25,7 +25,8 @@ STUCK_S, STUCK_TIMES = 0.5, 12  # how long, and how many times longer than the l
 REPEATED_ROWS = 12
 DEAD = 0.5  # of the log: an axis that reads the same for so long never worked
 SWAP = 0.1  # of the torque's squares left with two motors exchanged
-FAILS = 3.0  # times what the exchange leaves: one failing rotor that leaves less is as good an explanation
+# times what the exchange leaves: one failing rotor, or a centre of mass, that leaves less explains as much
+FAILS = 3.0
 REVERSED = -0.7  # correlation of a gyro with the attitude's own rate
 # a sound gyro's scale is off by less; what a filter or slow rows do falls with frequency, a scale does not
 SCALE, SCALE_HZ, PIECES = 0.05, (1.2, 0.6), 8
@@ -206,6 +207,18 @@ def _one_fails(frame: FlightFrame, measured: Array, scale: Array) -> float:
     return least
 
 
+def off_centre(frame: FlightFrame, measured: Array, scale: Array) -> float:
+    """What is left of the torques (kept, 3), over `scale`, with the centre of mass at its best."""
+    loads = reduce_columns(frame, frame.predicted)
+    none = np.zeros(len(loads))
+    along = np.stack([none, -loads[:, 2], loads[:, 1]], axis=1)  # e_x x F
+    aside = np.stack([loads[:, 2], none, -loads[:, 0]], axis=1)  # e_y x F
+    columns = np.stack([(x / scale).ravel() for x in (along, aside)], axis=1)
+    told = (measured - loads[:, 3:] / scale).ravel()
+    fit = np.linalg.lstsq(columns, told, rcond=None)[0]
+    return float(np.mean((told - columns @ fit) ** 2))
+
+
 def _swapped(frame: FlightFrame) -> list[Suspect]:
     """Two motors whose commands explain the torques only when exchanged."""
     speeds = np.clip(reduce_columns(frame, frame.speeds), 0.0, None)
@@ -225,7 +238,9 @@ def _swapped(frame: FlightFrame) -> list[Suspect]:
         now = left(order)
         if now < best:
             best, pair = now, (i, j)
-    if best > SWAP * as_told or as_told < 0.05 or _one_fails(frame, measured / scale, scale) < FAILS * best:
+    if best > SWAP * as_told or as_told < 0.05:
+        return []
+    if min(rival(frame, measured / scale, scale) for rival in (_one_fails, off_centre)) < FAILS * best:
         return []
     why = (
         f"with the two exchanged the torques fit {np.sqrt(as_told / best):.0f} times closer: they are swapped"

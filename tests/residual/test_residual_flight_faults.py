@@ -12,6 +12,8 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.residual import refine
+from coaxlink.residual.flight import flight_frame, reduce_columns
+from coaxlink.residual.flight_suspects import off_centre
 from coaxlink.rotor import load_rotor_model
 
 
@@ -33,6 +35,23 @@ def test_two_motors_exchanged_are_named(clean):
     answer = ask(clean | {"motor2": clean["motor7"], "motor7": clean["motor2"]})
     assert [s.column for s in answer.suspect_data] == ["motor2, motor7"]
     assert answer.effects == ()
+
+
+def test_a_centre_of_mass_is_the_rival_of_an_exchange(clean):
+    """A steady torque that goes with the force is as well explained by where it acts; an exchange is not."""
+    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+    model = load_rotor_model(files.example("rotor_paper.toml"))
+
+    def left(columns, arm):
+        frame = flight_frame([Samples(columns, "fault")], airframe, model)
+        measured = frame.measured.copy()
+        measured[:, 3:] += np.cross(arm, frame.measured[:, :3])
+        torques = reduce_columns(frame, measured)[:, 3:]
+        scale = np.std(torques, axis=0)
+        return off_centre(frame, torques / scale, scale) / np.mean((torques / scale) ** 2)
+
+    assert left(clean, (0.02, -0.03, 0.0)) < 0.02
+    assert left(clean | {"motor2": clean["motor7"], "motor7": clean["motor2"]}, (0.0, 0.0, 0.0)) > 0.3
 
 
 def test_a_reversed_gyro_is_named(clean):
