@@ -19,11 +19,12 @@ from coaxlink.residual.joint import Part, composed
 SLOWEST_HZ = 0.15
 STEP_M_S = 0.05
 STEP_RAD = 0.002
+STEP_M = 0.01
 GRAVITY = 9.80665
 
 
 def felt_noise(bare: FlightFrame, parts: Sequence[Part]) -> Array:
-    """(6,) rms that the velocity's and the attitude's noise add to the residual through these effects.
+    """(6,) rms that the noise of velocity, height and attitude adds to the residual through these effects.
 
     The attitude tells what is downwards: how high every disc is, and what of a climb is along the axes.
     """
@@ -37,6 +38,11 @@ def felt_noise(bare: FlightFrame, parts: Sequence[Part]) -> Array:
             continue
         noise = _body_noise(bare) if noise is None else noise
         power += noise[k] ** 2 * np.mean(slope**2, axis=0)
+    high = bare.extra.get("height_noise")
+    if bare.height is not None and high is not None and np.isfinite(high[bare.keep]).any():
+        raised = replace(bare, height=bare.height + STEP_M)
+        slope = (composed(raised, parts).predicted - here)[bare.keep] / STEP_M
+        power += float(np.nanmean(high[bare.keep] ** 2)) * np.mean(slope**2, axis=0)
     told = bare.extra.get("attitude_noise")
     if told is None or not np.isfinite(told[bare.keep]).any():
         return np.sqrt(power)

@@ -123,7 +123,7 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         cutoff_hz=cutoff,
         step_s=max(s.step_s for s in stretches),
         notes=tuple(notes),
-        extra={name: whole[name] for name in ("told_attitude", "attitude_noise", "velocity_noise")},
+        extra={name: values for name, values in whole.items() if name.endswith("_noise") or "told" in name},
     )
     return replace(frame, sampling=_between_rows(frame, whole))
 
@@ -285,7 +285,8 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
         if name in c:
             out[key] = c[name]
     if "height" in out:
-        out["height"] = smoothed_height(out["height"], velocity[:, 2], piece.rate_hz)
+        out["height"], noise = smoothed_height(out["height"], velocity[:, 2], piece.rate_hz)
+        out["height_noise"] = np.full(rows, noise)
     return out
 
 

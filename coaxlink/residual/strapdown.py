@@ -96,13 +96,18 @@ def smoothed_velocity(velocity: Array, force: Array, to_world: Array, rate_hz: f
     return velocity - quick, _left(quick, rate_hz)
 
 
-def smoothed_height(height: Array, sinking: Array, rate_hz: float) -> Array:
-    """(rows,) height above the corner from the velocity downwards; as it came where the ground is uneven."""
+def smoothed_height(height: Array, sinking: Array, rate_hz: float) -> tuple[Array, float]:
+    """(rows,) height above the corner from the velocity downwards, and the noise that is left.
+
+    As it came, its noise unknown, where the ground is uneven.
+    """
     if len(height) < LEAST_S * rate_hz:
-        return height
+        return height, np.nan
     differs = (height + integral(sinking[:, None], rate_hz)[:, 0])[:, None]
-    quick = (differs - slow_part(differs, rate_hz, 2.0 * CORNER_HZ))[:, 0]
-    return height if np.max(np.abs(quick)) > STRAYS_M else height - quick
+    quick = differs - slow_part(differs, rate_hz, 2.0 * CORNER_HZ)
+    if np.max(np.abs(quick)) > STRAYS_M:
+        return height, np.nan
+    return height - quick[:, 0], float(_left(quick, rate_hz, 2.0 * CORNER_HZ)[0])
 
 
 def _left(quick: Array, rate_hz: float, corner_hz: float = CORNER_HZ) -> Array:

@@ -65,6 +65,17 @@ def test_a_gain_that_bends_near_the_ground(frame, bend):
     assert gained[rows] == pytest.approx((first / (1.0 + bend * first))[rows], rel=1e-6)
 
 
+def test_a_gain_that_ends_where_its_law_does(frame):
+    height = ground_effect.disc_heights(frame)[frame.keep]
+    flat = float(np.median(height))
+    numbers = {"effective_radius_m": 0.6, "height_power": 2.0, "levelling": -1.0, "flat_below_m": flat}
+    gained = ground_effect.FLIGHT.acting(frame, numbers).thrust / frame.thrust - 1.0
+    law = 1.0 / (1.0 - (0.15 / np.maximum(height, flat)) ** 2) - 1.0
+    assert gained[frame.keep] == pytest.approx(law, rel=1e-6)
+    shape, values = ground_effect.FLIGHT.inverse(frame, numbers)
+    assert ground_effect.FLIGHT.parameters(frame, shape, values) == pytest.approx(numbers)
+
+
 def test_what_a_climb_takes_bends_with_the_inflows_ratio(frame):
     numbers = {"thrust_per_climb_N_s_m": 2.0, "levelling_s_m": 0.04}
     lost = frame.thrust - axial_inflow.FLIGHT.acting(frame, numbers).thrust

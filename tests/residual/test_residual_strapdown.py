@@ -90,7 +90,9 @@ def test_a_height_loses_its_noise_but_not_a_step_of_the_ground():
     random = np.random.default_rng(3)
     t, _, _, _, velocity, _, height = path()
     told = height + 0.02 * random.standard_normal(len(t))
-    better = smoothed_height(told, velocity[:, 2], RATE)
+    better, noise = smoothed_height(told, velocity[:, 2], RATE)
+    assert noise == pytest.approx(rms((better - height)[:, None]), rel=0.5)
     assert rms((better - height)[:, None]) < 0.4 * rms((told - height)[:, None])
     step = told + 0.6 * (t > 30.0)
-    assert smoothed_height(step, velocity[:, 2], RATE) is step
+    same, unknown = smoothed_height(step, velocity[:, 2], RATE)
+    assert same is step and np.isnan(unknown)

@@ -5,7 +5,8 @@ term; for multirotors the effective radius is larger than one rotor's (Sanchez-C
 2017), and an exponential in height fits flights as well (He, Lee and Leang 2019). Both are tried, the
 power of height being free between limits; each rotor feels the height of its own disc, which rights a tilted
 vehicle. Close to the ground the gain g grows faster than its first term (Cheeseman's 1 / (1 - g)) or levels
-off (Hayden 1976, whose power falls short): g / (1 + b g), b free, is either.
+off (Hayden 1976, whose power falls short): g / (1 + b g), b free, is either. Both laws end where the disc is
+nearer than half a radius: below a height the gain may stop growing.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ LOWEST_M = 0.08
 
 
 POWERS = (0.7, 5.0)
-BEND = (-2.5, 6.0)
+BENDS = {"levelling": (-2.5, 6.0), "flat_below_m": (LOWEST_M, 1.0)}
 
 
 def _height(frame: FlightFrame) -> Array:
@@ -50,7 +51,7 @@ def _shapes(_: FlightFrame) -> Sequence[Shape]:
 
 
 def _gain(frame: FlightFrame, shape: Shape) -> Array:
-    h = disc_heights(frame)
+    h = np.maximum(disc_heights(frame), shape.get("flat_below_m", LOWEST_M))
     if "height_scale_m" in shape:
         return np.exp(-h / shape["height_scale_m"])
     return (0.25 / h) ** shape.get("height_power", 2.0)
@@ -62,7 +63,7 @@ def _columns(frame: FlightFrame, shape: Shape) -> Array:
 
 
 def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
-    bend = {k: v for k, v in shape.items() if k == "levelling"}
+    bend = {k: v for k, v in shape.items() if k in BENDS}
     if "height_scale_m" in shape:
         return {"gain_at_ground": float(c[0]), "height_scale_m": shape["height_scale_m"], **bend}
     power = shape.get("height_power", 2.0)
@@ -71,7 +72,7 @@ def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
 
 
 def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    bend = {k: v for k, v in p.items() if k == "levelling"}
+    bend = {k: v for k, v in p.items() if k in BENDS}
     if "height_scale_m" in p:
         return {"height_scale_m": p["height_scale_m"], **bend}, np.array([p["gain_at_ground"]])
     power, radius = p.get("height_power", 2.0), p["effective_radius_m"]
@@ -92,7 +93,7 @@ def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
 
 
 def _free(_: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
-    bend = {"levelling": BEND} if "levelling" in shape else {}
+    bend = {k: limits for k, limits in BENDS.items() if k in shape}
     if "height_scale_m" in shape:
         return {"height_scale_m": (0.5 * SCALES_M[0], 2.0 * SCALES_M[-1]), **bend}
     return {"height_power": POWERS, **bend}
@@ -100,11 +101,14 @@ def _free(_: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
 
 def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     sign = np.sign(c[0])
-    mine = {k: v for k, v in shape.items() if k != "levelling"}
+    mine = {k: v for k, v in shape.items() if k not in BENDS}
     other, size = ({"height_scale_m": 0.5}, 0.2) if "height_power" in shape else ({"height_power": 2.0}, 0.1)
     out: list[tuple[Shape, Array]] = [(other, np.array([size * sign]))]
     if "levelling" not in shape:
         out += [({**mine, "levelling": b}, c) for b in (0.3, -0.3)]
+    if "flat_below_m" not in shape:
+        level = shape.get("levelling", -0.3)
+        out += [({**mine, "levelling": level, "flat_below_m": h}, c) for h in (0.35, 0.2, 0.12)]
     return out
 
 
@@ -120,6 +124,7 @@ FLIGHT: Effect[FlightFrame] = Effect(
         "effective_radius_m": "m",
         "height_power": "1",
         "levelling": "1",
+        "flat_below_m": "m",
     },
     missing=_missing,
     shapes=_shapes,
