@@ -28,6 +28,7 @@ MANY_ROWS, STRETCH_S = 300_000, 120.0  # of hours of flight: beyond, one stretch
 LEAST_S = 4.0  # of a gapless stretch
 JUDGED_RATE_HZ = 10.0
 JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
+AFTER_S = 0.4  # not judged behind a jump
 LIMIT, LIMIT_S, MOST_LIMITED = 0.002, 0.3, 0.15  # of full command; about it; of the time in the air
 MATTERS = 1.0  # times the noise
 COARSER = (2, 4)  # rows a row, to see what fewer rows cost
@@ -318,7 +319,14 @@ def _steady(
     noise = noise_floor(reduced[keep], runs, np.array(gain))
     usual = np.maximum(JUMP * np.median(doubt, axis=0), (MATTERS * noise) ** 2)
     excess = np.max(doubt / np.maximum(usual, 1e-30), axis=1)
-    out = keep[excess <= max(1.0, float(np.quantile(excess, 1.0 - MOST_JUMPS)))]
+    sound = excess <= max(1.0, float(np.quantile(excess, 1.0 - MOST_JUMPS)))
+    # behind a step of the commands the motors are on their way, by a law that no lag follows exactly
+    steps = keep[excess > 1.0]
+    last = steps[np.maximum(np.searchsorted(steps, keep, side="right") - 1, 0)] if len(steps) else keep + 1
+    after = (keep >= last) & (keep - last <= AFTER_S * rate)
+    if np.mean(after) < MOST_JUMPS:
+        sound &= ~after
+    out = keep[sound]
     if len(out) < len(keep):
         seconds = (len(keep) - len(out)) / JUDGED_RATE_HZ
         notes.append(f"{seconds:.1f} s not judged: commands jump there between two rows of the log")

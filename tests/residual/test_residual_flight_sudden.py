@@ -12,6 +12,7 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.residual import refine
+from coaxlink.residual.flight import flight_frame
 from coaxlink.rotor import RotorModel, load_rotor_model
 
 HIDDEN = {
@@ -152,3 +153,15 @@ def test_hours_of_flight_are_judged_in_stretches(flights, monkeypatch):
     assert [e.name for e in answer.effects] == ["degraded_rotor"]
     assert any("one stretch of 8 s in 2 is judged" in note for note in answer.notes)
     assert answer.channels["force_z"].held_out_rows < 300
+
+
+def test_nothing_is_judged_right_behind_a_step_of_the_commands(flights):
+    log = flights["clean"]
+    time, kicked = log["time_s"], log["motor1"].copy()
+    kicked[(time >= 20.0) & (time < 22.0)] += 0.25
+    frame = flight_frame([log.with_columns(motor1=kicked)], x8(), with_thrust(1.0))
+    judged = frame.time_s[frame.keep]
+    for step in (20.0, 22.0):
+        assert not np.any((judged > step) & (judged < step + 0.35))
+        assert np.any((judged > step - 0.5) & (judged < step - 0.1))
+        assert np.any((judged > step + 0.5) & (judged < step + 0.8))
