@@ -157,3 +157,30 @@ def test_a_sweep_that_jumps_back_has_no_way_down():
         speeds = np.column_stack([np.tile(np.linspace(0.0, 0.9, 10), 5)] * 2)
 
     assert not np.any(direction(Frame(), 0) < 0)
+
+
+def dragged(load, width):
+    """A load read through a slide that sticks until it is `width` behind."""
+    held, out = load[0], []
+    for x in load:
+        held = min(max(held, x - width), x + width)
+        out.append(held)
+    return np.array(out)
+
+
+def test_two_slides_of_one_width_are_one_hysteresis():
+    """The loads differ, so the shares do; and while one rotor is held its tachometer trembles."""
+    up = np.arange(0.0, 0.9, 0.01)
+    leg = np.concatenate([up, up[::-1]])
+    still = np.ones_like(leg)
+    a = np.concatenate([leg, leg, *(h * still for h in (0.3, 0.5, 0.7, 0.9)), 0.0 * still])
+    b = np.concatenate([leg, 0.6 * still, *(leg for _ in range(5))])
+    rng = np.random.default_rng(11)
+    loads = steady_loads(a, b)
+    for c in (0, 2):
+        loads[c] = dragged(loads[c], 2.0)
+    read = [np.maximum(u + 5e-4 * rng.standard_normal(len(u)), 0.0) for u in (a, b)]
+    answer = refine_stand(log_of(0.1 * np.arange(len(a)), *read, loads), model())
+    assert names(answer) == ["hysteresis"]
+    assert over(answer) < 1.08
+    assert {p.name for p in answer.effects[0].parameters} >= {"lower_over_upper"}

@@ -15,9 +15,9 @@ from coaxlink.residual.frames import STAND_LOADS, StandFrame
 SIDES = {"upper": 0, "lower": 1}
 REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
 NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
-         "power", "reach", "spread")  # fmt: skip
+         "power", "reach", "spread", "lower_over_upper")  # fmt: skip
 ALL = {"both", "sweep", "load"}  # not one rotor's alone
-FREE = {"reach": (0.004, 0.6), "spread": (1.02, 3.0), "power": (0.0, 1.5)}
+FREE = {"reach": (0.004, 0.6), "spread": (1.02, 3.0), "power": (0.0, 1.5), "lower_over_upper": (0.2, 5.0)}
 TURNED = 0.01  # of normalised speed: less is no turn
 SAME, RETURNS = 0.03, 0.1  # of normalised speed; of the rows: had at a speed from one side and the other
 JUMP = 0.3  # of normalised speed from row to row: the next sweep begins, no way back
@@ -92,6 +92,14 @@ def _no_return(frame: StandFrame) -> str | None:
     return "no speed was come to from below and from above"
 
 
+def _quiet(course: Array) -> Array:
+    """The course (rows,) behind a play as wide as its noise: what only trembles while held wears nothing."""
+    play = 3.0 * 1.4826 * float(np.median(np.abs(np.diff(course, 2)))) / np.sqrt(6.0)
+    if play <= 1e-9:
+        return course
+    return np.asarray(course - play * slipping(course, np.array([2.0 * play]))[:, 0])
+
+
 def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
     """(rows,) -1..1: from above, from below; of one load channel."""
     side = channel // 2
@@ -100,7 +108,7 @@ def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
         if "load" in shape:  # a cell's friction knows its own load only, whatever speeds made it
             course = frame.predicted[:, channel] / frame.reference[channel]
         ways = shape["reach"] * shape["spread"] ** STICKING
-        return np.asarray(slipping(course, ways).mean(axis=1))
+        return np.asarray(slipping(_quiet(course), ways).mean(axis=1))
     if "sweep" in shape:  # the stand as a whole is loaded or unloaded, whichever rotor does it
         rate = np.gradient(_course(frame).sum(axis=1))
         way = np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
@@ -130,7 +138,7 @@ def _columns(frame: StandFrame, shape: Shape) -> Array:
     out = np.zeros((len(frame.time_s), 6, 2))
     for name, side in SIDES.items():
         if name in shape or ALL & set(shape):
-            weight = _weight(frame, side, shape)
+            weight = _weight(frame, side, shape) * (shape.get("lower_over_upper", 1.0) if side else 1.0)
             for k in (0, 1):
                 out[:, 2 * side + k, k] = -0.5 * weight[:, k] * _way(frame, 2 * side + k, shape)
     return out
@@ -153,7 +161,7 @@ def _shapes(frame: StandFrame) -> list[dict[str, float]]:
 
 
 def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
-    """Worn in, at every load alike or by a power of it."""
+    """Worn in, at every load alike or by a power of it, on both rotors by one share or by two."""
     way = {"reach": shape.get("reach", REACHES[0]), "spread": shape.get("spread", 1.8)}
     forms: list[tuple[Shape, Array]] = []
     bare = {k: v for k, v in shape.items() if k not in ("moving", "reach", "spread")}
@@ -161,6 +169,9 @@ def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
         forms += [({**bare, **way, "reach": r}, c) for r in REACHES]
     if "power" not in shape:
         forms.append(({k: v for k, v in bare.items() if k != "bulge"} | way | {"power": 0.7}, c))
+    if ALL & set(shape) and "lower_over_upper" not in shape:  # every slide has a friction of its own
+        plain = {k: v for k, v in shape.items() if k != "moving"}
+        forms += [({**plain, **way, **power, "lower_over_upper": 1.0}, c) for power in ({}, {"power": 0.3})]
     return forms
 
 
