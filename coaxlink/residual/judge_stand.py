@@ -32,7 +32,7 @@ Progress = Callable[[str], None]
 ROUNDS = 3  # of judging again
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
-# order of a fitted base; whether what effects add is known; from what excess over the noise on
+# order of a fitted base; whose share is taken off first (all effects, all but a drift); from what excess on
 TRIES = ((None, "", 0.0), (2, "", 0.0), (None, "all", 1.05), (None, "all", 1.25), (None, "steady", 1.05))
 
 
