@@ -228,7 +228,7 @@ def _some(stretches: list[_Stretch], rate_hz: float) -> tuple[list[_Stretch], in
     return [
         replace(s, columns={name: values[a : a + size].copy() for name, values in s.columns.items()})
         for s, a in firsts
-        if len(s.columns["time_s"]) - a > LEAST_S * rate_hz
+        if a == 0 or len(s.columns["time_s"]) - a > LEAST_S * rate_hz
     ], share
 
 
