@@ -52,7 +52,9 @@ class Blocks:
     power: Array  # (B, C)
     rows: Array  # (B,)
     fold: NDArray[np.intp]  # (B,)
-    bounds: Array  # (P,) largest believable coefficient; inf for effects
+    # (P,) largest believable coefficient; inf for effects; twice its deviation, with a minus, for one that is
+    # drawn from a normal distribution and has no limit
+    bounds: Array
 
     @cached_property
     def whole(self) -> tuple[Array, Array]:
@@ -122,10 +124,10 @@ def _spread(blocks: Blocks, use: Index, values: Array) -> Array:
 def _bounded(gram: Array, moment: Array, bounds: Array) -> Array:
     """Ridge least squares (k,) of normal equations, bounded columns shrunk and kept inside."""
     # half a bound is one standard deviation of what a base may be off by
-    gram = gram + np.diag(np.where(np.isfinite(bounds), (2.0 / np.maximum(bounds, 1e-300)) ** 2, 0.0))
+    gram = gram + np.diag(np.where(np.isfinite(bounds), (2.0 / np.maximum(np.abs(bounds), 1e-300)) ** 2, 0.0))
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram, moment = gram / np.outer(scale, scale), moment / scale
-    limit = bounds * scale
+    limit = np.where(bounds < 0.0, np.inf, bounds * scale)
     gram = gram + 1e-10 * np.eye(len(bounds))
     fixed = np.zeros(len(bounds), bool)
     value: Array = np.zeros(len(bounds))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
+from coaxlink.residual.kriging import Process
 from coaxlink.residual.signals import lagged
 from coaxlink.residual.similarity import Surface
 from coaxlink.rotor import RotorModel
@@ -115,7 +116,9 @@ class StandFrame:
     block: NDArray[np.intp]  # (rows,)
     keep: NDArray[np.intp]
     notes: tuple[str, ...] = ()
-    surfaces: Mapping[int, Surface] = field(default_factory=dict)  # by load: what the fitted terms miss
+    surfaces: Mapping[int, Surface | Process] = field(
+        default_factory=dict
+    )  # by load: what the fitted terms miss
 
     def context(self, name: str) -> Array | None:
         """A recorded column, or None."""

@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 
 from coaxlink.data.samples import Samples
-from coaxlink.residual.answer import Judged, answer, held_out_residual
-from coaxlink.residual.blocks import held_out
+from coaxlink.residual.answer import Judged, answer
 from coaxlink.residual.courses import outrun
+from coaxlink.residual.followed import followed, log_error, own_floor
 from coaxlink.residual.forms import within_forms
-from coaxlink.residual.frames import Array, StandFrame
-from coaxlink.residual.joint import SHORT, Joint, Member, Part, composed
+from coaxlink.residual.frames import Array
+from coaxlink.residual.joint import SHORT, Member, Part, composed
 from coaxlink.residual.problem import Problem
 from coaxlink.residual.remainder import minor
 from coaxlink.residual.result import Refinement, Step
 from coaxlink.residual.reweigh import channel_errors
 from coaxlink.residual.scrutiny import undone
-from coaxlink.residual.select import Selection, columns_of, select
+from coaxlink.residual.select import Selection, select
 from coaxlink.residual.speed_gain import wrong_gain
 from coaxlink.residual.stand import LEAST_ROWS, joined, stand_frame
-from coaxlink.residual.stand_problem import known_parts, stand_floor, stand_problem, stand_variables
+from coaxlink.residual.stand_problem import known_parts, reducing, stand_problem, stand_variables
 from coaxlink.residual.suspects import find_suspects
 from coaxlink.residual.together import fitter_of, together
 from coaxlink.rotor import RotorModel
@@ -78,7 +78,7 @@ def judge_stand(
         if gain is not None:
             suspects, mislabelled = (*suspects, gain), True
         selection = Selection() if mislabelled or few else select(problem)
-        reduce = _present(bare)
+        reduce = reducing(bare)
         selection, start = _again(problem, selection, bare, known, reduce)
         joint, acting = together(problem, selection, bare, known, reduce, start)
         gone = outrun(joint, acting, reduce)
@@ -86,45 +86,32 @@ def judge_stand(
         if not gone:
             gone, why = within_forms(joint, bare), "no more than the form of a larger one misses"
         if not gone:
-            gone, why = minor(joint, _stand_floor(bare, joint)), "leaves most of what is there"
+            gone, why = minor(joint, own_floor(bare, joint)), "leaves most of what is there"
         if gone:
             selection = undone(selection, gone)
             selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(gone)]
             joint, acting = together(problem, selection, bare, known, reduce, start)
-        error = _log_error(joint.problem)
+        error = log_error(joint)
         if best is None or error <= best[0] + PLAINER:
             shed = {"all": acting.predicted - problem.frame.predicted} if selection.members else {}
             steady = [(m.effect, m.parameters(bare)) for m in joint.members if m.name != "sensor_drift"]
             if 0 < len(steady) < len(joint.members):  # the drift may stand in for what the base lacks
                 shed["steady"] = composed(bare, [*known, *steady]).predicted - problem.frame.predicted
-            floor = _stand_floor(bare, joint)
+            floor = own_floor(bare, joint)
             parts = (tuple(known), suspects, tuple(notes), not mislabelled)
             best = error, Judged(problem, selection, joint, floor, stand_variables(bare), *parts)
     assert best is not None
     progress("judging")
-    return answer(best[1], several)
+    judged = best[1]
+    if judged.problem.frame.free_base and judged.labelled and len(judged.problem.frame.keep) >= LEAST_ROWS:
+        judged = followed(judged)
+    return answer(judged, several)
 
 
 def _far_off(j: Judged, bar: float) -> bool:
     """Whether a load is left with more than so many times its noise."""
     q = j.joint.problem
     return bool(np.max(channel_errors(q, q.options) / np.maximum(j.floor, 1e-12)) > bar)
-
-
-def _present(frame: StandFrame) -> Callable[[Array], Array]:
-    keep, present = frame.keep, list(frame.present)
-    return lambda columns: np.asarray(columns[keep][:, present])
-
-
-def _stand_floor(frame: StandFrame, joint: Joint) -> Array:
-    q = joint.problem
-    fits = held_out(q.blocks, columns_of(q, list(q.options)))[1]
-    return stand_floor(frame, held_out_residual(q, fits))
-
-
-def _log_error(p: Problem) -> float:
-    """Mean over channels of the logarithm of the held-out error, in the channels' units."""
-    return float(np.mean(np.log(np.maximum(channel_errors(p, p.options), 1e-12))))
 
 
 def _again(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from coaxlink.residual.effects import STAND_EFFECTS
+from coaxlink.residual.effects.base import Effect
 from coaxlink.residual.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.joint import Part
 from coaxlink.residual.problem import Index, Problem, build
@@ -32,13 +33,15 @@ def known_parts(frame: StandFrame) -> tuple[list[Part], list[str]]:
     return parts, notes
 
 
-def stand_problem(frame: StandFrame) -> Problem:
+def reducing(frame: StandFrame) -> Callable[[Array], Array]:
+    """From (frame rows, 6) to (judged rows, C)."""
+    keep, present = frame.keep, list(frame.present)
+    return lambda columns: np.asarray(columns[keep][:, present])
+
+
+def stand_problem(frame: StandFrame, effects: Sequence[Effect[StandFrame]] = STAND_EFFECTS) -> Problem:
     """The regression of a stand log: residual of the measured channels at trusted rows."""
-    present, keep = list(frame.present), frame.keep
-
-    def reduce(columns: Array) -> Array:
-        return columns[keep][:, present]
-
+    present, keep, reduce = list(frame.present), frame.keep, reducing(frame)
     residual = reduce(frame.measured - frame.predicted)
     _, block = np.unique(frame.block[keep], return_inverse=True)
     base = [(name, bound, reduce(columns)) for name, bound, columns in base_corrections(frame)]
@@ -52,7 +55,7 @@ def stand_problem(frame: StandFrame) -> Problem:
         residual=residual,
         sigma=np.sqrt(floor**2 + (2e-4 * reference) ** 2),
         corrections=base,
-        effects=STAND_EFFECTS,
+        effects=effects,
         reduce=reduce,
         block=block.astype(np.intp),
     )

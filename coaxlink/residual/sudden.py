@@ -60,7 +60,7 @@ class _Scan:
         self.p, self.use = p, columns_of(p, members)
         self.grams, self.moments = p.blocks.whole
         bounds = p.blocks.bounds[self.use]
-        ridge = np.where(np.isfinite(bounds), (2.0 / np.maximum(bounds, 1e-300)) ** 2, 1e-9)
+        ridge = np.where(np.isfinite(bounds), (2.0 / np.maximum(np.abs(bounds), 1e-300)) ** 2, 1e-9)
         gram = self.grams[:, self.use[:, None], self.use].sum(axis=0) + np.diag(ridge)
         self.moment = self.moments[:, self.use].sum(axis=0)
         self.inverse = np.linalg.pinv(gram)
