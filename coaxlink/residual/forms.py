@@ -7,6 +7,8 @@ must be needed still where that one's cause may act on the same loads in a freer
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from coaxlink.residual.blocks import solve
@@ -17,6 +19,7 @@ from coaxlink.residual.problem import Option, from_design
 from coaxlink.residual.select import ALPHA, Judge, columns_of
 
 SMALL = 0.25  # of what the other adds to the load that the smaller one changes most
+MISSED = 0.1  # of the reference load, a deviation
 LEVELS = 8  # a cause with more of them is a course: its first two powers
 
 
@@ -40,6 +43,9 @@ def within_forms(joint: Joint, frame: StandFrame) -> set[str]:
             free = Option(nameless, {}, np.arange(at, at + added.shape[-1]))
             design = np.concatenate([q.design, added.astype(q.design.dtype)], axis=-1)
             beside = from_design(q, design, q.residual, [*q.options, free], frame=q.frame)
+            bounds = beside.blocks.bounds.copy()
+            bounds[at:] = -2.0 * MISSED  # a level that a fold has not seen is not known to it
+            beside = replace(beside, blocks=replace(beside.blocks, bounds=bounds))
             still = Judge(beside).trial([*rest, free], small)
             if still.gain <= 0.0 or still.p_value > ALPHA:
                 found.add(small.name)

@@ -39,6 +39,8 @@ SETTINGS = 0.2  # of the rows: more different speeds than that are not set-point
 IDLE = 0.04  # of full speed
 UNFOLLOWED = 3.0  # times the error elsewhere: rows with an idle lower rotor
 DRAGGED = 0.1  # of the upper speed: a slower lower rotor stalls in its wake
+# of normalised speed with next to no throttle (more is a dead band), of the other's throttle with none
+JUMP, WINDMILL = 0.01, 0.1
 FEW_ROWS = 8  # enough to hold a given model against, not to find anything
 DELAY_S, FAST_S = (
     0.06,
@@ -332,8 +334,13 @@ def base_corrections(frame: StandFrame) -> Base:
                 "t o": mine * rival,
                 "o": rival,
             }
+            turns = np.where(mine > 0.0, 1.0, 0.0)
             for name, values in curves.items():
-                column(f"{STAND_CHANNELS[4 + side]}_throttle {name}", np.inf, 4 + side, values)
+                bound = JUMP if name == "1" else np.inf
+                column(f"{STAND_CHANNELS[4 + side]}_throttle {name}", bound, 4 + side, turns * values)
+            rest = 1.0 - turns  # it stands, or the other's wake turns it
+            for name, bound, values in (("1", JUMP, rest), ("o", WINDMILL, rest * rival)):
+                column(f"{STAND_CHANNELS[4 + side]}_at_rest {name}", bound, 4 + side, values)
     return out
 
 

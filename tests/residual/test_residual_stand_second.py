@@ -131,3 +131,46 @@ def test_an_own_fit_does_not_stand_or_fall_with_an_idle_rotor():
     assert names(answer) == [] and not answer.unexplained
     assert over(answer) < 1.1
     assert any("not followed, not judged" in note for note in answer.notes)
+
+
+def throttled(t, asked, turned, **more):
+    """A log of throttles, and of tachometers that read with noise what they turned."""
+    rng = np.random.default_rng(6)
+    rpm = [FULL_RPM * np.maximum(u + 5e-4 * rng.standard_normal(len(t)), 0.0) for u in turned]
+    read = {f"{n}_throttle": u for n, u in zip(("upper", "lower"), asked, strict=True)} | more
+    log = log_of(t, *turned, steady_loads(*turned), **read)
+    return log.with_columns(upper_rpm=rpm[0], lower_rpm=rpm[1])
+
+
+def test_a_motor_that_starts_late_keeps_turning_below_its_start():
+    t, *asked = ramps(1500)
+    turned = []
+    for u in asked:
+        now, mine = False, []
+        for x in u:
+            now = x > (0.07 if now else 0.13)
+            mine.append((x - 0.07) / 0.93 if now else 0.0)
+        turned.append(np.array(mine))
+    answer = refine_stand(throttled(t, asked, turned), model())
+    assert names(answer) == ["dead_band"]
+    got = {q.name: q.value for q in answer.effects[0].parameters}
+    assert got["band"] == pytest.approx(0.07, abs=0.01) and got["start"] == pytest.approx(0.13, abs=0.02)
+    assert over(answer) < 1.1
+
+
+def test_a_weak_supply_changes_nothing_where_a_rotor_stands():
+    t, *asked = ramps(1500)
+    volts = 33.0 - 8.0 * (t / t[-1]) ** 1.2 - np.sum(asked, axis=0)
+    turned = [np.where(u > 0.19, u, 0.0) * (volts / 33.0) ** 0.5 for u in asked]
+    answer = refine_stand(throttled(t, asked, turned, voltage_V=volts), model())
+    assert names(answer) == ["battery_voltage", "dead_band"]
+    assert over(answer) < 1.1
+
+
+def test_a_throttle_that_is_off_leaves_a_rotor_at_rest():
+    levels = np.linspace(0.0, 0.9, 11)
+    asked = [np.repeat(levels, 11), np.tile(levels, 11)]
+    turned = [np.maximum(u - 0.03, 0.0) / 0.97 for u in asked]
+    answer = refine_stand(throttled(2.0 * np.arange(121.0), asked, turned), model())
+    assert names(answer) == ["dead_band"]
+    assert over(answer) < 1.3  # a single sweep tells its noise to one part in ten

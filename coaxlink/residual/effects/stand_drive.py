@@ -7,6 +7,7 @@ lower_speed) and not in the loads; where it has throttles only, in every load.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.signal import lfilter
@@ -16,7 +17,7 @@ from coaxlink.residual.frames import STAND_CHANNELS, StandFrame
 from coaxlink.residual.signals import lagged
 
 LAGS_S = tuple(round(0.02 * 1.2**k, 4) for k in range(25))
-AT_REST = 0.2  # of the throttle
+AT_REST, TREMOR = 0.05, 0.005  # of the throttle; of normalised speed: no more is no turning
 BANDS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2)
 LOAD = (-0.8, 2.0)
 BEND = (1.0, 12.0)
@@ -275,14 +276,38 @@ ROTOR_LAG: Effect[StandFrame] = Effect(
 
 
 def _dead(frame: StandFrame, shape: Shape) -> Array:
-    """(rows, 2) speeds: none, then as the throttle says; all stretched; or a bend between the two."""
+    """(rows, 2) speeds: none, then as the throttle says; all stretched; or idling taken off.
+
+    With a `start` a rotor at rest waits for that throttle, and then turns until the band stops it.
+    """
     u, band = drive(frame), shape["band"]
+    if "start" in shape:
+        running = _running(u, band, shape["start"])
+        return np.where(running, _dead(frame, {k: v for k, v in shape.items() if k != "start"}), 0.0)
     if "bend" in shape:
         power = shape["bend"]
-        return np.asarray((np.maximum(u**power - band**power, 0.0) / (1.0 - band**power)) ** (1.0 / power))
+        return np.asarray(np.maximum(u**power - band**power, 0.0) ** (1.0 / power))
     if "stretched" in shape:
         return np.maximum(u - band, 0.0) / (1.0 - band)
     return np.where(u < band, 0.0, u)
+
+
+def _running(u: Array, band: float, start: float) -> Array:
+    """(rows, 2) whether rotors turn that start above one throttle and stop below another."""
+    row = np.arange(len(u))[:, None]
+    started = np.maximum.accumulate(np.where(u > start, row, -1), axis=0)
+    stopped = np.maximum.accumulate(np.where(u <= band, row, -1), axis=0)
+    return np.asarray(started > stopped)
+
+
+def _dead_apply(frame: StandFrame, parameters: Mapping[str, float]) -> StandFrame:
+    """The frame with its rotors at rest below the band: whatever else slows a motor does nothing there."""
+    shape, c = DEAD_BAND.inverse(frame, parameters)
+    predicted = frame.predicted + DEAD_BAND.columns(frame, shape) @ c
+    if not frame.driven:
+        stands = (_dead(frame, shape) <= 0.0) & (drive(frame) > 0.0)
+        predicted[:, 4:] = np.where(stands, (1.0 - c[0]) * frame.predicted[:, 4:], predicted[:, 4:])
+    return replace(frame, predicted=predicted)
 
 
 def _no_low(frame: StandFrame) -> str | None:
@@ -302,22 +327,30 @@ def _dead_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]
     return {"band": (0.005, 0.4)} if "stretched" in shape else {}
 
 
-def _start(frame: StandFrame) -> float | None:
-    """The throttle between the highest that leaves a rotor at rest and the lowest that turns it."""
+def _start(frame: StandFrame) -> tuple[float, float] | None:
+    """The highest throttle that leaves a rotor at rest, and the lowest that turns one."""
     sides = [c - 4 for c in frame.present if c > 3]
     if frame.driven or not sides:
         return None
     u, speed = drive(frame)[:, sides], frame.measured[:, [4 + s for s in sides]]
-    rests = (speed < AT_REST * u) & (u > 0.0)
-    turns = speed >= AT_REST * u
+    turning = speed >= np.maximum(AT_REST * u, TREMOR)
+    rests, turns = ~turning & (u > 0.0), turning & (u > 0.0)
     if not rests.any() or not turns.any():
         return None
-    return 0.5 * float(np.max(u[rests]) + np.min(u[turns & (u > 0.0)]))
+    return float(np.max(u[rests])), float(np.min(u[turns]))
 
 
 def _dead_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    bare, start = {"band": shape["band"]}, _start(frame)
-    forms: list[tuple[Shape, Array]] = [({"band": start}, np.ones(1))] if start is not None else []
+    bare, seen = {"band": shape["band"]}, _start(frame)
+    forms: list[tuple[Shape, Array]] = []
+    if seen is not None:
+        rests, turns = seen
+        forms.append(({"band": 0.5 * (rests + turns)}, np.ones(1)))
+        if "bend" in shape:  # it begins below the lowest that turns, and steeply
+            forms.append(({"band": 0.99 * turns, "bend": shape["bend"]}, c))
+        if rests > turns:  # at one throttle it stands or turns, as it came there
+            late = {"band": min(shape["band"], turns), "start": rests + 1e-6}
+            forms += [({**late, **form}, c) for form in ({"stretched": 1.0}, {"bend": 1.5}, {})]
     if "bend" not in shape:
         forms += [({**bare, "bend": b}, c) for b in (1.5, 3.0)]
     return [form for form in forms if form[0] != shape]
@@ -325,12 +358,12 @@ def _dead_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Sha
 
 DEAD_BAND: Effect[StandFrame] = Effect(
     name="dead_band",
-    stage=0,
+    stage=2,
     physics="below a throttle the motor does not turn",
     source="speed controllers' start threshold",
     needs=("upper_throttle",),
     channels=STAND_CHANNELS,
-    units={"band": "1", "share": "1", "stretched": "1", "bend": "1"},
+    units={"band": "1", "share": "1", "stretched": "1", "bend": "1", "start": "1"},
     missing=_drivable,
     shapes=_dead_shapes,
     columns=lambda frame, shape: _bent(frame, _dead(frame, shape))[..., None],
@@ -341,6 +374,7 @@ DEAD_BAND: Effect[StandFrame] = Effect(
         "throttle",
         drive(frame)[:, 1 if channel.startswith("lower") else 0],
     ),
+    apply=_dead_apply,
     free=_dead_free,
     finer=_dead_finer,
 )
