@@ -107,6 +107,21 @@ def air(rig: Rig) -> tuple[Array, Array, Array]:
     return temperature, pressure, ratio
 
 
+def bouc_wen(course: Array, reach: float) -> Array:
+    """(rows,) -1..1 of a friction that takes a way to turn round; the way back is the stiffer one."""
+    state, out = 0.0, np.zeros(len(course))
+    for k in range(1, len(course)):
+        move = float(course[k] - course[k - 1])
+        parts = max(
+            1, math.ceil(20.0 * abs(move) / reach)
+        )  # between two rows the speed runs, it does not jump
+        for _ in range(parts):
+            bend = 0.7 * math.copysign(1.0, move * state) + 0.3
+            state += move / parts / reach * (1.0 - abs(state) ** 1.5 * bend)
+        out[k] = state
+    return out
+
+
 def blades(rig: Rig, u: Array, ratio: Array, spacing: Array) -> Array:
     """(4, rows) loads."""
     a, b = u
@@ -140,13 +155,10 @@ def blades(rig: Rig, u: Array, ratio: Array, spacing: Array) -> Array:
     s = rig.has("hysteresis")
     if s:
         for first, own in ((0, a), (2, b)):
-            state, moved = 0.0, np.diff(own, prepend=own[0])
             reach = 0.04 if rig.pick["hysteresis"] < 0.5 else 0.10
-            for k in range(len(own)):  # Dahl's friction: it takes a way to turn round
-                state += moved[k] / reach * (1.0 - state * np.sign(moved[k]))
-                state = float(np.clip(state, -1.0, 1.0))
-                loads[first, k] *= 1.0 - s * state
-                loads[first + 1, k] *= 1.0 - 0.6 * s * state
+            state = bouc_wen(own, reach)
+            loads[first] *= 1.0 - s * state
+            loads[first + 1] *= 1.0 - 0.6 * s * state
     return loads
 
 

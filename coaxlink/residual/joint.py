@@ -26,7 +26,7 @@ ONSET = "onset_s"
 SHORT = 40_000  # judged rows times channels: candidates are taken through the members
 HALVINGS = (1.0, 0.5, 0.2, 0.05)
 SETTLED = 1e-4  # of the square sum
-AS_GOOD = 1.02  # of the held-out squares
+BETTER, AS_GOOD = 0.98, 1.02  # of the held-out squares
 RICHER = 15.0  # of a log-likelihood ratio: what another form or a freer one must gain
 
 
@@ -308,6 +308,8 @@ def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) ->
                 trial, now = fitter.settle([m for m in trial.members if m.name not in refused])
                 refused = _refused(fitter, trial)
             richer = (score - now) * rows / max(score, 1e-12) > RICHER
+            # of as few numbers: whichever predicts better
+            richer = richer or (len(other.keys) <= len(mine.keys) and now < BETTER * score)
             # a form that physics allows takes the place of one it does not
             allowed = now < AS_GOOD * score and bool(_refused(fitter, best))
             if not refused and (richer or allowed):

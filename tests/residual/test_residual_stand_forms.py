@@ -10,7 +10,7 @@ from residual_rig import FULL_RPM, steady_loads
 
 from coaxlink.data.samples import Samples
 from coaxlink.residual import refine_stand
-from coaxlink.residual.effects.stand_hysteresis import direction, slipping
+from coaxlink.residual.effects.stand_hysteresis import direction, fading, slipping
 from coaxlink.rotor import RotorModel
 
 NOISE = np.array([[0.3], [0.006], [0.3], [0.006]])
@@ -59,7 +59,7 @@ def over(answer):
 def test_friction_that_takes_a_way_to_turn_is_hysteresis_and_nothing_else():
     t, a, b = ramps()
     loads = steady_loads(a, b)
-    for row, u in ((0, a), (2, b)):  # a viscous element in the travelled way, not the analysis' sticking ones
+    for row, u in ((0, a), (2, b)):  # a viscous element in the travelled way: it fades
         state = np.zeros(len(u))
         for k in range(1, len(u)):
             move = u[k] - u[k - 1]
@@ -68,7 +68,7 @@ def test_friction_that_takes_a_way_to_turn_is_hysteresis_and_nothing_else():
         loads[row + 1] *= 1.0 - 0.04 * state
     answer = refine_stand(log_of(t, a, b, loads), model())
     assert names(answer) == ["hysteresis"]
-    assert over(answer) < 1.12
+    assert over(answer) < 1.05
 
 
 def test_growth_of_lift_at_the_tips_is_a_blade_speed_law_though_the_base_takes_most_of_it():
@@ -137,6 +137,15 @@ def test_a_long_log_is_judged_on_stretches(monkeypatch):
     assert names(answer) == ["sensor_drift"]
     assert any("in 2 is judged" in note for note in answer.notes)
     assert max(c.held_out_rows for c in answer.channels.values()) < rows
+
+
+def test_a_memory_fades_as_it_does_one_row_at_a_time():
+    course = np.cumsum(0.03 * np.random.default_rng(1).standard_normal(317))
+    state, expected = 0.0, []
+    for move in np.diff(course, prepend=course[0]):
+        state = np.sign(move) + (state - np.sign(move)) * np.exp(-abs(move) / 0.08)
+        expected.append(state)
+    assert np.allclose(fading(course, 0.08), expected)
 
 
 @pytest.mark.parametrize("rows", [1, 7, 400])

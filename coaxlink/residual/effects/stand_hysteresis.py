@@ -2,7 +2,8 @@
 
 Two kinds of memory. *Sharp*: the load depends on the sign of the last change alone (or only while the speed
 moves). *Worn in*: after a turn the memory changes over a way, as a row of elements does that stick until each
-has slipped its own way (Iwan 1966, J. Applied Mechanics 33, 893; Prandtl's play operators).
+has slipped its own way (Iwan 1966, J. Applied Mechanics 33, 893; Prandtl's play operators), or it fades with
+the way that was gone since, whatever it was (Dahl 1968, Aerospace Corporation TOR-0158).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from coaxlink.residual.frames import STAND_LOADS, StandFrame
 SIDES = {"upper": 0, "lower": 1}
 REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
 NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
-         "power", "reach", "spread", "lower_over_upper")  # fmt: skip
+         "power", "reach", "spread", "fading", "lower_over_upper")  # fmt: skip
 ALL = {"both", "sweep", "load"}  # not one rotor's alone
 FREE = {"reach": (0.004, 0.6), "spread": (1.02, 3.0), "power": (0.0, 1.5), "lower_over_upper": (0.2, 5.0)}
 TURNED = 0.01  # of normalised speed: less is no turn
@@ -71,6 +72,32 @@ def slipping(course: Array, ways: Array) -> Array:
     return np.asarray(out.transpose(1, 0, 2).reshape(pieces * length, -1)[:rows])
 
 
+def fading(course: Array, reach: float) -> Array:
+    """(rows,) state -1..1 that follows the course (rows,) and forgets by 1/e over the way `reach`.
+
+    Two levels, as `slipping`: every step is one line, state to state, and so is a piece of them.
+    """
+    move = np.diff(course, prepend=course[0]) / reach
+    rows = len(move)
+    length = max(1, int(np.sqrt(rows)))
+    pieces = -(-rows // length)
+    padded = np.zeros(pieces * length)
+    padded[:rows] = move
+    steps = padded.reshape(pieces, length).T  # (length, pieces)
+    keep, add = np.exp(-np.abs(steps)), -np.sign(steps) * np.expm1(-np.abs(steps))
+    slope, shift = np.ones(pieces), np.zeros(pieces)
+    for k in range(length):
+        slope, shift = slope * keep[k], shift * keep[k] + add[k]
+    state = np.zeros(pieces)
+    for k in range(1, pieces):
+        state[k] = state[k - 1] * slope[k - 1] + shift[k - 1]
+    out = np.empty_like(steps)
+    for k in range(length):
+        state = state * keep[k] + add[k]
+        out[k] = state
+    return np.asarray(out.T.ravel()[:rows])
+
+
 def _course(frame: StandFrame) -> Array:
     return frame.speeds if frame.throttles is None else frame.throttles
 
@@ -107,6 +134,8 @@ def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
         course = _course(frame).sum(axis=1) if "sweep" in shape else frame.speeds[:, side]
         if "load" in shape:  # a cell's friction knows its own load only, whatever speeds made it
             course = frame.predicted[:, channel] / frame.reference[channel]
+        if "fading" in shape:
+            return fading(_quiet(course), shape["reach"])
         ways = shape["reach"] * shape["spread"] ** STICKING
         return np.asarray(slipping(_quiet(course), ways).mean(axis=1))
     if "sweep" in shape:  # the stand as a whole is loaded or unloaded, whichever rotor does it
@@ -164,13 +193,18 @@ def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     """Worn in, at every load alike or by a power of it, on both rotors by one share or by two."""
     way = {"reach": shape.get("reach", REACHES[0]), "spread": shape.get("spread", 1.8)}
     forms: list[tuple[Shape, Array]] = []
-    bare = {k: v for k, v in shape.items() if k not in ("moving", "reach", "spread")}
+    bare = {k: v for k, v in shape.items() if k not in ("moving", "reach", "spread", "fading")}
+    if "fading" not in shape:
+        fade = bare | {"fading": 1.0, "reach": 0.5 * way["reach"]}
+        each = {"lower_over_upper": 1.0} if ALL & set(shape) else {}
+        forms += [({**each, **fade}, c)]
     if "reach" not in shape:
         forms += [({**bare, **way, "reach": r}, c) for r in REACHES]
     if "power" not in shape:
         forms.append(({k: v for k, v in bare.items() if k != "bulge"} | way | {"power": 0.7}, c))
-    if ALL & set(shape) and "lower_over_upper" not in shape:  # every slide has a friction of its own
-        plain = {k: v for k, v in shape.items() if k != "moving"}
+    if ALL & set(shape) and ("lower_over_upper" not in shape or "fading" in shape):
+        # every slide has a friction of its own
+        plain = {k: v for k, v in shape.items() if k not in ("moving", "fading")}
         forms += [({**plain, **way, **power, "lower_over_upper": 1.0}, c) for power in ({}, {"power": 0.3})]
     return forms
 
