@@ -155,6 +155,8 @@ def _copies(frame: StandFrame, usable: Mask) -> list[Mislabel]:
     rest = usable & ~same
     if not same.any() or rest.sum() < 24 or same.sum() > rest.sum():
         return out
+    if frame.driven and frame.free_base:  # nothing but a fit to other commands says what these should give
+        return out
     loads = [c for c in frame.present if c < 4]
     stick = _Yardstick(frame, frame.predicted[:, :4], frame.predicted[:, :4])
     if frame.free_base:
