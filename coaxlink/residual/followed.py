@@ -14,7 +14,7 @@ from coaxlink.residual.joint import Joint, composed
 from coaxlink.residual.kriging import Process, find_process
 from coaxlink.residual.reweigh import channel_errors
 from coaxlink.residual.select import columns_of
-from coaxlink.residual.stand import predict
+from coaxlink.residual.stand import POLYNOMIALS, predict
 from coaxlink.residual.stand_problem import reducing, stand_floor, stand_problem, stand_variables
 from coaxlink.residual.together import together
 from coaxlink.rotor.model import LOADS
@@ -58,8 +58,8 @@ def followed(j: Judged) -> Judged:
             processes[c] = found[0]
             unknown = np.maximum(unknown, found[1])
     judged = unknown <= max(KNOWN, float(np.quantile(unknown, 1.0 - MOST_UNKNOWN)))
-    notes = _notes(processes, int(np.sum(~judged)))
-    rich = predict(replace(bare, surfaces=processes, keep=bare.keep[judged], notes=(*bare.notes, *notes)))
+    notes = _notes(bare, processes, int(np.sum(~judged)))
+    rich = predict(replace(bare, surfaces=processes, keep=bare.keep[judged], notes=notes))
     problem = stand_problem(rich, [m.effect for m in j.joint.members])
     problem = replace(problem, impossible=j.problem.impossible)
     settled = {m.name: m for m in j.joint.members}
@@ -70,12 +70,14 @@ def followed(j: Judged) -> Judged:
     return replace(j, problem=problem, joint=joint, floor=own_floor(rich, joint), variables=variables)
 
 
-def _notes(processes: Mapping[int, Process], unknown: int) -> list[str]:
+def _notes(bare: StandFrame, processes: Mapping[int, Process], unknown: int) -> tuple[str, ...]:
+    """What was said before, but of curves that the processes take the place of."""
     names = ", ".join(STAND_CHANNELS[c] for c in processes)
-    notes = [
-        f"{names}: polynomials do not follow this pair; errors are beside a Gaussian process over the speeds,"
-        " which a rotor file does not hold"
-    ]
+    notes = [note for note in bare.notes if POLYNOMIALS not in note]
+    notes.append(
+        f"{names}: {POLYNOMIALS}; errors are beside a Gaussian process over the speeds, which a rotor file"
+        " does not hold"
+    )
     if unknown:
         notes.append(f"{unknown} rows at speeds of which no other part of the log tells enough: not judged")
-    return notes
+    return tuple(notes)

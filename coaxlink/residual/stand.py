@@ -41,6 +41,7 @@ UNFOLLOWED = 3.0  # times the error elsewhere: rows with an idle lower rotor
 DRAGGED = 0.1  # of the upper speed: a slower lower rotor stalls in its wake
 # of normalised speed with next to no throttle (more is a dead band), of the other's throttle with none
 JUMP, WINDMILL = 0.01, 0.1
+POLYNOMIALS = "polynomials do not follow this pair"
 FEW_ROWS = 8  # enough to hold a given model against, not to find anything
 DELAY_S, FAST_S = (
     0.06,
@@ -138,8 +139,8 @@ def stand_frame(
         keep = turning_rows
         names_of_loads = " and ".join(STAND_CHANNELS[c] for c in surfaces)
         notes.append(
-            f"{names_of_loads}: polynomials do not follow this pair; errors are beside a free curve over the"
-            " ratio of the speeds, which a rotor file does not hold"
+            f"{names_of_loads}: {POLYNOMIALS}; errors are beside a free curve over the ratio of the speeds,"
+            " which a rotor file does not hold"
         )
     frame = StandFrame(
         model=base,
