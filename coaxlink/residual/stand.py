@@ -336,12 +336,15 @@ def base_corrections(frame: StandFrame) -> Base:
                 "o": rival,
             }
             turns = np.where(mine > 0.0, 1.0, 0.0)
-            for name, values in curves.items():
-                bound = JUMP if name == "1" else np.inf
-                column(f"{STAND_CHANNELS[4 + side]}_throttle {name}", bound, 4 + side, turns * values)
             rest = 1.0 - turns  # it stands, or the other's wake turns it
-            for name, bound, values in (("1", JUMP, rest), ("o", WINDMILL, rest * rival)):
-                column(f"{STAND_CHANNELS[4 + side]}_at_rest {name}", bound, 4 + side, values)
+            resting = bool(rest[frame.keep].any())
+            for name, values in curves.items():
+                # a log that shows a rotor at rest shows where its curve ends
+                bound = JUMP if resting and name == "1" else np.inf
+                column(f"{STAND_CHANNELS[4 + side]}_throttle {name}", bound, 4 + side, turns * values)
+            if resting:
+                for name, bound, values in (("1", JUMP, rest), ("o", WINDMILL, rest * rival)):
+                    column(f"{STAND_CHANNELS[4 + side]}_at_rest {name}", bound, 4 + side, values)
     return out
 
 
