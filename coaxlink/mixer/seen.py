@@ -107,7 +107,7 @@ def see(
     done: dict[str, str] = {}
     cannot: dict[str, str] = {}
     kept: list[Effect] = []
-    for effect in model.effects:
+    for effect in sorted(model.effects, key=_turn):
         if surfaces_only and effect.name not in SURFACES:
             kept.append(effect)
             continue
@@ -122,6 +122,10 @@ def see(
             where = f"effects.{effect.name}.{missing.args[0]}"
             raise InputError("rotor model", where, "this number of the effect is missing") from missing
     return Seen(_airframe(bench), _model(bench, tuple(kept)), done, cannot, bench.speed)
+
+
+def _turn(effect: Effect) -> int:
+    return SURFACES.index(effect.name) if effect.name in SURFACES else -1
 
 
 def _airframe(b: _Bench) -> Airframe:
@@ -240,23 +244,30 @@ def _interference(b: _Bench, p: Mapping[str, float]) -> str:
 
 
 def _blade(b: _Bench, p: Mapping[str, float]) -> str:
-    def factor(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    name = "loss" if "tip" in p else "exponent_change"
+
+    def bend(u: NDArray[np.float64]) -> NDArray[np.float64]:
         if "tip" in p:
-            return np.asarray(-p["loss"] * np.maximum(u - p["tip"], 0.0) ** 2)
-        power = p["power"]
-        return np.asarray(p["exponent_change"] * (np.maximum(u, 1e-3) ** power - 1.0) / power)
+            return np.asarray(-(np.maximum(u - p["tip"], 0.0) ** 2))
+        if "rise" in p:
+            return np.asarray(np.maximum(u, 0.0) ** p["rise"] / p["rise"])
+        power = p["power"] if abs(p["power"]) > 1e-4 else 1e-4
+        return np.asarray(np.expm1(power * np.log(np.maximum(u, 1e-3))) / power)
+
+    lift = p[name]
+    drag = p[f"torque_{name}"] if "apart" in p else lift
 
     def change(_: RotorModel, loads: Loads) -> Loads:
-        upper, lower = factor(loads.upper), factor(loads.lower)
+        upper, lower = bend(loads.upper), bend(loads.lower)
         return loads.plus(
-            upper_thrust=loads.upper_thrust * upper, upper_torque=loads.upper_torque * upper,
-            lower_thrust=loads.lower_thrust * lower, lower_torque=loads.lower_torque * lower,
+            upper_thrust=loads.upper_thrust * lift * upper, upper_torque=loads.upper_torque * drag * upper,
+            lower_thrust=loads.lower_thrust * lift * lower, lower_torque=loads.lower_torque * drag * lower,
         )  # fmt: skip
 
     b.changes.append(change)
     if "tip" in p:
         return f"loads fall off above speed {p['tip']:g}"
-    return f"loads grow with another power of speed ({p['exponent_change']:+.3f} at full speed)"
+    return f"loads grow with another power of speed ({lift:+.3f} at full speed)"
 
 
 def _spacing(b: _Bench, p: Mapping[str, float]) -> str:
@@ -283,13 +294,17 @@ def _spacing(b: _Bench, p: Mapping[str, float]) -> str:
 
 
 def _dead_band(b: _Bench, p: Mapping[str, float]) -> str:
-    if "stretched" not in p:  # above the band the command is the speed
+    if "stretched" not in p and "bend" not in p:  # above the band the command is the speed
         raise _Left(CANNOT["dead_band"])
     band, share = p["band"], p.get("share", 1.0)
-    slope = share * band / (1.0 - band)
 
     def turns(command: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.maximum(command * (1.0 + slope) - slope, 0.0)
+        if "bend" in p:
+            over = np.maximum(np.maximum(command, 0.0) ** p["bend"] - band ** p["bend"], 0.0)
+            alone = over ** (1.0 / p["bend"])
+        else:
+            alone = (command - band) / (1.0 - band)
+        return np.asarray(np.maximum(command + share * (alone - command), 0.0))
 
     def change(model: RotorModel, loads: Loads) -> Loads:
         told, turned = (model.loads(f(loads.upper), f(loads.lower)) for f in (lambda u: u, turns))
@@ -312,7 +327,8 @@ def _air(b: _Bench, p: Mapping[str, float]) -> str:
     return f"loads {100 * (gain - 1):+.1f} % in air of {rho:.3f} kg/m3"
 
 
-SURFACES = ("lower_on_upper_interference", "blade_speed_law", "rotor_spacing", "dead_band")
+# in the order in which they act on one another, as `refine` fits them
+SURFACES = ("rotor_spacing", "blade_speed_law", "lower_on_upper_interference", "dead_band")
 MAKERS: dict[str, Callable[[_Bench, Mapping[str, float]], str]] = {
     "lower_on_upper_interference": _interference,
     "blade_speed_law": _blade,

@@ -171,6 +171,45 @@ def test_commands_begin_where_motors_start():
     assert "minimum" in cut.cannot["dead_band"] and cut.model.terms() == CRM.terms()
 
 
+@pytest.mark.parametrize(
+    ("numbers", "lift", "drag"),
+    [
+        ({"exponent_change": 0.3, "rise": 3.0}, lambda u: 0.1 * u**3, lambda u: 0.1 * u**3),
+        ({"exponent_change": 0.2, "torque_exponent_change": 0.1, "power": -0.5, "apart": 1.0},
+         lambda u: 0.4 * (1.0 - u**-0.5), lambda u: 0.2 * (1.0 - u**-0.5)),
+        ({"loss": 0.8, "torque_loss": 0.4, "tip": 0.4, "apart": 1.0},
+         lambda u: -0.8 * np.maximum(u - 0.4, 0) ** 2, lambda u: -0.4 * np.maximum(u - 0.4, 0) ** 2),
+    ],
+)  # fmt: skip
+def test_every_form_of_a_blade_speed_law_is_delivered_on(numbers, lift, drag):
+    def bend(a, b, each):
+        share = lift(a), drag(a), lift(b), drag(b)
+        return [e * (1.0 + s) for e, s in zip(each, share, strict=True)]
+
+    s = seen(Effect("blade_speed_law", numbers))
+    u = make_law("exact", s.airframe, s.model).speeds(DEMAND)
+    assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1.2)
+    blind = make_law("exact", X8, CRM).speeds(DEMAND)
+    assert abs(delivered(blind, bend=bend)[0] - DEMAND[0]) > 3.0
+
+
+def test_a_motor_that_takes_its_idling_off_is_told_more():
+    s = seen(Effect("dead_band", {"band": 0.2, "bend": 2.0, "share": 1.0, "start": 0.25}))
+    u = make_law("exact", s.airframe, s.model).speeds(DEMAND)
+    assert delivered(np.sqrt(np.maximum(u**2 - 0.04, 0.0))) == pytest.approx(DEMAND, abs=1.2)
+    blind = make_law("exact", X8, CRM).speeds(DEMAND)
+    assert delivered(np.sqrt(np.maximum(blind**2 - 0.04, 0.0)))[0] < DEMAND[0] - 10.0
+
+
+def test_a_spacing_acts_before_the_blades_whatever_the_file_says():
+    gap = Effect(
+        "rotor_spacing", {"wake_thrust_share": 0.5, "wake_torque_share": 0.5, "reference_spacing_m": 0.1}
+    )
+    one, other = (seen(*order).model for order in ((gap, BLADE), (BLADE, gap)))
+    a, b = np.meshgrid([0.3, 0.6], [0.2, 0.7])
+    assert one.loads(a, b).lower_thrust == pytest.approx(other.loads(a, b).lower_thrust)
+
+
 def test_air_of_another_density_is_stated():
     air = Effect("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.2})
     assert "--density" in seen(air).cannot["air_density"]

@@ -49,6 +49,13 @@ def test_a_law_of_blade_speed_and_a_spacing_need_no_third():
     assert over(answer) < 1.1
 
 
+def test_blades_meet_the_wake_that_the_spacing_leaves_them():
+    columns = run(power=0.5, spacing=1.5, noise=0.15, rpm=True, throttle=False)
+    answer = refine_stand(Samples(columns, "stand", ()), model())
+    assert names(answer) == ["blade_speed_law", "rotor_spacing"]
+    assert over(answer) < 1.1
+
+
 def test_what_a_large_form_misses_is_no_drift():
     columns = run(spacing=0.6, rpm=True, throttle=False)
     # the wake narrows beyond what a share of it can say: a constant that steps with the spacing, half-way

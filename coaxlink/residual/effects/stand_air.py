@@ -147,7 +147,7 @@ def _blade_finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Arr
 
 BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
     name="blade_speed_law",
-    stage=2,
+    stage=3,  # behind the wake, which the blades meet at their own speed
     physics="the loads grow with another power of speed than the model's (Reynolds number, tip Mach number)",
     source="Deters, Ananda and Selig 2014, Reynolds number effects on small propellers; Glauert 1928",
     needs=("upper_rpm",),
@@ -246,10 +246,7 @@ def _spacing_course(frame: StandFrame, shape: Shape) -> Array:
 def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
     base = frame.loads_at(frame.speeds)[:, 2:4]
     alone = frame.loads_at(np.stack([np.zeros(_rows(frame)), frame.speeds[:, 1]], axis=1))[:, 2:4]
-    # what changed the loads before (thin air, a law of blade speed) changed the wake's share of them alike
-    sound = np.abs(base) > 0.02 * frame.reference[2:4]
-    scale = np.clip(np.where(sound, frame.predicted[:, 2:4] / np.where(sound, base, 1.0), 1.0), 0.5, 2.0)
-    wake = (base - alone) * scale  # negative: what the lower rotor loses
+    wake = base - alone  # negative: what the lower rotor loses
     out = np.zeros((_rows(frame), 6, 3))
     change = _spacing_course(frame, shape)
     out[:, 2, 0], out[:, 3, 1] = -wake[:, 0] * change, -wake[:, 1] * change
@@ -264,7 +261,7 @@ def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shap
 
 ROTOR_SPACING: Effect[StandFrame] = Effect(
     name="rotor_spacing",
-    stage=3,
+    stage=2,
     physics="further apart, the wake has contracted more and the rotors disturb each other less",
     source="wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022",
     needs=("rotor_spacing_m",),
