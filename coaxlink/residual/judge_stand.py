@@ -52,6 +52,8 @@ def judge_stand(
     if not mislabelled:
         samples = samples.without(*wrong.columns)
     trusted = np.flatnonzero(np.logical_not(wrong.bad))
+    if mislabelled and len(trusted) < LEAST_ROWS:  # nothing is claimed of them; what they leave is shown
+        trusted = np.arange(samples.rows)
     thinned = max(1, round(len(trusted) / MANY_ROWS))
     if thinned > 1:  # stretches whole: neighbours tell the noise, and what lags or remembers sees every row
         trusted = trusted[(trusted // STRETCH) % thinned == 0]

@@ -92,6 +92,8 @@ def _look_at_cells(found: _Finding) -> None:
 
 def _look_at_labels(found: _Finding) -> None:
     frame = found.frame
+    if found.silent:
+        return
     for wrong in mislabels(frame, ~found.bad):
         if not wrong.whole:
             found.rows(wrong.way.columns, wrong.rows, wrong.why)

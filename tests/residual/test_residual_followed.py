@@ -76,3 +76,9 @@ def test_throttles_that_are_alike_for_a_while_are_no_copy_where_nothing_contradi
     log = log_of(t, a, b, loads, upper_throttle=a, lower_throttle=b)
     answer = refine_stand(log.without("upper_rpm", "lower_rpm"))
     assert names(answer) == [] and not answer.suspect_data
+
+
+def test_a_short_log_whose_every_speed_repeats_itself_ends_in_a_suspect():
+    a = np.random.default_rng(0).uniform(0.1, 0.95, 24)
+    answer = refine_stand(log_of(2.0 * np.arange(24.0), a, 0.0 * a + 0.5, rough(a, 0.0 * a + 0.5)))
+    assert names(answer) == [] and [s.column for s in answer.suspect_data] == ["lower_rpm"]
