@@ -252,7 +252,8 @@ def _blade(b: _Bench, p: Mapping[str, float]) -> str:
         if "rise" in p:
             return np.asarray(np.maximum(u, 0.0) ** p["rise"] / p["rise"])
         power = p["power"] if abs(p["power"]) > 1e-4 else 1e-4
-        return np.asarray(np.expm1(power * np.log(np.maximum(u, 1e-3))) / power)
+        soft = p.get("soft", 0.0)
+        return np.asarray(np.expm1(power * np.log((np.maximum(u, 1e-3) + soft) / (1.0 + soft))) / power)
 
     lift = p[name]
     drag = p[f"torque_{name}"] if "apart" in p else lift

@@ -56,6 +56,33 @@ def test_blades_meet_the_wake_that_the_spacing_leaves_them():
     assert over(answer) < 1.1
 
 
+def test_slow_blades_that_carry_less_to_an_end_are_one_law_of_blade_speed():
+    t, a, b = ramps(1200)
+    loads = steady_loads(a, b)
+    for row, u in enumerate((a, a, b, b)):
+        loads[row] *= 1.0 - 0.35 / (1.0 + (u / 0.3) ** 2)  # no power of Reynolds number
+    answer = refine_stand(log_of(t, a, b, loads), model())
+    assert names(answer) == ["blade_speed_law"]
+    assert over(answer) < 1.06
+
+
+def test_a_memory_that_part_sticks_and_part_fades_is_one_hysteresis():
+    t, a, b = ramps(1200)
+    loads = steady_loads(a, b)
+    for row, u in ((0, a), (2, b)):  # Bouc 1967, Wen 1976: stiffer on the way back
+        state, way = 0.0, []
+        for move in np.diff(u, prepend=u[0]):
+            for _ in range(20):
+                bend = 0.3 + 0.7 * np.sign(move * state)
+                state += move / 20 / 0.08 * (1.0 - abs(state) ** 1.5 * bend)
+            way.append(state)
+        loads[row] *= 1.0 - 0.25 * np.array(way)
+        loads[row + 1] *= 1.0 - 0.15 * np.array(way)
+    answer = refine_stand(log_of(t, a, b, loads), model())
+    assert names(answer) == ["hysteresis"]
+    assert over(answer) < 1.02
+
+
 def test_what_a_large_form_misses_is_no_drift():
     columns = run(spacing=0.6, rpm=True, throttle=False)
     # the wake narrows beyond what a share of it can say: a constant that steps with the spacing, half-way

@@ -19,6 +19,7 @@ APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
 SPACING = {"decay": (0.05, 8.0), "apart": (-0.5, 0.5)}
 TIPS = (0.4, 0.55, 0.7)  # from where a stall or a wave takes lift off
 BLADES = {"power": (-0.8, 1.0), "rise": (1.2, 12.0), "tip": (0.2, 0.9)}
+SOFT = {"soft": (0.0, 2.0), "power": (-9.0, 1.0)}  # at low Reynolds numbers the loads fall no further
 
 
 def _rows(frame: StandFrame) -> int:
@@ -112,7 +113,8 @@ def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
             factor = u ** shape["rise"] / shape["rise"]
         else:
             power = shape["power"] if abs(shape["power"]) > 1e-4 else 1e-4
-            factor = np.expm1(power * np.log(u)) / power
+            soft = shape.get("soft", 0.0)
+            factor = np.expm1(power * np.log((u + soft) / (1.0 + soft))) / power
         for k, load in enumerate((2 * side, 2 * side + 1)):
             out[:, load, k if "apart" in shape else 0] = frame.predicted[:, load] * factor
     return out
@@ -124,7 +126,7 @@ def _blade_names(shape: Shape) -> tuple[str, ...]:
 
 
 def _blade_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k in (*BLADES, "apart")}
+    shape = {k: v for k, v in p.items() if k in (*BLADES, "soft", "apart")}
     return shape, np.array([p[name] for name in _blade_names(shape)])
 
 
@@ -138,10 +140,11 @@ def _blade_refuse(p: Mapping[str, float]) -> str | None:
 def _blade_finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     """The same bend at the other end of the speeds; torque by a change of its own."""
     forms: dict[str, tuple[Shape, Array]] = {
+        "soft": ({**shape, "soft": 0.2, "power": min(shape.get("power", 0.0), -1.0)}, c),
         "power": ({"power": -0.4}, 0.5 * c[:1]),
         "rise": ({"rise": 4.0}, -c[:1] if "tip" in shape else c[:1]),
     }
-    out = [form for name, form in forms.items() if name not in shape]
+    out = [form for name, form in forms.items() if name not in shape and (name != "soft" or "power" in shape)]
     return out if "apart" in shape else [*out, ({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
 
 
@@ -153,7 +156,17 @@ BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
     needs=("upper_rpm",),
     channels=STAND_LOADS,
     units=dict.fromkeys(
-        ("exponent_change", "torque_exponent_change", "loss", "torque_loss", "power", "rise", "tip", "apart"),
+        (
+            "exponent_change",
+            "torque_exponent_change",
+            "loss",
+            "torque_loss",
+            "power",
+            "rise",
+            "tip",
+            "soft",
+            "apart",
+        ),
         "1",
     ),
     missing=lambda frame: (
@@ -174,7 +187,9 @@ BLADE_SPEED_LAW: Effect[StandFrame] = Effect(
         f"u_{channel[0]}",
         frame.speeds[:, 1 if channel.startswith("lower") else 0],
     ),
-    free=lambda _, shape: {name: BLADES[name] for name in shape if name in BLADES},
+    free=lambda _, shape: {
+        name: limit for name, limit in (BLADES | (SOFT if "soft" in shape else {})).items() if name in shape
+    },
     finer=_blade_finer,
 )
 

@@ -18,7 +18,13 @@ REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
 NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
          "power", "reach", "spread", "fading", "lower_over_upper")  # fmt: skip
 ALL = {"both", "sweep", "load"}  # not one rotor's alone
-FREE = {"reach": (0.004, 0.6), "spread": (1.02, 3.0), "power": (0.0, 1.5), "lower_over_upper": (0.2, 5.0)}
+FREE = {
+    "fading": (0.0, 1.0),
+    "reach": (0.004, 0.6),
+    "spread": (1.02, 3.0),
+    "power": (0.0, 1.5),
+    "lower_over_upper": (0.2, 5.0),
+}
 TURNED = 0.01  # of normalised speed: less is no turn
 SAME, RETURNS = 0.03, 0.1  # of normalised speed; of the rows: had at a speed from one side and the other
 JUMP = 0.3  # of normalised speed from row to row: the next sweep begins, no way back
@@ -134,10 +140,13 @@ def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
         course = _course(frame).sum(axis=1) if "sweep" in shape else frame.speeds[:, side]
         if "load" in shape:  # a cell's friction knows its own load only, whatever speeds made it
             course = frame.predicted[:, channel] / frame.reference[channel]
+        quiet, share, way = _quiet(course), shape.get("fading", 0.0), np.zeros(len(course))
         if "fading" in shape:
-            return fading(_quiet(course), shape["reach"])
-        ways = shape["reach"] * shape["spread"] ** STICKING
-        return np.asarray(slipping(_quiet(course), ways).mean(axis=1))
+            way = share * fading(quiet, 0.5 * shape["reach"])
+        if "spread" in shape:
+            ways = shape["reach"] * shape["spread"] ** STICKING
+            way = way + (1.0 - share) * slipping(quiet, ways).mean(axis=1)
+        return np.asarray(way)
     if "sweep" in shape:  # the stand as a whole is loaded or unloaded, whichever rotor does it
         rate = np.gradient(_course(frame).sum(axis=1))
         way = np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
@@ -189,15 +198,21 @@ def _shapes(frame: StandFrame) -> list[dict[str, float]]:
     ]
 
 
+def _free(_: StandFrame, shape: Shape) -> dict[str, tuple[float, float]]:
+    mixed = {"fading", "spread"} <= set(shape)
+    return {name: limit for name, limit in FREE.items() if name in shape and (mixed or name != "fading")}
+
+
 def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     """Worn in, at every load alike or by a power of it, on both rotors by one share or by two."""
     way = {"reach": shape.get("reach", REACHES[0]), "spread": shape.get("spread", 1.8)}
     forms: list[tuple[Shape, Array]] = []
     bare = {k: v for k, v in shape.items() if k not in ("moving", "reach", "spread", "fading")}
+    each = {"lower_over_upper": 1.0} if ALL & set(shape) else {}
     if "fading" not in shape:
-        fade = bare | {"fading": 1.0, "reach": 0.5 * way["reach"]}
-        each = {"lower_over_upper": 1.0} if ALL & set(shape) else {}
-        forms += [({**each, **fade}, c)]
+        forms.append(({**each, **bare, "fading": 1.0, "reach": way["reach"]}, c))
+    if ("fading" in shape) != ("spread" in shape):  # a part of it fades, the rest sticks
+        forms.append(({**each, **bare, **way, "fading": 0.5}, c))
     if "reach" not in shape:
         forms += [({**bare, **way, "reach": r}, c) for r in REACHES]
     if "power" not in shape:
@@ -230,6 +245,6 @@ HYSTERESIS: Effect[StandFrame] = Effect(
         "direction of the sweep",
         direction(frame, 1 if channel.startswith("lower") else 0),
     ),
-    free=lambda _, shape: {name: limit for name, limit in FREE.items() if name in shape},
+    free=_free,
     finer=_finer,
 )  # fmt: skip
