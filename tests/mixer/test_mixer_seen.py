@@ -176,7 +176,7 @@ def test_commands_begin_where_motors_start():
     [
         ({"exponent_change": 0.3, "rise": 3.0}, lambda u: 0.1 * u**3, lambda u: 0.1 * u**3),
         ({"exponent_change": 0.3, "power": -3.0, "soft": 0.5},
-         lambda u: 0.1 * (1.0 - ((u + 0.5) / 1.5) ** -3.0), lambda u: 0.1 * (1.0 - ((u + 0.5) / 1.5) ** -3.0)),
+         lambda u: 0.1 * (1 - ((u + 0.5) / 1.5) ** -3), lambda u: 0.1 * (1 - ((u + 0.5) / 1.5) ** -3)),
         ({"exponent_change": 0.2, "torque_exponent_change": 0.1, "power": -0.5, "apart": 1.0},
          lambda u: 0.4 * (1.0 - u**-0.5), lambda u: 0.2 * (1.0 - u**-0.5)),
         ({"loss": 0.8, "torque_loss": 0.4, "tip": 0.4, "apart": 1.0},
