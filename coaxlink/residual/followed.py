@@ -21,6 +21,7 @@ from coaxlink.rotor.model import LOADS
 
 KNOWN = 1.0  # times the noise: a base less well known than that is none to hold a row against
 MOST_UNKNOWN = 0.3  # of the rows
+LEAST_NOISE = 2e-4  # of the reference load
 LESS = 0.005  # of the error: by how much it must follow better than the polynomials
 
 
@@ -51,10 +52,9 @@ def followed(j: Judged) -> Judged:
     unknown = np.zeros(len(u))
     for k, c in enumerate(bare.present):
         if c < 4:
-            terms = tuple(bare.model.terms()[LOADS[c]])
-            found = find_process(
-                u, loads[bare.keep, c], fold, float(j.floor[k]), float(bare.reference[c]), terms, c > 1
-            )
+            terms, reference = tuple(bare.model.terms()[LOADS[c]]), float(bare.reference[c])
+            noise = max(float(j.floor[k]), LEAST_NOISE * reference)
+            found = find_process(u, loads[bare.keep, c], fold, noise, reference, terms, c > 1)
             processes[c] = found[0]
             unknown = np.maximum(unknown, found[1])
     judged = unknown <= max(KNOWN, float(np.quantile(unknown, 1.0 - MOST_UNKNOWN)))

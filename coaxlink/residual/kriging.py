@@ -24,11 +24,8 @@ from coaxlink.rotor.polynomial import design_matrix
 Index = NDArray[np.intp]
 INDUCING = 100  # points of the speeds that the process hangs on (Rasmussen and Williams 2006, eq. 8.14)
 MOST = 60  # columns of a load
-BENDS, SLOPES, OWN = (
-    (0.1, 0.2, 0.4, 0.8),
-    (0.5, 2.0),
-    (0.15, 0.3, 0.6),
-)  # of the ratio, of both speeds, of one's own
+# lengths: of the ratio, of both speeds, of the upper one's own
+BENDS, SLOPES, OWN = (0.1, 0.2, 0.4, 0.8), (0.5, 2.0), (0.15, 0.3, 0.6)
 SIZES = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the reference load, at full speed
 FORGOTTEN = 0.05  # of the noise: what the columns that are left out would add
 TOLD = 4000  # rows that tell how it bends
