@@ -192,10 +192,11 @@ def test_a_motor_that_starts_late_keeps_turning_below_its_start():
     assert over(answer) < 1.1
 
 
-def test_a_weak_supply_changes_nothing_where_a_rotor_stands():
+@pytest.mark.parametrize(("band", "power"), [(0.19, 0.5), (0.06, 0.12)])
+def test_a_weak_supply_changes_nothing_where_a_rotor_stands(band, power):
     t, *asked = ramps(1500)
     volts = 33.0 - 8.0 * (t / t[-1]) ** 1.2 - np.sum(asked, axis=0)
-    turned = [np.where(u > 0.19, u, 0.0) * (volts / 33.0) ** 0.5 for u in asked]
+    turned = [np.where(u > band, u, 0.0) * (volts / 33.0) ** power for u in asked]
     answer = refine_stand(throttled(t, asked, turned, voltage_V=volts), model())
     assert names(answer) == ["battery_voltage", "dead_band"]
     assert over(answer) < 1.1

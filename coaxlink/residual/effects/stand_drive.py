@@ -301,12 +301,20 @@ def _running(u: Array, band: float, start: float) -> Array:
 
 
 def _dead_apply(frame: StandFrame, parameters: Mapping[str, float]) -> StandFrame:
-    """The frame with its rotors at rest below the band: whatever else slows a motor does nothing there."""
+    """The frame with its rotors at rest below the band, where a supply or a warm winding changes nothing.
+
+    What these take off on the average stays in: it is the scale of the throttle, which the base has too.
+    """
     shape, c = DEAD_BAND.inverse(frame, parameters)
     predicted = frame.predicted + DEAD_BAND.columns(frame, shape) @ c
     if not frame.driven:
-        stands = (_dead(frame, shape) <= 0.0) & (drive(frame) > 0.0)
-        predicted[:, 4:] = np.where(stands, (1.0 - c[0]) * frame.predicted[:, 4:], predicted[:, 4:])
+        u = drive(frame)
+        stands = _dead(frame, shape) <= 0.0
+        for side in (0, 1):
+            rest, turns = stands[:, side] & (u[:, side] > 0.0), ~stands[:, side]
+            if rest.any() and turns.any():
+                usual = float(np.mean(frame.predicted[turns, 4 + side] / u[turns, side]))
+                predicted[rest, 4 + side] = (usual - c[0]) * u[rest, side]
     return replace(frame, predicted=predicted)
 
 
