@@ -12,8 +12,10 @@ from coaxlink.residual.blocks import held_out
 from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.joint import Joint, composed
 from coaxlink.residual.kriging import Process, find_process
+from coaxlink.residual.result import Step
 from coaxlink.residual.reweigh import channel_errors
-from coaxlink.residual.select import columns_of
+from coaxlink.residual.scrutiny import undone
+from coaxlink.residual.select import ALPHA, Judge, columns_of
 from coaxlink.residual.stand import POLYNOMIALS, predict
 from coaxlink.residual.stand_problem import reducing, stand_floor, stand_problem, stand_variables
 from coaxlink.residual.together import together
@@ -40,7 +42,8 @@ def log_error(joint: Joint) -> float:
 def followed(j: Judged) -> Judged:
     """The same effects beside Gaussian processes of every load, if these leave less; else as it was.
 
-    Rows at speeds of which no other block tells enough are not judged.
+    What had stood in for a misfit of the polynomials goes. Rows at speeds of which no other block tells
+    enough are not judged.
     """
     bare, q = j.problem.frame, j.joint.problem
     if j.selection.ambiguous or j.selection.doubtful:
@@ -63,11 +66,26 @@ def followed(j: Judged) -> Judged:
     problem = stand_problem(rich, [m.effect for m in j.joint.members])
     problem = replace(problem, impossible=j.problem.impossible)
     settled = {m.name: m for m in j.joint.members}
-    joint, _ = together(problem, j.selection, rich, (), reducing(rich), settled)
-    if {m.name for m in joint.members} != set(settled) or log_error(joint) > log_error(j.joint) - LESS:
+    reduce = reducing(rich)
+    selection, (joint, _) = j.selection, together(problem, j.selection, rich, (), reduce, settled)
+    stood_in = _needless(joint)
+    if stood_in:
+        selection = undone(selection, stood_in)
+        why = "needless beside a base that follows the pair"
+        selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(stood_in)]
+        joint, _ = together(problem, selection, rich, (), reduce, settled)
+    more = log_error(joint) - log_error(j.joint)
+    if {m.name for m in joint.members} != set(settled) - stood_in or more > (LESS if stood_in else -LESS):
         return j
-    variables = stand_variables(rich)
-    return replace(j, problem=problem, joint=joint, floor=own_floor(rich, joint), variables=variables)
+    floor, variables = own_floor(rich, joint), stand_variables(rich)
+    return replace(j, problem=problem, selection=selection, joint=joint, floor=floor, variables=variables)
+
+
+def _needless(joint: Joint) -> set[str]:
+    """Names of members without which the other blocks are predicted as well."""
+    judge, options = Judge(joint.problem), list(joint.problem.options)
+    trials = {o.name: judge.trial([other for other in options if other is not o], o) for o in options}
+    return {name for name, trial in trials.items() if trial.gain <= 0.0 or trial.p_value > ALPHA}
 
 
 def _notes(bare: StandFrame, processes: Mapping[int, Process], unknown: int) -> tuple[str, ...]:

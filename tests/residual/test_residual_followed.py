@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from residual_rig import steady_loads
 from test_residual_stand_forms import log_of, names, over, ramps
 
-from coaxlink.residual import refine_stand
+from coaxlink.residual import judge_stand, refine_stand
 from coaxlink.residual.blocks import folds_of
+from coaxlink.residual.followed import followed
 from coaxlink.residual.kriging import find_process
+from coaxlink.residual.stand_problem import reducing
+from coaxlink.residual.together import together
 from coaxlink.rotor.polynomial import design_matrix
 
 TERMS = ("1", "u_u", "u_l", "u_u^2", "u_l^2", "u_u u_l")
@@ -82,3 +87,23 @@ def test_a_short_log_whose_every_speed_repeats_itself_ends_in_a_suspect():
     a = np.random.default_rng(0).uniform(0.1, 0.95, 24)
     answer = refine_stand(log_of(2.0 * np.arange(24.0), a, 0.0 * a + 0.5, rough(a, 0.0 * a + 0.5)))
     assert names(answer) == [] and [s.column for s in answer.suspect_data] == ["lower_rpm"]
+
+
+def test_what_stood_in_for_the_polynomials_goes(monkeypatch):
+    """A friction of the rig, claimed beside thin air, that a base which follows the pair has no need of."""
+    seen = []
+    monkeypatch.setattr(judge_stand, "followed", lambda j: seen.append(j) or j)
+    t, a, b = ramps(2000)
+    celsius = 15.0 + 18.0 * np.tanh(6.0 * (t / t[-1] - 0.5))
+    thin = rough(a, b) * 288.15 / (celsius + 273.15)
+    refine_stand(log_of(t, a, b, thin, air_temperature_C=celsius))
+    (j,) = seen
+    friction = next(o for o in j.problem.options if o.name == "hysteresis" and "upper" in o.shape)
+    more = dataclasses.replace(j.selection, members=[*j.selection.members, friction])
+    bare = j.problem.frame
+    joint, _ = together(j.problem, more, bare, (), reducing(bare))
+    assert {m.name for m in joint.members} == {"air_density", "hysteresis"}
+    after = followed(dataclasses.replace(j, selection=more, joint=joint))
+    assert [m.name for m in after.joint.members] == ["air_density"]
+    assert [m.name for m in after.selection.members] == ["air_density"]
+    assert any(s.name == "hysteresis" and "needless" in s.why for s in after.selection.trace)
