@@ -124,6 +124,12 @@ def see(
     return Seen(_airframe(bench), _model(bench, tuple(kept)), done, cannot, bench.speed)
 
 
+def _sure(key: str, value: float, sound: bool, wanted: str) -> None:
+    """Raises InputError on a number of an effect that no motor or rotor can have."""
+    if not sound:
+        raise InputError("rotor model", f"effects.{key}", f"{wanted}, found {value:g}")
+
+
 def _turn(effect: Effect) -> int:
     return SURFACES.index(effect.name) if effect.name in SURFACES else -1
 
@@ -245,6 +251,8 @@ def _interference(b: _Bench, p: Mapping[str, float]) -> str:
 
 def _blade(b: _Bench, p: Mapping[str, float]) -> str:
     name = "loss" if "tip" in p else "exponent_change"
+    _sure("blade_speed_law.rise", p.get("rise", 1.0), p.get("rise", 1.0) > 0.0, "a power above 0")
+    _sure("blade_speed_law.soft", p.get("soft", 0.0), p.get("soft", 0.0) >= 0.0, "a speed, 0 or more")
 
     def bend(u: NDArray[np.float64]) -> NDArray[np.float64]:
         if "tip" in p:
@@ -298,6 +306,8 @@ def _dead_band(b: _Bench, p: Mapping[str, float]) -> str:
     if "stretched" not in p and "bend" not in p:  # above the band the command is the speed
         raise _Left(CANNOT["dead_band"])
     band, share = p["band"], p.get("share", 1.0)
+    _sure("dead_band.band", band, 0.0 <= band < 1.0, "a throttle from 0 to below 1")
+    _sure("dead_band.bend", p.get("bend", 1.0), p.get("bend", 1.0) > 0.0, "a power above 0")
 
     def turns(command: NDArray[np.float64]) -> NDArray[np.float64]:
         if "bend" in p:

@@ -239,6 +239,10 @@ def test_a_mass_moves_the_hover():
         (Effect("degraded_rotor", {"rotor": 1.0}), {}, "thrust_loss"),
         (SAG, {"voltage_V": 0.0}, "--voltage"),
         (SAG, {"voltage_V": 400.0}, "--voltage"),
+        (Effect("dead_band", {"band": 1.0, "stretched": 1.0}), {}, "dead_band.band"),
+        (Effect("dead_band", {"band": 0.1, "bend": 0.0}), {}, "dead_band.bend"),
+        (Effect("blade_speed_law", {"exponent_change": 0.1, "rise": 0.0}), {}, "blade_speed_law.rise"),
+        (Effect("blade_speed_law", {"exponent_change": 0.1, "power": 0.2, "soft": -1.0}), {}, "_law.soft"),
     ],
 )
 def test_numbers_that_cannot_be_are_refused(effect, at, said):
