@@ -18,6 +18,7 @@ Index = NDArray[np.intp]
 
 
 FOLDS, ASSIGNMENTS, FARTHEST = 6, 200, 40
+BEYOND = 1.0 + 1e-9  # of a bound
 
 
 @lru_cache(maxsize=64)
@@ -62,6 +63,12 @@ class Blocks:
         return self.gram.sum(axis=1), self.moment.sum(axis=1)
 
     @cached_property
+    def total(self) -> tuple[Array, Array]:
+        """(P, P) and (P,) of all blocks."""
+        grams, moments = self.whole
+        return grams.sum(axis=0), moments.sum(axis=0)
+
+    @cached_property
     def touched(self) -> list[Index]:
         """Of every channel, the columns that are not zero there."""
         size = np.einsum("bcpp->cp", self.gram)
@@ -103,9 +110,14 @@ def accumulate(design: Array, residual: Array, block: Index, fold: Index, bounds
 
 def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
     """Coefficients (P,), zero outside `use`, of the bounded ridge fit with block weights (B,)."""
-    grams, moments = blocks.whole
-    gram = np.tensordot(weights, grams[:, use[:, None], use], axes=1)
-    return _spread(blocks, use, _bounded(gram, weights @ moments[:, use], blocks.bounds[use]))
+    if np.all(weights == 1.0):
+        grams, moments = blocks.total
+        gram, moment = grams[use[:, None], use], moments[use]
+    else:
+        grams, moments = blocks.whole
+        gram = np.tensordot(weights, grams[:, use[:, None], use], axes=1)
+        moment = weights @ moments[:, use]
+    return _spread(blocks, use, _bounded(gram, moment, blocks.bounds[use]))
 
 
 def least_of(gram: Array, bounds: Array, design: Array, residual: Array) -> float:
@@ -123,28 +135,38 @@ def _spread(blocks: Blocks, use: Index, values: Array) -> Array:
 
 def _bounded(gram: Array, moment: Array, bounds: Array) -> Array:
     """Ridge least squares (k,) of normal equations, bounded columns shrunk and kept inside."""
+    scale, gram, moment, limit = _scaled(gram, moment, bounds)
+    value = np.asarray(np.linalg.solve(gram, moment), float)
+    return np.asarray(_inside(gram, moment, limit, value) / scale)
+
+
+def _scaled(gram: Array, moment: Array, bounds: Array) -> tuple[Array, Array, Array, Array]:
+    """Scale (..., k) of normal equations, these with unit diagonals and the ridge, and the bounds."""
     # half a bound is one standard deviation of what a base may be off by
-    gram = gram + np.diag(np.where(np.isfinite(bounds), (2.0 / np.maximum(np.abs(bounds), 1e-300)) ** 2, 0.0))
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    gram, moment = gram / np.outer(scale, scale), moment / scale
-    limit = np.where(bounds < 0.0, np.inf, bounds * scale)
-    gram = gram + 1e-10 * np.eye(len(bounds))
-    fixed = np.zeros(len(bounds), bool)
-    value: Array = np.zeros(len(bounds))
-    for _ in range(len(bounds) + 1):
-        free = ~fixed
-        if fixed.any():
-            known = gram[np.ix_(free, fixed)] @ value[fixed]
-            value[free] = np.linalg.solve(gram[np.ix_(free, free)], moment[free] - known)
-        else:
-            value = np.asarray(np.linalg.solve(gram, moment))
-        beyond = free & (np.abs(value) > limit * (1.0 + 1e-9))
+    ridge = np.where(np.isfinite(bounds), (2.0 / np.maximum(np.abs(bounds), 1e-300)) ** 2, 0.0)
+    size = np.diagonal(gram, axis1=-2, axis2=-1) + ridge
+    scale = np.sqrt(np.maximum(size, 1e-300))
+    gram = gram / (scale[..., :, None] * scale[..., None, :])
+    each = np.arange(len(bounds))
+    gram[..., each, each] = size / scale**2 + 1e-10
+    limit = np.asarray(np.where(bounds < 0.0, np.inf, bounds * scale), float)
+    return scale, gram, moment / scale, limit
+
+
+def _inside(gram: Array, moment: Array, limit: Array, value: Array) -> Array:
+    """The free solution `value` (k,), those beyond their limit held there one after another."""
+    fixed = np.zeros(len(limit), bool)
+    for _ in range(len(limit)):
+        beyond = ~fixed & (np.abs(value) > limit * BEYOND)
         if not beyond.any():
             break
         worst = int(np.argmax(np.where(beyond, np.abs(value) / limit, 0.0)))
         fixed[worst] = True
         value[worst] = np.sign(value[worst]) * limit[worst]
-    return np.asarray(value / scale)
+        free = ~fixed
+        known = gram[np.ix_(free, fixed)] @ value[fixed]
+        value[free] = np.linalg.solve(gram[np.ix_(free, free)], moment[free] - known)
+    return value
 
 
 def squares(blocks: Blocks, coefficients: Array, which: Array | None = None) -> Array:
@@ -174,17 +196,19 @@ def held_out_sum(blocks: Blocks, use: Index) -> Array:
     grams, moments = blocks.whole
     gram, moment = grams[:, use[:, None], use], moments[:, use]
     fit = _fold_fits(blocks, use)[np.unique(blocks.fold, return_inverse=True)[1]]  # (B, k)
-    square = np.einsum("bi,bij,bj->b", fit, gram, fit, optimize=True)
+    square = np.sum((gram @ fit[..., None])[..., 0] * fit, axis=1)
     return np.maximum(blocks.power.sum(axis=1) - 2.0 * np.sum(moment * fit, axis=1) + square, 0.0)
 
 
 def _fold_fits(blocks: Blocks, use: Index) -> Array:
     """(folds, k) fits of all blocks but the fold's."""
     grams, moments = blocks.trains
-    bounds = blocks.bounds[use]
-    return np.stack(
-        [_bounded(g[use[:, None], use], m[use], bounds) for g, m in zip(grams, moments, strict=True)]
-    )
+    grams, moments, bounds = grams[:, use[:, None], use], moments[:, use], blocks.bounds[use]
+    scale, gram, moment, limit = _scaled(grams, moments, bounds)
+    values = np.asarray(np.linalg.solve(gram, moment[..., None])[..., 0], float)
+    for f in np.flatnonzero(np.any(np.abs(values) > limit * BEYOND, axis=1)):
+        values[f] = _inside(gram[f], moment[f], limit[f], values[f])
+    return np.asarray(values / scale)
 
 
 def bootstrap(blocks: Blocks, use: Index, draws: int, seed: int = 0) -> Array:

@@ -49,6 +49,11 @@ class Member:
         """(K + keys,) coefficients, then the shape's free numbers."""
         return np.array([*self.coefficients, *(self.shape[k] for k in self.keys)])
 
+    @property
+    def origin(self) -> Array:
+        """(K + keys,) what a linear problem's numbers count from: coefficients nil, the shape as it is."""
+        return np.array([*np.zeros(len(self.coefficients)), *(self.shape[k] for k in self.keys)])
+
     def at(self, point: Array) -> Member:
         """The member elsewhere."""
         count = len(self.coefficients)
@@ -92,8 +97,8 @@ class Joint:
 
     def named(self, k: int, values: Array) -> dict[str, float]:
         """Parameters of member k where the problem's coefficients (P,) are these."""
-        point = values[self.problem.options[k].columns]
         mine = self.members[k]
+        point = mine.origin + values[self.problem.options[k].columns]
         limits = mine.effect.free(self.problem.frame, mine.shape)
         for i, key in enumerate(mine.keys, start=len(mine.coefficients)):
             point[i] = np.clip(point[i], *limits[key])
@@ -135,13 +140,16 @@ class Fitter:
         return np.asarray(self.acting(members).predicted)
 
     def linear(self, members: Sequence[Member]) -> Joint:
-        """The problem about these members: whitened residual, base columns, derivatives."""
+        """The problem about these members: whitened residual, base columns, derivatives.
+
+        Without a member's columns it is the problem without the member.
+        """
         p, here = self.problem, self.prediction(members)
         sigma = p.sigma
         residual = self.reduce(self.bare.measured - here) / sigma
         columns, options, at = [], [], len(p.base)
         for k, m in enumerate(members):
-            point = m.point
+            point, origin = m.point, m.origin
             for j in range(len(point)):
                 step = self._step(m, j)
                 moved = point.copy()
@@ -149,7 +157,7 @@ class Fitter:
                 others = [m.at(moved) if i == k else o for i, o in enumerate(members)]
                 slope = self.reduce(self.prediction(others) - here) / (sigma * step)
                 columns.append(slope)
-                residual = residual + slope * point[j]
+                residual = residual + slope * (point[j] - origin[j])
             options.append(Option(m.effect, m.shape, np.arange(at, at + len(point)), m.keys))
             at += len(point)
         design = np.concatenate([self._base, np.stack(columns, axis=-1).astype(self._base.dtype)], axis=-1)
@@ -236,7 +244,7 @@ class Fitter:
 
     def _moved(self, m: Member, values: Array, share: float) -> Member:
         """The member on its way to other values (K + keys,), no further than its limits."""
-        point = m.point + share * (values - m.point)
+        point = m.point + share * (m.origin + values - m.point)
         limits = m.effect.free(self.bare, m.shape)
         for i, key in enumerate(m.keys, start=len(m.coefficients)):
             low, high = limits[key]

@@ -14,7 +14,7 @@ from coaxlink.residual.courses import outrun
 from coaxlink.residual.followed import followed, log_error, own_floor
 from coaxlink.residual.forms import within_forms
 from coaxlink.residual.frames import Array
-from coaxlink.residual.joint import SHORT, Member, Part, composed
+from coaxlink.residual.joint import SHORT, Joint, Member, Part, composed
 from coaxlink.residual.problem import Problem
 from coaxlink.residual.remainder import minor
 from coaxlink.residual.result import Refinement, Step
@@ -59,6 +59,7 @@ def judge_stand(
         trusted = trusted[(trusted // STRETCH) % thinned == 0]
     best: tuple[float, Judged] | None = None
     shed: dict[str, Array] = {}  # what effects make of the loads: all of them, and all but a drift
+    tried: list[tuple[str, dict[str, set[str]]]] = []
     # a base of high order may swallow an effect that a plain one leaves to be named; and how rich a base must
     # be is seen better once the effects are known
     for order, again, bar in TRIES[:1] if model is not None else TRIES:
@@ -66,8 +67,10 @@ def judge_stand(
             continue
         progress("fitting candidates")
         bare = stand_frame(samples, model, order, shed.get(again), trusted)
-        if best is not None and bare.model.terms() == best[1].problem.frame.model.terms():
+        base = again, {load: set(named) for load, named in bare.model.terms().items()}
+        if base in tried:
             continue
+        tried.append(base)
         known, notes = known_parts(bare)
         if thinned > 1:
             notes.append(f"a long log: one stretch of {STRETCH} rows in {thinned} is judged")
@@ -81,8 +84,8 @@ def judge_stand(
             suspects, mislabelled = (*suspects, gain), True
         selection = Selection() if mislabelled or few else select(problem)
         reduce = reducing(bare)
-        selection, start = _again(problem, selection, bare, known, reduce)
-        joint, acting = together(problem, selection, bare, known, reduce, start)
+        selection, start, fitted = _again(problem, selection, bare, known, reduce)
+        joint, acting = fitted or together(problem, selection, bare, known, reduce, start)
         gone = outrun(joint, acting, reduce)
         why = "needless beside something that changes over time and was not logged"
         if not gone:
@@ -122,11 +125,12 @@ def _again(
     bare: Any,
     known: Sequence[Part],
     reduce: Callable[[Array], Array],
-) -> tuple[Selection, dict[str, Member]]:
-    """The selection judged again about its own joint fit, until it stands; and its members there.
+) -> tuple[Selection, dict[str, Member], tuple[Joint, Any] | None]:
+    """The selection judged again about its own joint fit, until it stands; its members there; that fit.
 
     A first choice is made in shapes of a grid. Once these have found their best form, some are needless (they
-    had stood in for a misfit of another's form), and what the misfit hid may show.
+    had stood in for a misfit of another's form), and what the misfit hid may show. No fit comes back where
+    another from there may still find a better form.
     """
     settled: dict[str, Member] = {}
     barred: set[str] = set()
@@ -135,7 +139,10 @@ def _again(
         if not selection.members:
             break
         claimed = Selection(members=selection.members)
-        joint, _ = together(problem, claimed, bare, known, reduce, settled)
+        began = {
+            o.name: set(settled[o.name].shape if o.name in settled else o.shape) for o in claimed.members
+        }
+        joint, acting = together(problem, claimed, bare, known, reduce, settled)
         if len(joint.members) != len(selection.members) or joint.problem.frame is not bare:
             break  # the plain sum was better
         fitter = fitter_of(problem, bare, known, {m.name for m in joint.members}, reduce)
@@ -147,5 +154,7 @@ def _again(
         settled = {m.name: m for m in joint.members}
         selection = replace(again, trace=[*selection.trace, *again.trace])
         if same:
-            break
-    return selection, settled
+            # from a better form there may be a better one still
+            stands = not again.doubtful and all(set(m.shape) == began[m.name] for m in joint.members)
+            return selection, settled, (joint, acting) if stands else None
+    return selection, settled, None

@@ -23,13 +23,16 @@ class Option:
     effect: Effect[Any]
     shape: Shape
     columns: Index
-    keys: tuple[str, ...] = ()  # numbers of the shape that the last columns move
+    keys: tuple[str, ...] = ()  # numbers of the shape that the last columns move from where they are
 
     def numbers(self, frame: Any, values: Array) -> dict[str, float]:
         """Named physical numbers of the columns' coefficients (K,)."""
         count = len(values) - len(self.keys)
         limits = self.effect.free(frame, self.shape) if self.keys else {}
-        moved = {k: float(np.clip(v, *limits[k])) for k, v in zip(self.keys, values[count:], strict=True)}
+        moved = {
+            k: float(np.clip(self.shape[k] + v, *limits[k]))
+            for k, v in zip(self.keys, values[count:], strict=True)
+        }
         return self.effect.parameters(frame, {**self.shape, **moved}, values[:count])
 
     @property

@@ -10,8 +10,9 @@ from coaxlink.residual.reweigh import channel_errors
 
 Array = NDArray[np.float64]
 
-SEEN, LEFT = 1.5, 3.0  # of the noise: without the effect, and with it
-TAKEN = 0.7  # of the squares above the noise
+SEEN = 1.5  # of the noise, without the effect
+# with it, of the noise; and what it then must have taken of the squares above the noise
+ENOUGH = ((1.2, 0.5), (3.0, 0.7))
 
 
 def minor(joint: Joint, floor: Array) -> set[str]:
@@ -24,6 +25,6 @@ def minor(joint: Joint, floor: Array) -> set[str]:
         before = channel_errors(q, [o for o in q.options if o is not option]) / noise
         seen = (before > SEEN) & (before > 1.02 * after)
         taken = (before**2 - after**2) / np.maximum(before**2 - 1.0, 1e-9)
-        if np.any(seen & (after > LEFT)) and np.all(taken[seen] < TAKEN):
+        if any(np.any(seen & (after > left)) and np.all(taken[seen] < least) for left, least in ENOUGH):
             found.add(option.name)
     return found

@@ -105,10 +105,7 @@ class _Courses:
 
     def __init__(self, p: Problem, joint: Joint, k: int, plain: Option) -> None:
         q, m = joint.problem, joint.members[k]
-        # the linear problem's residual holds what the moved beginning is worth: only the step is in question
         own = q.options[k].columns
-        moved = own[len(m.coefficients) :]
-        residual = q.residual - q.design[:, :, moved] @ np.array([m.shape[key] for key in m.keys])
         steady = p.design[:, :, plain.columns] * (p.sigma / q.sigma)[:, None]
         time = q.frame.time_s[q.frame.keep]
         pieces: list[Array] = [q.design]
@@ -123,7 +120,7 @@ class _Courses:
             at += course.shape[-1]
         design = np.concatenate(pieces, axis=-1)
         bounds = np.concatenate([q.blocks.bounds, np.full(at - q.design.shape[-1], np.inf)])
-        self.blocks: Blocks = accumulate(design, residual, q.block, q.blocks.fold, bounds)
+        self.blocks: Blocks = accumulate(design, q.residual, q.block, q.blocks.fold, bounds)
         others = [o.columns for i, o in enumerate(q.options) if i != k]
         self.rest = np.concatenate([q.base, *others]).astype(np.intp)
         self.step = own[: len(m.coefficients)]

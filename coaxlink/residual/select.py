@@ -241,15 +241,16 @@ class Judge:
     def best_of_each(self, members: list[Option], allowed: set[str] | None = None) -> list[Trial]:
         """The best shape of every effect that is not a member, best first."""
         taken = {m.name for m in members}
-        best: dict[str, tuple[bool, float, Option]] = {}
+        shapes: dict[str, list[Option]] = {}
         for option in self.problem.options:
-            if option.name in taken or (allowed is not None and option.name not in allowed):
-                continue
-            total = float(self.sums([*members, option]).sum())
-            ranked = (self._refused([*members, option], option) is not None, total)
-            if option.name not in best or ranked < best[option.name][:2]:
-                best[option.name] = (*ranked, option)
-        trials = [self.trial(members, option) for _, _, option in best.values()]
+            if option.name not in taken and (allowed is None or option.name in allowed):
+                shapes.setdefault(option.name, []).append(option)
+        best = []
+        for mine in shapes.values():
+            ranked = sorted(mine, key=lambda option: float(self.sums([*members, option]).sum()))
+            sound = (o for o in ranked if self._refused([*members, o], o) is None)
+            best.append(next(sound, ranked[0]))
+        trials = [self.trial(members, option) for option in best]
         return sorted(trials, key=lambda t: t.total)
 
 
