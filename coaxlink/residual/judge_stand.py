@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -90,11 +90,15 @@ def judge_stand(
         why = "needless beside something that changes over time and was not logged"
         if not gone:
             gone, why = within_forms(joint, bare), "no more than the form of a larger one misses"
+        anew = False
         if not gone:
             gone, why = minor(joint, own_floor(bare, joint)), "leaves most of what is there"
+            anew = bool(gone)  # and may have kept out what made it
         if gone:
             selection = undone(selection, gone)
             selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(gone)]
+            if anew:
+                selection, start, _ = _again(problem, selection, bare, known, reduce, gone)
             joint, acting = together(problem, selection, bare, known, reduce, start)
         error = log_error(joint)
         if best is None or error <= best[0] + PLAINER:
@@ -125,6 +129,7 @@ def _again(
     bare: Any,
     known: Sequence[Part],
     reduce: Callable[[Array], Array],
+    barred: Collection[str] = (),
 ) -> tuple[Selection, dict[str, Member], tuple[Joint, Any] | None]:
     """The selection judged again about its own joint fit, until it stands; its members there; that fit.
 
@@ -133,7 +138,7 @@ def _again(
     another from there may still find a better form.
     """
     settled: dict[str, Member] = {}
-    barred: set[str] = set()
+    barred = {*barred}
     rounds = ROUNDS if problem.residual.size < SHORT else 1
     for number in range(1, rounds + 1):
         if not selection.members:

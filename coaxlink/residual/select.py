@@ -289,7 +289,7 @@ def select(
             break
         _note_tie(judge, out, winner, good)
         out.members.append(winner.option)
-        _reconsider(judge, out, number, untried)
+        _reconsider(judge, out, number, untried, barred)
     out.last = {t.option.name: t for t in judge.best_of_each(out.members)}
     doubtful = {name for a in out.ambiguous for name in a.names}
     out.doubtful = [m for m in out.members if m.name in doubtful]
@@ -349,14 +349,16 @@ def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) ->
         out.ambiguous.append(Ambiguous((winner.option.name, *rivals), ""))
 
 
-def _reconsider(judge: Judge, out: Selection, number: int, untried: Collection[str]) -> None:
+def _reconsider(
+    judge: Judge, out: Selection, number: int, untried: Collection[str], barred: Collection[str]
+) -> None:
     """Swap members for better ones, then drop what the others made needless."""
     if len(out.members) < 2:
         return
     for i in range(len(out.members)):
         rest = [m for k, m in enumerate(out.members) if k != i]
         now = float(judge.sums(out.members).sum())
-        trials = _eligible(judge.best_of_each(rest))
+        trials = _eligible([t for t in judge.best_of_each(rest) if t.option.name not in barred])
         if not trials:
             continue
         best = _simplest(trials)

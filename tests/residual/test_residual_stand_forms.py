@@ -193,3 +193,20 @@ def test_two_slides_of_one_width_are_one_hysteresis():
     assert names(answer) == ["hysteresis"]
     assert over(answer) < 1.08
     assert {p.name for p in answer.effects[0].parameters} >= {"lower_over_upper"}
+
+
+def test_what_kept_another_out_and_goes_lets_it_in():
+    """A drift that takes up a part of what the lower rotor does to the upper, beside a rig that sticks."""
+    up = np.arange(0.0, 0.9, 0.01)
+    leg = np.concatenate([up, up[::-1]])
+    still = np.ones_like(leg)
+    a = np.concatenate([leg, leg, *(h * still for h in (0.3, 0.5, 0.7)), 0.0 * still])
+    b = np.concatenate([leg, 0.3 * still, *(leg for _ in range(4))])
+    loads, alone = steady_loads(a, b), steady_loads(0.0 * a, b)[2]
+    loads[0] -= 6.0 * a * np.sqrt(np.maximum(alone, 0.0) / 60.0) * (b > 0.0)
+    for c in (0, 2):
+        loads[c] = dragged(loads[c], 1.5)
+    answer = refine_stand(log_of(0.1 * np.arange(len(a)), a, b, loads, seed=3), model())
+    assert names(answer) == ["hysteresis", "lower_on_upper_interference"]
+    assert over(answer) < 1.08
+    assert any(s.name == "sensor_drift" and "leaves most" in s.why for s in answer.trace)

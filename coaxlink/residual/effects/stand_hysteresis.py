@@ -29,7 +29,6 @@ TURNED = 0.01  # of normalised speed: less is no turn
 SAME, RETURNS = 0.03, 0.1  # of normalised speed; of the rows: had at a speed from one side and the other
 JUMP = 0.3  # of normalised speed from row to row: the next sweep begins, no way back
 STICKING = np.array([-1.5, -0.5, 0.5, 1.5])  # elements: their ways are reach * spread^k
-Maps = tuple[Array, Array, Array]  # x -> clip(x + shift, low, high)
 
 
 def direction(frame: StandFrame, side: int) -> Array:
@@ -65,17 +64,25 @@ def slipping(course: Array, ways: Array) -> Array:
     by_step = padded.reshape(pieces, length, -1).transpose(1, 0, 2)  # (length, pieces, K)
     shift = by_step.sum(axis=0)
     low, high = np.full_like(shift, -np.inf), np.full_like(shift, np.inf)
+    ends = np.stack([low, high])
     for step in by_step:
-        low, high = np.clip(low + step, -1.0, 1.0), np.clip(high + step, -1.0, 1.0)
+        _slip(ends, step, -1.0, 1.0, ends)
+    low, high = ends
     start = np.zeros_like(shift)
     for k in range(1, pieces):
-        start[k] = np.clip(start[k - 1] + shift[k - 1], low[k - 1], high[k - 1])
+        _slip(start[k - 1], shift[k - 1], low[k - 1], high[k - 1], start[k])
     out = np.empty_like(by_step)
     state = start
     for k, step in enumerate(by_step):
-        state = np.clip(state + step, -1.0, 1.0)
-        out[k] = state
+        state = _slip(state, step, -1.0, 1.0, out[k])
     return np.asarray(out.transpose(1, 0, 2).reshape(pieces * length, -1)[:rows])
+
+
+def _slip(state: Array, step: Array, low: Array | float, high: Array | float, out: Array) -> Array:
+    """The state (..., K) moved by a step and kept inside, into `out`; np.clip costs three times that."""
+    np.add(state, step, out=out)
+    np.minimum(out, high, out=out)
+    return np.maximum(out, low, out=out)
 
 
 def fading(course: Array, reach: float) -> Array:
