@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +41,50 @@ DOUBTED = 1.5  # of the floor: a flight's choice that leaves more in a channel i
 CLEARLY = 0.1  # of the logarithm of errors, channels together, that another choice must leave less
 
 
+@dataclass(frozen=True)
+class _Flight:
+    """What stays as it is while the choice changes: the log, and what the model knows of it already."""
+
+    bare: FlightFrame  # without what is known
+    frame: FlightFrame  # with it
+    known: Sequence[Part]
+
+    def reduce(self, columns: Array) -> Array:
+        """What an effect adds on the frame's rows, on judged rows."""
+        return reduce_columns(self.frame, columns)
+
+    def fitted(self, problem: Problem, selection: Selection, *, all_of: bool = False) -> _Choice:
+        """A selection with its joint fit."""
+        bare, known, reduce = self.bare, self.known, self.reduce
+        fit = together(problem, selection, bare, known, reduce, base=base_columns, all_of=all_of)
+        return _Choice(problem, selection, *fit)
+
+    @property
+    def knows(self) -> set[str]:
+        """Names of what the model knows."""
+        return {effect.name for effect, _ in self.known}
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """What was chosen, and its joint fit."""
+
+    problem: Problem
+    selection: Selection
+    joint: Joint
+    acting: FlightFrame  # with everything found
+
+    @property
+    def floor(self) -> Array:
+        """(C,) noise behind the fit."""
+        return floor_behind(self.acting, self.joint)
+
+    @property
+    def names(self) -> set[str]:
+        """Of its members."""
+        return {m.name for m in self.joint.members}
+
+
 def judge_flight(
     several: Sequence[Samples],
     airframe: Airframe,
@@ -54,112 +98,109 @@ def judge_flight(
     if bad.any() and np.sum(~bad[bare.keep]) > LEAST_ROWS:
         bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
     known, notes = known_parts(bare)
-    frame = composed(bare, known)
-
-    def reduce(columns: Array) -> Array:
-        return reduce_columns(frame, columns)
-
+    f = _Flight(bare, composed(bare, known), known)
     progress("fitting candidates")
-    problem = flight_problem(frame)
+    c = _chosen(f, flight_problem(f.frame), mislabelled, progress)
+    lifted = settled_lift(c.joint, c.floor)
+    doubts: tuple[Ambiguous, ...] = ()
+    if lifted and not mislabelled:
+        c, doubts = _weighed(f, c)
+    c = _dragged(f, c)
+    progress("judging")
+    act = [part for part in known if part[0].name not in c.names]
+    act += [(m.effect, m.parameters(bare)) for m in c.joint.members]
+    floor = np.hypot(c.floor, felt_noise(bare, act))
+    if not lifted and f.frame.voltage is None:
+        notes.append("voltage_V is not in the log: a sagging supply would look like this change of thrust")
+    if airframe.motor_lag_s == 0.0:
+        notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
+    variables = flight_variables(f.frame)
+    parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled, doubts)
+    judged = Judged(settled_base(c.problem), c.selection, c.joint, floor, variables, *parts)
+    return answer(judged, several)
+
+
+def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress) -> _Choice:
+    """The choice, made again without what its own numbers deny, until they deny nothing."""
     struck: list[Doubt] = []
-    for number in range(SCRUTINIES):
+    for number in range(1, SCRUTINIES + 1):
         progress("selecting")
         began = {d.name for d in struck if d.onset}
-        problem = with_onsets(problem, [], reduce, barred=began)
+        problem = with_onsets(problem, [], f.reduce, barred=began)
         selection = Selection() if mislabelled else select(problem)
         # a beginning that another effect hid is looked for once more beside it
-        further = with_onsets(problem, selection.members, reduce, barred=began)
+        further = with_onsets(problem, selection.members, f.reduce, barred=began)
         if selection.members and further is not problem:
             problem, selection = further, select(further)
         selection.trace[:0] = [Step(0, "drop", d.name, 0.0, 1.0, 0.0, True, d.why) for d in struck]
         progress("fitting what was chosen together")
-        joint, acting = together(problem, selection, bare, known, reduce, base=base_columns)
-        selection, joint, acting = _doubted(problem, selection, joint, acting, bare, known, reduce)
-        again = disbelieved(problem, joint, floor_behind(acting, joint), {e.name for e, _ in known})
+        c = _doubted(f, f.fitted(problem, selection))
+        again = disbelieved(problem, c.joint, c.floor, f.knows)
         if not again:
-            break
+            return c
         struck += again  # at most every effect once, and its beginning
         problem = without(problem, again)
-        if number == SCRUTINIES - 1 or problem.residual.size > SHORT // 2:
-            gone = {d.name for d in again}
-            selection = undone(selection, gone)
-            joint, acting = together(problem, selection, bare, known, reduce, base=base_columns)
+        if number == SCRUTINIES or problem.residual.size > SHORT // 2:
             break
-    doubts: tuple[Ambiguous, ...] = ()
-    carried = bool({effect.name for effect, _ in known} & {"mass_change", "battery_voltage"})
-    lifted = settled_lift(joint, floor_behind(acting, joint))
-    named = {m.name for m in joint.members}
-    if lifted and not mislabelled and "mass_change" not in named and not carried:
-        seen = _scales(joint, acting, frame)
-        mass = next((o for o in problem.options if o.name == "mass_change" and not o.shape), None)
-        why = behind_voltage(seen) if "battery_voltage" in named else whole_mass(seen)
-        if why and mass is not None:
-            beside = replace(selection, members=[*selection.members, mass])
-            trial = together(problem, beside, bare, known, reduce, base=base_columns, all_of=True)
-            if not disbelieved(problem, trial[0], floor_behind(trial[1], trial[0])):
-                selection, (joint, acting) = beside, trial
-                size = max(abs(seen.lift), float(np.max(np.abs(seen.torque))))
-                selection.trace.append(Step(9, "add", mass.name, 0.0, 0.0, size, True, why))
-        elif "battery_voltage" not in named:
-            doubts = tuple(doubt(frame, seen))
-    if not (known or selection.doubtful):
-        drag = next((o for o in problem.options if o.name == "rotor_drag"), None)
-        fitter = fitter_of(problem, bare, known, named, reduce)
-        both = drag_beside(fitter, joint, base_columns) if drag is not None else None
-        if drag is not None and both is not None:
-            selection = replace(selection, members=[*selection.members, drag])
-            joint, acting = both, fitter.acting(both.members)
-            why = "what drags in the wind damps yaw as the rotors' drag does"
-            selection.trace.append(Step(9, "add", drag.name, 0.0, 0.0, 0.0, True, why))
-    progress("judging")
-    members = {m.name for m in joint.members}
-    act = [part for part in known if part[0].name not in members]
-    act += [(m.effect, m.parameters(bare)) for m in joint.members]
-    floor = np.hypot(floor_behind(acting, joint), felt_noise(bare, act))
-    if not lifted and frame.voltage is None:
-        notes.append("voltage_V is not in the log: a sagging supply would look like this change of thrust")
-    if airframe.motor_lag_s == 0.0:
-        notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
-    variables = flight_variables(frame)
-    parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled, doubts)
-    return answer(Judged(settled_base(problem), selection, joint, floor, variables, *parts), several)
+    return f.fitted(problem, undone(c.selection, {d.name for d in again}))
 
 
-def _doubted(
-    problem: Problem,
-    selection: Selection,
-    joint: Joint,
-    acting: FlightFrame,
-    bare: FlightFrame,
-    known: Sequence[Part],
-    reduce: Callable[[Array], Array],
-) -> tuple[Selection, Joint, FlightFrame]:
+def _weighed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Ambiguous, ...]]:
+    """With a mass where lift and torques ask for one; or whether it is one or the level of thrust."""
+    if "mass_change" in c.names or f.knows & {"mass_change", "battery_voltage"}:
+        return c, ()
+    seen = _scales(c, f)
+    mass = next((o for o in c.problem.options if o.name == "mass_change" and not o.shape), None)
+    why = behind_voltage(seen) if "battery_voltage" in c.names else whole_mass(seen)
+    if not why or mass is None:
+        return c, () if "battery_voltage" in c.names else tuple(doubt(f.frame, seen))
+    beside = replace(c.selection, members=[*c.selection.members, mass])
+    trial = f.fitted(c.problem, beside, all_of=True)
+    if disbelieved(c.problem, trial.joint, trial.floor):
+        return c, ()
+    size = max(abs(seen.lift), float(np.max(np.abs(seen.torque))))
+    beside.trace.append(Step(9, "add", mass.name, 0.0, 0.0, size, True, why))
+    return trial, ()
+
+
+def _dragged(f: _Flight, c: _Choice) -> _Choice:
+    """With the rotors' drag where it blew and what the wind was taken for damps yaw as that drag does."""
+    drag = next((o for o in c.problem.options if o.name == "rotor_drag"), None)
+    if f.known or c.selection.doubtful or drag is None:
+        return c
+    fitter = fitter_of(c.problem, f.bare, f.known, c.names, f.reduce)
+    both = drag_beside(fitter, c.joint, base_columns)
+    if both is None:
+        return c
+    selection = replace(c.selection, members=[*c.selection.members, drag])
+    why = "what drags in the wind damps yaw as the rotors' drag does"
+    selection.trace.append(Step(9, "add", drag.name, 0.0, 0.0, 0.0, True, why))
+    return replace(c, selection=selection, joint=both, acting=fitter.acting(both.members))
+
+
+def _doubted(f: _Flight, c: _Choice) -> _Choice:
     """The choice judged once more, torques counting in full, where a channel is left far above its noise.
 
     Another one (a mass and a centre for a failing rotor) is taken only if it leaves little but noise.
     """
-    q, kept = joint.problem, (selection, joint, acting)
-    if not joint.members or selection.doubtful or problem.residual.size > SHORT or q.frame is not bare:
-        return kept
-    errors, floor = channel_errors(q, q.options), floor_behind(acting, joint)
+    q = c.joint.problem
+    if not c.names or c.selection.doubtful or c.problem.residual.size > SHORT or q.frame is not f.bare:
+        return c
+    errors, floor = channel_errors(q, q.options), c.floor
     if np.max(errors / floor) < DOUBTED:
-        return kept
-    again = select(reweighed(problem, floor))
-    if (
-        again.ambiguous
-        or not again.members
-        or {m.name for m in again.members} == {m.name for m in joint.members}
-    ):
-        return kept
-    again.trace = [*selection.trace, *again.trace]
-    other, then = together(problem, again, bare, known, reduce, base=base_columns)
-    now = channel_errors(other.problem, other.problem.options)
-    less, left = float(np.sum(np.log(errors / now))), now / floor_behind(then, other)
-    return (again, other, then) if less > CLEARLY and np.max(left) < DOUBTED else kept
+        return c
+    again = select(reweighed(c.problem, floor))
+    if again.ambiguous or not again.members or {m.name for m in again.members} == c.names:
+        return c
+    again.trace = [*c.selection.trace, *again.trace]
+    other = f.fitted(c.problem, again)
+    now = channel_errors(other.joint.problem, other.joint.problem.options)
+    less, left = float(np.sum(np.log(errors / now))), now / other.floor
+    return other if less > CLEARLY and np.max(left) < DOUBTED else c
 
 
-def _scales(joint: Joint, acting: FlightFrame, frame: FlightFrame) -> Scales:
-    q = joint.problem  # everything found acts in `acting`
+def _scales(c: _Choice, f: _Flight) -> Scales:
+    q = c.joint.problem  # everything found acts in `c.acting`
     final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
     named = dict(zip(q.base_names, final[q.base], strict=True))
-    return scales(acting, named, q.block, lambda c: reduce_columns(frame, c))
+    return scales(c.acting, named, q.block, f.reduce)

@@ -6,6 +6,7 @@ follows some misfit. And a beginning in mid-flight takes up any slow force, for 
 A step is believed if a smooth course of the same effect over the flight, straight between knots, does clearly
 worse. Mass, centre of mass and a failing rotor are constant but for their beginning: what leaves its own
 channel far above the noise, or running a course of its own over the flight, took up a part of something slow.
+And what lowers one channel's large residual a little while others, near their noise, rise is no gain.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def disbelieved(p: Problem, joint: Joint, floor: Array, had: Collection[str] = (
         if m.name in had:
             continue
         onset = "onset_s" in m.shape
-        why = nil(joint, k, draws)
+        why = nil(joint, k, draws) or spoils(joint, k)
         if why is None and m.effect.sudden:
             why = _no_cause(p, joint, k, floor)
         if why is not None:
@@ -92,6 +93,14 @@ def nil(joint: Joint, k: int, draws: Array) -> str | None:
             return None
         said.append(f"{name} {low:.2g} .. {high:.2g}")
     return f"nothing by its own numbers: {', '.join(said)}" if said else None
+
+
+def spoils(joint: Joint, k: int) -> str | None:
+    """Why member k is worth nothing: each channel by what it is left with, they are left with no less."""
+    q = joint.problem
+    rest = [o for i, o in enumerate(q.options) if i != k]
+    after, before = (float(np.sum(np.log(channel_errors(q, options)))) for options in (q.options, rest))
+    return "what it takes from one channel it adds to others" if after >= before else None
 
 
 def _seconds(p: Problem) -> float:

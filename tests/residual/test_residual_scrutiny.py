@@ -13,10 +13,11 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.residual import refine
+from coaxlink.residual.blocks import accumulate, folds_of
 from coaxlink.residual.effects import FLIGHT_EFFECTS
 from coaxlink.residual.effects.wind import apart
 from coaxlink.residual.flight import flight_frame
-from coaxlink.residual.scrutiny import nil
+from coaxlink.residual.scrutiny import nil, spoils
 from coaxlink.rotor import load_rotor_model
 
 HIDDEN = {"clean": {}, "sagging": {"battery": 0.12}, "sagging and heavy": {"battery": 0.12, "mass": 0.08}}
@@ -109,3 +110,18 @@ def test_a_wind_and_rotor_drag_of_its_own_add_up_to_the_wind_that_held_both(flig
     both = EFFECTS["wind"].contribution(frame, wind) + EFFECTS["rotor_drag"].contribution(frame, drag)
     assert both == pytest.approx(EFFECTS["wind"].contribution(frame, whole), abs=1e-9)
     assert np.abs(EFFECTS["rotor_drag"].contribution(frame, drag)).max() > 0.1
+
+
+@pytest.mark.parametrize(("shared", "gone"), [(0.0, True), (1.0, False)])
+def test_what_takes_from_one_channel_and_adds_as_much_to_another_is_worth_nothing(shared, gone):
+    """A force of 30 that goes with the height, and a column that has a little of it in both channels."""
+    rng = np.random.default_rng(2)
+    z, block = rng.standard_normal(480), np.arange(480) // 20
+    residual = np.stack([10.0 * z + 30.0 * rng.standard_normal(480), 10.0 * shared * z], axis=1)
+    residual[:, 1] += 0.5 * rng.standard_normal(480)
+    design = np.stack([z, z], axis=1)[:, :, None]
+    blocks = accumulate(design, residual, block, folds_of(24), np.array([np.inf]))
+    option = SimpleNamespace(columns=np.array([0]))
+    base = np.zeros(0, np.intp)
+    problem = SimpleNamespace(base=base, blocks=blocks, sigma=np.ones(2), options=(option,))
+    assert (spoils(SimpleNamespace(problem=problem), 0) is not None) == gone
