@@ -30,6 +30,7 @@ KNOTS = (2, 3, 5, 8, 12)  # of smooth courses over the flight
 KNOT_BLOCKS = 2.5  # from knot to knot, at least: held-out blocks lie between them
 MUCH_LEFT = 2.5  # of the floor, in the channel that the member explains best
 MOST_OF_IT = 0.95  # of that channel's squared error: what takes this much may leave more
+SPOILT = 0.05  # of the logarithm of errors, channels together
 BENDS, LEFT = 0.5, 2.0  # share that a smooth course takes of what was left; times the floor
 
 
@@ -96,11 +97,11 @@ def nil(joint: Joint, k: int, draws: Array) -> str | None:
 
 
 def spoils(joint: Joint, k: int) -> str | None:
-    """Why member k is worth nothing: each channel by what it is left with, they are left with no less."""
+    """Why member k is worth nothing: each channel by what it is left with, they are left with more."""
     q = joint.problem
     rest = [o for i, o in enumerate(q.options) if i != k]
     after, before = (float(np.sum(np.log(channel_errors(q, options)))) for options in (q.options, rest))
-    return "what it takes from one channel it adds to others" if after >= before else None
+    return "what it takes from one channel it adds to others" if after > before + SPOILT else None
 
 
 def _seconds(p: Problem) -> float:
