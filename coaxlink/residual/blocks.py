@@ -19,6 +19,7 @@ Index = NDArray[np.intp]
 
 FOLDS, ASSIGNMENTS, FARTHEST = 6, 200, 40
 BEYOND = 1.0 + 1e-9  # of a bound
+BATCH = 4096  # rows multiplied at once
 
 
 @lru_cache(maxsize=64)
@@ -91,21 +92,38 @@ class Blocks:
 
 def accumulate(design: Array, residual: Array, block: Index, fold: Index, bounds: Array) -> Blocks:
     """Gram matrices of a whitened design (rows, C, P) and residual (rows, C); `block` (rows,) from 0."""
-    count = int(block.max()) + 1
+    rows = np.bincount(block)
     channels, width = design.shape[1:]
-    gram = np.zeros((count, channels, width, width))
-    moment = np.zeros((count, channels, width))
-    power = np.zeros((count, channels))
-    rows = np.zeros(count)
+    gram = np.zeros((len(rows), channels, width, width))
+    moment = np.zeros((len(rows), channels, width))
+    power = np.zeros((len(rows), channels))
     # most columns touch one channel only: the others' zeros are not multiplied
-    touched = [np.flatnonzero(np.any(design[:, c] != 0.0, axis=0)) for c in range(channels)]
-    for b in range(count):
-        mine = np.flatnonzero(block == b)
-        rows[b] = len(mine)
+    touched = [np.flatnonzero(design[:, c].any(axis=0)) for c in range(channels)]
+    order, start = np.argsort(block, kind="stable"), np.concatenate([[0], np.cumsum(rows)])
+    for some in _batches(rows):
+        number = np.arange(rows[some].max())
+        inside = number < rows[some, None]  # (blocks, most rows of one): the rest is padded with zeros
+        mine = order[np.where(inside, start[some, None] + number, 0)]
         for c, use in enumerate(touched):
-            x, y = design[mine[:, None], c, use].astype(float), residual[mine, c]
-            gram[b, c, use[:, None], use], moment[b, c, use], power[b, c] = x.T @ x, x.T @ y, y @ y
-    return Blocks(gram, moment, power, rows, fold, bounds)
+            x, y = design[mine, c][..., use].astype(float), residual[mine, c, None].astype(float)
+            x[~inside] = y[~inside] = 0.0
+            flipped = x.swapaxes(1, 2)
+            gram[some[:, None, None], c, use[:, None], use] = flipped @ x
+            moment[some[:, None], c, use] = (flipped @ y)[..., 0]
+            power[some, c] = (y.swapaxes(1, 2) @ y)[:, 0, 0]
+    return Blocks(gram, moment, power, rows.astype(float), fold, bounds)
+
+
+def _batches(rows: Index) -> list[Index]:
+    """Blocks in a row whose rows, each padded to the most of them, are few enough to multiply at once."""
+    out: list[list[int]] = []
+    most = 0
+    for b, count in enumerate(rows):
+        most = max(most, int(count))
+        if not out or most * (len(out[-1]) + 1) > BATCH:
+            out, most = [*out, []], int(count)
+        out[-1].append(b)
+    return [np.array(some, np.intp) for some in out]
 
 
 def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
@@ -135,12 +153,12 @@ def _spread(blocks: Blocks, use: Index, values: Array) -> Array:
 
 def _bounded(gram: Array, moment: Array, bounds: Array) -> Array:
     """Ridge least squares (k,) of normal equations, bounded columns shrunk and kept inside."""
-    scale, gram, moment, limit = _scaled(gram, moment, bounds)
+    scale, gram, moment, limit = scaled(gram, moment, bounds)
     value = np.asarray(np.linalg.solve(gram, moment), float)
     return np.asarray(_inside(gram, moment, limit, value) / scale)
 
 
-def _scaled(gram: Array, moment: Array, bounds: Array) -> tuple[Array, Array, Array, Array]:
+def scaled(gram: Array, moment: Array, bounds: Array) -> tuple[Array, Array, Array, Array]:
     """Scale (..., k) of normal equations, these with unit diagonals and the ridge, and the bounds."""
     # half a bound is one standard deviation of what a base may be off by
     ridge = np.where(np.isfinite(bounds), (2.0 / np.maximum(np.abs(bounds), 1e-300)) ** 2, 0.0)
@@ -204,7 +222,7 @@ def _fold_fits(blocks: Blocks, use: Index) -> Array:
     """(folds, k) fits of all blocks but the fold's."""
     grams, moments = blocks.trains
     grams, moments, bounds = grams[:, use[:, None], use], moments[:, use], blocks.bounds[use]
-    scale, gram, moment, limit = _scaled(grams, moments, bounds)
+    scale, gram, moment, limit = scaled(grams, moments, bounds)
     values = np.asarray(np.linalg.solve(gram, moment[..., None])[..., 0], float)
     for f in np.flatnonzero(np.any(np.abs(values) > limit * BEYOND, axis=1)):
         values[f] = _inside(gram[f], moment[f], limit[f], values[f])

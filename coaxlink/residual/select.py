@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from coaxlink.residual.blocks import held_out, held_out_sum, solve, squares
+from coaxlink.residual.blocks import held_out, solve, squares
+from coaxlink.residual.eliminated import Eliminated
 from coaxlink.residual.gates import (
     FEW_LEVELS,
     GAIN,
@@ -158,11 +160,15 @@ class Judge:
 
     def sums(self, members: list[Option]) -> Array:
         """(B,) held-out square sums of a set over all channels."""
-        use = columns_of(self.problem, members)
-        key = tuple(use)
+        beside = columns_of(self.problem, members)[len(self.problem.base) :]
+        key = tuple(beside)
         if key not in self._sums:
-            self._sums[key] = held_out_sum(self.problem.blocks, use)
+            self._sums[key] = self._sets.held_out_sum(beside)
         return self._sums[key]
+
+    @cached_property
+    def _sets(self) -> Eliminated:
+        return Eliminated(self.problem.blocks, self.problem.base)
 
     def trial(self, members: list[Option], option: Option) -> Trial:
         """`option` on top of `members`."""

@@ -7,6 +7,7 @@ import pytest
 
 from coaxlink.residual.blocks import accumulate, error_interval, held_out, held_out_sum, solve, squares
 from coaxlink.residual.dependence import dependences
+from coaxlink.residual.eliminated import Eliminated
 from coaxlink.residual.problem import contiguous_blocks
 from coaxlink.residual.signals import (
     derivative,
@@ -136,6 +137,40 @@ def test_held_out_errors_are_of_fits_that_did_not_see_the_block():
         assert errors[b] == pytest.approx(want, rel=1e-5)
     assert fits.shape == (4, 3)
     assert held_out_sum(blocks, np.arange(3)) == pytest.approx(errors.sum(axis=1), rel=1e-6)
+
+
+def test_blocks_of_any_length_and_order_give_their_rows_sums():
+    rng = np.random.default_rng(3)
+    block = rng.permutation(np.repeat(np.arange(5), [3, 9000, 1, 40, 700]))
+    design, residual = rng.standard_normal((len(block), 2, 3)), rng.standard_normal((len(block), 2))
+    design[:, 1, 2] = 0.0
+    blocks = accumulate(design, residual, block, np.arange(5), np.full(3, np.inf))
+    for b in range(5):
+        x, y = design[block == b], residual[block == b]
+        assert blocks.rows[b] == len(x)
+        assert blocks.gram[b] == pytest.approx(np.einsum("rci,rcj->cij", x, x))
+        assert blocks.moment[b] == pytest.approx(np.einsum("rci,rc->ci", x, y))
+        assert blocks.power[b] == pytest.approx((y**2).sum(axis=0))
+
+
+@pytest.mark.parametrize("bound", (0.05, 0.5, np.inf))
+def test_an_eliminated_base_leaves_the_same_held_out_errors(bound):
+    """Whether the base stays inside its bounds (shrunk by them), is held at them or has none."""
+    rng = np.random.default_rng(4)
+    design = rng.standard_normal((900, 3, 9))
+    design[:, :, 6] += 0.9 * design[:, :, 0]  # the base stands in for part of this one
+    truth = np.array([0.2, -0.02, 0.0, 0.01, 0.0, 0.0, 0.3, 0.0, -0.5])
+    residual = design @ truth + rng.standard_normal((900, 3))
+    block = np.repeat(np.arange(18), 50)
+    bounds = np.where(np.arange(9) < 5, bound, np.inf)
+    blocks = accumulate(design, residual, block, rng.permutation(18) % 6, bounds)
+    base = np.arange(5)
+    sets = Eliminated(blocks, base)
+    for beside in ([], [6], [7, 5], [8, 6, 7, 5]):
+        want = held_out_sum(blocks, np.array([*base, *beside]))
+        assert sets.held_out_sum(np.array(beside, int)) == pytest.approx(want, rel=1e-6)
+    largest = float(np.abs(solve(blocks, np.arange(9), np.ones(18))[base]).max())
+    assert (largest > 0.99 * bound) == (bound == 0.05)
 
 
 def test_intervals_cover_the_error_they_are_of():
