@@ -81,6 +81,14 @@ def test_held_out_error_falls_to_about_the_noise_floor(answers):
         assert shown.rmse_after < (3.0 if name == "wind" else 1.9) * shown.noise_floor, name  # gusts stay
 
 
+def test_a_small_lag_that_was_not_declared_is_named(airframe):
+    """The base's delay stands in for most of it: what is left has its share right in a narrow range only."""
+    log = Samples(fly([{}], lag=0.03)[0], "late")
+    answer = refine(log, replace(airframe, motor_lag_s=0.0), stand_identified(20))
+    assert [e.name for e in answer.effects] == ["rotor_lag"]
+    assert value(answer, "lag_s") == pytest.approx(0.03, abs=0.008)
+
+
 def value(answer, name):
     found = {p.name: p for e in answer.effects for p in e.parameters}
     return found[name].value

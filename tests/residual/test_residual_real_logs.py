@@ -21,8 +21,8 @@ pytestmark = [
 ]
 
 
-def answer(name: str):
-    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+def answer(name: str, lag_s: float = 0.02):
+    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=lag_s)
     return refine(
         read_flight_log(FLIGHTS / name), airframe, load_rotor_model(files.example("rotor_paper.toml"))
     )
@@ -32,6 +32,22 @@ def answer(name: str):
 def test_a_flight_without_effects_gives_none(name):
     result = answer(name)
     assert result.effects == () and result.ambiguous == () and result.unexplained == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("px4_null_fitted.ulg", ["rotor_lag"]),
+        ("ap_null.bin", ["rotor_lag"]),
+        ("px4_rotor_drag.ulg", ["rotor_drag", "rotor_lag"]),
+    ],
+)
+def test_a_lag_that_was_not_declared_is_named(name, found):
+    result = answer(name, lag_s=0.0)
+    assert sorted(e.name for e in result.effects) == found
+    assert result.ambiguous == () and result.unexplained == ()
+    lag = {p.name: p.value for e in result.effects if e.name == "rotor_lag" for p in e.parameters}["lag_s"]
+    assert lag == pytest.approx(0.02, abs=0.008)  # and a few ms of what the firmware takes
 
 
 def test_rotor_drag_is_found_alone_and_down_to_what_the_true_form_leaves():

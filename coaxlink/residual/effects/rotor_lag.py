@@ -16,7 +16,9 @@ from coaxlink.residual.effects.base import Array, Effect, Shape, outside
 from coaxlink.residual.frames import FlightFrame
 
 ROUNDS = 4
-LAGS_S = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.1, 0.12, 0.15, 0.18, 0.22, 0.27, 0.33)
+# finer around a small one: the base's delay stands in for most of it, and what share is left turns quickly
+SMALL_S = (0.0, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08)
+LAGS_S = (*SMALL_S, 0.1, 0.12, 0.15, 0.18, 0.22, 0.27, 0.33)
 
 
 def _missing(frame: FlightFrame) -> str | None:
