@@ -2,8 +2,9 @@
 
 Thrust and torque of the rotor, and for the upper one what its wake does to the lower, are then those of one
 other speed: a single number stands for the misses of two to four loads. It is believed only if it leaves
-little but noise, does clearly better than any one effect and than what the base may be off by, and if the
-other rotor asks for no such number (both alike is the air, or another pair).
+little but noise, takes most of what is missed (something in one load alone leaves that load's most), does
+clearly better than any one effect and than what the base may be off by, and if the other rotor asks for no
+such number (both alike is the air, or another pair).
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Suspect
 
 MOST, LEAST = 0.2, 0.012  # of the speed
-NEAR_NOISE = 1.3  # times the noise, in every load
+NEAR_NOISE = 1.3  # times the noise, over all loads
+MOST_OF_IT = 0.7  # of what the base leaves beyond noise
 CLEAR = 30.0  # noise variances that one number must win, and be ahead of any rival
 AHEAD = 0.1  # of what the base leaves beyond noise: as much at least it must be ahead of any rival
 ALIKE = 0.35  # of this side's number: as much on the other is the air's, or the model's
@@ -95,7 +97,7 @@ def wrong_gain(problem: Problem) -> Suspect | None:
     if not found:
         return None
     left, side, gain = min(found)
-    if left > NEAR_NOISE**2 * noise:
+    if left > NEAR_NOISE**2 * noise or nothing - left < MOST_OF_IT * (nothing - noise):
         return None
     beyond = max(CLEAR, AHEAD * (nothing - noise))
     for option in problem.options:

@@ -13,6 +13,8 @@ from coaxlink.residual import refine_stand
 from coaxlink.residual.stand import stand_frame
 from coaxlink.residual.suspects import find_suspects
 from coaxlink.rotor import RotorModel, load_rotor_model
+from sim import bench
+from sim.rotors import read_pair
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -171,3 +173,16 @@ def test_no_tachometer_is_accused_of_what_the_air_or_the_cells_do(paper) -> None
     for name in UPPER:  # two cells another day: within what a base may be off by
         columns[name] = columns[name] * 0.97
     assert refine_stand(Samples(columns, "rig"), paper).suspect_data == ()
+
+
+def test_no_tachometer_is_accused_of_a_ripple_in_one_load(paper, tmp_path) -> None:
+    """One speed's share takes a seventh of it, over all loads it is near the noise: that is no evidence."""
+    truth = tmp_path / "truth.toml"
+    truth.write_text(
+        '[stand]\npattern = "ramps"\ndrive = "rpm"\nsweeps = 1\n'
+        '[[effects]]\nname = "strange"\nsize = 1.03651\nchannel = "lower_thrust"\n'
+    )
+    pair = read_pair(EXAMPLES / "rotor_paper.toml")
+    answer = refine_stand(Samples(bench.measure(pair, bench.read_bench(truth), seed=129), "bench"), paper)
+    assert answer.suspect_data == () and nothing_claimed(answer)
+    assert [u.channel for u in answer.unexplained] == ["lower_thrust"]
