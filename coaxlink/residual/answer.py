@@ -28,7 +28,8 @@ from coaxlink.residual.result import (
     Suspect,
     Unexplained,
 )
-from coaxlink.residual.select import Selection, columns_of
+from coaxlink.residual.select import Selection
+from coaxlink.residual.trial import columns_of
 from coaxlink.rotor import Effect as ModelEffect
 from coaxlink.rotor import RotorModel
 

@@ -17,7 +17,7 @@ from coaxlink.residual.effects.base import Effect, one_shape, present
 from coaxlink.residual.frames import STAND_LOADS, Array, StandFrame
 from coaxlink.residual.joint import Joint
 from coaxlink.residual.problem import Option, from_design
-from coaxlink.residual.select import Judge
+from coaxlink.residual.trial import Judge
 
 KNOTS = 8
 FEW_VALUES = 6

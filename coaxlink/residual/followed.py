@@ -15,10 +15,10 @@ from coaxlink.residual.kriging import Process, find_process
 from coaxlink.residual.result import Step
 from coaxlink.residual.reweigh import channel_errors
 from coaxlink.residual.scrutiny import undone
-from coaxlink.residual.select import ALPHA, Judge, columns_of
 from coaxlink.residual.stand import POLYNOMIALS, predict
 from coaxlink.residual.stand_problem import reducing, stand_floor, stand_problem, stand_variables
 from coaxlink.residual.together import together
+from coaxlink.residual.trial import ALPHA, Judge, columns_of
 from coaxlink.rotor.model import LOADS
 
 KNOWN = 1.0  # times the noise: a base less well known than that is none to hold a row against

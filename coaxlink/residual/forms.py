@@ -16,7 +16,7 @@ from coaxlink.residual.courses import nameless
 from coaxlink.residual.frames import Array, StandFrame
 from coaxlink.residual.joint import Joint
 from coaxlink.residual.problem import Option, from_design
-from coaxlink.residual.select import ALPHA, Judge, columns_of
+from coaxlink.residual.trial import ALPHA, Judge, columns_of
 
 SMALL = 0.25  # of what the other adds to the load that the smaller one changes most
 MISSED = 0.1  # of the reference load, a deviation

@@ -29,9 +29,10 @@ from coaxlink.residual.problem import Problem
 from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.reweigh import channel_errors, reweighed, settled_base
 from coaxlink.residual.scrutiny import Doubt, disbelieved, settled_lift, undone, without
-from coaxlink.residual.select import Selection, columns_of, select
+from coaxlink.residual.select import Selection, select
 from coaxlink.residual.sudden import with_onsets
 from coaxlink.residual.together import fitter_of, together
+from coaxlink.residual.trial import columns_of
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]

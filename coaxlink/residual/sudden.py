@@ -16,7 +16,7 @@ from coaxlink.residual.blocks import accumulate
 from coaxlink.residual.effects.base import Array, Shape
 from coaxlink.residual.gates import autocorrelation_time
 from coaxlink.residual.problem import Option, Problem
-from coaxlink.residual.select import columns_of
+from coaxlink.residual.trial import columns_of
 
 GAIN = 40.0  # of a log-likelihood ratio over the same effect without a beginning, all edges looked at
 EDGE_BLOCKS = 3  # on either side

@@ -13,7 +13,8 @@ from coaxlink.residual.joint import Fitter, Joint, Member, Part, fit, member, ne
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Step
 from coaxlink.residual.reweigh import channel_errors, settled_base, weighed_again
-from coaxlink.residual.select import Selection, columns_of
+from coaxlink.residual.select import Selection
+from coaxlink.residual.trial import columns_of
 
 LONG, LONG_STAND = 200_000, 100_000  # judged rows times channels: beyond, other forms are not tried
 WORSE = 1.02  # of the held-out squares: a joint fit that is worse than the plain sum has gone astray
