@@ -5,9 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from firmware_params.plain import plain
+
 
 class FirmwareParamsError(Exception):
-    """Base; the text is one line."""
+    """Base; the text is one plain line, whatever a file put into it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(plain(text))
 
 
 class TableError(FirmwareParamsError):

@@ -1,6 +1,6 @@
 """ArduPilot (ArduCopter): what its tables can say, and the mix it will make of them."""
 
-from firmware_params.ardupilot.param_file import ParamFile, read_param_file, write_param_file
+from firmware_params.ardupilot.param_file import ParamFile, param_text, read_param_file, write_param_file
 from firmware_params.ardupilot.parameters import PARAMETERS, as_stored, out_of_range, servo_function
 from firmware_params.ardupilot.realise import ApMix, Demand, Output, realise
 from firmware_params.ardupilot.table import ApTable, MotorParameters, motor_test_places, used_factors
@@ -16,6 +16,7 @@ __all__ = [
     "as_stored",
     "motor_test_places",
     "out_of_range",
+    "param_text",
     "read_param_file",
     "realise",
     "servo_function",

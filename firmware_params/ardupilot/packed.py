@@ -13,6 +13,7 @@ from collections.abc import Mapping
 
 from firmware_params.ardupilot.parameters import FLOAT, INT8, INT16, INT32
 from firmware_params.errors import TableError
+from firmware_params.plain import is_parameter_name
 
 PATH = "@PARAM/param.pck"
 MAGIC, MAGIC_DEFAULTS = 0x671B, 0x671C
@@ -43,7 +44,10 @@ def unpack(data: bytes) -> dict[str, tuple[float, int]]:
         size = struct.calcsize(form)
         if at + size > len(data):
             raise TableError("the packed parameters were cut")
-        found[name.decode("ascii", "replace")] = (float(struct.unpack_from(form, data, at)[0]), mav_type)
+        text = name.decode("ascii", "replace")
+        if not is_parameter_name(text):
+            raise TableError(f"byte {at} of the packed parameters: '{text}' is no name of a parameter")
+        found[text] = (float(struct.unpack_from(form, data, at)[0]), mav_type)
         at += size * (2 if flags & 1 else 1)  # a default follows
     if len(found) != count:
         raise TableError(f"{count} packed parameters are expected, found {len(found)}")

@@ -16,15 +16,17 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from firmware_params.ardupilot.table import Factors
 from firmware_params.errors import TableError
+from firmware_params.text import comment
 
 MILLION = 1_000_000
 _MODULUS = 4093
 PREFIX = "CXL_"
 TABLE_KEY = 97  # of param:add_table; 1..200, one per script
 MAX_LOADER_MOTORS = 12
+LAST = f"{PREFIX}T{MAX_LOADER_MOTORS}"  # the parameter that the loader adds last
 SCRIPT_FOLDERS = ("/APM/scripts", "scripts")  # boards, SITL
-_ROW = re.compile(r"^  \{ +(-?\d+), +(-?\d+), +(-?\d+), +(-?\d+) \},  -- motor", re.MULTILINE)
-_SUM = re.compile(r"^local CHECKSUM = (\d+)$", re.MULTILINE)
+_ROW = re.compile(r"^  \{ +(-?\d{1,9}), +(-?\d{1,9}), +(-?\d{1,9}), +(-?\d{1,9}) \},  -- motor", re.MULTILINE)
+_SUM = re.compile(r"^local CHECKSUM = (\d{1,9})$", re.MULTILINE)
 MATRIX_NAME, LOADER_NAME = "coaxlink_matrix.lua", "coaxlink_loader.lua"
 
 
@@ -69,7 +71,7 @@ def matrix_script(factors: Sequence[Factors], *, title: str) -> str:
         f"  {{ {r:8d}, {p:8d}, {y:8d}, {t:8d} }},  -- motor {n}"
         for n, (r, p, y, t) in enumerate(rows, start=1)
     )
-    return _MATRIX.format(title=_comment(title), count=len(rows), sum=checksum(rows), table=table)
+    return _MATRIX.format(title=comment(title), count=len(rows), sum=checksum(rows), table=table)
 
 
 def script_factors(text: str) -> tuple[Factors, ...]:
@@ -113,10 +115,6 @@ def loader_params(factors: Sequence[Factors], max_motors: int = MAX_LOADER_MOTOR
     params[f"{PREFIX}N"] = float(len(rows))
     params[f"{PREFIX}SUM"] = float(checksum(rows))
     return params
-
-
-def _comment(text: str) -> str:
-    return " ".join(text.split())[:100]
 
 
 _MATRIX = """\

@@ -1,49 +1,24 @@
 """A mixer table as ArduCopter holds it: factors of each motor, and the MOT_ parameters around them.
 
-FRAME_CLASS 4 (OCTAQUAD) and 5 (Y6) have factors of their own; class 15 takes them from a script and scales
-every axis to a largest factor of 0.5 (throttle to 1); class 17 takes them from a script as they are.
+FRAME_CLASS 4 (OCTAQUAD), 5 (Y6) and 12 (DODECAHEXA) have factors of their own (see `frames`); class 15
+takes them from a script and scales every axis to a largest factor of 0.5 (throttle to 1); class 17 takes
+them from a script as they are.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_params.ardupilot.frames import FRAMES, TEST_PLACES
 from firmware_params.errors import TableError
 
-OCTAQUAD, Y6, SCRIPTING_MATRIX, DYNAMIC_MATRIX = 4, 5, 15, 17
+SCRIPTING_MATRIX, DYNAMIC_MATRIX = 15, 17
 MAX_MOTORS = 12
 Factors = tuple[float, float, float, float]  # roll, pitch, yaw, throttle
-
-# (angle from the nose, clockwise, deg; yaw factor)
-_X8 = [(45, 1), (-45, -1), (-135, 1), (135, -1), (-45, 1), (45, -1), (135, 1), (-135, -1)]
-# roll, pitch, yaw as the firmware lists them
-_Y6 = {
-    1: [
-        (-1, 0.666, 1),
-        (1, 0.666, -1),
-        (1, 0.666, 1),
-        (0, -1.333, -1),
-        (-1, 0.666, -1),
-        (0, -1.333, 1),
-    ],
-    10: [(-1, 0.5, -1), (-1, 0.5, 1), (0, -1, -1), (0, -1, 1), (1, 0.5, -1), (1, 0.5, 1)],
-}
-
-# place of motor 1, 2, ... in the test order of MAV_CMD_DO_MOTOR_TEST, by frame class and type
-# (AP_MotorsMatrix: setup_octaquad_matrix, setup_y6_matrix)
-_OCTAQUAD_PLACES = (1, 7, 5, 3, 8, 2, 4, 6)
-_TEST_PLACES = {
-    **{(OCTAQUAD, kind): _OCTAQUAD_PLACES for kind in (0, 1, 2, 3)},
-    (OCTAQUAD, 14): (1, 2, 3, 4, 5, 6, 7, 8),
-    (Y6, 1): (2, 5, 6, 4, 1, 3),
-    (Y6, 10): (1, 2, 3, 4, 5, 6),
-    (Y6, 11): (3, 1, 5, 4, 2, 6),
-}
 
 
 @dataclass(frozen=True)
@@ -103,20 +78,16 @@ def motor_test_places(frame_class: int, frame_type: int) -> tuple[int, ...]:
     """
     if frame_class in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         return tuple(range(1, MAX_MOTORS + 1))
-    if (frame_class, frame_type) not in _TEST_PLACES:
+    if (frame_class, frame_type) not in TEST_PLACES:
         raise TableError(f"FRAME_CLASS {frame_class} type {frame_type} is not known here")
-    return _TEST_PLACES[frame_class, frame_type]
+    return TEST_PLACES[frame_class, frame_type]
 
 
 def used_factors(table: ApTable) -> NDArray[np.float64]:
     """(N, 4) factors inside ArduPilot. Raises TableError for a frame or factors that it would not take."""
-    if table.frame_class == OCTAQUAD and table.frame_type == 1:
-        given = [
-            (math.cos(math.radians(angle + 90)), math.cos(math.radians(angle)), float(yaw), 1.0)
-            for angle, yaw in _X8
-        ]
-    elif table.frame_class == Y6 and table.frame_type in _Y6:
-        given = [(float(r), float(p), float(y), 1.0) for r, p, y in _Y6[table.frame_type]]
+    frame = (table.frame_class, table.frame_type)
+    if frame in FRAMES:
+        given = [motor.factors for motor in FRAMES[frame]]
     elif table.frame_class in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         given = list(table.factors)
     else:

@@ -4,7 +4,7 @@ from firmware_params.errors import Finding, ParamsFileError, TableError
 from firmware_params.px4 import csv_mixer
 from firmware_params.px4.csv_mixer import mixer_csv, read_mixer_csv, realise_csv
 from firmware_params.px4.parameters import PARAMETERS, Parameter, as_stored, out_of_range, type_of
-from firmware_params.px4.qgc import ParamsFile, read_params_file, write_params_file
+from firmware_params.px4.qgc import ParamsFile, params_text, read_params_file, write_params_file
 from firmware_params.px4.realise import Px4Mix, effectiveness, realise
 from firmware_params.px4.table import Px4Table, RotorEntry, params_to_table, table_to_params
 
@@ -23,6 +23,7 @@ __all__ = [
     "effectiveness",
     "mixer_csv",
     "out_of_range",
+    "params_text",
     "params_to_table",
     "read_mixer_csv",
     "read_params_file",

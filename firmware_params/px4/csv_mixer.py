@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from firmware_params.bounded import lines_of
 from firmware_params.errors import ParamsFileError, TableError
+from firmware_params.plain import plain
 from firmware_params.px4.realise import SMALL_MIX, Px4Mix
 from firmware_params.text import read_text
 
@@ -45,7 +47,7 @@ def read_mixer_csv(path: Path) -> NDArray[np.float64]:
     """The mix (N, 6) of a file, as the fork's parser takes it. Raises ParamsFileError with the line."""
     text = read_text(path)
     rows = []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in lines_of(text):
         if not line.strip():
             continue
         cells = ["".join(cell.split()) for cell in line.split(",")]
@@ -55,7 +57,7 @@ def read_mixer_csv(path: Path) -> NDArray[np.float64]:
             row = [float(cell) if cell else 0.0 for cell in cells]
         except ValueError as error:
             raise ParamsFileError(
-                path, number, f"numbers are expected, found '{line.strip()[:40]}'"
+                path, number, f"numbers are expected, found '{plain(line.strip(), 40)}'"
             ) from error
         if not all(map(math.isfinite, row)) or max(map(len, cells)) > MAX_CELL:
             raise ParamsFileError(

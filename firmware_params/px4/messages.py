@@ -64,11 +64,11 @@ class MAVLink_esc_info_message(common.MAVLink_message):  # noqa: N801 - pymavlin
             error_count,
             temperature,
         )
-        _fill(self, values)
+        fill(self, values)
 
     def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
         """The frame, as pymavlink's own messages make it."""
-        return _pack(self, mav, force_mavlink1)
+        return pack(self, mav, force_mavlink1)
 
 
 class MAVLink_esc_status_message(common.MAVLink_message):  # noqa: N801 - pymavlink's naming
@@ -99,14 +99,15 @@ class MAVLink_esc_status_message(common.MAVLink_message):  # noqa: N801 - pymavl
         voltage: Sequence[float],
         current: Sequence[float],
     ) -> None:
-        _fill(self, (index, time_usec, rpm, voltage, current))
+        fill(self, (index, time_usec, rpm, voltage, current))
 
     def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
         """The frame, as pymavlink's own messages make it."""
-        return _pack(self, mav, force_mavlink1)
+        return pack(self, mav, force_mavlink1)
 
 
-def _fill(message: Any, values: Sequence[Any]) -> None:
+def fill(message: Any, values: Sequence[Any]) -> None:
+    """Make a message of a class that is laid out as these are, with its fields in their order."""
     kind = type(message)
     common.MAVLink_message.__init__(message, kind.id, kind.msgname)
     message._fieldnames = kind.fieldnames
@@ -115,7 +116,8 @@ def _fill(message: Any, values: Sequence[Any]) -> None:
         setattr(message, name, value)
 
 
-def _pack(message: Any, mav: Any, force_mavlink1: bool) -> bytes:
+def pack(message: Any, mav: Any, force_mavlink1: bool) -> bytes:
+    """The frame of such a message."""
     flat: list[Any] = []
     for name in message.ordered_fieldnames:
         value = getattr(message, name)

@@ -7,6 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import common
 from pymavlink.generator import mavgen
 
+from firmware_params.ardupilot import messages as ardupilot_messages
 from firmware_params.px4 import messages
 
 FIELDS = {
@@ -66,3 +67,20 @@ def test_a_dialect_that_knows_them_keeps_its_own():
     messages.register(Dialect)
     assert Dialect.mavlink_map[290] == "its own"
     assert Dialect.mavlink_map[291] is messages.MAVLink_esc_status_message
+
+
+@pytest.mark.parametrize("number", ardupilot_messages.ESC_TELEMETRY)
+def test_esc_telemetry_is_ardupilotmega_s(number):
+    """pymavlink generates ArduPilot's own dialect; what `common` is taught must read and write the same."""
+    from pymavlink.dialects.v20 import ardupilotmega
+
+    ours, theirs = common.mavlink_map[number], ardupilotmega.mavlink_map[number]
+    assert ours is not theirs
+    layout = "id msgname fieldnames ordered_fieldnames fieldtypes native_format orders lengths array_lengths"
+    for name in (*layout.split(), "crc_extra", "instance_field", "instance_offset", "fieldunits_by_name"):
+        assert getattr(ours, name) == getattr(theirs, name), name
+    values = [30, 31, 0, 255], [2500] * 4, [9, 0, 65535, 1], [0, 1, 2, 3], [2700, 0, 3240, 65535], [7] * 4
+    for sender, receiver in ((common, ardupilotmega), (ardupilotmega, common)):
+        frame = sender.mavlink_map[number](*values).pack(sender.MAVLink(io.BytesIO(), 1, 1))
+        (read,) = receiver.MAVLink(None).parse_buffer(frame)
+        assert [list(getattr(read, name)) for name in read.fieldnames] == list(values)
