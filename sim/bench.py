@@ -87,11 +87,13 @@ class Bench:
 def read_bench(path: Path) -> Bench:
     """Read a truth file for the stand. Raises WorldError naming the key."""
     document = read_document(path)
-    stand, effects = document.get("stand", {}), []
-    for number, table in enumerate(document.get("effects", []), 1):
+    stand, tables, effects = document.get("stand", {}), document.get("effects", []), []
+    if not isinstance(stand, dict) or not isinstance(tables, list):
+        raise WorldError(path, "stand, effects", "a table [stand] and tables [[effects]] are expected")
+    for number, table in enumerate(tables, 1):
         where = f"effects[{number}]"
         name = table.get("name") if isinstance(table, dict) else None
-        if name not in SIZES:
+        if not isinstance(name, str) or name not in SIZES:
             raise WorldError(path, f"{where}.name", f"on a stand, one of {', '.join(SIZES)} is expected")
         channel = table.get("channel", "lower_thrust")
         if channel not in CHANNELS:

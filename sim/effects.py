@@ -256,6 +256,9 @@ FORMS = {
 }
 
 
+GUST_SEED = 0x6057
+
+
 class Gusts:
     """Turbulence around the mean wind, passed at hover.
 
@@ -266,8 +269,8 @@ class Gusts:
     LENGTH_S = 2.5  # how long a gust lasts over a hovering vehicle
     SHEAR, SHEAR_M = 0.2, 4.0
 
-    def __init__(self, size_m_s: float, law: str = "") -> None:
-        self._size, self._law, self._random = size_m_s, law, np.random.default_rng(0x6057)
+    def __init__(self, size_m_s: float, law: str = "", seed: int = GUST_SEED) -> None:
+        self._size, self._law, self._random = size_m_s, law, np.random.default_rng(seed)
         self._mean: np.ndarray | None = None
         self._state, self._slow, self._then = np.zeros(3), np.zeros(3), 0.0
 

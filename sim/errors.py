@@ -9,9 +9,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from firmware_params.plain import plain
+
 
 class SimError(Exception):
-    """Base of all errors the world raises; its text is one line."""
+    """Base of all errors the world raises; its text is one plain line, whatever a file put into it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(plain(text))
 
 
 class WorldError(SimError):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,13 +25,30 @@ def folder() -> Path:
     return base / "coaxlink" / f"plant-{hashlib.sha256(text).hexdigest()[:16]}"
 
 
+def private(place: Path) -> bool:
+    """Make a folder for code that will be run; whether nobody but this user can have put anything in it."""
+    try:
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        closed = not place.lstat().st_mode & 0o077
+        about = [p.lstat() for p in (place, *place.rglob("*"))]
+        above = [p.stat().st_mode for p in place.absolute().parents]
+    except OSError:
+        return False
+    ours = all(
+        a.st_uid == os.geteuid() and not stat.S_ISLNK(a.st_mode) and (closed or not a.st_mode & 0o022)
+        for a in about
+    )
+    return ours and not any(mode & 0o002 and not mode & stat.S_ISVTX for mode in above)
+
+
 def kept(**options: Any) -> Callable[[Callable[..., None]], Any]:
-    """`numba.njit`, compiled once for this source; every time, where nothing can be kept."""
+    """`numba.njit`, compiled once for this source; every time, where others could change what is kept."""
 
     def decorate(function: Callable[..., None]) -> Any:
-        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder())
+        place = folder()
+        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(place)
         try:
-            return numba.njit(cache=True, **options)(function)
+            return numba.njit(cache=private(place), **options)(function)
         except (RuntimeError, OSError):
             return numba.njit(**options)(function)
         finally:

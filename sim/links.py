@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from pymavlink.dialects.v20 import common as mavlink
 
 from sim.errors import PortError, WorldError
+from sim.signing import Signing, detach
 from sim.wire import Wire
 
-SIGNING_EPOCH_S = 1420070400  # 2015, where MAVLink's signing clock starts
 SILENT_S = 30.0  # wall time after which a UDP peer that spoke once is forgotten
 DATAGRAM = 65536
 IP_RECVERR, MSG_ERRQUEUE = 11, 0x2000
@@ -40,13 +40,13 @@ class Peer:
         for one in [data] if self.out is None else self.out.carry(data):
             self._put(one)
 
-    def sign(self, key: bytes | None) -> None:
-        """Sign what goes out and take nothing unsigned, by a key of 32 bytes; or by none, as before."""
-        state = mavlink.MAVLinkSigning()
-        state.secret_key, state.sign_outgoing = key, key is not None
-        state.timestamp = round((time.time() - SIGNING_EPOCH_S) * 1e5)
-        # one state for both ways, and unknown senders judged by today's clock
-        self.packer.signing = self.parser.signing = state
+    def sign(self, signing: Signing | None) -> None:
+        """Sign what goes out and take nothing unsigned; or neither, as before."""
+        for mav in (self.packer, self.parser):
+            if signing is None:
+                detach(mav)
+            else:
+                signing.attach(mav)
 
     def late(self) -> list[mavlink.MAVLink_message]:
         """Let pass what the wire held back; returns what came in that way."""

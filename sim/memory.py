@@ -8,15 +8,28 @@ killed before that has lost them, as a board has whose plug is pulled.
 from __future__ import annotations
 
 import json
+import struct
 import time
 from pathlib import Path
 from typing import Any
 
+from firmware_params import bounded
 from sim.errors import WorldError
 from sim.ftp import LOGS
 from sim.stand import write_whole
 
 PX4_WAIT_S, PX4_APART_S = 0.3, 2.0
+
+
+_DAMAGE = (ValueError, KeyError, TypeError, AttributeError, OverflowError)
+
+
+def float32(value: Any) -> int | float:
+    """A number that a parameter can hold. Raises TypeError, OverflowError."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError("a parameter that is no number")
+    struct.pack("<f", value)
+    return value
 
 
 class Memory:
@@ -34,16 +47,19 @@ class Memory:
         store, files = self._autopilot.store, self._autopilot.files
         if self._path.exists():
             try:
-                raw = json.loads(self._path.read_text())
-                values, card = raw["parameters"], {p: bytes.fromhex(d) for p, d in raw["files"].items()}
-                folders = set(raw["folders"])
-            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+                raw = bounded.parse_json(bounded.read_text(self._path))
+                values = {str(name): float32(value) for name, value in raw["parameters"].items()}
+                card = {p: bytes.fromhex(d) for p, d in raw["files"].items()}
+                folders = {str(folder) for folder in raw["folders"]}
+                store.recall(values)
+            except (OSError, bounded.Unreadable, *_DAMAGE) as error:
                 raise WorldError(self._path, "", f"no memory of a stand-in ({error})") from error
-            store.recall(values)
             files.files.update(card)
             files.folders |= folders
             self._autopilot.boot()
         self._values, self._card = store.memory(), self._on_card()
+        if self._path.exists() and not self._lazy:
+            self._write()  # a start is counted, too
         store.listen(lambda name: self._changed())
         self._autopilot.keep = self.save
 

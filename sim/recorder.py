@@ -22,7 +22,7 @@ from sim.px4.telemetry import stamp_us
 # what a tlog asks for, Hz of the vehicle's time
 RATES = {1: 2, 24: 2, 30: 50, 32: 50, 33: 5, 36: 50, 83: 10, 132: 20, 147: 5, 245: 2}
 PX4_RATES = {31: 50, 105: 50, 291: 20}
-ARDUPILOT_RATES = {27: 50, 11030: 20, 11031: 20}
+ARDUPILOT_RATES = {26: 50, 27: 50, 11030: 20}
 
 
 class CsvRecorder:

@@ -7,7 +7,6 @@ Upper and lower thrust (N) and torque (N m) are polynomials of the normalised sp
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from firmware_params import bounded
+from firmware_params.plain import plain
 from sim.errors import WorldError
 
 ORDER = 4  # highest power of either speed a rotor file may use
@@ -60,17 +61,17 @@ class Pair:
 def read_document(path: Path) -> dict[str, Any]:
     """A TOML file as a dict. Raises WorldError."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return bounded.parse_toml(bounded.read_text(path, bounded.SETTINGS))
     except OSError as error:
         raise WorldError(path, "", f"cannot be read ({error.strerror})") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise WorldError(path, "", f"not TOML: {error}") from error
+    except bounded.Unreadable as error:
+        raise WorldError(path, error.where, error.problem) from error
 
 
 def read_number(path: Path, where: str, value: object) -> float:
     """`value` as a finite float. Raises WorldError naming the key."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise WorldError(path, where, f"a finite number is expected, found {value!r}")
+        raise WorldError(path, where, f"a finite number is expected, found {plain(repr(value), 80)}")
     return float(value)
 
 

@@ -26,6 +26,7 @@ from sim.rotors import read_document, read_number
 KEYS = ("seconds", "upper", "lower", "supply_V", "spacing_m", "shape", "what")
 STEP_S = 1.0
 LONGEST_S = 7200.0
+MOST_PIECES = 1000
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,8 @@ def read_schedule(path: Path) -> Schedule:
         raise WorldError(path, "pieces", "an array of tables [[pieces]] is expected")
     if not 0.1 <= rate <= 1000.0:
         raise WorldError(path, "rate_hz", f"0.1 to 1000 is expected, found {rate:g}")
+    if len(pieces) > MOST_PIECES:
+        raise WorldError(path, "pieces", f"at most {MOST_PIECES} are expected, found {len(pieces)}")
     rows = [_piece(path, number, table, rate) for number, table in enumerate(pieces, 1)]
     whole = np.concatenate(rows)
     if len(whole) / rate > LONGEST_S:
@@ -66,6 +69,8 @@ def _piece(path: Path, number: int, table: Any, rate: float) -> NDArray[np.float
     if unknown:
         raise WorldError(path, f"{where}.{unknown[0]}", f"one of {', '.join(KEYS)} is expected")
     seconds = read_number(path, f"{where}.seconds", table.get("seconds"))
+    if seconds > LONGEST_S:
+        raise WorldError(path, f"{where}.seconds", f"no more than {LONGEST_S:g} s are run")
     count = round(seconds * rate)
     if count < 1:
         raise WorldError(path, f"{where}.seconds", f"at least one row is expected, found {seconds:g} s")

@@ -23,6 +23,7 @@ from sim.px4.autopilot import RATE_HZ, Autopilot
 from sim.px4.cascade import Demand
 from sim.px4.protocol import Conversation
 from sim.px4.telemetry import stamp_us
+from sim.signing import Signing
 from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
@@ -50,7 +51,7 @@ class Standin:
         lockstep: bool = False,
         memory: Memory | None = None,
     ) -> None:
-        self._key, self._memory = key, memory
+        self._signing, self._memory = None if key is None else Signing(key), memory
         self._lockstep, self._commands = lockstep, 0
         # the newest stamps (us) that set-points and answers carried, and those at which a wait was in vain
         self._heard, self._silent = {"goal": -1, "answer": -1}, {"goal": -2, "answer": -2}
@@ -145,9 +146,9 @@ class Standin:
         if self.autopilot.armed or message.target_system not in (0, self._system):
             return
         key = bytes(message.secret_key)
-        self._key = key if any(key) else None
+        self._signing = Signing(key) if any(key) else None
         for peer in self._conversations:
-            peer.sign(self._key)
+            peer.sign(self._signing)
 
     @property
     def _booting(self) -> bool:
@@ -158,8 +159,8 @@ class Standin:
             if self._faults is not None and peer.faulty:
                 number = 2 * len(self._conversations) + 1000 * self._seed
                 peer.out, peer.back = Wire(self._faults, number), Wire(self._faults, number + 1)
-            if self._key is not None:
-                peer.sign(self._key)
+            if self._signing is not None:
+                peer.sign(self._signing)
             peer.packer.srcSystem = self._system
             self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone)
         return self._conversations[peer]

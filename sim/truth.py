@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.effects import FORMS, Effect, Gusts
+from sim.effects import FORMS, GUST_SEED, Effect, Gusts
 from sim.errors import WorldError
 from sim.rotors import read_document, read_number
 
@@ -27,13 +27,13 @@ HIDDEN = ("battery_voltage", "rotor_drag", "degraded_rotor", "cg_offset", "groun
 class Truth:
     """The effects of one world, applied to its plant as their time comes."""
 
-    def __init__(self, effects: tuple[Effect, ...] = ()) -> None:
+    def __init__(self, effects: tuple[Effect, ...] = (), gust_seed: int = GUST_SEED) -> None:
         self.effects = effects
         wind = next((e for e in effects if e.name == "wind"), Effect("wind", 0.0))
         size = sum(e.extra.get("gust_m_s", 0.0) for e in effects)
         if wind.law == "dryden" and "gust_m_s" not in wind.extra:
             size += abs(wind.size) / 4.0
-        self._gusts = Gusts(size, wind.law)
+        self._gusts = Gusts(size, wind.law, gust_seed)
         self._waiting = sorted(effects, key=lambda e: e.onset_s)
         self._strange = [e for e in effects if e.name == "strange"]
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_params.plain import name_problem
 from sim.errors import WorldError
 from sim.rotors import read_document, read_number
 
@@ -61,7 +62,7 @@ def read_vehicle(path: Path) -> Vehicle:
     if mass <= 0 or min(inertia) <= 0 or lag < 0:
         raise WorldError(path, "mass_kg, inertia_kg_m2, motor_lag_s", "positive numbers are expected")
     return Vehicle(
-        str(document.get("name", path.stem)),
+        _name(path, document.get("name", path.stem)),
         mass,
         np.array(inertia),
         np.array([_vector(path, f"rotors[{t['number']}].position_m", t.get("position_m")) for t in ordered]),
@@ -72,6 +73,12 @@ def read_vehicle(path: Path) -> Vehicle:
         lag,
         path.parent / rotor if isinstance(rotor, str) else None,
     )
+
+
+def _name(path: Path, value: object) -> str:
+    if problem := name_problem(str(value)):
+        raise WorldError(path, "name", problem)
+    return str(value)
 
 
 def _vector(path: Path, where: str, value: object) -> list[float]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-from collections.abc import Sequence
+import string
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from firmware_params import bounded
 from sim.errors import WorldError
+from sim.escs import KINDS, MEASURED
 from sim.links import Port, open_port
 from sim.memory import Memory
 from sim.place import HOME
@@ -30,6 +33,9 @@ SITL = ("udpout:127.0.0.1:14550", "udpout:127.0.0.1:14540")
 
 
 MOST_VEHICLES, APART_M = 50, 5.0
+KEY_FILE = 4096  # bytes; a passphrase is shorter
+UID_BITS = 96  # an STM32's
+SCRIPTS_START_S = 2.0  # of an ArduPilot's start; it speaks again 1.5 s after a reboot
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,8 @@ class World:
     signing_key: Path | None = None
     lockstep: bool = False
     memory: Path | None = None  # what survives a power cut
+    uid: str = ""  # of the board, hex; the next vehicle's is one more
+    escs: str = MEASURED  # what they tell, of `escs.KINDS`
 
 
 def open_links(addresses: Sequence[str], number: int = 0) -> list[Port]:
@@ -98,6 +106,7 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0, number: int =
     ardupilot = world.firmware.partition(":")[0] == "ardupilot"
     version = CURRENT if ardupilot else firmware_version(world.firmware)
     faults = parse_faults(world.wire) if world.wire else None
+    uid = read_uid(world.uid) if world.uid else Autopilot.uid
     plant, truth = build_plant(world)
     common: dict[str, Any] = {"speed": speed, "faults": faults, "seed": world.seed}
     common["lockstep"] = world.lockstep
@@ -108,13 +117,16 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0, number: int =
         from sim.ardupilot.protocol import ApConversation
 
         copter = Copter(plant, truth, version=version, seed=world.seed)
+        copter.scripts_start_s = SCRIPTS_START_S
         DataFlashLogger(copter)
-        _settle(copter, number)
+        _settle(copter, number, uid)
+        copter.escs = _escs(world.escs)
         common["memory"] = _memory(world.memory, copter, lazy=False)
         return Standin(copter, ports, manners=ApConversation, **common)
     autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
     UlogLogger(autopilot)
-    _settle(autopilot, number)
+    _settle(autopilot, number, uid)
+    autopilot.escs = _escs(world.escs)
     common["memory"] = _memory(world.memory, autopilot, lazy=True)
     return Standin(autopilot, ports, **common)
 
@@ -128,20 +140,36 @@ def _memory(path: Path | None, autopilot: Any, *, lazy: bool) -> Memory | None:
     return memory
 
 
-def _settle(autopilot: Any, number: int) -> None:
-    """A number, and a place of its own."""
+def read_uid(text: str) -> int:
+    """A board's id: 1 to 24 hex digits, 0 for a board that has none. Raises WorldError."""
+    most = UID_BITS // 4
+    if not 1 <= len(text) <= most or not set(text) <= set(string.hexdigits):
+        raise WorldError("--uid", "", f"1 to {most} hex digits are expected, found {text!r}")
+    return int(text, 16)
+
+
+def _escs(kind: str) -> str:
+    if kind not in KINDS:
+        raise WorldError("--esc", "", f"one of {', '.join(KINDS)} is expected, found '{kind}'")
+    return kind
+
+
+def _settle(autopilot: Any, number: int, uid: int) -> None:
+    """A number, a board and a place of its own."""
     autopilot.store.preset(autopilot.id_parameter, number + 1)
     autopilot.system = number + 1
-    autopilot.uid += number
+    autopilot.uid = (uid + number) % (1 << UID_BITS)
     autopilot.home = HOME.moved(0.0, APART_M * number)
 
 
 def read_key(path: Path) -> bytes:
     """A signing key: 32 bytes, 64 hex digits, or a passphrase (its SHA-256). Raises WorldError."""
     try:
-        data = path.read_bytes()
+        data = bounded.read_bytes(path, KEY_FILE)
     except OSError as error:
         raise WorldError(path, "", f"cannot be read ({error.strerror})") from error
+    except bounded.Unreadable as error:
+        raise WorldError(path, error.where, error.problem) from error
     text = data.strip()
     if len(data) == 32:
         return data
@@ -169,10 +197,17 @@ def build_plant(world: World) -> tuple[Plant, Truth]:
     return Plant(vehicle, read_pair(rotor)), truth
 
 
-def build_bridge(world: World, to: str, address: str = "", speed: float = 0.0) -> Any:
+def build_bridge(
+    world: World,
+    to: str,
+    address: str = "",
+    speed: float = 0.0,
+    say: Callable[[str], None] = lambda _: None,
+) -> Any:
     """A bridge ready to run: `to` is px4 or ardupilot. Raises WorldError, PortError.
 
-    `speed` is times real time, 0 as fast as it goes; an ArduPilot sets its own pace (its --speedup).
+    `speed` is times real time, 0 as fast as it goes; an ArduPilot sets its own pace (its --speedup). `say`
+    takes a line when lock-step was left, a link ended, and the counts at the end.
     """
     kinds = {"px4": ("tcpin", 4560), "ardupilot": ("udpin", 9002)}
     if to not in kinds:
@@ -186,10 +221,10 @@ def build_bridge(world: World, to: str, address: str = "", speed: float = 0.0) -
     if to == "px4":
         from sim.bridge.px4_hil import Px4Bridge
 
-        return Px4Bridge(plant, truth, host=host, port=int(port), seed=world.seed, speed=speed)
+        return Px4Bridge(plant, truth, host=host, port=int(port), seed=world.seed, speed=speed, say=say)
     from sim.bridge.ardupilot_json import ArduPilotBridge
 
-    return ArduPilotBridge(plant, truth, host=host, port=int(port))
+    return ArduPilotBridge(plant, truth, host=host, port=int(port), say=say)
 
 
 def firmware_version(firmware: str) -> tuple[int, int, int]:

@@ -11,18 +11,22 @@ from numpy.typing import NDArray
 
 from sim.ardupilot.files import Card
 from sim.ardupilot.mixer import SCRIPTED, Mixer
+from sim.ardupilot.own_values import OwnValues
 from sim.ardupilot.scripts import Scripts
 from sim.ardupilot.store import Store
-from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Reading, Refused
+from sim.px4.autopilot import RATE_HZ, AttitudeGoal, Autopilot, Goal, Mode, Reading, Refused
 from sim.px4.cascade import Demand, Three
 from sim.px4.tuning import tune
 
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
 MODES = {STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE}
-# FS_GCS_ENABLE to a mode; 2 goes on with a mission
-STATION_LOST = {1: RTL, 2: RTL, 3: RTL, 4: LAND, 5: LAND, 7: LAND}
+# FS_GCS_ENABLE to a mode: smart RTL (3, 4) has no path here; 0 is off, and what it does not know is RTL
+STATION_LOST = {0: None, 4: LAND, 5: LAND, 7: BRAKE}
+AUTOPILOT = {AUTO, GUIDED, RTL, LAND}  # the others are a pilot's
+IN_AUTO, LANDING, PILOT = 1 << 1, 1 << 3, 1 << 4  # FS_OPTIONS: go on, whatever FS_GCS_ENABLE says
 # MAV_CMD_DO_MOTOR_TEST counts clockwise from the front right, upper before lower: motors from 0
 OCTAQUAD_X_ORDER = (0, 5, 3, 6, 2, 7, 1, 4)
+SLOWEST_M_S = 0.01  # a wanted climb below it is none: the path to a height ends without a last step
 NOT_ARMABLE = {AUTO: "AUTO", RTL: "RTL", LAND: "LAND", BRAKE: "BRAKE"}
 
 # the loops' settings by PX4's names: ArduPilot's parameter and a factor, or a number
@@ -52,7 +56,9 @@ SETTINGS: dict[str, tuple[str, float] | float] = {
     "MPC_Z_VEL_D_ACC": 0.0,
     "MPC_VELD_LP": 5.0,
     "MPC_XY_VEL_MAX": ("WPNAV_SPEED", 0.01),
-    "MPC_XY_CRUISE": ("WPNAV_SPEED", 0.005),
+    "MPC_XY_CRUISE": ("WPNAV_SPEED", 0.01),
+    "MPC_Z_V_AUTO_UP": ("WPNAV_SPEED_UP", 0.01),
+    "MPC_Z_V_AUTO_DN": ("WPNAV_SPEED_DN", 0.01),
     "MPC_Z_VEL_MAX_UP": 5.0,
     "MPC_Z_VEL_MAX_DN": 3.0,
     "MPC_TILTMAX_AIR": ("ANGLE_MAX", 0.01),
@@ -64,9 +70,10 @@ SETTINGS: dict[str, tuple[str, float] | float] = {
     "IMU_GYRO_CUTOFF": ("INS_GYRO_FILTER", 1.0),
     "IMU_DGYRO_CUTOFF": ("ATC_RAT_RLL_FLTD", 1.5),
     "MPC_TKO_RAMP_T": ("TKOFF_SLEW_TIME", 1.0),
-    "MPC_TKO_SPEED": ("WPNAV_SPEED_UP", 0.006),
+    "MPC_TKO_SPEED": ("WPNAV_SPEED_UP", 0.01),
     "MPC_LAND_SPEED": ("LAND_SPEED", 0.01),
-    "MPC_LAND_ALT2": 10.0,
+    "MPC_LAND_ALT1": ("LAND_ALT_LOW", 0.0115),  # it has slowed down where LAND_ALT_LOW is
+    "MPC_LAND_ALT2": ("LAND_ALT_LOW", 0.01),
     "MIS_TAKEOFF_ALT": 2.5,
     "NAV_ACC_RAD": ("WPNAV_RADIUS", 0.01),
     "NAV_MC_ALT_RAD": ("WPNAV_RADIUS", 0.01),
@@ -77,6 +84,8 @@ SETTINGS: dict[str, tuple[str, float] | float] = {
     "COM_DISARM_LAND": 0.3,
     "COM_DISARM_PRFLT": ("DISARM_DELAY", 1.0),
 }
+CHECKSUM = 0x7FFFFF  # of SCR_LD_CHECKSUM; -1 asks for none
+SHORTEST_S = 0.1  # of GUID_TIMEOUT
 
 
 class Translated:
@@ -87,7 +96,8 @@ class Translated:
 
     def __getitem__(self, name: str) -> float:
         found = SETTINGS[name]
-        return self._store[found[0]] * found[1] if isinstance(found, tuple) else found
+        value = self._store[found[0]] * found[1] if isinstance(found, tuple) else found
+        return max(value, SHORTEST_S) if name == "COM_OF_LOSS_T" else value
 
     def listen(self, callback: Callable[[str], None]) -> None:
         """Any of ArduPilot's may be any of the loops'."""
@@ -105,6 +115,7 @@ class Copter(Autopilot):
     ap_mode = STABILIZE
     first_item = 1  # the one before it is home
     id_parameter = "MAV_SYSID"
+    scripts_start_s = 0.0  # MAVLink is served during the start, scripts run after it (AP_Vehicle::setup)
     _auto_armed = False  # someone has said that AUTO may leave the ground
 
     def _fit_out(self) -> None:
@@ -112,6 +123,7 @@ class Copter(Autopilot):
         self.store: Any = store
         self.settings = Translated(store)
         self.files = Card(store)
+        self.own = OwnValues(store)
         mixer = Mixer(store, self.rotors)
         self.mixer: Any = mixer
         tuned = tune(mixer, self.plant)
@@ -128,12 +140,20 @@ class Copter(Autopilot):
         super().boot()
         self.ap_mode = STABILIZE
         self.store.reboot()
+        self.own.boot(self.plant.time_s)
         self.mixer.boot()
         self.scripts = Scripts(self, self.store, self.files, self.mixer)
+        self._scripts_at_s = self.plant.time_s + self.scripts_start_s
+        if not self.scripts_start_s:
+            self._start_scripts()
+
+    def _start_scripts(self) -> None:
+        self._scripts_at_s = math.inf
         self.scripts.boot()
 
     def restart_scripts(self) -> None:
         """MAV_CMD_SCRIPTING 3: new scripts, but a matrix once taken stays."""
+        self._scripts_at_s = math.inf
         factors = self.mixer.factors
         self.scripts = Scripts(self, self.store, self.files, self.mixer)
         if self.mixer.frame_class == SCRIPTED and factors:
@@ -180,7 +200,7 @@ class Copter(Autopilot):
         if self.scripts.failed:
             return "PreArm: Scripting: errors, see messages"
         wanted = int(self.store["SCR_LD_CHECKSUM"])
-        if wanted >= 0 and self.store["SCR_ENABLE"] == 1 and wanted != self.scripts.checksum:
+        if wanted != -1 and self.store["SCR_ENABLE"] == 1 and wanted & CHECKSUM != self.scripts.checksum:
             return f"PreArm: Scripting: loaded CRC incorrect want: 0x{self.scripts.checksum:x}"
         motors = len(self.mixer.mix.factors)
         have = {int(self.store[f"SERVO{n}_FUNCTION"]) for n in range(1, 17)}
@@ -197,7 +217,10 @@ class Copter(Autopilot):
         reason = self.prearm()
         if reason and not self.armed:
             raise Refused(reason)
+        was = self.armed
         super().arm()
+        if not was:
+            self.own.arm(self.plant.time_s)
 
     def set_ap_mode(self, number: int) -> None:
         """By ArduCopter's numbers. Raises Refused."""
@@ -267,23 +290,42 @@ class Copter(Autopilot):
         self._auto_armed = False
         super()._stop("Disarming motors")
 
+    def _flight_over(self) -> None:
+        self.own.disarm(self.plant.time_s)
+
     def _goes_up(self, position: Three) -> bool:
         return False
 
     def station_lost(self) -> None:
-        """By FS_GCS_ENABLE."""
-        action = int(self.store["FS_GCS_ENABLE"])
-        if action not in STATION_LOST or self.ap_mode in (LAND, RTL) or (action == 2 and self.on_mission):
+        """By FS_GCS_ENABLE, and FS_OPTIONS before it."""
+        mode = STATION_LOST.get(int(self.store["FS_GCS_ENABLE"]), RTL)
+        options, going_on = int(self.store["FS_OPTIONS"]), ""
+        if mode is None:
             return
-        self.say(4, "GCS Failsafe")
-        self.set_ap_mode(STATION_LOST[action])
+        if options & LANDING and self._comes_down:
+            going_on = " - Continuing Landing"
+        elif options & IN_AUTO and self.ap_mode == AUTO:
+            going_on = " - Continuing Auto Mode"
+        elif options & PILOT and self.ap_mode not in AUTOPILOT:
+            going_on = " - Continuing Pilot Control"
+        self.say(4, f"GCS Failsafe{going_on}")
+        if not going_on and self.ap_mode != mode:
+            self.set_ap_mode(mode)
 
     # -- one step ------------------------------------------------------------------------------
 
     def step(self) -> Reading:
         """As any; a flight that landed in LAND or RTL is over."""
+        now = self.plant.time_s
+        if now >= self._scripts_at_s:
+            self._start_scripts()
         self.scripts.step()
-        return super().step()
+        reading = super().step()
+        self.own.step(now, len(self.mission.items[0]))
+        if self.armed and not self.landed:
+            climbing = abs(self.goal.velocity[2]) > SLOWEST_M_S  # NaN: it holds its height
+            self.own.hover(self.demand.thrust, reading, climbing, 1.0 / RATE_HZ)
+        return reading
 
     def _outputs(self, d: Demand) -> NDArray[np.float64]:
         low, high = self.store["MOT_PWM_MIN"], self.store["MOT_PWM_MAX"]

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from sim.escs import told
 from sim.logger import Logger
 from sim.px4.cascade import euler
 
@@ -29,6 +30,7 @@ SIZES = {
     "M": "B",
     "n": "4s",
 }
+LOGS_DISARMED = (1, 2, 3)  # 2: but on USB, where nobody is; 3 gives up a log without arming at the next boot
 ARMED, DISARMED, LANDED, AIRBORNE = 10, 11, 18, 28
 
 
@@ -82,11 +84,11 @@ def _battery(a: Any, t: int) -> list[tuple[Any, ...]]:
 
 
 def _escs(a: Any, t: int) -> list[tuple[Any, ...]]:
-    r = a.reading
-    share, top = r.current / a.rotors, a.plant.pair.speed_max_rpm
-    return [
-        (t, k, top * u, top * u, r.voltage, share, 3000, 0.0, 0, 0.0) for k, u in enumerate(r.speeds.tolist())
-    ]
+    escs = told(a)
+    if escs is None:
+        return []
+    every = zip(escs.rpm, escs.volts, escs.amps, strict=True)
+    return [(t, k, rpm, rpm, volts, amps, 3000, 0.0, 0, 0.0) for k, (rpm, volts, amps) in enumerate(every)]
 
 
 KINDS: dict[str, Kind] = {
@@ -157,7 +159,8 @@ class DataFlashLogger(Logger):
     def wanted(self) -> bool:
         store = self.autopilot.store
         return bool(
-            int(store["LOG_BACKEND_TYPE"]) & 1 and (self.autopilot.armed or store["LOG_DISARMED"] == 1)
+            int(store["LOG_BACKEND_TYPE"]) & 1
+            and (self.autopilot.armed or store["LOG_DISARMED"] in LOGS_DISARMED)
         )
 
     def record(self, now_us: int) -> None:

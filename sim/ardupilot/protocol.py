@@ -17,18 +17,18 @@ from sim.links import Peer
 from sim.px4.autopilot import Refused
 from sim.px4.protocol import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Conversation, _status, _text
 
-NO_SUCH_PARAM = 1  # MAV_PARAM_ERROR_DOES_NOT_EXIST
+NO_SUCH_PARAM, NOT_ALLOWED = 1, 3  # MAV_PARAM_ERROR_DOES_NOT_EXIST, _PERMISSION_DENIED
 SCRIPTING = 42701
 NO_INDEX = 65535
 RATE_GROUPS = {
-    "SR0_RAW_SENS": 1,
-    "SR0_EXT_STAT": 2,
-    "SR0_RC_CHAN": 3,
-    "SR0_RAW_CTRL": 4,
-    "SR0_POSITION": 6,
-    "SR0_EXTRA1": 10,
-    "SR0_EXTRA2": 11,
-    "SR0_EXTRA3": 12,
+    "MAV1_RAW_SENS": 1,
+    "MAV1_EXT_STAT": 2,
+    "MAV1_RC_CHAN": 3,
+    "MAV1_RAW_CTRL": 4,
+    "MAV1_POSITION": 6,
+    "MAV1_EXTRA1": 10,
+    "MAV1_EXTRA2": 11,
+    "MAV1_EXTRA3": 12,
 }
 
 
@@ -39,7 +39,7 @@ class ApConversation(Conversation):
     default_hz = DEFAULT_HZ
     file_manners = MANNERS
     first_log = 1
-    unknown_stream = UNSUPPORTED
+    unknown_stream = DENIED
     mission_request = m.MAVLink_mission_request_message  # and it takes either kind of item
 
     def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None]) -> None:
@@ -49,6 +49,7 @@ class ApConversation(Conversation):
             if autopilot.store[name] > 0:
                 self._take_rates(name)
         self._handlers["REQUEST_DATA_STREAM"] = self._data_stream
+        autopilot.store.announce = lambda name: everyone(self._named(name))
         autopilot.send_raw = lambda link, number, payload: everyone(_Raw(number, payload, link))
 
     def hear(self, message: Any) -> None:
@@ -60,6 +61,11 @@ class ApConversation(Conversation):
         """As any; what a script says goes to the link it was said to."""
         if not isinstance(message, _Raw) or message.link == self.peer.link:
             super().send(message)
+
+    def _heartbeat(self, message: Any) -> None:
+        """Of the one ground station that it knows, whatever else it says it is."""
+        if message.get_srcSystem() == int(self.copter.store["MAV_GCS_SYSID"]):
+            self.copter.links.heard(self.copter.plant.time_s)
 
     # -- parameters ----------------------------------------------------------------------------
 
@@ -88,9 +94,9 @@ class ApConversation(Conversation):
             name.encode(), store[name], store.type(name), len(store.names), NO_INDEX
         )
 
-    def _param_error(self, message: Any, name: str) -> None:
+    def _param_error(self, message: Any, name: str, why: int = NO_SUCH_PARAM) -> None:
         source = message.get_srcSystem(), message.get_srcComponent()
-        self.send(m.MAVLink_param_error_message(*source, name.encode(), -1, NO_SUCH_PARAM))
+        self.send(m.MAVLink_param_error_message(*source, name.encode(), -1, why))
 
     def _param_list(self, message: Any) -> None:
         self._listed_at = time.monotonic()
@@ -101,13 +107,18 @@ class ApConversation(Conversation):
         if name not in store or not math.isfinite(message.param_value):
             self._param_error(message, name)
             return
+        if store.refuses(name):
+            self._everyone(_status(4, f"Param write denied ({name})"))
+            self._param_error(message, name, NOT_ALLOWED)
+            self._everyone(self._named(name))
+            return
         store.write(name, message.param_value)
-        if name.startswith("SR0_"):
+        if name.startswith("MAV1_"):
             self._take_rates(name)
         self._everyone(self._named(name))
 
     def _take_rates(self, name: str) -> None:
-        """A stream group's own rate, as SR0_* have it."""
+        """A stream group's own rate, as MAV1_* have it."""
         rate = self.copter.store[name]
         for number in GROUPS.get(RATE_GROUPS.get(name, 0), ()):
             self.interval_us.pop(number, None)
@@ -115,6 +126,12 @@ class ApConversation(Conversation):
                 self.interval_us[number] = 1e6 / rate
 
     # -- commands ------------------------------------------------------------------------------
+
+    def _set_interval(self, message_id: int, interval_us: float) -> int:
+        """A message that it does not know is told of to everyone."""
+        if message_id not in self.builders:
+            self._everyone(_status(6, f"No ap_message for mavlink id ({message_id})"))
+        return super()._set_interval(message_id, interval_us)
 
     def _set_mode(self, message: Any) -> None:
         try:

@@ -15,6 +15,7 @@ SECTIONS = {"int8": INT8, "int16": INT16, "int32": INT32, "float": FLOAT}
 # how a packed parameter file numbers the types, and their layout
 PACKED = {INT8: (1, "<b"), INT16: (2, "<h"), INT32: (3, "<i"), FLOAT: (4, "<f")}
 MAGIC = 0x671B
+SET_INTERNAL = 4  # of BRD_OPTIONS
 
 
 class Store:
@@ -27,6 +28,9 @@ class Store:
         for section, kind in SECTIONS.items():
             for name, value in document[section].items():
                 self._types[name], self._values[name] = kind, as_stored(name, float(value), kind)
+        self._internal = frozenset(document["internal"]["names"])
+        self._unsaved: dict[str, float] = {}  # what storage holds where the value at work is another
+        self.announce: Callable[[str], None] = lambda name: None  # a value that the firmware saved
         self._listeners: list[Callable[[str], None]] = []
         self._kept: dict[str, float] = {}  # values of script tables, which outlive the script
         self._scripted: list[str] = []
@@ -59,7 +63,7 @@ class Store:
 
     def memory(self) -> dict[str, float]:
         """What a power cut leaves: also the values of scripts that do not run now."""
-        return self._kept | self._values
+        return self._kept | self._values | self._unsaved
 
     def recall(self, values: Mapping[str, float]) -> None:
         """What was kept over a power cut; names that nobody knows belong to scripts."""
@@ -78,12 +82,42 @@ class Store:
         """Call `callback(name)` after every change."""
         self._listeners.append(callback)
 
+    def refuses(self, name: str) -> bool:
+        """Whether nobody but the firmware may set it (unless BRD_OPTIONS bit 2 lets them)."""
+        return name in self._internal and not int(self._values["BRD_OPTIONS"]) & SET_INTERNAL
+
+    def own(self, name: str, value: float) -> None:
+        """The firmware sets and saves a value of its own, if it has it."""
+        if name not in self._values:
+            return
+        kept = as_stored(name, value, self._types[name])
+        if kept != self._values[name] or name in self._unsaved:
+            self._values[name] = kept
+            self._saved(name)
+
+    def live(self, name: str, value: float) -> None:
+        """The firmware sets a value without saving it: gone with the next start."""
+        if name in self._values:
+            self._unsaved.setdefault(name, self._values[name])
+            self._values[name] = as_stored(name, value, self._types[name])
+
+    def save(self, name: str) -> None:
+        """The firmware saves a value that it set before."""
+        if name in self._unsaved:
+            self._saved(name)
+
+    def _saved(self, name: str) -> None:
+        self._unsaved.pop(name, None)
+        for callback in self._listeners:
+            callback(name)
+        self.announce(name)
+
     def write(self, name: str, value: float) -> bool:
         """Keep a value as its type allows, unchecked; False for an unknown name or what is not finite."""
         if name not in self._values or not math.isfinite(value):
             return False
         kept = as_stored(name, value, self._types[name])
-        changed = kept != self._values[name]
+        changed = kept != self._values[name] or self._unsaved.pop(name, kept) != kept
         self._values[name] = kept
         if name in self._scripted:
             self._kept[name] = kept
@@ -106,7 +140,9 @@ class Store:
         return True
 
     def reboot(self) -> None:
-        """Scripts' tables are gone until their scripts add them again."""
+        """Scripts' tables are gone until their scripts add them again, and what was not saved is."""
+        self._values |= self._unsaved
+        self._unsaved = {}
         for name in self._scripted:
             self._kept[name] = self._values.pop(name)
             del self._types[name]
@@ -152,5 +188,6 @@ class Store:
         if not set(found) <= set(self._values):
             return False
         for name, value in found.items():
-            self.write(name, value)
+            if not self.refuses(name):  # passed over without a word
+                self.write(name, value)
         return True

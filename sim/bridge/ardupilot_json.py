@@ -2,7 +2,9 @@
 
 A packet is `<HHI16H>` (magic 18458; 32 channels: 29569): magic, frame rate, frame count, pulse widths.
 One reply a frame; the same frame again means the reply was lost: it is sent again and nothing moves; a count
-that starts over means a new autopilot, and the vehicle is on the ground again.
+that starts over means a new autopilot, and the vehicle is on the ground again. The time-out of this lock-step
+is the autopilot's: it asks again after 1 s without a reply (SIM_JSON.cpp, recv_fdm), and nothing here waits
+for one frame; a packet that will never be answered is told, for it would be asked again for ever.
 """
 
 from __future__ import annotations
@@ -26,12 +28,24 @@ SLOWEST_HZ = 10  # a step of 0.1 s or more is no step to it
 
 
 class ArduPilotBridge:
-    """One vehicle behind one UDP port. `steps` counts frames flown, `repeats` those asked for again."""
+    """One vehicle behind one UDP port.
 
-    def __init__(self, plant: Plant, truth: Truth, *, host: str = "127.0.0.1", port: int = 9002) -> None:
-        self.plant, self.truth = plant, truth
+    `steps` counts frames flown, `repeats` those asked for again, `lost` those that never came, `refused`
+    packets without an answer; `say` hears of the first of these.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        truth: Truth,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 9002,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.plant, self.truth, self._say = plant, truth, say
         self._fresh = plant.state.copy()
-        self.steps = self.repeats = self.lost = 0
+        self.steps = self.repeats = self.lost = self.refused = 0
         self.time_s = 0.0
         self._count: int | None = None
         self._answer = b""
@@ -48,25 +62,33 @@ class ArduPilotBridge:
         """Let go of the port."""
         self._socket.close()
 
+    def status(self) -> str:
+        """One line of counts."""
+        return (
+            f"{self.steps} frames, {self.repeats} asked for again, {self.lost} lost, "
+            f"{self.refused} packets not answered"
+        )
+
     def run(self, stop: Callable[[], bool]) -> None:
-        """Answer until `stop()`."""
+        """Answer until `stop()`; says at the end what `status` says."""
         while not stop():
             try:
                 data, address = self._socket.recvfrom(4096)
-            except TimeoutError:
+                answer = self.answer(data)
+                if answer:
+                    self._socket.sendto(answer, address)
+            except OSError:  # nothing came; or the reply cannot be sent, and it asks again
                 continue
-            answer = self.answer(data)
-            if answer:
-                self._socket.sendto(answer, address)
+        self._say(self.status())
 
     def answer(self, packet: bytes) -> bytes:
         """Fly one packet; nothing for what is no servo packet."""
-        if len(packet) < HEAD.size:
-            return b""
-        magic, rate, count = HEAD.unpack_from(packet)
+        magic, rate, count = HEAD.unpack_from(packet) if len(packet) >= HEAD.size else (0, 0, 0)
         channels = MAGIC.get(magic, 0)
-        if not channels or len(packet) < HEAD.size + 2 * channels or rate < SLOWEST_HZ:
-            return b""
+        if not channels or len(packet) < HEAD.size + 2 * channels:
+            return self._refuse(f"{len(packet)} bytes that are no servo packet")
+        if rate < SLOWEST_HZ:
+            return self._refuse(f"a frame rate of {rate} Hz, {SLOWEST_HZ} at least is expected")
         if count == self._count:
             self.repeats += 1
             return self._answer
@@ -80,6 +102,12 @@ class ArduPilotBridge:
         self._fly(pulses, 1.0 / rate)
         self._answer = self._reply()
         return self._answer
+
+    def _refuse(self, why: str) -> bytes:
+        self.refused += 1
+        if self.refused == 1:
+            self._say(f"not answered: {why} (further ones are counted)")
+        return b""
 
     def _fly(self, pulses: NDArray[np.float64], dt: float) -> None:
         command = np.clip((pulses[: self.plant.vehicle.rotors] - 1000.0) / 1000.0, 0.0, 1.0)

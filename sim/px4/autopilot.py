@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.escs import MEASURED
 from sim.ftp import Files
 from sim.mission import Mission
 from sim.motor_test import MotorTest
@@ -23,6 +24,7 @@ from sim.px4.links import OFFBOARD_LOST, STATION_LOST, Links
 from sim.px4.mixer import Mixer
 from sim.px4.modes import FLOWN, AttitudeGoal, Mode, Refused
 from sim.px4.navigator import Navigator
+from sim.px4.own_values import bounded_hover, disarmed
 from sim.px4.store import Store
 from sim.px4.tuning import tune
 from sim.sensors import Reading, Sensors
@@ -33,6 +35,7 @@ LIVE_TIMEOUT_S = 0.1
 DOING = {Mode.HOLD: "holding position", Mode.LAND: "landing", Mode.RTL: "returning"}
 ACTUATOR_SET = 301  # output function of the first of six free actuators
 CHARGED = 0.95
+STAND_IN_UID = int.from_bytes(b"coaxlink", "big") << 32 | 0x2001
 
 
 class Autopilot(Navigator):
@@ -40,7 +43,8 @@ class Autopilot(Navigator):
 
     first_item = 0  # of a mission
     id_parameter = "MAV_SYS_ID"
-    uid = 0x2001  # of the board, whatever its system id
+    uid = STAND_IN_UID  # of the board, 96 bits as an STM32 has them
+    escs = MEASURED  # what they tell
 
     def __init__(
         self, plant: Plant, truth: Truth, *, version: tuple[int, int, int] = (1, 16, 1), seed: int = 0
@@ -79,6 +83,8 @@ class Autopilot(Navigator):
     def _heard(self, name: str) -> None:
         if name.startswith(("PWM_MAIN_FUNC", "SYS_CTRL_ALLOC")):
             self._wires = None
+        elif name.startswith("MPC_THR_") and (text := bounded_hover(self.store)):
+            self.say(2, text)
 
     def boot(self) -> None:
         """As after power-up: disarmed, in Hold, parameters kept."""
@@ -129,6 +135,11 @@ class Autopilot(Navigator):
         if self.mode != Mode.OFFBOARD:
             self._enter(Mode.HOLD)
         self.say(6, why)
+        self._flight_over()
+
+    def _flight_over(self) -> None:
+        """The firmware's own values after a flight."""
+        disarmed(self.store, self.plant.time_s - self._armed_at)
 
     def set_mode(self, mode: Mode) -> None:
         """Raises Refused."""

@@ -1,7 +1,9 @@
 """PX4's flight log: ULog on the card, from arming to disarming, topics and rates as PX4's own.
 
-Format: PX4's description of ULog, version 1. `SDLOG_MODE` 0 logs while armed, 1 from boot to the first
-disarming, 2 always, -1 never; `SDLOG_PROFILE` bit 2 (4) raises the loops' topics to every step.
+Format: PX4's description of ULog, version 1. `SDLOG_MODE` 0 logs while armed, 1 also from boot to the first
+disarming, 2 always, 4 from the first arming on, -1 never; 3 goes by a switch of the pilot's, who has none.
+`SDLOG_PROFILE` is a mask (0: the default set): bit 0 the default set, 3 system identification, 4 high rate; a
+later bit's rate holds. What the other bits add is not here. PX4 reads both once, when it boots.
 """
 
 from __future__ import annotations
@@ -14,11 +16,13 @@ from typing import Any
 import numpy as np
 
 from firmware_params.px4.parameters import INT32
+from sim.escs import Escs, told
 from sim.logger import Logger
 from sim.px4.autopilot import Mode
 
 FOLDER = "log/sess{:03d}"
-HIGH_RATE = 4
+DEFAULT, SYSTEM_IDENTIFICATION, HIGH_RATE = 1 << 0, 1 << 3, 1 << 4  # SDLogProfileMask
+ALL_HZ = 250.0  # a topic without an interval: every step of this world
 NAV_STATES = {Mode.MISSION: 3, Mode.HOLD: 4, Mode.RTL: 5, Mode.OFFBOARD: 14, Mode.TAKEOFF: 17, Mode.LAND: 18}
 ESC = (
     "uint64_t timestamp;int32_t esc_rpm;float esc_voltage;float esc_current;"
@@ -37,12 +41,23 @@ SIZES = {
 
 @dataclass(frozen=True)
 class Topic:
-    """One kind of row: fields as ULog writes them, Hz at stock and at the high-rate profile."""
+    """One kind of row: fields as ULog writes them, Hz in the default set and where a profile has it too."""
 
     fields: str
     row: Callable[[Any, int], tuple[Any, ...]]
     hz: float
+    identification_hz: float = 0.0
     high_hz: float = 0.0
+
+    def rate(self, profile: int) -> float:
+        """Hz by SDLOG_PROFILE, 0 when it is not logged."""
+        rates = (
+            (DEFAULT, self.hz),
+            (SYSTEM_IDENTIFICATION, self.identification_hz),
+            (HIGH_RATE, self.high_hz),
+        )
+        found = [hz for bit, hz in rates if hz and (profile or DEFAULT) & bit]
+        return found[-1] if found else 0.0
 
     @property
     def layout(self) -> struct.Struct:
@@ -89,11 +104,13 @@ def _battery(a: Any, now: int) -> tuple[Any, ...]:
 
 
 def _escs(a: Any, now: int) -> tuple[Any, ...]:
-    r, rows = a.reading, []
-    rpm = [round(a.plant.pair.speed_max_rpm * u) for u in r.speeds.tolist()][:8]
+    escs = told(a) or Escs([], [], [])
+    rows: list[Any] = []
+    count = min(len(escs.rpm), 8)
     for k in range(8):
-        rows += [now, rpm[k] if k < len(rpm) else 0, r.voltage, r.current / a.rotors, 0]
-    return now, len(rpm), (1 << len(rpm)) - 1, *rows
+        there = (round(escs.rpm[k]), escs.volts[k], escs.amps[k]) if k < count else (0, 0.0, 0.0)
+        rows += [now, *there, 0]
+    return now, count, (1 << count) - 1, *rows
 
 
 TOPICS: dict[str, Topic] = {
@@ -102,34 +119,38 @@ TOPICS: dict[str, Topic] = {
         "int32_t accelerometer_timestamp_relative;float[3] accelerometer_m_s2;"
         "uint32_t accelerometer_integral_dt",
         lambda a, t: (t, *a.reading.rates.tolist(), 4000, 0, *a.reading.accel.tolist(), 4000),
-        250.0,
+        ALL_HZ,
+        ALL_HZ,
+        ALL_HZ,
     ),
     "vehicle_acceleration": Topic(
-        STAMPS + "float[3] xyz", lambda a, t: (t, t, *a.reading.accel.tolist()), 20.0, 250.0
+        STAMPS + "float[3] xyz", lambda a, t: (t, t, *a.reading.accel.tolist()), 20.0, ALL_HZ
     ),
     "vehicle_angular_velocity": Topic(
-        STAMPS + "float[3] xyz", lambda a, t: (t, t, *a.reading.rates.tolist()), 50.0, 250.0
+        STAMPS + "float[3] xyz", lambda a, t: (t, t, *a.reading.rates.tolist()), 50.0, ALL_HZ, ALL_HZ
     ),
     "vehicle_attitude": Topic(
-        STAMPS + "float[4] q", lambda a, t: (t, t, *a.reading.quaternion.tolist()), 20.0, 250.0
+        STAMPS + "float[4] q", lambda a, t: (t, t, *a.reading.quaternion.tolist()), 20.0, high_hz=ALL_HZ
     ),
     "vehicle_local_position": Topic(
         STAMPS + "float x;float y;float z;float vx;float vy;float vz;float dist_bottom;"
         "bool xy_valid;bool z_valid;bool v_xy_valid;bool v_z_valid;bool dist_bottom_valid",
         _local,
         10.0,
-        50.0,
     ),
-    "actuator_motors": Topic(STAMPS + "uint16_t reversible_flags;float[12] control", _motors, 10.0, 250.0),
-    "actuator_outputs": Topic("uint64_t timestamp;uint32_t noutputs;float[16] output", _outputs, 10.0, 250.0),
+    "actuator_motors": Topic(
+        STAMPS + "uint16_t reversible_flags;float[12] control", _motors, 10.0, ALL_HZ, ALL_HZ
+    ),
+    "actuator_outputs": Topic("uint64_t timestamp;uint32_t noutputs;float[16] output", _outputs, 10.0),
     "vehicle_thrust_setpoint": Topic(
-        STAMPS + "float[3] xyz", lambda a, t: (t, t, 0.0, 0.0, -a.demand.thrust), 20.0, 250.0
+        STAMPS + "float[3] xyz", lambda a, t: (t, t, 0.0, 0.0, -a.demand.thrust), 50.0, high_hz=ALL_HZ
     ),
     "vehicle_torque_setpoint": Topic(
         STAMPS + "float[3] xyz",
         lambda a, t: (t, t, a.demand.roll, a.demand.pitch, a.demand.yaw),
-        20.0,
-        250.0,
+        50.0,
+        ALL_HZ,
+        ALL_HZ,
     ),
     "battery_status": Topic(
         "uint64_t timestamp;float voltage_v;float current_a;float discharged_mah;float remaining;"
@@ -138,7 +159,10 @@ TOPICS: dict[str, Topic] = {
         5.0,
     ),
     "esc_status": Topic(
-        "uint64_t timestamp;uint8_t esc_count;uint8_t esc_online_flags;esc_report[8] esc", _escs, 4.0, 50.0
+        "uint64_t timestamp;uint8_t esc_count;uint8_t esc_online_flags;esc_report[8] esc",
+        _escs,
+        4.0,
+        high_hz=200.0,
     ),
     "vehicle_status": Topic(
         "uint64_t timestamp;uint8_t arming_state;uint8_t nav_state",
@@ -172,6 +196,7 @@ class UlogLogger(Logger):
         self._layouts = {name: topic.layout for name, topic in TOPICS.items()}
         self._session = self._number = 0
         self._flown = False
+        self._mode, self._profile = self._settings(autopilot)
         self._states: dict[str, Any] = {}
         self._now = 0
         super().__init__(autopilot)
@@ -181,12 +206,18 @@ class UlogLogger(Logger):
         """After a reboot the count of logs starts anew, in a folder of its own."""
         self.close()
         self._number, self._flown = 0, False
+        self._mode, self._profile = self._settings(self.autopilot)
+
+    @staticmethod
+    def _settings(autopilot: Any) -> tuple[int, int]:
+        return int(autopilot.store["SDLOG_MODE"]), int(autopilot.store["SDLOG_PROFILE"])
 
     def wanted(self) -> bool:
-        a = self.autopilot
-        mode = int(a.store["SDLOG_MODE"])
+        a, mode = self.autopilot, self._mode
         self._flown = self._flown or a.armed
-        return mode >= 0 and (a.armed or mode >= 2 or (mode == 1 and not self._flown))
+        if mode in (-1, 3):
+            return False
+        return a.armed or mode == 2 or (mode == 1 and not self._flown) or (mode == 4 and self._flown)
 
     def path(self) -> str:
         folders = self.autopilot.files.folders
@@ -231,12 +262,13 @@ class UlogLogger(Logger):
 
     def rows(self, now_us: int) -> bytes:
         a, out = self.autopilot, b""
-        high = bool(int(a.store["SDLOG_PROFILE"]) & HIGH_RATE)
         for number, (name, topic) in enumerate(TOPICS.items()):
+            hz = topic.rate(self._profile)
+            if not hz:
+                continue
             state = EVENTS[name](a) if name in EVENTS else None
             fresh = self._states.get(name) != state
             self._states[name] = state
-            hz = topic.high_hz if high and topic.high_hz else topic.hz
             if self.due(name, now_us, hz) or fresh:
                 out += framed(
                     "D", struct.pack("<H", number) + self._layouts[name].pack(*topic.row(a, now_us))

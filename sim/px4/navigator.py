@@ -91,17 +91,26 @@ class Navigator:
                 self._enter(Mode.HOLD)
                 self._target = (n, e, d)
         elif self.mode == Mode.LAND:
-            low = -position[2] < float(self.settings["MPC_LAND_ALT2"])
-            sink = float(self.settings["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
-            d, climb = self.goal.position[2] + 1.0, sink
+            d, climb = self.goal.position[2] + 1.0, self._landing_speed(-position[2])
         elif self.mode == Mode.RTL:
             n, e, cruise = 0.0, 0.0, float(self.settings["MPC_XY_CRUISE"])
             if math.hypot(position[0], position[1]) < 0.5:
                 self._enter(Mode.LAND)
                 return
         else:
-            climb, cruise = float(self.settings["MPC_TKO_SPEED"]), self._cruise_speed()
+            climb, cruise = self._vertical_speed(d), self._cruise_speed()
         self.goal = step_towards(self.goal, (n, e, d), cruise, climb, self._yaw)
+
+    def _landing_speed(self, height: float) -> float:
+        """Slower with the height, between MPC_LAND_ALT1 and _ALT2 (FlightTaskAuto)."""
+        slow, fast = float(self.settings["MPC_LAND_SPEED"]), float(self.settings["MPC_Z_V_AUTO_DN"])
+        low, high = float(self.settings["MPC_LAND_ALT2"]), float(self.settings["MPC_LAND_ALT1"])
+        return slow + (fast - slow) * min(max((height - low) / max(high - low, 1e-3), 0.0), 1.0)
+
+    def _vertical_speed(self, down: float) -> float:
+        """Of a flight to a height, beside take-off and landing."""
+        above = down < self.goal.position[2]
+        return float(self.settings["MPC_Z_V_AUTO_UP" if above else "MPC_Z_V_AUTO_DN"])
 
     def _cruise_speed(self) -> float:
         limit = float(self.settings["MPC_XY_VEL_MAX"])
@@ -126,12 +135,12 @@ class Navigator:
     def _along(self, leg: Leg, position: Three) -> Goal:
         n, e, d = leg.target
         ramp = max(float(self.settings["MPC_TKO_RAMP_T"]), 0.1)
-        climb = float(self.settings["MPC_TKO_SPEED"])
+        rises = leg.climb_first and d < position[2]
+        climb = float(self.settings["MPC_TKO_SPEED"]) if rises else self._vertical_speed(d)
         climb *= min((self.plant.time_s - self._mode_at) / ramp, 1.0)
         cruise = self._cruise_speed()
         if leg.landing:
-            low = -position[2] < float(self.settings["MPC_LAND_ALT2"])
-            climb = float(self.settings["MPC_LAND_SPEED" if low else "MPC_Z_VEL_MAX_DN"])
+            climb = self._landing_speed(-position[2])
             d = self.goal.position[2] + 1.0
         elif leg.climb_first and -position[2] < 1.0 and d < -1.0:
             n, e = self.goal.position[:2]  # from the ground it goes straight up first

@@ -115,6 +115,12 @@ class Store:
             callback(name)
         return True
 
+    def own(self, name: str, value: float) -> None:
+        """The firmware sets a value of its own."""
+        self.preset(name, value)
+        for callback in self._listeners:
+            callback(name)
+
     def hash(self) -> int:
         """CRC32 (no inversion) over names and value bytes, in order."""
         crc = 0

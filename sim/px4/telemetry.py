@@ -12,6 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as m
 
 from firmware_params.px4.messages import MAVLink_esc_status_message
+from sim.escs import told
 from sim.px4.autopilot import Autopilot, Mode
 from sim.px4.cascade import euler
 
@@ -21,6 +22,7 @@ TYPES = {4: 2, 6: 13, 8: 14, 12: 29, 3: 15}
 # integers as missions and commands, bytewise parameters, FTP, targets, MAVLink 2
 CAPABILITIES = 4 | 8 | 16 | 32 | 64 | 128 | 8192
 SET_ACTUATOR_TARGET = 1024
+STM32H7 = 6  # PX4_SOC_ARCH_ID
 
 # message id: rate in Hz of simulated time, before anyone asks otherwise
 DEFAULT_HZ = {
@@ -225,14 +227,16 @@ def mission_current(a: Autopilot) -> Any:
 
 def esc_status(a: Autopilot) -> list[Any]:
     """291, four ESCs a message."""
-    r = a.reading
-    rpm = [round(a.plant.pair.speed_max_rpm * u) for u in r.speeds.tolist()]
-    rpm += [0] * (-len(rpm) % 4)
+    escs = told(a)
+    if escs is None:
+        return []
+    more = -len(escs.rpm) % 4
+    rpm = [round(v) for v in escs.rpm] + [0] * more
+    volts, amps = escs.volts + [0.0] * more, escs.amps + [0.0] * more
     if a.version[:2] == (1, 14):  # it repeats the first four in the second batch
         rpm[4:8] = rpm[:4]
-    share = r.current / a.rotors
     return [
-        MAVLink_esc_status_message(k, stamp_us(a), rpm[k : k + 4], [r.voltage] * 4, [share] * 4)
+        MAVLink_esc_status_message(k, stamp_us(a), rpm[k : k + 4], volts[k : k + 4], amps[k : k + 4])
         for k in range(0, len(rpm), 4)
     ]
 
@@ -249,7 +253,12 @@ def autopilot_version(a: Autopilot) -> Any:
     number = major << 24 | minor << 16 | patch << 8 | 255
     bits = CAPABILITIES | (SET_ACTUATOR_TARGET if a.takes_live else 0)
     none = [0] * 8
-    return m.MAVLink_autopilot_version_message(bits, number, number, 0, 0, none, none, none, 0, 0, a.uid)
+    # as PX4's stm32_common/version/board_identity.c makes them of the processor's three words
+    high, middle = a.uid >> 64, a.uid >> 32 & 0xFFFFFFFF
+    long_uid = [0x00, STM32H7, 0, 0, 0, 0, *a.uid.to_bytes(12, "big")] if a.uid else [0] * 18
+    return m.MAVLink_autopilot_version_message(
+        bits, number, number, 0, 0, none, none, none, 0, 0, middle << 32 | high, long_uid
+    )
 
 
 BUILDERS: dict[int, Callable[[Autopilot], Any]] = {

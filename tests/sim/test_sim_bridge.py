@@ -156,7 +156,7 @@ def test_px4_answers_to_the_free_run_do_not_stay_ahead() -> None:
                 assert px4.silent(0.002), "a reading that no controls asked for"
             px4.controls(px4.last.time_usec, np.zeros(8))
         px4.socket.close()
-    assert 1 <= bridge.stale < 40 and bridge.late == 0
+    assert 1 <= bridge.stale < 40
 
 
 def test_px4_may_go_and_come_back() -> None:

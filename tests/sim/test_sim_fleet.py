@@ -92,3 +92,35 @@ def test_a_new_system_id_counts_from_the_next_boot() -> None:
         assert command(link, 246, 1) == 0
         assert get(link, "HEARTBEAT", met=lambda h: h.get_srcSystem() == 42) is not None
         assert command(link, 511, 32, 100000, system=42) == 0
+
+
+@pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
+def test_a_board_says_the_uid_it_was_given_as_real_ones_do(firmware: str) -> None:
+    def boards(*options: str) -> list[tuple[int, bytes]]:
+        found = []
+        with ExitStack() as stack:
+            for port in stack.enter_context(standins("--firmware", firmware, *options)):
+                link = stack.enter_context(client(port))
+                assert command(link, 512, 148, system=link.target_system) == 0
+                version = get(link, "AUTOPILOT_VERSION")
+                found.append((version.uid, bytes(version.uid2)))
+        return found
+
+    words = bytes.fromhex("111111112222222233333333")
+    one, two = boards("--uid", words.hex(), "--vehicles", "2")
+    if firmware == "px4":  # stm32_common/version/board_identity.c, mavlink_main.cpp
+        assert one == (0x2222222211111111, b"\x00\x06\x00\x00\x00\x00" + words)
+        assert two[1].endswith(b"\x33\x33\x33\x34")
+    else:  # AP_HAL_ChibiOS/Util.cpp, GCS_Common.cpp
+        assert one == (0, words + bytes(6))
+        assert two[1][:12].endswith(b"\x34")
+    assert boards("--uid", "0") == [(0, bytes(18))]
+    assert boards() == boards()
+
+
+@pytest.mark.parametrize("uid", ["", "x", "1" * 25, "-1", "0x1", "1\n"])
+def test_a_uid_that_is_none_is_refused(uid: str) -> None:
+    from sim.world import read_uid
+
+    with pytest.raises(WorldError, match="hex digits are expected"):
+        read_uid(uid)

@@ -221,7 +221,7 @@ def test_ardupilot_answers_names_without_an_index_and_hides_what_is_off(copter: 
     assert (hidden.param_id, hidden.param_index) == ("SCR_LD_CHECKSUM", 65535)
     assert enabled.param_index == 65535 and enabled.param_count > hidden.param_count
     assert "SCR_LD_CHECKSUM" in copter.autopilot.store.names
-    copter.say(m.MAVLink_param_set_message(1, 1, b"SR0_POSITION", 5.0, 4))
+    copter.say(m.MAVLink_param_set_message(1, 1, b"MAV1_POSITION", 5.0, 4))
     copter.run(2.0)
     assert len(copter.heard("LOCAL_POSITION_NED")) == pytest.approx(10, abs=1)
 

@@ -22,7 +22,7 @@ PYTHON = os.environ.get("MAVPROXY_PYTHON", sys.executable)
 MISSING = "MAVPROXY_PYTHON" not in os.environ and importlib.util.find_spec("MAVProxy") is None
 pytestmark = pytest.mark.skipif(MISSING, reason="MAVProxy is not installed: pip install MAVProxy")
 LAT, LON, METRE = 47.397742, 8.545594, 1 / 111319.49
-PARAMETERS = {"px4": 471, "ardupilot": 431}
+PARAMETERS = {"px4": 467, "ardupilot": 433}
 
 
 class Typist:

@@ -59,10 +59,36 @@ def test_ardupilot_keeps_values_scripts_and_what_they_added_at_once(tmp_path):
     board.files.begin("/APM/scripts/a.lua", text)
     standin.tick()
     standin = _boot(memory, "ardupilot")
+    assert "ABC_D" not in standin.autopilot.store  # MAVLink is served before scripts run
+    _until_scripts_run(standin)
     assert standin.autopilot.store["ABC_D"] == 2.5
     standin.autopilot.store.write("ABC_D", 4.0)
     standin.tick()
-    assert _boot(memory, "ardupilot").autopilot.store["ABC_D"] == 4.0
+    again = _boot(memory, "ardupilot")
+    _until_scripts_run(again)
+    assert again.autopilot.store["ABC_D"] == 4.0
+
+
+def _until_scripts_run(standin):
+    for _ in range(round(250 * 2.1)):
+        standin.autopilot.step()
+
+
+def test_ardupilot_counts_its_starts_and_only_saves_what_it_saves(tmp_path):
+    memory = tmp_path / "memory.json"
+    standin = _boot(memory, "ardupilot")
+    store = standin.autopilot.store
+    first = store["STAT_BOOTCNT"]
+    store.live("MOT_THST_HOVER", 0.3)
+    store.write("PILOT_SPEED_UP", 260.0)
+    standin.tick()
+    again = _boot(memory, "ardupilot").autopilot.store
+    assert again["STAT_BOOTCNT"] == first + 1
+    assert again["MOT_THST_HOVER"] != pytest.approx(0.3)  # was at work, was not saved
+    store.live("MOT_THST_HOVER", 0.3)
+    store.save("MOT_THST_HOVER")
+    standin.tick()
+    assert _boot(memory, "ardupilot").autopilot.store["MOT_THST_HOVER"] == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """MAVLink 2 signing on the stand-in: with a key nothing unsigned is taken, and a key may be set up."""
 
 import os
+import socket
 import time
 from pathlib import Path
 from typing import Any
@@ -77,3 +78,40 @@ def test_keys_are_read_as_ground_stations_write_them(tmp_path: Path) -> None:
         read_key(path)
     with pytest.raises(WorldError, match="cannot be read"):
         read_key(tmp_path / "none")
+
+
+@pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
+def test_what_was_said_on_one_link_is_a_replay_on_another(tmp_path: Path, firmware: str) -> None:
+    (tmp_path / "key").write_bytes(KEY)
+    name = b"CA_ROTOR0_CT" if firmware == "px4" else b"MOT_THST_EXPO"
+    with standin("--firmware", firmware, "--signing-key", str(tmp_path / "key")) as port:
+        friend = client(port, KEY)
+        assert friend.wait_heartbeat(timeout=5) is not None
+        said: list[bytes] = []
+        write = friend.write
+        friend.write = lambda data: said.append(bytes(data)) or write(data)
+        assert takes(friend, 0.5, name) and takes(friend, 0.625, name)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
+            for frame in said:
+                thief.sendto(frame, ("127.0.0.1", port))
+            future = bytearray(said[-1])
+            future[-12:-6] = b"\xff" * 6  # a forger must not move the clock of the true sender
+            thief.sendto(future, ("127.0.0.1", port))
+            time.sleep(0.3)
+            friend.mav.param_request_read_send(1, 1, name, -1)
+            answer = friend.recv_match(type="PARAM_VALUE", blocking=True, timeout=2)
+        assert answer is not None and answer.param_value == 0.625
+        friend.close()
+
+
+def test_a_key_may_be_taken_away_again(tmp_path: Path) -> None:
+    (tmp_path / "key").write_bytes(KEY)
+    with standin("--signing-key", str(tmp_path / "key")) as port:
+        friend, plain = client(port, KEY), client(port, None)
+        assert friend.wait_heartbeat(timeout=5) is not None
+        assert not takes(plain, 0.75)
+        friend.mav.setup_signing_send(1, 1, [0] * 32, 0)
+        time.sleep(0.3)
+        assert takes(plain, 0.75)
+        for link in (friend, plain):
+            link.close()

@@ -8,6 +8,7 @@ import pytest
 from coaxlink.airframe import load_airframe
 from coaxlink.mixer import make_law
 from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
 from sim.geometric import ROWS, fly_law, rotation, vee
 from sim.world import World, build_plant
 
@@ -19,7 +20,7 @@ PAPER_BEST = dict(zip(ROWS, (0.3652, 0.3659, 0.0698, 0.10451, 0.08423, 0.00105, 
 
 def flown(law: str, rotor: str = "rotor_paper.toml", seconds: float = 21.0) -> dict[str, float]:
     plant, _ = build_plant(World(EXAMPLES / "x8_demo.toml"))
-    mixer = make_law(law, AIRFRAME, load_rotor_model(EXAMPLES / rotor))
+    mixer = make_law(law, Vehicle(AIRFRAME, load_rotor_model(EXAMPLES / rotor)))
     return fly_law(plant, mixer.speeds, seconds=seconds)
 
 

@@ -1,0 +1,95 @@
+"""What PX4 is told in one step of its simulator interface: HIL_SENSOR, HIL_GPS and the ground truth.
+
+IMU at 250 Hz, magnetometer and barometer at 50, GPS at 10. Every reading is noisy: more than a hundred equal
+ones are a dead sensor to it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as m
+
+from sim.place import HOME
+from sim.plant import Plant
+from sim.sensors import Sensors
+
+STEPS = 4  # of the plant, 1 ms each, from reading to reading
+ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00
+
+
+class HilMessages:
+    """Readings of one plant, from one seed."""
+
+    def __init__(self, plant: Plant, seed: int) -> None:
+        self.plant = plant
+        self._sensors = Sensors(plant, seed)
+        self._random = np.random.default_rng([seed, 0x411])
+
+    def pack(self, mav: Any) -> tuple[int, bytes]:
+        """The step's stamp (us) and its messages, numbered by `mav`."""
+        now = round(1e6 * self.plant.time_s) + 1_000_000
+        tick = self.plant.steps // STEPS
+        r = self._sensors.read()
+        fields = ACCEL | GYRO | (MAG | BARO if tick % 5 == 0 else 0)
+        noise = self._random.standard_normal(6)
+        alt = HOME.alt - float(self.plant.position[2]) + 0.05 * noise[3]
+        pressure = 1013.25 * (1 - 2.25577e-5 * alt) ** 5.25588
+        messages = [
+            m.MAVLink_hil_sensor_message(
+                now,
+                *r.accel.tolist(),
+                *r.rates.tolist(),
+                *(self._field() + 0.001 * noise[:3]).tolist(),
+                pressure,
+                0.0,
+                alt,
+                25.0 + 0.01 * noise[4],
+                fields,
+                0,
+            )
+        ]
+        if tick % 25 == 0:
+            messages.append(self._gps(now, r.position, r.velocity))
+        messages.append(self._state(now))
+        data = b""
+        for message in messages:
+            data += message.pack(mav)
+            mav.seq = (mav.seq + 1) % 256
+        return now, data
+
+    def _field(self) -> NDArray[np.float64]:
+        """Magnetic field in body axes, gauss."""
+        w, x, y, z = self.plant.quaternion.tolist()
+        n, d = 0.21, 0.43
+        return np.array(
+            [
+                n * (1 - 2 * (y * y + z * z)) + d * 2 * (x * z - w * y),
+                n * 2 * (x * y - w * z) + d * 2 * (y * z + w * x),
+                n * 2 * (x * z + w * y) + d * (1 - 2 * (x * x + y * y)),
+            ]
+        )
+
+    def _gps(self, now: int, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> Any:
+        n, e, d = position.tolist()
+        vn, ve, vd = (round(100 * v) for v in velocity.tolist())
+        lat, lon = (round(1e7 * degrees) for degrees in HOME.geodetic(n, e))
+        course = round(100 * math.degrees(math.atan2(ve, vn))) % 36000
+        alt, speed = round(1000 * (HOME.alt - d)), round(math.hypot(vn, ve))
+        return m.MAVLink_hil_gps_message(now, 3, lat, lon, alt, 70, 90, speed, vn, ve, vd, course, 14)
+
+    def _state(self, now: int) -> Any:
+        """Ground truth: PX4 logs it, and does not fly by it."""
+        p = self.plant
+        n, e, d = p.position.tolist()
+        lat, lon = (round(1e7 * degrees) for degrees in HOME.geodetic(n, e))
+        speeds = [round(100 * v) for v in p.velocity.tolist()]
+        accel = [round(1000 * a / 9.80665) for a in p.specific_force.tolist()]
+        quaternion, rates = p.quaternion.tolist(), p.rates.tolist()
+        alt = round(1000 * (HOME.alt - d))
+        return m.MAVLink_hil_state_quaternion_message(
+            now, quaternion, *rates, lat, lon, alt, *speeds, 0, 0, *accel
+        )

@@ -1,0 +1,149 @@
+"""What the stand-ins write into their own parameters, and what they let nobody write."""
+
+import struct
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as m
+
+from sim.ardupilot.protocol import ApConversation
+from sim.world import World, build
+
+X8 = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
+
+
+def _standin(firmware):
+    return build(World(X8, firmware=firmware), []).autopilot
+
+
+def _fly(vehicle, seconds, ardupilot):
+    def run(s):
+        for _ in range(round(250 * s)):
+            vehicle.step()
+
+    run(3.0)
+    if ardupilot:
+        vehicle.set_ap_mode(4)
+        vehicle.arm()
+    else:
+        vehicle.arm()
+    vehicle.take_off(3.0)
+    run(seconds)
+    assert vehicle.reading.height > 2.0
+    in_the_air = vehicle.store.values()
+    if ardupilot:
+        vehicle.set_ap_mode(9)
+    else:
+        vehicle.set_mode(type(vehicle.mode).LAND)
+    for _ in range(250 * 40):
+        vehicle.step()
+        if not vehicle.armed:
+            break
+    assert not vehicle.armed
+    return in_the_air
+
+
+def test_an_arducopter_learns_its_hover_throttle_and_saves_it_on_disarming():
+    copter = _standin("ardupilot")
+    model = copter.store["MOT_THST_HOVER"]
+    copter.store.write("MOT_THST_HOVER", 0.5)
+    in_the_air = _fly(copter, 25.0, True)
+    learned = copter.store["MOT_THST_HOVER"]
+    assert abs(learned - model) < abs(in_the_air["MOT_THST_HOVER"] - model) + 1e-3
+    assert learned == pytest.approx(0.5 + (model - 0.5) * (1 - 2.718 ** (-2.5)), abs=0.04)  # 10 s filter
+    assert copter.store.memory()["MOT_THST_HOVER"] == learned
+    copter.boot()
+    assert copter.store["MOT_THST_HOVER"] == learned
+
+
+@pytest.mark.parametrize(("learn", "kept"), [(0, True), (1, True), (2, False)])
+def test_what_is_not_saved_is_gone_with_the_next_start(learn, kept):
+    copter = _standin("ardupilot")
+    copter.store.write("MOT_THST_HOVER", 0.5)
+    copter.store.write("MOT_HOVER_LEARN", float(learn))
+    in_the_air = _fly(copter, 10.0, True)
+    assert (in_the_air["MOT_THST_HOVER"] == 0.5) == (learn == 0)
+    copter.boot()
+    assert (copter.store["MOT_THST_HOVER"] == 0.5) == kept
+
+
+def test_an_arducopter_counts():
+    copter = _standin("ardupilot")
+    before = copter.store.values()
+    _fly(copter, 35.0, True)
+    copter.boot()
+    after = copter.store.values()
+    assert after["STAT_BOOTCNT"] == before["STAT_BOOTCNT"] + 1
+    assert 35 <= after["STAT_FLTTIME"] - before["STAT_FLTTIME"] <= 60
+    assert after["STAT_RUNTIME"] > after["STAT_FLTTIME"]
+    assert after["BARO1_GND_PRESS"] != before["BARO1_GND_PRESS"]
+    copter.store.write("STAT_RESET", 0.0)
+    copter.step()
+    assert copter.store["STAT_FLTTIME"] == 0 and copter.store["STAT_RESET"] == 1
+
+
+class _Ear:
+    """A peer's side of a conversation."""
+
+    def __init__(self, standin):
+        self.sent = []
+        self.peer = type("Peer", (), {"link": 0, "packer": m.MAVLink(None, 1, 1)})()
+        self.talk = ApConversation(standin, self.peer, self.sent.append)
+        self.talk.send = self.sent.append
+
+    def set(self, name, value):
+        self.sent.clear()
+        message = m.MAVLink_param_set_message(1, 1, name.encode(), value, 9)
+        message = m.MAVLink(None, 9, 9).decode(bytearray(message.pack(m.MAVLink(None, 9, 9))))
+        self.talk.hear(message)
+        return [s.get_type() for s in self.sent]
+
+
+@pytest.mark.parametrize("name", ["BARO1_GND_PRESS", "MIS_TOTAL"])
+def test_an_internal_parameter_is_refused_as_the_real_one_does(name):
+    """GCS_Param.cpp, handle_param_set: a text, PARAM_ERROR, and the value as it is."""
+    copter = _standin("ardupilot")
+    ear, held = _Ear(copter), copter.store[name]
+    assert ear.set(name, 7.0) == ["STATUSTEXT", "PARAM_ERROR", "PARAM_VALUE"]
+    assert ear.sent[0].text == f"Param write denied ({name})"
+    assert ear.sent[1].error == 3 and ear.sent[2].param_value == held
+    assert copter.store[name] == held
+    assert ear.set("BRD_OPTIONS", 5.0) == ["PARAM_VALUE"]
+    assert ear.set(name, 7.0) == ["PARAM_VALUE"] and copter.store[name] == 7.0
+
+
+def test_a_packed_file_passes_over_what_is_internal():
+    copter = _standin("ardupilot")
+    store = copter.store
+    held = store["BARO1_GND_PRESS"]
+    body = bytes([4, 14 << 4]) + b"BARO1_GND_PRESS" + struct.pack("<f", 7.0)
+    body += bytes([4, 12 << 4]) + b"MOT_THST_EXPO" + struct.pack("<f", 0.25)
+    data = struct.pack("<HHH", 0x671B, 2, len(body) + 6) + body
+    assert store.unpack(data)
+    assert store["BARO1_GND_PRESS"] == held and store["MOT_THST_EXPO"] == 0.25
+
+
+def test_a_px4_counts_its_flights_and_keeps_its_hover_thrust():
+    px4 = _standin("px4")
+    before = px4.store.values()
+    _fly(px4, 20.0, False)
+    after = px4.store.values()
+    changed = {n for n in before if before[n] != after[n]}
+    assert changed == {
+        "COM_FLIGHT_UUID",
+        "LND_FLIGHT_T_LO",
+        "EKF2_MAG_DECL",
+        *(f"CAL_GYRO0_{axis}OFF" for axis in "XYZ"),
+    }
+    assert after["COM_FLIGHT_UUID"] == before["COM_FLIGHT_UUID"] + 1
+    assert 20e6 <= after["LND_FLIGHT_T_LO"] - before["LND_FLIGHT_T_LO"] <= 60e6
+    assert after["MPC_THR_HOVER"] == before["MPC_THR_HOVER"]
+
+
+def test_a_px4_s_hover_thrust_is_held_within_its_bounds():
+    px4 = _standin("px4")
+    said = []
+    px4.say = lambda severity, text: said.append(text)
+    px4.store.write("MPC_THR_HOVER", 9, 0.05)
+    assert px4.store["MPC_THR_HOVER"] == px4.store["MPC_THR_MIN"]
+    assert said == ["Hover thrust has been constrained by min/max"]
