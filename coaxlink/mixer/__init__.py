@@ -6,21 +6,19 @@ from coaxlink.mixer.coefficients import (
     reduced_coefficients,
     standard_coefficients,
 )
+from coaxlink.mixer.comparison import compare
 from coaxlink.mixer.law import Allocation, Law, allocate
 from coaxlink.mixer.registry import LAWS, make_law
-from coaxlink.mixer.seen import Conditions, Seen, see
 
 __all__ = [
     "LAWS",
     "Allocation",
-    "Conditions",
     "Law",
     "ReducedCoefficients",
-    "Seen",
     "StandardCoefficients",
     "allocate",
+    "compare",
     "make_law",
     "reduced_coefficients",
-    "see",
     "standard_coefficients",
 ]

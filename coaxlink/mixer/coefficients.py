@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.polynomial import Polynomial
+from coaxlink.vehicle import plain_rotors
 
 # the paper's bench grid: 11 x 11 throttle levels over 0 .. 90 %
 GRID = np.linspace(0.0, 0.9, 11)
@@ -90,6 +91,7 @@ def reduced_coefficients(model: RotorModel, grid: NDArray[np.float64] = GRID) ->
     linear and mixed terms must go somewhere: on eq. 17 this gives 85.7, 80.4, -34.6 N, not the 77.65,
     69.89, -30.7 that the paper prints.
     """
+    plain_rotors(model)
     upper, lower = (x.ravel() for x in np.meshgrid(grid, grid, indexing="ij"))
     p_0u, _ = _squares(model.upper_thrust, upper, np.zeros_like(upper))
     q_0u, _ = _squares(model.upper_torque, upper, np.zeros_like(upper))
@@ -103,6 +105,7 @@ def standard_coefficients(model: RotorModel, grid: NDArray[np.float64] = GRID) -
 
     Least squares over `grid` (normalised speeds) where the model has more than squares.
     """
+    plain_rotors(model)
     none = np.zeros_like(grid)
     return StandardCoefficients(
         _squares(model.upper_thrust, grid, none)[0], _squares(model.upper_torque, grid, none)[0]

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
-from coaxlink.mixer.fitted import GRAVITY
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.mixer.law import Law
 from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 THRUSTS = np.linspace(0.4, 1.8, 29)  # of the weight, for the curve
 
@@ -47,15 +48,13 @@ class Row:
         }
 
 
-def compare(
-    airframe: Airframe, model: RotorModel, laws: Sequence[tuple[str, Law]], wrenches: NDArray[np.float64]
-) -> list[Row]:
-    """Weigh labelled laws on the rotor model over `wrenches` (rows, 4)."""
-    return [_row(airframe, model, label, law, wrenches) for label, law in laws]
+def compare(vehicle: Vehicle, laws: Sequence[tuple[str, Law]], wrenches: NDArray[np.float64]) -> list[Row]:
+    """Weigh labelled laws on the vehicle over `wrenches` (rows, 4), N and N m."""
+    return [_row(vehicle.airframe, vehicle.model, label, law, wrenches) for label, law in laws]
 
 
 def _row(airframe: Airframe, model: RotorModel, label: str, law: Law, wrenches: NDArray[np.float64]) -> Row:
-    weight = airframe.mass_kg * GRAVITY
+    weight = airframe.mass_kg * GRAVITY_M_S2
 
     def flown(demands: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         u = np.array([law.speeds(w) for w in demands])

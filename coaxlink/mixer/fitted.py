@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
 from coaxlink.mixer.coefficients import reduced_coefficients
 from coaxlink.mixer.exact import ExactLaw
@@ -26,7 +27,6 @@ from coaxlink.mixer.law import checked_wrench
 from coaxlink.rotor import RotorModel
 from firmware_params.px4 import Px4Table, RotorEntry, realise
 
-GRAVITY = 9.80665
 SHARES = (0.45, 0.50, 0.55, 0.60, 0.70, 0.85, 1.00)
 AUTHORITY_PRICE = 0.05  # a hundredth of thrust ceiling is worth 0.05 % of power
 CLOSE = 3e-4  # of the weight: a table this close needs no refinement by rotor
@@ -62,7 +62,7 @@ def envelope(airframe: Airframe, rows: int = 150, seed: int = 1) -> NDArray[np.f
     Roll and pitch of up to 8 % of weight x arm, yaw up to 2 % of it: on the paper's vehicle 150 to 260 N,
     +-4 and +-1 N m.
     """
-    weight = airframe.mass_kg * GRAVITY
+    weight = airframe.mass_kg * GRAVITY_M_S2
     arm = max(float(np.hypot(*r.position_m[:2])) for r in airframe.rotors)
     turn = weight * arm * 4.0 / (196.133 * 0.25555)
     low = np.array([0.765 * weight, -turn, -turn, -0.25 * turn])
@@ -123,7 +123,7 @@ def fit_table(
     fit = _Fit(airframe, model, demands, spin_min, spin_max)
     options = [fit.at(share, least) for share in (shares if airframe.pairs else (1.0,))]
     top = max(t.ceiling_N for t, _ in options)
-    weight = airframe.mass_kg * GRAVITY
+    weight = airframe.mass_kg * GRAVITY_M_S2
 
     def cost(trade: Trade) -> float:
         given_away = AUTHORITY_PRICE * (1.0 - trade.ceiling_N / top)
@@ -251,7 +251,7 @@ class _Fit:
     def _authority(self, columns: Columns) -> tuple[float, float]:
         ct, yaw, curve = columns
         mix = mixing(self.airframe, ct, yaw)
-        weight = self.airframe.mass_kg * GRAVITY
+        weight = self.airframe.mass_kg * GRAVITY_M_S2
         full = bend(mix[:, 0] / mix[:, 0].max(), curve, self.low, self.high)
         hover, turn = mix[:, 0] * weight, mix[:, 3]
         with np.errstate(divide="ignore"):

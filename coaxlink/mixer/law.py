@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coaxlink.airframe import AXES, Airframe
+from coaxlink.airframe import AXES
 from coaxlink.errors import InputError
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 
 class Law(Protocol):
@@ -68,8 +68,12 @@ class Allocation:
         }
 
 
-def allocate(law: Law, airframe: Airframe, model: RotorModel, wrench: ArrayLike) -> Allocation:
-    """Run `law` on one wrench (4,) and weigh the result on `model`, which need not be the law's own."""
+def allocate(law: Law, vehicle: Vehicle, wrench: ArrayLike) -> Allocation:
+    """Run `law` on one wrench (4,): thrust up N, roll, pitch, yaw N m (FRD), and weigh it on `vehicle`.
+
+    The vehicle need not be the law's own. Raises InputError when the wrench is not four finite numbers.
+    """
+    airframe, model = vehicle.airframe, vehicle.model
     demand = checked_wrench(wrench)
     u = law.speeds(demand)
     thrust, torque = airframe.loads(model, u)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from coaxlink.airframe import Airframe
 from coaxlink.mixer.surface import Surface
 from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import plain_rotors
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class PlainRotors:
     @classmethod
     def of(cls, airframe: Airframe, model: RotorModel) -> PlainRotors:
         """The rotors of `airframe`, each pair by `model` and each rotor by its own gains."""
+        plain_rotors(model)
         per_thrust, per_torque = airframe.effectiveness()
         thrust_gain, torque_gain = airframe.gains
         return cls(

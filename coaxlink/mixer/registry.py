@@ -5,21 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer import coaxial, linear
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.mixer.law import Law
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 LAWS = ("standard", "standard-printed", "reduced", "coaxial", "coaxial-printed", "exact", "fitted")
 
 
-def make_law(name: str, airframe: Airframe, model: RotorModel, **options: Any) -> Law:
-    """The law `name` for this airframe and rotor model; `options` are the law's own.
+def make_law(name: str, vehicle: Vehicle, **options: Any) -> Law:
+    """The law `name` for this vehicle; `options` are the law's own.
 
-    Raises InputError on an unknown name and on an airframe that the law cannot serve.
+    Raises InputError on an unknown name, on what is no Vehicle, and on an airframe that the law cannot serve.
+
+    >>> from coaxlink.files import example
+    >>> from coaxlink.vehicle import load_vehicle
+    >>> law = make_law("exact", load_vehicle(example("x8_paper.toml")))
+    >>> law.speeds([196.1, 0.0, 0.0, 0.0]).round(3).tolist()  # N, N m; normalised speeds of rotors 1 to 8
+    [0.441, 0.441, 0.441, 0.441, 0.648, 0.648, 0.648, 0.648]
     """
     makers: dict[str, Callable[..., Law]] = {
         "standard": linear.standard,
@@ -31,5 +36,8 @@ def make_law(name: str, airframe: Airframe, model: RotorModel, **options: Any) -
         "fitted": FittedLaw,
     }
     if name not in makers:
-        raise InputError("--law", name, f"no such law; expected one of {', '.join(LAWS)}")
-    return makers[name](airframe, model, **options)
+        raise InputError("law", name, f"no such law; expected one of {', '.join(LAWS)}")
+    if not isinstance(vehicle, Vehicle):
+        problem = f"a Vehicle is expected, which has the effects in it; found {type(vehicle).__name__}"
+        raise InputError("law", name, problem)
+    return makers[name](vehicle.airframe, vehicle.model, **options)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from coaxlink.data.samples import Samples
+from coaxlink.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.dependence import dependences
 from coaxlink.residual.experiment import Rival, stand_experiment
 from coaxlink.residual.flight_experiment import flight_experiment
-from coaxlink.residual.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.joint import ONSET, Joint, Part
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.rebase import rebased_flight
@@ -76,7 +76,8 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
     doubted = held_out_residual(q, held_out(q.blocks, columns_of(q, list(q.options)))[1])
     fold = q.blocks.fold[q.block]
-    open_ends = dependences(doubted, j.variables, q.block, fold, q.reference, j.floor) if j.labelled else []
+    floor = _told_apart(p.frame, j.floor)
+    open_ends = dependences(doubted, j.variables, q.block, fold, q.reference, floor) if j.labelled else []
     unexplained = _unexplained(p, open_ends)
     return Refinement(
         kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
@@ -99,6 +100,17 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         series=_series(j, before, after),
         source="; ".join(log.source for log in logs),
     )
+
+
+def _told_apart(frame: StandFrame | FlightFrame, floor: Array) -> Array:
+    """(C,) noise that a dependence is held against: half of it is the least that counts.
+
+    Where most of its power is what commands did between slow rows, that is no noise but follows the
+    manoeuvre, as all does that is recorded of it: nothing smaller is told apart.
+    """
+    if not isinstance(frame, FlightFrame):
+        return floor
+    return np.asarray(np.where(frame.sampling**2 > 0.5 * floor**2, 2.0 * frame.sampling, floor))
 
 
 def _channels(j: Judged, before: Array, after: Array) -> dict[str, ChannelError]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from coaxlink.residual.frames import STAND_CHANNELS, StandFrame
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.frames import STAND_CHANNELS, StandFrame
 from coaxlink.residual.stand import COLUMN_OF, own_model
 from coaxlink.residual.stretches import Mask
 
@@ -97,7 +98,7 @@ def odd_arms(frame: StandFrame, usable: Mask) -> list[tuple[tuple[int, ...], str
             "torque and thrust exchanged?": (1.0 / arm, (t, q)),
             "torque in N cm?": (arm / 100.0, (q,)),
             "torque in N mm?": (arm / 1000.0, (q,)),
-            "thrust in gf?": (arm * 1000.0 / 9.80665, (t,)),
+            "thrust in gf?": (arm * 1000.0 / GRAVITY_M_S2, (t,)),
         }
         guess = min(guesses, key=lambda name: abs(np.log(guesses[name][0] / usual)))
         channels = guesses[guess][1]

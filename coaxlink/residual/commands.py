@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coaxlink.residual.frames import Array, StandFrame
+from coaxlink.frames import Array, StandFrame
 from coaxlink.residual.stretches import (
     CAP,
     LEAST_PLACES,

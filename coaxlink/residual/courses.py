@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from coaxlink.effects.tracing import Tracing, one_shape, present
+from coaxlink.frames import STAND_LOADS, Array, StandFrame
 from coaxlink.residual.dependence import hats
-from coaxlink.residual.effects.base import Effect, one_shape, present
-from coaxlink.residual.frames import STAND_LOADS, Array, StandFrame
 from coaxlink.residual.joint import Joint
 from coaxlink.residual.problem import Option, from_design
 from coaxlink.residual.trial import Judge
@@ -78,7 +78,7 @@ def _courses(frame: StandFrame) -> list[Array]:
     return [slowed, loads] if frame.driven or frame.throttles is not None else [loads]
 
 
-nameless: Effect[StandFrame] = Effect(
+nameless: Tracing[StandFrame] = Tracing(
     name="course",
     physics="something changes over time",
     source="",

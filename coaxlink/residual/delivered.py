@@ -1,5 +1,8 @@
 """How far a flight delivered what its mixer meant: the paper's Table 4 rows, from a log.
 
+Most of that error is a constant gain, which an autopilot's integrators learn: what is left after the best one
+is given beside it.
+
 Meant is what the table believes its own motor commands give (or the demand that a companion was handed);
 delivered is mass times specific force and I dw/dt + w x I w. Both through the same 4 Hz low-pass.
 Everything is the guest's own measurement.
@@ -15,11 +18,11 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.data import Samples
+from coaxlink.frames import FlightFrame
 from coaxlink.residual.flight import JUDGED_RATE_HZ, flight_frame, reduce_columns
-from coaxlink.residual.frames import FlightFrame
 from coaxlink.residual.problem import contiguous_blocks
-from coaxlink.residual.signals import difference_gain, noise_floor
 from coaxlink.rotor import RotorModel
+from coaxlink.signals import difference_gain, noise_floor
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -52,6 +55,8 @@ class Delivered:
     # thrust, roll, pitch, yaw, N and N m
     intervals: tuple[Interval, ...] = ()  # 95 % of the mean |error|, over blocks of flight
     floor: tuple[float, ...] = ()  # mean |error| that the sensors' noise alone makes
+    gain: tuple[float, ...] = ()  # delivered for one of what was meant, by least squares
+    after_gain: tuple[float, ...] = ()  # mean |gain x meant - delivered|
 
 
 def delivered(
@@ -70,7 +75,10 @@ def delivered(
     frame = flight_frame([samples], airframe, model)
     wanted = meant(frame.time_s, frame.speeds if lagged else frame.commands)
     got = np.concatenate([-frame.measured[:, 2:3], frame.measured[:, 3:6]], axis=1)
-    signed = reduce_columns(frame, wanted - got)
+    asked, given = reduce_columns(frame, wanted), reduce_columns(frame, got)
+    signed = asked - given
+    gain = (asked * given).sum(axis=0) / np.maximum((asked**2).sum(axis=0), np.finfo(float).tiny)
+    left = np.abs(gain * asked - given).mean(axis=0)
     error = np.abs(signed).mean(axis=0)
     intervals, floor = _doubt(frame, signed)
     thrust = reduce_columns(frame, frame.thrust).mean(axis=0)
@@ -80,7 +88,9 @@ def delivered(
     )
     seconds = len(frame.keep) * float(np.median(np.diff(frame.time_s[frame.keep])))
     torque = (float(error[1]), float(error[2]), float(error[3]))
-    return Delivered(float(error[0]), torque, split, seconds, intervals, floor)
+    return Delivered(
+        float(error[0]), torque, split, seconds, intervals, floor, tuple(gain.tolist()), tuple(left.tolist())
+    )
 
 
 def _doubt(frame: FlightFrame, error: Array) -> tuple[tuple[Interval, ...], tuple[float, ...]]:

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.effects import rotor_drag
+from coaxlink.effects.tracing import Array
+from coaxlink.effects.wind import apart
 from coaxlink.residual.blocks import bootstrap
-from coaxlink.residual.effects import rotor_drag
-from coaxlink.residual.effects.base import Array
-from coaxlink.residual.effects.wind import apart
 from coaxlink.residual.joint import Fitter, Joint, Member, columns_of, member
 from coaxlink.residual.reweigh import channel_errors, weighed_again
 

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from coaxlink.data.samples import Samples
+from coaxlink.effects.tracing import Tracing
+from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.blocks import accumulate, solve, squares
-from coaxlink.residual.effects.base import Effect
-from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.stand import COLUMN_OF, base_corrections, stand_frame
 
 RATE_HZ = 10.0
@@ -106,7 +106,7 @@ class Experiment:
 class Rival:
     """An explanation as fitted: its effect and the physical numbers it took."""
 
-    effect: Effect[Any]
+    effect: Tracing[Any]
     parameters: Mapping[str, float]
 
 

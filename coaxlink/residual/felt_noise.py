@@ -13,14 +13,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from coaxlink.residual.frames import Array, FlightFrame
+from coaxlink.frames import GRAVITY_NED, Array, FlightFrame
 from coaxlink.residual.joint import Part, composed
 
 SLOWEST_HZ = 0.15
 STEP_M_S = 0.05
 STEP_RAD = 0.002
 STEP_M = 0.01
-GRAVITY = 9.80665
 
 
 def felt_noise(bare: FlightFrame, parts: Sequence[Part]) -> Array:
@@ -69,7 +68,7 @@ def velocity_noise(frame: FlightFrame) -> Array:
     down = np.cross(frame.north, frame.east)
     to_body = np.stack([frame.north, frame.east, down], axis=2)  # (rows, 3 body, 3 world)
     world = np.einsum("rbw,rb->rw", to_body, frame.velocity)
-    pull = np.einsum("rbw,rb->rw", to_body, frame.specific_force) + np.array([0.0, 0.0, GRAVITY])
+    pull = np.einsum("rbw,rb->rw", to_body, frame.specific_force) + GRAVITY_NED
     band = butter(2, [SLOWEST_HZ, frame.cutoff_hz], "bandpass", fs=frame.rate_hz, output="sos")
     differs = np.zeros_like(world)
     flown = np.zeros(len(world), bool)

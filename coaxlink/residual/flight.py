@@ -14,14 +14,17 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
-from coaxlink.residual.frames import Array, FlightFrame
-from coaxlink.residual.signals import derivative, difference_gain, lagged, low_pass, noise_floor
+from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
+from coaxlink.residual.rounding import rounding_noise
 from coaxlink.residual.strapdown import smoothed_attitude, smoothed_height, smoothed_velocity
 from coaxlink.rotor import RotorModel
+from coaxlink.signals import derivative, difference_gain, lagged, low_pass, noise_floor
 
 CUTOFF_HZ = 4.0
+BAND = 0.2  # of the rows' rate: as much again lies above, where noise shows, and below half the rate
 TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 4 Hz is judged
 LONG_ROWS, LONG_RATE_HZ = 100_000, 30.0  # beyond, half the rate does
 MANY_ROWS, STRETCH_S = 300_000, 120.0  # of hours of flight: beyond, one stretch in so many is judged
@@ -42,8 +45,7 @@ SHARES = (
 EDGE_S = 0.4  # the low-pass still feels what happened outside
 NEEDED = (
     "time_s",
-    *(f"accel_{a}_m_s2" for a in "xyz"),
-    *(f"gyro_{a}_rad_s" for a in "xyz"),
+    *IMU_COLUMNS,
     "roll_rad",
     "pitch_rad",
     "yaw_rad",
@@ -90,7 +92,7 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
     if share > 1:
         notes.append(f"a long log: one stretch of {STRETCH_S:.0f} s in {share} is judged")
     jumps = airframe.body_loads(*airframe.loads(model, np.clip(whole["commands"], 0.0, None)))
-    cutoff = min(CUTOFF_HZ, 0.4 * rate)
+    cutoff = min(CUTOFF_HZ, BAND * rate)
     keep = _steady(keep, (jumps, whole["measured"] - predicted), whole["stretch"], rate, cutoff, notes)
     if len(keep) < 8 * JUDGED_RATE_HZ:
         raise InputError(
@@ -126,7 +128,9 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         notes=tuple(notes),
         extra={name: values for name, values in whole.items() if name.endswith("_noise") or "told" in name},
     )
-    return replace(frame, sampling=_between_rows(frame, whole))
+    mass_and_inertia = np.array([airframe.mass_kg] * 3 + list(airframe.inertia_kg_m2))
+    rounding = rounding_noise(logs, mass_and_inertia, 1.0 / frame.step_s, cutoff)
+    return replace(frame, sampling=_between_rows(frame, whole), rounding=rounding)
 
 
 def _between_rows(frame: FlightFrame, whole: dict[str, Array]) -> Array:
@@ -354,10 +358,10 @@ def _judged(
     airframe: Airframe,
 ) -> tuple[np.ndarray, list[str]]:
     """Rows in the air and away from every edge, thinned to about JUDGED_RATE_HZ."""
-    flying = lift > 0.4 * airframe.mass_kg * 9.80665
+    flying = lift > 0.4 * airframe.mass_kg * GRAVITY_M_S2
     notes: list[str] = []
     if "height" in whole:
-        idle = lift < 0.3 * airframe.mass_kg * 9.80665
+        idle = lift < 0.3 * airframe.mass_kg * GRAVITY_M_S2
         ground = (
             float(np.median(whole["height"][idle])) if idle.sum() > 5 else min(0.0, whole["height"].min())
         )

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coaxlink.residual.frames import Array, FlightFrame
-from coaxlink.residual.signals import derivative
+from coaxlink.frames import Array, FlightFrame
+from coaxlink.signals import derivative
 
 LEVEL = 0.03  # thrust and torque level of a stand-identified model
 TILT = 0.03  # the same, growing with speed

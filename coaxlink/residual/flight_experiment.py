@@ -15,13 +15,12 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.errors import CoaxlinkError
+from coaxlink.frames import FLIGHT_CHANNELS, GRAVITY_NED, Array, FlightFrame
 from coaxlink.residual.experiment import Experiment, Rival, View, joined, separated, view
 from coaxlink.residual.flight import flight_frame, reduce_columns
 from coaxlink.residual.flight_base import flight_corrections
-from coaxlink.residual.frames import FLIGHT_CHANNELS, Array, FlightFrame
 
 RATE_HZ = 25.0
-G = 9.80665
 LOW_M = 0.8
 
 
@@ -118,12 +117,13 @@ def path(pieces: Sequence[Manoeuvre], high: float) -> tuple[Array, Array]:
 def flown(frame: FlightFrame, pieces: Sequence[Manoeuvre], high: float) -> Samples:
     """The log that a plan would give on the base model, without noise."""
     from coaxlink.mixer import make_law
+    from coaxlink.vehicle import Vehicle
 
     t, whole = path(pieces, high)
     north, east, height, yaw = whole.T
     spot = np.stack([north, east, -height], axis=1)
     velocity = np.gradient(spot, t, axis=0)
-    force = np.gradient(velocity, t, axis=0) - np.array([0.0, 0.0, G])  # specific, NED
+    force = np.gradient(velocity, t, axis=0) - GRAVITY_NED  # specific, NED
     size = np.linalg.norm(force, axis=1)
     up = force / size[:, None]
     # heading first, then the tilt that points the thrust: z of the body is -up
@@ -135,7 +135,7 @@ def flown(frame: FlightFrame, pieces: Sequence[Manoeuvre], high: float) -> Sampl
     inertia = np.asarray(frame.airframe.inertia_kg_m2)
     moment = inertia * turning + np.cross(rates, inertia * rates)
     wrench = np.concatenate([(frame.airframe.mass_kg * size)[:, None], moment], axis=1)
-    law = make_law("coaxial", frame.airframe, frame.model)
+    law = make_law("coaxial", Vehicle(frame.airframe, replace(frame.model, effects=())))
     commands = np.array([law.speeds(w) for w in wrench])
     columns = {"time_s": t, "roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw}
     zero = np.zeros_like(t)

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from coaxlink.effects import flight_effects
+from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
 from coaxlink.residual.blocks import solve
-from coaxlink.residual.effects import FLIGHT_EFFECTS
 from coaxlink.residual.flight import reduce_columns
 from coaxlink.residual.flight_base import flight_corrections
-from coaxlink.residual.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
 from coaxlink.residual.joint import Joint, Part, columns_of
 from coaxlink.residual.problem import Index, Problem, build, contiguous_blocks
-from coaxlink.residual.signals import difference_gain, noise_floor, spectral_floor
+from coaxlink.signals import difference_gain, noise_floor, spectral_floor
 
 JUDGED_HZ = 10.0
 CLEAR_SIZE = 0.0025  # of the reference load
@@ -22,7 +22,7 @@ CLEAR_SIZE = 0.0025  # of the reference load
 
 def known_parts(frame: FlightFrame) -> tuple[list[Part], list[str]]:
     """The effects that the model carries already, and notes on those that this log cannot evaluate."""
-    by_name = {e.name: e for e in FLIGHT_EFFECTS}
+    by_name = {e.name: e for e in flight_effects()}
     parts: list[Part] = []
     notes = []
     logged = {"voltage_V": frame.voltage, "height_m": frame.height}
@@ -57,7 +57,7 @@ def flight_problem(frame: FlightFrame) -> Problem:
         residual=residual,
         sigma=np.sqrt(floor**2 + (1e-3 * frame.reference) ** 2),
         corrections=[(c.name, c.bound, reduce(c.columns)) for c in flight_corrections(frame)],
-        effects=FLIGHT_EFFECTS,
+        effects=flight_effects(),
         reduce=reduce,
         block=contiguous_blocks(frame.time_s[frame.keep], broken, least_s=2.0, count=40),
     )
@@ -94,10 +94,12 @@ def flight_floor(frame: FlightFrame, residual: Array, reduced: Array, lag_s: flo
         alike=np.array([frame.airframe.mass_kg] * 3 + list(frame.airframe.inertia_kg_m2)),
     )
     if floor is not None:
-        return floor
+        return np.maximum(floor, frame.rounding)
     every = max(1, round(frame.rate_hz / JUDGED_HZ))
     gain = [difference_gain(frame.rate_hz, frame.cutoff_hz, every, differentiated=d) for d in turned]
-    return noise_floor(reduced, runs.astype(float), np.array(gain))
+    seen = noise_floor(reduced, runs.astype(float), np.array(gain))
+    # slow rows: nothing above the band tells what commands between them did, but the rows themselves do
+    return np.maximum(np.hypot(seen, frame.sampling), frame.rounding)
 
 
 def floor_behind(frame: FlightFrame, joint: Joint) -> Array:

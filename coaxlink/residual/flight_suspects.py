@@ -13,17 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.data.samples import Samples
+from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.flight import EDGE_S, reduce_columns
-from coaxlink.residual.frames import Array, FlightFrame
+from coaxlink.residual.repeats import DEAD, copied, stuck
 from coaxlink.residual.result import Suspect
-from coaxlink.residual.signals import derivative, low_pass
 from coaxlink.residual.suspects import rows_text
+from coaxlink.signals import derivative, low_pass
 
 Mask = NDArray[np.bool_]
-SENSORS = (*(f"accel_{a}_m_s2" for a in "xyz"), *(f"gyro_{a}_rad_s" for a in "xyz"))
-STUCK_S, STUCK_TIMES = 0.5, 12  # how long, and how many times longer than the log's own repeats
-REPEATED_ROWS = 12
-DEAD = 0.5  # of the log: an axis that reads the same for so long never worked
 SWAP = 0.1  # of the torque's squares left with two motors exchanged
 # times what the exchange leaves: one failing rotor, or a centre of mass, that leaves less explains as much
 FAILS = 3.0
@@ -40,7 +37,7 @@ def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[S
     out: list[Suspect] = []
     bad, dead = np.zeros(len(frame.time_s), bool), False
     for number, log in enumerate(logs):
-        for column, rows, why in [*_stuck(log), *_repeated(log)]:
+        for column, rows, why in [*stuck(log), *copied(log)]:
             out.append(Suspect(column, rows_text(rows), why))
             mine = frame.log == number
             bad |= mine & _around(frame.time_s, log["time_s"], rows)
@@ -57,59 +54,6 @@ def _around(frame_time: Array, time: Array, rows: Mask) -> Mask:
         first, last = float(np.nanmin(time[run])), float(np.nanmax(time[run]))
         out |= (frame_time >= first - EDGE_S) & (frame_time <= last + EDGE_S)
     return out
-
-
-def _flying(log: Samples) -> Mask:
-    """(rows,) whether the motors' commands change: a vehicle that stands may well read the same twice."""
-    names = [n for n in log.columns if n.startswith("motor") and n[5:].isdigit()]
-    total = np.sum([np.nan_to_num(log[n]) for n in names], axis=0)
-    return np.asarray(total > 0.4 * float(np.median(total)), bool)
-
-
-def _runs(same: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First rows of runs of equal readings, and their lengths; `same` (rows,) says like the one before."""
-    first = np.flatnonzero(~same)
-    return first, np.diff(np.append(first, len(same)))
-
-
-def _stuck(log: Samples) -> list[tuple[str, Mask, str]]:
-    found = []
-    time, flying = log["time_s"], _flying(log)
-    step = float(np.nanmedian(np.diff(time))) if len(time) > 2 else 1.0
-    for name in SENSORS:
-        values = log[name]
-        first, length = _runs(np.concatenate([[False], np.diff(values) == 0.0]))
-        usual = float(np.quantile(length, 0.9))
-        rows = np.zeros(len(values), bool)
-        if length.max() > DEAD * len(values):
-            usual = 1.0  # nothing else was ever read
-        for a, n in zip(first, length, strict=True):
-            if (
-                n * step > STUCK_S
-                and n > STUCK_TIMES * usual
-                and flying[a : a + n].mean() > (0.5 if n > DEAD * len(values) else 0.9)
-            ):
-                rows[a : a + n] = True
-        if rows.any():
-            found.append((name, rows, "one reading repeats exactly while the vehicle flies"))
-    return found
-
-
-def _repeated(log: Samples) -> list[tuple[str, Mask, str]]:
-    values = np.stack([log[name] for name in SENSORS], axis=1)
-    finite = np.isfinite(values).all(axis=1)
-    fresh = finite & np.concatenate([[True], np.any(np.diff(values, axis=0) != 0.0, axis=1)])
-    rows = np.flatnonzero(fresh)
-    _, first, inverse = np.unique(values[rows], axis=0, return_index=True, return_inverse=True)
-    twin = first[inverse.ravel()] != np.arange(len(rows))
-    mask = np.zeros(len(values), bool)
-    at = rows[twin]
-    if len(at):
-        for run in np.split(at, np.flatnonzero(np.diff(at) > 3) + 1):
-            if len(run) >= REPEATED_ROWS:
-                mask[run[0] : run[-1] + 1] = True
-    why = "these readings stand in the log before, digit by digit"
-    return [("accel_*, gyro_*", mask, why)] if mask.any() else []
 
 
 def _reversed(frame: FlightFrame) -> list[Suspect]:

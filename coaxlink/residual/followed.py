@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.answer import Judged, held_out_residual
 from coaxlink.residual.blocks import held_out
-from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.joint import Joint, composed
 from coaxlink.residual.kriging import Process, find_process
 from coaxlink.residual.result import Step

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from coaxlink.frames import Array, StandFrame
 from coaxlink.residual.blocks import solve
 from coaxlink.residual.courses import nameless
-from coaxlink.residual.frames import Array, StandFrame
 from coaxlink.residual.joint import Joint
 from coaxlink.residual.problem import Option, from_design
 from coaxlink.residual.trial import ALPHA, Judge, columns_of

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.blocks import held_out_sum, least_of, solve
-from coaxlink.residual.effects.base import Array, Effect, Shape
 from coaxlink.residual.gates import autocorrelation_time
 from coaxlink.residual.problem import Index, Option, Problem, from_design
 
-Part = tuple[Effect[Any], Mapping[str, float]]
+Part = tuple[Tracing[Any], Mapping[str, float]]
 STEPS = 5
 ONSET = "onset_s"
 SHORT = 40_000  # judged rows times channels: candidates are taken through the members
@@ -34,7 +34,7 @@ RICHER = 15.0  # of a log-likelihood ratio: what another form or a freer one mus
 class Member:
     """An effect at a point: its shape, its coefficients, and which numbers of the shape are free."""
 
-    effect: Effect[Any]
+    effect: Tracing[Any]
     shape: Shape
     coefficients: Array  # (K,)
     keys: tuple[str, ...]  # free numbers of the shape
@@ -76,7 +76,7 @@ def _thawed(m: Member, frame: Any) -> Member:
     return replace(m, keys=(*m.keys, ONSET)) if late else m
 
 
-def member(frame: Any, effect: Effect[Any], shape: Shape, coefficients: Array) -> Member:
+def member(frame: Any, effect: Tracing[Any], shape: Shape, coefficients: Array) -> Member:
     """An effect in a shape, with all that is continuous in it free."""
     return Member(effect, shape, np.asarray(coefficients, float), tuple(effect.free(frame, shape)))
 

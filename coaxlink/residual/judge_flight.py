@@ -9,6 +9,7 @@ import numpy as np
 
 from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
+from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.answer import Judged, answer
 from coaxlink.residual.blocks import solve
 from coaxlink.residual.drag_in_wind import drag_beside
@@ -22,7 +23,6 @@ from coaxlink.residual.flight_problem import (
     known_parts,
 )
 from coaxlink.residual.flight_suspects import flight_suspects
-from coaxlink.residual.frames import Array, FlightFrame
 from coaxlink.residual.joint import SHORT, Joint, Part, composed
 from coaxlink.residual.mass_or_thrust import Scales, behind_voltage, doubt, scales, whole_mass
 from coaxlink.residual.problem import Problem

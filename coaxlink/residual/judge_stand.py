@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from coaxlink.data.samples import Samples
+from coaxlink.frames import Array
 from coaxlink.residual.answer import Judged, answer
 from coaxlink.residual.courses import outrun
 from coaxlink.residual.followed import followed, log_error, own_floor
 from coaxlink.residual.forms import within_forms
-from coaxlink.residual.frames import Array
 from coaxlink.residual.joint import SHORT, Joint, Member, Part, composed
 from coaxlink.residual.problem import Problem
 from coaxlink.residual.remainder import minor

@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.residual.effects.base import Array
+from coaxlink.effects.tracing import Array
 from coaxlink.residual.similarity import REST
 from coaxlink.rotor.polynomial import design_matrix
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.stand import COLUMN_OF, dictionary_of
 from coaxlink.residual.stretches import (
     CAP,
@@ -42,8 +43,8 @@ FIT_ROWS = 4000
 RICH = 100  # places that a polynomial of third order wants
 UNITS = {  # of a newton, and of a newton metre
     "thrust": {
-        "kgf": 1 / 9.80665,
-        "gf": 1000 / 9.80665,
+        "kgf": 1 / GRAVITY_M_S2,
+        "gf": 1000 / GRAVITY_M_S2,
         "mN": 1000.0,
         "lbf": 0.2248089,
         "ozf": 3.596943,
@@ -51,9 +52,9 @@ UNITS = {  # of a newton, and of a newton metre
     "torque": {
         "N cm": 100.0,
         "N mm": 1000.0,
-        "kgf cm": 100 / 9.80665,
-        "gf cm": 1e5 / 9.80665,
-        "kgf m": 1 / 9.80665,
+        "kgf cm": 100 / GRAVITY_M_S2,
+        "gf cm": 1e5 / GRAVITY_M_S2,
+        "kgf m": 1 / GRAVITY_M_S2,
         "ozf in": 141.6119,
         "lbf in": 8.850746,
     },

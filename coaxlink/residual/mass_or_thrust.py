@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coaxlink.residual.effects.base import Array
+from coaxlink.effects.tracing import Array
+from coaxlink.frames import FlightFrame
 from coaxlink.residual.flight_base import lift_share
-from coaxlink.residual.frames import FlightFrame
 from coaxlink.residual.problem import Index
 from coaxlink.residual.result import Ambiguous
-from coaxlink.residual.signals import derivative
+from coaxlink.signals import derivative
 
 DOUBTFUL_LIFT = 0.022  # of the weight: less is a stand's own
 LIKE = 0.2  # of the lift's share: torques this near to nothing, or to the lift, side with it

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.blocks import Blocks, accumulate, folds_of
-from coaxlink.residual.effects.base import Array, Effect, Shape
 
 Index = NDArray[np.intp]
 LONG_ROWS = 50_000
@@ -20,7 +20,7 @@ LONG_ROWS = 50_000
 class Option:
     """An effect in one shape, and where its columns stand in the design."""
 
-    effect: Effect[Any]
+    effect: Tracing[Any]
     shape: Shape
     columns: Index
     keys: tuple[str, ...] = ()  # numbers of the shape that the last columns move from where they are
@@ -78,7 +78,7 @@ def build(
     residual: Array,
     sigma: Array,
     corrections: Sequence[tuple[str, float, Array]],
-    effects: Sequence[Effect[Any]],
+    effects: Sequence[Tracing[Any]],
     reduce: Callable[[Array], Array],
     block: Index,
 ) -> Problem:

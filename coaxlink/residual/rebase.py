@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coaxlink.residual.frames import FlightFrame
+from coaxlink.frames import FlightFrame
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.polynomial import design_matrix
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.effects.tracing import Array
 from coaxlink.residual.blocks import held_out
-from coaxlink.residual.effects.base import Array
 from coaxlink.residual.joint import Fitter, Joint, Part, fit
 from coaxlink.residual.problem import Option, Problem
 

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.effects.tracing import Array
 from coaxlink.residual.blocks import Blocks, accumulate, bootstrap, held_out
 from coaxlink.residual.dependence import hats
-from coaxlink.residual.effects.base import Array
 from coaxlink.residual.joint import Joint, Member, columns_of
 from coaxlink.residual.problem import Index, Option, Problem
 from coaxlink.residual.reweigh import channel_errors

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from coaxlink.effects.tracing import Array
 from coaxlink.residual.blocks import folds_of
-from coaxlink.residual.effects.base import Array
 from coaxlink.rotor.polynomial import design_matrix
 
 Index = NDArray[np.intp]

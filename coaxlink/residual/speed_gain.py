@@ -14,8 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
+from coaxlink.frames import Array, StandFrame
 from coaxlink.residual.blocks import Blocks, Index, least_of, solve, squares
-from coaxlink.residual.frames import Array, StandFrame
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Suspect
 

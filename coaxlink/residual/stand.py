@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
+from coaxlink.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
 from coaxlink.residual.blocks import folds_of
-from coaxlink.residual.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
 from coaxlink.residual.similarity import FINER, GAIN, Surface, find_surface
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import LOADS

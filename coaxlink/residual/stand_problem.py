@@ -7,20 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from coaxlink.residual.effects import STAND_EFFECTS
-from coaxlink.residual.effects.base import Effect
-from coaxlink.residual.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
+from coaxlink.effects import stand_effects
+from coaxlink.effects.tracing import Tracing
+from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.joint import Part
 from coaxlink.residual.problem import Index, Problem, build
-from coaxlink.residual.signals import NEIGHBOURS, neighbour_floor, noise_floor
 from coaxlink.residual.stand import base_corrections, held_levels
+from coaxlink.signals import NEIGHBOURS, neighbour_floor, noise_floor
 
 FEW = 3000  # rows: more of them tell their noise by second differences alone
 
 
 def known_parts(frame: StandFrame) -> tuple[list[Part], list[str]]:
     """The effects that the model carries already, and notes on those that this log cannot evaluate."""
-    by_name = {e.name: e for e in STAND_EFFECTS}
+    by_name = {e.name: e for e in stand_effects()}
     parts: list[Part] = []
     notes = []
     for known in frame.model.effects:
@@ -39,7 +39,7 @@ def reducing(frame: StandFrame) -> Callable[[Array], Array]:
     return lambda columns: np.asarray(columns[keep][:, present])
 
 
-def stand_problem(frame: StandFrame, effects: Sequence[Effect[StandFrame]] = STAND_EFFECTS) -> Problem:
+def stand_problem(frame: StandFrame, effects: Sequence[Tracing[StandFrame]] | None = None) -> Problem:
     """The regression of a stand log: residual of the measured channels at trusted rows."""
     present, keep, reduce = list(frame.present), frame.keep, reducing(frame)
     residual = reduce(frame.measured - frame.predicted)
@@ -55,7 +55,7 @@ def stand_problem(frame: StandFrame, effects: Sequence[Effect[StandFrame]] = STA
         residual=residual,
         sigma=np.sqrt(floor**2 + (2e-4 * reference) ** 2),
         corrections=base,
-        effects=effects,
+        effects=stand_effects() if effects is None else effects,
         reduce=reduce,
         block=block.astype(np.intp),
     )

@@ -12,14 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-Array = NDArray[np.float64]
+from coaxlink.frames import GRAVITY_NED, Array
+
 ATTITUDE_HZ, CORNER_HZ = 0.04, 0.1
 LEAST_S = 15.0  # of a stretch: shorter ones do not show what drifts
 STRAYS_RAD, STRAYS_M_S, STRAYS_M = 0.03, 0.4, 0.15  # beyond, sensors and estimator do not belong together
-GRAVITY = np.array([0.0, 0.0, 9.80665])
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def smoothed_velocity(velocity: Array, force: Array, to_world: Array, rate_hz: f
     """
     if len(velocity) < LEAST_S * rate_hz:
         return velocity, np.full(3, np.nan)
-    pull = np.einsum("rwb,rb->rw", to_world, force) + GRAVITY
+    pull = np.einsum("rwb,rb->rw", to_world, force) + GRAVITY_NED
     differs = velocity - integral(pull, rate_hz)
     # a bias of the accelerometer turns with the body
     carried = integral(to_world.reshape(len(to_world), 9), rate_hz).reshape(-1, 3, 3)

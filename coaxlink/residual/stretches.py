@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.residual.frames import Array
+from coaxlink.frames import Array
 
 Mask = NDArray[np.bool_]
 LEAST_ROWS = 4

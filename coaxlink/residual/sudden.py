@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from coaxlink.effects.tracing import Array, Shape
 from coaxlink.residual.blocks import accumulate
-from coaxlink.residual.effects.base import Array, Shape
 from coaxlink.residual.gates import autocorrelation_time
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.trial import columns_of

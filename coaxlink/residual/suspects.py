@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.frames import STAND_CHANNELS, Array, StandFrame, rows_of
 from coaxlink.residual.cells import clipped_rows, names_of, odd_arms, repeated_rows, stuck_rows
 from coaxlink.residual.commands import crossed_throttles
-from coaxlink.residual.frames import STAND_CHANNELS, Array, StandFrame, rows_of
 from coaxlink.residual.labels import mislabels
 from coaxlink.residual.result import Suspect
 from coaxlink.residual.stand import COLUMN_OF, own_model

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.residual.frames import Array, StandFrame
+from coaxlink.frames import Array, StandFrame
 from coaxlink.residual.stand import own_model
 
 Mask = NDArray[np.bool_]

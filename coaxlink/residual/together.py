@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.frames import Array
 from coaxlink.residual.blocks import held_out
-from coaxlink.residual.frames import Array
 from coaxlink.residual.joint import Fitter, Joint, Member, Part, fit, member, needed, of_grid, straight
 from coaxlink.residual.problem import Option, Problem
 from coaxlink.residual.result import Step

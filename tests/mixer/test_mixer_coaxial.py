@@ -13,6 +13,7 @@ from coaxlink.mixer import allocate, make_law
 from coaxlink.mixer.surface import Surface
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.rotor.polynomial import Polynomial
+from coaxlink.vehicle import Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = load_airframe(EXAMPLES / "x8_paper.toml")
@@ -20,33 +21,33 @@ CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 
 
 def test_as_printed_yaw_is_not_controlled_and_says_so() -> None:
-    law = make_law("coaxial-printed", X8, CRM)
+    law = make_law("coaxial-printed", Vehicle(X8, CRM))
     for yaw in (-1.0, 0.4, 1.0):
-        result = allocate(law, X8, CRM, [196.2, 0, 0, yaw])
+        result = allocate(law, Vehicle(X8, CRM), [196.2, 0, 0, yaw])
         assert result.error[:3] == pytest.approx(np.zeros(3), abs=1e-8)
         assert result.error[3] == pytest.approx(-yaw, abs=1e-9)
         assert result.dropped == ("yaw",)
 
 
 def test_as_printed_both_rotors_of_an_arm_pull_alike() -> None:
-    result = allocate(make_law("coaxial-printed", X8, CRM), X8, CRM, [196.2, 0, 0, 0])
+    result = allocate(make_law("coaxial-printed", Vehicle(X8, CRM)), Vehicle(X8, CRM), [196.2, 0, 0, 0])
     assert result.thrust_N == pytest.approx(np.full(8, 196.2 / 8), abs=1e-8)
 
 
 def test_completed_it_delivers_the_whole_wrench() -> None:
-    law = make_law("coaxial", X8, CRM)
+    law = make_law("coaxial", Vehicle(X8, CRM))
     rng = np.random.default_rng(3)
     for _ in range(40):
         wrench = rng.uniform([150, -4, -4, -1], [260, 4, 4, 1])
-        result = allocate(law, X8, CRM, wrench)
+        result = allocate(law, Vehicle(X8, CRM), wrench)
         assert np.abs(result.error).max() < 1e-6
         assert result.dropped == ()
 
 
 def test_completed_it_stays_close_to_the_equal_split_of_the_printed_one() -> None:
     hover = [196.2, 1.0, -1.0, 0.2]
-    printed = make_law("coaxial-printed", X8, CRM).speeds(hover)
-    assert make_law("coaxial", X8, CRM).speeds(hover) == pytest.approx(printed, abs=0.05)
+    printed = make_law("coaxial-printed", Vehicle(X8, CRM)).speeds(hover)
+    assert make_law("coaxial", Vehicle(X8, CRM)).speeds(hover) == pytest.approx(printed, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -60,13 +61,13 @@ def test_completed_it_stays_close_to_the_equal_split_of_the_printed_one() -> Non
 )
 def test_other_vehicles_get_their_wrench_too(frame: str, wrench: list[float]) -> None:
     airframe = load_airframe(EXAMPLES / f"{frame}.toml")
-    result = allocate(make_law("coaxial", airframe, CRM), airframe, CRM, wrench)
+    result = allocate(make_law("coaxial", Vehicle(airframe, CRM)), Vehicle(airframe, CRM), wrench)
     assert np.abs(result.error).max() < 1e-4
 
 
 def test_out_of_reach_the_speeds_stay_in_bounds() -> None:
     for name in ("coaxial", "coaxial-printed"):
-        law = make_law(name, X8, CRM)
+        law = make_law(name, Vehicle(X8, CRM))
         for wrench in (
             [2000.0, 0, 0, 0],
             [-50.0, 0, 0, 0],
@@ -85,7 +86,7 @@ def test_rotors_on_one_line_cannot_make_roll(tmp_path: Path) -> None:
     path = tmp_path / "line.toml"
     path.write_text(text.replace("rotor_model", "#"))
     with pytest.raises(InputError, match=r"line\.toml.*cannot make"):
-        make_law("coaxial", load_airframe(path), CRM)
+        make_law("coaxial", Vehicle(load_airframe(path), CRM))
 
 
 def test_a_surface_is_the_polynomial_and_its_slopes() -> None:

@@ -17,6 +17,7 @@ from coaxlink.mixer import allocate, make_law
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
@@ -38,7 +39,7 @@ def power_at(airframe: Airframe, model: RotorModel, u: NDArray[np.float64]) -> f
 
 
 def test_hover_of_the_papers_vehicle_is_the_known_optimum() -> None:
-    result = allocate(make_law("exact", X8, CRM), X8, CRM, [196.2, 0, 0, 0])
+    result = allocate(make_law("exact", Vehicle(X8, CRM)), Vehicle(X8, CRM), [196.2, 0, 0, 0])
     assert result.speeds[:4] == pytest.approx(np.full(4, 0.441), abs=1e-3)
     assert result.speeds[4:] == pytest.approx(np.full(4, 0.648), abs=1e-3)
     assert np.abs(result.error).max() < 1e-6
@@ -46,10 +47,12 @@ def test_hover_of_the_papers_vehicle_is_the_known_optimum() -> None:
 
 def test_the_yaw_that_algorithm_1_leaves_is_delivered() -> None:
     demand = [196.2, 1.0, -1.0, 0.8]
-    assert allocate(make_law("exact", X8, CRM), X8, CRM, demand).error[3] == pytest.approx(0, abs=1e-6)
-    assert allocate(make_law("coaxial-printed", X8, CRM), X8, CRM, demand).error[3] == pytest.approx(
-        -0.8, abs=0.01
+    assert allocate(make_law("exact", Vehicle(X8, CRM)), Vehicle(X8, CRM), demand).error[3] == pytest.approx(
+        0, abs=1e-6
     )
+    assert allocate(make_law("coaxial-printed", Vehicle(X8, CRM)), Vehicle(X8, CRM), demand).error[
+        3
+    ] == pytest.approx(-0.8, abs=0.01)
 
 
 def test_mean_power_over_the_papers_envelope() -> None:
@@ -99,11 +102,11 @@ def test_any_demand_gives_speeds_in_bounds(
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_yaw_is_given_up_before_thrust_and_thrust_before_roll_and_pitch(sign: int) -> None:
     law = ExactLaw(X8, CRM)
-    much_yaw = allocate(law, X8, CRM, [196.2, 2.0, 1.0, sign * 20.0])
+    much_yaw = allocate(law, Vehicle(X8, CRM), [196.2, 2.0, 1.0, sign * 20.0])
     assert much_yaw.dropped == ("yaw",)
     assert np.abs(much_yaw.error[:3]).max() < 1e-6
     assert sign * much_yaw.delivered[3] > 4.0
-    much_thrust = allocate(law, X8, CRM, [600.0, sign * 5.0, 3.0, 0.0])
+    much_thrust = allocate(law, Vehicle(X8, CRM), [600.0, sign * 5.0, 3.0, 0.0])
     assert "thrust" in much_thrust.dropped
     assert np.abs(much_thrust.error[1:3]).max() < 1e-6
     assert much_thrust.delivered[0] > 400.0
@@ -111,7 +114,7 @@ def test_yaw_is_given_up_before_thrust_and_thrust_before_roll_and_pitch(sign: in
 
 def test_the_order_of_priority_is_an_option() -> None:
     law = ExactLaw(X8, CRM, priority=("yaw", "thrust", "roll", "pitch"))
-    result = allocate(law, X8, CRM, [196.2, 60.0, 0.0, 3.0])
+    result = allocate(law, Vehicle(X8, CRM), [196.2, 60.0, 0.0, 3.0])
     assert "roll" in result.dropped
     assert abs(result.error[3]) < 1e-6
     assert abs(result.error[0]) < 1e-6
@@ -125,7 +128,7 @@ def test_out_of_reach_it_is_at_least_as_good_as_slsqp_with_the_same_priorities()
         wrench = np.array(
             [rng.uniform(100, 300), *rng.uniform(-8, 8, 2), rng.choice([-1, 1]) * rng.uniform(6, 12)]
         )
-        mine = allocate(ExactLaw(X8, CRM), X8, CRM, wrench)
+        mine = allocate(ExactLaw(X8, CRM), Vehicle(X8, CRM), wrench)
         assert np.abs(mine.error[:3]).max() < 1e-6
         held = {"type": "eq", "fun": lambda u, w=wrench: (wrench_at(X8, CRM, u) - w)[:3]}
         best = 1e9
@@ -178,7 +181,7 @@ def test_left_and_right_swap_when_roll_and_yaw_flip() -> None:
 @pytest.mark.parametrize("dead", [1, 6])
 def test_a_dead_rotor_is_allocated_around(dead: int) -> None:
     law = ExactLaw(X8, CRM, failed=[dead])
-    result = allocate(law, X8, CRM, [196.2, 1.0, -1.0, 0.2])
+    result = allocate(law, Vehicle(X8, CRM), [196.2, 1.0, -1.0, 0.2])
     assert result.speeds[dead - 1] == 0.0
     assert np.abs(result.error).max() < 1e-6
     assert result.dropped == ()

@@ -11,6 +11,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer import allocate, make_law, reduced_coefficients, standard_coefficients
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = load_airframe(EXAMPLES / "x8_paper.toml")
@@ -57,7 +58,7 @@ def test_squares_fitted_on_the_papers_grid_are_far_from_the_printed_ones() -> No
 
 
 def test_printed_reduced_mixer_hovers_far_too_strong_on_the_printed_rotors() -> None:
-    hover = allocate(make_law("reduced", X8, RCRM), X8, CRM, [196.2, 0, 0, 0])
+    hover = allocate(make_law("reduced", Vehicle(X8, RCRM)), Vehicle(X8, CRM), [196.2, 0, 0, 0])
     assert hover.speeds[0] == pytest.approx(0.570, abs=1e-3)
     assert hover.speeds[4] == pytest.approx(0.695, abs=1e-3)
     assert hover.error[0] == pytest.approx(39.5, abs=0.2)
@@ -65,7 +66,7 @@ def test_printed_reduced_mixer_hovers_far_too_strong_on_the_printed_rotors() -> 
 
 
 def test_printed_standard_mixer_hovers_with_equal_speeds() -> None:
-    hover = allocate(make_law("standard", X8, SRM), X8, CRM, [196.2, 0, 0, 0])
+    hover = allocate(make_law("standard", Vehicle(X8, SRM)), Vehicle(X8, CRM), [196.2, 0, 0, 0])
     assert hover.speeds == pytest.approx(np.full(8, 0.5794), abs=1e-3)
     assert abs(hover.error[0]) == pytest.approx(2.7, abs=0.1)
 
@@ -73,20 +74,20 @@ def test_printed_standard_mixer_hovers_with_equal_speeds() -> None:
 @pytest.mark.parametrize(("name", "model"), [("reduced", RCRM), ("standard", SRM)])
 def test_a_law_is_exact_on_the_rotors_it_believes_in(name: str, model: object) -> None:
     wrench = [190.0, 3.0, -2.0, 0.7]
-    result = allocate(make_law(name, X8, model), X8, model, wrench)  # type: ignore[arg-type]
+    result = allocate(make_law(name, Vehicle(X8, model)), Vehicle(X8, model), wrench)  # type: ignore[arg-type]
     assert result.error == pytest.approx(np.zeros(4), abs=1e-9)
     assert not result.saturated.any()
 
 
 def test_the_yaw_row_as_printed_asks_for_73_times_the_torque() -> None:
-    mended = make_law("standard", X8, SRM).speeds([196.2, 0, 0, 0.05]) ** 2
-    printed = make_law("standard-printed", X8, SRM).speeds([196.2, 0, 0, 0.05]) ** 2
+    mended = make_law("standard", Vehicle(X8, SRM)).speeds([196.2, 0, 0, 0.05]) ** 2
+    printed = make_law("standard-printed", Vehicle(X8, SRM)).speeds([196.2, 0, 0, 0.05]) ** 2
     level = 196.2 / 8 / 73.06
     assert (printed - level) == pytest.approx(73.06 * (mended - level), rel=1e-6)
 
 
 def test_signs_of_the_rows_are_frd() -> None:
-    law = make_law("standard", X8, SRM)
+    law = make_law("standard", Vehicle(X8, SRM))
     rolled = law.speeds([196.2, 2.0, 0, 0])  # right side down: the left rotors, y < 0, work harder
     assert rolled[1] > rolled[0]
     pitched = law.speeds([196.2, 0, 2.0, 0])  # nose up: the front rotors work harder
@@ -96,7 +97,7 @@ def test_signs_of_the_rows_are_frd() -> None:
 
 
 def test_a_wrench_that_is_not_four_numbers_is_refused() -> None:
-    law = make_law("reduced", X8, RCRM)
+    law = make_law("reduced", Vehicle(X8, RCRM))
     for bad in ([1, 2, 3], [np.nan, 0, 0, 0], [np.inf, 0, 0, 0]):
         with pytest.raises(InputError, match="four finite numbers"):
             law.speeds(bad)
@@ -104,4 +105,4 @@ def test_a_wrench_that_is_not_four_numbers_is_refused() -> None:
 
 def test_an_unknown_law_is_named() -> None:
     with pytest.raises(InputError, match="magic: no such law"):
-        make_law("magic", X8, RCRM)
+        make_law("magic", Vehicle(X8, RCRM))

@@ -46,3 +46,25 @@ def test_the_shortfall_and_the_split_are_what_was_put_in(shortfall_N):
     assert [(s.upper, s.lower) for s in result.split] == [(1, 6), (2, 5), (3, 8), (4, 7)]
     assert result.split[0].upper_N == pytest.approx(UPPER_N, rel=1e-6)
     assert result.split[0].lower_share == pytest.approx(LOWER_N / (UPPER_N + LOWER_N), rel=1e-6)
+
+
+def test_the_best_constant_gain_takes_off_what_is_constant_and_no_more():
+    airframe = load_airframe(files.example("x8_paper.toml"))
+    model = load_rotor_model(airframe.rotor_model)
+    full = 4 * (UPPER_N + LOWER_N)
+
+    def flown(meant):
+        return delivered(hover(0.0), airframe, model, lambda t, u: np.tile(meant(t)[:, None], (1, 4)))
+
+    constant = flown(lambda t: np.full(len(t), full / 0.8))
+    assert constant.gain[0] == pytest.approx(0.8, abs=1e-3)
+    assert constant.thrust_error_N == pytest.approx(0.25 * full, rel=1e-3)
+    assert constant.after_gain[0] < 0.1
+
+    # delivered is constant where a wave of 0.2 Hz is meant: no gain can mend that (its last period is cut)
+    waves = flown(lambda t: full * (1.0 + 0.2 * np.sin(2 * np.pi * 0.2 * t)))
+    best = 1.0 / (1.0 + 0.5 * 0.2**2)
+    assert waves.gain[0] == pytest.approx(best, abs=0.01)
+    wave = 0.2 * np.sin(np.linspace(0.0, 2 * np.pi, 1000, endpoint=False))
+    expected = full * np.abs(best * (1.0 + wave) - 1.0).mean()
+    assert waves.after_gain[0] == pytest.approx(expected, rel=0.05)

@@ -72,7 +72,7 @@ def test_a_hover_cannot_weigh_but_the_proposed_flight_can(tmp_path):
     """Mass and supply change the thrust of a hover alike; manoeuvres tell, for a mass turns no slower."""
     from coaxlink.airframe import load_airframe
     from coaxlink.data import read_flight_log
-    from coaxlink.residual.effects import FLIGHT_EFFECTS
+    from coaxlink.effects import flight_effects
     from coaxlink.residual.experiment import Rival
     from coaxlink.residual.flight import flight_frame
     from coaxlink.residual.flight_experiment import flight_experiment
@@ -84,7 +84,7 @@ def test_a_hover_cannot_weigh_but_the_proposed_flight_can(tmp_path):
     coaxlink("sim", "--fly", hover, "--truth", heavy, "--log", log, "--seed", 2)
     body = load_airframe(EXAMPLES / "x8_demo.toml")
     frame = flight_frame([read_flight_log(log)], body, load_rotor_model(EXAMPLES / "rotor_paper.toml"))
-    known = {e.name: e for e in FLIGHT_EFFECTS}
+    known = {e.name: e for e in flight_effects()}
     mass = Rival(known["mass_change"], {"mass_kg": 21.4})
     supply = Rival(known["battery_voltage"], {"speed_exponent": 0.4, "reference_voltage_V": 35.5})
     sigma = np.array([0.2, 0.2, 0.2, 0.02, 0.02, 0.02])
@@ -104,13 +104,13 @@ def test_a_log_with_rpm_gets_a_plan_too():
     from residual_rig import run as rig
 
     from coaxlink.data import Samples
-    from coaxlink.residual.effects import STAND_EFFECTS
+    from coaxlink.effects import stand_effects
     from coaxlink.residual.experiment import Rival, stand_experiment
     from coaxlink.residual.stand import stand_frame
 
     columns = rig(seed=2)
     frame = stand_frame(Samples(columns, "stand"), None)
-    known = {e.name: e for e in STAND_EFFECTS}
+    known = {e.name: e for e in stand_effects()}
     drift = Rival(known["sensor_drift"], {"channel": 0.0, "per_minute": 0.3, "zero": 0.0})
     loss = {"thrust_loss_N": 3.0, "torque_loss_Nm": 0.0, "lower_power": 2.0, "upper_power": 1.0}
     found = stand_experiment(

@@ -11,8 +11,8 @@ from residual_world import fly
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
+from coaxlink.effects import axial_inflow, ground_effect, wind
 from coaxlink.residual import refine
-from coaxlink.residual.effects import axial_inflow, ground_effect, wind
 from coaxlink.residual.flight import flight_frame
 from coaxlink.rotor import load_rotor_model
 

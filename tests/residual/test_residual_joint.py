@@ -7,7 +7,7 @@ import pytest
 from residual_rig import steady_loads
 from test_residual_stand_forms import log_of, model, ramps
 
-from coaxlink.residual.effects.stand_hysteresis import HYSTERESIS
+from coaxlink.effects.hysteresis import STAND as HYSTERESIS
 from coaxlink.residual.joint import Fitter, member
 from coaxlink.residual.remainder import minor
 from coaxlink.residual.reweigh import channel_errors

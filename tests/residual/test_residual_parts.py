@@ -9,7 +9,7 @@ from coaxlink.residual.blocks import accumulate, error_interval, held_out, held_
 from coaxlink.residual.dependence import dependences
 from coaxlink.residual.eliminated import Eliminated
 from coaxlink.residual.problem import contiguous_blocks
-from coaxlink.residual.signals import (
+from coaxlink.signals import (
     derivative,
     difference_gain,
     lagged,

@@ -12,16 +12,16 @@ from residual_world import fly
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
+from coaxlink.effects import flight_effects
+from coaxlink.effects.wind import apart
 from coaxlink.residual import refine
 from coaxlink.residual.blocks import accumulate, folds_of
-from coaxlink.residual.effects import FLIGHT_EFFECTS
-from coaxlink.residual.effects.wind import apart
 from coaxlink.residual.flight import flight_frame
 from coaxlink.residual.scrutiny import nil, spoils
 from coaxlink.rotor import load_rotor_model
 
 HIDDEN = {"clean": {}, "sagging": {"battery": 0.12}, "sagging and heavy": {"battery": 0.12, "mass": 0.08}}
-EFFECTS = {e.name: e for e in FLIGHT_EFFECTS}
+EFFECTS = {e.name: e for e in flight_effects()}
 
 
 @pytest.fixture(scope="module")

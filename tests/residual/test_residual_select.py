@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coaxlink.residual.effects.base import Effect, one_shape, present
+from coaxlink.effects.tracing import Tracing, one_shape, present
 from coaxlink.residual.problem import build
 from coaxlink.residual.select import select
 
@@ -16,7 +16,7 @@ ROWS = 400
 
 def effect(name, columns):
     """An effect of these columns (rows, channels, 1) whatever the frame."""
-    return Effect(
+    return Tracing(
         name, "", "", (), ("one", "two"), {}, present, one_shape, lambda _, __: columns,
         lambda _, __, c: {"size": float(c[0])}, lambda _, p: ({}, np.array([p["size"]])), lambda _: None,
         lambda *_: ("", np.zeros(ROWS)),

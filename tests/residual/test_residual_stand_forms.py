@@ -9,8 +9,8 @@ import pytest
 from residual_rig import FULL_RPM, steady_loads
 
 from coaxlink.data.samples import Samples
+from coaxlink.effects.hysteresis import direction, fading, slipping
 from coaxlink.residual import refine_stand
-from coaxlink.residual.effects.stand_hysteresis import direction, fading, slipping
 from coaxlink.rotor import RotorModel
 
 NOISE = np.array([[0.3], [0.006], [0.3], [0.006]])

@@ -6,11 +6,11 @@ numba is imported here and nowhere else in the law, and only when a compiled law
 from __future__ import annotations
 
 import hashlib
-import os
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from coaxlink import files
 from coaxlink.mixer.exact import dual, kernel, loads, quadratic, schur, warm
 
 # callees before callers
@@ -38,14 +38,19 @@ OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "_n
 
 @cache
 def compiled() -> tuple[Any, Any]:
-    """(`kernel.optimum`, `kernel.batch`) compiled and cached on disk. Raises ImportError without numba."""
+    """(`kernel.optimum`, `kernel.batch`) compiled, and cached on disk where only we can write.
+
+    Raises ImportError without numba.
+    """
     import numba
 
     register()
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
+    folder = cache_folder()
+    keep = not files.keep_private(folder)
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
     try:
-        optimum = numba.njit(kernel.optimum, cache=True, **OPTIONS)
-        return optimum, numba.njit(kernel.batch, cache=True, **OPTIONS)
+        optimum = numba.njit(kernel.optimum, cache=keep, **OPTIONS)
+        return optimum, numba.njit(kernel.batch, cache=keep, **OPTIONS)
     finally:
         numba.config.CACHE_DIR = before
 
@@ -70,5 +75,4 @@ def cache_folder() -> Path:
     """
     texts = [Path(str(module.__file__)).read_bytes() for module in HELPERS]
     texts.append(Path(__file__).read_bytes())
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "coaxlink" / f"exact-{hashlib.sha256(b''.join(texts)).hexdigest()[:16]}"
+    return files.code_folder(f"exact-{hashlib.sha256(b''.join(texts)).hexdigest()[:16]}")

@@ -14,6 +14,7 @@ from coaxlink.mixer.exact.loads import ARM, SUMS
 from coaxlink.mixer.exact.warm import NEVER, ROWS, SPEEDS
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.polynomial import Polynomial
+from coaxlink.vehicle import plain_rotors
 
 PRIORITY = ("roll", "pitch", "thrust", "yaw")
 CAPS = (1e6, 1e6, 1e4, 1e2)  # in full powers per full authority, by rank
@@ -59,6 +60,7 @@ def build(
 
     Raises InputError on bounds out of order, an unknown rotor or axis.
     """
+    plain_rotors(model)
     if not 0.0 <= low < high <= 1.0:
         raise InputError("exact", "bounds", f"0 <= low < high <= 1 expected, found {low} and {high}")
     if sorted(priority) != sorted(AXES):

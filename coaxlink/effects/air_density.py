@@ -1,0 +1,173 @@
+"""Air density: thrust and torque are proportional to the density of the air.
+
+Source: blade element theory; ideal gas. Torque may go by another power than thrust: profile drag has a
+Reynolds number too. Either is written about the density at which the base holds, to first order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coaxlink.constants import (
+    GAS_CONSTANT_J_KG_K,
+    STANDARD_PRESSURE_PA,
+    STANDARD_TEMPERATURE_K,
+    ZERO_CELSIUS_K,
+)
+from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
+from coaxlink.effects.live import MOST, LiveView, Part, nothing
+from coaxlink.effects.static import LeftOut, StaticBench
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.frames import STAND_LOADS, StandFrame
+
+OVER = (-0.12, -0.06, 0.0, 0.06, 0.12)  # of the log's median density: where a given model holds
+
+
+def density(frame: StandFrame) -> Array | None:
+    """(rows,) air density in kg/m^3 from temperature and pressure; a missing one is the standard's."""
+    t, p = frame.context("air_temperature_C"), frame.context("air_pressure_Pa")
+    if t is None and p is None:
+        return None
+    celsius = STANDARD_TEMPERATURE_K - ZERO_CELSIUS_K if t is None else t
+    return np.broadcast_to(
+        density_of(STANDARD_PRESSURE_PA if p is None else p, celsius), (len(frame.time_s),)
+    )
+
+
+def density_of(pressure_Pa: ArrayLike, temperature_C: ArrayLike) -> Array:
+    """Density of dry air, kg/m^3."""
+    kelvin = np.asarray(temperature_C, float) + ZERO_CELSIUS_K
+    return np.asarray(np.asarray(pressure_Pa, float) / (GAS_CONSTANT_J_KG_K * kelvin))
+
+
+def load_gains(p: Numbers, density: float) -> tuple[float, float]:
+    """Thrust and torque over those at the density where the base holds."""
+    over = (1.0 + p.get("over", 0.0)) * (density / p["reference_density_kg_m3"] - 1.0)
+    thrust = p["density_exponent"]
+    return 1.0 + thrust * over, 1.0 + p.get("torque_exponent", thrust) * over
+
+
+def _no_air(frame: StandFrame) -> str | None:
+    rho = density(frame)
+    if rho is None:
+        return "neither air_temperature_C nor air_pressure_Pa is in the log"
+    spread = float(np.ptp(np.quantile(rho, [0.02, 0.98])) / np.median(rho))
+    return None if spread > 0.004 else f"the air's density moves by only {100 * spread:.1f} %"
+
+
+def _air_columns(frame: StandFrame, shape: Shape) -> Array:
+    """Thrust and torque alike, or, `apart`, each by its own power: profile drag has a Reynolds number too."""
+    rho = density(frame)
+    assert rho is not None
+    change = frame.predicted[:, :4] * (rho / np.median(rho) - 1.0 - shape.get("over", 0.0))[:, None]
+    out = np.zeros((len(frame.time_s), 6, 2 if "apart" in shape else 1))
+    out[:, :4:2, 0] = change[:, ::2]
+    out[:, 1:4:2, -1] = change[:, 1::2]
+    return out
+
+
+def _air_cause(frame: StandFrame, _: Shape, __: str) -> tuple[str, Array]:
+    rho = density(frame)
+    assert rho is not None
+    return "air density, kg/m3", rho
+
+
+def _air_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
+    rho = density(frame)
+    assert rho is not None
+    torque = {"torque_exponent": float(c[1])} if "apart" in shape else {}
+    # where the base holds
+    reference = float(np.median(rho)) * (1.0 + shape.get("over", 0.0))
+    return {"density_exponent": float(c[0]), **torque, **shape, "reference_density_kg_m3": reference}
+
+
+def _air_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    names = ("density_exponent", "torque_exponent") if "apart" in p else ("density_exponent",)
+    return {k: p[k] for k in ("apart", "over") if k in p}, np.array([p[k] for k in names])
+
+
+def _air_refuse(p: Mapping[str, float]) -> str | None:
+    return outside("density_exponent", p["density_exponent"], 0.3, 1.8) or outside(
+        "torque_exponent", p.get("torque_exponent", 1.0), 0.3, 1.8
+    )
+
+
+STAND: Tracing[StandFrame] = Tracing(
+    name="air_density",
+    stage=6,
+    physics="thrust and torque are proportional to the density of the air",
+    source="blade element theory; ideal gas",
+    needs=("air_temperature_C", "air_pressure_Pa"),
+    channels=STAND_LOADS,
+    units={"density_exponent": "1", "torque_exponent": "1", "apart": "1", "over": "1",
+           "reference_density_kg_m3": "kg/m3"},
+    missing=_no_air,
+    shapes=lambda frame: [{}] if frame.free_base else [{"over": o} for o in OVER],
+    columns=_air_columns,
+    parameters=_air_parameters,
+    inverse=_air_inverse,
+    refuse=_air_refuse,
+    cause=_air_cause,
+    free=lambda _, shape: {"over": (-0.25, 0.25)} if "over" in shape else {},
+    finer=lambda _, shape, c: (
+        [] if "apart" in shape else [({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
+    ),
+)  # fmt: skip
+
+
+def _static(bench: StaticBench, p: Numbers) -> str:
+    if "reference_density_kg_m3" not in p:
+        raise LeftOut(_NO_REFERENCE)
+    rho = bench.at.air_density_kg_m3
+    if rho is None:
+        raise LeftOut(_NEEDS_DENSITY)
+    thrust, torque = load_gains(p, rho)
+    bench.thrust *= thrust
+    bench.torque *= torque
+    return f"thrust {100 * (thrust - 1):+.1f} % in air of {rho:.3f} kg/m3"
+
+
+def _live(view: LiveView, p: Numbers) -> Part:
+    if "reference_density_kg_m3" not in p:
+        raise LeftOut(_NO_REFERENCE)
+
+    def part(speeds: Sequence[float]) -> Array:
+        pressure, heard = view.reading("pressure"), view.reading("air")
+        celsius = view.air_temperature_C if heard is None else heard
+        if pressure is None or celsius is None:
+            return nothing()
+        if not (PRESSURE_PA[0] < pressure < PRESSURE_PA[1] and AIR_C[0] < celsius < AIR_C[1]):
+            return nothing()
+        gains = load_gains(p, float(density_of(pressure, celsius)))
+        more = [min(max(gain - 1.0, -MOST), MOST) for gain in gains]
+        thrust, torque = view.loads(speeds)
+        return view.wrench_of(more[0] * thrust, more[1] * torque)
+
+    return part
+
+
+PRESSURE_PA, AIR_C = (30e3, 115e3), (-60.0, 60.0)  # where vehicles fly: beyond, a sensor is broken
+_NO_REFERENCE = "the file does not say at which density its base holds"
+_NEEDS_DENSITY = (
+    "loads follow the air's density: a static mixer needs it stated (air_density_kg_m3), live mixing takes "
+    "it from the barometer and an air temperature"
+)
+EFFECT = PhysicalEffect(
+    name="air_density",
+    stage=Stage.AIR,
+    parameters=(
+        Parameter("density_exponent", "1", 0.3, 1.8, (1.0, 0.1)),
+        Parameter("torque_exponent", "1", 0.3, 1.8, (1.0, 0.1)),
+        Parameter("apart", "1", 0.0, 1.0),
+        Parameter("over", "1", -0.25, 0.25, (0.0, 0.1)),
+        Parameter("reference_density_kg_m3", "kg/m3", 0.3, 1.8, (1.2, 0.1)),
+    ),
+    stand=STAND,
+    static=_static,
+    live=_live,
+    required=("density_exponent",),
+    messages={"SCALED_PRESSURE": 1.0, "HIGHRES_IMU": 50.0},
+)

@@ -1,0 +1,200 @@
+"""Axial inflow: climbing, the blades meet the air at a smaller angle and pull less; sinking, more.
+
+Source: blade element theory, dT = -c Omega V_axial for small climb (Leishman, Principles of Helicopter
+Aerodynamics, 2006, ch. 2-3). V is the rotor hub's own: body rates add to it, which damps roll and pitch. With
+the climb's share of the inflow the slope changes (momentum theory, the same book): with r = V / Omega,
+r / (1 + a |r|) + b r^2 is that, to second order, for climb and descent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
+from coaxlink.effects.live import MOST, LiveView, Part, nothing
+from coaxlink.effects.static import LeftOut, Loads, StaticBench
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.frames import FlightFrame
+from coaxlink.rotor import RotorModel
+
+LEVELLING_S_M = (0.0, 0.3)  # at full speed
+LEAST_SPEED = 0.1
+
+
+def hub_climb(frame: FlightFrame) -> Array:
+    """(rows, N) speed of every hub along its own thrust axis, m/s."""
+    axis = np.array([r.axis for r in frame.airframe.rotors])
+    position = np.array([r.position_m for r in frame.airframe.rotors])
+    turning = np.cross(frame.rates[:, None, :], position[None, :, :])
+    return np.einsum("rni,ni->rn", frame.velocity[:, None, :] + turning, axis)
+
+
+def _missing(frame: FlightFrame) -> str | None:
+    climb = float(np.quantile(np.abs(hub_climb(frame)[frame.keep].mean(axis=1)), 0.98))
+    return None if climb > 0.15 else f"never climbs or sinks faster than {climb:.2f} m/s"
+
+
+def slopes(shape: Shape, climb_m_s: ArrayLike, speed: ArrayLike, share: ArrayLike) -> tuple[Array, Array]:
+    """Thrust lost by unit coefficients, in proportion to the climb along the axis and to its square.
+
+    T = u^2 f(V / u): what bends does so with the inflow's ratio. All arguments broadcast; `share` is a
+    rotor's thrust over speed squared over the usual rotor's, where the loss goes by thrust, else 1.
+    """
+    climb, u = np.asarray(climb_m_s, float), np.maximum(np.asarray(speed, float), LEAST_SPEED)
+    first = share * u * climb / (1.0 + shape.get("levelling_s_m", 0.0) * np.abs(climb) / u)
+    return np.asarray(first), np.asarray(share * climb**2)
+
+
+def climb_loss(p: Numbers, climb_m_s: ArrayLike, speed: ArrayLike, lift: ArrayLike, usual: float) -> Array:
+    """Thrust (N) that rotors lose, climbing along their axes; all arguments broadcast.
+
+    `speed` normalised, `lift` their thrust in N; `usual` is thrust over speed squared of a usual rotor in
+    hover, which counts only where the effect goes by thrust.
+    """
+    u = np.maximum(np.asarray(speed, float), LEAST_SPEED)
+    share = np.asarray(lift, float) / u**2 / usual if "by_thrust" in p else 1.0
+    first, second = slopes(p, climb_m_s, u, share)
+    return np.asarray(
+        p["thrust_per_climb_N_s_m"] * first + p.get("thrust_per_climb_squared_N_s2_m2", 0.0) * second
+    )
+
+
+def _loss(frame: FlightFrame, shape: Shape) -> Array:
+    """(rows, N, K) thrust lost by unit coefficients, N."""
+    climb, u = hub_climb(frame), np.maximum(frame.speeds, LEAST_SPEED)
+    share = np.ones_like(u)
+    if "by_thrust" in shape:  # a rotor in another's wake has less thrust to lose
+        share = frame.thrust / u**2
+        share = share / max(float(np.median(share[frame.keep])), 1e-9)
+    first, second = slopes(shape, climb, u, share)
+    return np.stack([first, second] if "bent" in shape else [first], axis=-1)
+
+
+def _columns(frame: FlightFrame, shape: Shape) -> Array:
+    loss = -_loss(frame, shape)
+    none = np.zeros_like(frame.thrust)
+    pieces = [frame.airframe.body_loads(loss[..., k], none) for k in range(loss.shape[-1])]
+    return np.stack(pieces, axis=-1)
+
+
+def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
+    bend = {"thrust_per_climb_squared_N_s2_m2": float(c[1])} if "bent" in shape else {}
+    rest = {k: v for k, v in shape.items() if k != "bent"}
+    return {"thrust_per_climb_N_s_m": float(c[0]), **bend, **rest}
+
+
+def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    shape = {k: v for k, v in p.items() if k in ("by_thrust", "levelling_s_m")}
+    c = [p["thrust_per_climb_N_s_m"]]
+    if "thrust_per_climb_squared_N_s2_m2" in p:
+        shape["bent"] = 1.0
+        c.append(p["thrust_per_climb_squared_N_s2_m2"])
+    return shape, np.array(c)
+
+
+def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+    shape, c = _inverse(frame, p)
+    return frame.pulling(frame.thrust - _loss(frame, shape) @ c, frame.torque)
+
+
+def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    bent = np.array([c[0], 0.0])
+    mine: Shape = {k: v for k, v in shape.items() if k == "by_thrust"}
+    other: Shape = {} if mine else {"by_thrust": 1.0}
+    forms = [mine, other]
+    return [
+        (other, c[:1]),
+        *(({**form, "bent": 1.0}, bent) for form in forms),
+        *(({**form, "levelling_s_m": 0.03}, c[:1]) for form in forms),
+    ]
+
+
+def _cause(frame: FlightFrame, _: Shape, channel: str) -> tuple[str, Array]:
+    if channel in ("torque_x", "torque_y"):
+        axis = channel[-1]
+        return f"rate_{axis}_rad_s", frame.rates[:, "xy".index(axis)]
+    return "climb_m_s", hub_climb(frame).mean(axis=1)
+
+
+FLIGHT: Tracing[FlightFrame] = Tracing(
+    name="axial_inflow",
+    physics="thrust falls with the hub's speed along its axis: dT = -c u V",
+    source="blade element theory in axial flight (Leishman 2006)",
+    needs=("vel_d_m_s", "roll_rad", "pitch_rad", "yaw_rad"),
+    channels=("force_z", "torque_x", "torque_y"),
+    units={
+        "thrust_per_climb_N_s_m": "N s/m",
+        "thrust_per_climb_squared_N_s2_m2": "N s2/m2",
+        "levelling_s_m": "s/m",
+        "by_thrust": "1",
+    },
+    missing=_missing,
+    shapes=lambda _: [{}, {"by_thrust": 1.0}],
+    columns=_columns,
+    parameters=_parameters,
+    inverse=_inverse,
+    refuse=lambda p: outside("thrust_per_climb_N_s_m", p["thrust_per_climb_N_s_m"], 0.0, 30.0, "N s/m"),
+    cause=_cause,
+    nil=lambda _: {"thrust_per_climb_N_s_m": 0.0},
+    stage=3,
+    apply=_apply,
+    free=lambda _, shape: {"levelling_s_m": LEVELLING_S_M} if "levelling_s_m" in shape else {},
+    finer=_finer,
+)
+
+
+def _static(bench: StaticBench, p: Numbers) -> str:
+    climb = bench.at.climb_m_s
+    if climb is None:
+        raise LeftOut(_NEEDS_CLIMB)
+    usual = bench.usual_lift(bench.airframe, bench.model)
+
+    def change(_: RotorModel, loads: Loads) -> Loads:
+        upper = climb_loss(p, climb, loads.upper, loads.upper_thrust, usual)
+        lower = climb_loss(p, climb, loads.lower, loads.lower_thrust, usual)
+        return loads.plus(upper_thrust=-upper, lower_thrust=-lower)
+
+    bench.changes.append(change)
+    lost = climb_loss(p, climb, 0.5, 0.25 * usual, usual)
+    return f"{-float(lost):+.2f} N a rotor at half speed, climbing at {climb:.2f} m/s"
+
+
+def _live(view: LiveView, p: Numbers) -> Part:
+    place = np.array([r.position_m for r in view.airframe.rotors])
+    axis = np.array([r.axis for r in view.airframe.rotors])
+    by_rate = np.cross(place, axis)  # (w x r) . a = w . (r x a)
+    usual = view.usual_lift
+
+    def part(speeds: Sequence[float]) -> Array:
+        velocity, rates = view.velocity(), view.rates()
+        if velocity is None or rates is None:
+            return nothing()
+        climb = axis @ np.asarray(velocity) + by_rate @ np.asarray(rates)
+        thrust, _ = view.loads(speeds)
+        most = MOST * float(thrust.sum()) / len(thrust)
+        return view.wrench_of(-np.clip(climb_loss(p, climb, speeds, thrust, usual), -most, most))
+
+    return part
+
+
+_NEEDS_CLIMB = (
+    "thrust follows the climb speed: a static mixer needs it stated (climb_m_s), live mixing measures it"
+)
+EFFECT = PhysicalEffect(
+    name="axial_inflow",
+    stage=Stage.AIR,
+    parameters=(
+        Parameter("thrust_per_climb_N_s_m", "N s/m", 0.0, 30.0, (2.0, 2.0)),
+        Parameter("thrust_per_climb_squared_N_s2_m2", "N s2/m2", -30.0, 30.0, (0.0, 0.5)),
+        Parameter("levelling_s_m", "s/m", *LEVELLING_S_M),
+        Parameter("by_thrust", "1", 0.0, 1.0),
+    ),
+    flight=FLIGHT,
+    static=_static,
+    live=_live,
+    required=("thrust_per_climb_N_s_m",),
+    messages={"ATTITUDE": 100.0, "LOCAL_POSITION_NED": 50.0},
+)

@@ -1,0 +1,159 @@
+"""Law of blade speed: the loads grow with another power of speed than the model's.
+
+Source: Deters, Ananda and Selig 2014, Reynolds number effects on small propellers; Glauert 1928 for the tip's
+Mach number; a stall takes lift off from a speed on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
+from coaxlink.effects.static import Loads, StaticBench
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.frames import STAND_LOADS, StandFrame
+from coaxlink.rotor import RotorModel
+
+SLOWEST = 0.025  # of full speed: a slower blade has no law of speed
+POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: told from full speed down
+RISES = (2.0, 4.0, 7.0)  # of Mach number: nothing at rest
+TIPS = (0.4, 0.55, 0.7)  # from where a stall or a wave takes lift off
+BLADES = {"power": (-0.8, 1.0), "rise": (1.2, 12.0), "tip": (0.2, 0.9)}
+SOFT = {"soft": (0.0, 2.0), "power": (-9.0, 1.0)}  # at low Reynolds numbers the loads fall no further
+
+
+def growth(p: Numbers, speed: ArrayLike) -> Array:
+    """By how much of itself a load grows at a normalised speed, for a unit coefficient."""
+    u = np.maximum(np.asarray(speed, float), SLOWEST)
+    if "tip" in p:
+        return np.asarray(-(np.maximum(u - p["tip"], 0.0) ** 2))
+    if "rise" in p:
+        return np.asarray(u ** p["rise"] / p["rise"])
+    power = p["power"] if abs(p["power"]) > 1e-4 else 1e-4
+    soft = p.get("soft", 0.0)
+    return np.asarray(np.expm1(power * np.log((u + soft) / (1.0 + soft))) / power)
+
+
+def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
+    out = np.zeros((len(frame.time_s), 6, 2 if "apart" in shape else 1))
+    for side in (0, 1):
+        factor = growth(shape, frame.speeds[:, side])
+        for k, load in enumerate((2 * side, 2 * side + 1)):
+            out[:, load, k if "apart" in shape else 0] = frame.predicted[:, load] * factor
+    return out
+
+
+def _blade_names(shape: Shape) -> tuple[str, ...]:
+    name = "loss" if "tip" in shape else "exponent_change"
+    return (name, f"torque_{name}") if "apart" in shape else (name,)
+
+
+def _blade_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    shape = {k: v for k, v in p.items() if k in (*BLADES, "soft", "apart")}
+    return shape, np.array([p[name] for name in _blade_names(shape)])
+
+
+def _blade_refuse(p: Mapping[str, float]) -> str | None:
+    for name in ("exponent_change", "torque_exponent_change"):
+        if why := outside(name, p.get(name, 0.0), -1.0, 1.0):
+            return why
+    return outside("loss", p.get("loss", 0.1), 0.0, 10.0)
+
+
+def _blade_finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+    """The same bend at the other end of the speeds; torque by a change of its own."""
+    forms: dict[str, tuple[Shape, Array]] = {
+        "soft": ({**shape, "soft": 0.2, "power": min(shape.get("power", 0.0), -1.0)}, c),
+        "power": ({"power": -0.4}, 0.5 * c[:1]),
+        "rise": ({"rise": 4.0}, -c[:1] if "tip" in shape else c[:1]),
+    }
+    out = [form for name, form in forms.items() if name not in shape and (name != "soft" or "power" in shape)]
+    return out if "apart" in shape else [*out, ({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
+
+
+STAND: Tracing[StandFrame] = Tracing(
+    name="blade_speed_law",
+    stage=3,  # behind the wake, which the blades meet at their own speed
+    physics="the loads grow with another power of speed than the model's (Reynolds number, tip Mach number)",
+    source="Deters, Ananda and Selig 2014, Reynolds number effects on small propellers; Glauert 1928",
+    needs=("upper_rpm",),
+    channels=STAND_LOADS,
+    units=dict.fromkeys(
+        (
+            "exponent_change",
+            "torque_exponent_change",
+            "loss",
+            "torque_loss",
+            "power",
+            "rise",
+            "tip",
+            "soft",
+            "apart",
+        ),
+        "1",
+    ),
+    missing=lambda frame: (
+        "no rotor model is given: the power of speed is the fitted base's own" if frame.free_base else None
+    ),
+    shapes=lambda _: [
+        *({"power": p} for p in POWERS),
+        *({"rise": p} for p in RISES),
+        *({"tip": t} for t in TIPS),
+        # slow blades have less lift and more drag: torque need not follow thrust
+        *({"power": p, "apart": 1.0} for p in (-0.5, -0.1)),
+    ],
+    columns=_blade_columns,
+    parameters=lambda _, shape, c: {**dict(zip(_blade_names(shape), map(float, c), strict=True)), **shape},
+    inverse=_blade_inverse,
+    refuse=_blade_refuse,
+    cause=lambda frame, _, channel: (
+        f"u_{channel[0]}",
+        frame.speeds[:, 1 if channel.startswith("lower") else 0],
+    ),
+    free=lambda _, shape: {
+        name: limit for name, limit in (BLADES | (SOFT if "soft" in shape else {})).items() if name in shape
+    },
+    finer=_blade_finer,
+)
+
+
+def _static(bench: StaticBench, p: Numbers) -> str:
+    names = _blade_names(p)
+    lift, drag = p[names[0]], p[names[-1]]
+
+    def change(_: RotorModel, loads: Loads) -> Loads:
+        upper, lower = growth(p, loads.upper), growth(p, loads.lower)
+        return loads.plus(
+            upper_thrust=loads.upper_thrust * lift * upper,
+            upper_torque=loads.upper_torque * drag * upper,
+            lower_thrust=loads.lower_thrust * lift * lower,
+            lower_torque=loads.lower_torque * drag * lower,
+        )
+
+    bench.changes.append(change)
+    if "tip" in p:
+        return f"loads fall off above speed {p['tip']:g}"
+    return f"loads grow with another power of speed ({lift:+.3f} at full speed)"
+
+
+EFFECT = PhysicalEffect(
+    name="blade_speed_law",
+    stage=Stage.ROTOR,
+    parameters=(
+        Parameter("exponent_change", "1", -1.0, 1.0, (0.0, 0.2)),
+        Parameter("torque_exponent_change", "1", -1.0, 1.0, (0.0, 0.2)),
+        Parameter("loss", "1", 0.0, 10.0),
+        Parameter("torque_loss", "1", -10.0, 10.0),
+        Parameter("power", "1", -9.0, 1.0, (-0.2, 0.3)),
+        Parameter("rise", "1", 1.2, 12.0),
+        Parameter("tip", "1", 0.2, 0.9),
+        Parameter("soft", "1", 0.0, 2.0),
+        Parameter("apart", "1", 0.0, 1.0),
+    ),
+    stand=STAND,
+    static=_static,
+    surface=1,
+)

@@ -1,0 +1,176 @@
+"""Dead band: below a throttle the motor does not turn.
+
+Source: speed controllers' start threshold. Above the band the command is the speed, or the scale is
+stretched from the band on, or bent as idling power is taken off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
+from coaxlink.effects.drive import bent_by, drivable, drive
+from coaxlink.effects.static import LeftOut, StaticBench
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.frames import STAND_CHANNELS, StandFrame
+
+AT_REST, TREMOR = 0.05, 0.005  # of the throttle; of normalised speed: no more is no turning
+BANDS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2)
+BEND = (1.0, 12.0)
+
+
+def turned(p: Numbers, command: Array) -> Array:
+    """Speeds of commands, the band taken off whole."""
+    u, band = np.maximum(command, 0.0), p["band"]
+    if "bend" in p:
+        return np.asarray(np.maximum(u ** p["bend"] - band ** p["bend"], 0.0) ** (1.0 / p["bend"]))
+    if "stretched" in p:
+        return np.asarray(np.maximum(u - band, 0.0) / (1.0 - band))
+    return np.where(u < band, 0.0, u)
+
+
+def _dead(frame: StandFrame, shape: Shape) -> Array:
+    """(rows, 2) speeds: none, then as the throttle says; all stretched; or idling taken off.
+
+    With a `start` a rotor at rest waits for that throttle, and then turns until the band stops it.
+    """
+    u, band = drive(frame), shape["band"]
+    if "start" in shape:
+        running = _running(u, band, shape["start"])
+        return np.where(running, _dead(frame, {k: v for k, v in shape.items() if k != "start"}), 0.0)
+    return turned(shape, u)
+
+
+def _running(u: Array, band: float, start: float) -> Array:
+    """(rows, 2) whether rotors turn that start above one throttle and stop below another."""
+    row = np.arange(len(u))[:, None]
+    started = np.maximum.accumulate(np.where(u > start, row, -1), axis=0)
+    stopped = np.maximum.accumulate(np.where(u <= band, row, -1), axis=0)
+    return np.asarray(started > stopped)
+
+
+def _dead_apply(frame: StandFrame, parameters: Mapping[str, float]) -> StandFrame:
+    """The frame with its rotors at rest below the band, where a supply or a warm winding changes nothing.
+
+    What these take off on the average stays in: it is the scale of the throttle, which the base has too.
+    """
+    shape, c = STAND.inverse(frame, parameters)
+    predicted = frame.predicted + STAND.columns(frame, shape) @ c
+    if not frame.driven:
+        u = drive(frame)
+        stands = _dead(frame, shape) <= 0.0
+        for side in (0, 1):
+            rest, turns = stands[:, side] & (u[:, side] > 0.0), ~stands[:, side]
+            if rest.any() and turns.any():
+                usual = float(np.mean(frame.predicted[turns, 4 + side] / u[turns, side]))
+                predicted[rest, 4 + side] = (usual - c[0]) * u[rest, side]
+    return replace(frame, predicted=predicted)
+
+
+def _no_low(frame: StandFrame) -> str | None:
+    return None if float(np.mean(drive(frame) < 0.2)) > 0.01 else "no rows at low throttle"
+
+
+def _dead_shapes(frame: StandFrame) -> Sequence[Shape]:
+    # where no row is low, a band shows only if it stretches the whole scale
+    forms: list[Shape] = [{"stretched": 1.0}] if _no_low(frame) else [{}, {"stretched": 1.0}, {"bend": 2.0}]
+    return [{"band": b, **form} for b in BANDS for form in forms]
+
+
+def _dead_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    # a start threshold stands between two set-points: nothing continuous to move
+    if "bend" in shape:
+        return {"band": (0.005, 0.4), "bend": BEND}
+    return {"band": (0.005, 0.4)} if "stretched" in shape else {}
+
+
+def _start(frame: StandFrame) -> tuple[float, float] | None:
+    """The highest throttle that leaves a rotor at rest, and the lowest that turns one."""
+    sides = [c - 4 for c in frame.present if c > 3]
+    if frame.driven or not sides:
+        return None
+    u, speed = drive(frame)[:, sides], frame.measured[:, [4 + s for s in sides]]
+    turning = speed >= np.maximum(AT_REST * u, TREMOR)
+    rests, turns = ~turning & (u > 0.0), turning & (u > 0.0)
+    if not rests.any() or not turns.any():
+        return None
+    return float(np.max(u[rests])), float(np.min(u[turns]))
+
+
+def _dead_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    bare, seen = {"band": shape["band"]}, _start(frame)
+    forms: list[tuple[Shape, Array]] = []
+    if seen is not None:
+        rests, turns = seen
+        forms.append(({"band": 0.5 * (rests + turns)}, np.ones(1)))
+        if "bend" in shape:  # it begins below the lowest that turns, and steeply
+            forms.append(({"band": 0.99 * turns, "bend": shape["bend"]}, c))
+        if rests > turns:  # at one throttle it stands or turns, as it came there
+            late = {"band": min(shape["band"], turns), "start": rests + 1e-6}
+            forms += [({**late, **form}, c) for form in ({"stretched": 1.0}, {"bend": 1.5}, {})]
+    if "bend" not in shape:
+        forms += [({**bare, "bend": b}, c) for b in (1.5, 3.0)]
+    return [form for form in forms if form[0] != shape]
+
+
+STAND: Tracing[StandFrame] = Tracing(
+    name="dead_band",
+    stage=2,
+    physics="below a throttle the motor does not turn",
+    source="speed controllers' start threshold",
+    needs=("upper_throttle",),
+    channels=STAND_CHANNELS,
+    units={"band": "1", "share": "1", "stretched": "1", "bend": "1", "start": "1"},
+    missing=drivable,
+    shapes=_dead_shapes,
+    columns=lambda frame, shape: bent_by(frame, _dead(frame, shape))[..., None],
+    parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
+    inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
+    refuse=lambda p: outside("share", p["share"], 0.6, 1.5),
+    cause=lambda frame, _, channel: (
+        "throttle",
+        drive(frame)[:, 1 if channel.startswith("lower") else 0],
+    ),
+    apply=_dead_apply,
+    free=_dead_free,
+    finer=_dead_finer,
+)
+
+
+def _static(bench: StaticBench, p: Numbers) -> str:
+    if "stretched" not in p and "bend" not in p:  # above the band the command is the speed
+        raise LeftOut(_BELOW)
+    share = p.get("share", 1.0)
+
+    def speed_of(command: Array) -> Array:
+        return np.asarray(np.maximum(command + share * (turned(p, command) - command), 0.0))
+
+    bench.turn_at(speed_of)
+    half = float(speed_of(np.array(0.5)))
+    return f"commands count from {p['band']:g} on, where motors start: at 0.5 they turn at {half:.3f}"
+
+
+_BELOW = (
+    "no mixer turns a motor below its start: raise the outputs' minimum to the band "
+    "(PWM_MAIN_MINn, MOT_SPIN_MIN)"
+)
+EFFECT = PhysicalEffect(
+    name="dead_band",
+    stage=Stage.DRIVE,
+    parameters=(
+        Parameter("band", "1", 0.0, 0.99, (0.05, 0.05)),
+        Parameter("share", "1", 0.6, 1.5, (1.0, 0.1)),
+        Parameter("stretched", "1", 0.0, 1.0),
+        Parameter("bend", "1", 1e-3, 100.0),
+        Parameter("start", "1", 0.0, 1.0),
+    ),
+    stand=STAND,
+    static=_static,
+    required=("band",),
+    surface=3,
+    no_static=_BELOW,
+    no_live=_BELOW,
+)

@@ -1,0 +1,52 @@
+"""What effects between throttle and speed share on a stand.
+
+They bend the speed that a throttle gives. Where the log has rpm they show there (channels upper_speed,
+lower_speed) and not in the loads; where it has throttles only, in every load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coaxlink.effects.tracing import Array, Shape
+from coaxlink.frames import StandFrame
+
+LOAD = (-0.8, 2.0)
+
+
+def drive(frame: StandFrame) -> Array:
+    """(rows, 2) the throttles."""
+    return frame.speeds if frame.throttles is None else frame.throttles
+
+
+def drivable(frame: StandFrame) -> str | None:
+    if frame.driven or frame.throttles is not None:
+        return None
+    return "the log has no throttle: speeds were measured, so the drive cannot be judged"
+
+
+def loaded(u: Array, shape: Shape) -> Array:
+    """Of speeds, how much a change of the drive is felt: as the speed, or more where the motor is loaded."""
+    return np.asarray(u * np.maximum(u, 1e-3) ** shape["load"] if "load" in shape else u)
+
+
+def load_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    return [] if "load" in shape else [({**shape, "load": 0.2}, c)]
+
+
+def bent_by(frame: StandFrame, speeds: Array) -> Array:
+    """(rows, 6) what other speeds than the throttles' do, in full."""
+    out = np.zeros((len(speeds), 6))
+    u = drive(frame)
+    if frame.driven:
+        out[:, :4] = frame.loads_at(speeds) - frame.loads_at(u)
+    else:
+        out[:, 4:] = speeds - u
+    return out
+
+
+def turning(command: Array, share: float, numbers: Shape) -> Array:
+    """Speeds of commands that a change of the drive by `share` (0 is none) leaves."""
+    return np.asarray(command + share * loaded(np.asarray(command, float), numbers))

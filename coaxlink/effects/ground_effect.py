@@ -1,0 +1,206 @@
+"""Ground effect: near the ground the rotors' inflow falls and the thrust at given speed grows.
+
+Source: Cheeseman and Bennett 1955, T / T_inf = 1 / (1 - (R / 4 h)^2), for which (R / 4 h)^2 is the first
+term; for multirotors the effective radius is larger than one rotor's (Sanchez-Cuevas, Heredia and Ollero
+2017), and an exponential in height fits flights as well (He, Lee and Leang 2019). Both are tried, the
+power of height being free between limits; each rotor feels the height of its own disc, which rights a tilted
+vehicle. Close to the ground the gain g grows faster than its first term (Cheeseman's 1 / (1 - g)) or levels
+off (Hayden 1976, whose power falls short): g / (1 + b g), b free, is either. Both laws end where the disc is
+nearer than half a radius: below a height the gain may stop growing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coaxlink.airframe import Airframe
+from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
+from coaxlink.effects.live import MOST, LiveView, Part, nothing
+from coaxlink.effects.static import LeftOut, StaticBench
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.frames import FlightFrame
+
+SCALES_M = (0.15, 0.2, 0.27, 0.36, 0.48, 0.6, 0.75, 0.95, 1.2, 1.6)
+LOWEST_M = 0.08  # a disc is never nearer to the ground
+LEAST_BEND = 0.3  # a gain that steepens near the ground ends at about three times its first term
+POWERS = (0.7, 5.0)
+BENDS = {"levelling": (-2.5, 6.0), "flat_below_m": (LOWEST_M, 1.0)}
+
+
+def _height(frame: FlightFrame) -> Array:
+    assert frame.height is not None
+    return np.maximum(frame.height, LOWEST_M)
+
+
+def _below(airframe: Airframe, roll: ArrayLike, pitch: ArrayLike) -> Array:
+    """(..., N) how far every rotor is below the centre of mass of a tilted vehicle, m."""
+    r, p = np.asarray(roll, float), np.asarray(pitch, float)
+    down = np.stack([-np.sin(p), np.sin(r) * np.cos(p), np.cos(r) * np.cos(p)], axis=-1)
+    return np.asarray(down @ np.array([rotor.position_m for rotor in airframe.rotors]).T)
+
+
+def disc_heights(frame: FlightFrame) -> Array:
+    """(rows, N) height of every rotor's disc above the ground, m."""
+    roll, pitch = frame.attitude[:, 0], frame.attitude[:, 1]
+    return np.maximum(_height(frame)[:, None] - _below(frame.airframe, roll, pitch), LOWEST_M)
+
+
+def _missing(frame: FlightFrame) -> str | None:
+    if frame.height is None:
+        return "height_m is not in the log"
+    lowest = float(np.min(frame.height[frame.keep]))
+    return None if lowest < 1.5 else f"never below {lowest:.1f} m"
+
+
+def _shapes(_: FlightFrame) -> Sequence[Shape]:
+    return [{"height_power": 2.0}, *({"height_scale_m": s} for s in SCALES_M)]
+
+
+def _unit_gain(shape: Shape, height_m: ArrayLike) -> Array:
+    """Share of thrust gained at a disc's height, for a unit coefficient and before it levels off."""
+    h = np.maximum(np.asarray(height_m, float), max(shape.get("flat_below_m", LOWEST_M), LOWEST_M))
+    if "height_scale_m" in shape:
+        return np.asarray(np.exp(-h / shape["height_scale_m"]))
+    return np.asarray((0.25 / h) ** shape.get("height_power", 2.0))
+
+
+def thrust_gain(p: Numbers, height_m: ArrayLike) -> Array:
+    """Share of thrust that the ground adds to rotors whose discs are this high (m)."""
+    shape, c = split(p)
+    gain = c * _unit_gain(shape, height_m)
+    return np.asarray(gain / np.maximum(1.0 + shape.get("levelling", 0.0) * gain, LEAST_BEND))
+
+
+def _columns(frame: FlightFrame, shape: Shape) -> Array:
+    thrust = frame.thrust * _unit_gain(shape, disc_heights(frame))
+    return frame.airframe.body_loads(thrust, np.zeros_like(thrust))[..., None]
+
+
+def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
+    bend = {k: v for k, v in shape.items() if k in BENDS}
+    if "height_scale_m" in shape:
+        return {"gain_at_ground": float(c[0]), "height_scale_m": shape["height_scale_m"], **bend}
+    power = shape.get("height_power", 2.0)
+    radius = float(np.sign(c[0]) * abs(c[0]) ** (1.0 / power))
+    return {"effective_radius_m": radius, "height_power": power, **bend}
+
+
+def split(p: Numbers) -> tuple[Shape, float]:
+    """The shape and the coefficient in an effect's numbers."""
+    bend = {k: v for k, v in p.items() if k in BENDS}
+    if "height_scale_m" in p:
+        return {"height_scale_m": p["height_scale_m"], **bend}, p["gain_at_ground"]
+    power, radius = p.get("height_power", 2.0), p["effective_radius_m"]
+    return {"height_power": power, **bend}, float(np.sign(radius) * abs(radius) ** power)
+
+
+def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    shape, c = split(p)
+    return shape, np.array([c])
+
+
+def _refuse(p: Mapping[str, float]) -> str | None:
+    if "height_scale_m" in p:
+        return outside("gain_at_ground", p["gain_at_ground"], 0.0, 3.0)
+    return outside("effective_radius_m", p["effective_radius_m"], 0.0, 2.0, "m")
+
+
+def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+    return frame.pulling(frame.thrust * (1.0 + thrust_gain(p, disc_heights(frame))), frame.torque)
+
+
+def _free(_: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    bend = {k: limits for k, limits in BENDS.items() if k in shape}
+    if "height_scale_m" in shape:
+        return {"height_scale_m": (0.5 * SCALES_M[0], 2.0 * SCALES_M[-1]), **bend}
+    return {"height_power": POWERS, **bend}
+
+
+def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    sign = np.sign(c[0])
+    mine = {k: v for k, v in shape.items() if k not in BENDS}
+    other, size = ({"height_scale_m": 0.5}, 0.2) if "height_power" in shape else ({"height_power": 2.0}, 0.1)
+    out: list[tuple[Shape, Array]] = [(other, np.array([size * sign]))]
+    if "levelling" not in shape:
+        out += [({**mine, "levelling": b}, c) for b in (0.3, -0.3)]
+    if "flat_below_m" not in shape:
+        level = shape.get("levelling", -0.3)
+        out += [({**mine, "levelling": level, "flat_below_m": h}, c) for h in (0.35, 0.2, 0.12)]
+    return out
+
+
+FLIGHT: Tracing[FlightFrame] = Tracing(
+    name="ground_effect",
+    physics="thrust at given speed grows near the ground",
+    source="Cheeseman and Bennett 1955; Sanchez-Cuevas, Heredia and Ollero 2017; He, Lee and Leang 2019",
+    needs=("height_m",),
+    channels=("force_z",),
+    units={
+        "gain_at_ground": "1",
+        "height_scale_m": "m",
+        "effective_radius_m": "m",
+        "height_power": "1",
+        "levelling": "1",
+        "flat_below_m": "m",
+    },
+    missing=_missing,
+    shapes=_shapes,
+    columns=_columns,
+    parameters=_parameters,
+    inverse=_inverse,
+    refuse=_refuse,
+    cause=lambda frame, _, channel: ("height_m", _height(frame)),
+    nil=lambda _: {"gain_at_ground": 0.0, "effective_radius_m": 0.0},
+    stage=4,
+    apply=_apply,
+    free=_free,
+    finer=_finer,
+)
+
+
+def _static(bench: StaticBench, p: Numbers) -> str:
+    height = bench.at.height_m
+    if height is None:
+        raise LeftOut(_NEEDS_HEIGHT)
+    gains = thrust_gain(p, height - _below(bench.airframe, 0.0, 0.0))
+    bench.thrust *= 1.0 + gains
+    return f"thrust {100 * float(gains.mean()):+.1f} % at {height:.2f} m above ground"
+
+
+def _live(view: LiveView, p: Numbers) -> Part:
+    def part(speeds: Sequence[float]) -> Array:
+        height = view.reading("height")
+        if height is None:
+            return nothing()
+        roll, pitch, _ = view.reading("attitude") or (0.0, 0.0, 0.0)
+        velocity = view.reading("velocity")
+        if velocity is not None:
+            height -= view.ahead("height") * velocity[2]
+        gains = thrust_gain(p, height - _below(view.airframe, roll, pitch))
+        return view.wrench_of(np.clip(gains, -MOST, MOST) * view.loads(speeds)[0])
+
+    return part
+
+
+_NEEDS_HEIGHT = (
+    "thrust follows the height: a static mixer needs it stated (height_m), live mixing measures it"
+)
+EFFECT = PhysicalEffect(
+    name="ground_effect",
+    stage=Stage.AIR,
+    parameters=(
+        Parameter("gain_at_ground", "1", 0.0, 3.0, (0.2, 0.2)),
+        Parameter("height_scale_m", "m", 0.05, 4.0, (0.5, 0.5)),
+        Parameter("effective_radius_m", "m", 0.0, 2.0, (0.4, 0.3)),
+        Parameter("height_power", "1", *POWERS, (2.0, 0.7)),
+        Parameter("levelling", "1", *BENDS["levelling"]),
+        Parameter("flat_below_m", "m", *BENDS["flat_below_m"]),
+    ),
+    flight=FLIGHT,
+    static=_static,
+    live=_live,
+    messages={"DISTANCE_SENSOR": 50.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 50.0},
+)

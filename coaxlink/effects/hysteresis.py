@@ -1,0 +1,272 @@
+"""A stand that remembers where it came from: friction of the rig, and blades that recover late from stall.
+
+Two kinds of memory. *Sharp*: the load depends on the sign of the last change alone (or only while the speed
+moves). *Worn in*: after a turn the memory changes over a way, as a row of elements does that stick until each
+has slipped its own way (Iwan 1966, J. Applied Mechanics 33, 893; Prandtl's play operators), or it fades with
+the way that was gone since, whatever it was (Dahl 1968, Aerospace Corporation TOR-0158).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.frames import STAND_LOADS, StandFrame
+
+SIDES = {"upper": 0, "lower": 1}
+REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
+NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
+         "power", "reach", "spread", "fading", "lower_over_upper")  # fmt: skip
+ALL = {"both", "sweep", "load"}  # not one rotor's alone
+FREE = {
+    "fading": (0.0, 1.0),
+    "reach": (0.004, 0.6),
+    "spread": (1.02, 3.0),
+    "power": (0.0, 1.5),
+    "lower_over_upper": (0.2, 5.0),
+}
+TURNED = 0.01  # of normalised speed: less is no turn
+SAME, RETURNS = 0.03, 0.1  # of normalised speed; of the rows: had at a speed from one side and the other
+JUMP = 0.3  # of normalised speed from row to row: the next sweep begins, no way back
+STICKING = np.array([-1.5, -0.5, 0.5, 1.5])  # elements: their ways are reach * spread^k
+
+
+def direction(frame: StandFrame, side: int) -> Array:
+    """(rows,) +1 where the speed last rose, -1 where it last fell, 0 before it moved or where it jumped."""
+    u = _course(frame)[:, side]
+    rows = np.arange(len(u))
+    state = slipping(u, np.array([TURNED]))[:, 0]  # what a tachometer's noise cannot turn round
+    settled = np.where(np.abs(state) > 0.999, np.sign(state), 0.0)
+    way = settled[np.maximum.accumulate(np.where(settled != 0.0, rows, 0))]
+    turn = np.diff(way, prepend=0.0) != 0.0
+    jumped = np.abs(np.diff(u, prepend=u[0])) > JUMP
+    since = np.maximum.accumulate(np.where(turn, rows, 0))
+    return np.where(jumped[since], 0.0, way)
+
+
+def moving(frame: StandFrame, side: int) -> Array:
+    """(rows,) +1 while the speed rises, -1 while it falls, 0 while it stands."""
+    rate = np.gradient(_course(frame)[:, side])
+    return np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
+
+
+def slipping(course: Array, ways: Array) -> Array:
+    """(rows, K) states -1..1 of elements that follow the course (rows,) and slip after the ways (K,).
+
+    Two levels: pieces of the course are composed into one map each, side by side, then run from their starts.
+    """
+    move = np.diff(course, prepend=course[0])[:, None] * (2.0 / ways)
+    rows = len(move)
+    length = max(1, int(np.sqrt(rows)))
+    pieces = -(-rows // length)
+    padded = np.zeros((pieces * length, len(ways)))
+    padded[:rows] = move
+    by_step = padded.reshape(pieces, length, -1).transpose(1, 0, 2)  # (length, pieces, K)
+    shift = by_step.sum(axis=0)
+    low, high = np.full_like(shift, -np.inf), np.full_like(shift, np.inf)
+    ends = np.stack([low, high])
+    for step in by_step:
+        _slip(ends, step, -1.0, 1.0, ends)
+    low, high = ends
+    start = np.zeros_like(shift)
+    for k in range(1, pieces):
+        _slip(start[k - 1], shift[k - 1], low[k - 1], high[k - 1], start[k])
+    out = np.empty_like(by_step)
+    state = start
+    for k, step in enumerate(by_step):
+        state = _slip(state, step, -1.0, 1.0, out[k])
+    return np.asarray(out.transpose(1, 0, 2).reshape(pieces * length, -1)[:rows])
+
+
+def _slip(state: Array, step: Array, low: Array | float, high: Array | float, out: Array) -> Array:
+    """The state (..., K) moved by a step and kept inside, into `out`; np.clip costs three times that."""
+    np.add(state, step, out=out)
+    np.minimum(out, high, out=out)
+    return np.maximum(out, low, out=out)
+
+
+def fading(course: Array, reach: float) -> Array:
+    """(rows,) state -1..1 that follows the course (rows,) and forgets by 1/e over the way `reach`.
+
+    Two levels, as `slipping`: every step is one line, state to state, and so is a piece of them.
+    """
+    move = np.diff(course, prepend=course[0]) / reach
+    rows = len(move)
+    length = max(1, int(np.sqrt(rows)))
+    pieces = -(-rows // length)
+    padded = np.zeros(pieces * length)
+    padded[:rows] = move
+    steps = padded.reshape(pieces, length).T  # (length, pieces)
+    keep, add = np.exp(-np.abs(steps)), -np.sign(steps) * np.expm1(-np.abs(steps))
+    slope, shift = np.ones(pieces), np.zeros(pieces)
+    for k in range(length):
+        slope, shift = slope * keep[k], shift * keep[k] + add[k]
+    state = np.zeros(pieces)
+    for k in range(1, pieces):
+        state[k] = state[k - 1] * slope[k - 1] + shift[k - 1]
+    out = np.empty_like(steps)
+    for k in range(length):
+        state = state * keep[k] + add[k]
+        out[k] = state
+    return np.asarray(out.T.ravel()[:rows])
+
+
+def _course(frame: StandFrame) -> Array:
+    return frame.speeds if frame.throttles is None else frame.throttles
+
+
+def _returns(frame: StandFrame, side: int) -> bool:
+    """Whether a rotor stood at the same speeds coming from below and from above.
+
+    A level that was visited once has one sign, and what the base misses there would be its hysteresis.
+    """
+    way, u = direction(frame, side), frame.speeds[:, side]
+    level = np.round((u - u.min()) / SAME).astype(int)
+    rose, fell = np.bincount(level, way > 0), np.bincount(level, way < 0)
+    return bool(2.0 * np.minimum(rose, fell).sum() > RETURNS * len(u))
+
+
+def _no_return(frame: StandFrame) -> str | None:
+    if _returns(frame, 0) or _returns(frame, 1):
+        return None
+    return "no speed was come to from below and from above"
+
+
+def _quiet(course: Array) -> Array:
+    """The course (rows,) behind a play as wide as its noise: what only trembles while held wears nothing."""
+    play = 3.0 * 1.4826 * float(np.median(np.abs(np.diff(course, 2)))) / np.sqrt(6.0)
+    if play <= 1e-9:
+        return course
+    return np.asarray(course - play * slipping(course, np.array([2.0 * play]))[:, 0])
+
+
+def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
+    """(rows,) -1..1: from above, from below; of one load channel."""
+    side = channel // 2
+    if "reach" in shape:
+        course = _course(frame).sum(axis=1) if "sweep" in shape else frame.speeds[:, side]
+        if "load" in shape:  # a cell's friction knows its own load only, whatever speeds made it
+            course = frame.predicted[:, channel] / frame.reference[channel]
+        quiet, share, way = _quiet(course), shape.get("fading", 0.0), np.zeros(len(course))
+        if "fading" in shape:
+            way = share * fading(quiet, 0.5 * shape["reach"])
+        if "spread" in shape:
+            ways = shape["reach"] * shape["spread"] ** STICKING
+            way = way + (1.0 - share) * slipping(quiet, ways).mean(axis=1)
+        return np.asarray(way)
+    if "sweep" in shape:  # the stand as a whole is loaded or unloaded, whichever rotor does it
+        rate = np.gradient(_course(frame).sum(axis=1))
+        way = np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
+        if "moving" in shape:
+            return way
+        last = np.maximum.accumulate(np.where(way != 0.0, np.arange(len(way)), 0))
+        return way[last]
+    return moving(frame, side) if "moving" in shape else direction(frame, side)
+
+
+def _weight(frame: StandFrame, side: int, shape: Shape) -> Array:
+    """(rows, 2) of thrust and torque: what a share is a share of.
+
+    The load itself, the load where the blades are slow (`bulge`), or by a power of the load from 1
+    for the load to 0 for dry friction, which is the same at every load.
+    """
+    weight = frame.predicted[:, 2 * side : 2 * side + 2]
+    if "bulge" in shape:
+        return np.asarray(weight * (4.0 * np.clip(1.0 - frame.speeds[:, side], 0.0, 1.0))[:, None])
+    if "power" in shape:
+        full = frame.reference[2 * side : 2 * side + 2]
+        return np.asarray(full * np.maximum(np.abs(weight) / full, 1e-3) ** shape["power"])
+    return weight
+
+
+def _columns(frame: StandFrame, shape: Shape) -> Array:
+    out = np.zeros((len(frame.time_s), 6, 2))
+    for name, side in SIDES.items():
+        if name in shape or ALL & set(shape):
+            weight = _weight(frame, side, shape) * (shape.get("lower_over_upper", 1.0) if side else 1.0)
+            for k in (0, 1):
+                out[:, 2 * side + k, k] = -0.5 * weight[:, k] * _way(frame, 2 * side + k, shape)
+    return out
+
+
+def _shapes(frame: StandFrame) -> list[dict[str, float]]:
+    forms = [
+        {},
+        {"bulge": 1.0},
+        {"moving": 1.0},
+        {"power": 0.0, "reach": 0.03, "spread": 1.8},
+        *({"reach": r, "spread": 1.8} for r in REACHES),
+    ]
+    worn = [form for form in forms if "reach" in form]
+    sides = ["both", "sweep", *(name for name, side in SIDES.items() if _returns(frame, side))]
+    return [
+        *({side: 1.0, **form} for side in sides for form in forms),
+        *({"load": 1.0, **form} for form in worn),
+    ]
+
+
+def _free(_: StandFrame, shape: Shape) -> dict[str, tuple[float, float]]:
+    mixed = {"fading", "spread"} <= set(shape)
+    return {name: limit for name, limit in FREE.items() if name in shape and (mixed or name != "fading")}
+
+
+def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+    """Worn in, at every load alike or by a power of it, on both rotors by one share or by two."""
+    way = {"reach": shape.get("reach", REACHES[0]), "spread": shape.get("spread", 1.8)}
+    forms: list[tuple[Shape, Array]] = []
+    bare = {k: v for k, v in shape.items() if k not in ("moving", "reach", "spread", "fading")}
+    each = {"lower_over_upper": 1.0} if ALL & set(shape) else {}
+    if "fading" not in shape:
+        forms.append(({**each, **bare, "fading": 1.0, "reach": way["reach"]}, c))
+    if ("fading" in shape) != ("spread" in shape):  # a part of it fades, the rest sticks
+        forms.append(({**each, **bare, **way, "fading": 0.5}, c))
+    if "reach" not in shape:
+        forms += [({**bare, **way, "reach": r}, c) for r in REACHES]
+    if "power" not in shape:
+        forms.append(({k: v for k, v in bare.items() if k != "bulge"} | way | {"power": 0.7}, c))
+    if ALL & set(shape) and ("lower_over_upper" not in shape or "fading" in shape):
+        # every slide has a friction of its own
+        plain = {k: v for k, v in shape.items() if k not in ("moving", "fading")}
+        forms += [({**plain, **way, **power, "lower_over_upper": 1.0}, c) for power in ({}, {"power": 0.3})]
+    return forms
+
+
+STAND: Tracing[StandFrame] = Tracing(
+    name="hysteresis",
+    stage=7,
+    physics="a load depends on whether the speed came from above or below",
+    source="friction of the rig and stall of the blades on the way down; Iwan 1966",
+    needs=("upper_rpm", "lower_rpm"),
+    channels=STAND_LOADS,
+    units=dict.fromkeys(NAMES, "1"),
+    missing=_no_return,
+    shapes=_shapes,
+    columns=_columns,
+    parameters=lambda _, shape, c: {"thrust_share": float(c[0]), "torque_share": float(c[1]), **shape},
+    inverse=lambda _, p: (
+        {k: v for k, v in p.items() if not k.endswith("share")},
+        np.array([p["thrust_share"], p["torque_share"]]),
+    ),
+    refuse=lambda p: outside("thrust_share", p["thrust_share"], -0.5, 0.5),
+    cause=lambda frame, _, channel: (
+        "direction of the sweep",
+        direction(frame, 1 if channel.startswith("lower") else 0),
+    ),
+    free=_free,
+    finer=_finer,
+)  # fmt: skip
+
+_NOT_TOLD = "the mixer does not know which way the speed came"
+EFFECT = PhysicalEffect(
+    name="hysteresis",
+    stage=Stage.STAND,
+    parameters=(
+        Parameter("thrust_share", "1", -1.0, 1.0, (0.0, 0.05)),
+        Parameter("torque_share", "1", -1.0, 1.0, (0.0, 0.05)),
+        *(Parameter(name, "1", *FREE.get(name, (0.0, 10.0))) for name in NAMES[2:]),
+    ),
+    stand=STAND,
+    no_static=_NOT_TOLD,
+    no_live=_NOT_TOLD,
+)

@@ -1,0 +1,93 @@
+"""Interference: the lower rotor draws air through the upper one, which loses thrust.
+
+Source: coaxial momentum theory at finite spacing (Leishman and Ananthan 2006).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
+from coaxlink.effects.static import Loads, StaticBench
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.frames import StandFrame
+from coaxlink.rotor import RotorModel
+
+ARM_M = 0.3  # torque over thrust: a rotor of a metre has some 0.05
+
+
+def drawn(p: Numbers, upper: Array, lower: Array) -> Array:
+    """How much of the full loss the upper rotor has at normalised speeds of both."""
+    return np.asarray(
+        np.maximum(lower, 0.0) ** p["lower_power"] * np.maximum(upper, 1e-6) ** p["upper_power"]
+    )
+
+
+def _interference_columns(frame: StandFrame, shape: Shape) -> Array:
+    upper, lower = frame.speeds.T
+    term = drawn(shape, upper, lower)
+    out = np.zeros((len(term), 6, 2))
+    out[:, 0, 0], out[:, 1, 1] = -term, -term
+    return out
+
+
+def _interference_refuse(p: Mapping[str, float]) -> str | None:
+    """It takes thrust; torque goes with it, by no more of an arm than rotors have."""
+    arm = p["torque_loss_Nm"] / max(p["thrust_loss_N"], 1e-9)
+    return outside("thrust_loss_N", p["thrust_loss_N"], 0.0, 1e4) or outside("arm", arm, -ARM_M, ARM_M, "m")
+
+
+STAND: Tracing[StandFrame] = Tracing(
+    name="lower_on_upper_interference",
+    stage=4,
+    physics="the lower rotor draws air through the upper one, which loses thrust",
+    source="coaxial momentum theory at finite spacing (Leishman and Ananthan 2006)",
+    needs=("upper_rpm", "lower_rpm"),
+    channels=("upper_thrust", "upper_torque"),
+    units={"thrust_loss_N": "N", "torque_loss_Nm": "N m", "lower_power": "1", "upper_power": "1"},
+    missing=lambda frame: (
+        None if float(np.ptp(frame.speeds[:, 1])) > 0.2 else "the lower rotor's speed hardly varies"
+    ),
+    shapes=lambda _: [
+        {"lower_power": a, "upper_power": b} for a in (1.0, 1.5, 2.0) for b in (0.0, 0.5, 1.0, 2.0)
+    ],
+    columns=_interference_columns,
+    parameters=lambda _, shape, c: {"thrust_loss_N": float(c[0]), "torque_loss_Nm": float(c[1]), **shape},
+    inverse=lambda _, p: (
+        {k: v for k, v in p.items() if k.endswith("power")},
+        np.array([p["thrust_loss_N"], p["torque_loss_Nm"]]),
+    ),
+    refuse=_interference_refuse,
+    cause=lambda frame, _, __: ("u_l", frame.speeds[:, 1]),
+    free=lambda _, __: {"lower_power": (0.4, 5.0), "upper_power": (0.0, 4.0)},
+)
+
+
+def _static(bench: StaticBench, p: Numbers) -> str:
+    thrust, torque = p["thrust_loss_N"], p["torque_loss_Nm"]
+
+    def change(_: RotorModel, loads: Loads) -> Loads:
+        term = drawn(p, loads.upper, loads.lower)
+        return loads.plus(upper_thrust=-thrust * term, upper_torque=-torque * term)
+
+    bench.changes.append(change)
+    powers = f"u_l^{p['lower_power']:g} u_u^{p['upper_power']:g}"
+    return f"the upper rotor loses {thrust:.2f} N {powers} to the lower one"
+
+
+EFFECT = PhysicalEffect(
+    name="lower_on_upper_interference",
+    stage=Stage.ROTOR,
+    parameters=(
+        Parameter("thrust_loss_N", "N", 0.0, 1e4),
+        Parameter("torque_loss_Nm", "N m", -3e3, 3e3),
+        Parameter("lower_power", "1", 0.4, 5.0, (1.5, 0.7)),
+        Parameter("upper_power", "1", 0.0, 4.0, (0.7, 0.7)),
+    ),
+    stand=STAND,
+    static=_static,
+    required=("thrust_loss_N", "torque_loss_Nm", "lower_power", "upper_power"),
+    surface=2,
+)

@@ -1,0 +1,205 @@
+"""Rotor lag: the speed follows its command later than the airframe file declares.
+
+Source: first-order motor and rotor dynamics, lag x' = u - x (Hamandi, Tognon and Franchi 2020). Delays of a
+few milliseconds are clocks and belong to the base; a lag also rounds off what is fast, in forces and
+torques alike. Two lags in a row (current and blades) and one that is slower down than up (a controller that
+does not brake) are other forms of the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.signal import lfilter
+
+from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
+from coaxlink.effects.drive import bent_by, drivable, drive
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
+from coaxlink.signals import lagged
+
+ROUNDS = 4
+# finer around a small one: the base's delay stands in for most of it, and what share is left turns quickly
+SMALL_S = (0.0, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08)
+FLIGHT_LAGS_S = (*SMALL_S, 0.1, 0.12, 0.15, 0.18, 0.22, 0.27, 0.33)
+
+
+STAND_LAGS_S = tuple(round(0.02 * 1.2**k, 4) for k in range(25))
+
+
+def _missing(frame: FlightFrame) -> str | None:
+    return None if float(np.std(np.diff(frame.commands, axis=0))) > 1e-5 else "the commands hardly move"
+
+
+def _shapes(frame: FlightFrame) -> Sequence[Shape]:
+    declared = frame.airframe.motor_lag_s
+    return [{"lag_s": lag} for lag in FLIGHT_LAGS_S if abs(lag - declared) > 8e-3]
+
+
+def late_speeds(frame: FlightFrame, shape: Shape) -> Array:
+    """(rows, N) normalised speeds that follow the commands as the shape says."""
+    lag = shape["lag_s"]
+    if "second" in shape:
+        return frame.filtered(frame.filtered(frame.commands, 0.5 * lag), 0.5 * lag)
+    speeds = frame.filtered(frame.commands, lag)
+    bend = shape.get("asymmetry", 0.0)
+    if bend != 0.0:
+        # lag x' = e + a |e|, e = u - x: quicker up than down; solved by putting |e| on the command
+        for _ in range(ROUNDS):
+            speeds = frame.filtered(frame.commands + bend * np.abs(frame.commands - speeds), lag)
+    return speeds
+
+
+def _columns(frame: FlightFrame, shape: Shape) -> Array:
+    late = frame.turning_at(late_speeds(frame, shape)).predicted
+    return (late - frame.predicted)[..., None]
+
+
+def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+    shape, c = _inverse(frame, p)
+    return frame.turning_at(frame.speeds + c[0] * (late_speeds(frame, shape) - frame.speeds))
+
+
+def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    return {k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])
+
+
+def _free(_: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    limits = {"lag_s": (0.0, 0.5), "asymmetry": (-0.6, 0.6)}
+    return {k: limits[k] for k in shape if k in limits}
+
+
+def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    one = np.ones(1)
+    return [
+        ({"lag_s": shape["lag_s"], "second": 1.0}, one),
+        ({"lag_s": shape["lag_s"], "asymmetry": 0.1}, one),
+    ]
+
+
+def _refuse(p: Mapping[str, float]) -> str | None:
+    return outside("share", p["share"], 0.8, 1.25)
+
+
+FLIGHT: Tracing[FlightFrame] = Tracing(
+    name="rotor_lag",
+    physics="rotor speed follows its command as a first-order lag of another length than declared",
+    source="first-order motor dynamics (Hamandi, Tognon and Franchi 2020)",
+    needs=("time_s", "motor1"),
+    channels=("force_z", "torque_x", "torque_y", "torque_z"),
+    units={"lag_s": "s", "share": "1", "second": "1", "asymmetry": "1"},
+    missing=_missing,
+    shapes=_shapes,
+    columns=_columns,
+    parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
+    inverse=_inverse,
+    refuse=_refuse,
+    cause=lambda frame, _, channel: (
+        "command_rate_1_s",
+        np.gradient(frame.commands.mean(axis=1), 1.0 / frame.rate_hz),
+    ),
+    stage=0,
+    apply=_apply,
+    free=_free,
+    finer=_finer,
+)
+
+
+def _no_time(frame: StandFrame) -> str | None:
+    step = float(np.median(np.diff(frame.time_s))) if len(frame.time_s) > 2 else np.inf
+    if not step < 0.6:
+        return f"rows are {step:.1f} s apart: a lag has settled between them"
+    return drivable(frame)
+
+
+def _stepped(u: Array, step_s: float, lag_s: float) -> Array:
+    """(rows, 2) behind a throttle that jumps right after a row and stands until the next one."""
+    keep = float(np.exp(-step_s / lag_s))
+    out, _ = lfilter([1.0 - keep], [1.0, -keep], u, axis=0, zi=u[:1] * keep)
+    return np.asarray(out)
+
+
+def _both_ways(target: Array, step_s: float, up_s: float, down_s: float) -> Array:
+    """(rows, 2) behind targets that stand from row to row: one lag up, another down."""
+    rise, fall = float(np.exp(-step_s / up_s)), float(np.exp(-step_s / down_s))
+    out = np.empty_like(target)
+    for side in (0, 1):
+        now, mine = float(target[0, side]), []
+        for asked in target[:, side].tolist():  # which lag it is, the speed before says
+            now = asked + (now - asked) * (rise if asked > now else fall)
+            mine.append(now)
+        out[:, side] = mine
+    return out
+
+
+def _late(frame: StandFrame, shape: Shape) -> Array:
+    """(rows, 2) speeds behind the throttles: one lag, a second stage before it, other lags up and down."""
+    u, step = drive(frame), float(np.median(np.diff(frame.time_s)))
+    lag = shape["lag_s"]
+    follow = _stepped if "stepped" in shape else lagged
+    if "second_s" in shape:
+        u = follow(u, step, shape["second_s"])
+    if "down" not in shape:
+        return follow(u, step, lag)
+    target = u if "stepped" in shape else 0.5 * (u + np.concatenate([u[:1], u[:-1]]))
+    return _both_ways(target, step, lag, lag * shape["down"])
+
+
+def _lag_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    limits = {"lag_s": (0.005, 3.0), "second_s": (0.002, 1.0), "down": (0.4, 2.5)}
+    return {name: limit for name, limit in limits.items() if name in shape}
+
+
+def _lag_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    second, down = {"second_s": 0.2 * shape["lag_s"]}, {"down": 1.2}
+    if "second_s" in shape or "down" in shape:
+        return [({**shape, **more}, np.ones(1)) for more in (second, down) if not set(more) & set(shape)]
+    other = {"lag_s": shape["lag_s"]} | ({} if "stepped" in shape else {"stepped": 1.0})
+    one = np.ones(1)
+    return [
+        *(({**shape, **more}, c) for more in (second, down, second | down)),
+        *(({**other, **more}, one) for more in (second, down, second | down)),
+    ]
+
+
+STAND: Tracing[StandFrame] = Tracing(
+    name="rotor_lag",
+    stage=0,
+    physics="the speed follows the throttle as a first-order lag",
+    source="first-order motor dynamics (Hamandi, Tognon and Franchi 2020)",
+    needs=("time_s", "upper_throttle"),
+    channels=STAND_CHANNELS,
+    units={"lag_s": "s", "share": "1", "second_s": "s", "down": "1", "stepped": "1"},
+    missing=_no_time,
+    shapes=lambda _: [{"lag_s": s, **form} for s in STAND_LAGS_S for form in ({}, {"stepped": 1.0})],
+    columns=lambda frame, shape: bent_by(frame, _late(frame, shape))[..., None],
+    parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
+    inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
+    refuse=lambda p: outside("share", p["share"], 0.7, 1.4),
+    cause=lambda frame, _, channel: (
+        "throttle_rate_1_s",
+        np.gradient(drive(frame)[:, 1 if channel.startswith("lower") else 0], frame.time_s),
+    ),
+    free=_lag_free,
+    finer=_lag_finer,
+)
+
+
+EFFECT = PhysicalEffect(
+    name="rotor_lag",
+    stage=Stage.DRIVE,
+    parameters=(
+        Parameter("lag_s", "s", 0.0, 3.0, (0.05, 0.05)),
+        Parameter("share", "1", 0.7, 1.4, (1.0, 0.1)),
+        Parameter("second", "1", 0.0, 1.0),
+        Parameter("second_s", "s", 0.002, 1.0),
+        Parameter("asymmetry", "1", -0.6, 0.6),
+        Parameter("down", "1", 0.4, 2.5),
+        Parameter("stepped", "1", 0.0, 1.0),
+    ),
+    flight=FLIGHT,
+    stand=STAND,
+    no_static="a mixer is static: declare motor_lag_s and tune the loops for the slower rotor",
+    no_live="declare motor_lag_s and fly with lead_s, which amplifies noise, or tune the loops to it",
+)

@@ -1,0 +1,136 @@
+"""Rotor spacing: further apart, the wake has contracted more and the rotors disturb each other less.
+
+Source: wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
+from coaxlink.effects.static import LeftOut, Loads, StaticBench
+from coaxlink.effects.tracing import Array, Shape, Tracing, outside
+from coaxlink.frames import StandFrame
+from coaxlink.rotor import RotorModel
+
+APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
+SPACING = {"decay": (0.05, 8.0), "apart": (-0.5, 0.5)}
+
+
+def _spacing(frame: StandFrame) -> Array:
+    z = frame.context("rotor_spacing_m")
+    assert z is not None
+    return z / float(np.median(z)) - 1.0
+
+
+def _no_spacing(frame: StandFrame) -> str | None:
+    z = frame.context("rotor_spacing_m")
+    if z is None:
+        return "rotor_spacing_m is not in the log"
+    return None if np.ptp(z) > 0.02 * np.median(z) else "rotor_spacing_m does not vary"
+
+
+def spread(p: Numbers, relative: ArrayLike) -> Array:
+    """Of a spacing over the reference, less 1: straight, or what is left of the wake dies away.
+
+    It is nought where the base holds: at the reference, or `apart` from it.
+    """
+    change = np.asarray(relative, float)
+    if "decay" in p:
+        change = np.asarray(-np.expm1(-p["decay"] * change) / p["decay"])
+    return np.asarray(change - p.get("apart", 0.0))
+
+
+def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
+    base = frame.loads_at(frame.speeds)[:, 2:4]
+    alone = frame.loads_at(np.stack([np.zeros(len(frame.time_s)), frame.speeds[:, 1]], axis=1))[:, 2:4]
+    wake = base - alone  # negative: what the lower rotor loses
+    out = np.zeros((len(frame.time_s), 6, 3))
+    change = spread(shape, _spacing(frame))
+    out[:, 2, 0], out[:, 3, 1] = -wake[:, 0] * change, -wake[:, 1] * change
+    out[:, 0, 2] = frame.speeds[:, 1] ** 2 * change
+    return out
+
+
+def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+    levels = len(np.unique(np.round(_spacing(frame), 2)))
+    return [({**shape, "decay": 1.0}, c)] if "decay" not in shape and levels > 2 else []
+
+
+STAND: Tracing[StandFrame] = Tracing(
+    name="rotor_spacing",
+    stage=2,
+    physics="further apart, the wake has contracted more and the rotors disturb each other less",
+    source="wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022",
+    needs=("rotor_spacing_m",),
+    channels=("upper_thrust", "lower_thrust", "lower_torque"),
+    units={
+        "wake_thrust_share": "1",
+        "wake_torque_share": "1",
+        "upper_gain_N": "N",
+        "reference_spacing_m": "m",
+        "decay": "1",
+        "apart": "1",
+    },
+    missing=_no_spacing,
+    shapes=lambda frame: [{}] if frame.free_base else [{"apart": a} for a in APART],
+    columns=_spacing_columns,
+    parameters=lambda frame, shape, c: {
+        **shape,
+        "wake_thrust_share": float(c[0]),
+        "wake_torque_share": float(c[1]),
+        "upper_gain_N": float(c[2]),
+        "reference_spacing_m": float(np.median(frame.columns["rotor_spacing_m"])),  # where the base holds
+    },
+    inverse=lambda _, p: (
+        {k: v for k, v in p.items() if k in SPACING},
+        np.array([p["wake_thrust_share"], p["wake_torque_share"], p["upper_gain_N"]]),
+    ),
+    refuse=lambda p: outside("wake_thrust_share", p["wake_thrust_share"], -3.0, 3.0),
+    cause=lambda frame, _, __: ("rotor_spacing_m", frame.columns["rotor_spacing_m"]),
+    free=lambda _, shape: {name: limit for name, limit in SPACING.items() if name in shape},
+    finer=_spacing_finer,
+)
+
+
+def _static(bench: StaticBench, p: Numbers) -> str:
+    if "reference_spacing_m" not in p:
+        raise LeftOut(_NO_REFERENCE)
+    places = np.array([r.position_m for r in bench.airframe.rotors])
+    gaps = [float(np.linalg.norm(places[u] - places[w])) for u, w in bench.airframe.pairs]
+    if not gaps:
+        raise LeftOut("this airframe has no pairs")
+    gap = float(np.mean(gaps))
+    off = float(spread(p, gap / p["reference_spacing_m"] - 1.0))
+
+    def change(model: RotorModel, loads: Loads) -> Loads:
+        alone = model.loads(np.zeros_like(loads.lower), loads.lower)
+        wake, drag = loads.lower_thrust - alone.lower_thrust, loads.lower_torque - alone.lower_torque
+        return loads.plus(
+            upper_thrust=p.get("upper_gain_N", 0.0) * off * loads.lower**2,
+            lower_thrust=-p["wake_thrust_share"] * off * wake,
+            lower_torque=-p.get("wake_torque_share", 0.0) * off * drag,
+        )
+
+    bench.changes.append(change)
+    return f"pairs {1e3 * gap:.0f} mm apart, logged about {1e3 * p['reference_spacing_m']:.0f} mm"
+
+
+_NO_REFERENCE = "the file does not say at which spacing its base holds"
+EFFECT = PhysicalEffect(
+    name="rotor_spacing",
+    stage=Stage.ROTOR,
+    parameters=(
+        Parameter("wake_thrust_share", "1", -3.0, 3.0, (0.0, 0.5)),
+        Parameter("wake_torque_share", "1", -10.0, 10.0, (0.0, 0.5)),
+        Parameter("upper_gain_N", "N", -1e4, 1e4),
+        Parameter("reference_spacing_m", "m", 1e-3, 100.0),
+        Parameter("decay", "1", *SPACING["decay"]),
+        Parameter("apart", "1", *SPACING["apart"]),
+    ),
+    stand=STAND,
+    static=_static,
+    required=("wake_thrust_share",),
+    surface=0,
+)

@@ -1,0 +1,127 @@
+"""Sensor drift: a load cell's zero wanders with time.
+
+Source: creep (a power of time, Findley 1944) and warm-up of strain gauges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
+from coaxlink.effects.tracing import Array, Shape, Tracing
+from coaxlink.frames import STAND_LOADS, StandFrame
+
+MEMORIES = (0.1, 0.3)  # of the run: time constants of a drift that settles
+FREE = {"memory": (0.01, 4.0), "since": (0.02, 0.9), "power": (0.2, 3.0)}
+BEGINNINGS = (0.2, 0.5)  # of the run
+DRIFT = ("per_minute", "zero", "settling_per_minute")
+ALSO = "also_"
+
+
+def _drift_shapes(frame: StandFrame) -> Sequence[Shape]:
+    forms: list[dict[str, float]] = [{}, *({"memory": m} for m in MEMORIES)]
+    return [{"channel": float(c), **form} for c in frame.present if c < 4 for form in forms]
+
+
+def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
+    elapsed = frame.time_s - frame.time_s[0]
+    span = max(float(elapsed[-1]), 1e-9)
+    began = np.maximum(elapsed - shape.get("since", 0.0) * span, 0.0)
+    courses = [span / 60.0 * (began / span) ** shape.get("power", 1.0)]
+    if "memory" in shape:
+        memory = shape["memory"] * span
+        settling = memory / 60.0 * (1.0 - np.exp(-elapsed / memory))
+        courses = [elapsed / 60.0, settling] if "creep" in shape else [settling]
+    # the base may hold no constant: the zero at the start comes with the drift
+    cells = [int(shape[name]) for name in ("channel", "also") if name in shape]
+    courses = [courses[0], np.ones(len(elapsed)), *courses[1:]]
+    out = np.zeros((len(elapsed), 6, len(courses) * len(cells)))
+    for n, cell in enumerate(cells):
+        for k, course in enumerate(courses):
+            out[:, cell, n * len(courses) + k] = course
+    return out
+
+
+def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    """A zero that drifts later, by a power of time, settles, or settles and creeps on; also in two cells."""
+    forms: list[tuple[Shape, Array]] = []
+    if not {"creep", "since", "power"} & set(shape):
+        steady = {k: v for k, v in shape.items() if k != "memory"}
+        forms += [({**steady, "since": s}, c) for s in BEGINNINGS]
+        forms.append(({**steady, "power": 0.6}, c))
+        memory = shape.get("memory", 0.3)
+        if "memory" not in shape:
+            forms.append(({**shape, "memory": memory}, c))
+        cells = np.reshape(c, (-1, 2))
+        first = np.column_stack([0.5 * cells[:, 0], cells[:, 1], 0.5 * cells[:, 0]]).ravel()
+        forms += [({**shape, "memory": m, "creep": 1.0}, first) for m in (memory, 0.1)]
+    if "also" not in shape:
+        others = [k for k in frame.present if k < 4 and k != int(shape["channel"])]
+        both = [(shape, c), *forms[-1:]]
+        forms += [
+            ({**form, "also": float(k)}, np.concatenate([x, 0.01 * x])) for form, x in both for k in others
+        ]
+    return forms
+
+
+def _drift_names(shape: Shape) -> tuple[str, ...]:
+    names = DRIFT if "creep" in shape else DRIFT[:2]
+    return (*names, *(ALSO + n for n in names)) if "also" in shape else names
+
+
+def _drift_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    shape = {k: v for k, v in p.items() if k.removeprefix(ALSO) not in DRIFT}
+    return shape, np.array([p[name] for name in _drift_names(shape)])
+
+
+def _drift_carried(shape: Shape) -> tuple[int, ...]:
+    return tuple(k for k, name in enumerate(_drift_names(shape)) if name.endswith("zero"))
+
+
+def _no_clock(frame: StandFrame) -> str | None:
+    if frame.context("time_s") is None:
+        return "time_s is not in the log: the order of rows is the order of a sweep"
+    return None if frame.time_s[-1] > frame.time_s[0] else "time_s does not run"
+
+
+STAND: Tracing[StandFrame] = Tracing(
+    name="sensor_drift",
+    stage=8,
+    physics="a load cell's zero wanders with time",
+    source="creep (a power of time, Findley 1944) and warm-up of strain gauges",
+    needs=("time_s",),
+    channels=STAND_LOADS,
+    units={"channel": "1", "also": "1", "memory": "1", "creep": "1", "since": "1", "power": "1"}
+    | {before + name: "N or N m" for name in DRIFT for before in ("", ALSO)},
+    missing=_no_clock,
+    shapes=_drift_shapes,
+    columns=_drift_columns,
+    parameters=lambda _, shape, c: {**shape, **dict(zip(_drift_names(shape), map(float, c), strict=True))},
+    inverse=_drift_inverse,
+    refuse=lambda p: None,
+    cause=lambda frame, _, __: ("time_s", frame.time_s),
+    free=lambda _, shape: {k: limits for k, limits in FREE.items() if k in shape},
+    finer=_drift_finer,
+    carried=_drift_carried,
+)
+
+
+_OF_THE_STAND = "a property of the stand's cells, not of the rotors"
+EFFECT = PhysicalEffect(
+    name="sensor_drift",
+    stage=Stage.INSTRUMENT,
+    parameters=(
+        *(Parameter(before + name, "N or N m", -1e4, 1e4) for name in DRIFT for before in ("", ALSO)),
+        Parameter("channel", "1", 0.0, 3.0),
+        Parameter("also", "1", 0.0, 3.0),
+        Parameter("memory", "1", *FREE["memory"]),
+        Parameter("creep", "1", 0.0, 1.0),
+        Parameter("since", "1", *FREE["since"]),
+        Parameter("power", "1", *FREE["power"]),
+    ),
+    stand=STAND,
+    no_static=_OF_THE_STAND,
+    no_live=_OF_THE_STAND,
+)

@@ -1,0 +1,284 @@
+"""What a mixer table is worth to who flies it: power, loop gains over load, authority, ceiling, coupling.
+
+A table is a function from demands (thrust 0..1; roll, pitch, yaw -1..1) to normalised speeds, desaturation
+and thrust curve included; what the rotors make of it is the rotor model's word, not the table's own belief.
+Nothing here counts an error that one constant gain an axis takes off: an autopilot's integrators and its
+learnt hover thrust do that by themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.airframe import AXES, Airframe
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.mixer.fitted import envelope
+from coaxlink.mixer.law import Law
+from coaxlink.rotor import RotorModel
+from coaxlink.vehicle.bent import scaled_speed
+
+# (roll, pitch, yaw, thrust up 0..1) -> normalised speeds (N,)
+Speeds = Callable[[float, float, float, float], NDArray[np.float64]]
+Array = NDArray[np.float64]
+
+STEP = 0.01  # of demand, for slopes
+LIGHT, HEAVY = 0.75, 1.25  # of the vehicle's mass: its payload off, and as much again on
+SAG = 0.85  # of full voltage: 4.2 V a cell, and 3.57 V under load before the knee of a lithium cell
+HARD = 4.0  # times the moments of the envelope's edge: a third of weight x arm in roll, a twelfth in yaw
+BOUND = 5e-4  # of normalised speed: half a step of a PWM output from the least or the highest
+DRIVE_EFFICIENCY = 0.80  # shaft over electrical watts of motor and ESC; enters minutes, never their ratio
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How far one axis goes in hover before a rotor is at its bound, and how far at a demand of 1."""
+
+    axis: str
+    moment_Nm: float  # delivered when the first rotor gets there, the smaller of both ways
+    rotors: tuple[int, ...]  # their numbers; empty where none gets there
+    full: bool  # at full speed; else at the least the autopilot lets it turn
+    most_Nm: float  # delivered at a demand of 1, the smaller of both ways
+    thrust_lost_N: float  # by that demand
+
+    def to_json(self) -> dict[str, Any]:
+        """As `--json` writes it."""
+        at = ("full speed" if self.full else "least speed") if self.rotors else None
+        return {
+            "axis": self.axis,
+            "moment_Nm": self.moment_Nm,
+            "rotors": list(self.rotors),
+            "at": at,
+            "most_Nm": self.most_Nm,
+            "thrust_lost_N": self.thrust_lost_N,
+        }
+
+
+@dataclass(frozen=True)
+class Worth:
+    """One table on one vehicle. Axes are [thrust, roll, pitch, yaw]; NaN where it cannot be flown."""
+
+    name: str
+    mass_kg: float
+    hover_demand: float  # 0..1
+    hover_W: float  # shaft power
+    gain: Array  # (4,) d(delivered)/d(demand) in hover, N and N m
+    lift_exponent: float  # d(log thrust)/d(log demand) in hover; autopilots count on 1
+    load_kg: tuple[float, float]  # light, heavy
+    load_span: Array  # (4,) largest over smallest gain from light to heavy
+    sag_span: Array  # (4,) the same in hover from a full pack to SAG, ESCs unregulated
+    ceiling_N: float  # level thrust, the most of any demand
+    limits: tuple[Limit, Limit, Limit]  # roll, pitch, yaw
+    hard_Nm: Array  # (3,) moments of the hard manoeuvre
+    coupling: Array  # (3, 4) delivered less meant when roll, pitch or yaw alone is asked for that
+    shape_error: Array  # (4,) mean |error| over the envelope, best constant gain an axis taken off
+
+    @property
+    def thrust_to_weight(self) -> float:
+        """Of the ceiling."""
+        return self.ceiling_N / (self.mass_kg * GRAVITY_M_S2)
+
+    def minutes(self, battery_Wh: float, drive_efficiency: float = DRIVE_EFFICIENCY) -> float:
+        """In hover on this energy."""
+        return 60.0 * battery_Wh * drive_efficiency / self.hover_W
+
+    def to_json(self) -> dict[str, Any]:
+        """As `compare` and `table --explain` write it; null where it cannot be flown."""
+        return {
+            "table": self.name,
+            "hover_demand": _null(self.hover_demand),
+            "hover_W": _null(self.hover_W),
+            "gain": _nulls(self.gain),
+            "lift_exponent": _null(self.lift_exponent),
+            "load_kg": list(self.load_kg),
+            "load_span": _nulls(self.load_span),
+            "sag_span": _nulls(self.sag_span),
+            "ceiling_N": self.ceiling_N,
+            "thrust_to_weight": self.thrust_to_weight,
+            "limits": [limit.to_json() for limit in self.limits],
+            "hard_Nm": self.hard_Nm.tolist(),
+            "coupling": [_nulls(row) for row in self.coupling],
+            "shape_error": _nulls(self.shape_error),
+        }
+
+
+def weigh(
+    airframe: Airframe,
+    model: RotorModel,
+    speeds: Speeds,
+    name: str = "",
+    *,
+    light: float = LIGHT,
+    heavy: float = HEAVY,
+) -> Worth:
+    """What `speeds` is worth on these rotors; `light` and `heavy` are shares of the vehicle's mass."""
+    fly = _Flown(airframe, model, speeds)
+    weight = airframe.mass_kg * GRAVITY_M_S2
+    top = fly.ceiling()
+    hover = solve(fly.lift, weight)
+    drained = _Flown(airframe, scaled_speed(model, SAG), speeds)
+    hard = HARD * np.abs(envelope(airframe, 2000)[:, 1:]).max(axis=0)
+    hold = (light * airframe.mass_kg, heavy * airframe.mass_kg)
+    if hover is None:
+        nan = np.full(4, math.nan)
+        none = tuple(Limit(axis, math.nan, (), True, math.nan, math.nan) for axis in AXES[1:])
+        return Worth(
+            name, airframe.mass_kg, math.nan, math.nan, nan, math.nan, hold, nan, nan, top,
+            (none[0], none[1], none[2]), hard, np.full((3, 4), math.nan), nan,
+        )  # fmt: skip
+    gain = fly.slopes(hover)
+    limits = tuple(_limit(fly, hover, k) for k in (1, 2, 3))
+    return Worth(
+        name,
+        airframe.mass_kg,
+        hover,
+        fly.power(hover),
+        gain,
+        float(gain[0]) * hover / fly.lift(hover),
+        hold,
+        _span([fly.slopes(solve(fly.lift, kg * GRAVITY_M_S2)) for kg in np.linspace(*hold, 5)]),
+        _span([gain, drained.slopes(solve(drained.lift, weight))]),
+        top,
+        (limits[0], limits[1], limits[2]),
+        hard,
+        _coupling(fly, hover, gain, hard),
+        _shape_error(fly, hover, gain, envelope(airframe)),
+    )
+
+
+def law_speeds(law: Law, airframe: Airframe, ceiling_N: float) -> Speeds:
+    """A law on wrenches as one on demands: thrust 1 is `ceiling_N`, a moment of 1 as much as that could turn.
+
+    Weight x arm in roll and pitch; in yaw a quarter of it, as the envelope has it.
+    """
+    arm = max(float(np.hypot(*r.position_m[:2])) for r in airframe.rotors)
+    turn = airframe.mass_kg * GRAVITY_M_S2 * arm
+
+    def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> Array:
+        return law.speeds([thrust * ceiling_N, roll * turn, pitch * turn, 0.25 * yaw * turn])
+
+    return speeds
+
+
+def solve(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
+    """The demand in 0..1 whose thrust is `weight_N`, None when none is; thrust grows with the demand."""
+    if thrust_N(1.0) < weight_N:
+        return None
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if thrust_N(middle) < weight_N else (low, middle)
+    return high
+
+
+class _Flown:
+    """A table on rotors: demands (4,) [thrust, roll, pitch, yaw] to what is delivered."""
+
+    def __init__(self, airframe: Airframe, model: RotorModel, speeds: Speeds) -> None:
+        self.airframe, self.model, self._speeds = airframe, model, speeds
+        self.least = float(np.min(speeds(0.0, 0.0, 0.0, 0.0)))  # ArduPilot's rotors never stand still
+
+    def speeds(self, demand: Array) -> Array:
+        thrust, roll, pitch, yaw = demand.tolist()
+        return self._speeds(roll, pitch, yaw, thrust)
+
+    def wrench(self, demand: Array) -> Array:
+        return self.airframe.wrench(*self.airframe.loads(self.model, self.speeds(demand)))
+
+    def bound(self, u: Array) -> NDArray[np.bool_]:
+        """Whether rotors (N,) can go no further."""
+        return (u <= self.least + BOUND) | (u >= 1.0 - BOUND)
+
+    def lift(self, thrust: float) -> float:
+        return float(self.wrench(np.array([thrust, 0.0, 0.0, 0.0]))[0])
+
+    def ceiling(self) -> float:
+        return max(self.lift(t) for t in np.linspace(0.5, 1.0, 51))
+
+    def power(self, thrust: float) -> float:
+        u = self._speeds(0.0, 0.0, 0.0, thrust)
+        torque = self.airframe.loads(self.model, u)[1]
+        return float(torque @ u) * self.model.speed_max_rpm * math.pi / 30.0
+
+    def slopes(self, thrust: float | None) -> Array:
+        """(4,) of each axis by its own demand."""
+        if thrust is None:
+            return np.full(4, math.nan)
+        found = []
+        for axis in range(4):
+            step = STEP * np.eye(4)[axis]
+            at = np.array([thrust, 0.0, 0.0, 0.0])
+            found.append((self.wrench(at + step) - self.wrench(at - step))[axis] / (2.0 * STEP))
+        return np.array(found)
+
+
+def _limit(fly: _Flown, hover: float, axis: int) -> Limit:
+    at = np.array([hover, 0.0, 0.0, 0.0])
+    still, ways = fly.wrench(at), []
+    for sign in (1.0, -1.0):
+        unit = sign * np.eye(4)[axis]
+        low, high = 0.0, 1.0
+        if fly.bound(fly.speeds(at + unit)).any():
+            for _ in range(40):
+                middle = 0.5 * (low + high)
+                low, high = (
+                    (low, middle) if fly.bound(fly.speeds(at + middle * unit)).any() else (middle, high)
+                )
+        u = fly.speeds(at + high * unit)
+        reached = np.flatnonzero(fly.bound(u))
+        most = fly.wrench(at + unit)
+        ways.append(
+            Limit(
+                AXES[axis],
+                abs(float(fly.wrench(at + high * unit)[axis])),
+                tuple(int(n) + 1 for n in reached),
+                bool((u[reached] > 0.5).any()),
+                abs(float(most[axis])),
+                float(still[0] - most[0]),
+            )
+        )
+    there, back = ways
+    return back if back.moment_Nm < 0.999 * there.moment_Nm else there  # a symmetric vehicle's are a tie
+
+
+def _span(gains: list[Array]) -> Array:
+    """(4,) largest over smallest; NaN where a gain is missing or changes its sign."""
+    rows = np.array(gains)
+    size = np.abs(rows)
+    sound = np.isfinite(rows).all(axis=0) & ((rows > 0).all(axis=0) | (rows < 0).all(axis=0))
+    return np.where(sound, size.max(axis=0) / np.where(sound, size.min(axis=0), 1.0), math.nan)
+
+
+def _coupling(fly: _Flown, hover: float, gain: Array, hard: Array) -> Array:
+    """(3, 4) off what was meant, the larger of both ways, with its sign."""
+    at = np.array([hover, 0.0, 0.0, 0.0])
+    still, rows = fly.wrench(at), []
+    for axis in (1, 2, 3):
+        meant = hard[axis - 1] * np.eye(4)[axis]
+        off = [
+            fly.wrench(at + s * meant / gain[axis] * np.eye(4)[axis]) - still - s * meant for s in (1.0, -1.0)
+        ]
+        rows.append(np.where(np.abs(off[0]) >= np.abs(off[1]), off[0], off[1]))
+    return np.array(rows)
+
+
+def _shape_error(fly: _Flown, hover: float, gain: Array, wrenches: Array) -> Array:
+    """(4,) mean |delivered - g demand|, g of least squares; demands mean `wrenches` by hover's own gains."""
+    unit = np.array([fly.airframe.mass_kg * GRAVITY_M_S2 / hover, *gain[1:]])
+    demands = wrenches / unit
+    delivered = np.array([fly.wrench(d) for d in demands])
+    best = (demands * delivered).sum(axis=0) / (demands**2).sum(axis=0)
+    return np.asarray(np.abs(delivered - best * demands).mean(axis=0))
+
+
+def _null(x: float) -> float | None:
+    return float(x) if math.isfinite(x) else None
+
+
+def _nulls(x: Array) -> list[float | None]:
+    return [_null(v) for v in x.tolist()]

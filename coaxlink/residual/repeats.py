@@ -1,0 +1,176 @@
+"""Readings of a flight that repeat: a sensor that is stuck, a stretch that was copied, or coarse steps.
+
+A sensor of fine resolution does not read the same twice; a coarse one does whenever little moves. A coarse
+one is called stuck where the rest of the log tells that it should have read something else (a gyro: the
+attitude turned; an accelerometer: the velocity changed), and a stretch copied where its sequence is none
+that the log's own changes from one reading to the next would bring by chance.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.data.resolution import is_coarse, resolution_of
+from coaxlink.data.samples import Samples
+from coaxlink.frames import GRAVITY_NED, IMU_COLUMNS, Array
+
+Mask = NDArray[np.bool_]
+Finding = tuple[str, Mask, str]  # column, rows, why
+KINDS = {"accel": "m_s2", "gyro": "rad_s"}
+STUCK_S, STUCK_TIMES = 0.5, 12  # how long, and how many times longer than the log's own repeats
+DEAD = 0.5  # of the log: an axis that reads the same for so long never worked
+REPEATED_ROWS = 12
+BY_CHANCE = 1e-6  # logs in which a sequence comes again by accident
+LAGS = 50  # the most common distances between equal readings are looked at
+WINDOW_S = 0.5  # over which the rest of the log tells what a sensor should have read
+SIGMAS = 3.0
+
+
+def stuck(log: Samples) -> list[Finding]:
+    """Axes that read exactly the same for long while the vehicle flies."""
+    found: list[Finding] = []
+    flying = _flying(log)
+    step_s = float(np.nanmedian(np.diff(log["time_s"]))) if log.rows > 2 else 1.0
+    for kind, unit in KINDS.items():
+        names = [f"{kind}_{axis}_{unit}" for axis in "xyz"]
+        held = np.stack([_held(log[name], flying, step_s) for name in names], axis=1)
+        if not held.any():
+            continue
+        steps = [log.resolution.get(name, resolution_of(log[name])) for name in names]
+        known = [s for s in steps if np.isfinite(s)]
+        # an axis that never moves has its neighbours' resolution
+        step = min(known) if known else float("nan")
+        coarse = [
+            is_coarse(log[n], s) if np.isfinite(s) else any(is_coarse(log[m], step) for m in names)
+            for n, s in zip(names, steps, strict=True)
+        ]
+        proven = _contradicted(log, names, held, step) if any(coarse) else held
+        for k, name in enumerate(names):
+            rows = held[:, k] & (proven[:, k] if coarse[k] else True)
+            if rows.any():
+                found.append((name, rows, "one reading repeats exactly while the vehicle flies"))
+    return found
+
+
+def copied(log: Samples) -> list[Finding]:
+    """Stretches of all six axes that stand in the log before, in the same order."""
+    values = np.stack([log[name] for name in IMU_COLUMNS], axis=1)
+    finite = np.isfinite(values).all(axis=1)
+    fresh = finite & np.concatenate([[True], np.any(np.diff(values, axis=0) != 0.0, axis=1)])
+    rows = np.flatnonzero(fresh)
+    mask = np.zeros(len(values), bool)
+    if len(rows) > REPEATED_ROWS:
+        _, code = np.unique(values[rows], axis=0, return_inverse=True)
+        code = code.ravel()
+        surprise = _surprise(code)
+        for lag in _lags(code):
+            same = code[lag:] == code[:-lag]
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+            for a, b in zip(edges[::2] + lag, edges[1::2] + lag, strict=True):
+                told = surprise[a:b].sum() - 2.0 * np.log(len(rows))  # wherever it begins, whatever the lag
+                if b - a >= REPEATED_ROWS and told > -np.log(BY_CHANCE):
+                    mask[rows[a] : rows[b - 1] + 1] = True
+    why = "these readings stand in the log before, digit by digit"
+    return [("accel_*, gyro_*", mask, why)] if mask.any() else []
+
+
+def _flying(log: Samples) -> Mask:
+    """(rows,) whether the motors' commands change: a vehicle that stands may well read the same twice."""
+    names = [n for n in log.columns if n.startswith("motor") and n[5:].isdigit()]
+    total = np.sum([np.nan_to_num(log[n]) for n in names], axis=0)
+    return np.asarray(total > 0.4 * float(np.median(total)), bool)
+
+
+def _held(values: Array, flying: Mask, step_s: float) -> Mask:
+    """(rows,) in runs of one reading, longer than the column's others."""
+    same = np.concatenate([[False], np.diff(values) == 0.0])
+    first = np.flatnonzero(~same)
+    length = np.diff(np.append(first, len(same)))
+    usual = float(np.quantile(length, 0.9))
+    rows = np.zeros(len(values), bool)
+    if length.max() > DEAD * len(values):
+        usual = 1.0  # nothing else was ever read
+    for a, n in zip(first, length, strict=True):
+        if (
+            n * step_s > STUCK_S
+            and n > STUCK_TIMES * usual
+            and flying[a : a + n].mean() > (0.5 if n > DEAD * len(values) else 0.9)
+        ):
+            rows[a : a + n] = True
+    return rows
+
+
+def _contradicted(log: Samples, names: list[str], held: Mask, step: float) -> Mask:
+    """(rows, 3) of `held` where the rest of the log says that the reading cannot be.
+
+    Compared are means over WINDOW_S; how far the two usually differ is told by what is not held.
+    """
+    time = log["time_s"]
+    size = max(round(WINDOW_S / float(np.nanmedian(np.diff(time)))), 1)
+    first = np.arange(0, log.rows - size, size)
+    last = first + size
+    whole = np.isclose(time[last] - time[first], size * np.nanmedian(np.diff(time)), rtol=0.2)
+    first, last = first[whole], last[whole]
+    due = _due(log, first, last, gyro=names[0].startswith("gyro"))
+    read = np.stack([np.add.reduceat(log[n], first)[: len(first)] / size for n in names], axis=1)
+    differs = due - read
+    inside = np.stack([held[first + size // 2, k] for k in range(3)], axis=1)
+    flying = _flying(log)[first + size // 2]
+    proven = np.zeros_like(held)
+    for k in range(3):
+        free = flying & ~inside[:, k]
+        others = differs[:, k][free] if free.sum() >= 8 else differs[flying][~inside[flying]]
+        if not len(others) or not inside[:, k].any():
+            continue
+        usual = 1.4826 * float(np.median(np.abs(others - np.median(others))))
+        limit = SIGMAS * max(usual, step)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], held[:, k].astype(int), [0]])))
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            here = (first >= a) & (last <= b)
+            if here.any() and float(np.sqrt(np.mean(differs[here, k] ** 2))) > limit:
+                proven[a:b, k] = True
+    return proven
+
+
+def _due(log: Samples, first: NDArray[np.intp], last: NDArray[np.intp], *, gyro: bool) -> Array:
+    """(windows, 3) what the axes should have read on average: body rates, or specific force."""
+    time = (log["time_s"][last] - log["time_s"][first])[:, None]
+    angles = np.unwrap(np.stack([log[f"{n}_rad"] for n in ("roll", "pitch", "yaw")], axis=1), axis=0)
+    turned = (angles[last] - angles[first]) / time
+    roll, pitch, yaw = angles[(first + last) // 2].T
+    sr, cr, sp, cp, sy, cy = (f(x) for x in (roll, pitch, yaw) for f in (np.sin, np.cos))
+    if gyro:
+        dr, dp, dy = turned.T
+        return np.stack([dr - dy * sp, dp * cr + dy * sr * cp, -dp * sr + dy * cr * cp], axis=1)
+    velocity = np.stack([log[f"vel_{a}_m_s"] for a in "ned"], axis=1)
+    n, e, d = ((velocity[last] - velocity[first]) / time - GRAVITY_NED).T
+    along = n * cy + e * sy
+    across = e * cy - n * sy
+    down = along * sp + d * cp
+    return np.stack([along * cp - d * sp, across * cr + down * sr, down * cr - across * sr], axis=1)
+
+
+def _lags(code: NDArray[np.intp]) -> list[int]:
+    """Distances at which readings come again so often that a copy may be behind it."""
+    order = np.argsort(code, kind="stable")
+    again = code[order][1:] == code[order][:-1]
+    found = Counter((order[1:] - order[:-1])[again].tolist())
+    return [lag for lag, count in found.most_common(LAGS) if count >= REPEATED_ROWS // 2]
+
+
+def _surprise(code: NDArray[np.intp]) -> Array:
+    """(rows,) -log of the chance of a reading after the one before it, by the rest of the log.
+
+    Neither the row itself nor the one that it may be a copy of counts.
+    """
+    count = Counter(code.tolist())
+    moves = Counter(zip(code[:-1].tolist(), code[1:].tolist(), strict=True))
+    out = np.zeros(len(code))
+    for i in range(1, len(code)):
+        a, b = int(code[i - 1]), int(code[i])
+        alone = max(count[b] - 2, 0) + 1.0
+        out[i] = np.log(max(count[a] - 2, 0) + 1.0) - np.log(max(moves[a, b] - 2, 0) + alone / len(code))
+    return out

@@ -1,0 +1,71 @@
+"""A rotor model bent by what effects do to its surfaces, as polynomials again.
+
+Effects may hold powers that are no whole numbers; laws want polynomials. What an effect *changes* is fitted
+over the speeds that fly and added to the base terms, so that a model without effects stays what it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.effects.static import FIELDS, Change, Loads
+from coaxlink.rotor import RotorModel
+from coaxlink.rotor.polynomial import Polynomial, design_matrix, term_name
+
+Array = NDArray[np.float64]
+LOWEST, POINTS, ORDER = 0.1, 31, 4  # normalised speeds of the fit; total order of the change
+SMALL = 1e-9
+
+
+def bent(model: RotorModel, changes: Sequence[Change]) -> RotorModel:
+    """The model with `changes` (each from the base model and the loads so far to new loads) in its terms."""
+    axis = np.linspace(LOWEST, 1.0, POINTS)
+    upper, lower = (x.ravel() for x in np.meshgrid(axis, axis, indexing="ij"))
+    pair = model.loads(upper, lower)
+    loads = Loads(upper, lower, *(getattr(pair, name) for name in FIELDS))
+    for change in changes:
+        loads = change(model, loads)
+    names = [term_name(a, t - a) for t in range(1, ORDER + 1) for a in range(t + 1)]
+    matrix = design_matrix(names, upper, lower)
+    added = {}
+    for load, field in zip(model.terms(), FIELDS, strict=True):
+        difference = getattr(loads, field) - getattr(pair, field)
+        if np.abs(difference).max() < SMALL:
+            continue
+        fit = np.linalg.lstsq(matrix, difference, rcond=None)[0]
+        keep = np.abs(fit) > 1e-12 * np.abs(fit).max()
+        added[load] = {name: float(c) for name, c, k in zip(names, fit, keep, strict=True) if k}
+    return with_terms(model, added)
+
+
+def with_terms(model: RotorModel, added: Mapping[str, Mapping[str, float]]) -> RotorModel:
+    """The model with {load: {term: coefficient}} added to its terms."""
+    terms = {load: dict(named) for load, named in model.terms().items()}
+    for load, named in added.items():
+        for name, c in named.items():
+            terms[load][name] = terms[load].get(name, 0.0) + c
+    changed = RotorModel.from_terms(model.form, model.speed_max_rpm, terms)
+    return replace(changed, effects=model.effects, identified=model.identified)
+
+
+def scaled_speed(model: RotorModel, factor: float) -> RotorModel:
+    """The same rotors in another unit of speed: u = 1 of the result is u = `factor` of `model`."""
+    if factor == 1.0:
+        return model
+
+    def scaled(p: Polynomial) -> Polynomial:
+        pairs = zip(p.exponents, p.coefficients, strict=True)
+        return Polynomial(p.exponents, tuple(c * factor ** (a + b) for (a, b), c in pairs))
+
+    return replace(
+        model,
+        speed_max_rpm=model.speed_max_rpm * factor,
+        upper_thrust=scaled(model.upper_thrust),
+        upper_torque=scaled(model.upper_torque),
+        lower_thrust=scaled(model.lower_thrust),
+        lower_torque=scaled(model.lower_torque),
+    )

@@ -1,0 +1,50 @@
+"""A vehicle from its files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from coaxlink.airframe import load_airframe
+from coaxlink.effects.static import Conditions
+from coaxlink.errors import InputError
+from coaxlink.rotor import RotorModel, load_rotor_model
+from coaxlink.vehicle.vehicle import Vehicle
+
+
+def load_vehicle(
+    airframe: str | Path,
+    rotors: str | Path | None = None,
+    conditions: Conditions | None = None,
+    *,
+    measured_live: bool = False,
+) -> Vehicle:
+    """The vehicle of an airframe file and a rotor model file (the airframe's own if not given).
+
+    Raises InputError naming the file and the key, also for rotors that do not lift.
+
+    >>> from coaxlink.files import example
+    >>> load_vehicle(example("x8_paper.toml"))
+    Vehicle('paper-x8', 8 rotors, 20 kg, effects in: none, left out: none)
+    """
+    frame = load_airframe(Path(airframe))
+    path = Path(rotors) if rotors else frame.rotor_model
+    if path is None:
+        raise InputError(airframe, "rotor_model", "names no rotor model, and no other is given (rotor)")
+    model = load_rotor_model(path)
+    refuse_no_lift(model, path)
+    if frame.pairs and not model.lower_thrust.coefficients:
+        problem = "none: a rotor alone was identified, and this airframe has pairs; measure both at once"
+        raise InputError(path, "lower.thrust_N", problem)
+    return Vehicle(frame, model, conditions or Conditions(), measured_live)
+
+
+def refuse_no_lift(model: RotorModel, path: Path) -> None:
+    """Raise InputError when a lone upper rotor, or a pair, at full speed does not pull upward."""
+    alone = float(model.upper_thrust(1.0, 0.0))
+    if not alone > 0.0:
+        problem = f"an upper rotor at full speed must lift, found {alone:.4g} N"
+        raise InputError(path, "upper.thrust_N", problem)
+    both = model.loads(1.0, 1.0)
+    pair = float(both.upper_thrust + both.lower_thrust)
+    if not pair > 0.0:
+        raise InputError(path, "lower.thrust_N", f"a pair at full speed must lift, found {pair:.4g} N")

@@ -1,0 +1,132 @@
+"""A vehicle as mixers see it: airframe, rotors, effects, and the conditions it shall be right at.
+
+The one place that turns [[effects]] into what laws, tables and the allocator work with: a rotor model whose
+u is the *command* at the stated conditions, a gain for every rotor, places from the true centre of mass. What
+each effect does stands in its own module of `coaxlink.effects`; what no static mixer can hold stays outside
+and is named in `left_out` with the reason. Laws take nothing but a Vehicle: no effect is dropped in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.effects import effect
+from coaxlink.effects.static import Conditions, LeftOut, StaticBench
+from coaxlink.errors import InputError
+from coaxlink.rotor import RotorModel
+from coaxlink.rotor.model import Effect
+from coaxlink.vehicle.bent import bent, scaled_speed
+
+NOT_STATED = Conditions()
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """See the module.
+
+    `declared` and `rotors` are as in their files. `measured_live` leaves to live mixing what it can measure:
+    only effects that change the rotors' own surfaces are put in, the others are in `live_effects`.
+
+    Raises InputError on effects whose numbers are missing or that no rotor here can have, and on conditions
+    that cannot be.
+
+    >>> from coaxlink.airframe import load_airframe
+    >>> from coaxlink.files import example
+    >>> from coaxlink.rotor import load_rotor_model
+    >>> x8 = Vehicle(load_airframe(example("x8_paper.toml")), load_rotor_model(example("rotor_paper.toml")))
+    >>> len(x8.airframe.rotors), dict(x8.left_out)
+    (8, {})
+    """
+
+    declared: Airframe
+    rotors: RotorModel
+    conditions: Conditions = NOT_STATED
+    measured_live: bool = False
+    airframe: Airframe = field(init=False)  # with the effects it can hold: gains, places, mass
+    model: RotorModel = field(init=False)  # over commands, with the effects it can hold, carrying none
+    compensated: Mapping[str, str] = field(init=False)  # effect -> what was done, in words
+    left_out: Mapping[str, str] = field(init=False)  # effect -> why nothing was
+    live_effects: tuple[Effect, ...] = field(init=False)  # for live mixing to measure
+    speed_per_command: float = field(init=False)  # what u = 1 of `model` means in the speeds of `rotors`
+
+    def __post_init__(self) -> None:
+        bench = StaticBench(self.declared, self.rotors, self.conditions, *self.declared.gains, usual_lift)
+        compensated: dict[str, str] = {}
+        left_out: dict[str, str] = {}
+        kept: list[Effect] = []
+        for named in sorted(self.rotors.effects, key=_turn):
+            known = effect(named.name)
+            if self.measured_live and (known is None or known.surface is None):
+                kept.append(named)
+                continue
+            try:
+                if known is None or known.static is None:
+                    raise LeftOut(known.no_static if known else "not known to the mixers")
+                known.check(named.parameters)
+                compensated[named.name] = known.static(bench, named.parameters)
+            except LeftOut as reason:
+                left_out[named.name] = str(reason)
+        model = bent(bench.model, bench.changes) if bench.changes else bench.model
+        for name, value in (
+            ("airframe", _airframe(bench)),
+            ("model", replace(scaled_speed(model, bench.speed), effects=())),
+            ("compensated", compensated),
+            ("left_out", left_out),
+            ("live_effects", tuple(kept)),
+            ("speed_per_command", bench.speed),
+        ):
+            object.__setattr__(self, name, value)
+
+    def to_json(self) -> dict[str, dict[str, str]]:
+        """The keys that every verb adds to its JSON."""
+        return {"compensated": dict(self.compensated), "not_compensated": dict(self.left_out)}
+
+    def __repr__(self) -> str:
+        inside = ", ".join(self.compensated) or "none"
+        outside = ", ".join([*self.left_out, *(e.name for e in self.live_effects)]) or "none"
+        size = f"{len(self.airframe.rotors)} rotors, {self.airframe.mass_kg:g} kg"
+        return f"Vehicle({self.airframe.name!r}, {size}, effects in: {inside}, left out: {outside})"
+
+
+def plain_rotors(model: RotorModel) -> RotorModel:
+    """The model, which must carry no effects: they would be dropped here.
+
+    Raises InputError: such a model belongs into a Vehicle, which puts them in or says why not.
+    """
+    if model.effects:
+        names = ", ".join(e.name for e in model.effects)
+        problem = f"carries {names}, which would be dropped here: make a Vehicle of airframe and rotors"
+        raise InputError("rotor model", "effects", problem)
+    return model
+
+
+def usual_lift(airframe: Airframe, model: RotorModel) -> float:
+    """Thrust over speed squared (N) of the middle one of the rotors, all turning alike in hover."""
+    weight = GRAVITY_M_S2 * airframe.mass_kg
+    low, high = 0.05, 1.0
+    count = len(airframe.rotors)
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        lift = float(airframe.wrench(*airframe.loads(model, np.full(count, middle)))[0])
+        low, high = (middle, high) if lift < weight else (low, middle)
+    thrust, _ = airframe.loads(model, np.full(count, high))
+    return max(float(np.median(thrust / high**2)), 1e-9)
+
+
+def _turn(named: Effect) -> int:
+    """Surfaces last, in the order in which they act on one another."""
+    known = effect(named.name)
+    return -1 if known is None or known.surface is None else known.surface
+
+
+def _airframe(bench: StaticBench) -> Airframe:
+    rotors = tuple(
+        replace(r, thrust_gain=float(f), torque_gain=float(q))
+        for r, f, q in zip(bench.airframe.rotors, bench.thrust, bench.torque, strict=True)
+    )
+    return replace(bench.airframe, rotors=rotors)

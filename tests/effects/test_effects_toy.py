@@ -1,0 +1,175 @@
+"""An effect from outside the package: one object, and it is traced, held by tables, taken back live, worded.
+
+The stand and the rotors it is tried on are written out here (eq. 17 of the paper); nothing of coaxlink makes
+them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.airframe import load_airframe
+from coaxlink.data import Samples
+from coaxlink.effects import LeftOut, Parameter, PhysicalEffect, Stage, Tracing, effect, registered
+from coaxlink.files import example
+from coaxlink.link.live_effects import LiveEffects
+from coaxlink.link.live_telemetry import Telemetry, wanted_streams
+from coaxlink.link.tables import report_px4
+from coaxlink.mixer import make_law
+from coaxlink.report.refine import tables, verdict
+from coaxlink.residual import refine_stand
+from coaxlink.rotor import load_rotor_model
+from coaxlink.rotor.model import Effect
+from coaxlink.vehicle import Conditions, Vehicle
+
+X8 = load_airframe(example("x8_paper.toml"))
+CRM = load_rotor_model(example("rotor_paper.toml"))
+FROM_V, LOSS = 22.0, 0.015  # a blade that flutters at high voltage: thrust lost a volt, torque as it was
+
+
+def share(p, volts):
+    """The formula, once."""
+    return p["thrust_loss_per_V"] * (np.asarray(volts, float) - FROM_V)
+
+
+def columns(frame, _):
+    out = np.zeros((len(frame.time_s), 6, 1))
+    for load in (0, 2):  # upper and lower thrust
+        out[:, load, 0] = -frame.predicted[:, load] * share(
+            {"thrust_loss_per_V": 1.0}, frame.columns["voltage_V"]
+        )
+    return out
+
+
+def static(bench, p):
+    volts = bench.at.voltage_V
+    if volts is None:
+        raise LeftOut("flutter needs the voltage stated")
+    bench.thrust *= 1.0 - share(p, volts)
+    return f"thrust less {100 * float(share(p, volts)):.1f} % at {volts:g} V"
+
+
+def live(view, p):
+    def part(speeds):
+        volts = view.reading("voltage")
+        if volts is None:
+            return np.zeros(4)
+        return view.wrench_of(-share(p, volts) * view.loads(speeds)[0])
+
+    return part
+
+
+FLUTTER = PhysicalEffect(
+    name="blade_flutter",
+    stage=Stage.ROTOR,
+    parameters=(Parameter("thrust_loss_per_V", "1/V", 0.0, 0.1, (0.0, 0.02)),),
+    stand=Tracing(
+        name="blade_flutter",
+        physics="blades flutter and lose thrust at high voltage",
+        source="this test",
+        needs=("voltage_V",),
+        channels=("upper_thrust", "lower_thrust"),
+        units={"thrust_loss_per_V": "1/V"},
+        missing=lambda frame: (
+            None if frame.context("voltage_V") is not None else "voltage_V is not in the log"
+        ),
+        shapes=lambda _: [{}],
+        columns=columns,
+        parameters=lambda _, __, c: {"thrust_loss_per_V": float(c[0])},
+        inverse=lambda _, p: ({}, np.array([p["thrust_loss_per_V"]])),
+        refuse=lambda p: None if 0.0 <= p["thrust_loss_per_V"] <= 0.1 else "no blade does that",
+        cause=lambda frame, _, __: ("voltage_V", frame.columns["voltage_V"]),
+    ),
+    static=static,
+    live=live,
+    required=("thrust_loss_per_V",),
+    messages={"BATTERY_STATUS": 10.0},
+)
+
+
+def loads(u, v):
+    """Eq. 17: upper thrust and torque, lower thrust and torque."""
+    pair = CRM.loads(u, v)
+    return pair.upper_thrust, pair.upper_torque, pair.lower_thrust, pair.lower_torque
+
+
+def stand(loss, seed=3):
+    rng = np.random.default_rng(seed)
+    steps = np.linspace(0.2, 0.9, 9)
+    u, v = (x.ravel() for x in np.meshgrid(steps, steps, indexing="ij"))
+    u, v = np.tile(u, 2), np.tile(v, 2)
+    volts = rng.permutation(np.linspace(21.0, 25.2, len(u)))
+    upper, upper_q, lower, lower_q = loads(u, v)
+    kept = 1.0 - loss * (volts - FROM_V)
+    rpm = CRM.speed_max_rpm
+    return Samples(
+        {
+            "time_s": 2.0 * np.arange(len(u)),
+            "upper_rpm": rpm * u,
+            "lower_rpm": rpm * v,
+            "upper_thrust_N": upper * kept + rng.normal(0, 0.15, len(u)),
+            "lower_thrust_N": lower * kept + rng.normal(0, 0.15, len(u)),
+            "upper_torque_Nm": upper_q + rng.normal(0, 0.004, len(u)),
+            "lower_torque_Nm": lower_q + rng.normal(0, 0.004, len(u)),
+            "voltage_V": volts,
+        },
+        "toy stand",
+    )
+
+
+@pytest.fixture
+def known():
+    with registered(FLUTTER):
+        yield
+    assert effect("blade_flutter") is None
+
+
+def having(loss=LOSS):
+    return replace(CRM, effects=(Effect("blade_flutter", {"thrust_loss_per_V": loss}, ("voltage_V",)),))
+
+
+def test_it_is_traced_and_worded(known):
+    answer = refine_stand(stand(LOSS), CRM)
+    assert [e.name for e in answer.effects] == ["blade_flutter"]
+    (number,) = answer.effects[0].parameters
+    assert number.ci[0] <= LOSS <= number.ci[1] and number.value == pytest.approx(LOSS, rel=0.1)
+    assert "found: blade_flutter" in verdict(answer)
+    assert len(list(tables(answer))) == 2
+    assert answer.model is not None and answer.model.effects[0].name == "blade_flutter"
+
+
+def test_where_there_is_none_it_is_not_traced(known):
+    assert refine_stand(stand(0.0), CRM).effects == ()
+
+
+def test_a_table_and_a_law_hold_it_at_the_stated_voltage(known):
+    vehicle = Vehicle(X8, having(), Conditions(voltage_V=25.0))
+    assert "4.5 %" in vehicle.compensated["blade_flutter"]
+    u = make_law("exact", vehicle).speeds([200.0, 1.0, -1.0, 0.3])
+    pull, drag = X8.loads(CRM, u)
+    assert X8.wrench(pull * (1.0 - LOSS * 3.0), drag) == pytest.approx([200.0, 1.0, -1.0, 0.3], abs=1e-6)
+    hover = [report_px4(v, "fitted").behaviour.hover for v in (vehicle, Vehicle(X8, CRM))]
+    assert hover[0] > hover[1] + 0.005
+    assert "stated" in Vehicle(X8, having()).left_out["blade_flutter"]
+
+
+def test_live_mixing_takes_it_back_from_what_the_vehicle_sends(known):
+    telemetry = Telemetry()
+    vehicle = Vehicle(X8, having(), measured_live=True)
+    taking = LiveEffects(None, vehicle, telemetry)
+    assert taking.names == ["blade_flutter"] and wanted_streams(taking.names) == {147: 10.0}
+    speeds = np.full(8, 0.6)
+    assert taking.wrench(speeds).tolist() == [0.0] * 4  # nothing heard yet
+    cells = [3125] * 8 + [0xFFFF] * 2  # 25 V
+    telemetry.hear(mavlink.MAVLink_battery_status_message(0, 0, 1, 0x7FFF, cells, 0, 0, -1, 50))
+    lost = X8.wrench(*X8.loads(CRM, speeds))[0] * LOSS * 3.0
+    assert taking.wrench(speeds)[0] == pytest.approx(-lost, rel=1e-6)
+
+
+def test_before_it_is_registered_nobody_knows_it():
+    assert "not known" in Vehicle(X8, having()).left_out["blade_flutter"]
+    assert refine_stand(stand(LOSS), CRM).effects == ()

@@ -1,0 +1,251 @@
+"""What the mixer sees: commands made with the effects deliver on rotors that have them.
+
+The rotors that have them are written out here, speed by speed; nothing of the code under test makes them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coaxlink.airframe import load_airframe
+from coaxlink.errors import InputError
+from coaxlink.mixer import make_law
+from coaxlink.rotor.model import Effect, load_rotor_model
+from coaxlink.vehicle import Conditions, Vehicle
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+X8 = load_airframe(EXAMPLES / "x8_paper.toml")
+CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
+DEMAND = np.array([205.0, 1.5, -1.0, 0.4])
+
+WEAK = Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.18})
+SHIFT = Effect("cg_offset", {"offset_x_m": 0.012, "offset_y_m": -0.007})
+SAG = Effect("battery_voltage", {"speed_exponent": 0.5, "reference_voltage_V": 33.6})
+GROUND = Effect("ground_effect", {"gain_at_ground": 0.2, "height_scale_m": 0.6})
+INFLOW = Effect("axial_inflow", {"thrust_per_climb_N_s_m": 1.8})
+INTERFERENCE = Effect(
+    "lower_on_upper_interference",
+    {"thrust_loss_N": 2.5, "torque_loss_Nm": 0.03, "lower_power": 1.5, "upper_power": 0.5},
+)
+BLADE = Effect("blade_speed_law", {"exponent_change": 0.12, "power": -0.25})
+
+
+def seen(*effects, **at):
+    return Vehicle(X8, dataclasses.replace(CRM, effects=effects), Conditions(**at))
+
+
+def delivered(
+    u, *, speed=1.0, weak=None, shift=(0.0, 0.0), thrust_gain=1.0, climb=0.0, less=0.0, more=0.0, bend=None
+):
+    """(4,) wrench about the true centre of mass of rotors that turn at `speed` of their commands `u`."""
+    pull, drag = np.zeros(8), np.zeros(8)
+    for upper, lower in ((0, 5), (1, 4), (2, 7), (3, 6)):
+        a, b = u[upper] * speed, u[lower] * speed
+        load = CRM.loads(a, b)
+        each = [load.upper_thrust, load.upper_torque, load.lower_thrust, load.lower_torque]
+        each = bend(a, b, each) if bend else each
+        pull[upper], drag[upper], pull[lower], drag[lower] = each
+        pull[upper] -= 1.8 * climb * a / (1 + less * climb / a)
+        pull[lower] -= 1.8 * climb * b / (1 + less * climb / b)
+    pull = (pull + more) * thrust_gain
+    if weak is not None:
+        pull[weak] *= 0.7
+        drag[weak] *= 0.82
+    place = np.array([r.position_m for r in X8.rotors])[:, :2] - shift
+    spin = np.array([1, -1, 1, -1, 1, -1, 1, -1])  # of x8_paper.toml
+    return np.array([pull.sum(), -place[:, 1] @ pull, place[:, 0] @ pull, spin @ drag])
+
+
+ABOVE = 0.4 + np.array([0.075] * 4 + [-0.075] * 4)  # the discs' own heights
+BENT = {"thrust_per_climb_N_s_m": 1.8, "levelling_s_m": 0.1, "thrust_per_climb_squared_N_s2_m2": 0.1}
+CASES = {
+    "weak rotor": ((WEAK,), {}, {"weak": 2}),
+    "shifted mass": ((SHIFT,), {}, {"shift": (0.012, -0.007)}),
+    "sagged supply": ((SAG,), {"voltage_V": 30.0}, {"speed": (30.0 / 33.6) ** 0.5}),
+    "ground": ((GROUND,), {"height_m": 0.4}, {"thrust_gain": 1 + 0.2 * np.exp(-ABOVE / 0.6)}),
+    "ground by a power": (
+        (Effect("ground_effect", {"effective_radius_m": 0.5, "height_power": 1.6}),),
+        {"height_m": 0.4},
+        {"thrust_gain": 1 + (0.5 / 4 / ABOVE) ** 1.6},
+    ),
+    "bent ground": (
+        (Effect("ground_effect", {"effective_radius_m": 0.5, "height_power": 2.0, "levelling": -1.0}),),
+        {"height_m": 0.4},
+        {"thrust_gain": 1 / (1 - (0.5 / 4 / ABOVE) ** 2)},
+    ),
+    "climb, bent": (
+        (Effect("axial_inflow", BENT),),
+        {"climb_m_s": 1.5},
+        {"climb": 1.5, "less": 0.1, "more": -0.1 * 1.5**2},
+    ),
+    "climb": ((INFLOW,), {"climb_m_s": 1.5}, {"climb": 1.5}),
+    "three at once": (
+        (INFLOW, WEAK, SHIFT, SAG),
+        {"voltage_V": 30.0, "climb_m_s": 1.5},
+        {"weak": 2, "shift": (0.012, -0.007), "speed": (30.0 / 33.6) ** 0.5, "climb": 1.5},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("law", ["exact", "coaxial"])
+def test_the_demand_is_delivered_by_rotors_that_have_the_effect(case, law):
+    effects, at, truth = CASES[case]
+    s = seen(*effects, **at)
+    assert set(s.compensated) == {e.name for e in effects} and not s.left_out
+    u = make_law(law, s).speeds(DEMAND)
+    # a loss that does not grow with speed is no polynomial of a rotor that stands: it is met closely
+    assert delivered(u, **truth) == pytest.approx(DEMAND, abs=0.1 if "more" in truth else 1e-6)
+    blind = make_law(law, Vehicle(X8, CRM)).speeds(DEMAND)
+    assert np.abs(delivered(blind, **truth) - DEMAND).max() > 0.5  # else the test would see nothing done
+
+
+@pytest.mark.parametrize("effect", [INTERFERENCE, BLADE])
+def test_a_bent_surface_is_delivered_on(effect):
+    p = effect.parameters
+
+    def bend(a, b, each):
+        if effect is INTERFERENCE:
+            term = b ** p["lower_power"] * a ** p["upper_power"]
+            return [each[0] - p["thrust_loss_N"] * term, each[1] - p["torque_loss_Nm"] * term, *each[2:]]
+        share = [p["exponent_change"] * (x ** p["power"] - 1) / p["power"] for x in (a, b)]
+        return [e * (1 + share[i // 2]) for i, e in enumerate(each)]
+
+    s = seen(effect)
+    u = make_law("exact", s).speeds(DEMAND)
+    assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=0.35)
+    blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
+    assert abs(delivered(blind, bend=bend)[0] - DEMAND[0]) > 1.5
+    assert s.model.upper_thrust(0.0, 0.0) == 0.0
+
+
+def test_a_pair_at_another_spacing_than_the_bench_had():
+    numbers = {"wake_thrust_share": 0.3, "wake_torque_share": 0.2, "upper_gain_N": 1.0}
+    wider = Effect("rotor_spacing", numbers | {"reference_spacing_m": 0.1})  # the vehicle's is 0.15 m
+
+    def bend(a, b, each):
+        alone = CRM.loads(0.0, b)
+        wake, drag = each[2] - alone.lower_thrust, each[3] - alone.lower_torque
+        return [each[0] + 0.5 * b * b, each[1], each[2] - 0.15 * wake, each[3] - 0.1 * drag]
+
+    s = seen(wider)
+    u = make_law("exact", s).speeds(DEMAND)
+    assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1e-6)
+    unknown = seen(Effect("rotor_spacing", numbers))
+    assert "at which spacing" in unknown.left_out["rotor_spacing"]
+
+
+@pytest.mark.parametrize("law", ["fitted", "reduced", "standard"])
+def test_the_linear_laws_know_a_weak_rotor_too(law):
+    s = seen(WEAK)
+    miss = [
+        np.abs(delivered(make_law(law, Vehicle(airframe, model)).speeds(DEMAND), weak=2) - DEMAND)[1:3].max()
+        for airframe, model in ((X8, CRM), (s.airframe, s.model))
+    ]
+    assert miss[1] < (0.1 if law == "fitted" else 0.8) * miss[0]
+
+
+def test_what_is_not_stated_or_cannot_be_held_is_said():
+    s = seen(SAG, GROUND, INFLOW, Effect("rotor_drag", {"drag_N_s_m": 1.0}), Effect("dust", {}))
+    assert not s.compensated and s.airframe == X8
+    assert s.model.terms() == CRM.terms() and s.model.effects == ()
+    assert "voltage_V" in s.left_out["battery_voltage"] and "height_m" in s.left_out["ground_effect"]
+    assert set(s.left_out) == {"battery_voltage", "ground_effect", "axial_inflow", "rotor_drag", "dust"}
+
+
+def test_commands_begin_where_motors_start():
+    band, share = 0.08, 0.9
+    s = seen(Effect("dead_band", {"band": band, "share": share, "stretched": 1.0}))
+    assert "0.08" in s.compensated["dead_band"]
+    u = make_law("exact", s).speeds(DEMAND)
+    turned = u + share * ((u - band) / (1.0 - band) - u)
+    assert delivered(turned) == pytest.approx(DEMAND, abs=0.35)
+    blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
+    short = delivered(blind + share * ((blind - band) / (1.0 - band) - blind))
+    assert short[0] < DEMAND[0] - 10.0
+    # a band that only cuts off needs no other command above it, and no mixer can go below
+    cut = seen(Effect("dead_band", {"band": band, "share": 1.0}))
+    assert "minimum" in cut.left_out["dead_band"] and cut.model.terms() == CRM.terms()
+
+
+@pytest.mark.parametrize(
+    ("numbers", "lift", "drag"),
+    [
+        ({"exponent_change": 0.3, "rise": 3.0}, lambda u: 0.1 * u**3, lambda u: 0.1 * u**3),
+        ({"exponent_change": 0.3, "power": -3.0, "soft": 0.5},
+         lambda u: 0.1 * (1 - ((u + 0.5) / 1.5) ** -3), lambda u: 0.1 * (1 - ((u + 0.5) / 1.5) ** -3)),
+        ({"exponent_change": 0.2, "torque_exponent_change": 0.1, "power": -0.5, "apart": 1.0},
+         lambda u: 0.4 * (1.0 - u**-0.5), lambda u: 0.2 * (1.0 - u**-0.5)),
+        ({"loss": 0.8, "torque_loss": 0.4, "tip": 0.4, "apart": 1.0},
+         lambda u: -0.8 * np.maximum(u - 0.4, 0) ** 2, lambda u: -0.4 * np.maximum(u - 0.4, 0) ** 2),
+    ],
+)  # fmt: skip
+def test_every_form_of_a_blade_speed_law_is_delivered_on(numbers, lift, drag):
+    def bend(a, b, each):
+        share = lift(a), drag(a), lift(b), drag(b)
+        return [e * (1.0 + s) for e, s in zip(each, share, strict=True)]
+
+    s = seen(Effect("blade_speed_law", numbers))
+    u = make_law("exact", s).speeds(DEMAND)
+    assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1.5)  # the bent surface is a polynomial
+    blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
+    assert abs(delivered(blind, bend=bend)[0] - DEMAND[0]) > 3.0
+
+
+def test_a_motor_that_takes_its_idling_off_is_told_more():
+    s = seen(Effect("dead_band", {"band": 0.2, "bend": 2.0, "share": 1.0, "start": 0.25}))
+    u = make_law("exact", s).speeds(DEMAND)
+    assert delivered(np.sqrt(np.maximum(u**2 - 0.04, 0.0))) == pytest.approx(DEMAND, abs=1.2)
+    blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
+    assert delivered(np.sqrt(np.maximum(blind**2 - 0.04, 0.0)))[0] < DEMAND[0] - 10.0
+
+
+def test_a_spacing_acts_before_the_blades_whatever_the_file_says():
+    gap = Effect(
+        "rotor_spacing", {"wake_thrust_share": 0.5, "wake_torque_share": 0.5, "reference_spacing_m": 0.1}
+    )
+    one, other = (seen(*order).model for order in ((gap, BLADE), (BLADE, gap)))
+    a, b = np.meshgrid([0.3, 0.6], [0.2, 0.7])
+    assert one.loads(a, b).lower_thrust == pytest.approx(other.loads(a, b).lower_thrust)
+
+
+def test_air_of_another_density_is_stated():
+    air = Effect("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.2})
+    assert "air_density_kg_m3" in seen(air).left_out["air_density"]
+    s = seen(air, air_density_kg_m3=1.0)
+    u = make_law("exact", s).speeds(DEMAND)
+    pull, drag = X8.loads(CRM, u)
+    assert X8.wrench(pull / 1.2, drag / 1.2) == pytest.approx(DEMAND, abs=1e-6)
+
+
+def test_live_mixing_is_left_what_it_measures():
+    model = dataclasses.replace(CRM, effects=(SAG, INTERFERENCE, WEAK))
+    s = Vehicle(X8, model, measured_live=True)
+    assert [e.name for e in s.live_effects] == ["battery_voltage", "degraded_rotor"]
+    assert list(s.compensated) == ["lower_on_upper_interference"] and s.airframe == X8
+
+
+def test_a_mass_moves_the_hover():
+    assert seen(Effect("mass_change", {"mass_kg": 22.5})).airframe.mass_kg == 22.5
+
+
+@pytest.mark.parametrize(
+    "effect, at, said",
+    [
+        (Effect("degraded_rotor", {"rotor": 9.0, "thrust_loss": 0.1}), {}, "rotors 1 to 8"),
+        (Effect("degraded_rotor", {"rotor": 1.0}), {}, "thrust_loss"),
+        (SAG, {"voltage_V": 0.0}, "voltage_V"),
+        (SAG, {"voltage_V": 400.0}, "voltage_V"),
+        (Effect("dead_band", {"band": 1.0, "stretched": 1.0}), {}, "dead_band.band"),
+        (Effect("dead_band", {"band": 0.1, "bend": 0.0}), {}, "dead_band.bend"),
+        (Effect("blade_speed_law", {"exponent_change": 0.1, "rise": 0.0}), {}, "blade_speed_law.rise"),
+        (Effect("blade_speed_law", {"exponent_change": 0.1, "power": 0.2, "soft": -1.0}), {}, "_law.soft"),
+    ],
+)
+def test_numbers_that_cannot_be_are_refused(effect, at, said):
+    with pytest.raises(InputError, match=said):
+        seen(effect, **at)
