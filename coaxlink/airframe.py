@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from coaxlink import files
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel
-from coaxlink.rotor.model import input_error
+from coaxlink.rotor.model import input_error, plain_name
 
 AXES = ("thrust", "roll", "pitch", "yaw")
 
@@ -49,6 +49,7 @@ class Airframe:
     motor_lag_s: float = 0.0
     rotor_model: Path | None = None
     source: Path | None = None
+    battery_Wh: float | None = None  # what a flight may use of the pack
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -109,26 +110,53 @@ Vector = tuple[
     Annotated[float, Field(allow_inf_nan=False)],
     Annotated[float, Field(allow_inf_nan=False)],
 ]
+Name = Annotated[str, AfterValidator(plain_name)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _RotorTable(BaseModel):
     model_config = ConfigDict(extra="forbid")
-    number: Annotated[int, Field(ge=1, le=16)]
-    position_m: Vector
-    spin: Literal["ccw", "cw"]
-    level: Literal["upper", "lower", "single"]
-    pair: int | None = None
-    axis: Vector = (0.0, 0.0, -1.0)
+    number: Annotated[int, Field(ge=1, le=16, description="The autopilot's motor number, from 1.")]
+    position_m: Annotated[
+        Vector, Field(description="Forward, right, down from the centre of mass, m (body frame FRD).")
+    ]
+    spin: Annotated[Literal["ccw", "cw"], Field(description="Which way it turns, seen from above.")]
+    level: Annotated[
+        Literal["upper", "lower", "single"], Field(description="Its place in a coaxial pair, or single.")
+    ]
+    pair: Annotated[int | None, Field(description="Number of the other rotor; none for a single one.")] = None
+    axis: Annotated[Vector, Field(description="Direction of its thrust, FRD; scaled to length 1.")] = (
+        0.0,
+        0.0,
+        -1.0,
+    )
 
 
 class _AirframeFile(BaseModel):
-    name: str
-    mass_kg: Positive
-    inertia_kg_m2: tuple[Positive, Positive, Positive]
-    rotor_model: str | None = None
-    motor_lag_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    rotors: Annotated[list[_RotorTable], Field(min_length=3, max_length=16)]
+    model_config = ConfigDict(title="coaxlink airframe")
+    name: Annotated[Name, Field(description="Names the vehicle in files and reports.")]
+    mass_kg: Annotated[Positive, Field(description="All-up mass, kg.")]
+    inertia_kg_m2: Annotated[
+        tuple[Positive, Positive, Positive],
+        Field(description="Moments of inertia about x, y, z through the centre of mass, kg m^2."),
+    ]
+    rotor_model: Annotated[
+        str | None, Field(description="Rotor model file, beside this one; --rotor overrides it.")
+    ] = None
+    motor_lag_s: Annotated[
+        float, Field(ge=0, allow_inf_nan=False, description="First-order lag from command to speed, s.")
+    ] = 0.0
+    battery_Wh: Annotated[
+        Positive | None, Field(description="Energy of the pack that a flight may use, Wh.")
+    ] = None
+    rotors: Annotated[
+        list[_RotorTable], Field(min_length=3, max_length=16, description="One table a rotor, any order.")
+    ]
+
+
+def airframe_schema() -> dict[str, Any]:
+    """The JSON schema of an airframe file, for editors (taplo, VS Code)."""
+    return {"$schema": "http://json-schema.org/draft-07/schema#", **_AirframeFile.model_json_schema()}
 
 
 def load_airframe(path: Path) -> Airframe:
@@ -159,7 +187,14 @@ def load_airframe(path: Path) -> Airframe:
         )
     model = path.parent / parsed.rotor_model if parsed.rotor_model else None
     return Airframe(
-        parsed.name, parsed.mass_kg, parsed.inertia_kg_m2, tuple(rotors), parsed.motor_lag_s, model, path
+        parsed.name,
+        parsed.mass_kg,
+        parsed.inertia_kg_m2,
+        tuple(rotors),
+        parsed.motor_lag_s,
+        model,
+        path,
+        parsed.battery_Wh,
     )
 
 

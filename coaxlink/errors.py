@@ -11,11 +11,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from firmware_params.plain import plain
+
 
 class CoaxlinkError(Exception):
-    """Base of all errors a user may see; its text is one line."""
+    """Base of all errors a user may see; its text is one plain line, whatever it quotes."""
 
     exit_code = 2
+
+    def __init__(self, text: str) -> None:
+        super().__init__(plain(text))
 
 
 class CheckFailed(CoaxlinkError):

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
+import stat
 import tempfile
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
 from coaxlink.errors import InputError
+from firmware_params import bounded
+from firmware_params.plain import plain
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
@@ -21,7 +24,7 @@ def write_atomic(path: Path, content: str | bytes) -> None:
 
     Raises InputError when the place cannot be written.
     """
-    data = content.encode() if isinstance(content, str) else content
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -55,42 +58,114 @@ def refuse_unwritable(path: Path | None) -> None:
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
-    """Write one JSON object atomically; NaN and infinity are refused, not written as invalid JSON."""
-    write_atomic(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+    """Write one JSON object atomically. Raises InputError; NaN and infinity are refused, not written as
+    invalid JSON."""
+    try:
+        text = json.dumps(value, indent=2, allow_nan=False)
+    except ValueError as error:
+        raise InputError(path, "", f"not written: a result is no finite number ({error})") from error
+    write_atomic(path, text + "\n")
 
 
 def write_toml(path: Path, value: Mapping[str, Any]) -> None:
-    """Write one TOML document atomically."""
-    write_atomic(path, tomli_w.dumps(value))
+    """Write one TOML document atomically, its strings plain, so that `read_toml` takes it back."""
+    write_atomic(path, tomli_w.dumps(_plain(value)))
 
 
-def read_text(path: Path) -> str:
-    """The text of a file (UTF-8, a byte-order mark is dropped). Raises InputError."""
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {plain(key, bounded.KEY): _plain(inside) for key, inside in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(inside) for inside in value]
+    return plain(value, bounded.STRING) if isinstance(value, str) else value
+
+
+@contextlib.contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """What a file cannot be read for, as InputError."""
     try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(path, f"byte {error.start}", "not text (UTF-8 expected)") from error
+        yield
+    except bounded.Unreadable as error:
+        raise InputError(path, error.where, error.problem) from error
     except OSError as error:
         raise InputError(path, "", f"cannot be read ({error.strerror})") from error
 
 
+def read_bytes(path: Path, most: int = bounded.TEXT) -> bytes:
+    """A regular file of at most `most` bytes. Raises InputError; a device or a pipe is never opened."""
+    with reading(path):
+        return bounded.read_bytes(path, most)
+
+
+def read_text(path: Path, most: int = bounded.TEXT) -> str:
+    """The text of a file (UTF-8, a byte-order mark is dropped). Raises InputError."""
+    with reading(path):
+        return bounded.read_text(path, most)
+
+
 def read_toml(path: Path) -> dict[str, Any]:
-    """A TOML document as a dict. Raises InputError with the line of a syntax error."""
+    """A TOML document as a dict, its strings plain. Raises InputError with the line of a syntax error."""
+    with reading(path):
+        return bounded.parse_toml(bounded.read_text(path, bounded.SETTINGS))
+
+
+def read_json(path: Path) -> Any:
+    """A JSON document of bounded depth. Raises InputError."""
+    with reading(path):
+        return bounded.parse_json(bounded.read_text(path))
+
+
+def code_folder(name: str) -> Path:
+    """Where compiled code of this name is kept between runs."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "coaxlink" / name
+
+
+def keep_private(folder: Path) -> str:
+    """Make a folder for code that will be run (mode 700); why not to run what is in it, "" for no reason.
+
+    Only this user may have put it there: the folder and all in it are this user's, nobody else can write
+    them, and no folder above can be renamed by just anybody.
+    """
     try:
-        return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(path, "", f"not TOML: {error}") from error
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        closed = not folder.lstat().st_mode & 0o077  # then nobody else reaches what is in it
+        for place in (folder, *folder.rglob("*")):
+            about = place.lstat()
+            if stat.S_ISLNK(about.st_mode):
+                return f"{place} is a link"
+            if about.st_uid != os.geteuid():
+                return f"{place} is another user's ({about.st_uid})"
+            if about.st_mode & 0o022 and not closed:
+                return f"{place} can be written by others"
+        for above in folder.absolute().parents:
+            mode = above.stat().st_mode
+            if mode & 0o002 and not mode & stat.S_ISVTX:
+                return f"{above} can be written by everybody"
+    except OSError as error:
+        return f"{folder}: {error.strerror}"
+    return ""
 
 
 def sha256(path: Path) -> str:
     """Hex digest of a file's bytes."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(path, bounded.LOG)).hexdigest()
 
 
 def example(name: str) -> Path:
     """Path of a shipped example (`x8_paper.toml`, ...), installed or in a checkout."""
-    here = Path(__file__).parent
-    for folder in (here / "examples", here.parent / "examples"):
+    for folder in _example_folders():
         if (folder / name).is_file():
             return folder / name
     raise InputError(name, "", "no such shipped example")
+
+
+def examples() -> list[Path]:
+    """Every shipped example, by name."""
+    found = {path.name: path for folder in _example_folders() if folder.is_dir() for path in folder.iterdir()}
+    return [found[name] for name in sorted(found) if found[name].is_file()]
+
+
+def _example_folders() -> tuple[Path, Path]:
+    here = Path(__file__).parent
+    return here / "examples", here.parent / "examples"

@@ -11,7 +11,7 @@ from coaxlink.errors import InputError
 def test_a_failed_write_leaves_the_old_file(tmp_path):
     target = tmp_path / "out.json"
     files.write_json(target, {"a": 1})
-    with pytest.raises(ValueError, match="Out of range"):
+    with pytest.raises(InputError, match="no finite number"):
         files.write_json(target, {"a": float("nan")})
     assert json.loads(target.read_text()) == {"a": 1}
     assert [p.name for p in tmp_path.iterdir()] == ["out.json"]

@@ -7,8 +7,10 @@ estimator's bias (XKF2), since ArduPilot logs them raw.
 from __future__ import annotations
 
 import contextlib
+import functools
+import struct
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,7 @@ TYPES = [
     "EV",
     "ARM",
 ]
+MOST_LOST = 20_000  # messages that cannot be read; a torn log loses some, a card's bad block some hundred
 FIRST_MOTOR_FUNCTION = 33
 EVENT_ARMED, EVENT_DISARMED, EVENT_LANDED, EVENT_AIRBORNE = 10, 11, 18, 28
 Rows = dict[str, NDArray[np.float64]]  # field: (n,)
@@ -63,18 +66,23 @@ def read_dataflash(path: Path) -> Samples:
     return merge(str(path), _motors(messages, parameters, notes), streams, notes)
 
 
-def _messages(path: Path) -> tuple[dict[str, Rows], dict[str, float]]:
-    from pymavlink import DFReader
+def dataflash_parameters(path: Path) -> dict[str, float]:
+    """The parameters an ArduPilot log holds, the last value of each. Raises InputError."""
+    return _messages(path, ())[1]
 
+
+def _messages(path: Path, types: Sequence[str] = TYPES) -> tuple[dict[str, Rows], dict[str, float]]:
     found: dict[str, list[Any]] = {}
     parameters: dict[str, float] = {}
-    reader = DFReader.DFReader_binary.__new__(
-        DFReader.DFReader_binary
-    )  # to close what a failing start opened
+    kind = _reader_class()
+    reader = kind.__new__(kind)  # to close what a failing start opened
     try:
         with silenced():
             reader.__init__(str(path), zero_time_base=True)
-            while (message := reader.recv_match(type=[*TYPES, "PARM"])) is not None:
+            for number, form in reader.formats.items():
+                if struct.calcsize(form.msg_struct) != form.len - 3:  # none can be read
+                    reader.counts[number] = 0
+            while (message := reader.recv_match(type=[*types, "PARM"])) is not None:
                 if message.get_type() == "PARM":
                     parameters[message.Name] = message.Value
                 else:
@@ -92,6 +100,29 @@ def _messages(path: Path) -> tuple[dict[str, Rows], dict[str, float]]:
         ]
         rows[name] = {f: np.array([getattr(m, f) for m in messages], float) for f in fields}
     return rows, parameters
+
+
+@functools.cache
+def _reader_class() -> Any:
+    from pymavlink import DFReader
+
+    class Reader(DFReader.DFReader_binary):
+        """pymavlink looks for the next message it can read from each that it cannot, to the log's end: with
+        a format that was damaged on the way that is the square of a log."""
+
+        _deep = _lost = 0
+
+        def _parse_next(self) -> Any:
+            self._lost += self._deep > 0
+            if self._lost > MOST_LOST:
+                raise ValueError(f"more than {MOST_LOST} messages make no sense")
+            self._deep += 1
+            try:
+                return super()._parse_next()
+            finally:
+                self._deep -= 1
+
+    return Reader
 
 
 def _first(rows: Rows | None, keys: tuple[str, ...], wanted: float = 0) -> Rows | None:

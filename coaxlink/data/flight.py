@@ -7,9 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from coaxlink import files
+from coaxlink.data.held import at_the_commands
+from coaxlink.data.quiet import one_line
 from coaxlink.data.samples import Samples
-from coaxlink.data.table import read_table
+from coaxlink.data.table import is_spreadsheet, read_headings, read_table
 from coaxlink.errors import InputError
+from firmware_params import bounded
 
 MOTOR = re.compile(r"motor([1-9]\d?)")
 MOTION = (
@@ -31,34 +35,52 @@ def read_flight_log(path: Path) -> Samples:
     Raises InputError.
     """
     path = Path(path)
-    kind = _kind(path)
-    if kind == "ulog":
-        from coaxlink.data.ulog import read_ulog
+    kind = log_kind(path)
+    if kind == "text":
+        return read_flight_csv(path)
+    name, read = _READERS[kind]
+    try:
+        return read(path)
+    except _DAMAGE as error:  # formats describe their own fields: a damaged one promises what is not there
+        raise InputError(path, "", f"not a readable {name} log ({one_line(error)})") from error
 
-        return read_ulog(path)
-    if kind == "dataflash":
-        from coaxlink.data.dataflash import read_dataflash
 
-        return read_dataflash(path)
-    if kind == "tlog":
-        from coaxlink.data.tlog import read_tlog
+def _ulog(path: Path) -> Samples:
+    from coaxlink.data.ulog import read_ulog
 
-        return read_tlog(path)
-    return read_flight_csv(path)
+    return read_ulog(path)
+
+
+def _dataflash(path: Path) -> Samples:
+    from coaxlink.data.dataflash import read_dataflash
+
+    return read_dataflash(path)
+
+
+def _tlog(path: Path) -> Samples:
+    from coaxlink.data.tlog import read_tlog
+
+    return read_tlog(path)
+
+
+_READERS = {"ulog": ("ULog", _ulog), "dataflash": ("DataFlash", _dataflash), "tlog": ("tlog", _tlog)}
+_DAMAGE = (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, MemoryError)
 
 
 def is_flight_log(path: Path) -> bool:
     """Whether a log is of a flight (motor commands, or binary), not of a stand. Raises InputError."""
     path = Path(path)
-    return _kind(path) != "text" or any(MOTOR.fullmatch(name) for name in read_table(path).headings)
+    if log_kind(path) != "text":
+        return True
+    return not is_spreadsheet(path) and any(MOTOR.fullmatch(name) for name in read_headings(path))
 
 
-def _kind(path: Path) -> str:
-    try:
+def log_kind(path: Path) -> str:
+    """ulog, dataflash, tlog or text, by its first bytes. Raises InputError."""
+    with files.reading(path):
+        bounded.check_regular(path)
         with path.open("rb") as stream:
             head = stream.read(16)
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
     if head.startswith(_ULOG):
         return "ulog"
     if head.startswith(_DATAFLASH):
@@ -81,7 +103,7 @@ def read_flight_csv(path: Path) -> Samples:
         for i, name in enumerate(table.headings)
         if name and not table.column_is_empty(i)
     }
-    samples = Samples(columns, str(path), (), np.array(table.lines))
+    samples = Samples(columns, str(path), (), table.lines)
     samples.require("time_s", "motor1", *MOTION)
     count = sum(MOTOR.fullmatch(name) is not None for name in columns)
     samples.require(*(f"motor{n}" for n in range(1, count + 1)))
@@ -100,4 +122,4 @@ def read_flight_csv(path: Path) -> Samples:
         samples = samples.take(~repeated).with_notes(
             f"{int(repeated.sum())} rows with a repeated stamp left out"
         )
-    return samples
+    return at_the_commands(samples, [f"motor{n}" for n in range(1, count + 1)])

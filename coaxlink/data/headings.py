@@ -1,64 +1,59 @@
-"""What a foreign heading means: quantity, rotor, unit. "Thrust Left [g]" is upper_thrust_N times 0.00980665.
+"""What a foreign heading means: quantity, rotor, unit. "Thrust Left [g]" is the thrust of 'left', in gf.
 
-Known: the coaxial platform of Buzzatto and Liarokapis (Left = upper, Right = lower), pyBEMT's data
-(A = lower, B = upper) and RCbenchmark / Tyto exports of one rotor (a rotor alone counts as upper).
+Which rotor a letter, a number or a hand stands for is not decided here: only words (upper, lower) say it.
+Vocabulary: RCbenchmark and Tyto (1520, 1585, 1780, Flight Stand), the platform of Buzzatto and Liarokapis,
+pyBEMT's data, spreadsheets in English and German.
 """
 
 from __future__ import annotations
 
-import math
 import re
-import unicodedata
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-G = 9.80665  # standard gravity, m/s^2: what "grams" of thrust mean
+from coaxlink.data.units import QUANTITIES, UNWRITTEN, Unit, find_unit, plain, unit_names
 
-_LOAD_UNITS = {"n": 1.0, "g": G / 1e3, "gf": G / 1e3, "kg": G, "kgf": G, "lbf": 4.4482216, "ozf": 0.27801385}
-_TORQUE_UNITS = {
-    "nm": 1.0,
-    "mnm": 1e-3,
-    "nmm": 1e-3,
-    "kgfm": G,
-    "kgfcm": G / 100,
-    "gfcm": G / 1e5,
-    "lbfin": 0.11298483,
-    "lbfft": 1.3558179,
-    "ozfin": 0.0070615518,
-}
-_SPEED_UNITS = {"rpm": 1.0, "rad/s": 30 / math.pi, "hz": 60.0, "rev/s": 60.0}
-_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-
-# quantity: (suffix of our name, units and what one of them is in ours, the unit taken when none is written)
-QUANTITIES: dict[str, tuple[str, dict[str, float], str | None]] = {
-    "thrust": ("thrust_N", _LOAD_UNITS, None),
-    "torque": ("torque_Nm", _TORQUE_UNITS, None),
-    "speed": ("rpm", _SPEED_UNITS, "rpm"),
-    "pwm": ("pwm", {"us": 1.0}, "us"),
-    "throttle": ("throttle", {"%": 0.01, "1": 1.0}, None),
-    "voltage": ("voltage_V", {"v": 1.0, "mv": 1e-3}, "v"),
-    "current": ("current_A", {"a": 1.0, "ma": 1e-3}, "a"),
-    "power": ("power_W", {"w": 1.0}, "w"),
-    "time": ("time_s", _TIME_UNITS, "s"),
-}
 _WORDS = {
-    "thrust": "thrust",
-    "t": "thrust",
-    "torque": "torque",
-    "q": "torque",
-    "speed": "speed",
-    "rpm": "speed",
-    "pwm": "pwm",
-    "esc": "pwm",
-    "throttle": "throttle",
-    "voltage": "voltage",
-    "current": "current",
-    "power": "power",
-    "p": "power",
-    "time": "time",
+    "thrust": ("thrust", "force", "lift", "fz", "schub", "kraft", "schubkraft"),
+    "torque": ("torque", "moment", "trq", "mz", "drehmoment"),
+    "speed": ("speed", "rpm", "erpm", "omega", "rps", "drehzahl", "velocity"),
+    "throttle": ("throttle", "pwm", "esc", "duty", "gas"),
+    "voltage": ("voltage", "volt", "volts", "spannung"),
+    "current": ("current", "amps", "strom"),
+    "power": ("power", "leistung"),
+    "time": ("time", "timestamp", "zeit"),
 }
-_UPPER, _LOWER = {"left", "upper", "top", "b"}, {"right", "lower", "bottom", "a"}
-# sums and ratios of other columns of the same row, or sensors of no rotor: they can only mislead a fit
-_DERIVED = {"total", "efficiency", "mechanical", "centre", "center", "omega"}
+_QUANTITY = {word: quantity for quantity, words in _WORDS.items() for word in words}
+# symbols count only alone and with a unit of theirs, or with none: "T (C)" is no thrust
+_SYMBOLS = {"t": ("thrust", "time"), "f": ("thrust",), "q": ("torque",), "n": ("speed",), "p": ("power",)}
+_SYMBOLS |= {"i": ("current",), "u": ("voltage",), "v": ("voltage",)}
+_UPPER = {"upper", "top", "upr", "oben", "obere", "oberer", "oberes"}
+_LOWER = {"lower", "bottom", "lwr", "btm", "unten", "untere", "unterer", "unteres"}
+_LABELS = {"left", "right", "front", "rear", "back", "first", "second", "one", "two", "cw", "ccw"}
+_LETTERS = {"a", "b", "c", "d", "l", "r", "u"}
+# sums and ratios of other columns of the same row, statistics: they can only mislead a fit
+_DERIVED = {
+    *("total", "sum", "net", "efficiency", "centre", "center", "ratio", "coefficient", "coeff", "loading"),
+    *(
+        "per",
+        "std",
+        "stdev",
+        "min",
+        "max",
+        "error",
+        "raw",
+        "tare",
+        "gesamt",
+        "combined",
+        "average",
+        "settling",
+    ),
+}
+_SET_POINT = {"target", "setpoint", "cmd", "command", "commanded", "desired"}
+_ELSEWHERE = {
+    *("acc", "servo", "vibration", "temperature", "temp", "acceleration", "pressure", "humidity", "fx", "fy"),
+    *("mx", "my", "air", "wind", "airspeed", "angle", "sound", "cell", "fuel", "flow", "message"),
+}
 
 
 @dataclass(frozen=True)
@@ -68,54 +63,132 @@ class Heading:
     index: int  # column in the table
     text: str
     quantity: str  # key of QUANTITIES
-    side: str  # upper, lower, or "" when the heading names no rotor
-    unit: str  # as in QUANTITIES
-    scale: float  # ours = scale * theirs
-    lettered: bool = False  # the side is a letter, A or B
+    label: str  # the rotor as the heading calls it: upper, lower, a, left, 1; "" when it names none
+    unit: Unit | None  # None when none is written
+    shaft: bool = False  # mechanical power: torque times speed
+    optical: bool = False
 
     @property
-    def name(self) -> str:
-        """Our column name."""
-        suffix = QUANTITIES[self.quantity][0]
-        return f"{self.side}_{suffix}" if self.side else suffix
+    def suffix(self) -> str:
+        """Our column name without the rotor."""
+        return QUANTITIES[self.quantity][0]
 
 
 class UnknownUnitError(ValueError):
-    """A known quantity in a unit that is missing or not known; its text says which are."""
-
-
-def plain(text: str) -> str:
-    """Lower case, with the look-alike characters of stand software folded together (micro, dot)."""
-    folded = unicodedata.normalize("NFKC", text).casefold()
-    return folded.replace("μ", "u").replace("⋅", "").replace("·", "").replace("∙", "").replace("º", "")
+    """A known quantity in a unit that is not known; its text says which are."""
 
 
 def is_derived(text: str) -> bool:
     """Whether the column is computed from others of its row (totals, efficiencies), or of no rotor."""
-    return bool(_DERIVED & set(re.findall(r"[a-z]+", plain(text))))
+    return bool(_DERIVED & set(words_of(text)))
 
 
-def recognise(index: int, text: str) -> Heading | None:
-    """The meaning of a foreign heading, or None. Raises UnknownUnitError."""
-    match = re.fullmatch(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?", plain(text).strip())
-    if match is None or is_derived(text):
+def words_of(text: str) -> list[str]:
+    """Words and numbers of a heading, in its order: M1_thrustUpper is m, 1, thrust, upper."""
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text.replace("eRPM", "erpm"))
+    return re.findall(r"[^\W\d_]+|\d+", plain(parted))
+
+
+def letters_name_rotors(headings: Iterable[str]) -> bool:
+    """Whether single letters behind quantities are rotors: then "Current A" is a rotor's, not amperes."""
+    found = {w for text in headings for w in words_of(_without_unit(text)[0])[1:] if w in _LETTERS}
+    return len(found) > 1 or "b" in found
+
+
+def _without_unit(text: str) -> tuple[str, str]:
+    """The heading without its last brackets, and what stands in them."""
+    found = list(re.finditer(r"[\[(]\s*([^\[\]()]*?)\s*[\])]", text))
+    if not found:
+        return text, ""
+    last = found[-1]
+    return f"{text[: last.start()]} {text[last.end() :]}", last[1]
+
+
+def recognise(index: int, text: str, lettered: bool = True, unit_line: str = "") -> Heading | None:
+    """The meaning of a foreign heading, or None. Raises UnknownUnitError.
+
+    `lettered`: single letters name rotors; `unit_line`: the cell of a line of units below.
+    """
+    name, bracketed = _without_unit(text)
+    words = words_of(text if unit_line else name)
+    if set(words) & (_ELSEWHERE | _DERIVED):
         return None
-    words = re.findall(r"[a-z]+", match[1])
-    quantities = [_WORDS[word] for word in words if word in _WORDS]
-    if not quantities or (words and words[0] in ("acc", "servo", "vibration")):
+    quantity = next((_QUANTITY[w] for w in words if w in _QUANTITY), None)
+    if quantity == "speed" and "esc" in words:
         return None
-    quantity = quantities[0]
-    sides = [word for word in words if word in _UPPER | _LOWER]
-    side = "" if not sides else "upper" if sides[0] in _UPPER else "lower"
-    return _with_unit(index, text, quantity, side, match[2], bool(sides) and len(sides[0]) == 1)
+    if quantity != "throttle" and _SET_POINT & set(words):
+        return None
+    written = unit_line or bracketed
+    if quantity is None:
+        return _symbol(index, text, words, written, lettered)
+    if quantity == "throttle" and "speed" in words:
+        quantity = "speed"
+    if "throttle" in words:
+        quantity = "throttle"
+    unit = find_unit(quantity, written) if written else None
+    if written and unit is None and set(words_of(written)) & (set(_QUANTITY) | _DERIVED):
+        words, written = [*words, *words_of(written)], ""  # brackets around a word, not a unit
+    if written and unit is None:
+        if quantity in ("power", "time", "throttle") or "/w" in plain(written):
+            return None  # horse power, dates, counts, grams a watt: of no use to a fit
+        found = f"unit of a {quantity} expected ({', '.join(unit_names(quantity))}), found '{written}'"
+        raise UnknownUnitError(found)
+    if unit is None:
+        unit, words = _unit_in_words(quantity, words, lettered)
+    return _heading(index, text, quantity, words, unit, lettered)
 
 
-def _with_unit(
-    index: int, text: str, quantity: str, side: str, written: str | None, lettered: bool
+def _symbol(index: int, text: str, words: list[str], written: str, lettered: bool) -> Heading | None:
+    """T_A (N), Q1, n2: a symbol with a rotor's label and a unit, in no other company."""
+    if not words or words[0] not in _SYMBOLS:
+        return None
+    rest = words[1:]
+    for quantity in _SYMBOLS[words[0]]:
+        unit = find_unit(quantity, written) if written else None
+        kept = rest
+        if not written and rest:
+            unit, kept = _unit_in_words(quantity, rest, lettered)
+        if any(w not in _LETTERS | _LABELS | _UPPER | _LOWER and not w.isdigit() for w in kept):
+            continue
+        if unit is None and (written or words[0] in "fiuvp"):
+            continue
+        if unit is None and quantity != "time" and plain(text)[:1] == "t" == text.strip()[:1]:
+            continue  # a small t without a unit is the time
+        return _heading(index, text, quantity, kept, unit, True)
+    return None
+
+
+def _unit_in_words(quantity: str, words: list[str], lettered: bool) -> tuple[Unit | None, list[str]]:
+    """A unit at the end of a heading without brackets (thrust_kgf, torque N m), and the words before it."""
+    for count in (3, 2, 1):
+        tail = words[-count:]
+        if len(words) <= count - 1 or (lettered and count == 1 and tail[0] in _LETTERS):
+            continue
+        for joined in ("".join(tail), "/".join(tail)):
+            unit = find_unit(quantity, joined)
+            if unit is not None and not joined.isdigit():
+                keep_word = count == 1 and tail[0] in _QUANTITY
+                return unit, words if keep_word else words[:-count]
+    if quantity == "speed":
+        for word in ("rpm", "erpm", "rps"):
+            if word in words:
+                return find_unit("speed", word), words
+    return None, words
+
+
+def _heading(
+    index: int, text: str, quantity: str, words: list[str], unit: Unit | None, lettered: bool
 ) -> Heading:
-    _, units, default = QUANTITIES[quantity]
-    unit = re.sub(r"[.\s*]", "", written) if written else default
-    if unit not in units:
-        found = f"'{written}'" if written else "none"
-        raise UnknownUnitError(f"unit of a {quantity} expected ({', '.join(units)}), found {found}")
-    return Heading(index, text, quantity, side, unit, units[unit], lettered)
+    if unit is None and quantity in UNWRITTEN:
+        unit = find_unit(quantity, UNWRITTEN[quantity])
+    if unit is not None and unit.name == "rpm" and "erpm" in words:
+        unit = find_unit("speed", "erpm")
+    label = ""
+    for word in words:
+        if word in _UPPER | _LOWER:
+            label = "upper" if word in _UPPER else "lower"
+            break
+        if word in _LABELS or (lettered and word in _LETTERS) or (word.isdigit() and len(word) == 1):
+            label = label or word
+    shaft = quantity == "power" and bool({"mechanical", "mech", "shaft"} & set(words))
+    return Heading(index, text, quantity, label, unit, shaft, "optical" in words)

@@ -22,6 +22,9 @@ class Samples:
     source: str = ""
     notes: tuple[str, ...] = field(default=())
     lines: NDArray[np.int64] | None = None  # (rows,) line of each row in the source, where rows are lines
+    upper_label: str = ""  # what the source calls the upper rotor, where it had to be told
+    # smallest step of a column as it was logged, where the rows are no longer the logged ones
+    resolution: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         shapes = {name: np.shape(column) for name, column in self.columns.items()}

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.data.resolution import resolution_of
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 
@@ -70,15 +71,17 @@ def merge(
         raise InputError(source, "", "motor commands and motion do not overlap in time")
     keep = ~_in_gap(motors, grid)
     columns: dict[str, NDArray[np.float64]] = {"time_s": grid}
+    steps: dict[str, float] = {}
     for stream in (motors, *measured):
         for name, column in stream.columns.items():
+            steps[name] = resolution_of(column)
             columns[name] = _resampled(name, stream.time_s, column, grid, period)
         if _paces(stream):
             keep &= ~_in_gap(stream, grid)
     said = [f"{len(grid)} rows every {1e3 * period:.3g} ms, the rate of the motor commands"]
     if not keep.all():
         said.append(f"{int((~keep).sum())} rows left out where the log has gaps")
-    samples = Samples(columns, source, (*notes, *said)).take(keep)
+    samples = Samples(columns, source, (*notes, *said), resolution=steps).take(keep)
     if not samples.rows:
         raise InputError(source, "", "no stretch in which commands and motion were both logged")
     return samples

@@ -13,16 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink import files
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.samples import Samples
 from coaxlink.data.streams import Stream, euler_of, merge
 from coaxlink.errors import InputError
+from firmware_params import bounded
 
-G = 9.80665
 EPOCH_US = 1e15  # a stamp above this counts from 1970, one below from boot
+ESC_TELEMETRY = ("ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8", "ESC_TELEMETRY_9_TO_12")
 NAMES = (
     "HEARTBEAT",
     "HIGHRES_IMU",
     "SCALED_IMU",
+    "RAW_IMU",
     "ATTITUDE",
     "ATTITUDE_QUATERNION",
     "LOCAL_POSITION_NED",
@@ -30,12 +34,13 @@ NAMES = (
     "SERVO_OUTPUT_RAW",
     "BATTERY_STATUS",
     "ESC_STATUS",
+    *ESC_TELEMETRY,
     "DISTANCE_SENSOR",
     "EXTENDED_SYS_STATE",
 )
 WRAP_S = 2**32 / 1e6
 REBOOT_S = 5.0  # a clock that goes back by more than this was restarted
-ARMED_FLAG = 128
+ARMED_FLAG, ARDUPILOT = 128, 3
 ON_GROUND = 1
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 Row = tuple[float, Any]
@@ -46,7 +51,7 @@ def frames(path: Path) -> Iterator[bytes]:
 
     Raises InputError when there is more damage than log.
     """
-    data = path.read_bytes()
+    data = files.read_bytes(path, bounded.LOG)
     at = skipped = 0
     while at + 16 < len(data):
         size = _frame_size(data, at + 8)
@@ -59,6 +64,8 @@ def frames(path: Path) -> Iterator[bytes]:
         if not skipped:
             first = at + 8
         at, skipped = at + 1, skipped + 1
+        if 2 * skipped > len(data):
+            break
     if 2 * skipped > len(data):
         raise InputError(path, f"byte {first}", "a MAVLink frame is expected after each time stamp")
 
@@ -94,6 +101,7 @@ def _messages(path: Path) -> tuple[dict[str, list[Row]], int]:
     """(time in s since boot, message) by name, of the autopilot that sends the most; frames lost."""
     from pymavlink.dialects.v20 import common
 
+    from firmware_params.ardupilot import messages as _esc_telemetry  # noqa: F401  registers it
     from firmware_params.px4 import messages as _esc_status  # noqa: F401  registers ESC_STATUS
 
     parser = common.MAVLink(None)
@@ -196,9 +204,11 @@ def _imu(rows: dict[str, list[Row]]) -> Stream | None:
     def scaled(attribute: str, factor: float) -> Any:
         return lambda m: getattr(m, attribute) * factor
 
-    fields = {f"accel_{a}_m_s2": scaled(f"{a}acc", G / 1e3) for a in "xyz"}
+    fields = {f"accel_{a}_m_s2": scaled(f"{a}acc", GRAVITY_M_S2 / 1e3) for a in "xyz"}
     fields |= {f"gyro_{a}_rad_s": scaled(f"{a}gyro", 1e-3) for a in "xyz"}
-    return _columns(rows["SCALED_IMU"], fields)
+    # ArduPilot's RAW_IMU is in these units; others send what their chip reads
+    ardupilot = any(m.autopilot == ARDUPILOT for _, m in rows["HEARTBEAT"])
+    return _columns(max(rows["SCALED_IMU"], rows["RAW_IMU"] if ardupilot else [], key=len), fields)
 
 
 def _attitude(rows: dict[str, list[Row]]) -> Stream | None:
@@ -232,6 +242,9 @@ def _rpm(rows: dict[str, list[Row]], notes: list[str]) -> list[Stream | None]:
     batches: dict[int, list[Row]] = defaultdict(list)
     for t, m in rows["ESC_STATUS"]:
         batches[m.index].append((t, m))
+    for first, name in enumerate(ESC_TELEMETRY):
+        if rows[name] and not rows["ESC_STATUS"]:
+            batches[4 * first] = rows[name]
     speeds: dict[int, NDArray[np.float64]] = {
         index: np.array([m.rpm for _, m in found], float) for index, found in batches.items()
     }

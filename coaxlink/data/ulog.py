@@ -6,6 +6,8 @@ the one after it; the faster of the two is used. Sensor topics are stamped by `t
 
 from __future__ import annotations
 
+import io
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -33,6 +35,7 @@ TOPICS = [
     "vehicle_status",
     "vehicle_land_detected",
 ]
+CIRCLES = 20  # steps back to where the reader was before; looking for a sync mark takes one or two
 ARMED = 2
 FIRST_MOTOR_FUNCTION = 101
 Topic = Mapping[str, NDArray[Any]]
@@ -40,13 +43,7 @@ Topic = Mapping[str, NDArray[Any]]
 
 def read_ulog(path: Path) -> Samples:
     """A PX4 log as flight columns. Raises InputError."""
-    from pyulog import ULog
-
-    try:
-        with path.open("rb") as stream, silenced():
-            log = ULog(stream, TOPICS, disable_str_exceptions=True)
-    except Exception as error:  # pyulog lets whatever a damaged file causes through
-        raise InputError(path, "", f"not a readable ULog file ({one_line(error)})") from error
+    log = _open(path)
     topics: dict[str, Topic] = {d.name: d.data for d in reversed(log.data_list)}  # the first instance wins
     notes: list[str] = ["the file is damaged: some of it could not be read"] if log.file_corruption else []
     streams = [
@@ -60,6 +57,40 @@ def read_ulog(path: Path) -> Samples:
         _rpm(topics.get("esc_status"), notes),
     ]
     return merge(str(path), _motors(topics, log.initial_parameters, notes), streams, notes)
+
+
+def ulog_parameters(path: Path) -> dict[str, float | int]:
+    """The parameters a PX4 log begins with. Raises InputError."""
+    return dict(_open(path).initial_parameters)
+
+
+def _open(path: Path) -> Any:
+    from pyulog import ULog
+
+    try:
+        with path.open("rb", buffering=0) as raw, _Onward(raw) as stream, silenced():
+            log = ULog(stream, TOPICS, disable_str_exceptions=True)
+    except Exception as error:  # pyulog lets whatever a damaged file causes through
+        raise InputError(path, "", f"not a readable ULog file ({one_line(error)})") from error
+    return log
+
+
+class _Onward(io.BufferedReader):
+    """A file whose reader must get on. pyulog steps back and tries again a byte further on where a message
+    makes no sense; from a message that the end of the file cuts it steps too far, and comes by for ever."""
+
+    _furthest = _circles = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        """As of any file. Raises EOFError after CIRCLES steps back none of which led further on."""
+        place = super().seek(offset, whence)
+        if whence == os.SEEK_SET or place > self._furthest:
+            self._furthest, self._circles = place, 0
+        else:
+            self._circles += 1
+            if self._circles > CIRCLES:
+                raise EOFError("its messages lead in a circle")
+        return place
 
 
 _VELOCITY = (("n", "vx"), ("e", "vy"), ("d", "vz"))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.data import Samples
+from coaxlink.data.averaging import shortened
 from coaxlink.errors import InputError
 from coaxlink.rotor import forms
 from coaxlink.rotor.fit import WILD, LoadFit, Options, huber_weights, least_squares, orders, row_weights
@@ -108,6 +109,7 @@ class Identification:
 
 def bench(samples: Samples, speed_max_rpm: float | None = None) -> Bench:
     """Speeds, loads and folds of a stand log. Raises InputError when nothing can be identified from it."""
+    samples = shortened(samples)
     speeds = normalised_speeds(samples, speed_max_rpm)
     # a rotor without its thrust makes no model; the lower one is only asked for where it turned
     samples.require("upper_thrust_N", "upper_torque_Nm")
@@ -151,13 +153,13 @@ def identify(
     predicted = {name: held_out(name, data, options) for name in tried}
     comparison = {name: channel_errors(data, values) for name, values in predicted.items()}
     chosen = _simplest(data, predicted) if form == "auto" else form
-    fits = fit_form(chosen, data, np.ones(samples.rows, bool), options)
+    fits = fit_form(chosen, data, np.ones(data.samples.rows, bool), options)
     intervals = {load: fit.intervals for load, fit in fits.items()}
     rich = _scatter(data, options)
     wild = _wild(data, rich)
     terms = {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS}
     model = RotorModel.from_terms(chosen, data.speeds.speed_max_rpm, terms)
-    notes = (*samples.notes, *_notes(data, form, chosen))
+    notes = (*data.samples.notes, *_notes(data, form, chosen, _reason(chosen, comparison)))
     result = Identification(
         chosen, model, comparison[chosen], comparison, _floors(data, rich), fits, intervals,
         _given(data, fits, options), wild, data,
@@ -296,7 +298,7 @@ def _wild(data: Bench, residuals: Values) -> tuple[WildRow, ...]:
     return tuple(found)
 
 
-def _together(speeds: Speeds) -> float:
+def together(speeds: Speeds) -> float:
     """Correlation of the two speeds where both turn; 0 when a rotor also turns without the other."""
     upper, lower = speeds.upper > 0, speeds.lower > 0
     both = upper & lower
@@ -306,7 +308,21 @@ def _together(speeds: Speeds) -> float:
     return float(np.corrcoef(u, v)[0, 1]) if np.ptp(u) > 0 and np.ptp(v) > 0 else 0.0
 
 
-def _notes(data: Bench, asked: str, chosen: str) -> Sequence[str]:
+def _reason(chosen: str, comparison: Mapping[str, Mapping[str, ChannelError]]) -> str:
+    """Why auto took a form: its held-out error beside that of the next simpler and the next richer one."""
+    said = f"auto: {chosen} is the simplest form within one standard error of the best"
+    tried = list(comparison)
+    place = tried.index(chosen)
+    channel = next(iter(comparison[chosen]), None)
+    beside = [tried[i] for i in (place - 1, place, place + 1) if 0 <= i < len(tried)]
+    if channel is None or len(beside) < 2:
+        return said
+    unit = "N" if channel.endswith("thrust") else "N m"
+    errors = ", ".join(f"{form} {comparison[form][channel].rmse:.3g} {unit}" for form in beside)
+    return f"{said} ({channel} held out: {errors})"
+
+
+def _notes(data: Bench, asked: str, chosen: str, reason: str) -> Sequence[str]:
     count = len(np.unique(data.fold))
     said = [
         f"u = 1 is {data.speeds.speed_max_rpm:.0f} rpm ({data.speeds.source})"
@@ -316,8 +332,8 @@ def _notes(data: Bench, asked: str, chosen: str) -> Sequence[str]:
         f"NRMSE = RMSE / ({NORMALISER})",
     ]
     if asked == "auto":
-        said.append(f"auto: {chosen} is the simplest form within one standard error of the best")
-    alike = _together(data.speeds)
+        said.append(reason)
+    alike = together(data.speeds)
     if alike > TOGETHER:
         said.append(
             f"both speeds move together (correlation {alike:.5f}): the model holds along them only, "

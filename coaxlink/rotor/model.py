@@ -14,11 +14,12 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from coaxlink import files
 from coaxlink.errors import InputError
 from coaxlink.rotor.polynomial import Polynomial
+from firmware_params.plain import name_problem, plain
 
 LOADS = ("upper.thrust_N", "upper.torque_Nm", "lower.thrust_N", "lower.torque_Nm")
 
@@ -84,6 +85,16 @@ class RotorModel:
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 
 
+def plain_name(text: str) -> str:
+    """A name that is only a name. Raises ValueError, which pydantic reports with its key."""
+    if problem := name_problem(text):
+        raise ValueError(problem)
+    return text
+
+
+Name = Annotated[str, AfterValidator(plain_name)]
+
+
 class _Loads(BaseModel):
     model_config = ConfigDict(extra="forbid")
     thrust_N: dict[str, Finite]
@@ -92,13 +103,13 @@ class _Loads(BaseModel):
 
 class _Effect(BaseModel):
     model_config = ConfigDict(extra="forbid")
-    name: str
+    name: Name
     parameters: dict[str, Finite] = Field(default_factory=dict)
     columns: list[str] = Field(default_factory=list)
 
 
 class _RotorFile(BaseModel):
-    form: str
+    form: Name
     speed_max_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     upper: _Loads
     lower: _Loads
@@ -148,5 +159,5 @@ def input_error(path: Path, error: ValidationError) -> InputError:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"])
     found = first.get("input")
-    shown = f" (found {found!r})" if not isinstance(found, (dict, list)) else ""
-    return InputError(path, key, f"{first['msg']}{shown}")
+    shown = f" (found {plain(repr(found), 80)})" if not isinstance(found, (dict, list)) else ""
+    return InputError(path, key, f"{first['msg'].removeprefix('Value error, ')}{shown}")

@@ -1,0 +1,57 @@
+"""An autopilot's parameters from a file: QGC's .params, ArduPilot's .param, or a log that holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from coaxlink import files
+from coaxlink.data.flight import log_kind
+from coaxlink.errors import InputError
+from firmware_params import ardupilot, px4
+from firmware_params.bounded import lines_of
+from firmware_params.errors import ParamsFileError
+
+
+@dataclass(frozen=True)
+class BoardParameters:
+    """Parameters as a board had them; `firmware` is px4 or ardupilot."""
+
+    firmware: str
+    params: Mapping[str, float | int]
+
+
+def read_board_parameters(path: Path) -> BoardParameters:
+    """From .params, .param (.parm), a ULog or a DataFlash log, told by content. Raises InputError."""
+    path = Path(path)
+    kind = log_kind(path)
+    if kind == "ulog":
+        from coaxlink.data.ulog import ulog_parameters
+
+        return _known(path, BoardParameters("px4", ulog_parameters(path)))
+    if kind == "dataflash":
+        from coaxlink.data.dataflash import dataflash_parameters
+
+        return _known(path, BoardParameters("ardupilot", dataflash_parameters(path)))
+    if kind == "tlog":
+        raise InputError(path, "", "a tlog: .params, .param, a ULog or a DataFlash log is expected")
+    try:
+        if _is_qgc(path):
+            return BoardParameters("px4", px4.read_params_file(path, finite=False).params)
+        return BoardParameters("ardupilot", ardupilot.read_param_file(path, finite=False).params)
+    except ParamsFileError as error:
+        raise InputError(path, f"line {error.line}" if error.line else "", error.problem) from error
+
+
+def _known(path: Path, found: BoardParameters) -> BoardParameters:
+    if not found.params:
+        raise InputError(path, "", "the log holds no parameters")
+    return found
+
+
+def _is_qgc(path: Path) -> bool:
+    """QGC's rows have five fields between tabs, ArduPilot's have two. Raises InputError."""
+    text = files.read_bytes(path).decode("utf-8", "replace")
+    rows = (line for _, line in lines_of(text) if line.strip() and not line.startswith("#"))
+    return next(rows, "")[:1000].count("\t") == 4

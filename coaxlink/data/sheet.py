@@ -1,0 +1,73 @@
+"""Spreadsheets (xlsx, xls, ods) as rows of text cells; python-calamine is imported only when one is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from coaxlink.data.layout import Row
+from coaxlink.errors import InputError
+
+MAGIC = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # zip (xlsx, ods), OLE (xls)
+
+FEW = 6  # rows of numbers: no sheet with fewer can be identified from
+
+
+def is_sheet(head: bytes) -> bool:
+    """Whether a file that begins so is a spreadsheet."""
+    return head.startswith(MAGIC)
+
+
+def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
+    """Rows in which something stands, and the sheet's name: the one asked for, or the only one with numbers.
+
+    Raises InputError: not a spreadsheet, no such sheet, several that have numbers.
+    """
+    from python_calamine import CalamineError, CalamineWorkbook
+
+    try:
+        book = CalamineWorkbook.from_path(str(path))
+        names = list(book.sheet_names)
+        if name is not None and name not in names:
+            raise InputError("--sheet", "", f"'{name}' is not in {path.name} (found {', '.join(names)})")
+        sheets = {
+            n: _rows(book.get_sheet_by_name(n).to_python(skip_empty_area=False))
+            for n in ([name] if name else names)
+        }
+    except (CalamineError, OSError, ValueError) as error:
+        raise InputError(path, "", f"not a spreadsheet that can be read ({error})") from error
+    full = [n for n, rows in sheets.items() if _numbers(rows)]
+    full = [n for n in full if _numbers(sheets[n]) >= FEW] or full
+    if len(full) > 1:
+        raise InputError(path, "", f"several sheets hold numbers: name one with --sheet ({', '.join(full)})")
+    chosen = full[0] if full else next(iter(sheets), "")
+    if not sheets.get(chosen):
+        raise InputError(path, "", "empty: a heading line and rows of numbers are expected")
+    return sheets[chosen], chosen
+
+
+def _rows(cells: list[list[Any]]) -> list[Row]:
+    return [
+        (i, [_text(c) for c in row])
+        for i, row in enumerate(cells, start=1)
+        if any(c not in ("", None) for c in row)
+    ]
+
+
+def _text(cell: Any) -> str:
+    if cell is None:
+        return ""
+    return repr(cell) if isinstance(cell, float) else str(cell)
+
+
+def _numbers(rows: list[Row]) -> int:
+    """Rows with at least two numbers."""
+    return sum(sum(_is_number(c) for c in row) >= 2 for _, row in rows)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,26 @@
+"""A vehicle file from a board's parameters, a file or log that holds them, or a template; and its checks."""
+
+from coaxlink.setup.checks import check_against, check_airframe
+from coaxlink.setup.complete import Body, completed, inertia_estimate
+from coaxlink.setup.document import airframe_toml
+from coaxlink.setup.drawing import draw
+from coaxlink.setup.from_ardupilot import ardupilot_layout
+from coaxlink.setup.from_px4 import px4_layout
+from coaxlink.setup.layout import Layout, Place
+from coaxlink.setup.templates import TEMPLATES, template
+
+__all__ = [
+    "TEMPLATES",
+    "Body",
+    "Layout",
+    "Place",
+    "airframe_toml",
+    "ardupilot_layout",
+    "check_against",
+    "check_airframe",
+    "completed",
+    "draw",
+    "inertia_estimate",
+    "px4_layout",
+    "template",
+]

@@ -1,0 +1,157 @@
+"""What an airframe file may have wrong though every key can be read, and how it differs from a board."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from coaxlink.airframe import Airframe, Rotor
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.rotor import RotorModel
+from coaxlink.setup.layout import Layout
+from firmware_params.errors import Finding
+
+_WIDEST_M = 5.0  # an arm longer than this is millimetres or centimetres taken for metres
+_SHORTEST_M = 0.03  # an arm shorter than this is a unit of another kind
+_APART = 0.1  # of the longest arm: rotors of a pair stand one above the other within this
+_BALANCE = 0.05  # of the longest arm: how far the rotors' middle may be from the centre of mass
+_LEAST_THRUST, _MOST_THRUST = 1.15, 12.0  # full thrust over weight: does not fly; grams taken for kilograms
+# weight over the largest discs that fit: from toys to coaxial lifters multirotors have 15 to 1500 N/m^2, and
+# grams taken for kilograms are a thousandfold
+_DISC_LOADING_N_M2 = (3.0, 6000.0)
+_LARGEST_DISC = 0.65  # radius over the longest arm, where the discs of four arms touch
+_GYRATION = (0.1, 1.5)  # radius of gyration over the longest arm, of any body that carries rotors
+_SIDE = 0.2  # of the longest arm: closer to an axis than this, a side is not told
+
+
+def check_airframe(airframe: Airframe, model: RotorModel | None = None) -> tuple[Finding, ...]:
+    """Findings, errors first; an empty tuple is a sound vehicle. With the rotor model also its thrust."""
+    found = [
+        *_lengths(airframe),
+        *_pairs(airframe),
+        *_balance(airframe),
+        *_mass(airframe),
+        *_inertia(airframe),
+        *(_thrust(airframe, model) if model else ()),
+    ]
+    return tuple(sorted(found, key=lambda f: f.severity != "error"))
+
+
+def check_against(airframe: Airframe, board: Layout) -> tuple[Finding, ...]:
+    """Findings where a board numbers, turns or places its motors otherwise than the airframe does."""
+    if len(board.places) != len(airframe.rotors):
+        text = f"{len(airframe.rotors)} rotors here, {len(board.places)} on the board"
+        return (Finding("airframe.count", "error", text, board.source),)
+    found = []
+    for rotor, place in zip(airframe.rotors, board.places, strict=True):
+        wrong = []
+        for name, here, there, arm in (
+            ("front or rear", rotor.position_m[0], place.x, airframe_arm(airframe)),
+            ("left or right", rotor.position_m[1], place.y, airframe_arm(airframe)),
+        ):
+            if here * there < 0 and abs(here) > _SIDE * arm and abs(there) > _SIDE * board.arm:
+                wrong.append(name)
+        if place.spin != ("ccw" if rotor.yaw_sign > 0 else "cw"):
+            wrong.append(f"spin ({place.spin} on the board)")
+        if place.level and rotor.level != "single" and place.level != rotor.level:
+            wrong.append(f"level ({place.level} on the board)")
+        if wrong:
+            text = f"rotor {rotor.number} is another on the board: {', '.join(wrong)}"
+            found.append(Finding("airframe.order", "error", text, board.source))
+    if not found and board.metres:
+        found = list(_elsewhere(airframe, board))
+    return tuple(found)
+
+
+def _elsewhere(airframe: Airframe, board: Layout) -> Iterator[Finding]:
+    apart = {
+        r.number: math.hypot(r.position_m[0] - p.x, r.position_m[1] - p.y)
+        for r, p in zip(airframe.rotors, board.places, strict=True)
+    }
+    number = max(apart, key=lambda n: apart[n])
+    if apart[number] > _APART * airframe_arm(airframe):
+        text = f"the board has the rotors elsewhere, number {number} by {apart[number]:.3f} m"
+        yield Finding("airframe.place", "warning", text, f"{board.source}: the longest arm {board.arm:.3f} m")
+
+
+def airframe_arm(airframe: Airframe) -> float:
+    """The longest distance of a rotor from the centre of mass, seen from above, m."""
+    return max(math.hypot(r.position_m[0], r.position_m[1]) for r in airframe.rotors)
+
+
+def _lengths(airframe: Airframe) -> Iterator[Finding]:
+    arm = airframe_arm(airframe)
+    if arm > _WIDEST_M:
+        yield Finding("airframe.units", "error", f"an arm of {arm:g} m: millimetres?", "metres are expected")
+    elif arm < _SHORTEST_M:
+        yield Finding("airframe.units", "error", f"an arm of {arm:g} m: another unit?", "metres are expected")
+
+
+def _pairs(airframe: Airframe) -> Iterator[Finding]:
+    arm = airframe_arm(airframe)
+    for u, w in airframe.pairs:
+        upper, lower = airframe.rotors[u], airframe.rotors[w]
+        names = f"rotors {upper.number} and {lower.number}"
+        apart = math.hypot(*(_flat(upper, k) - _flat(lower, k) for k in range(2)))
+        if apart > _APART * arm:
+            text = f"{names} are a pair but do not stand one above the other"
+            yield Finding("airframe.pair-apart", "error", text, f"{apart:.3f} m apart, seen from above")
+        if upper.position_m[2] >= lower.position_m[2]:
+            text = f"rotor {upper.number} is called upper but is not above rotor {lower.number}"
+            yield Finding("airframe.pair-height", "error", text, "z is down: the upper one has the smaller z")
+        if upper.yaw_sign == lower.yaw_sign:
+            text = f"{names} turn the same way"
+            yield Finding("airframe.co-rotating", "warning", text, "a coaxial pair usually counter-rotates")
+
+
+def _balance(airframe: Airframe) -> Iterator[Finding]:
+    count, arm = len(airframe.rotors), airframe_arm(airframe)
+    turns = sum(r.yaw_sign for r in airframe.rotors)
+    if turns:
+        text = f"{(count + turns) // 2} rotors turn ccw and {(count - turns) // 2} cw"
+        yield Finding("airframe.spin-balance", "warning", text, "hover needs a steady yaw correction")
+    middle = math.hypot(*(sum(_flat(r, k) for r in airframe.rotors) / count for k in range(2)))
+    if middle > _BALANCE * arm:
+        text = f"the rotors' middle is {middle:.3f} m from the centre of mass"
+        yield Finding("airframe.centre", "warning", text, "positions count from the centre of mass")
+
+
+def _inertia(airframe: Airframe) -> Iterator[Finding]:
+    arm = airframe_arm(airframe)
+    xx, yy, zz = airframe.inertia_kg_m2
+    if xx + yy < zz or yy + zz < xx or xx + zz < yy:
+        text = "inertia_kg_m2: no body has one moment larger than the sum of the others"
+        yield Finding("airframe.inertia", "error", text, f"{xx:g}, {yy:g}, {zz:g}")
+        return
+    for axis, moment in zip("xyz", (xx, yy, zz), strict=True):
+        radius = math.sqrt(moment / airframe.mass_kg) / arm
+        if not _GYRATION[0] <= radius <= _GYRATION[1]:
+            text = f"inertia about {axis} of {moment:g} kg m^2 does not fit {airframe.mass_kg:g} kg"
+            yield Finding("airframe.inertia", "warning", text, f"radius of gyration {radius:.2f} arms")
+
+
+def _mass(airframe: Airframe) -> Iterator[Finding]:
+    arm = airframe_arm(airframe)
+    if not _SHORTEST_M <= arm <= _WIDEST_M:
+        return  # the length is wrong, and said to be
+    arms = len(airframe.pairs) + len(airframe.singles)
+    area = arms * math.pi * (_LARGEST_DISC * arm) ** 2
+    loading = airframe.mass_kg * GRAVITY_M_S2 / area
+    if not _DISC_LOADING_N_M2[0] <= loading <= _DISC_LOADING_N_M2[1]:
+        text = f"{airframe.mass_kg:g} kg on arms of {arm:.3g} m: is mass_kg in kilograms?"
+        yield Finding("airframe.mass", "error", text, f"{loading:.3g} N/m^2 on the largest discs that fit")
+
+
+def _thrust(airframe: Airframe, model: RotorModel) -> Iterator[Finding]:
+    thrust, torque = airframe.loads(model, [1.0] * len(airframe.rotors))
+    ratio = float(airframe.wrench(thrust, torque)[0]) / (airframe.mass_kg * GRAVITY_M_S2)
+    if ratio < _LEAST_THRUST:
+        text = f"full thrust is {ratio:.2f} times the weight: mass_kg or the rotor model is wrong"
+        yield Finding("airframe.mass", "error", text, f"{airframe.mass_kg:g} kg")
+    elif ratio > _MOST_THRUST:
+        text = f"full thrust is {ratio:.0f} times the weight: is mass_kg in kilograms?"
+        yield Finding("airframe.mass", "error", text, f"{airframe.mass_kg:g} kg")
+
+
+def _flat(rotor: Rotor, axis: int) -> float:
+    return rotor.position_m[axis]

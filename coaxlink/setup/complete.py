@@ -1,0 +1,127 @@
+"""A layout with what no autopilot knows: mass, arm length, spacing, which rotor is on top."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from coaxlink.airframe import Airframe, Rotor
+from coaxlink.errors import InputError
+from coaxlink.setup.layout import Layout, Place
+
+Inertia = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Body:
+    """What the builder of the vehicle measures."""
+
+    name: str
+    mass_kg: float
+    arm_m: float | None = None  # centre to rotor; for a layout without a scale
+    spacing_m: float | None = None  # between the rotors of a pair; for a layout without heights
+    upper: tuple[int, ...] = ()  # numbers of the upper rotors, where no source tells
+    inertia_kg_m2: Inertia | None = None  # estimated where missing
+
+
+def completed(layout: Layout, body: Body) -> Airframe:
+    """The vehicle. Raises InputError naming the option that is missing or contradicts the layout."""
+    if not layout.metres and body.arm_m is None:
+        raise InputError(
+            layout.source, "", "tells directions, not lengths: --arm METRES, from the centre to a rotor"
+        )
+    scale = 1.0 if layout.metres else _positive("--arm", body.arm_m)
+    levels = _levels(layout, body.upper)
+    partners = {n: other for stack in layout.stacks() for n in stack for other in stack if other != n}
+    rotors = []
+    for n, place in enumerate(layout.places):
+        rotors.append(
+            Rotor(
+                n + 1,
+                (place.x * scale, place.y * scale, _height(place, levels[n], layout, body)),
+                place.axis,
+                1 if place.spin == "ccw" else -1,
+                levels[n],
+                partners[n] + 1 if n in partners else None,
+            )
+        )
+    mass = _positive("--mass", body.mass_kg)
+    inertia = body.inertia_kg_m2 or inertia_estimate(mass, tuple(rotors))
+    return Airframe(body.name, mass, inertia, tuple(rotors))
+
+
+def inertia_estimate(mass_kg: float, rotors: tuple[Rotor, ...]) -> Inertia:
+    """Moments of inertia (3,) in kg m^2 if half of the mass were in the rotors and half a ball of half an
+    arm's radius: good to a factor of two, for `sim` and the look of a report; no table depends on it."""
+    share = 0.5 * mass_kg / len(rotors)
+    arm = max(math.hypot(r.position_m[0], r.position_m[1]) for r in rotors)
+    ball = 0.4 * 0.5 * mass_kg * (0.5 * arm) ** 2
+    xx = sum(share * (r.position_m[1] ** 2 + r.position_m[2] ** 2) for r in rotors)
+    yy = sum(share * (r.position_m[0] ** 2 + r.position_m[2] ** 2) for r in rotors)
+    zz = sum(share * (r.position_m[0] ** 2 + r.position_m[1] ** 2) for r in rotors)
+    return xx + ball, yy + ball, zz + ball
+
+
+def _levels(layout: Layout, upper: tuple[int, ...]) -> list[str]:
+    count = len(layout.places)
+    wrong = [n for n in upper if not 1 <= n <= count]
+    if wrong:
+        raise InputError("--upper", str(wrong[0]), f"rotor numbers from 1 to {count} are expected")
+    levels, unknown = ["single"] * count, []
+    for stack in layout.stacks():
+        if len(stack) == 1:
+            continue
+        a, b = stack
+        known = _known_level(layout.places[a], layout.places[b])
+        said = {n: n + 1 in upper for n in stack}
+        if upper and said[a] == said[b]:
+            both = "both" if said[a] else "neither"
+            raise InputError(
+                "--upper",
+                "",
+                f"one of the pair {a + 1} and {b + 1} is expected, {both} stands there",
+            )
+        stated = None if not upper else ("upper" if said[a] else "lower")
+        if known and stated and known != stated:
+            top = (a if known == "upper" else b) + 1
+            raise InputError(
+                "--upper",
+                "",
+                f"{layout.source} has rotor {top} on top of its pair",
+            )
+        level = known or stated
+        if level is None:
+            unknown.append(f"{a + 1} or {b + 1}")
+            continue
+        levels[a], levels[b] = level, "lower" if level == "upper" else "upper"
+    if unknown:
+        raise InputError(
+            "--upper", "", f"which rotor of each pair is on top: {', '.join(unknown)}? e.g. --upper 1,2,3,4"
+        )
+    return levels
+
+
+def _known_level(a: Place, b: Place) -> str | None:
+    """Of `a`, from heights or from the frame; None where neither tells."""
+    if a.z is not None and b.z is not None and a.z != b.z:
+        return "upper" if a.z < b.z else "lower"  # z is down
+    return a.level if a.level and b.level and a.level != b.level else None
+
+
+def _height(place: Place, level: str, layout: Layout, body: Body) -> float:
+    if place.z is not None:
+        return place.z
+    if level == "single":
+        return 0.0
+    if body.spacing_m is None:
+        raise InputError(
+            layout.source, "", "tells no heights: --spacing METRES, between the two rotors of a pair"
+        )
+    half = 0.5 * _positive("--spacing", body.spacing_m)
+    return -half if level == "upper" else half
+
+
+def _positive(option: str, value: float | None) -> float:
+    if value is None or not 0.0 < value < math.inf:
+        raise InputError(option, "", f"a number above 0 is expected, found {value}")
+    return float(value)

@@ -1,0 +1,130 @@
+"""Code that was compiled before is run only where nobody but its user can have put it."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from coaxlink import files
+from coaxlink.link import hot_build
+from sim.kept import private
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners on this system")
+# tmp_path's own parents are pytest's, in /tmp: sticky, or nobody else's
+GUARDS: list[Callable[[Path], bool]] = [lambda p: files.keep_private(p) == "", private]
+
+
+@pytest.fixture(params=GUARDS, ids=["coaxlink", "sim"])
+def trusts(request: pytest.FixtureRequest) -> Callable[[Path], bool]:
+    return request.param
+
+
+@pytest.fixture
+def kept(tmp_path: Path) -> Path:
+    folder = tmp_path / "cache" / "code"
+    folder.mkdir(parents=True)
+    folder.chmod(0o755)
+    (folder / "loop.o").write_bytes(b"code")
+    (folder / "loop.o").chmod(0o644)
+    return folder
+
+
+def test_what_is_ours_alone_is_trusted_and_a_new_folder_is_closed(
+    trusts: Callable[[Path], bool], kept: Path, tmp_path: Path
+) -> None:
+    assert trusts(kept)
+    before = os.umask(0o002)
+    try:
+        new = tmp_path / "new" / "code"
+        assert trusts(new)
+        (new / "inside").mkdir()
+        (new / "inside" / "f").write_bytes(b"")  # writable by the group, which cannot get there
+        assert trusts(new)
+    finally:
+        os.umask(before)
+    assert new.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize("mode", [0o775, 0o757, 0o777])
+def test_a_folder_that_others_can_write_is_not(trusts: Callable[[Path], bool], kept: Path, mode: int) -> None:
+    kept.chmod(mode)
+    assert not trusts(kept)
+
+
+@pytest.mark.parametrize("mode", [0o664, 0o646])
+def test_a_file_that_others_can_write_is_not(trusts: Callable[[Path], bool], kept: Path, mode: int) -> None:
+    (kept / "loop.o").chmod(mode)
+    assert not trusts(kept)
+
+
+def test_a_link_is_not_followed(trusts: Callable[[Path], bool], kept: Path, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(kept)
+    assert not trusts(tmp_path / "link")
+    (kept / "other.o").symlink_to("/etc/hostname")
+    assert not trusts(kept)
+
+
+def test_a_folder_above_that_everybody_can_rename_is_not(trusts: Callable[[Path], bool], kept: Path) -> None:
+    kept.parent.chmod(0o777)
+    assert not trusts(kept)
+    kept.parent.chmod(0o1777)  # as /tmp: only the owner renames
+    assert trusts(kept)
+
+
+def test_another_users_file_is_not(
+    trusts: Callable[[Path], bool], kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    us = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: us + 1)
+    assert not trusts(kept)
+
+
+def test_a_place_that_cannot_be_looked_into_is_not(trusts: Callable[[Path], bool], tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    assert not trusts(tmp_path / "file" / "code")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("llvmlite") is None, reason="llvmlite is not installed")
+def test_the_compiled_loop_of_a_folder_open_to_others_is_not_loaded_and_mix_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not hot_build.available():
+        pytest.skip("the compiled loop runs on 64-bit Linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert not hot_build.kept() and hot_build.refused() == ""
+    planted = hot_build.object_path()
+    planted.parent.mkdir(parents=True, exist_ok=True)
+    planted.write_bytes(b"not what we compiled")
+    planted.parent.chmod(0o700)
+    assert hot_build.kept()
+    planted.parent.chmod(0o777)
+    assert not hot_build.kept()
+    examples = Path(__file__).parents[1] / "examples"
+    command = [
+        sys.executable,
+        "-m",
+        "coaxlink",
+        "mix",
+        str(examples / "x8_demo.toml"),
+        "--connect",
+        "udpout::1",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "can be written by others" in done.stderr
+    assert "Traceback" not in done.stderr
+
+    class Compiling(Exception):
+        pass
+
+    def compile_object() -> bytes:
+        raise Compiling
+
+    monkeypatch.setattr(hot_build, "compile_object", compile_object)
+    with pytest.raises(Compiling):  # anew, instead of what lies there
+        hot_build.load.__wrapped__()
