@@ -3,19 +3,51 @@
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Iterable, Mapping
 
 from coaxlink.errors import CheckFailed
 from coaxlink.link.content import BoardFiles
 from coaxlink.link.ftp import Files
+from coaxlink.link.parameters import Parameters
 from firmware_params.ardupilot import scripts
 
+SCRIPT_S = 15.0  # until a script's parameters appear
+_LOOK_S = 0.5
 _OURS = (scripts.MATRIX_NAME, scripts.LOADER_NAME)
 
 
 def is_table(names: Iterable[str]) -> bool:
     """Whether one of these scripts is a mixer table."""
     return any(name in _OURS for name in names)
+
+
+def present_folder(board: Files) -> str | None:
+    """Where scripts lie on a board, None where there is no such folder; nothing is made."""
+    return next((folder for folder in scripts.SCRIPT_FOLDERS if board.listing(folder) is not None), None)
+
+
+def await_loader(
+    board: Files, parameters: Parameters, names: Iterable[str] = (), wait_s: float = SCRIPT_S
+) -> bool:
+    """Wait for the loader's parameters on a board that is starting; False where none will come, or did.
+
+    ArduPilot serves MAVLink during its start and runs scripts after it (AP_Vehicle::setup: init_ardupilot,
+    then scripting.init): until then it has no parameter of a script's own, and says so.
+    """
+    wanted = [n for n in names if n.startswith(scripts.PREFIX)] or [scripts.LAST]
+    enabled = parameters.read_many(["SCR_ENABLE"], missing_ok=True)
+    folder = present_folder(board)
+    if not enabled or enabled["SCR_ENABLE"].value != 1 or folder is None:
+        return False
+    if board.crc(f"{folder}/{scripts.LOADER_NAME}") is None:
+        return False
+    end = time.monotonic() + wait_s
+    while len(parameters.read_many(wanted, missing_ok=True)) < len(wanted):
+        if time.monotonic() > end:
+            return False
+        time.sleep(_LOOK_S)
+    return True
 
 
 class ScriptFolder:

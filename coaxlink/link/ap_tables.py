@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
-from coaxlink.link.behaviour import GRAVITY, Behaviour, Speeds, behaviour
+from coaxlink.link.behaviour import Behaviour, Speeds, behaviour
 from coaxlink.link.tables import px4_table
 from coaxlink.mixer.fitted import fit_table, px4_columns
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot as ap
 from firmware_params import px4
 from firmware_params.ardupilot import scripts
@@ -47,11 +47,9 @@ class ApReport:
         return tuple(f for f in self.findings if f.severity == "error")
 
 
-def ap_factors(
-    airframe: Airframe, model: RotorModel, law: str, table: px4.Px4Table | None = None
-) -> tuple[Factors, ...]:
+def ap_factors(vehicle: Vehicle, law: str, table: px4.Px4Table | None = None) -> tuple[Factors, ...]:
     """Factors (N,) of roll, pitch, yaw and throttle, motor n being rotor n. Raises InputError."""
-    columns = px4.effectiveness(table or px4_table(airframe, model, law))
+    columns = px4.effectiveness(table or px4_table(vehicle, law))
     matrix = np.stack([columns[0], columns[1], columns[2], -columns[5]])  # per unit u^2
     mixing: NDArray[np.float64] = np.linalg.pinv(matrix)  # (N, 4)
     for axis, largest in ((0, 0.5), (1, 0.5), (2, 0.5), (3, 1.0)):
@@ -62,15 +60,14 @@ def ap_factors(
         problem = (
             f"rotor {int(np.argmin(mixing[:, 3])) + 1} would have to push down: no throttle factor holds that"
         )
-        raise InputError(airframe.source or airframe.name, "rotors", problem)
+        raise InputError(vehicle.airframe.source or vehicle.airframe.name, "rotors", problem)
     return tuple(
         (float(r), float(p), float(y), float(t)) for r, p, y, t in np.where(np.abs(mixing) < 1e-9, 0, mixing)
     )
 
 
 def report_ap(
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     law: str,
     *,
     frame_class: int = SCRIPTING_MATRIX,
@@ -81,6 +78,7 @@ def report_ap(
 
     `expo` is MOT_THST_EXPO; without it the one that keeps the law's thrust curve over this spin range.
     """
+    airframe, model = vehicle.airframe, vehicle.model
     source = airframe.source or airframe.name
     if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         raise InputError("--frame-class", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
@@ -88,9 +86,9 @@ def report_ap(
         fit = fit_table(airframe, model, spin_min=spin_min)
         columns, expo = px4_columns(airframe, fit), round(fit.curve, 6)
     else:
-        columns = px4_table(airframe, model, law)
-        expo = round(expo_for(1.0, spin_min), 4) if expo is None else expo  # both count in u^2
-    factors = ap_factors(airframe, model, law, columns)
+        columns = px4_table(vehicle, law)
+        expo = round(expo_for(columns.thr_mdl_fac, spin_min), 4) if expo is None else expo
+    factors = ap_factors(vehicle, law, columns)
     motor = ap.MotorParameters(
         thst_expo=expo, spin_min=spin_min, spin_max=1.0, spin_arm=max(0.0, round(spin_min - 0.02, 3))
     )
@@ -106,7 +104,7 @@ def report_ap(
     except TableError as error:
         raise InputError(source, "rotors", f"ArduPilot cannot hold this table: {error}") from error
     flown = behaviour(airframe, model, ap_speeds(mix))
-    findings = [*mix.warnings, *_hover_findings(flown, airframe.mass_kg * GRAVITY)]
+    findings = [*mix.warnings, *_hover_findings(flown, airframe.mass_kg * GRAVITY_M_S2)]
     hover = min(max(flown.hover or 0.6875, 0.125), 0.6875)
     params = {
         "FRAME_CLASS": float(frame_class),

@@ -9,20 +9,36 @@ from __future__ import annotations
 import struct
 import time
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from coaxlink.errors import InputError
-from coaxlink.files import write_atomic
+from coaxlink.files import read_bytes, write_atomic
 from coaxlink.link.content import BoardFiles
 from coaxlink.link.identity import Identity
 from coaxlink.link.parameters import Number, Snapshot
 from firmware_params import ardupilot, px4
-from firmware_params.errors import ParamsFileError
+from firmware_params.errors import ParamsFileError, TableError
 
 _TITLE = "coaxlink backup"
 _FILES = ".files"
+_TABLE, _TABLE_FILE = "Table: ", "Table-File: "
+_IN_A_LINE = 6
+
+
+@dataclass(frozen=True)
+class Note:
+    """What was about to be written when a backup was taken: the names of parameters and of files."""
+
+    names: frozenset[str] = frozenset()
+    files: frozenset[str] = frozenset()
+
+    def lines(self) -> list[str]:
+        """As the header has it."""
+        names = sorted(self.names)
+        rows = [names[n : n + _IN_A_LINE] for n in range(0, len(names), _IN_A_LINE)]
+        return [_TABLE + " ".join(row) for row in rows] + [_TABLE_FILE + name for name in sorted(self.files)]
 
 
 @dataclass(frozen=True)
@@ -37,6 +53,7 @@ class Backup:
     time: str
     files: Mapping[str, bytes] = field(default_factory=dict)  # by name
     proved: bool = False  # by its checksum: nobody changed it since it was written
+    note: Note | None = None  # None: written by a coaxlink that noted nothing
 
 
 def backup_path(folder: Path, identity: Identity, suffix: str) -> Path:
@@ -50,8 +67,12 @@ def backup_path(folder: Path, identity: Identity, suffix: str) -> Path:
     return path
 
 
-def write_backup(path: Path, identity: Identity, snapshot: Snapshot, files: BoardFiles) -> None:
-    """Write every parameter and `files` atomically, the parameters last. Raises InputError."""
+def write_backup(
+    path: Path, identity: Identity, snapshot: Snapshot, files: BoardFiles, note: Note | None = None
+) -> None:
+    """Write every parameter and `files` atomically, the parameters last; `note` is what is to be written to
+    the board after it. Raises InputError.
+    """
     values = list(snapshot.values.values())
     plain = path.suffix == ".param"  # ArduPilot's format: numbers only
     numbers = {v.name: float(v.value) if plain else v.value for v in values}
@@ -66,7 +87,8 @@ def write_backup(path: Path, identity: Identity, snapshot: Snapshot, files: Boar
         f"Hash: {snapshot.hash:08x}",
         f"Count: {len(values)}",
         f"Files: {sum(data is not None for data in files.values())}",
-        f"Sum: {_checksum(numbers, _by_name(files)):08x}",
+        *(note.lines() if note else ()),
+        f"Sum: {_checksum(numbers, _by_name(files), note):08x}",
     ]
     for place, data in files.items():
         if data is not None:
@@ -85,6 +107,8 @@ def write_backup(path: Path, identity: Identity, snapshot: Snapshot, files: Boar
         )
     except OSError as error:
         raise InputError(path, "", f"the backup cannot be written ({error.strerror})") from error
+    except TableError as error:
+        raise InputError(path, "", f"the backup cannot be written ({error})") from error
 
 
 def read_backup(path: Path) -> Backup:
@@ -108,25 +132,36 @@ def read_backup(path: Path) -> Backup:
             path, "", f"{head['Count']} parameters are expected, found {len(params)}: it was cut"
         )
     folder = path.with_suffix(_FILES)
-    files = {p.name: p.read_bytes() for p in sorted(folder.glob("*")) if p.is_file()}
+    files = {p.name: read_bytes(p) for p in sorted(folder.glob("*")) if p.is_file()}
     if head.get("Files", "0") != str(len(files)):
         raise InputError(folder, "", f"{head.get('Files', '0')} files are expected, found {len(files)}")
-    if "Sum" in head and head["Sum"] != f"{_checksum(params, files):08x}":
+    note = _note(lines)
+    if "Sum" in head and head["Sum"] != f"{_checksum(params, files, note):08x}":
         raise InputError(path, "", "changed since it was written; delete its line '# Sum:' if that was meant")
     board, firmware, taken = (head.get(key, "") for key in ("Board", "Firmware", "Time"))
-    return Backup(path, params, types, board, firmware, taken, files, "Sum" in head)
+    return Backup(path, params, types, board, firmware, taken, files, "Sum" in head, note)
+
+
+def _note(lines: Sequence[str]) -> Note | None:
+    rows = [line.removeprefix(_TABLE).split() for line in lines if line.startswith(_TABLE)]
+    files = [line.removeprefix(_TABLE_FILE) for line in lines if line.startswith(_TABLE_FILE)]
+    if not rows and not files:
+        return None
+    return Note(frozenset(name for row in rows for name in row), frozenset(files))
 
 
 def _by_name(files: BoardFiles) -> dict[str, bytes]:
     return {Path(place).name: data for place, data in files.items() if data is not None}
 
 
-def _checksum(params: Mapping[str, Number], files: Mapping[str, bytes]) -> int:
-    """CRC32 of values as the board has them and of files, in order of their names."""
+def _checksum(params: Mapping[str, Number], files: Mapping[str, bytes], note: Note | None) -> int:
+    """CRC32 of values as the board has them and of files, in order of their names, and of the note."""
     crc = 0
     for name, value in sorted(params.items()):
         held = struct.pack("<q", value) if isinstance(value, int) else struct.pack("<f", value)
         crc = zlib.crc32(name.encode() + held, crc)
     for name, data in sorted(files.items()):
         crc = zlib.crc32(name.encode() + data, crc)
+    for line in note.lines() if note else ():
+        crc = zlib.crc32(line.encode(), crc)
     return crc

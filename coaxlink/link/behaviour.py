@@ -5,21 +5,19 @@ The answer is the rotor model's, not the table's own belief, so two tables can b
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.mixer.worth import STEP, Speeds, solve
 from coaxlink.rotor import RotorModel
 
-GRAVITY = 9.80665
-STEP = 0.01  # of demand, for the slope at hover
-TURNS = ("roll", "pitch", "yaw")
+__all__ = ["TURNS", "Behaviour", "Speeds", "behaviour", "solve"]
 
-# (roll, pitch, yaw, thrust up 0..1) -> normalised speeds (N,)
-Speeds = Callable[[float, float, float, float], NDArray[np.float64]]
+TURNS = ("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ def behaviour(airframe: Airframe, model: RotorModel, speeds: Speeds) -> Behaviou
     def lift(thrust: float) -> float:
         return float(wrench(0.0, 0.0, 0.0, thrust)[0])
 
-    hover = solve(lift, airframe.mass_kg * GRAVITY)
+    hover = solve(lift, airframe.mass_kg * GRAVITY_M_S2)
     at = 1.0 if hover is None else hover
 
     def turned(demand: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -73,14 +71,3 @@ def behaviour(airframe: Airframe, model: RotorModel, speeds: Speeds) -> Behaviou
         (authority[0], authority[1], authority[2]),
         cross,
     )
-
-
-def solve(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
-    """The demand in 0..1 whose thrust is `weight_N`, None when none is; thrust grows with the demand."""
-    if thrust_N(1.0) < weight_N:
-        return None
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if thrust_N(middle) < weight_N else (low, middle)
-    return high

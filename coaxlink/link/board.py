@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from coaxlink.errors import CheckFailed, SafetyRefusal
-from coaxlink.link.backup import Backup
+from coaxlink.link.backup import Backup, Note
+from coaxlink.link.choice import Choice
 from coaxlink.link.content import BoardFiles, Content
 from coaxlink.link.ftp import Files
+from coaxlink.link.limits import Limits
 from coaxlink.link.outcome import Mismatch, Talk, mismatch
 from coaxlink.link.parameters import Parameters, Snapshot, Value
 from coaxlink.link.plan import Plan
@@ -33,6 +35,8 @@ class Board(ABC):
 
     reboots: frozenset[str] = frozenset()  # parameters that act only after a restart
     acts = "a table acts at once"
+    stands = "it flies what stands there"  # said when arming ended a write
+    holds: frozenset[str] = frozenset()  # names that a mixer table may write on this firmware
 
     def __init__(
         self, session: Session, *, talk: Talk, parameters: Parameters | None = None, reboot_s: float = 5.0
@@ -40,6 +44,8 @@ class Board(ABC):
         self.session, self._talk = session, talk
         self.parameters = parameters or Parameters(session)
         self.files = Files(session)
+        self.spare: frozenset[str] = frozenset()  # names that the board may refuse without undoing the rest
+        self.passed_over: dict[str, str] = {}  # of these, how it refused
         self._reboot_s = reboot_s
 
     # -- what is there, what is to be ----------------------------------------------------------------------
@@ -62,8 +68,16 @@ class Board(ABC):
         """What a plan wants, as this board stores it. Raises SafetyRefusal when it is for another."""
 
     @abstractmethod
-    def saved(self, backup: Backup, snapshot: Snapshot) -> Content:
-        """What a backup of this board wants."""
+    def saved(self, backup: Backup, snapshot: Snapshot, choice: Choice) -> Content:
+        """What the chosen part of a backup of this board wants."""
+
+    def metadata(self) -> Mapping[str, Limits] | None:
+        """What the board itself says of its parameters, None when it serves nothing."""
+        return None
+
+    def loads(self, name: str) -> bool:
+        """Whether a parameter comes and goes with a table's file."""
+        return False
 
     def present(self, content: Content, snapshot: Snapshot) -> Content:
         """What the board has now under the names of `content`."""
@@ -87,7 +101,7 @@ class Board(ABC):
         return {}
 
     @abstractmethod
-    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles) -> Path:
+    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles, note: Note) -> Path:
         """Write a complete backup; its path. Raises InputError."""
 
     # -- writing -------------------------------------------------------------------------------------------
@@ -98,8 +112,12 @@ class Board(ABC):
         """Write files, then parameters; restart if needed (or `restart`); read back.
 
         `known` is what the board is sure to hold. Raises Mismatch on another value, CheckFailed, LinkError,
-        and what `guard` raises.
+        and what `guard` raises: from then on nothing more is written.
         """
+        with self.files.guarded(guard):
+            self._put(content, known, guard, settle_s, restart)
+
+    def _put(self, content: Content, known: Content, guard: Guard, settle_s: float, restart: bool) -> None:
         rewritten = False
         for path, data in content.files.items():
             guard()
@@ -124,9 +142,8 @@ class Board(ABC):
         now, later = self._in_order(content)
         values = {**now, **later}
         found = self.parameters.read_many(values, missing_ok=True)
-        rows = [
-            mismatch(v, found.get(n)) for n, v in values.items() if n not in found or not v.same(found[n])
-        ]
+        self._pass_over_missed(self._missed(values, found), found)
+        rows = [mismatch(v, found.get(v.name)) for v in self._missed(values, found)]
         for path, data in content.files.items():
             crc, wanted = self.files.crc(path), None if data is None else file_crc(data)
             if crc != wanted:
@@ -155,25 +172,49 @@ class Board(ABC):
         if not found:  # nothing is sure: see first what there is to do
             found = self.parameters.read_many(values, missing_ok=True)
         for round_ in range(ROUNDS):
-            todo = [v for n, v in values.items() if n not in found or not v.same(found[n])]
+            todo = self._missed(values, found)
             if round_ and todo:
                 self.parameters.again += len(todo)
                 self._talk.say(f"{todo[0].name} changed under way; writing it again")
             guard()
             with self.session.listen(("PARAM_VALUE",), lambda m: m.param_id in values) as echoes:
-                self.parameters.write_many(todo, before_each=guard)
+                self.parameters.write_many(todo, before_each=guard, refused=self._pass_over)
                 written |= {v.name for v in todo}
+                guard()
                 self._make_last()  # before reading: a board that lost its power in between says the old
                 time.sleep(settle_s)
                 found = self.parameters.read_many(values, missing_ok=True)
                 while (echo := self.session.take(echoes, 0.0)) is not None:
                     found[echo.param_id] = self.parameters.decode(echo)  # the last word, whoever set it
             guard()
-            if all(n in found and v.same(found[n]) for n, v in values.items()):
+            missed = self._missed(values, found)
+            if not missed:
                 return written
-        raise Mismatch(
-            [mismatch(v, found.get(n)) for n, v in values.items() if n not in found or not v.same(found[n])]
-        )
+        self._pass_over_missed(missed, found)
+        if missed := self._missed(values, found):
+            raise Mismatch([mismatch(v, found.get(v.name)) for v in missed])
+        return written
+
+    def _missed(self, values: Mapping[str, Value], found: Mapping[str, Value]) -> list[Value]:
+        """Those that `found` lacks or has otherwise, but for what the board may refuse and did."""
+        return [
+            v
+            for n, v in values.items()
+            if n not in self.passed_over and (n not in found or not v.same(found[n]))
+        ]
+
+    def _pass_over_missed(self, missed: list[Value], found: Mapping[str, Value]) -> None:
+        for value in missed:  # the board has its own word on it
+            held = found.get(value.name)
+            self._pass_over(value.name, f"keeps {held.value:.7g}" if held else "not there")
+
+    def _pass_over(self, name: str, how: str) -> bool:
+        """Whether the board may refuse this one; noted then."""
+        if name not in self.spare:
+            return False
+        self._talk.say(f"{name}: the board refused it ({how}); passed over")
+        self.passed_over[name] = how
+        return True
 
     def _read_file(self, path: str, wanted: bytes | None) -> bytes | None:
         """A file; one that is as wanted already is not read, its checksum tells."""

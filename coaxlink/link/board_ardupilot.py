@@ -14,9 +14,10 @@ from typing import Any
 
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from coaxlink.link.ap_present import moved_motors, planned_table, present_table
-from coaxlink.link.ap_scripts import ScriptFolder, is_table
-from coaxlink.link.backup import Backup, backup_path, write_backup
+from coaxlink.link.ap_scripts import SCRIPT_S, ScriptFolder, await_loader, is_table
+from coaxlink.link.backup import Backup, Note, backup_path, write_backup
 from coaxlink.link.board import Board, Guard
+from coaxlink.link.choice import Choice
 from coaxlink.link.content import BoardFiles, Content
 from coaxlink.link.parameters import FLOAT, Snapshot, Value
 from coaxlink.link.plan import Plan, motor_outputs
@@ -34,14 +35,30 @@ class ArduPilotBoard(Board):
     """See the module."""
 
     reboots = frozenset(("FRAME_CLASS", "SCR_ENABLE"))
+    stands = (
+        "ArduCopter flies on with the frame it started with, its motor curve (MOT_*) and a loader's whole "
+        "table act at once: land and disarm before anything else"
+    )
+    holds = frozenset(ardupilot.PARAMETERS)
 
-    def __init__(self, *args: Any, script_s: float = 15.0, **options: Any) -> None:
+    def __init__(self, *args: Any, script_s: float = SCRIPT_S, **options: Any) -> None:
         super().__init__(*args, **options)
         self._folder = ScriptFolder(self.files)
         self._script_s = script_s  # until a script's parameters appear
 
     def snapshot(self) -> Snapshot:
-        """The packed file where the board has it, else the list."""
+        """The packed file where the board has it, else the list; a loader that is starting is waited for, for
+        its parameters are the table."""
+        found = self._read_all()
+        enabled = found.values.get("SCR_ENABLE")
+        if enabled is None or enabled.value != 1 or scripts.LAST in found.values:
+            return found
+        if not await_loader(self.files, self.parameters, wait_s=self._script_s):
+            return found
+        self._talk.say("the board has just started its scripts: reading it again")
+        return self._read_all()
+
+    def _read_all(self) -> Snapshot:
         try:
             data = self.files.read(packed.PATH)
             if data:
@@ -66,15 +83,28 @@ class ArduPilotBoard(Board):
         values = self._as_kept(plan.params, snapshot)
         return Content(values, self._folder.planned(plan.cargo, table=is_table(plan.cargo)))
 
-    def saved(self, backup: Backup, snapshot: Snapshot) -> Content:
+    def loads(self, name: str) -> bool:
         """The loader's parameters live and die with its script."""
+        return name.startswith(_LIVE)
+
+    def saved(self, backup: Backup, snapshot: Snapshot, choice: Choice) -> Content:
+        """The scripts of a table, and what the upload was to bring besides; others stay as they are."""
         known = {
             n: v
             for n, v in backup.params.items()
-            if (n in snapshot.values or n.startswith(_LIVE)) and v == v and abs(v) != float("inf")
+            if choice.takes(n)
+            and (n in snapshot.values or n.startswith(_LIVE))
+            and v == v
+            and abs(v) != float("inf")
         }
-        values = self._as_kept(known, snapshot)
-        return Content(values, self._folder.planned(backup.files))
+        there = {n: d for n, d in backup.files.items() if is_table([n]) or n in choice.files}
+        content = Content(self._as_kept(known, snapshot), self._folder.planned(there))
+        gone = {f"{self._folder.path}/{n}": None for n in choice.files if n not in backup.files}
+        content = content.over(Content(files=gone))
+        checked = content.values.get(_CHECKSUM)
+        if checked is None or checked.value == _UNCHECKED:
+            return content
+        return self.completed(content, snapshot)  # of the scripts that will be there
 
     def completed(self, content: Content, snapshot: Snapshot) -> Content:
         """SCR_LD_CHECKSUM counts every script in the folder, also those that are not ours."""
@@ -94,32 +124,30 @@ class ArduPilotBoard(Board):
         """Every script in the folder."""
         return self._folder.others(known)
 
-    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles) -> Path:
+    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles, note: Note) -> Path:
         """ArduPilot's own text format, the scripts beside it."""
         path = backup_path(folder, self.session.identity, ".param")
-        write_backup(path, self.session.identity, snapshot, files)
+        write_backup(path, self.session.identity, snapshot, files, note)
         return path
 
     # -- writing -------------------------------------------------------------------------------------------
 
     def _in_order(self, content: Content) -> tuple[Mapping[str, Value], Mapping[str, Value]]:
-        runs = any(d is not None and p.endswith(scripts.LOADER_NAME) for p, d in content.files.items())
+        """Where the loader goes away, its parameters go with it."""
+        gone = any(d is None and p.endswith(scripts.LOADER_NAME) for p, d in content.files.items())
         fixed = {n: v for n, v in content.values.items() if not n.startswith(_LIVE)}
         live = {n: v for n, v in content.values.items() if n.startswith(_LIVE)}
-        return fixed, live if runs else {}
+        return fixed, {} if gone else live
 
     def _make_last(self) -> None:
         """ArduPilot saves every value as it comes, and has no command for it."""
 
     def _put_later(self, values: Mapping[str, Value], guard: Guard, settle_s: float) -> None:
         """The loader's parameters, its checksum last: it takes the table when that agrees."""
-        end = time.monotonic() + self._script_s
-        while not self.parameters.read_many([_SUM], missing_ok=True):
-            if time.monotonic() > end:
-                raise CheckFailed(
-                    f"{_SUM} does not appear: the loader script does not run (see the vehicle's messages)"
-                )
-            time.sleep(0.5)
+        if not await_loader(self.files, self.parameters, values, self._script_s):
+            raise CheckFailed(
+                f"{_SUM} does not appear: the loader script does not run (see the vehicle's messages)"
+            )
         guard()
         if self._put_packed(values, settle_s):
             return

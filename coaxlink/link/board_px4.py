@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import SafetyRefusal
-from coaxlink.link.backup import Backup, backup_path, write_backup
+from coaxlink.link.backup import Backup, Note, backup_path, write_backup
 from coaxlink.link.board import Board, require_file_service
+from coaxlink.link.choice import Choice
 from coaxlink.link.content import BoardFiles, Content
-from coaxlink.link.limits import board_limits, refuse_beyond
+from coaxlink.link.limits import Limits, board_limits, refuse_beyond
 from coaxlink.link.parameters import Snapshot
 from coaxlink.link.plan import Plan, refuse_table
-from firmware_params.px4 import csv_mixer
+from firmware_params.px4 import PARAMETERS, csv_mixer
 
 _AUTOSAVE_S = 2.5  # PX4 v1.16 saves 0.3 s after a change, at most every 2 s (parameters/autosave.cpp)
 _SAVED_S = 5.0
@@ -27,11 +29,13 @@ class Px4Board(Board):
     """See the module."""
 
     reboots = frozenset(csv_mixer.PARAMETERS)
+    stands = "PX4 flies these numbers as they are, in flight too: land and disarm before anything else"
+    holds = frozenset((*PARAMETERS, *csv_mixer.PARAMETERS))
 
     def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
         """Raises SafetyRefusal."""
         refuse_table(plan, self.session.identity, snapshot.values, new_geometry=new_geometry)
-        limits = board_limits(self.files, self.session.identity)
+        limits = self.metadata()
         if limits is not None:
             refuse_beyond(plan.params, limits, self.session.identity.name)
             self._talk.say(f"values held against the {len(limits)} parameters of the board's own list")
@@ -65,9 +69,14 @@ class Px4Board(Board):
                 f"no output of this board drives motor {', '.join(map(str, bare))} (*_FUNCn = 101..112)"
             )
 
-    def saved(self, backup: Backup, snapshot: Snapshot) -> Content:
+    def metadata(self) -> Mapping[str, Limits] | None:
+        """The board's `parameters.json.xz`."""
+        return board_limits(self.files, self.session.identity)
+
+    def saved(self, backup: Backup, snapshot: Snapshot, choice: Choice) -> Content:
         """A fork's mixer.csv goes back too, or away if there was none."""
-        values = self._stored(backup.params, backup.types, snapshot, known_only=True)
+        params = {n: v for n, v in backup.params.items() if choice.takes(n)}
+        values = self._stored(params, backup.types, snapshot, known_only=True)
         if self._switch(snapshot) is None:
             return Content(values)
         return Content(values, {csv_mixer.BOARD_PATH: backup.files.get(csv_mixer.FILE_NAME)})
@@ -78,10 +87,10 @@ class Px4Board(Board):
             return {}
         return {csv_mixer.BOARD_PATH: self.files.read(csv_mixer.BOARD_PATH)}
 
-    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles) -> Path:
+    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles, note: Note) -> Path:
         """QGC's format, with the board's own hash."""
         path = backup_path(folder, self.session.identity, ".params")
-        write_backup(path, self.session.identity, snapshot, files)
+        write_backup(path, self.session.identity, snapshot, files, note)
         return path
 
     def _make_last(self) -> None:

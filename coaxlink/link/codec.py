@@ -125,10 +125,9 @@ class Scanner:
         self._rest = b""
         self.damaged = 0  # frames whose checksum was wrong, or noise between frames (counted once a run)
 
-    @property
-    def whole(self) -> bool:
-        """Whether nothing waits for its other half."""
-        return not self._rest
+    def drop(self) -> None:
+        """Wait for no other half: the next bytes are a beginning."""
+        self._rest = b""
 
     def feed(self, data: bytes) -> list[Frame]:
         """The wanted frames completed by `data`."""
@@ -188,6 +187,26 @@ class Scanner:
             return False
         ids = at + 4 if head == 10 else at + 2
         return Frame(number, data[ids], data[ids + 1], data[ids + 2], data[at + head : stop], signed)
+
+
+def of_others(data: bytes, system: int) -> bool:
+    """Whether a datagram is made of whole frames of other systems, none of which commands motors.
+
+    By their headers alone: a quick look at what nobody here would use.
+    """
+    at, end = 0, len(data)
+    while at + 8 <= end:
+        if data[at] == V2 and at + 12 <= end:
+            whose, number = data[at + 5], data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+            size = 12 + data[at + 1] + (SIGNATURE if data[at + 2] & SIGNED else 0)
+        elif data[at] == V1:
+            whose, number, size = data[at + 3], data[at + 5], 8 + data[at + 1]
+        else:
+            return False
+        if whose == system or number == SET_ACTUATOR_CONTROL_TARGET.number:
+            return False
+        at += size
+    return at == end and end > 0
 
 
 def known_seeds() -> dict[int, bytes]:

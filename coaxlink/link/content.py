@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 from coaxlink.link.parameters import Value
@@ -34,3 +34,7 @@ class Content:
             {n: v for n, v in self.values.items() if n in names.values},
             {p: d for p, d in self.files.items() if p in names.files},
         )
+
+    def without(self, names: Collection[str]) -> Content:
+        """This content but for some parameters."""
+        return Content({n: v for n, v in self.values.items() if n not in names}, self.files)

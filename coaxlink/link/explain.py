@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.link.ap_present import present_table
+from coaxlink.link.ap_scripts import await_loader
 from coaxlink.link.ap_tables import ApReport, ap_speeds, report_ap
 from coaxlink.link.asked import nearest, wanted_mix, worst_relative
 from coaxlink.link.behaviour import TURNS, Behaviour, behaviour
@@ -26,7 +26,8 @@ from coaxlink.link.ftp import Files
 from coaxlink.link.parameters import Number, Parameters
 from coaxlink.link.session import Session
 from coaxlink.link.tables import TableReport, px4_speeds, report_px4
-from coaxlink.rotor import RotorModel
+from coaxlink.mixer.worth import Worth, weigh
+from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot as ap
 from firmware_params import px4
 from firmware_params.ardupilot import scripts
@@ -34,6 +35,7 @@ from firmware_params.ardupilot.table import ApTable
 from firmware_params.errors import TableError
 
 AXES = ("roll", "pitch", "yaw", "thrust")
+STANDARD, ON_BOARD = "standard law", "on board"  # what a table is held against
 Changed = tuple[tuple[str, float, float], ...]  # name, on board, in the table
 _GAIN = re.compile(r"MC_(ROLL|PITCH|YAW)RATE_K|ATC_RAT_(RLL|PIT|YAW)_[PID]")
 
@@ -47,6 +49,8 @@ class Explanation:
     flown: Behaviour
     reference: Behaviour
     reference_name: str
+    worth: Worth  # of this table
+    worth_before: Worth  # of the reference
     changed: Changed = ()  # parameters that the board has otherwise
     gains_now: Mapping[str, float] = field(default_factory=dict)  # the board's rate gains
     axes: tuple[str, ...] = AXES
@@ -71,23 +75,26 @@ class Explanation:
                 "reference": list(self.reference.authority_Nm),
             },
             "ceiling_N": {"this": self.flown.ceiling_N, "reference": self.reference.ceiling_N},
+            "worth": {"this": self.worth.to_json(), "reference": self.worth_before.to_json()},
             "gain_scale": {a: h if np.isfinite(h) else None for a, h in zip(TURNS, hint, strict=True)},
             "changed": [{"name": n, "board": a, "new": b} for n, a, b in self.changed],
         }
 
 
 def explain_px4(
-    airframe: Airframe, model: RotorModel, report: TableReport, board: Mapping[str, Number] | None = None
+    vehicle: Vehicle, report: TableReport, board: Mapping[str, Number] | None = None
 ) -> Explanation:
     """Explain a PX4 table against the board's present one, else against the standard law.
 
     Raises InputError when the board holds no table of this vehicle.
     """
+    airframe, model = vehicle.airframe, vehicle.model
     mixed = np.stack([*report.mix.mix.T[:3], -report.mix.mix[:, 5]], axis=-1)
     asked = wanted_mix(report.table)
     changed: Changed = ()
     if board is None:
-        reference, name = report_px4(airframe, model, "standard").behaviour, "standard law"
+        standard = report_px4(vehicle, "standard")
+        present, reference, name = standard.mix, standard.behaviour, STANDARD
     else:
         try:
             present = px4.realise(board)
@@ -97,22 +104,27 @@ def explain_px4(
             raise InputError(
                 "--connect", "", f"the board has {len(present.mix)} rotors, {airframe.name} another number"
             )
-        reference, name = behaviour(airframe, model, px4_speeds(present)), "on board"
+        reference, name = behaviour(airframe, model, px4_speeds(present)), ON_BOARD
         changed = _differing(board, report.params)
     done = nearest(mixed, asked)
-    return Explanation(asked, done, report.behaviour, reference, name, changed, _gains(board or {}))
+    worth = weigh(airframe, model, px4_speeds(report.mix), report.law)
+    before = weigh(airframe, model, px4_speeds(present), _word(name))
+    return Explanation(
+        asked, done, report.behaviour, reference, name, worth, before, changed, _gains(board or {})
+    )
 
 
 def explain_ap(
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     report: ApReport,
     board: tuple[Mapping[str, Number], ApTable | None] | None = None,
 ) -> Explanation:
     """Explain an ArduPilot table against the board's parameters and table, else against the standard law on
     the same frame class. Raises InputError when the board flies what is not known here."""
+    airframe, model = vehicle.airframe, vehicle.model
     asked = wanted_mix(report.columns)
     done = nearest(report.mix.factors, asked)
+    worth = weigh(airframe, model, ap_speeds(report.mix), report.law)
     if board is not None:
         numbers, present = board
         if present is None:
@@ -125,15 +137,22 @@ def explain_ap(
             )
         held = behaviour(airframe, model, ap_speeds(mix))
         changed = tuple(row for row in _differing(numbers, report.params) if row[0] != "SCR_LD_CHECKSUM")
-        return Explanation(asked, done, report.behaviour, held, "on board", changed, _gains(numbers))
+        before = weigh(airframe, model, ap_speeds(mix), _word(ON_BOARD))
+        return Explanation(
+            asked, done, report.behaviour, held, ON_BOARD, worth, before, changed, _gains(numbers)
+        )
     standard = report_ap(
-        airframe,
-        model,
+        vehicle,
         "standard",
         frame_class=report.table.frame_class,
         spin_min=report.table.parameters.spin_min,
     )
-    return Explanation(asked, done, report.behaviour, standard.behaviour, "standard law")
+    before = weigh(airframe, model, ap_speeds(standard.mix), _word(STANDARD))
+    return Explanation(asked, done, report.behaviour, standard.behaviour, STANDARD, worth, before)
+
+
+def _word(name: str) -> str:
+    return {STANDARD: "standard", ON_BOARD: "present"}[name]
 
 
 def present_px4(url: str) -> dict[str, Number]:
@@ -149,8 +168,10 @@ def present_ap(url: str) -> tuple[dict[str, Number], ApTable | None]:
     with _open(url) as session:
         if not session.identity.is_ardupilot:
             raise InputError(url, "", f"the vehicle runs {session.identity.name}, not ArduPilot")
-        numbers = {n: v.value for n, v in Parameters(session).read_all().values.items()}
-        files = Files(session)
+        parameters, files = Parameters(session), Files(session)
+        numbers = {n: v.value for n, v in parameters.read_all().values.items()}
+        if scripts.LAST not in numbers and await_loader(files, parameters):
+            numbers = {n: v.value for n, v in parameters.read_all().values.items()}
         places = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
         read = (files.read(place) for place in places)  # not before the frame asks for it
         return numbers, present_table(numbers, lambda: next((d for d in read if d is not None), None))

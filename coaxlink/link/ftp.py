@@ -10,16 +10,18 @@ from __future__ import annotations
 import random
 import struct
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.errors import CheckFailed, LinkError
+from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 from coaxlink.link.asking import Asker
 from coaxlink.link.session import Message, Session
 from firmware_params.ardupilot.scripts import file_crc
+from firmware_params.plain import name_problem
 
 _TERMINATE, _LIST, _OPEN_RO, _READ, _CREATE, _WRITE = 1, 3, 4, 5, 6, 7
 _REMOVE, _MAKE_FOLDER, _RENAME, _CRC = 8, 9, 13, 14
@@ -42,8 +44,12 @@ _CHUNK = 239
 _WINDOW = 4  # a board keeps no more than five requests waiting
 _ANSWER = "FILE_TRANSFER_PROTOCOL"
 _HEAD = struct.Struct("<HBBBBBBI")  # number, session, code, size, request code, burst end, padding, offset
+_WRITES = (_CREATE, _WRITE, _REMOVE, _MAKE_FOLDER, _RENAME)
 SIDE = ".new"
+_MADE = "@"  # names of files that the board makes and takes as they are closed (@PARAM/param.pck)
 _TIMES, _LATE_S = 3, 0.3
+MOST_BYTES = 4 << 20  # of a file read whole; all parameters and their metadata have 0.2 MB
+MOST_NAMES = 2000  # of a folder; a card of scripts has some ten, a full one of logs some hundred
 
 Result = TypeVar("Result")
 
@@ -85,6 +91,16 @@ class Files:
         self._asker = Asker(session, timeout_s=timeout_s, window=_WINDOW)
         # a board answers a number it has just seen with what it said then, whoever asks
         self._number = random.randrange(65536)
+        self._guard: Callable[[], None] | None = None
+
+    @contextmanager
+    def guarded(self, guard: Callable[[], None]) -> Iterator[None]:
+        """Inside, `guard` is called before each request that changes the board; it may raise to stop."""
+        self._guard = guard
+        try:
+            yield
+        finally:
+            self._guard = None
 
     @property
     def retries(self) -> int:
@@ -92,7 +108,10 @@ class Files:
         return self._asker.retries
 
     def read(self, path: str) -> bytes | None:
-        """A file, None when there is none. The size the board announces is not trusted: read to the end."""
+        """A file, None when there is none. The size the board announces is not trusted: read to the end.
+
+        Raises CheckFailed for one that goes on after MOST_BYTES.
+        """
 
         def once() -> bytes | None:
             opened = self._maybe(_OPEN_RO, path.encode())
@@ -131,21 +150,35 @@ class Files:
     def write_plain(self, path: str, data: bytes) -> None:
         """Write straight to a name (@PARAM/param.pck and such have no other). Raises FileError."""
         session = self._request(_CREATE, path.encode()).session
+        made, closes = path.startswith(_MADE), True
         try:
-            orders = {
-                offset: _Order(_WRITE, data[offset : offset + _CHUNK], session, offset)
-                for offset in range(0, len(data), _CHUNK)
-            }
-            for answer in self._window(path, orders).values():
-                if isinstance(answer, FileError):
-                    raise answer
+            self._write_chunks(path, data, session)
+            if made and self._guard:
+                self._guard()
+        except SafetyRefusal:
+            closes = not made  # closing is what makes a board take such a file
+            raise
         finally:
-            self._request(_TERMINATE, b"", session=session)
+            if closes:
+                self._request(_TERMINATE, b"", session=session)
+
+    def _write_chunks(self, path: str, data: bytes, session: int) -> None:
+        orders = {
+            offset: _Order(_WRITE, data[offset : offset + _CHUNK], session, offset)
+            for offset in range(0, len(data), _CHUNK)
+        }
+        for answer in self._window(path, orders).values():
+            if isinstance(answer, FileError):
+                raise answer
 
     def crc(self, path: str) -> int | None:
         """The board's CRC32 of a file, None when there is none."""
         answer = self._maybe(_CRC, path.encode())
-        return None if answer is None else int(struct.unpack("<I", answer.body[:4])[0])
+        if answer is None:
+            return None
+        if len(answer.body) < 4:
+            raise CheckFailed(f"{path}: the board's checksum has {len(answer.body)} bytes, 4 are expected")
+        return int(struct.unpack("<I", answer.body[:4])[0])
 
     def remove(self, path: str) -> bool:
         """Remove a file; False when there was none."""
@@ -160,8 +193,12 @@ class Files:
                 raise
 
     def listing(self, folder: str) -> list[str] | None:
-        """Names of the files in a folder, None when there is no such folder."""
+        """Names of the files in a folder, None when there is no such folder.
+
+        Raises CheckFailed for a listing without an end and for names that would leave the folder.
+        """
         names: list[str] = []
+        blocks: set[bytes] = set()
         count = 0
         while True:
             try:
@@ -176,7 +213,14 @@ class Files:
             if not entries:
                 return names
             count += len(entries)
-            names += [e[1:].split(b"\t")[0].decode(errors="replace") for e in entries if e[:1] == b"F"]
+            if count > MOST_NAMES or (body in blocks and entries != [b"S"] * len(entries)):
+                raise CheckFailed(f"{folder}: the board's listing has no end ({count} names so far)")
+            blocks.add(body)
+            found = [e[1:].split(b"\t")[0].decode(errors="replace") for e in entries if e[:1] == b"F"]
+            for name in found:
+                if "/" in name or name in ("", ".", "..") or name_problem(name, _CHUNK):
+                    raise CheckFailed(f"{folder}: the board lists '{name}', which is no name of a file")
+            names += found
 
     # -- inside --------------------------------------------------------------------------------------------
 
@@ -218,6 +262,8 @@ class Files:
                 data += answer.body
                 if len(answer.body) < _CHUNK:
                     return data
+            if len(data) > MOST_BYTES:
+                raise CheckFailed(f"{path}: the board's file has no end ({len(data)} bytes so far)")
             ahead = min(2 * ahead, 8 * _WINDOW)
 
     def _window(self, path: str, orders: Mapping[int, _Order]) -> dict[int, _Answer | FileError]:
@@ -228,7 +274,7 @@ class Files:
         for key, order in orders.items():
             number, message = self._message(order)
             keys[number] = key
-            requests[key] = _constant(message)
+            requests[key] = _guarded(self._guard if order.code in _WRITES else None, message)
 
         def settle(message: Message) -> int | None:
             payload = bytes(message.payload)
@@ -271,8 +317,13 @@ def _answer(payload: bytes, what: str) -> _Answer | FileError:
     return FileError(what, code)
 
 
-def _constant(message: Message) -> Callable[[], Message]:
-    return lambda: message
+def _guarded(guard: Callable[[], None] | None, message: Message) -> Callable[[], Message]:
+    def request() -> Message:
+        if guard:
+            guard()
+        return message
+
+    return request
 
 
 def _missing(error: FileError) -> bool:

@@ -36,6 +36,7 @@ class Batch:
     raw: NDArray[np.uint8]  # (n, 2 SLOT) demand and answer of each, as they were on the wire
     superseded: int
     dropped: int
+    foreign: int  # datagrams with the vehicle's system id from elsewhere, dropped
     left: list[tuple[bytes, Any]]  # (datagram without the demands dealt with, sender)
 
     def frames(self) -> list[tuple[bytes, bytes]]:
@@ -82,7 +83,8 @@ class HotLoop:
         self._arrays = [
             self.ints, self.floats, self.motors, self.ring, self.stamps, self.frames, self._data, body,
             body[8:40].view(np.float32), out, np.zeros(4), self.told, np.zeros(k.MOTORS),
-            p.order.astype(np.int64), slots, self._lengths, clock, sequence, *law.arrays(),
+            p.order.astype(np.int64), slots, self._lengths, clock, sequence, self._peers, self._peer,
+            *law.arrays(),
         ]  # fmt: skip
         self._where = where
         self._arguments = arguments(self._arrays, [a.ctypes.data for a in where])
@@ -92,11 +94,11 @@ class HotLoop:
         self.floats[k.FACTOR] = 1.0
         self._to: Any = None
 
-    def aim(self, target: tuple[int, int], own: tuple[int, int], quiet_s: float) -> None:
-        """Whose demands are answered, who we are, and after what silence no more (s)."""
+    def aim(self, target: tuple[int, int], own: tuple[int, int], quiet_s: float, pause_s: float) -> None:
+        """Whose demands are answered, who we are, after what silence no more, and when to look at it (s)."""
         i = self.ints
         i[k.SYSTEM], i[k.COMPONENT], i[k.OWN_SYSTEM], i[k.OWN_COMPONENT] = *target, *own
-        i[k.QUIET_NS] = round(quiet_s * 1e9)
+        i[k.QUIET_NS], i[k.PAUSE_NS] = round(quiet_s * 1e9), round(pause_s * 1e9)
 
     def lead(self, lag_s: float, quick_s: float) -> None:
         """Lead the motors' lag (s) down to `quick_s`."""
@@ -126,6 +128,7 @@ class HotLoop:
             raise RuntimeError("the compiled loop failed")
         return Batch(
             self.ring[:n], self.stamps[:n], self.frames[:n], int(i[k.SUPERSEDED]), int(i[k.DROPPED]),
+            int(i[k.FOREIGN]),
             self._left() if i[k.LEFT] else [],
         )  # fmt: skip
 
@@ -133,7 +136,7 @@ class HotLoop:
         found: list[tuple[bytes, Any]] = []
         triples = self.ints[k.TRIPLES : k.TRIPLES + 3 * int(self.ints[k.LEFT])].reshape(-1, 3).tolist()
         for start, stop, whose in triples:
-            place = whose // 256
+            place = whose % k.WHOLE // 256
             address = self._peers[place * PEER_SIZE : (place + 1) * PEER_SIZE].tobytes()
             found.append((self._data[start:stop].tobytes(), unpacked_address(address)))
         return found

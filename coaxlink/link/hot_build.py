@@ -3,14 +3,13 @@
 
 numba costs 200 ms and 40 MB at every start; LLVM alone (llvmlite, which numba brings along) loads an object
 file in 10 ms. The object is kept under a name made of the sources, the processor and the versions, so that
-neither an upgrade nor a shared home folder ever runs another's code.
+neither an upgrade nor a shared home folder ever runs another's code, in a folder that only this user writes.
 """
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
-import os
 import sys
 from collections.abc import Sequence
 from functools import cache
@@ -23,7 +22,7 @@ from coaxlink import files
 ARRAYS = (
     ("int64", 1), ("float64", 1), ("float64", 1), ("float64", 2), ("int64", 1), ("uint8", 2), ("uint8", 1),
     ("uint8", 1), ("float32", 1), ("uint8", 1), ("float64", 1), ("float64", 1), ("float64", 1), ("int64", 1),
-    ("int64", 1), ("int32", 1), ("int64", 1), ("uint8", 1),
+    ("int64", 1), ("int32", 1), ("int64", 1), ("uint8", 1), ("uint8", 1), ("uint8", 1),
     # of the law
     ("float64", 3), ("float64", 2), ("int64", 1), ("float64", 1), ("float64", 1), ("float64", 1),
     ("int64", 1), ("float64", 1), ("int64", 1), ("float64", 1), ("float64", 1), ("float64", 2),
@@ -49,15 +48,28 @@ def object_path() -> Path:
     modules = (hot_kernel, hot_serve, kernel, dual, loads, quadratic, schur, warm)
     about = [Path(str(m.__file__)).read_bytes() for m in modules] + [Path(__file__).read_bytes()]
     about += [x.encode() for x in (*_processor(llvm), llvmlite.__version__)]
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "coaxlink" / f"live-{hashlib.sha256(b''.join(about)).hexdigest()[:16]}.o"
+    return files.code_folder(f"live-{hashlib.sha256(b''.join(about)).hexdigest()[:16]}") / "loop.o"
 
 
 def kept() -> bool:
-    """Whether the object code is there."""
+    """Whether the object code is there, and may be run."""
+    return _is_there() and not distrusted()
+
+
+def refused() -> str:
+    """Why the object code that is there is not run; "" for no reason, or none there."""
+    return distrusted() if _is_there() else ""
+
+
+def distrusted() -> str:
+    """Why nothing that is kept is run; "" for no reason."""
+    return files.keep_private(object_path().parent)
+
+
+def _is_there() -> bool:
     try:
         return available() and object_path().exists()
-    except ImportError:
+    except (ImportError, OSError):
         return False
 
 
@@ -65,17 +77,22 @@ def kept() -> bool:
 def load() -> Any:
     """The hot loop as a C function of `arguments`, compiled first if need be (15 s of work).
 
-    Raises ImportError without numba when it has to be compiled.
+    It is compiled anew, and not kept, where others could have changed what is kept. Raises ImportError
+    without numba when it has to be compiled.
     """
     import llvmlite.binding as llvm
 
     path = object_path()
-    if not path.exists():
-        files.write_atomic(path, compile_object())
+    if kept():
+        code = path.read_bytes()
+    else:
+        code = compile_object()
+        if not distrusted():
+            files.write_atomic(path, code)
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(llvm))
-    engine.add_object_file(llvm.ObjectFileRef.from_data(path.read_bytes()))
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     KEEP_ALIVE.append(engine)
     kinds = [ctypes.c_void_p if kind == "ptr" else ctypes.c_int64 for kind in _arguments()]
@@ -115,7 +132,7 @@ def compile_object() -> bytes:
         setattr(hot_serve, name, types.ExternalFunction(name, signature))
     for name in (
         "checksum", "find_demand", "unpack", "stamp_of", "acceptable", "ask", "lead", "follow", "command",
-        "pack",
+        "pack", "same_sender",
     ):  # fmt: skip
         register_jitable(**compiled.OPTIONS)(getattr(hot_kernel, name))
     for name in ("nanoseconds", "receive", "cut_demands", "serve"):

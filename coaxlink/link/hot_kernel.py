@@ -8,7 +8,8 @@ autopilot, while the law flies alone. Everything else, motor commands of others 
 for the loop in Python (`mixing`), which knows what to do with it and counts it.
 
 Arrays, so that one block of each kind is handed over:
-    ints    the places named below; then LEFT triples (start, stop, size of the sender's address + 256 which)
+    ints    the places named below; then LEFT triples (start, stop, size of the sender's address + 256 which,
+            + WHOLE for one from another address than the vehicle's)
     floats  scale (16), law's units (4), extra wrench (4), speed per command, motors' lag, lag wanted (s)
     motors  (8,) the speeds the motors are taken to have, for the lead
     ring    rows (ROW) of what was answered; stamps (RING) beside it
@@ -22,7 +23,11 @@ from math import exp, isfinite
 FD, SYSTEM, COMPONENT, OWN_SYSTEM, OWN_COMPONENT = 0, 1, 2, 3, 4
 LAST_US, QUIET_NS, DEADLINE_NS, UNTIL_NS, COUNT = 5, 6, 7, 8, 9
 ANSWERED, LEFT, SUPERSEDED, DROPPED, LAST_NS, PEER = 10, 11, 12, 13, 14, 15
-TRIPLES, MOST_LEFT = 16, 16
+FOREIGN, FOREIGN_NS = 16, 17  # datagrams of other senders that were dropped, and when one is handed on again
+PAUSE_NS = (
+    18  # so long without a demand, and a flood of others' words does not keep the interpreter from its turn
+)
+TRIPLES, MOST_LEFT = 19, 16
 INTS = TRIPLES + 3 * MOST_LEFT
 # floats
 SCALE, INVERSE, EXTRA, FACTOR, LAG_S, QUICK_S, FLOATS = 0, 16, 20, 24, 25, 26, 27
@@ -36,7 +41,9 @@ ANSWER_ID, ANSWER_SEED, ANSWER_SIZE = 139, 168, 43
 JUMP_US = 1_000_000
 FAR = 4.0  # of the vehicle's authority, as in ExactLaw
 GIVEN_UP = 1e-8
-NOT_ALONE, NOTHING = -2, -1
+WHOLE = 1 << 16  # in a triple: as it came, whatever is in it
+FOREIGN_EVERY_NS = 100_000_000  # a flood from elsewhere must not call the interpreter for every datagram
+OTHERS, NOT_ALONE, NOTHING = -3, -2, -1
 
 
 def checksum(data, start, stop, seed):
@@ -52,10 +59,10 @@ def checksum(data, start, stop, seed):
 def find_demand(data, start, stop, system, component):
     """Where the newest demand of a datagram begins.
 
-    NOTHING when it is made of whole frames and none is a demand; NOT_ALONE when there is anything in it that
-    is not to be answered without a second look.
+    NOTHING when it is made of whole frames and none is a demand, OTHERS when all of them are other systems';
+    NOT_ALONE when there is anything in it that is not to be answered without a second look.
     """
-    found, at = NOTHING, start
+    found, at, ours = NOTHING, start, False
     while at < stop:
         if at + 12 > stop or data[at] != 0xFD or data[at + 2]:
             return NOT_ALONE
@@ -75,8 +82,17 @@ def find_demand(data, start, stop, system, component):
             ):
                 return NOT_ALONE
             found = at
+        ours = ours or data[at + 5] == system
         at = end
-    return found
+    return found if ours else OTHERS
+
+
+def same_sender(peers, at, peer, size):
+    """Whether the address at `at` is the vehicle's: family, port, host and scope, not IPv6's flow label."""
+    for k in range(size):
+        if peers[at + k] != peer[k] and not (4 <= k < 8 if size > 16 else k >= 8):
+            return False
+    return True
 
 
 def unpack(data, at, body):

@@ -19,6 +19,9 @@ from coaxlink.link.hot_kernel import (
     DROPPED,
     ERROR,
     FD,
+    FOREIGN,
+    FOREIGN_EVERY_NS,
+    FOREIGN_NS,
     GIVEN_UP,
     HELD,
     INVERSE,
@@ -28,8 +31,12 @@ from coaxlink.link.hot_kernel import (
     LEFT,
     MOST_LEFT,
     MOTORS,
+    NOT_ALONE,
+    NOTHING,
+    OTHERS,
     OWN_COMPONENT,
     OWN_SYSTEM,
+    PAUSE_NS,
     PEER,
     QUIET_NS,
     RING,
@@ -39,11 +46,13 @@ from coaxlink.link.hot_kernel import (
     TIME,
     TRIPLES,
     UNTIL_NS,
+    WHOLE,
     acceptable,
     ask,
     command,
     find_demand,
     pack,
+    same_sender,
     stamp_of,
     unpack,
 )
@@ -71,22 +80,48 @@ def nanoseconds(clock, clock_at):
     return clock[0] * 1_000_000_000 + clock[1]
 
 
-def receive(ints, data, data_at, lengths, lengths_at, peers_at, clock, clock_at):
-    """Take in what waits, or wait for the first. Returns (datagrams, frame to answer or below 0, time)."""
+def receive(ints, data, data_at, lengths, lengths_at, peers, peers_at, peer, clock, clock_at):
+    """Take in what waits, or wait for the first. Returns (datagrams, frame to answer or below 0, time).
+
+    From other senders than the vehicle one now and then is handed on, whole; the others are only counted.
+    What the vehicle's line brings of other systems alone is nobody's here.
+    """
     got = at = flags = 0
-    found, now = -1, 0
+    found, now, came = NOTHING, 0, 0
+    turn = min(ints[DEADLINE_NS] - ints[QUIET_NS] + ints[PAUSE_NS], ints[UNTIL_NS])
     while got < MOST_LEFT and at <= CHUNK:
         lengths[got] = 28
         n = recvfrom(ints[FD], data_at + at, CHUNK, flags, peers_at + PEER_SIZE * got, lengths_at + 4 * got)
         if n <= 0:
             break
-        if got == 0:
-            now = nanoseconds(clock, clock_at)
+        foreign = not same_sender(peers, PEER_SIZE * got, peer, ints[PEER])
+        if foreign or got == 0:
+            came = nanoseconds(clock, clock_at)
+            if foreign and came < ints[FOREIGN_NS]:
+                if n > 9 and data[at] == 0xFD and data[at + 5] == ints[SYSTEM]:
+                    ints[FOREIGN] += 1
+                if came >= turn:
+                    break
+                continue
+            if got == 0:
+                now = came
+        seen = NOTHING
+        if not foreign:
+            seen = find_demand(data, at, at + n, ints[SYSTEM], ints[VEHICLE_COMPONENT])
+            if seen == OTHERS:
+                if came >= turn:
+                    break
+                continue
         place = TRIPLES + 3 * got
         ints[place], ints[place + 1], ints[place + 2] = at, at + n, lengths[got] + 256 * got
         got += 1
-        seen = find_demand(data, at, at + n, ints[SYSTEM], ints[VEHICLE_COMPONENT])
-        if seen < -1:
+        if foreign:
+            ints[place + 2] += WHOLE
+            ints[FOREIGN_NS] = came + FOREIGN_EVERY_NS
+            at += n
+            flags = DONT_WAIT
+            continue
+        if seen == NOT_ALONE:
             return got, seen, now
         if seen >= 0:
             found = seen
@@ -101,7 +136,7 @@ def cut_demands(ints, data, got):
     for k in range(got):
         place = TRIPLES + 3 * k
         start, stop, whose = ints[place], ints[place + 1], ints[place + 2]
-        to = at = start
+        to = at = stop if whose >= WHOLE else start
         while at < stop:
             size = data[at + 1] + 12
             if data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 == DEMAND_ID:
@@ -121,14 +156,16 @@ def cut_demands(ints, data, got):
 
 def serve(
     ints, floats, motors, ring, stamps, frames, data, body, singles, out, held, told, speeds, order, slots,
-    lengths, clock, sequence, c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, past,
-    data_at, lengths_at, peers_at, clock_at, out_at, peer_at,
+    lengths, clock, sequence, peers, peer, c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box,
+    past, data_at, lengths_at, peers_at, clock_at, out_at, peer_at,
 ):  # fmt: skip
     """See the module. Returns how many answers were sent; what is left to Python is in `ints`."""
     count = ints[COUNT]
-    ints[ANSWERED] = ints[LEFT] = ints[SUPERSEDED] = ints[DROPPED] = 0
+    ints[ANSWERED] = ints[LEFT] = ints[SUPERSEDED] = ints[DROPPED] = ints[FOREIGN] = 0
     while True:
-        got, found, now = receive(ints, data, data_at, lengths, lengths_at, peers_at, clock, clock_at)
+        got, found, now = receive(
+            ints, data, data_at, lengths, lengths_at, peers, peers_at, peer, clock, clock_at
+        )
         if found < 0 or now > ints[DEADLINE_NS]:
             ints[LEFT] = got
             break

@@ -7,6 +7,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+_PX4_SITL = "4954414c4449"  # "LATI" and "ONID" as little-endian words, less the system id
+
 
 @dataclass(frozen=True)
 class Identity:
@@ -21,6 +23,17 @@ class Identity:
     uid: str = ""  # board id, hex
     board: str = ""  # vendor:product:board version
     git_hash: str = ""
+
+    @property
+    def unique(self) -> bool:
+        """Whether it has a uid that no other board gives.
+
+        No zeros (boards that have none), and not PX4's own simulation, where every vehicle of a system id
+        gives the same: part of "SIMULATIONID0000" as `uid`, or the system id less one as first byte of
+        `uid2` (PX4 boards/px4/sitl/src/board_config.h, mavlink_main.cpp send_autopilot_capabilities).
+        ArduPilot's SITL gives the machine's id plus its instance number (AP_HAL_SITL/Util.cpp).
+        """
+        return bool(self.uid[2:].strip("0")) and not self.uid.startswith(_PX4_SITL)
 
     @property
     def is_px4(self) -> bool:
@@ -55,15 +68,20 @@ def version_request(target: Identity) -> Any:
 def with_version(target: Identity, answer: Any) -> Identity:
     """`target` with what an AUTOPILOT_VERSION says."""
     packed = int(answer.flight_sw_version)
-    long_uid = bytes(getattr(answer, "uid2", b"") or b"")
     return replace(
         target,
         version=(packed >> 24 & 255, packed >> 16 & 255, packed >> 8 & 255),
         capabilities=int(answer.capabilities),
-        uid=long_uid.hex() if any(long_uid) else f"{answer.uid:016x}",
+        uid=uid_of(answer),
         board=f"{answer.vendor_id}:{answer.product_id}:{answer.board_version}",
         git_hash=bytes(answer.flight_custom_version).hex(),
     )
+
+
+def uid_of(answer: Any) -> str:
+    """The board id of an AUTOPILOT_VERSION, hex: the long one where there is one."""
+    long_uid = bytes(getattr(answer, "uid2", b"") or b"")
+    return long_uid.hex() if any(long_uid) else f"{answer.uid:016x}"
 
 
 def is_vehicle(heartbeat: Any, system: int | None) -> bool:

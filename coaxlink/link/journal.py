@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import json
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -21,6 +20,8 @@ from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link.content import Content
 from coaxlink.link.identity import Identity
 from coaxlink.link.parameters import Value
+from firmware_params.bounded import STRING
+from firmware_params.plain import is_parameter_name, name_problem
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class Entry:
     backup: str
     files: tuple[str, ...]
     started: str
+    spare: tuple[str, ...] = ()  # names that the board may refuse
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class Verified:
     hash: int
     values: Mapping[str, Value]
     scripts: Mapping[str, int | None] = field(default_factory=dict)  # CRC by path
+    touched: tuple[str, ...] = ()  # names that any upload from here wrote to this board, so far
 
 
 def state_folder() -> Path:
@@ -91,16 +94,17 @@ class Journal:
         if not self.path.exists():
             return None
         try:
-            raw = json.loads(files.read_text(self.path))
+            raw = files.read_json(self.path)
             return Entry(
-                raw["board"],
+                _text(raw["board"]),
                 _content(raw["old"], raw["old_files"]),
                 _content(raw["new"], raw["new_files"]),
-                raw["backup"],
-                tuple(raw["files"]),
-                raw["started"],
+                _text(raw["backup"]),
+                _texts(raw["files"]),
+                _text(raw["started"]),
+                _texts(raw.get("spare", [])),
             )
-        except (ValueError, KeyError, TypeError) as error:
+        except (InputError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             raise InputError(
                 self.path,
                 "",
@@ -115,6 +119,7 @@ class Journal:
             "started": entry.started,
             "backup": entry.backup,
             "files": list(entry.files),
+            "spare": list(entry.spare),
             "old": {n: _raw(v) for n, v in entry.old.values.items()},
             "new": {n: _raw(v) for n, v in entry.new.values.items()},
             "old_files": {p: None if d is None else d.hex() for p, d in entry.old.files.items()},
@@ -132,6 +137,7 @@ class Journal:
     ) -> None:
         """Keep what was verified last: values, the board's own hash of all parameters (0: it has none), and
         the CRC of each script by path (None: removed)."""
+        touched = sorted({*self.touched(), *values})
         files.write_json(
             self.record_path,
             {
@@ -141,6 +147,7 @@ class Journal:
                 "hash": checksum,
                 "values": {n: _raw(v) for n, v in values.items()},
                 "scripts": dict(scripts or {}),
+                "touched": touched,
             },
         )
 
@@ -149,12 +156,25 @@ class Journal:
         if not self.record_path.exists():
             return None
         try:
-            raw = json.loads(files.read_text(self.record_path))
+            raw = files.read_json(self.record_path)
             values = {n: _value(n, v) for n, v in raw["values"].items()}
-            scripts = dict(raw.get("scripts", {}))
-            return Verified(raw["time"], tuple(raw["files"]), int(raw["hash"]), values, scripts)
-        except (ValueError, KeyError, TypeError) as error:
+            scripts = {
+                _text(p): None if crc is None else int(crc) for p, crc in raw.get("scripts", {}).items()
+            }
+            touched = _texts(raw.get("touched", list(values)))
+            return Verified(
+                _text(raw["time"]), _texts(raw["files"]), int(raw["hash"]), values, scripts, touched
+            )
+        except (InputError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             raise InputError(self.record_path, "", f"damaged ({error}); verify with DIR instead") from error
+
+    def touched(self) -> tuple[str, ...]:
+        """Names that uploads from here wrote to this board; a damaged record knows none."""
+        try:
+            last = self.last()
+        except InputError:
+            return ()
+        return last.touched if last else ()
 
     def end(self) -> None:
         """The board holds one whole table again."""
@@ -172,7 +192,22 @@ def _raw(value: Value) -> dict[str, Any]:
 
 def _value(name: str, raw: Mapping[str, Any]) -> Value:
     held = float("nan") if raw["value"] is None else raw["value"]  # JSON has no NaN
-    return Value(name, held, int(raw["type"]), bytes.fromhex(raw["bits"]))
+    bits = bytes.fromhex(raw["bits"])
+    if not is_parameter_name(name) or not isinstance(held, (int, float)) or len(bits) not in (0, 4):
+        raise ValueError(f"'{name}' is no parameter")
+    return Value(name, held, int(raw["type"]), bits)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str) or name_problem(value, STRING):
+        raise ValueError("a line of text is expected")
+    return value
+
+
+def _texts(values: Any) -> tuple[str, ...]:
+    if not isinstance(values, list):
+        raise ValueError("a list is expected")
+    return tuple(map(_text, values))
 
 
 def _content(values: Mapping[str, Any], held: Mapping[str, str | None]) -> Content:

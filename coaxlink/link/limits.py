@@ -6,7 +6,6 @@ kept in the state folder. A board that has none is checked by our own table alon
 
 from __future__ import annotations
 
-import json
 import lzma
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,9 +17,11 @@ from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from coaxlink.link.ftp import Files
 from coaxlink.link.identity import Identity
 from coaxlink.link.journal import state_folder
+from firmware_params import bounded
 
 PATH = "/etc/extras/parameters.json.xz"
 _LARGEST = 8_000_000  # bytes unpacked; PX4's has 1.2 million
+_MEMORY = 64 << 20  # bytes that unpacking may take; xz -6, as PX4 packs it, takes 9 MB
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Limits:
 
     minimum: float | None
     maximum: float | None
+    volatile: bool = False  # the firmware changes it by itself
 
 
 def board_limits(board: Files, identity: Identity) -> Mapping[str, Limits] | None:
@@ -42,21 +44,31 @@ def board_limits(board: Files, identity: Identity) -> Mapping[str, Limits] | Non
         data = board.read(PATH)
         if data is None:
             return None
-        text = lzma.LZMADecompressor().decompress(data, _LARGEST).decode()
+        text = lzma.LZMADecompressor(memlimit=_MEMORY).decompress(data, _LARGEST).decode()
         limits = parse_limits(text)
         if kept:
             files.write_atomic(kept, text)
         return limits
-    except (CheckFailed, InputError, lzma.LZMAError, ValueError, KeyError, TypeError):
+    except (
+        CheckFailed,
+        InputError,
+        bounded.Unreadable,
+        lzma.LZMAError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+    ):
         return None  # its own list is a second opinion; ours stands
 
 
 def parse_limits(text: str) -> dict[str, Limits]:
-    """The limits in a `parameters.json`. Raises ValueError, KeyError, TypeError on anything else."""
+    """The limits in a `parameters.json`. Raises Unreadable, ValueError, KeyError, TypeError on
+    anything else."""
     found = {}
-    for row in json.loads(text)["parameters"]:
+    for row in bounded.parse_json(text)["parameters"]:
         low, high = (None if row.get(key) is None else float(row[key]) for key in ("min", "max"))
-        found[str(row["name"])] = Limits(low, high)
+        found[str(row["name"])] = Limits(low, high, bool(row.get("volatile", False)))
     return found
 
 

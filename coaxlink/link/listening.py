@@ -21,24 +21,28 @@ class Ears:
         self._lock = threading.Lock()
         self._failure: BaseException | None = None  # what ended the receiving; raised by the next wait
         self._latest: dict[str, Message] = {}
-        self._subscribers: tuple[Callable[[Message], None], ...] = ()
+        self._subscribers: tuple[tuple[Callable[[Message], None], bool], ...] = ()
         self._watchers: tuple[Callable[[bytes], None], ...] = ()
 
     def latest(self, type_name: str) -> Message | None:
-        """The vehicle's last message of a type, None if there was none."""
+        """The autopilot's last message of a type, None if there was none."""
         return self._latest.get(type_name)
 
-    def subscribe(self, callback: Callable[[Message], None]) -> Callable[[], None]:
-        """Call back with every message of the vehicle, on the receiver thread; returns the way out.
+    def subscribe(
+        self, callback: Callable[[Message], None], *, whole_system: bool = False
+    ) -> Callable[[], None]:
+        """Call back with every message of the autopilot, on the receiver thread; returns the way out.
 
+        With `whole_system` those of its gimbal, cameras and companions come too; none may answer for it.
         An error in a callback ends the session's receiving and is raised by the next wait.
         """
+        entry = (callback, whole_system)
         with self._lock:
-            self._subscribers = (*self._subscribers, callback)
+            self._subscribers = (*self._subscribers, entry)
 
         def unsubscribe() -> None:
             with self._lock:
-                self._subscribers = tuple(s for s in self._subscribers if s is not callback)
+                self._subscribers = tuple(s for s in self._subscribers if s is not entry)
 
         return unsubscribe
 
@@ -92,8 +96,10 @@ class Ears:
                 if left <= 0:
                     return None
 
-    def _tell(self, name: str, message: Message) -> None:
+    def _tell(self, name: str, message: Message, of_autopilot: bool) -> None:
         """On the receiver thread: a message of the vehicle came."""
-        self._latest[name] = message
-        for subscriber in self._subscribers:
-            subscriber(message)
+        if of_autopilot:
+            self._latest[name] = message
+        for subscriber, whole_system in self._subscribers:
+            if of_autopilot or whole_system:
+                subscriber(message)

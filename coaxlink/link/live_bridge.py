@@ -9,7 +9,8 @@ the matrix flies again by itself. Overrides bypass ArduPilot's own emergency sto
 The demand goes to the links where a companion has asked for it within ASKED_MS, by an answer or by one of
 group ASK that commands nothing: a radio with a ground station behind it is not flooded. One companion is
 followed until it has been silent for HOLD_MS, and told to all: controls 5 and 6 of the demand are the system
-and component of the companion followed, 0 when there is none.
+and component of the companion followed, 0 when there is none. Control 7 is how many commands it has taken,
+modulo COUNTED: what a line loses shows in it.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.link.live_arrival import Count
 from coaxlink.link.mixing_core import CONTROLS
 from coaxlink.link.parameters import Parameters
 from firmware_params.ardupilot import scripts
+from firmware_params.ardupilot.frames import OCTAQUAD, Y6
 from firmware_params.ardupilot.table import (
     DYNAMIC_MATRIX,
-    OCTAQUAD,
     SCRIPTING_MATRIX,
-    Y6,
     ApTable,
     Factors,
     used_factors,
@@ -43,6 +44,7 @@ HOLD_MS = 100
 PERIOD_MS = 4
 ASK = 255  # the group of an answer that only asks for the demand
 ASKED_MS = 3000
+COUNTED = 65536  # whole numbers up to 2^24 are exact in the message's single precision
 FIND_S, ASK_EVERY_S, REMIND_S = 1.5, 0.3, 1.0
 
 
@@ -55,7 +57,9 @@ def bridge_script(motors: int, *, hold_ms: int = HOLD_MS, period_ms: int = PERIO
         raise InputError("bridge", "motors", f"1 to {CONTROLS} expected, found {motors}")
     if not 20 <= hold_ms <= 500:
         raise InputError("bridge", "hold_ms", f"20 to 500 expected, found {hold_ms}")
-    return _SCRIPT.format(motors=motors, hold=hold_ms, period=period_ms, ask=ASK, asked=ASKED_MS)
+    return _SCRIPT.format(
+        motors=motors, hold=hold_ms, period=period_ms, ask=ASK, asked=ASKED_MS, counted=COUNTED
+    )
 
 
 def board_factors(session: Session) -> list[list[float]]:
@@ -86,6 +90,8 @@ class BridgeEnd:
 
     def __init__(self, session: Session) -> None:
         self._session, self._asked = session, 0.0
+        self.taken = Count(COUNTED)  # of our commands, by the script
+        self.followed = False  # at some time it said that it follows us
 
     def find(self) -> bool:
         """Whether our script speaks."""
@@ -101,9 +107,11 @@ class BridgeEnd:
         if now - self._asked > REMIND_S:
             self._ask()
 
-    def rival(self, demand: Sequence[float]) -> str | None:
+    def hear(self, demand: Sequence[float]) -> str | None:
         """Another companion that a demand (stamp, eight controls, group) says the bridge follows."""
         who = demand[5:7]
+        self.taken.hear(demand[7])
+        self.followed = self.followed or tuple(who) == self._session.source
         if tuple(who) in ((0.0, 0.0), self._session.source):
             return None
         return f"system {who[0]:g} component {who[1]:g}"
@@ -152,6 +160,7 @@ local channel = {{}}
 local ASKED_MS = {asked}
 local asked = {{}}  -- links with a companion, and when it last spoke there
 local followed, heard = nil, millis()  -- the companion whose answers are taken, and when the last one was
+local taken = 0  -- how many of them came
 
 for n = 1, MOTORS do
   channel[n] = SRV_Channels:find_channel(32 + n)
@@ -187,7 +196,7 @@ local function send_demand()
   local yaw = motors:get_yaw() + motors:get_yaw_ff()
   local whose = following() or 0  -- system in the lowest byte, then component, then the link
   local body = string.pack("<ffffffffB", roll, pitch, yaw, motors:get_throttle(),
-                           whose % 256, whose // 256 % 256, 0, 0, 0)
+                           whose % 256, whose // 256 % 256, taken, 0, 0)
   local now, message = millis(), stamp() .. body
   for link, at in pairs(asked) do
     if (now - at):toint() > ASKED_MS then
@@ -216,6 +225,7 @@ local function answer()
       local whose = string.unpack("<I2", message, 8) + 65536 * link
       if group == 0 and whose == (following() or whose) then
         newest, sender = message, whose
+        taken = (taken + 1) % {counted}
       end
     end
   end

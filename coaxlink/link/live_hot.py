@@ -16,12 +16,20 @@ if TYPE_CHECKING:
     from coaxlink.link.mixing import LiveMixer
 
 
+IDLE, REST_S = 8, 0.05  # turns in a row that only brought what Python has to see, and then its own pace
+
+
 class HotPath:
-    """`serve` instead of a read, while the law flies alone on a datagram line."""
+    """`serve` instead of a read, while the law flies alone on a datagram line.
+
+    A turn of the compiled loop costs more than a read: where noise ends every one of them at once, the loop
+    in Python has the line to itself for a while.
+    """
 
     def __init__(self, live: LiveMixer, loop: HotLoop) -> None:
         self._live, self._loop = live, loop
         self.answers = 0
+        self._idle, self._rest_until = 0, 0.0
 
     @classmethod
     def of(cls, live: LiveMixer, function: Any, target: tuple[int, int]) -> HotPath | None:
@@ -32,7 +40,8 @@ class HotPath:
             return None
         sequence = np.frombuffer(session.counter, np.uint8)
         loop = HotLoop(function, law, core.scale.matrix, core.count, sequence)
-        loop.aim(target, session.source, live.guard.timing.silent_after_s)
+        timing = live.guard.timing
+        loop.aim(target, session.source, timing.silent_after_s, timing.hold_after_s)
         loop.lead(*core.lead_s)
         loop.motors[:], loop.told[:] = core.motors, core.told
         core.motors, core.told = loop.motors, loop.told
@@ -49,6 +58,10 @@ class HotPath:
         last_us = core.last_us
         if not guard.steady or last_us is None or not isinstance(line, Udp):
             return None
+        if self._idle >= IDLE:
+            self._idle, self._rest_until = 0, time.monotonic() + REST_S
+        if self._rest_until and time.monotonic() < self._rest_until:
+            return None
         to = line.one_target(peer)
         if to is None:
             return None
@@ -57,6 +70,8 @@ class HotPath:
         line.arm(live.tick_s)
         budget = BUDGET_S if core.compensation is None else EFFECTS_BUDGET_S
         batch = self._loop.run(line.fileno(), to, last_us, guard.last, budget)
+        live.session.bound.strangers.passed(batch.foreign)
+        self._idle = self._idle + 1 if batch.left and not len(batch.rows) else 0
         if len(batch.rows):
             self._book(batch)
         return batch.left

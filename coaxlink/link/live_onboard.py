@@ -12,22 +12,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.link.live_bridge import HOLD_MS, PERIOD_MS
 from coaxlink.link.mixing_core import CONTROLS, MatrixScale
 from coaxlink.mixer import standard_coefficients
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.exact.lua import law_in_lua, table
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
+from firmware_params.ardupilot.frames import OCTAQUAD
 from firmware_params.ardupilot.table import (
     DYNAMIC_MATRIX,
-    OCTAQUAD,
     SCRIPTING_MATRIX,
     ApTable,
     used_factors,
 )
 from firmware_params.errors import TableError
+from firmware_params.text import comment
 
 STEPS = 6  # as the companion
 # for SCR_VM_I_COUNT: docs/live.md has what calls cost
@@ -36,8 +36,7 @@ NAMES = ("c", "g", "shape", "lo", "hi", "x", "act", "lam", "el", "cap", "mu", "w
 
 
 def onboard_script(
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     *,
     frame_class: int = OCTAQUAD,
     hold_ms: int = HOLD_MS,
@@ -47,12 +46,13 @@ def onboard_script(
 
     Raises InputError for a vehicle or frame it cannot be.
     """
+    airframe, model = vehicle.airframe, vehicle.model
     source = airframe.source or airframe.name
     if not 1 <= len(airframe.rotors) <= CONTROLS:
         raise InputError(source, "rotors", f"1 to {CONTROLS} expected, found {len(airframe.rotors)}")
     law = ExactLaw(airframe, model)
     p = law.problem
-    factors = _factors(airframe, model, frame_class)
+    factors = _factors(vehicle, frame_class)
     matrix = MatrixScale(airframe, standard_coefficients(model), factors).matrix
     scale = (matrix[p.order] / p.scale[:, None]).tolist()
     arrays = "\n".join(
@@ -60,21 +60,21 @@ def onboard_script(
     )
     return _SCRIPT.format(
         motors=len(airframe.rotors), hold=hold_ms, period=period_ms, steps=STEPS, law=law_in_lua(),
-        arrays=arrays, scale=table(scale), slots=table(p.slots.tolist()), name=airframe.name,
+        arrays=arrays, scale=table(scale), slots=table(p.slots.tolist()), name=comment(airframe.name),
     )  # fmt: skip
 
 
-def _factors(airframe: Airframe, model: RotorModel, frame_class: int) -> list[list[float]]:
+def _factors(vehicle: Vehicle, frame_class: int) -> list[list[float]]:
     try:
         if frame_class in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
             from coaxlink.link.ap_tables import report_ap
 
-            used = used_factors(report_ap(airframe, model, "fitted", frame_class=frame_class).table)
+            used = used_factors(report_ap(vehicle, "fitted", frame_class=frame_class).table)
         else:
             used = used_factors(ApTable(frame_class, frame_type=1))
     except TableError as error:
         raise InputError("--frame-class", str(frame_class), f"4, 5, 15 or 17 expected ({error})") from error
-    if len(used) != len(airframe.rotors):
+    if len(used) != len(vehicle.airframe.rotors):
         raise InputError("--frame-class", str(frame_class), f"a frame of {len(used)} motors")
     return np.asarray(used, float).tolist()
 

@@ -19,9 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink import files
 from coaxlink.errors import InputError
 from coaxlink.link import hot_kernel as k
 from coaxlink.link.live_guard import STATES
+from firmware_params import bounded
 
 MAGIC = b"coaxlink live 1\n"
 RECORD = struct.Struct("<Qd4f8f4ffB")
@@ -98,13 +100,14 @@ class LiveRecord:
 
 def read_record(path: Path) -> tuple[dict[str, Any], NDArray[Any]]:
     """(header, structured array of the records). Raises InputError when it is no such file."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read ({error.strerror})") from error
+    data = files.read_bytes(path, bounded.LOG)
     end = data.find(b"\n", len(MAGIC))
     if not data.startswith(MAGIC) or end < 0:
         raise InputError(path, "", "not a live record (coaxlink mix --record)")
     body = data[end + 1 :]
     whole = len(body) // RECORD.size * RECORD.size
-    return json.loads(data[len(MAGIC) : end]), np.frombuffer(body[:whole], _TYPE)
+    with files.reading(path):
+        about = bounded.parse_json(data[len(MAGIC) : end].decode("utf-8", "replace"))
+    if not isinstance(about, dict):
+        raise InputError(path, "line 2", "a JSON object is expected")
+    return about, np.frombuffer(body[:whole], _TYPE)

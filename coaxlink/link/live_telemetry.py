@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.effects import effect
+
 STALE_S = 2.0
-# effect: message id -> rate in Hz of what it reads
-STREAMS: Mapping[str, Mapping[int, float]] = {
-    "battery_voltage": {147: 10.0},
-    "ground_effect": {132: 50.0, 30: 50.0, 32: 50.0},
-    "axial_inflow": {30: 100.0, 32: 50.0},
-    "air_density": {29: 1.0, 105: 50.0},
-}
 
 
 class Telemetry:
@@ -76,6 +73,8 @@ def wanted_streams(names: Sequence[str]) -> dict[int, float]:
     """Message id -> rate in Hz of what these effects read."""
     rates: dict[int, float] = {}
     for name in names:
-        for message_id, rate_hz in STREAMS.get(name, {}).items():
+        known = effect(name)
+        for message, rate_hz in (known.messages if known else {}).items():
+            message_id = getattr(mavlink, f"MAVLINK_MSG_ID_{message}")
             rates[message_id] = max(rate_hz, rates.get(message_id, 0.0))
     return rates

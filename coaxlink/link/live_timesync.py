@@ -3,6 +3,9 @@
 Ours is answered with the vehicle's time between our two: offset = tc1 - (sent + heard) / 2, believed most
 where the round trip was shortest. Times are monotonic here and since boot there; nothing in the loop depends
 on them, so a vehicle that does not answer, or answers nonsense, changes nothing but the account.
+
+Questions asked while the vehicle was flown by our commands are counted, and their answers: they went the
+same way as the commands (`live_arrival`).
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from pymavlink.dialects.v20 import common as mavlink
 if TYPE_CHECKING:
     from coaxlink.link.session import Session
 
-PERIOD_S = 1.0
+PERIOD_S = 0.2
 KEPT = 16  # round trips, of which the shortest counts
 LONGEST_NS = 1_000_000_000  # a round trip beyond this tells nothing
 
@@ -27,16 +30,19 @@ class TimeSync:
 
     def __init__(self, session: Session, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._session, self._clock = session, clock_ns
-        self._asked = 0
+        self._asked: dict[int, bool] = {}  # when, of those still open, and whether it counts
+        self.asked = self.answered = 0  # of those that count and are settled
         self._next = clock_ns()
         self._trips: deque[tuple[int, int]] = deque(maxlen=KEPT)  # (round trip, offset), ns
         self._leave = session.subscribe(self._hear)
 
-    def tick(self) -> None:
-        """Ask again if it is time."""
+    def tick(self, flying: bool = False) -> None:
+        """Ask again if it is time; it counts when the vehicle is `flying` on our commands."""
         now = self._clock()
         if now >= self._next:
-            self._next, self._asked = now + round(PERIOD_S * 1e9), now
+            for when in [t for t in self._asked if now - t >= LONGEST_NS]:
+                self.asked += self._asked.pop(when)
+            self._next, self._asked[now] = now + round(PERIOD_S * 1e9), flying
             self._session.send(mavlink.MAVLink_timesync_message(0, now))
 
     def close(self) -> None:
@@ -49,9 +55,10 @@ class TimeSync:
         now = self._clock()
         if message.tc1 == 0:
             self._session.send(mavlink.MAVLink_timesync_message(now, message.ts1))
-        elif message.ts1 == self._asked and 0 <= now - self._asked < LONGEST_NS:
-            self._trips.append((now - self._asked, message.tc1 - (self._asked + now) // 2))
-            self._asked = 0  # once
+        elif message.ts1 in self._asked and 0 <= now - message.ts1 < LONGEST_NS:
+            counts = self._asked.pop(message.ts1)  # once
+            self.asked, self.answered = self.asked + counts, self.answered + counts
+            self._trips.append((now - message.ts1, message.tc1 - (message.ts1 + now) // 2))
 
     @property
     def round_trip_s(self) -> float | None:

@@ -31,6 +31,7 @@ class Witness:
         self._judged: deque[bool] = deque(maxlen=REPORTS)
         self._agreed = 0
         self.confirmed = False  # the outputs were ours at some time
+        self.reports = self.strangers = 0  # judged, and of them not ours
 
     def sent(self, now: float, commands: Sequence[float]) -> None:
         """Commands (8,) went out."""
@@ -47,6 +48,7 @@ class Witness:
         inside = (u >= envelope.min(axis=0) - TOLERANCE) & (u <= envelope.max(axis=0) + TOLERANCE)
         ours = bool(inside.all())
         self._judged.append(ours)
+        self.reports, self.strangers = self.reports + 1, self.strangers + (not ours)
         self._agreed = self._agreed + 1 if ours else 0
         self.confirmed = self.confirmed or self._agreed >= SURE
 

@@ -24,13 +24,15 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import LinkError, SafetyRefusal
 from coaxlink.link import codec
 from coaxlink.link.hot_kernel import COMMANDS, TIME
+from coaxlink.link.live_account import account
 from coaxlink.link.live_counts import Counters
 from coaxlink.link.live_guard import LIVE, Guard, Timing, timing_for
 from coaxlink.link.live_paths import PATHS, path_for, require_path
+from coaxlink.link.live_stall import Stall, backlog
 from coaxlink.link.live_timesync import TimeSync
 from coaxlink.link.live_witness import REPORT_HZ, Witness
 from coaxlink.link.mixing_core import CONTROLS, Compensation, DemandScale, MixCore
-from coaxlink.link.transport import Polled
+from coaxlink.link.transport import Polled, Udp
 from coaxlink.mixer import Law
 from coaxlink.rotor import RotorModel
 
@@ -89,24 +91,25 @@ class LiveMixer:
         self.failed = threading.Event()
         self.error: Exception | None = None
         self.commands: Sequence[float] = [0.0] * CONTROLS  # the last ones sent
-        self._witness = Witness(self.core.count) if witness and not dry_run else None
+        self.witness = Witness(self.core.count) if witness and not dry_run else None
         self._record = record
         self._loop = loop
         self._native = native
         self._hot: HotPath | None = None
-        self._timesync: TimeSync | None = None
+        self.timesync: TimeSync | None = None
         heard = {ANSWER.number, OUTPUTS.number} | ({STATE.number, TARGET.number} if loop else {DEMAND.number})
         self._scanner = codec.Scanner(heard, codec.known_seeds())
         self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
         self._waiting_since = 0.0
         self._echoes: deque[bytes] = deque(maxlen=64)
         self._line = Polled()
+        self.stall = Stall(self.guard.timing.silent_after_s)
         self._payload: tuple[Any, ...] = ()
         self._target = (0, 0)
         self._own_mixer = False
-        self._bridge: BridgeEnd | None = None
+        self.bridge: BridgeEnd | None = None
         self._unsubscribe: Callable[[], None] | None = None
-        self._started = self._stopped = 0.0
+        self.span_s = (0.0, 0.0)  # when it started and stopped, monotonic; 0 for not yet
 
     # -- life ----------------------------------------------------------------------------------------------
 
@@ -126,14 +129,14 @@ class LiveMixer:
         bridged = identity.autopilot == ARDUPILOT and self._find_bridge()
         row = require_path(identity.autopilot, identity.version, bridged=bridged)
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
-        self._started = time.monotonic()
+        self.span_s = (time.monotonic(), 0.0)
         if self._native is not None and self._loop is None and not self.dry_run and not self.session.signed:
             from coaxlink.link.live_hot import HotPath
 
             self._hot = HotPath.of(self, self._native, self._target)
         if self.session.signed:
             self._unsubscribe = self.session.subscribe(self._on_message)
-        self._timesync = TimeSync(self.session)
+        self.timesync = TimeSync(self.session)
         self.session.tap = self
         # a bridge sends its demand unasked, at its own pace
         for message in (STATE, TARGET) if self._loop else () if bridged else (DEMAND,):
@@ -142,10 +145,10 @@ class LiveMixer:
                 what = "the state and setpoint" if self._loop else "its wrench demand"
                 raise SafetyRefusal(f"the autopilot will not send {what} ({message.name})")
         # ArduPilot has no such message and would say so on every ground station's screen
-        if self._witness is not None and (
+        if self.witness is not None and (
             bridged or not self.session.request_stream(OUTPUTS.number, REPORT_HZ)
         ):
-            self._witness = None
+            self.witness = None
 
     def _find_bridge(self) -> bool:
         """Whether our script speaks; then its demand is read by the matrix on board."""
@@ -155,7 +158,7 @@ class LiveMixer:
         if not bridge.find():
             return False
         self.core.use_matrix(board_factors(self.session))
-        self._bridge = bridge
+        self.bridge = bridge
         return True
 
     def stop(self, patience_s: float = 0.25) -> None:
@@ -174,12 +177,12 @@ class LiveMixer:
 
     def _let_go(self) -> None:
         self.session.tap = None
-        if self._timesync is not None:
-            self._timesync.close()
+        if self.timesync is not None:
+            self.timesync.close()
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None
-        self._stopped = time.monotonic()
+        self.span_s = (self.span_s[0], time.monotonic())
         if self._record is not None:
             self._record.flush()
 
@@ -194,11 +197,18 @@ class LiveMixer:
 
     def serve(self, line: Any, peer: Any) -> list[tuple[bytes, Any]] | None:
         """Let the compiled loop read and answer for a while, if it may; see `session.Tap`."""
+        if self.stall.draining and isinstance(line, Udp):
+            waiting, older = backlog(line, peer, self._alone)
+            self.core.counters.superseded += older
+            if waiting:
+                return waiting
         hot = self._hot
-        if hot is None or self._waiting is not None or not self._scanner.whole or self.failed.is_set():
+        if hot is None or self._waiting is not None or self.failed.is_set():
             return None
         try:
-            return hot.serve(line, peer)
+            left = hot.serve(line, peer)
+            self.stall.here(self.guard.last)
+            return left
         except LinkError:
             raise
         except Exception as error:
@@ -208,14 +218,14 @@ class LiveMixer:
 
     def kept(self, rows: NDArray[np.float64], batch: Batch) -> None:
         """Book the answers of the hot loop, rows as `hot_kernel` lays them out."""
-        if self._bridge is not None:
+        if self.bridge is not None:
             self._outdone(DEMAND.unpack(batch.last_demand()))
         commands = rows[:, COMMANDS : COMMANDS + CONTROLS].tolist()
         self.commands = commands[-1]
         self._echoes.extend(batch.answers(64))
-        if self._witness is not None:
+        if self.witness is not None:
             for at, row in zip(rows[:, TIME].tolist(), commands, strict=True):
-                self._witness.sent(at, row)
+                self.witness.sent(at, row)
         if self._record is not None:
             self._record.add_many(batch.stamps, rows, LIVE)
 
@@ -224,20 +234,25 @@ class LiveMixer:
         if self.failed.is_set():
             return
         began = time.perf_counter()
+        self.stall.turn(began, self.core.last_us, self.guard.last)
         try:
             if data:
-                quick = self._loop is None and self._unsubscribe is None and self._scanner.whole
+                quick = self._loop is None and self._unsubscribe is None
                 alone = self._alone(data) if quick else None
                 if alone is not None:
+                    self._scanner.drop()  # what waited for its other half was noise
                     self._queue(alone, began)
                 else:
                     for frame in self._scanner.feed(data):
                         self._frame(frame, began)
-            if self._waiting is not None and (
-                began - self._waiting_since > PATIENCE_S or not self._line.readable(self.session.fileno)
-            ):
-                demand, self._waiting = self._waiting, None
-                self._answer(demand, began)
+            if self._waiting is not None:
+                more = self._line.readable(self.session.fileno)
+                if not more or began - self._waiting_since > PATIENCE_S:
+                    demand, self._waiting = self._waiting, None
+                    if self.stall.leftover(demand[0], began, more):
+                        self.core.counters.superseded += 1
+                    else:
+                        self._answer(demand, began)
             self._tick(time.perf_counter())
         except Exception as error:
             # what fails once must not fail again at 250 Hz, nor take the whole session down in flight:
@@ -266,7 +281,7 @@ class LiveMixer:
             if not ours:  # a router may hand us our own words back
                 who = f"system {frame.system} component {frame.component}"
                 self._give_up(SafetyRefusal(f"another companion commands the motors ({who})"))
-        elif self._witness is not None and (frame.system, frame.component) == self._target:
+        elif self.witness is not None and (frame.system, frame.component) == self._target:
             self._watch(OUTPUTS.unpack(frame.payload)[2:], began)
 
     def _meant(self, number: int, f: tuple[Any, ...], began: float) -> None:
@@ -311,7 +326,7 @@ class LiveMixer:
         stamp = demand[0]
         if not core.admit(stamp, demand[9], demand[1:5]):
             return
-        if self._bridge is not None and self._outdone(demand):
+        if self.bridge is not None and self._outdone(demand):
             return
         share = guard.good(began)
         if share is None:
@@ -328,7 +343,7 @@ class LiveMixer:
 
     def _outdone(self, demand: tuple[Any, ...]) -> bool:
         """Whether the bridge says that it follows another companion; then this one is done."""
-        rival = self._bridge.rival(demand) if self._bridge and not self.dry_run else None
+        rival = self.bridge.hear(demand) if self.bridge and not self.dry_run else None
         if rival:
             self._give_up(SafetyRefusal(f"another companion commands the motors ({rival})"))
         return rival is not None
@@ -339,8 +354,8 @@ class LiveMixer:
             return
         self._payload = (stamp, *commands, 0, *self._target)
         self.session.send_frame(self._pack, ANSWER.seed)
-        if self._witness is not None:
-            self._witness.sent(now, commands)
+        if self.witness is not None:
+            self.witness.sent(now, commands)
 
     def _pack(self, sequence: int, system: int, component: int) -> bytes:
         frame = ANSWER.pack(sequence, system, component, *self._payload)
@@ -349,10 +364,10 @@ class LiveMixer:
 
     def _tick(self, now: float) -> None:
         guard, core = self.guard, self.core
-        if self._timesync is not None:
-            self._timesync.tick()
-        if self._bridge is not None:
-            self._bridge.tick(now)
+        if self.timesync is not None:
+            self.timesync.tick(self.guard.answering)
+        if self.bridge is not None:
+            self.bridge.tick(now)
         before = guard.hand_overs
         share = guard.tick(now)
         if share is not None and self._own_mixer:
@@ -366,31 +381,18 @@ class LiveMixer:
     def _watch(self, outputs_us: Sequence[float], now: float) -> None:
         state = self.session.latest("EXTENDED_SYS_STATE")
         if (
-            self._witness is None
+            self.witness is None
             or not self.session.armed
             or state is None
             or state.landed_state not in FLYING
         ):
             return
-        self._witness.reported(now, outputs_us)
-        if self._witness.rival:
-            self._give_up(SafetyRefusal(self._witness.why))
+        self.witness.reported(now, outputs_us)
+        if self.witness.rival:
+            self._give_up(SafetyRefusal(self.witness.why))
 
     # -- account -------------------------------------------------------------------------------------------
 
     def summary(self) -> dict[str, Any]:
         """Counters, latency and allocation error so far, as `coaxlink mix --json` writes them."""
-        seconds = (self._stopped or time.monotonic()) - self._started if self._started else 0.0
-        sync, last_us = self._timesync, self.core.last_us
-        trip = sync.round_trip_s if sync else None
-        age = sync.age_s(last_us, self.guard.last) if sync and last_us is not None else None
-        return {
-            "law": self.core.law.name,
-            "state": self.guard.state,
-            "why": self.guard.why,
-            "dry_run": self.dry_run,
-            "round_trip_us": trip * 1e6 if trip is not None else None,
-            "demand_age_us": age * 1e6 if age is not None else None,
-            "outputs_confirmed": self._witness.confirmed if self._witness else None,
-            **self.core.counters.account(seconds),
-        }
+        return account(self)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from coaxlink.errors import CheckFailed, CoaxlinkError
+from coaxlink.errors import CheckFailed, CoaxlinkError, SafetyRefusal
 from coaxlink.link.parameters import Number, Value
 
 VERIFIED, REFUSED, ROLLED_BACK, FAILED = "verified", "refused", "rolled_back", "failed"
 DRY_RUN = "dry_run"
+INCOMPLETE = "incomplete"  # restore --all: whole but for parameters of the rest that the board refused
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,10 @@ class Outcome:
     vehicle: str = ""
     error: CoaxlinkError | None = field(default=None, compare=False)
     scripts: tuple[str, ...] = ()  # paths of files on board that changed
+    learned: tuple[Change, ...] = ()  # values that the board learned since; left as they are
+    left_out: Mapping[str, str] = field(default_factory=dict)  # the board's own by name, and their kind
+    passed_over: Mapping[str, str] = field(default_factory=dict)  # refused by name, and how
+    standing: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # after arming: what holds which
 
     def to_json(self) -> dict[str, Any]:
         """The JSON of `upload`."""
@@ -52,6 +57,13 @@ class Outcome:
             "scripts": list(self.scripts),
             "reason": self.reason,
             "vehicle": self.vehicle,
+            "learned": [
+                {"name": c.name, "found": finite(c.old.value), "wanted": finite(c.new.value)}
+                for c in self.learned
+            ],
+            "left_out": [{"name": name, "why": why} for name, why in self.left_out.items()],
+            "passed_over": [{"name": name, "why": why} for name, why in self.passed_over.items()],
+            "standing": {held: list(names) for held, names in self.standing.items()},
         }
 
 
@@ -60,9 +72,15 @@ class Talk:
     """What an upload tells and asks its user."""
 
     say: Callable[[str], None] = lambda text: None
+    # the board's parameters and the files that would be touched, before the difference
+    present: Callable[[Mapping[str, Number], Mapping[str, bytes | None]], None] = lambda params, files: None
     difference: Callable[[tuple[Change, ...]], None] = lambda changes: None
     confirm: Callable[[], bool] = lambda: True
     progress: Callable[[int, int], None] | None = None
+
+
+class Armed(SafetyRefusal):
+    """The vehicle is armed: nothing is written, nor written on."""
 
 
 class Unfinished(CheckFailed):

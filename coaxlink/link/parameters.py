@@ -16,8 +16,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed, InputError, LinkError
 from coaxlink.link.asking import Asker
-from coaxlink.link.session import LOST_S, Message, Session
+from coaxlink.link.identity import version_request
+from coaxlink.link.session import Message, Session
+from coaxlink.link.strangers import LOST_S
 from coaxlink.link.values import FLOAT, Coding, Number, ParamSet, Value, raw_bits
+from firmware_params.plain import is_parameter_name
 
 __all__ = ["FLOAT", "Number", "Parameters", "Snapshot", "Value"]
 HASH = "_HASH_CHECK"
@@ -97,6 +100,8 @@ class Parameters:
         unknown = [name for name in wanted if name not in found]
         if unknown and left:
             self._require_link(f"no answer for {unknown[0]}")
+            if not found and not refused:
+                self._require_answers()
         if unknown and not missing_ok:
             why = refused.get(unknown[0], "it does not answer for this name, though it is alive")
             raise InputError(unknown[0], "", f"the vehicle has no such parameter ({why})")
@@ -122,6 +127,11 @@ class Parameters:
             self.again += len(gaps)
             self._read_indices(gaps, listing.by_index)
         values = {v.name: v for _, v in sorted(listing.by_index.items())}
+        strange = next((name for name in values if not is_parameter_name(name)), None)
+        if strange is not None:  # no file holds it, and no autopilot has it
+            raise CheckFailed(
+                f"{self._session.address}: a parameter on board is called '{strange}', which is no name"
+            )
         if len(values) != listing.count:
             raise LinkError(
                 self._session.address, "the parameters changed places while they were read: try again"
@@ -187,12 +197,17 @@ class Parameters:
         return self.write_many([self.encode(name, value, kind)])[name]
 
     def write_many(
-        self, wanted: Sequence[Value], *, before_each: Callable[[], None] = lambda: None
+        self,
+        wanted: Sequence[Value],
+        *,
+        before_each: Callable[[], None] = lambda: None,
+        refused: Callable[[str, str], bool] = lambda name, how: False,
     ) -> dict[str, Value]:
         """Set parameters until every echo agrees bit for bit, a window of requests at a time; the echoes.
 
         `before_each` is called before every request and may raise to stop. Raises CheckFailed when the
-        vehicle refuses or keeps another value, LinkError on silence.
+        vehicle refuses or keeps another value, unless `refused(name, how)` passes that over; LinkError on
+        silence.
         """
         target = self._session.identity
         seen: dict[str, Value] = {}
@@ -207,6 +222,8 @@ class Parameters:
             if name not in by_name:
                 return None
             if message.get_type() == "PARAM_ERROR":
+                if refused(name, _error_text(message.error)):
+                    return name
                 raise CheckFailed(f"{name}: the vehicle refused it ({_error_text(message.error)})")
             seen[name] = self.decode(message)
             return name if seen[name].same(by_name[name]) else None
@@ -214,10 +231,14 @@ class Parameters:
         left = self._asker.gather(requests, _ANSWERS, settle)
         for name in left:
             if name in seen:
+                if refused(name, f"keeps {seen[name].value:.7g}"):
+                    continue
                 raise CheckFailed(
                     f"{name}: {by_name[name].value} was sent, the vehicle holds {seen[name].value}"
                 )
             self._require_link(f"no answer when {name} was set")
+            if refused(name, "no answer"):
+                continue
             raise CheckFailed(f"{name}: no answer when it was set, though the vehicle is alive")
         return seen
 
@@ -228,6 +249,17 @@ class Parameters:
         return mavlink.MAVLink_param_request_read_message(
             target.system, target.component, name.encode("ascii"), -1
         )
+
+    def _require_answers(self) -> None:
+        """Raise LinkError where silence is no answer: the vehicle answers not even who it is."""
+        session = self._session
+        request = version_request(session.identity)
+        answer, _ = session.exchange(
+            request, ("AUTOPILOT_VERSION",), lambda m: True, tries=self._asker.tries()
+        )
+        if answer is None:
+            what = "it is heard, but answers nothing"
+            raise LinkError(session.address, f"{what} (does it take signed messages only? --signing-key)")
 
     def _require_link(self, what: str) -> None:
         """Raise LinkError when the vehicle is gone; one that beats is only silent about this."""

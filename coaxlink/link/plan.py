@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from coaxlink import files
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link.identity import Identity
 from coaxlink.link.parameters import Number, Value
@@ -82,7 +83,7 @@ def load_plan(source: Path) -> Plan:
         paths = [source]
         if (mixer := source.parent / px4.csv_mixer.FILE_NAME).exists() and named_folder:
             px4.read_mixer_csv(mixer)  # raises for what the fork would not take
-            paths, cargo = [source, mixer], {mixer.name: mixer.read_bytes()}
+            paths, cargo = [source, mixer], {mixer.name: files.read_bytes(mixer)}
     except ParamsFileError as error:
         place = f"line {error.line}" if error.line else ""
         raise InputError(error.path, place, error.problem) from error
@@ -92,7 +93,7 @@ def load_plan(source: Path) -> Plan:
 def _load_ardupilot(source: Path) -> Plan:
     read = ardupilot.read_param_file(source, finite=False)
     paths = sorted((source.parent / "scripts").glob("*.lua"))
-    scripts = {path.name: path.read_bytes() for path in paths}
+    scripts = {path.name: files.read_bytes(path) for path in paths}
     if read.params.get("FRAME_CLASS") in (15, 17) and not scripts:
         raise InputError(source.parent / "scripts", "", "FRAME_CLASS 15 and 17 need a script, found none")
     return Plan("ardupilot", (source, *paths), read.params, {}, read.header, scripts)

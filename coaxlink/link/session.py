@@ -1,26 +1,31 @@
 """A MAVLink session with one vehicle: who it is, what it says, what we tell it.
 
+It is bound to one peer (`bound`): what comes from another address under the same ids is not believed.
+
 One thread receives, calls the subscribers and sends our heartbeat; every other call may come from any thread.
-Messages are pymavlink objects of the `common` dialect, plus ESC_STATUS and ESC_INFO.
+Messages are pymavlink objects of the `common` dialect, plus ESC_STATUS, ESC_INFO and ESC_TELEMETRY_*.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from pymavlink.dialects.v20 import common as mavlink
 
-import firmware_params.px4.messages  # noqa: F401 - teaches the dialect ESC_STATUS and ESC_INFO
+import firmware_params.ardupilot.messages  # teaches the dialect ESC_TELEMETRY_*
+import firmware_params.px4.messages  # noqa: F401 - and ESC_STATUS and ESC_INFO
 from coaxlink.errors import LinkError, SafetyRefusal
+from coaxlink.link.bound import Bound, Candidate
+from coaxlink.link.codec import of_others
 from coaxlink.link.identity import Identity, companion_heartbeat, is_vehicle, version_request, with_version
 from coaxlink.link.line import Outgoing, Tap
-from coaxlink.link.listening import Ears, Match
 from coaxlink.link.loss import Loss
+from coaxlink.link.requests import Requests
 from coaxlink.link.tlog import TLog
 from coaxlink.link.transport import Transport
 from coaxlink.link.values import Message
@@ -29,11 +34,10 @@ if TYPE_CHECKING:
     from coaxlink.link.signing import Signer
 
 COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
 _TICK_S = 0.05
 
 
-class Session(Ears):
+class Session(Requests):
     """See the module; make one with `opening.connect` and use it as a context manager."""
 
     def __init__(
@@ -54,16 +58,11 @@ class Session(Ears):
         self.tap: Tap | None = None  # gets the bytes ahead of the parser: live mixing
         self._transport = transport
         self._target = target_system
-        self._identity: Identity | None = None
-        self._peer: Any = None
         self._out = Outgoing(source_system, source_component)
-        self._in = mavlink.MAVLink(None, source_system, source_component)
-        self._in.robust_parsing = True
         self._signer = signer
         if signer:
             signer.attach(self._out)
-            signer.attach(self._in)
-        self._heard_s = 0.0
+        self.bound = Bound(address, self._new_parser, signer.genuine if signer else None)
         self._loss = Loss()
         self._stopping = threading.Event()
         self._log = TLog(record) if record else None
@@ -76,13 +75,25 @@ class Session(Ears):
         with self.listen(("HEARTBEAT",)) as inbox:
             self._thread.start()
             end = time.monotonic() + timeout_s
-            while self._identity is None:
-                if self.take_until(inbox, end) is None and self._identity is None:
+            while self.bound.identity is None:
+                self.take(inbox, _TICK_S)
+                # who was heard is given the time to answer
+                lost = time.monotonic() > end and not self.bound.candidates
+                if lost and self.bound.identity is None:
                     if self._signer and self._signer.refused:
                         raise SafetyRefusal("the vehicle is heard, but does not sign with this key")
                     who = f"system {self._target}" if self._target else "autopilot"
                     raise LinkError(self.address, f"no {who} heard within {timeout_s:g} s")
-        self.ask_version()
+        if self.bound.peer is None:
+            self.ask_version()
+
+    def refuse_unheard(self) -> None:
+        """Raises SafetyRefusal when the vehicle signs, we do not, and it has not answered."""
+        if self.bound.signs and not self.signed and self.identity.version is None:
+            raise SafetyRefusal(
+                f"{self.identity.name} at {self.address} signs its messages and answers none that are not "
+                "signed: --signing-key FILE with its key"
+            )
 
     def close(self) -> None:
         """Stop receiving and let the line go; may be called twice."""
@@ -91,7 +102,7 @@ class Session(Ears):
             self._thread.join(2.0)
         self._transport.close()
         if self._signer:
-            self._signer.save()
+            self._signer.close()
         with self._lock:
             if self._log:
                 self._log.close()
@@ -110,9 +121,9 @@ class Session(Ears):
     @property
     def identity(self) -> Identity:
         """Who answers. Raises LinkError before an autopilot was heard."""
-        if self._identity is None:
+        if self.bound.identity is None:
             raise LinkError(self.address, "no autopilot heard yet")
-        return self._identity
+        return self.bound.identity
 
     @property
     def source(self) -> tuple[int, int]:
@@ -130,6 +141,11 @@ class Session(Ears):
         return self._signer is not None
 
     @property
+    def trouble(self) -> str:
+        """Why signing's timestamps cannot be kept just now, "" while all is well."""
+        return self._signer.trouble if self._signer else ""
+
+    @property
     def fileno(self) -> int:
         """Of the line as it is now, to poll; -1 when it has none."""
         fileno = getattr(self._transport, "fileno", None)
@@ -138,7 +154,7 @@ class Session(Ears):
     @property
     def silence_s(self) -> float:
         """Seconds since the autopilot's last heartbeat."""
-        return time.monotonic() - self._heard_s
+        return time.monotonic() - self.bound.heard_s
 
     @property
     def loss(self) -> float:
@@ -149,13 +165,16 @@ class Session(Ears):
 
     def send(self, message: Message) -> None:
         """Send a message; thread-safe. What a link loses is not sent again here."""
+        self._send(message, None)
+
+    def _send(self, message: Message, peer: Any) -> None:
         with self._lock:
             if self._signer:
                 self._signer.tick()
             frame = bytes(message.pack(self._out))
             self._out.seq = (self._out.seq + 1) % 256
             self._record(frame)
-            self._transport.write(frame, self._peer)
+            self._transport.write(frame, peer or self.bound.peer)
 
     def send_frame(self, pack: Callable[[int, int, int], bytes], seed: bytes) -> None:
         """Send what `pack(sequence, system, component)` makes; for those who have a codec of their own.
@@ -168,13 +187,13 @@ class Session(Ears):
                 frame = self._signer.seal(frame, seed)
             self._out.seq = (self._out.seq + 1) % 256
             self._record(frame)
-            self._transport.write(frame, self._peer)
+            self._transport.write(frame, self.bound.peer)
 
     def send_bytes(self, frames: bytes) -> None:
         """Pass on frames that someone else packed."""
         with self._lock:
             self._record(frames)
-            self._transport.write(frames, self._peer)
+            self._transport.write(frames, self.bound.peer)
 
     @property
     def keeps_frames(self) -> bool:
@@ -189,48 +208,6 @@ class Session(Ears):
             with self._lock:
                 self._log.write(heard, at_us)
                 self._log.write(said, at_us)
-
-    def command(self, command_id: int, *params: float, timeout_s: float = 1.5, tries: int = 3) -> int:
-        """Send COMMAND_LONG until it is acknowledged; the MAV_RESULT. Raises LinkError on silence."""
-        target = self.identity
-        values = [*map(float, params), *([0.0] * (7 - len(params)))]
-        with self.listen(("COMMAND_ACK",), lambda m: m.command == command_id) as inbox:
-            for attempt in range(tries):
-                self.send(
-                    mavlink.MAVLink_command_long_message(
-                        target.system, target.component, command_id, attempt, *values
-                    )
-                )
-                end = time.monotonic() + timeout_s
-                while (ack := self.take_until(inbox, end)) is not None:
-                    if ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
-                        return int(ack.result)
-                    end = time.monotonic() + max(timeout_s, LOST_S)
-        raise LinkError(self.address, f"command {command_id} was not acknowledged ({tries} tries)")
-
-    def exchange(
-        self,
-        request: Message,
-        type_names: Collection[str],
-        match: Match,
-        *,
-        timeout_s: float = 0.6,
-        tries: int = 4,
-    ) -> tuple[Message | None, int]:
-        """Send a request until an answer matches; (answer or None, how often it was sent again)."""
-        with self.listen(type_names, match) as inbox:
-            for attempt in range(tries):
-                self.send(request)
-                answer = self.take(inbox, timeout_s)
-                if answer is not None:
-                    return answer, attempt
-        return None, tries - 1
-
-    def request_stream(self, message_id: int, rate_hz: float) -> bool:
-        """Ask for a message at a rate; False when the autopilot will not send it."""
-        interval_us = -1.0 if rate_hz <= 0 else 1e6 / rate_hz
-        result = self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, interval_us)
-        return result == mavlink.MAV_RESULT_ACCEPTED
 
     # -- inside --------------------------------------------------------------------------------------------
 
@@ -251,22 +228,25 @@ class Session(Ears):
             if time.monotonic() >= beat:
                 beat = time.monotonic() + 1.0
                 self._heartbeat()
+            if self.bound.candidates:
+                self._choose()
             for data, peer in self._chunks():
-                for message in self._in.parse_buffer(data) or ():
+                for message in self.bound.parser(peer).parse_buffer(data) or ():
                     self._received(message, peer)
 
     def _chunks(self) -> Iterator[tuple[bytes, Any]]:
-        """What came and is still to be parsed, after the tap had its look at it."""
+        """What came from the vehicle and is still to be parsed, after the tap had its look at it."""
         tap = self.tap
         if tap is None:
             data, peer = self._transport.read(_TICK_S)
-            if data:
+            if data and not self._strange(data, peer):
                 yield data, peer
             return
-        served = tap.serve(self._transport, self._peer)
+        served = tap.serve(self._transport, self.bound.peer)
         if served is None:
             served = [self._transport.read(tap.tick_s)]
-        for data, peer in served or [(b"", None)]:
+        meant = [(data, peer) for data, peer in served if data and not self._strange(data, peer)]
+        for data, peer in meant or [(b"", None)]:
             tap.take(data)
             if data:
                 yield data, peer
@@ -287,28 +267,78 @@ class Session(Ears):
     def _heartbeat(self) -> None:
         self.send(companion_heartbeat())
 
+    def _new_parser(self) -> mavlink.MAVLink:
+        parser = mavlink.MAVLink(None, *self.source)
+        parser.robust_parsing = True
+        if self._signer:
+            self._signer.attach(parser)
+        return parser
+
+    def _strange(self, data: bytes, peer: Any) -> bool:
+        """Whether a datagram is none of our vehicle's.
+
+        From another address it is counted and its sender asked; from the vehicle's own, where a router may
+        bring everybody's, it is passed over when all of it is other systems'.
+        """
+        if not self.bound.elsewhere(peer):
+            known = self.bound.identity
+            return peer is not None and known is not None and of_others(data, known.system)
+        if self.bound.look(data, peer):
+            self._send(version_request(self.identity), peer)
+        return True
+
     def _received(self, message: Message, peer: Any) -> None:
         name = message.get_type()
         if name == "BAD_DATA" or name.startswith("UNKNOWN"):
             return
-        system, component = message.get_srcSystem(), message.get_srcComponent()
-        known = self._identity
+        system, component = _sender(message)
+        known = self.bound.identity
         if known is None:
+            if name == "AUTOPILOT_VERSION" and (candidate := self.bound.candidate(peer)):
+                self._answered(candidate, message, peer)
             if name != "HEARTBEAT" or not is_vehicle(message, self._target):
                 return
             known = Identity(system, component, message.autopilot, message.type)
+            if peer is not None:  # a datagram is easily forged: bound is who answers
+                self.bound.suggest(known, message, peer)
+                return
+            self.bound.bind(known, None)
         elif system != known.system:
             return
-        if component == known.component:
+        ours = component == known.component
+        if ours:
             self._loss.heard(message.get_seq())
-        if name == "HEARTBEAT" and component == known.component:
-            self._peer = peer or self._peer
-            self._heard_s = time.monotonic()
-            self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            self._identity = self._identity or known
+        self._believe(name, message, ours)
+
+    def _believe(self, name: str, message: Message, ours: bool) -> None:
+        if ours:
+            if name in ("HEARTBEAT", "AUTOPILOT_VERSION") and not self.bound.same(message):
+                return
+            if name == "HEARTBEAT":
+                self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         with self._lock:
             self._record(bytes(message.get_msgbuf()))
-        self._tell(name, message)
+        self._tell(name, message, ours)
+
+    def _choose(self) -> None:
+        """Before the session is bound: ask who was heard; where nobody answers, the first is taken."""
+        for identity, peer in self.bound.to_ask():
+            self._send(version_request(identity), peer)
+        choice = self.bound.silent_choice()
+        if choice is not None:
+            candidate, peer = choice
+            self.bound.bind(candidate.identity, peer)
+            self._believe("HEARTBEAT", candidate.heartbeat, True)
+
+    def _answered(self, candidate: Candidate, message: Message, peer: Any) -> None:
+        known = candidate.identity
+        if not candidate.asked or (known.system, known.component) != _sender(message):
+            return
+        self.answer_s = time.monotonic() - candidate.asked_s if candidate.asked == 1 else 0.0
+        self.bound.bind(with_version(known, message), peer)
+        self._believe("HEARTBEAT", candidate.heartbeat, True)
+        self._loss.heard(message.get_seq())
+        self._believe("AUTOPILOT_VERSION", message, True)
 
     def count(self, sequences: Any) -> None:
         """Frames of the vehicle passed by the parser with these sequence numbers (n,), an array of uint8."""
@@ -325,8 +355,12 @@ class Session(Ears):
         )
         if answer is not None:
             self.answer_s = 0.0 if again else time.monotonic() - started
-            self._identity = with_version(self.identity, answer)
+            self.bound.identity = with_version(self.identity, answer)
 
     def _record(self, frame: bytes) -> None:
         if self._log:
             self._log.write(frame)
+
+
+def _sender(message: Message) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()

@@ -1,13 +1,13 @@
 """MAVLink 2 signing: a key file only its owner can read, timestamps that never go back, replays refused.
 
-Every message out is signed, every message in must be (radio status alone excepted). The last timestamps, ours
-and each sender's, are kept on disk, so a recording of yesterday's flight is refused today.
+Every message out is signed, every message in must be (radio status alone excepted). The timestamps, ours and
+each sender's, are on disk ahead of their use (`signing_book`): a recording is refused, also after kill -9.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
+import hmac
 import stat
 import time
 from pathlib import Path
@@ -16,11 +16,13 @@ from typing import Any
 from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink import files
 from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.link.signing_book import TICKS, Book
+from firmware_params import bounded
 
 _EPOCH_S = 1420070400  # 2015-01-01, where MAVLink's signing clock starts
-_TICKS = 100_000  # a second, in its 10 us
+_KEY_FILE = 4096  # bytes; a passphrase is shorter
+NEW_STREAM = 60 * TICKS  # a sender never heard may be so far behind: MAVLink's rule
 _UNSIGNED_OK = (
     {mavlink.MAVLINK_MSG_ID_RADIO_STATUS} if hasattr(mavlink, "MAVLINK_MSG_ID_RADIO_STATUS") else {109}
 )
@@ -33,7 +35,9 @@ def load_key(path: Path) -> bytes:
     """
     try:
         mode = path.stat().st_mode
-        data = path.read_bytes()
+        data = bounded.read_bytes(path, _KEY_FILE)
+    except bounded.Unreadable as error:
+        raise InputError(path, error.where, f"the signing key: {error.problem}") from error
     except OSError as error:
         raise InputError(path, "", f"the signing key cannot be read ({error.strerror})") from error
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
@@ -66,31 +70,44 @@ class Signer:
         self.state.allow_unsigned_callback = self._unsigned
         self.unsigned = 0  # messages refused because nobody signed them
         name = hashlib.sha256(b"coaxlink" + key).hexdigest()[:16]
-        self._path = folder / f"{name}.signing.json"
-        self._load()
+        self._book = Book(folder / f"{name}.signing.json")
+        self.state.stream_timestamps = dict(self._book.heard)
+        # above every sender's, too: who hears us raises its clock to ours, and is past what it said before
+        self.state.timestamp = max(self._book.sent, *self._book.heard.values(), 0) + 1
+        self.tick(cover=False)
+        self._book.begin(self.state.timestamp)
 
     def attach(self, mav: Any) -> None:
         """Make a pymavlink encoder or decoder sign and check."""
         mav.signing = self.state
-        plain = mav.check_signature
 
         def check(frame: bytearray, system: int, component: int) -> bool:
-            stream = (frame[-13], system, component)
-            last = self.state.stream_timestamps.get(stream)
-            if plain(frame, system, component):
-                return True
-            if last is None:  # a forged frame must not move the clock of the true sender
-                self.state.stream_timestamps.pop(stream, None)
-            else:
-                self.state.stream_timestamps[stream] = last
-            return False
+            if not self.genuine(bytes(frame)):  # a forged frame must not move the clock of the true sender
+                return False
+            stream, stamp = (frame[-13], system, component), int.from_bytes(frame[-12:-6], "little")
+            clock = max(self.state.timestamp, stamp)
+            self._book.cover(clock, {stream: stamp})
+            self.state.stream_timestamps[stream] = stamp
+            self.state.timestamp = max(self.state.timestamp, stamp)
+            return True
 
         mav.check_signature = check
 
-    def tick(self) -> None:
+    def genuine(self, frame: bytes) -> bool:
+        """Whether a frame is signed with this key and new; who was heard when is not noted."""
+        if len(frame) < 25 or frame[0] != 0xFD or not frame[2] & 0x01:
+            return False
+        stream, stamp = (frame[-13], frame[5], frame[6]), int.from_bytes(frame[-12:-6], "little")
+        last = self.state.stream_timestamps.get(stream, self.state.timestamp - NEW_STREAM)
+        signature = hashlib.sha256(self.state.secret_key + frame[:-6]).digest()[:6]
+        return stamp > last and hmac.compare_digest(signature, frame[-6:])
+
+    def tick(self, *, cover: bool = True) -> None:
         """Before a message is signed: the clock moves on with the time of day."""
-        now = int((time.time() - _EPOCH_S) * _TICKS)
+        now = int((time.time() - _EPOCH_S) * TICKS)
         self.state.timestamp = max(self.state.timestamp, now)
+        if cover:
+            self._book.cover(self.state.timestamp, {})
 
     def seal(self, frame: bytes, seed: bytes) -> bytes:
         """An unsigned MAVLink 2 frame, of a message with that CRC seed, signed as pymavlink would."""
@@ -108,22 +125,14 @@ class Signer:
         """Messages that came unsigned, with another key, or twice."""
         return self.unsigned + int(self.state.reject_count)
 
-    def save(self) -> None:
-        """Keep the timestamps. Raises InputError."""
-        streams = [[*stream, last] for stream, last in list(self.state.stream_timestamps.items())]
-        files.write_json(self._path, {"timestamp": self.state.timestamp, "streams": streams})
+    @property
+    def trouble(self) -> str:
+        """Why the timestamps cannot be kept just now, "" while they can."""
+        return self._book.trouble
 
-    def _load(self) -> None:
-        if self._path.exists():
-            try:
-                raw = json.loads(files.read_text(self._path))
-                self.state.timestamp = int(raw["timestamp"]) + 1
-                self.state.stream_timestamps = {(a, b, c): int(last) for a, b, c, last in raw["streams"]}
-            except (ValueError, KeyError, TypeError) as error:
-                raise InputError(
-                    self._path, "", f"damaged ({error}); without it replays cannot be told"
-                ) from error
-        self.tick()
+    def close(self) -> None:
+        """Nothing more is sent or believed: keep the timestamps as they are. Raises InputError."""
+        self._book.close(self.state.timestamp, dict(self.state.stream_timestamps))
 
     def _unsigned(self, mav: Any, message_id: int) -> bool:
         if message_id in _UNSIGNED_OK:

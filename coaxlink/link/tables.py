@@ -7,22 +7,24 @@ p_1l, its KM the torque of both rotors of the pair per u_u^2 over that thrust.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link.asked import nearest, wanted_mix, worst_relative
-from coaxlink.link.behaviour import GRAVITY, TURNS, Behaviour, Speeds, behaviour, solve
+from coaxlink.link.behaviour import TURNS, Behaviour, Speeds, behaviour, solve
+from coaxlink.link.curve import own_curve
 from coaxlink.mixer import reduced_coefficients, standard_coefficients
 from coaxlink.mixer.fitted import fit_table, px4_columns
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from firmware_params.errors import Finding, TableError
 
-TABLE_LAWS = ("fitted", "reduced", "standard")
+TABLE_LAWS = ("fitted", "reduced", "standard", "curved")
 ROTOR_MODEL = "rotor model"  # source of an error that its numbers are the cause of
 _AXES = (*TURNS, "thrust")
 _LEAN_SHARE = 0.02
@@ -59,15 +61,19 @@ class TableReport:
         return tuple(f for f in self.findings if f.severity == "error")
 
 
-def px4_table(airframe: Airframe, model: RotorModel, law: str) -> px4.Px4Table:
+def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
     """The table of a law, rotors in the airframe's numbering (motor n is CA_ROTOR n-1).
 
     Raises InputError on an unknown law and on an airframe that PX4 cannot hold.
     """
+    airframe, model = vehicle.airframe, vehicle.model
     if law not in TABLE_LAWS:
-        raise InputError("--law", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
+        raise InputError("law", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
     if law == "fitted":
         return px4_columns(airframe, fit_table(airframe, model))
+    if law == "curved":
+        plain = px4_table(vehicle, "standard")
+        return dataclasses.replace(plain, thr_mdl_fac=own_curve(airframe, model, plain))
     count = len(airframe.rotors)
     ct, torque = np.zeros(count), np.zeros(count)  # N and N m along the axis, per unit setpoint
     spin = np.array([rotor.yaw_sign for rotor in airframe.rotors], float)
@@ -96,20 +102,21 @@ def px4_table(airframe: Airframe, model: RotorModel, law: str) -> px4.Px4Table:
     return px4.Px4Table(rotors, 1.0)
 
 
-def report_px4(airframe: Airframe, model: RotorModel, law: str) -> TableReport:
+def report_px4(vehicle: Vehicle, law: str) -> TableReport:
     """The table of a law with all that is known about its flight. Raises InputError."""
-    return assess_px4(airframe, model, law, px4_table(airframe, model, law))
+    return assess_px4(vehicle, law, px4_table(vehicle, law))
 
 
-def assess_px4(airframe: Airframe, model: RotorModel, law: str, table: px4.Px4Table) -> TableReport:
-    """What PX4 makes of `table` on this airframe and these rotors. Raises InputError."""
+def assess_px4(vehicle: Vehicle, law: str, table: px4.Px4Table) -> TableReport:
+    """What PX4 makes of `table` on this vehicle. Raises InputError."""
+    airframe, model = vehicle.airframe, vehicle.model
     source = airframe.source or airframe.name
     try:
         params = px4.table_to_params(table)
         mix = px4.realise(table)
     except (TableError, ValueError) as error:
         raise InputError(source, "rotors", f"PX4 cannot hold this table: {error}") from error
-    weight = airframe.mass_kg * GRAVITY
+    weight = airframe.mass_kg * GRAVITY_M_S2
     ct = np.array([rotor.ct for rotor in px4.params_to_table(params).rotors])
     up = -np.array([rotor.axis[2] for rotor in airframe.rotors])
     findings = list(mix.warnings)

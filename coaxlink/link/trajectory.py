@@ -142,6 +142,22 @@ def table_4_flight() -> Plan:
     return Plan(_PAPER)
 
 
+def mixer_flight() -> Plan:
+    """What mixers are told apart by: hover, a slow and a fast circle of 2 m, a climb, quick turns; 32 s."""
+    rim, high, turn = RIM, (0.0, 0.0, -8.0), math.radians(100)
+    return Plan(
+        (
+            Hold("hover", HOVER, 5.0),
+            Move("to the circle", HOVER, rim, 3.0),
+            Circle("circle", 2.0, -4.5, 8.0, 1),
+            Circle("fast circle", 2.0, -4.5, 3.6, 2),
+            Move("climb", rim, high, 4.0),
+            Move("yaw right", high, high, 2.5, 0.0, turn),
+            Move("yaw left", high, high, 2.5, turn, 0.0),
+        )
+    )
+
+
 def paper_flight() -> Plan:
     """The paper's test, then a fast circle, climb and descent, yaw, low hover; about 65 s."""
     hover, rim, high, low = HOVER, RIM, (0.0, 0.0, -8.0), (0.0, 0.0, -0.55)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import socket
@@ -13,6 +14,7 @@ from coaxlink.errors import LinkError
 from coaxlink.link.address import Address
 
 _CHUNK = 65536
+_HEARD = 32  # senders who are answered while none of them is known to be the vehicle
 _SEND_S = 0.02  # a full buffer may hold a sender up so long: then the datagram is lost
 
 
@@ -38,6 +40,11 @@ def open_transport(address: Address, timeout_s: float) -> Transport:
             return Serial(address)
         return Tcp(address, timeout_s)
     except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            from coaxlink.link.holder import holder_of
+
+            who = holder_of(address.port, "tcp" if address.kind == "tcpin" else "udp")
+            raise LinkError(address.text, f"the port is in use by {who}") from error
         raise LinkError(address.text, f"cannot be opened ({error.strerror or error})") from error
 
 
@@ -73,7 +80,8 @@ class Udp:
             data, peer = self._socket.recvfrom(_CHUNK, 0 if timeout_s > 0 else socket.MSG_DONTWAIT)
         except (BlockingIOError, ConnectionError):  # an ICMP "nobody there" is not the end of a UDP link
             return b"", None
-        self._peers.add(peer)
+        if len(self._peers) < _HEARD:
+            self._peers.add(peer)
         return data, peer
 
     def arm(self, timeout_s: float) -> None:

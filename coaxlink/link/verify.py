@@ -7,8 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from coaxlink.errors import CheckFailed, InputError
+from coaxlink.link.ap_scripts import SCRIPT_S, await_loader, present_folder
+from coaxlink.link.confirm import confirm
 from coaxlink.link.ftp import Files
 from coaxlink.link.journal import Journal
+from coaxlink.link.owned import Ownership, switches
 from coaxlink.link.parameters import FLOAT, Parameters, Value
 from coaxlink.link.plan import Plan
 from coaxlink.link.session import Session
@@ -26,6 +29,7 @@ class Verification:
     hash: int
     hash_then: int  # at the last verified upload; 0 when unknown
     interrupted: str  # start of an upload that did not end, "" when none
+    learned: tuple[dict[str, Any], ...] = ()  # rows as in `mismatches`: what the board learned since
 
     @property
     def holds(self) -> bool:
@@ -39,6 +43,7 @@ class Verification:
             "checked": self.checked,
             "against": self.source,
             "mismatches": list(self.mismatches),
+            "learned": list(self.learned),
             "hash": self.hash,
             "hash_at_upload": self.hash_then,
             "other_parameters_changed": bool(self.hash_then) and self.hash != self.hash_then,
@@ -46,10 +51,13 @@ class Verification:
         }
 
 
-def verify(session: Session, plan: Plan | None, journal: Journal | None = None) -> Verification:
+def verify(
+    session: Session, plan: Plan | None, journal: Journal | None = None, *, script_s: float = SCRIPT_S
+) -> Verification:
     """Hold the board against a plan, or against what was verified last on this board.
 
-    Raises InputError when there is neither, CheckFailed for a plan of another firmware, LinkError on silence.
+    Raises InputError when there is neither, CheckFailed for a plan of another firmware, LinkError on silence,
+    SafetyRefusal when another vehicle answers under the same ids.
     """
     session.ask_version(tries=40)
     if plan is not None and not plan.is_for(session.identity):
@@ -70,9 +78,18 @@ def verify(session: Session, plan: Plan | None, journal: Journal | None = None) 
         raise InputError(
             journal.board, "", "nothing was uploaded to this board from here; name the table's DIR"
         )
-    wrong = [_mismatch(v, found.get(n)) for n, v in wanted.items() if n not in found or not v.same(found[n])]
+    board = Files(session)
+    late = [n for n in wanted if n not in found and n.startswith(scripts.PREFIX)]
+    if late and session.identity.is_ardupilot and await_loader(board, parameters, late, script_s):
+        found = parameters.read_many(wanted, missing_ok=True)
+    differ = [n for n, v in wanted.items() if n not in found or not v.same(found[n])]
+    kept = _learned(session, parameters, [n for n in differ if n in found])
+    wrong = [_mismatch(wanted[n], found.get(n)) for n in differ if n not in kept]
+    learned = [_mismatch(wanted[n], found[n]) for n in kept]
     if crcs:
-        wrong += _wrong_scripts(Files(session), crcs)
+        wrong += _wrong_scripts(board, crcs)
+    if session.identity.uid:
+        confirm(session)
     entry = journal.open_entry()
     return Verification(
         tuple(wrong),
@@ -81,7 +98,15 @@ def verify(session: Session, plan: Plan | None, journal: Journal | None = None) 
         parameters.read_hash(),
         last.hash if last else 0,
         entry.started if entry else "",
+        tuple(learned),
     )
+
+
+def _learned(session: Session, parameters: Parameters, names: list[str]) -> list[str]:
+    """Those of `names` that the board learns by itself, as it is set up now."""
+    held = parameters.read_many(switches(session.identity, names), missing_ok=True)
+    owner = Ownership(session.identity, held)
+    return [name for name in names if owner.learned(name)]
 
 
 def _wanted(plan: Plan, parameters: Parameters, found: Mapping[str, Value]) -> dict[str, Value]:
@@ -104,9 +129,7 @@ def _place(plan: Plan, name: str) -> str:
 
 def _wrong_scripts(board: Files, crcs: Mapping[str, int | None]) -> list[dict[str, Any]]:
     """Scripts (by path, or by name in the script folder) whose CRC on board is another."""
-    folder = next(
-        (f for f in scripts.SCRIPT_FOLDERS if board.listing(f) is not None), scripts.SCRIPT_FOLDERS[0]
-    )
+    folder = present_folder(board) or scripts.SCRIPT_FOLDERS[0]
     wrong = []
     for path, wanted in crcs.items():
         found = board.crc(path if "/" in path else f"{folder}/{path}")

@@ -18,7 +18,9 @@ BYTEWISE = 16
 class ScriptedAutopilot:
     """Answers on a free loopback port (`url`) until closed. Attributes may be changed while it runs."""
 
-    def __init__(self, params, *, px4=True, version=(1, 16, 1), system=1, seed=0, uid=0xC0A1, key=None):
+    def __init__(
+        self, params, *, px4=True, version=(1, 16, 1), system=1, seed=0, uid=0xC0A1, key=None, towards=None
+    ):
         self.params = dict(params)  # name -> (value, type)
         self.px4, self.version, self.system, self.uid = px4, version, system, uid
         self.vehicle_type = m.MAV_TYPE_OCTOROTOR
@@ -43,6 +45,7 @@ class ScriptedAutopilot:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(0.02)
+        self.address = self._socket.getsockname()
         self.url = f"udpout:127.0.0.1:{self._socket.getsockname()[1]}"
         self._out, self._in = m.MAVLink(None, system, 1), m.MAVLink(None, system, 1)
         self._in.robust_parsing = True
@@ -51,7 +54,7 @@ class ScriptedAutopilot:
                 mav.signing.secret_key, mav.signing.link_id = key, 3
                 mav.signing.timestamp = int((time.time() - 1420070400) * 1e5)
                 mav.signing.sign_outgoing = True
-        self._peer = None
+        self._peer = towards  # whom to talk to before anyone was heard
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()

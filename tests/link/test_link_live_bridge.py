@@ -23,6 +23,7 @@ from coaxlink.link.live_motor_test import turn_motors
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 pytest.importorskip("lupa", reason="the stand-in runs scripts through lupa")
 X8 = load_airframe(EXAMPLES / "x8_demo.toml")
@@ -36,6 +37,7 @@ class Copter(Flight):
 
     def prepare(self) -> None:
         a = self.autopilot
+        a.scripts_start_s = 0.0  # no start to wait for
         a.store.write("SCR_ENABLE", 1.0)
         a.files.folders.add("scripts")
         a.files.files[f"scripts/{SCRIPT_NAME}"] = bridge_script(8).encode()
@@ -70,7 +72,7 @@ def test_a_script_is_for_one_to_eight_motors() -> None:
 def test_the_companion_flies_ardupilot_through_the_bridge_and_silence_gives_it_back(copter: Any) -> None:
     copter.rows.clear()
     companion = Companion(copter)
-    live = LiveMixer(companion.session, X8, make_law("exact", X8, CRM), CRM)
+    live = LiveMixer(companion.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM)
     starting = threading.Thread(target=live.start)
     starting.start()
     copter.fly(5.0, until=lambda: not starting.is_alive())
@@ -126,6 +128,50 @@ def test_what_is_not_whole_or_not_ours_never_reaches_an_output(copter: Any) -> N
     copter.rush(4.0)
 
 
+class Thief:
+    """Four of five motor commands of a companion never reach the vehicle."""
+
+    def __init__(self) -> None:
+        self.seen = self.kept = 0
+
+    def carry(self, data: bytes) -> list[bytes]:
+        if data[0] == 0xFD and data[7] == 139 and data[50:51] != b"\xff":
+            self.seen += 1
+            if self.seen % 5:
+                self.kept += 1
+                return []
+        return [data]
+
+    def due(self) -> list[bytes]:
+        return []
+
+
+@pytest.mark.parametrize("stolen", [False, True])
+@pytest.mark.flaky(reruns=2)
+def test_the_bridge_counts_what_it_took_and_the_rest_never_arrived(copter: Any, stolen: bool) -> None:
+    companion, thief = Companion(copter), Thief()
+    live = LiveMixer(companion.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM)
+    starting = threading.Thread(target=live.start)
+    starting.start()
+    copter.fly(5.0, until=lambda: not starting.is_alive())
+    if stolen:
+        copter.ports[0].peers[-1].back = thief
+    copter.fly(2.0)
+    summary = live.summary()
+    live.session.tap = None
+    companion.close()
+    copter.rush(4.0)
+    arrival = summary["arrival"]
+    assert arrival["by"] == "bridge"
+    assert arrival["sent"] > 50
+    # a machine that stalls sends more than the script's queue of four holds
+    if stolen:
+        assert arrival["never_arrived"] == pytest.approx(thief.kept, rel=0.2)
+        assert arrival["share"] > 0.6
+    else:
+        assert arrival["share"] < 0.1
+
+
 @pytest.mark.parametrize("native", [False, True], ids=["plain", "compiled"])
 @pytest.mark.flaky(reruns=2)
 def test_a_second_companion_drives_nothing_and_lets_go_at_once(copter: Any, native: bool) -> None:
@@ -137,7 +183,8 @@ def test_a_second_companion_drives_nothing_and_lets_go_at_once(copter: Any, nati
     copter.autopilot.armed = True
     first, second = Companion(copter), Companion(copter, component=192)
     mixers = [
-        LiveMixer(c.session, X8, make_law("exact", X8, CRM), CRM, native=kernel) for c in (first, second)
+        LiveMixer(c.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM, native=kernel)
+        for c in (first, second)
     ]
     for mixer in mixers:
         starting = threading.Thread(target=mixer.start)
@@ -172,7 +219,7 @@ def test_the_demand_goes_where_a_companion_asks_for_it_and_nowhere_else(copter: 
     station, companion = Companion(copter, component=190), Companion(copter, link=1)
     heard: list[str] = []
     station.session.subscribe(lambda message: heard.append(message.get_type()))
-    live = LiveMixer(companion.session, X8, make_law("exact", X8, CRM), CRM)
+    live = LiveMixer(companion.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM)
     starting = threading.Thread(target=live.start)
     starting.start()
     copter.fly(5.0, until=lambda: not starting.is_alive())
@@ -205,7 +252,7 @@ def test_without_a_bridge_ardupilot_is_refused() -> None:
 
     plain = Plain(airborne=False)
     companion = Companion(plain)
-    live = LiveMixer(companion.session, X8, make_law("reduced", X8, CRM), CRM)
+    live = LiveMixer(companion.session, X8, make_law("reduced", Vehicle(X8, CRM)), CRM)
     problem: list[Exception] = []
 
     def start() -> None:

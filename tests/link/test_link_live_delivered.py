@@ -17,6 +17,7 @@ from coaxlink.link.live_guard import Timing
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 from sim.px4.autopilot import Mode
 from sim.px4.cascade import Goal
 
@@ -40,7 +41,7 @@ def test_desired_and_delivered_agree_to_a_tenth_of_a_newton(
     model = load_rotor_model(EXAMPLES / "rotor_paper.toml")
     companion = Companion(flight)
     patient = Timing(hold_after_s=1.0, ramp_after_s=2.0)
-    law = make_law("exact", frame, model)
+    law = make_law("exact", Vehicle(frame, model))
     live = LiveMixer(companion.session, frame, law, model, timing=patient, lead_s=lead_s)
     starting = threading.Thread(target=live.start)
     starting.start()

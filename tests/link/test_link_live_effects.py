@@ -17,6 +17,7 @@ from coaxlink.link.live_telemetry import Telemetry
 from coaxlink.link.mixing import MixCore
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import Effect, load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = load_airframe(EXAMPLES / "x8_paper.toml")
@@ -35,8 +36,9 @@ def compensated(*effects: Effect) -> tuple[MixCore, Telemetry, Clock, LiveEffect
     clock = Clock()
     model = dataclasses.replace(CRM, effects=effects)
     telemetry = Telemetry(clock)
-    live = LiveEffects(None, X8, model, telemetry)
-    return MixCore(X8, make_law("exact", X8, model), model, live), telemetry, clock, live
+    vehicle = Vehicle(X8, model, measured_live=True)
+    live = LiveEffects(None, vehicle, telemetry)
+    return MixCore(X8, make_law("exact", vehicle), vehicle.model, live), telemetry, clock, live
 
 
 def settled(core: MixCore, steps: int = 12) -> np.ndarray[Any, Any]:
@@ -58,7 +60,7 @@ def test_commands_make_up_for_a_sagging_battery() -> None:
     telemetry.hear(battery(29.6))
     u = settled(core) * (29.6 / 33.6) ** 0.4  # what the rotors turn at
     assert X8.wrench(*X8.loads(CRM, u)) == pytest.approx(core.wrench, abs=1e-4)
-    plain = MixCore(X8, make_law("exact", X8, CRM), CRM)
+    plain = MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM)
     short = X8.wrench(*X8.loads(CRM, settled(plain) * (29.6 / 33.6) ** 0.4))
     assert short[0] < 0.95 * plain.wrench[0]  # the test would see nothing done
 
@@ -135,7 +137,7 @@ def test_a_turning_vehicle_in_any_attitude_meets_the_air_at_every_hub() -> None:
     climb = np.array([-(v @ z) - np.cross(rates, r.position_m)[2] for r in X8.rotors])
     thrust, torque = X8.loads(CRM, u)
     assert X8.wrench(thrust - c * u * climb, torque) == pytest.approx(core.wrench, abs=0.02)
-    blind = X8.wrench(*X8.loads(CRM, settled(MixCore(X8, make_law("exact", X8, CRM), CRM))))
+    blind = X8.wrench(*X8.loads(CRM, settled(MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM))))
     assert np.abs(X8.wrench(thrust, torque) - blind)[1:3].max() > 0.05  # the turning counts
 
 
@@ -145,8 +147,8 @@ def test_what_acts_later_is_taken_as_it_will_be_then() -> None:
     model = dataclasses.replace(CRM, effects=(Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}),))
     clock = Clock()
     telemetry = Telemetry(clock)
-    live = LiveEffects(None, X8, model, telemetry, lag_s=lag)
-    core = MixCore(X8, make_law("exact", X8, CRM), CRM, live)
+    live = LiveEffects(None, Vehicle(X8, model, measured_live=True), telemetry, lag_s=lag)
+    core = MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM, live)
     telemetry.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, 0, 0, 0, 1.0))
     telemetry.hear(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0.4, 0, 0))
     clock.now += age
@@ -174,8 +176,8 @@ def test_thin_air_is_flown_faster_through() -> None:
     clock = Clock()
     telemetry = Telemetry(clock)
     model = dataclasses.replace(CRM, effects=(AIR,))
-    live = LiveEffects(None, X8, model, telemetry, air_temperature_C=5.0)
-    core = MixCore(X8, make_law("exact", X8, model), model, live)
+    live = LiveEffects(None, Vehicle(X8, model, measured_live=True), telemetry, air_temperature_C=5.0)
+    core = MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM, live)
     telemetry.hear(imu(880.0))
     share = 88000.0 / (287.05 * 278.15) / 1.225
     thrust, torque = X8.loads(CRM, settled(core, 40))
@@ -184,7 +186,7 @@ def test_thin_air_is_flown_faster_through() -> None:
 
 
 def test_air_that_cannot_be_or_whose_temperature_nobody_knows_changes_nothing() -> None:
-    plain = settled(MixCore(X8, make_law("exact", X8, CRM), CRM))
+    plain = settled(MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM))
     core, telemetry, _, live = compensated(AIR)
     telemetry.hear(imu(880.0))  # the barometer's own 25 C are its board's
     assert settled(core) == pytest.approx(plain, abs=1e-9)
@@ -194,17 +196,17 @@ def test_air_that_cannot_be_or_whose_temperature_nobody_knows_changes_nothing() 
         telemetry.hear(imu(broken))
         if not math.isnan(broken):  # which is not taken: the last good one stands
             assert settled(core) == pytest.approx(plain, abs=1e-9)
-    unknown = LiveEffects(
-        None, X8, dataclasses.replace(CRM, effects=(Effect("air_density", {"density_exponent": 1.0}),))
-    )
+    bare = dataclasses.replace(CRM, effects=(Effect("air_density", {"density_exponent": 1.0}),))
+    unknown = LiveEffects(None, Vehicle(X8, bare, measured_live=True))
     assert "at which density" in unknown.left_out["air_density"] and not unknown.names
     assert live.names == ["air_density"]
 
 
 def test_an_effect_without_its_numbers_is_left_out_by_name() -> None:
     for name in ("battery_voltage", "axial_inflow", "cg_offset", "degraded_rotor"):
-        live = LiveEffects(None, X8, dataclasses.replace(CRM, effects=(Effect(name, {}),)))
-        assert "missing in the rotor file" in live.left_out[name] and not live.names
+        bare = dataclasses.replace(CRM, effects=(Effect(name, {}),))
+        live = LiveEffects(None, Vehicle(X8, bare, measured_live=True))
+        assert "is missing" in live.left_out[name] and name in live.left_out[name] and not live.names
 
 
 def test_without_telemetry_nothing_is_allowed_for_and_what_cannot_be_is_said() -> None:
@@ -214,7 +216,7 @@ def test_without_telemetry_nothing_is_allowed_for_and_what_cannot_be_is_said() -
         Effect("rotor_drag", {"drag_N_s_m": 1.0}),
         Effect("martian_dust", {}),
     )
-    plain = MixCore(X8, make_law("exact", X8, CRM), CRM)
+    plain = MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM)
     assert settled(core) == pytest.approx(settled(plain), abs=1e-9)
     assert set(live.left_out) == {"rotor_drag", "martian_dust"}
     assert live.names == ["ground_effect", "axial_inflow"]

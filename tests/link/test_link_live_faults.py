@@ -24,6 +24,7 @@ from coaxlink.errors import SafetyRefusal
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 X8 = load_airframe(EXAMPLES / "x8_demo.toml")
 CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
@@ -57,7 +58,7 @@ class Live:
     def __init__(self, flight: Flight, law: Any = None, component: int = 191, **options: Any) -> None:
         self.flight = flight
         self.companion = Companion(flight, component)
-        law = law or make_law("exact", X8, CRM)
+        law = law or make_law("exact", Vehicle(X8, CRM))
         self.mixer = LiveMixer(self.companion.session, X8, law, CRM, own_curve=1.0, **options)
 
     def start(self) -> None:
@@ -257,7 +258,7 @@ def test_of_two_companions_one_lets_go_and_says_why(live: Live) -> None:
     flight = live.flight
     flight.fly(0.8)  # long enough for the first to have seen its outputs on the motors
     assert live.mixer.summary()["outputs_confirmed"]
-    second = Live(flight, make_law("standard", X8, CRM), component=192)
+    second = Live(flight, make_law("standard", Vehicle(X8, CRM)), component=192)
     second.start()
     pair = (second.mixer, live.mixer)
     took = flight.fly(8.0, until=lambda: any(m.failed.is_set() for m in pair))
@@ -275,7 +276,7 @@ def test_of_two_companions_one_lets_go_and_says_why(live: Live) -> None:
     stays_up(flight)
 
 
-def mixing_process(flight: Flight) -> subprocess.Popen[str]:
+def mixing_process(flight: Flight, *options: str) -> subprocess.Popen[str]:
     command = [
         sys.executable,
         "-m",
@@ -284,6 +285,7 @@ def mixing_process(flight: Flight) -> subprocess.Popen[str]:
         str(EXAMPLES / "x8_demo.toml"),
         "--connect",
         flight.address,
+        *options,
     ]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
     flight.fly(15.0, until=lambda: flight.driven)
@@ -315,6 +317,28 @@ def test_a_companion_starved_of_its_processor_and_then_killed(flight: Flight) ->
         handed = flight.own_since(killed)
         assert handed is not None
         assert handed < AUTOPILOT_S + SLACK_S
+        stays_up(flight)
+    finally:
+        process.kill()
+        process.wait()
+
+
+@real_time
+def test_a_companion_stopped_for_longer_than_a_link_may_be_silent_takes_the_vehicle_again(
+    flight: Flight,
+) -> None:
+    flight.back_to_hover()
+    process = mixing_process(flight, "--lost", "1")
+    try:
+        os.kill(process.pid, signal.SIGSTOP)
+        flight.fly(3.5)
+        assert not flight.driven
+        os.kill(process.pid, signal.SIGCONT)
+        assert flight.fly(1.0, until=lambda: flight.driven) < 0.15 + SLACK_S
+        flight.fly(1.5)
+        assert flight.driven
+        assert process.poll() is None
+        assert process.wait(20.0) == 3  # nobody ticks the vehicle now: a link that is gone still ends it
         stays_up(flight)
     finally:
         process.kill()

@@ -20,6 +20,7 @@ from coaxlink.link.live_guard import Timing
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = load_airframe(EXAMPLES / "x8_paper.toml")
@@ -75,6 +76,7 @@ class Sink:
     fileno = -1
     signed = False
     armed = True
+    bound = SimpleNamespace(strangers=SimpleNamespace(datagrams=0))
 
     def __init__(self) -> None:
         self.identity = SimpleNamespace(
@@ -109,7 +111,7 @@ def run(law: str, frames: int, seed: int) -> tuple[LiveMixer, Sink]:
     """Throw `frames` at a live mixer of its own (without its witness, which would rightly give up soon)."""
     sink = Sink()
     timing = Timing(settle=1, fade_s=0.02)
-    mixer = LiveMixer(sink, X8, make_law(law, X8, CRM), CRM, timing=timing, witness=False)  # type: ignore[arg-type]
+    mixer = LiveMixer(sink, X8, make_law(law, Vehicle(X8, CRM)), CRM, timing=timing, witness=False)  # type: ignore[arg-type]
     mixer.start()
     for _, data in zip(range(frames), hostile(random.Random(seed)), strict=False):
         mixer.take(data)

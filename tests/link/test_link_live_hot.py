@@ -26,6 +26,7 @@ from coaxlink.link.session import Session
 from coaxlink.link.transport import Udp
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = load_airframe(EXAMPLES / "x8_paper.toml")
@@ -188,10 +189,10 @@ class Rig:
         self.session._ask_version = lambda: None  # type: ignore[method-assign]
         self.say(frame_of(BEAT))
         self.session.start(3.0)
-        self.session._identity = self.session.identity.__class__(1, 1, 12, 2, (1, 13, 3))
+        self.session.bound.identity = self.session.identity.__class__(1, 1, 12, 2, (1, 13, 3))
         self.session.request_stream = lambda *_: True  # type: ignore[method-assign]
         timing = Timing(settle=1, fade_s=0.0, hold_after_s=1.0, ramp_after_s=2.0)
-        law = make_law("exact", X8, CRM)
+        law = make_law("exact", Vehicle(X8, CRM))
         self.live = LiveMixer(
             self.session, X8, law, CRM, timing=timing, witness=False, native=native, lead_s=lead_s
         )
@@ -230,7 +231,7 @@ class Rig:
 
 
 def test_the_compiled_loop_answers_as_the_plain_one_and_keeps_the_same_books(native: Any) -> None:
-    rig, plain = Rig(native), make_law("exact", X8, CRM)
+    rig, plain = Rig(native), make_law("exact", Vehicle(X8, CRM))
     heard: list[str] = []
     rig.session.subscribe(lambda m: heard.append(m.get_type()))
     sequences = []
@@ -260,7 +261,7 @@ def test_the_compiled_loop_answers_as_the_plain_one_and_keeps_the_same_books(nat
             assert rig.silent()
         rig.say(demand(1_000_000, HOVER))
         assert rig.silent()
-        rig.say(demand(2_100_000, HOVER, system=7))
+        rig.say(demand(2_100_000, HOVER, component=7))
         assert rig.silent()
         rig.say(demand(2_200_000, [0.0, 0.0, 0.0, 1.2, 0.0, 0.0, 0.0, 0.0]))  # held to the range
         assert rig.hear().time_usec == 2_200_000
@@ -301,6 +302,43 @@ def test_motor_commands_of_another_end_it_for_good(native: Any) -> None:
         assert rig.silent()
     finally:
         rig.close()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_nothing_from_another_address_is_answered_or_stops_it(native: Any, compiled: bool) -> None:
+    rig = Rig(native if compiled else None)
+    other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    other.bind(("127.0.0.1", 0))
+    other.settimeout(0.3)
+    junk = [
+        frame_of(BEAT),
+        demand(1_500_000, HOVER),
+        frame_of(RIVAL, system=3),
+        frame_of(RIVAL),
+        b"\xfd\xff\0",
+    ]
+    try:
+        for n in range(400):
+            for k in range(3):
+                other.sendto(junk[(n + k) % len(junk)], rig.peer)
+            rig.say(demand(1_000_000 + 2500 * n, HOVER))
+            assert rig.hear().time_usec == 1_000_000 + 2500 * n
+        assert rig.live.error is None
+        time.sleep(0.4)  # the compiled loop books when its turn is over
+        assert rig.live.core.counters.cycles == 400
+        if compiled:
+            assert rig.hot_answers > 300
+        assert rig.session.bound.strangers.datagrams > 400
+        parser, told = mavlink.MAVLink(None), set()
+        while True:
+            try:
+                told |= {message.get_type() for message in parser.parse_buffer(other.recv(2048)) or []}
+            except TimeoutError:
+                break
+        assert told == {"COMMAND_LONG"}  # it was asked who it is, and got no motor command
+    finally:
+        rig.close()
+        other.close()
 
 
 def test_the_compiled_loop_leads_the_motors_as_the_plain_one(native: Any) -> None:

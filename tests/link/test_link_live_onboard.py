@@ -23,6 +23,7 @@ from coaxlink.mixer.exact import ExactLaw, kernel
 from coaxlink.mixer.exact.lua import SINGLE
 from coaxlink.mixer.exact.onboard import settle
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import scripts
 from firmware_params.ardupilot.table import ApTable, used_factors
 from firmware_params.errors import TableError
@@ -55,7 +56,7 @@ end
 
 @pytest.fixture(scope="module")
 def in_lua() -> Any:
-    text = onboard_script(X8, CRM)
+    text = onboard_script(Vehicle(X8, CRM))
     ending = text.index("local function update()")
     return lua53.LuaRuntime(unpack_returned_tuples=True).execute(HARNESS + text[:ending] + WAY_IN)
 
@@ -118,6 +119,7 @@ class Copter(Flight):
 
     def prepare(self) -> None:
         a = self.autopilot
+        a.scripts_start_s = 0.0  # no start to wait for
         for name, value in {"SCR_ENABLE": 1.0, **self.params}.items():
             a.store.write(name, value)
         a.boot()  # the loader's own parameters are not there before its script has run
@@ -140,7 +142,7 @@ class Copter(Flight):
 
 def test_it_flies_the_stand_in_and_the_demand_is_what_the_rotors_deliver() -> None:
     class OnBoard(Copter):
-        files = {SCRIPT_NAME: onboard_script(X8, CRM)}  # noqa: RUF012
+        files = {SCRIPT_NAME: onboard_script(Vehicle(X8, CRM))}  # noqa: RUF012
         params = {"SCR_VM_I_COUNT": float(INSTRUCTIONS)}  # noqa: RUF012
 
     copter = OnBoard()
@@ -173,19 +175,19 @@ def test_the_verb_writes_the_law_in_the_bridges_place(tmp_path: Any) -> None:
     arguments = ["bridge", str(EXAMPLES / "x8_demo.toml"), "--out", str(tmp_path), "--on-board"]
     assert run(build_app(), arguments) == 0
     text = (tmp_path / "scripts" / SCRIPT_NAME).read_text()
-    assert text == onboard_script(X8, CRM)
+    assert text == onboard_script(Vehicle(X8, CRM))
     (params,) = tmp_path.glob("*.param")
     assert re.search(r"SCR_VM_I_COUNT[ ,\t]+200000", params.read_text())
     with pytest.raises(InputError, match="frame-class"):
-        onboard_script(X8, CRM, frame_class=5)
+        onboard_script(Vehicle(X8, CRM), frame_class=5)
     with pytest.raises(InputError, match="frame-class"):
-        onboard_script(X8, CRM, frame_class=1)
-    assert onboard_script(X8, CRM, frame_class=15) != text
+        onboard_script(Vehicle(X8, CRM), frame_class=1)
+    assert onboard_script(Vehicle(X8, CRM), frame_class=15) != text
 
 
 @pytest.mark.parametrize("frame_class", [15, 17])
 def test_the_companion_reads_the_factors_of_a_scripted_frame_from_the_board(frame_class: int) -> None:
-    report = report_ap(X8, CRM, "fitted", frame_class=frame_class)
+    report = report_ap(Vehicle(X8, CRM), "fitted", frame_class=frame_class)
 
     class Scripted(Copter):
         files = {**report.scripts, SCRIPT_NAME: bridge_script(8)}  # noqa: RUF012
@@ -206,7 +208,7 @@ def test_the_companion_reads_the_factors_of_a_scripted_frame_from_the_board(fram
 
 
 def test_half_a_table_or_anothers_is_not_read() -> None:
-    report = report_ap(X8, CRM, "fitted")
+    report = report_ap(Vehicle(X8, CRM), "fitted")
     (text,) = report.scripts.values()
     assert np.array(scripts.script_factors(text)) == pytest.approx(np.array(report.table.factors), abs=1e-6)
     with pytest.raises(TableError, match="no mixer table"):

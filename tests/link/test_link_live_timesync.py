@@ -69,9 +69,9 @@ def test_the_vehicles_clock_is_the_one_of_the_shortest_round_trip(line: Line) ->
     assert line.callback is None
 
 
-def test_it_asks_once_a_second(line: Line) -> None:
+def test_it_asks_five_times_a_second(line: Line) -> None:
     sync = TimeSync(line, lambda: line.now)  # type: ignore[arg-type]
     for _ in range(500):
         sync.tick()
         line.now += 10_000_000
-    assert len(line.sent) == 5
+    assert len(line.sent) == 25

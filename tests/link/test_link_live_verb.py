@@ -64,6 +64,44 @@ def test_a_dry_run_shows_everything_and_moves_nothing(flight: Flight, tmp_path: 
 
 
 @real_time
+def test_forged_vehicles_at_a_hundred_a_second_take_nothing_away(
+    flight: Flight, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    stop, heard = threading.Event(), set[str]()
+    beat = mavlink.MAVLink_heartbeat_message(14, 12, 0, 0, 4, 3)
+    rival = mavlink.MAVLink_set_actuator_control_target_message(1, 0, 1, 1, [0.5] * 8)
+    packer, parser = mavlink.MAVLink(None, 1, 1), mavlink.MAVLink(None)
+
+    def forge() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+            line.bind(("127.0.0.1", 0))
+            line.settimeout(0.01)
+            while not stop.is_set():
+                for peer in list(flight.ports[0].peers):
+                    for message in (beat, rival):
+                        line.sendto(message.pack(packer), peer.address)
+                try:
+                    heard.update(m.get_type() for m in parser.parse_buffer(line.recv(2048)) or [])
+                except TimeoutError:
+                    continue
+
+    thread, result = threading.Thread(target=forge), tmp_path / "mix.json"
+    thread.start()
+    try:
+        assert mix(flight, "--seconds", "2", "--json", str(result)) == 0
+    finally:
+        stop.set()
+        thread.join()
+    summary = json.loads(result.read_text())
+    assert summary["not_believed"] > 50 and not summary["why"]
+    driven = [live for _, live, *_ in flight.rows]
+    first = driven.index(True)
+    assert sum(driven[first : first + 400]) > 380  # 1.6 s from the first command on: every one arrives
+    assert "SET_ACTUATOR_CONTROL_TARGET" not in heard
+    assert "not believed: heartbeats of system 1" in capfd.readouterr().err
+
+
+@real_time
 def test_a_live_run_is_recorded_plotted_and_shared(flight: Flight, tmp_path: Path) -> None:
     ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     ground.bind(("127.0.0.1", 0))

@@ -18,6 +18,7 @@ from coaxlink.link.live_guard import Timing
 from coaxlink.link.mixing import DemandScale, LiveMixer, MixCore, require_path
 from coaxlink.mixer import StandardCoefficients, make_law
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = load_airframe(EXAMPLES / "x8_paper.toml")
@@ -26,13 +27,14 @@ HOVER = [0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 0.0]
 
 
 def core(law: str = "coaxial") -> MixCore:
-    return MixCore(X8, make_law(law, X8, CRM), CRM)
+    return MixCore(X8, make_law(law, Vehicle(X8, CRM)), CRM)
 
 
 class ScriptedSession:
     """A peer that says what the test wants, byte for byte by pymavlink, and keeps what it is sent."""
 
-    fileno = -1
+    fileno, loss = -1, 0.0
+    bound = SimpleNamespace(strangers=SimpleNamespace(datagrams=0))
 
     def __init__(
         self,
@@ -179,7 +181,7 @@ QUICK = Timing(settle=1, fade_s=0.0)
 
 
 def mixer_on(session: ScriptedSession, law: Any = None, **options: Any) -> LiveMixer:
-    law = law or make_law("coaxial", X8, CRM)
+    law = law or make_law("coaxial", Vehicle(X8, CRM))
     return LiveMixer(session, X8, law, CRM, **{"timing": QUICK, **options})  # type: ignore[arg-type]
 
 
@@ -310,7 +312,7 @@ def test_an_autopilot_that_ignores_the_stream_is_refused_with_the_reason(
         require_path(autopilot, version)
     session = ScriptedSession(version or (1, 99), autopilot)
     with pytest.raises(SafetyRefusal):
-        LiveMixer(session, X8, make_law("reduced", X8, CRM), CRM).start()  # type: ignore[arg-type]
+        LiveMixer(session, X8, make_law("reduced", Vehicle(X8, CRM)), CRM).start()  # type: ignore[arg-type]
     assert session.tap is None
     assert session.requests == []
 
@@ -319,7 +321,7 @@ def test_an_autopilot_that_will_not_send_its_demand_is_refused_and_left_alone() 
     session = ScriptedSession()
     session.takes_requests = False
     with pytest.raises(SafetyRefusal, match="will not send"):
-        LiveMixer(session, X8, make_law("reduced", X8, CRM), CRM).start()  # type: ignore[arg-type]
+        LiveMixer(session, X8, make_law("reduced", Vehicle(X8, CRM)), CRM).start()  # type: ignore[arg-type]
     assert session.tap is None
 
 

@@ -69,7 +69,7 @@ def test_an_unknown_name_is_one_clear_error(vehicle):
 def test_a_lost_link_is_not_an_unknown_name(vehicle):
     with connect(vehicle.url) as session:
         vehicle.deaf = True
-        session._heard_s -= 10.0
+        session.bound.heard_s -= 10.0
         with pytest.raises(LinkError, match="no heartbeat"):
             Parameters(session, timeout_s=0.05).read("P1")
         with pytest.raises(LinkError, match="no answer to the request"):
@@ -92,3 +92,10 @@ def test_what_a_type_cannot_hold_is_never_sent(vehicle, value, kind):
     with connect(vehicle.url) as session, pytest.raises(InputError):
         Parameters(session).write("P1", value, kind)
     assert vehicle.sets == []
+
+
+def test_who_is_heard_and_answers_nothing_is_a_lost_link_and_not_a_board_with_nothing_on_it():
+    with ScriptedAutopilot({"A": (1.0, FLOAT)}) as vehicle, connect(vehicle.url) as session:
+        vehicle._handle = lambda message: None
+        with pytest.raises(LinkError, match=r"answers nothing .*--signing-key"):
+            Parameters(session, timeout_s=0.05).read_many(["A"], missing_ok=True)

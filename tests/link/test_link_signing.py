@@ -2,11 +2,9 @@
 
 import hashlib
 import json
-import socket
-import threading
-import time
 
 import pytest
+from player import player
 from px4_board import x8
 from scripted_autopilot import ScriptedAutopilot
 
@@ -46,29 +44,8 @@ def test_a_recording_is_refused(key_file):
         session.wait("HEARTBEAT", 1.0)
         recording = [bytes(frame) for frame in vehicle.sent]
         session.wait("HEARTBEAT", 3.0)  # so that all of it was heard once
-    stop = threading.Event()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as false:
-        false.bind(("127.0.0.1", 0))
-        false.settimeout(0.1)
-
-        def play():
-            while not stop.is_set():
-                try:
-                    peer = false.recvfrom(4096)[1]
-                except TimeoutError:
-                    continue
-                for frame in recording:
-                    false.sendto(frame, peer)
-                time.sleep(0.05)
-
-        thread = threading.Thread(target=play)
-        thread.start()
-        try:
-            with pytest.raises(SafetyRefusal, match="does not sign"):
-                connect(f"udpout:127.0.0.1:{false.getsockname()[1]}", signing_key=key_file, timeout_s=1.5)
-        finally:
-            stop.set()
-            thread.join()
+    with player(recording) as false, pytest.raises(SafetyRefusal, match="does not sign"):
+        connect(f"udpout:127.0.0.1:{false}", signing_key=key_file, timeout_s=1.5)
 
 
 def test_keys(tmp_path):

@@ -9,6 +9,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link import tables
 from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -16,7 +17,7 @@ X8 = EXAMPLES / "x8_paper.toml"
 
 
 def _report(law="reduced", rotor="rotor_paper.toml", frame=X8):
-    return tables.report_px4(load_airframe(frame), load_rotor_model(EXAMPLES / rotor), law)
+    return tables.report_px4(Vehicle(load_airframe(frame), load_rotor_model(EXAMPLES / rotor)), law)
 
 
 def test_the_paper_s_printed_matrix_and_what_px4_makes_of_it():
@@ -57,8 +58,8 @@ def test_columns_are_the_law_s_own_matrix(frame):
 
     airframe = load_airframe(EXAMPLES / f"{frame}.toml")
     model = load_rotor_model(EXAMPLES / "rotor_eq15.toml")
-    matrix = make_law("reduced", airframe, model).matrix
-    columns = px4.effectiveness(tables.px4_table(airframe, model, "reduced"))
+    matrix = make_law("reduced", Vehicle(airframe, model)).matrix
+    columns = px4.effectiveness(tables.px4_table(Vehicle(airframe, model), "reduced"))
     wrench = np.stack([-columns[5], columns[0], columns[1], columns[2]])
     np.testing.assert_allclose(wrench, matrix, atol=0.02 * np.abs(matrix).max())
     if frame != "coax_tilted":
@@ -70,7 +71,9 @@ def test_a_law_without_a_table_and_a_trap_are_refused():
         _report("coaxial")
     airframe = load_airframe(X8)
     weak = px4.Px4Table(tuple(px4.RotorEntry(r.position_m, r.axis, 1.0, 0.04) for r in airframe.rotors), 1.0)
-    report = tables.assess_px4(airframe, load_rotor_model(EXAMPLES / "rotor_paper.toml"), "reduced", weak)
+    report = tables.assess_px4(
+        Vehicle(airframe, load_rotor_model(EXAMPLES / "rotor_paper.toml")), "reduced", weak
+    )
     with pytest.raises(SafetyRefusal, match=r"px4.weak-axis: PX4 drops yaw"):
         tables.refuse_traps(report)
 

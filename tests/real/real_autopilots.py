@@ -14,7 +14,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,8 +26,11 @@ from pymavlink.dialects.v20 import common as m
 
 from coaxlink.errors import CoaxlinkError
 from coaxlink.link import connect
+from coaxlink.link.parameters import Parameters
+from coaxlink.link.plan import load_plan
 from coaxlink.link.session import Session
 from coaxlink.link.trajectory import Hold, Plan, table_4_flight
+from coaxlink.link.upload import Uploader
 from coaxlink.link.vehicle import Vehicle
 
 ROOT = Path(__file__).parents[2]
@@ -77,12 +80,12 @@ class Px4:
 @contextmanager
 def px4(binary: Path, folder: Path, *options: str) -> Iterator[Px4]:
     """A PX4 that is ready to boot; `options` are the bridge's."""
-    instance = _instance()
+    instance = free_instance()
     with bridge("px4", *options, port=4560 + instance):
         yield Px4(binary, folder, instance)
 
 
-def _instance() -> int:
+def free_instance() -> int:
     """An instance number of PX4 whose ports nobody has (from 9 on they share a companion's port)."""
     for instance in random.sample(range(1, 9), 8):
         try:
@@ -115,11 +118,12 @@ def arducopter(
     *options: str,
     speed: float = 3.0,
     second_port: int = 0,
+    cut: bool = False,
 ) -> Iterator[str]:
     """ArduCopter's SITL in `folder` on the JSON bridge; yields its first serial port's address.
 
     A reboot it does by itself, in the same process. `options` are the bridge's. It speaks on `second_port`
-    of loopback too, if there is one.
+    of loopback too, if there is one. With `cut` it ends as when the plug is pulled: SIGKILL.
     """
     defaults = folder / "defaults.parm"
     defaults.write_text("".join(f"{name} {value:.9g}\n" for name, value in params.items()))
@@ -130,7 +134,7 @@ def arducopter(
         command += ["--home", "47.397742,8.545594,488,0", "--serial0", f"udpclient:127.0.0.1:{link}"]
         second = f"udpclient:127.0.0.1:{second_port}" if second_port else "none"
         command += ["--serial1", "none", "--serial2", second]
-        with _running(command, folder, dict(os.environ)):
+        with _running(command, folder, dict(os.environ), cut):
             yield f"udpin:127.0.0.1:{link}"
 
 
@@ -227,3 +231,58 @@ def hover(session: Session, vehicle: Vehicle, seconds: float = 20.0) -> NDArray[
     vehicle.land()
     assert len(rows) > 100
     return np.array(rows, float)
+
+
+class Pulled(Exception):
+    """The plug was pulled: nothing is sent any more."""
+
+
+def cut_upload(url: str, tables: Path, folder: Path, after: int) -> None:
+    """Upload until so many writes, of parameters or files, have gone out; raises Pulled then.
+
+    Nothing is put back: the caller kills the board.
+    """
+    with connect(url, timeout_s=60.0) as session:
+        send, left = session.send, [after]
+
+        def until_pulled(message: Any) -> None:
+            writes = _writes(message)
+            if writes and left[0] <= 0:
+                raise Pulled
+            left[0] -= writes
+            send(message)
+
+        session.send = until_pulled  # type: ignore[method-assign]
+        outcome = Uploader(session, backup_folder=folder / "backups").upload(load_plan(tables))
+    raise AssertionError(f"the upload ended before its write {after}: {outcome}")
+
+
+def _writes(message: Any) -> bool:
+    if message.get_type() == "FILE_TRANSFER_PROTOCOL":
+        return message.payload[3] in (6, 7, 8, 13)  # create, write, remove, rename
+    command = message.get_type() == "COMMAND_LONG" and message.command in (245, 246)  # save, restart
+    return bool(command or message.get_type() == "PARAM_SET")
+
+
+def undo(url: str, backup: str, folder: Path, *options: str) -> dict[str, Any]:
+    """`coaxlink restore`, which must verify; its JSON."""
+    out = folder / "back.json"
+    coaxlink("restore", backup, "--connect", url, "--yes", "--json", str(out), *options, cwd=folder)
+    told: dict[str, Any] = json.loads(out.read_text())
+    assert told["result"] == "verified"
+    return told
+
+
+def verified(url: str, tables: Path, folder: Path) -> dict[str, Any]:
+    """`coaxlink verify`, which must hold; its JSON."""
+    out = folder / "verify.json"
+    coaxlink("verify", str(tables), "--connect", url, "--json", str(out))
+    told: dict[str, Any] = json.loads(out.read_text())
+    return told
+
+
+def held(url: str, names: Iterable[str]) -> dict[str, float]:
+    """What the board holds under these names."""
+    with connect(url, timeout_s=60.0) as session:
+        found = Parameters(session).read_many(names, missing_ok=True)
+    return {name: float(value.value) for name, value in found.items()}

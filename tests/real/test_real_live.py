@@ -15,6 +15,7 @@ from coaxlink.link.mixing import LiveMixer
 from coaxlink.link.session import Session
 from coaxlink.mixer import make_law
 from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 BINARY = os.environ.get("ARDUCOPTER_SITL", "")
 pytestmark = [
@@ -37,7 +38,7 @@ def pair_split(session: Session, seconds: float) -> float:
 
 
 def mixer(session: Session) -> LiveMixer:
-    return LiveMixer(session, X8, make_law("exact", X8, CRM), CRM)
+    return LiveMixer(session, X8, make_law("exact", Vehicle(X8, CRM)), CRM)
 
 
 def test_it_is_mixed_live_by_one_companion_and_handed_back(tmp_path: Path) -> None:

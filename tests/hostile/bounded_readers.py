@@ -1,0 +1,288 @@
+"""Every reader on spoiled files, in a child with 1 GB of its own and 20 s a file.
+
+As a program it is that child: lines `KIND<TAB>NUMBER` come in, a JSON object a file goes out.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+import os
+import resource
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+
+HERE = Path(__file__).parent
+GB, SECONDS = 1 << 30, 20  # of the processor: how busy the machine is elsewhere is no fault of a file
+WAIT_S = 10 * SECONDS  # of the clock, for what waits without working
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one file: ok, refused, traceback, hang, memory or killed; `text` is the error's."""
+
+    kind: str
+    number: int
+    result: str
+    text: str = ""
+    seconds: float = 0.0
+    peak_MB: float = 0.0  # above what the process had before the file
+
+
+def readers() -> dict[str, Callable[[Path], object]]:
+    """What each kind of file goes through before coaxlink acts on it."""
+    from sound_files import PX4, stand_rows
+
+    from coaxlink.airframe import load_airframe
+    from coaxlink.cli._board_source import layout_of_file
+    from coaxlink.cli._effects import vehicle_of
+    from coaxlink.data import is_flight_log, read_flight_log, read_stand_log
+    from coaxlink.link.attitude_loop import load_gains
+    from coaxlink.link.backup import read_backup
+    from coaxlink.link.journal import Journal
+    from coaxlink.link.limits import board_limits
+    from coaxlink.link.live_record import read_record
+    from coaxlink.link.plan import load_plan, refuse_values
+    from coaxlink.link.signing import Signer, load_key
+    from coaxlink.link.tables import report_px4
+    from coaxlink.rotor import load_rotor_model, save_rotor_model
+    from firmware_params import px4
+    from firmware_params.ardupilot import packed
+    from firmware_params.ardupilot.scripts import script_factors
+    from sim.bench import read_bench
+    from sim.manoeuvres import read_plan
+    from sim.memory import Memory
+    from sim.rotors import read_pair
+    from sim.schedule import read_schedule
+    from sim.truth import read_truth, truth_text
+    from sim.vehicle import read_vehicle
+    from sim.world import World, build_plant
+
+    def airframe(path: Path) -> None:
+        report_px4(vehicle_of(path, None)[0], "standard")
+
+    def rotor(path: Path) -> None:
+        model = load_rotor_model(path)
+        model.loads(0.5, 0.5)
+        save_rotor_model(path.with_name("again.toml"), model)
+        assert load_rotor_model(path.with_name("again.toml")).terms() == model.terms()
+
+    def log(path: Path) -> None:
+        if is_flight_log(path):
+            read_flight_log(path)
+        else:
+            read_stand_log(path)
+
+    def column_map(path: Path) -> None:
+        path.with_name("s.csv").write_text(stand_rows())
+        read_stand_log(path.with_name("s.csv"), path)
+
+    def plan(path: Path) -> None:
+        found = load_plan(path)
+        refuse_values(found.firmware, found.params, path)
+        if found.firmware == "px4":
+            px4.realise(found.params)
+
+    def journal(path: Path) -> None:
+        own = Journal(PX4, path.parent)
+        (own.open_entry if path == own.path else own.last)()
+
+    def signing_state(path: Path) -> None:
+        place = path.with_name("state")
+        key = bytes(32)
+        first = Signer(key, place)
+        first.tick()
+        first.close()
+        (kept,) = place.glob("*.json")
+        shutil.copy(path, kept)
+        Signer(key, place).close()
+
+    def signing_key(path: Path) -> None:
+        path.chmod(0o600)
+        load_key(path)
+
+    def limits(path: Path) -> None:
+        packed_text = lzma.compress(path.read_bytes())
+        board = SimpleNamespace(read=lambda place: packed_text)
+        board_limits(board, replace(PX4, capabilities=32, git_hash="0" * 16))
+
+    def memory(path: Path) -> None:
+        from sim.px4.autopilot import Autopilot
+
+        plant, truth = build_plant(World(HERE.parents[1] / "examples" / "x8_demo.toml"))
+        Memory(path, Autopilot(plant, truth, version=(1, 16, 1), seed=0), lazy=True).load()
+
+    return {
+        "airframe": airframe,
+        "airframe of the world": read_vehicle,
+        "rotor model": rotor,
+        "rotor of the world": read_pair,
+        "stand CSV": log,
+        "stand sheet": log,
+        "column map": column_map,
+        "flight CSV": log,
+        "ULog": log,
+        "DataFlash": log,
+        "tlog": log,
+        ".params table": plan,
+        ".param table": plan,
+        "mixer.csv": px4.read_mixer_csv,
+        "matrix script": lambda path: script_factors(path.read_bytes().decode("utf-8", "replace")),
+        "packed parameters": lambda path: packed.unpack(path.read_bytes()),
+        "board for init": layout_of_file,
+        "backup PX4": read_backup,
+        "backup ArduPilot": read_backup,
+        "journal": journal,
+        "verified record": journal,
+        "signing state": signing_state,
+        "signing key": signing_key,
+        "board's limits": limits,
+        "live record": read_record,
+        "loop gains": lambda path: (load_gains(path), load_airframe),
+        "truth": lambda path: truth_text(read_truth(path)),
+        "truth of a stand": read_bench,
+        "schedule": read_schedule,
+        "flight plan": lambda path: read_plan(path)[0](1.0),
+        "rotor of blades": read_pair,
+        "world's memory": memory,
+    }
+
+
+# -- the parent --------------------------------------------------------------------------------
+
+
+def run(cases: list[tuple[str, int]], folder: Path) -> Iterator[Outcome]:
+    """What comes of each (kind, number). `folder` holds the sound files and is the child's to work in."""
+    left = list(cases)
+    while left:
+        command = [sys.executable, str(HERE / "bounded_readers.py"), str(folder)]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+            assert child.stdin and child.stdout
+            if not child.stdout.readline():
+                raise RuntimeError(f"the child did not start (exit code {child.wait()})")
+            while left:
+                kind, number = left.pop(0)
+                try:
+                    child.stdin.write(f"{kind}\t{number}\n")
+                    child.stdin.flush()
+                    ready, _, _ = select.select([child.stdout], [], [], WAIT_S)
+                    line = child.stdout.readline() if ready else ""
+                except BrokenPipeError:
+                    ready, line = [child.stdout], ""
+                if line:
+                    yield Outcome(kind, number, **json.loads(line))
+                    continue
+                child.kill()
+                yield Outcome(kind, number, "killed" if ready else "hang", f"exit code {child.wait()}")
+                break
+            else:
+                child.stdin.close()
+
+
+# -- the child ---------------------------------------------------------------------------------
+
+
+class Late(BaseException):
+    """The file took longer than it may; no reader catches this."""
+
+
+def _late(*_: object) -> None:
+    raise Late
+
+
+def _megabytes(field: str) -> float:
+    status = Path("/proc/self/status").read_text()
+    return int(next(line for line in status.splitlines() if line.startswith(field)).split()[1]) / 1024
+
+
+def _one(read: Callable[[Path], object], path: Path) -> tuple[str, str]:
+    from coaxlink.errors import CoaxlinkError
+    from firmware_params.errors import FirmwareParamsError
+    from sim.errors import SimError
+
+    try:
+        read(path)
+        return "ok", ""
+    except (CoaxlinkError, FirmwareParamsError, SimError) as error:
+        cause: BaseException | None = error
+        while cause is not None:
+            if isinstance(cause, MemoryError):
+                return "memory", str(error)
+            cause = cause.__cause__
+        text = str(error)
+        return ("refused", text) if text.isprintable() and 0 < len(text) < 1200 else ("traceback", repr(text))
+    except MemoryError:
+        return "memory", "MemoryError"
+    except Late:
+        return "hang", ""
+    except BaseException as error:
+        import traceback
+
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        return (
+            "traceback",
+            f"{type(error).__name__}: {str(error)[:150]} ({Path(place.filename).name}:{place.lineno})",
+        )
+
+
+def _serve(folder: Path) -> None:
+    import warnings
+
+    from damage import damaged
+
+    warnings.simplefilter("ignore")
+    out = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what a library prints is no answer
+    table = readers()
+    sound = {p.name: next(f for f in sorted(p.iterdir()) if _is_file_of(p.name, f)) for p in folder.iterdir()}
+    kinds = {kind: sound[kind.replace(" ", "-")] for kind in table}
+    contents = {kind: path.read_bytes() for kind, path in kinds.items()}
+    others = list(contents.values())
+    for kind, path in kinds.items():  # imports, compiled code: none of it is the first file's doing
+        with tempfile.TemporaryDirectory() as place:
+            work = Path(shutil.copytree(path.parent, Path(place) / "w")) / path.name
+            assert _one(table[kind], work)[0] == "ok", (kind, _one(table[kind], work))
+    resource.setrlimit(resource.RLIMIT_AS, (int(_megabytes("VmSize") * 2**20) + GB,) * 2)
+    signal.signal(signal.SIGPROF, _late)
+    out.write("ready\n")
+    out.flush()
+    for line in sys.stdin:
+        kind, _, number = line.rstrip("\n").partition("\t")
+        with tempfile.TemporaryDirectory() as place:
+            work = Path(shutil.copytree(kinds[kind].parent, Path(place) / "w")) / kinds[kind].name
+            work.write_bytes(damaged(contents[kind], f"{kind}/{number}", others))
+            Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here
+            before, start = _megabytes("VmRSS"), time.process_time()
+            signal.setitimer(signal.ITIMER_PROF, SECONDS)
+            try:
+                result, text = _one(table[kind], work)
+            except Late:  # it came while the error was told
+                result, text = "hang", ""
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            answer = {
+                "result": result,
+                "text": text.replace(place, ""),
+                "seconds": time.process_time() - start,
+            }
+            out.write(json.dumps(answer | {"peak_MB": max(_megabytes("VmHWM") - before, 0.0)}) + "\n")
+            out.flush()
+
+
+def _is_file_of(kind: str, path: Path) -> bool:
+    """The file itself, not what belongs beside it."""
+    beside = {"airframe": "rotor_paper.toml", "airframe-of-the-world": "rotor_paper.toml"}
+    return path.is_file() and path.name != beside.get(kind)
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(HERE.parents[1]))
+    _serve(Path(sys.argv[1]))

@@ -1,0 +1,299 @@
+"""One sound file of every kind that coaxlink reads, made here, small enough to be spoiled often."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.link.backup import write_backup
+from coaxlink.link.content import Content
+from coaxlink.link.identity import Identity
+from coaxlink.link.journal import Entry, Journal
+from coaxlink.link.live_record import LiveRecord
+from coaxlink.link.parameters import Snapshot, Value
+from firmware_params import ardupilot, px4
+from firmware_params.ardupilot import packed
+from firmware_params.ardupilot.scripts import matrix_script
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PX4 = Identity(1, 1, 12, 13, (1, 16, 1), None, "00a1b2c3d4e5f607", "1:2:3", "0123456789abcdef")
+COPTER = Identity(1, 1, 3, 13, (4, 5, 7), None, "00a1b2c3d4e5f608", "1:2:3", "fedcba9876543210")
+FACTORS = [(-0.5, 0.5, 0.5, 1.0), (0.5, -0.5, 0.5, 0.9), (0.5, 0.5, -0.5, 1.0), (-0.5, -0.5, -0.5, 0.9)]
+ROWS = 60
+
+
+def sound_files(folder: Path) -> dict[str, Path]:
+    """{kind: its file}, each in a folder of its own with what belongs beside it."""
+    made = {}
+    for kind, make in MAKERS.items():
+        place = folder / kind.replace(" ", "-")
+        place.mkdir(parents=True)
+        made[kind] = make(place)
+    return made
+
+
+def _copied(name: str, *beside: str):
+    def make(folder: Path) -> Path:
+        for other in (name, *beside):
+            (folder / other).write_bytes((EXAMPLES / other).read_bytes())
+        return folder / name
+
+    return make
+
+
+def _written(name: str, content: str | bytes):
+    def make(folder: Path) -> Path:
+        (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+        return folder / name
+
+    return make
+
+
+def stand_rows() -> str:
+    """A short stand log in our own columns."""
+    lines = (EXAMPLES / "stand_eq17.csv").read_text().splitlines()
+    return "\n".join(lines[: ROWS + 1]) + "\n"
+
+
+def flight_rows() -> str:
+    """A short flight log in our own columns."""
+    time = np.arange(ROWS) * 0.02
+    columns = {"time_s": time}
+    columns |= {f"motor{n}": 0.5 + 0.1 * np.sin(time + n) for n in range(1, 9)}
+    for name in (
+        "accel_x_m_s2",
+        "accel_y_m_s2",
+        "accel_z_m_s2",
+        "gyro_x_rad_s",
+        "gyro_y_rad_s",
+        "gyro_z_rad_s",
+    ):
+        columns[name] = np.cos(time + len(name))
+    columns |= {f"{axis}_rad": 0.01 * time for axis in ("roll", "pitch", "yaw")}
+    columns |= {f"vel_{axis}_m_s": 0.1 * np.sin(time) for axis in "ned"} | {"height_m": 3.0 + 0.1 * time}
+    rows = np.stack(list(columns.values()), axis=1)
+    return "\n".join([",".join(columns), *(",".join(f"{v:.6g}" for v in row) for row in rows)]) + "\n"
+
+
+def workbook(rows: str) -> bytes:
+    """A CSV text as the smallest xlsx there is."""
+    sheet = "".join(
+        "<row>" + "".join(_cell(cell) for cell in line.split(",")) + "</row>"
+        for line in rows.splitlines()[:20]
+    )
+    space = "http://schemas.openxmlformats.org"
+    office = f"{space}/officeDocument/2006/relationships"
+    parts = {
+        "[Content_Types].xml": f'<Types xmlns="{space}/package/2006/content-types">'
+        '<Default Extension="xml" ContentType="application/xml"/></Types>',
+        "_rels/.rels": f'<Relationships xmlns="{space}/package/2006/relationships"><Relationship Id="r1" '
+        f'Type="{office}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
+        "xl/workbook.xml": f'<workbook xmlns="{space}/spreadsheetml/2006/main" '
+        f'xmlns:r="{space}/officeDocument/2006/relationships"><sheets>'
+        '<sheet name="Data" sheetId="1" r:id="r1"/></sheets></workbook>',
+        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{space}/package/2006/relationships">'
+        f'<Relationship Id="r1" Type="{space}/officeDocument/2006/relationships/worksheet" '
+        'Target="worksheets/sheet1.xml"/></Relationships>',
+        "xl/worksheets/sheet1.xml": f'<worksheet xmlns="{space}/spreadsheetml/2006/main"><sheetData>'
+        f"{sheet}</sheetData></worksheet>",
+    }
+    kept = io.BytesIO()
+    with zipfile.ZipFile(kept, "w", zipfile.ZIP_STORED) as archive:  # stored: damage reaches the XML
+        for name, text in parts.items():
+            archive.writestr(name, text)
+    return kept.getvalue()
+
+
+def _cell(text: str) -> str:
+    try:
+        return f"<c><v>{float(text):g}</v></c>"
+    except ValueError:
+        return f'<c t="inlineStr"><is><t>{text}</t></is></c>'
+
+
+def tlog() -> bytes:
+    """Two seconds of telemetry."""
+    sender, data = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), b""
+    for k in range(100):
+        t = 20 * k
+        messages = [
+            mavlink.MAVLink_servo_output_raw_message(1000 * t, 0, *[1500 + k] * 8, *[1500] * 8),
+            mavlink.MAVLink_highres_imu_message(1000 * t, 0.1, 0.2, -9.8, 0.01, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+            mavlink.MAVLink_attitude_message(t, 0.01, 0.02, 0.03, 0, 0, 0),
+            mavlink.MAVLink_local_position_ned_message(t, 0, 0, -1, 0, 0, 0),
+        ]
+        if k % 50 == 0:
+            messages.append(mavlink.MAVLink_heartbeat_message(2, 12, 209, 0, 4, 3))
+        for message in messages:
+            data += struct.pack(">Q", 1_700_000_000_000_000 + 1000 * t) + bytes(message.pack(sender))
+    return data
+
+
+def _flown(kind: str):
+    def make(folder: Path) -> Path:
+        from sim.world import World, build_plant
+
+        plant, truth = build_plant(World(EXAMPLES / "x8_demo.toml"))
+        if kind == "ulg":
+            from sim.px4.autopilot import Autopilot
+            from sim.px4.logger import UlogLogger
+
+            pilot = Autopilot(plant, truth, version=(1, 16, 1), seed=0)
+            UlogLogger(pilot)
+            pilot.store.preset("SDLOG_MODE", 2)
+        else:
+            from sim.ardupilot.copter import Copter
+            from sim.ardupilot.logger import DataFlashLogger
+
+            pilot = Copter(plant, truth, version=(4, 8, 0), seed=0)
+            DataFlashLogger(pilot)
+            pilot.store.preset("LOG_DISARMED", 1)
+        pilot.boot()
+        for _ in range(500):
+            pilot.step()
+            pilot.logger.record(1_000_000 + round(1e6 * plant.time_s))
+        return _written(f"a.{kind}", bytes(pilot.files.files[pilot.logger.logs()[-1]]))(folder)
+
+    return make
+
+
+def px4_params() -> dict[str, float | int]:
+    """A table of four rotors."""
+    rotor = [px4.RotorEntry((x, y, 0.0), (0.0, 0.0, -1.0), 20.0, k) for x, y, k in CROSS]
+    return px4.table_to_params(px4.Px4Table(tuple(rotor), 0.9))
+
+
+CROSS = ((0.3, 0.3, 0.05), (-0.3, -0.3, 0.05), (0.3, -0.3, -0.05), (-0.3, 0.3, -0.05))
+COPTER_PARAMS = {"FRAME_CLASS": 15.0, "FRAME_TYPE": 0.0, "MOT_THST_EXPO": 0.55, "SCR_ENABLE": 1.0} | {
+    f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)
+}
+
+
+def _params(folder: Path) -> Path:
+    px4.write_params_file(folder / "t.params", px4_params(), header=["coaxlink: mixer table of X8"])
+    return folder / "t.params"
+
+
+def _param(folder: Path) -> Path:
+    ardupilot.write_param_file(folder / "t.param", COPTER_PARAMS, ["coaxlink: mixer table of X8"])
+    (folder / "scripts").mkdir()
+    (folder / "scripts" / "coaxlink_matrix.lua").write_text(matrix_script(FACTORS, title="X8"))
+    return folder / "t.param"
+
+
+def _values(params: dict[str, float | int]) -> dict[str, Value]:
+    return {
+        n: Value(n, v, 6, struct.pack("<i", v))
+        if isinstance(v, int)
+        else Value(n, v, 9, struct.pack("<f", v))
+        for n, v in params.items()
+    }
+
+
+def _backup(folder: Path) -> Path:
+    write_backup(folder / "b.params", PX4, Snapshot(_values(px4_params()), 0x1234), {})
+    return folder / "b.params"
+
+
+def _backup_copter(folder: Path) -> Path:
+    held = {"/APM/scripts/coaxlink_matrix.lua": matrix_script(FACTORS, title="X8").encode()}
+    write_backup(folder / "b.param", COPTER, Snapshot(_values(COPTER_PARAMS)), held)
+    return folder / "b.param"
+
+
+def _journal(folder: Path) -> Path:
+    old = Content(_values(px4_params()), {"/fs/microsd/etc/mixer.csv": b"1,2,3"})
+    journal = Journal(PX4, folder)
+    journal.begin(Entry(journal.board, old, old, "backups/b.params", ("t.params",), "2026-01-01T00:00:00Z"))
+    return journal.path
+
+
+def _record(folder: Path) -> Path:
+    journal = Journal(PX4, folder)
+    journal.record(("t.params",), _values(px4_params()), 0x1234, {"/APM/scripts/a.lua": 5})
+    return journal.record_path
+
+
+def _live(folder: Path) -> Path:
+    record = LiveRecord(folder / "mix.live", {"law": "exact", "airframe": "X8", "rotors": 8})
+    for k in range(20):
+        record.add(k, 0.1 * k, (0, 0, 0, 0.5), (0.5,) * 8, (0, 0, 0, 0), 1e-4, "live")
+    record.close()
+    return record.path
+
+
+def _memory(folder: Path) -> Path:
+    document = {"parameters": px4_params(), "files": {"etc/mixer.csv": "00ff"}, "folders": ["", "etc"]}
+    return _written("memory.json", json.dumps(document))(folder)
+
+
+COLUMN_MAP = """upper_rpm = "upper_rpm"
+upper_thrust_N = { column = "upper_thrust_N", scale = 1.0, offset = 0.0 }
+"""
+FLIGHT_PLAN = """height_m = 3.0
+[[pieces]]
+seconds = 5.0
+north_m = 2.0
+cycles = 1
+[[pieces]]
+seconds = 5.0
+yaw_deg = 90.0
+"""
+
+
+def _blades(folder: Path) -> Path:
+    pairs = EXAMPLES.parent / "sim" / "pairs"
+    return _written("blades.toml", (pairs / "kde5215_bemt.toml").read_bytes())(folder)
+
+
+LOOP_GAINS = "[attitude_loop]\nrate_rad_s = [6.0, 6.0, 2.5]\n"
+LIMITS = {
+    "version": 1,
+    "parameters": [{"name": "CA_ROTOR0_CT", "min": 0.0, "max": 100.0}, {"name": "A", "longDesc": "b\nc"}],
+}
+PACKED = {
+    "FRAME_CLASS": (15.0, 2),
+    "FRAME_TYPE": (0.0, 2),
+    "MOT_THST_EXPO": (0.55, 9),
+    "SERVO1_FUNCTION": (33.0, 4),
+}
+MAKERS = {
+    "airframe": _copied("x8_paper.toml", "rotor_paper.toml"),
+    "airframe of the world": _copied("y6.toml", "rotor_paper.toml"),
+    "rotor model": _copied("rotor_paper.toml"),
+    "rotor of the world": _copied("rotor_paper.toml"),
+    "stand CSV": lambda folder: _written("s.csv", stand_rows())(folder),
+    "stand sheet": lambda folder: _written("s.xlsx", workbook(stand_rows()))(folder),
+    "column map": _written("map.toml", COLUMN_MAP),
+    "flight CSV": lambda folder: _written("f.csv", flight_rows())(folder),
+    "ULog": _flown("ulg"),
+    "DataFlash": _flown("bin"),
+    "tlog": lambda folder: _written("f.tlog", tlog())(folder),
+    ".params table": _params,
+    ".param table": _param,
+    "mixer.csv": _written("mixer.csv", "0.1,0.2,0.3,0,0,-1\n" * 8),
+    "matrix script": _written("coaxlink_matrix.lua", matrix_script(FACTORS, title="X8")),
+    "packed parameters": _written("param.pck", packed.pack(PACKED)),
+    "board for init": _params,
+    "backup PX4": _backup,
+    "backup ArduPilot": _backup_copter,
+    "journal": _journal,
+    "verified record": _record,
+    "signing state": _written("s.json", json.dumps({"timestamp": 5, "streams": [[1, 1, 1, 100]]})),
+    "signing key": _written("key", b"0123456789abcdef" * 4),
+    "board's limits": _written("parameters.json", json.dumps(LIMITS)),
+    "live record": _live,
+    "loop gains": _written("gains.toml", LOOP_GAINS),
+    "truth": _copied("truth_weak_rotor_cg_offset.toml"),
+    "truth of a stand": _copied("truth_stand_spacing.toml"),
+    "schedule": _copied("schedule_poor.toml"),
+    "flight plan": _written("plan.toml", FLIGHT_PLAN),
+    "rotor of blades": _blades,
+    "world's memory": _memory,
+}  # fmt: skip
