@@ -1,42 +1,24 @@
-"""The mixer table on board: what it is, and the wrench it believes it makes."""
+"""The mixer table on board of a PX4: what it is, and the wrench it believes it makes."""
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from coaxlink.airframe import Airframe
 from coaxlink.mixer.coefficients import reduced_coefficients, standard_coefficients
 from coaxlink.mixer.intent import intended_wrench
+from coaxlink.monitor import board_ardupilot
+from coaxlink.monitor.board_view import ABSURD, NEAR, Board, digest_of
 from coaxlink.rotor import RotorModel
 from firmware_params.errors import FirmwareParamsError
 from firmware_params.px4 import Px4Table, RotorEntry, params_to_table, realise
 
 TABLE_NAMES = ("CA_AIRFRAME", "CA_METHOD", "CA_ROTOR_COUNT", "THR_MDL_FAC")
 ROTOR_FIELDS = ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM")
-_NEAR = 0.02  # relative; QGC rounds CT to 0.1
 _PLACE_M = 0.02
-# a vehicle stores whatever it is sent: 1e38 metres, or an infinite CT
-_ABSURD = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-
-
-@dataclass(frozen=True)
-class Board:
-    """The table on board, as far as it was heard."""
-
-    state: str  # unread, partial, read, or invalid
-    kind: str = ""  # standard, reduced, fitted, custom; "" unless read
-    digest: str = ""  # first 8 hex digits of the SHA-256 over "NAME=value" lines, by name
-    rotors: int = 0
-    upper_ct: float | None = None  # mean CA_ROTORn_CT of the airframe's upper (and single) rotors
-    lower_ct: float | None = None
-    thr_mdl_fac: float | None = None
-    of_model: bool = False  # its coefficients are those of the rotor model in use
-    notes: tuple[str, ...] = ()
 
 
 def rotor_names(count: int) -> tuple[str, ...]:
@@ -46,11 +28,18 @@ def rotor_names(count: int) -> tuple[str, ...]:
 
 def table_parameters(parameters: Mapping[str, float]) -> dict[str, float]:
     """Those of `parameters` that belong to the table, in the order of their names."""
+    if board_ardupilot.is_table(parameters):
+        return board_ardupilot.table_parameters(parameters)
     return {n: v for n, v in sorted(parameters.items()) if n in TABLE_NAMES or n.startswith("CA_ROTOR")}
 
 
 def describe(parameters: Mapping[str, float], airframe: Airframe, model: RotorModel) -> Board:
-    """What the parameters heard so far say about the table, held against airframe and rotor model."""
+    """What the parameters heard so far say about the table, held against airframe and rotor model.
+
+    An ArduPilot's takes seconds where it may be the fitted law's.
+    """
+    if board_ardupilot.is_table(parameters):
+        return board_ardupilot.describe(parameters, airframe, model)
     table = table_parameters(parameters)
     count = table.get("CA_ROTOR_COUNT")
     if count is None:
@@ -61,15 +50,14 @@ def describe(parameters: Mapping[str, float], airframe: Airframe, model: RotorMo
     if missing:
         return Board("partial", rotors=int(count), notes=(f"{len(missing)} of its parameters not read yet",))
     used = {n: table[n] for n in sorted((*TABLE_NAMES, *rotor_names(int(count))))}
-    text = "".join(f"{name}={value:.9g}\n" for name, value in used.items())
-    digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+    digest = digest_of(used)
     try:
         parsed = params_to_table(used)
         with np.errstate(all="ignore"):
             findings = realise(used).warnings
     except FirmwareParamsError as error:
         return Board("invalid", digest=digest, rotors=int(count), notes=(str(error),))
-    except _ABSURD:
+    except ABSURD:
         note = "its numbers are beyond all arithmetic"
         return Board("invalid", digest=digest, rotors=int(count), notes=(note,))
     notes = [f.text for f in findings] + _differences(parsed, airframe)
@@ -88,7 +76,7 @@ def intended(parameters: Mapping[str, float], commands: Sequence[float | None]) 
     try:
         with np.errstate(all="ignore"):
             wrench = intended_wrench(used, [float(c or 0.0) for c in commands])
-    except (FirmwareParamsError, *_ABSURD):
+    except (FirmwareParamsError, *ABSURD):
         return None
     return tuple(float(w) for w in wrench) if np.isfinite(wrench).all() else None
 
@@ -139,4 +127,4 @@ def _alike(entries: list[RotorEntry]) -> bool:
 
 
 def _near(a: float, b: float) -> bool:
-    return abs(a - b) <= _NEAR * max(abs(a), abs(b))
+    return abs(a - b) <= NEAR * max(abs(a), abs(b))

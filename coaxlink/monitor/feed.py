@@ -1,37 +1,29 @@
 """The thread that keeps a session alive and fills the watch: it connects, listens, connects again.
 
-It asks for streams that do not come by themselves, reads the mixer table once, and reads it again when
-the vehicle's own parameter hash changes: an upload over another link is seen within a few seconds.
+It asks for streams that do not come by themselves, and again for those that stop (an ArduPilot forgets them
+when it restarts), and keeps the mixer table as it is on board (`table_reader`).
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.errors import CoaxlinkError, InputError, LinkError
+from coaxlink.errors import InputError, LinkError
 from coaxlink.link import Session, connect
 from coaxlink.link.address import parse_address
-from coaxlink.link.parameters import HASH, Parameters
 from coaxlink.link.transport import open_transport
-from coaxlink.monitor.board import TABLE_NAMES, rotor_names
+from coaxlink.monitor.streams import Streams
+from coaxlink.monitor.table_reader import TableReader
 from coaxlink.monitor.watch import Watch
 
 # beside another coaxlink session (component 191) the monitor is a companion of its own: no ground station,
 # whose heartbeat would hold off the vehicle's data-link failsafe
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
-STREAMS_HZ = {
-    "ESC_STATUS": (291, 10.0),
-    "SERVO_OUTPUT_RAW": (mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 10.0),
-    "ATTITUDE": (mavlink.MAVLINK_MSG_ID_ATTITUDE, 10.0),
-    "LOCAL_POSITION_NED": (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 5.0),
-    "BATTERY_STATUS": (mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 1.0),
-}
 SETTLE_S = 1.2  # how long to listen before asking for what is missing
-TABLE_EVERY_S = 3.0  # between looks at the parameter hash
+TABLE_EVERY_S = 3.0  # between looks at the table and at what does not come
 GONE_S = 10.0  # silent for so long, a session is made anew: another vehicle may have come
 
 
@@ -71,7 +63,9 @@ class Feed:
     def _once(self) -> None:
         url = self.watch.address
         try:
-            with connect(url, timeout_s=self._patience_s, source_component=COMPONENT) as session:
+            with connect(
+                url, timeout_s=self._patience_s, source_component=COMPONENT, listen_only=True
+            ) as session:
                 self.watch.wait_for("")
                 self._follow(session)
         except LinkError as error:
@@ -86,10 +80,10 @@ class Feed:
     def _follow(self, session: Session) -> None:
         begin(self.watch, session)
         self._pause(session, SETTLE_S)
-        request_missing_streams(self.watch, session)
-        table = TableReader(self.watch, session)
+        streams, table = Streams(self.watch, session), TableReader(self.watch, session)
         while not self._stopping.is_set() and session.silence_s < GONE_S:
             if session.silence_s < 2.0:
+                streams.request_missing()
                 table.refresh()
             self._pause(session, TABLE_EVERY_S)
 
@@ -104,58 +98,17 @@ def begin(watch: Watch, session: Session) -> None:
     """Let the session fill the watch, from what it has heard already on."""
     identity = session.identity
     watch.collector.follow(identity.system, identity.component)
+    watch.line = lambda: line_notes(session)
     for name in ("HEARTBEAT", "AUTOPILOT_VERSION"):
         heard = session.latest(name)
         if heard is not None:
             watch.collector.take(heard, time.monotonic(), counted=False)
-    session.subscribe(lambda message: watch.collector.take(message, time.monotonic()))
+    session.subscribe(lambda message: watch.collector.take(message, time.monotonic()), whole_system=True)
 
 
-def request_missing_streams(watch: Watch, session: Session) -> None:
-    """Ask for what has not come by itself; a vehicle that refuses is left alone."""
-    heard = {key.partition("[")[0] for key in watch.collector.readings(time.monotonic()).latest}
-    wanted = dict(STREAMS_HZ)
-    if session.identity.is_px4 and (session.identity.version or (99,)) < (1, 14):
-        # only a legacy mixer's demand can be turned into newtons
-        wanted["ACTUATOR_CONTROL_TARGET"] = (mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET, 10.0)
-    for name, (message_id, rate_hz) in wanted.items():
-        if name in heard:
-            continue
-        try:
-            session.request_stream(message_id, rate_hz)
-        except LinkError:
-            return  # nobody acknowledges here: do not keep asking
-
-
-class TableReader:
-    """Reads the mixer table of a PX4 when its parameter hash says that something changed."""
-
-    def __init__(self, watch: Watch, session: Session) -> None:
-        self._watch, self._session = watch, session
-        self._parameters = Parameters(session)
-        self._hash: float | None = None
-        self._complete = False
-
-    def refresh(self) -> None:
-        """Read again if need be; silence is for another time."""
-        if not self._session.identity.is_px4:
-            return
-        try:
-            current = self._read((HASH,)).get(HASH)
-            if self._complete and current is not None and current == self._hash:
-                return
-            table = self._read(TABLE_NAMES)
-            count = table.get("CA_ROTOR_COUNT", 0.0)
-            rotors = rotor_names(int(count)) if 0 < count <= 16 else ()
-            table |= self._read(rotors)
-            if (self._session.identity.version or (99,)) < (1, 14):
-                self._watch.collector.put_parameters(self._read(("SYS_CTRL_ALLOC",)))
-        except CoaxlinkError:
-            return
-        self._watch.collector.put_parameters(table, replace_prefix="CA_")
-        self._complete = len(table) == len(TABLE_NAMES) + len(rotors)
-        self._hash = current
-
-    def _read(self, names: Iterable[str]) -> dict[str, float]:
-        found = self._parameters.read_many(names, missing_ok=True)
-        return {name: float(value.value) for name, value in found.items()}
+def line_notes(session: Session) -> list[str]:
+    """Who else is on the line, and whether the vehicle's words could be checked."""
+    said = session.bound.standing()
+    if session.bound.signs and not session.signed:
+        said.append("the vehicle signs its messages: they are shown unchecked")
+    return said

@@ -157,7 +157,15 @@ def board(view: View) -> Text:
         lines.append(Text.assemble(("CT ", DIM), number(b.upper_ct), " / ", number(b.lower_ct)))
     if b.thr_mdl_fac is not None:
         lines.append(Text.assemble(("THR_MDL_FAC ", DIM), number(b.thr_mdl_fac, 3)))
-    if b.rotors:
+    if b.frame_class is not None:
+        lines.append(Text.assemble(("FRAME_CLASS ", DIM), str(b.frame_class)))
+    if b.upper_factor is not None:
+        lines.append(
+            Text.assemble(("factor ", DIM), number(b.upper_factor, 2), " / ", number(b.lower_factor, 2))
+        )
+    if b.thst_expo is not None:
+        lines.append(Text.assemble(("THST_EXPO ", DIM), number(b.thst_expo, 3)))
+    elif b.rotors:
         lines.append(Text.assemble(("rotors ", DIM), str(b.rotors)))
     return Text("\n").join(lines)
 

@@ -15,8 +15,11 @@ from threading import Lock
 from types import MappingProxyType
 from typing import Any
 
+from firmware_params.plain import is_parameter_name
+
 AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: a ground station, a companion, a camera
 AUTOPILOT_PX4 = 12  # MAV_AUTOPILOT_PX4: sends integers bytewise in the float field
+MOST_PARAMETERS = 10_000  # an autopilot has some 1200; a flood of invented names ends here
 WINDOW_S = 5.0  # rate and loss are those of the last five seconds
 _BIN_S = 0.25
 _BATCHED = {
@@ -130,7 +133,9 @@ class Collector:
             if kind == "PARAM_VALUE":
                 heartbeat = self._latest.get("HEARTBEAT")
                 bytewise = heartbeat is not None and heartbeat.message.autopilot == AUTOPILOT_PX4
-                self._parameters[str(message.param_id)] = parameter_value(message, bytewise)
+                name = str(message.param_id)
+                if is_parameter_name(name) and len(self._parameters) < MOST_PARAMETERS:
+                    self._parameters[name] = parameter_value(message, bytewise)
 
     def follow(self, system: int, component: int) -> None:
         """Watch this autopilot from now on; what another one said is forgotten."""

@@ -28,8 +28,9 @@ HELP = """\
 [b]coaxlink monitor[/b] watches; it commands nothing.
 
 Thrust and torque are the rotor model's at the speeds the vehicle reports:
-measured ones (ESC_STATUS rpm) before commanded ones (SERVO_OUTPUT_RAW,
-ACTUATOR_OUTPUT_STATUS). The vehicle panel names the source.
+measured ones (ESC rpm) before commanded ones (SERVO_OUTPUT_RAW,
+ACTUATOR_OUTPUT_STATUS). The vehicle panel names the source. ESCs that
+contradict weight and command by 10 % in a steady hover are passed over.
 
 [#5cc8ff]▲ upper[/]  [#ffb454]▼ lower[/]  thrust, speed, commanded throttle. A full bar is the
 rotor's most thrust; below it the arm's thrust, split upper : lower.

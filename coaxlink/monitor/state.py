@@ -8,23 +8,27 @@ Thrusts are the rotor model's (Berra, Trujillo and Heredia 2024, eq. 1-3) at the
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.link.mixing import DemandScale
 from coaxlink.mixer.coefficients import standard_coefficients
 from coaxlink.monitor import board as boards
-from coaxlink.monitor.board import Board
+from coaxlink.monitor import board_ardupilot
+from coaxlink.monitor.board_view import Board
+from coaxlink.monitor.hover import Verdict
 from coaxlink.monitor.readings import Readings
-from coaxlink.monitor.speeds import STALE_S, Speeds, rotor_speeds
+from coaxlink.monitor.sources import STALE_S
+from coaxlink.monitor.speeds import Speeds, rotor_speeds
 from coaxlink.monitor.vehicle import Vehicle, finite, is_old, vehicle_of, version_of
 from coaxlink.rotor import RotorModel
+from firmware_params.plain import plain
 
 LOST_S = 3.0  # without any message for this long the link counts as lost
-GRAVITY_M_S2 = 9.80665
 _OWN_MIX = 0.08  # commands nearer than this to the legacy mixer's are its own; messages are 0.1 s apart
 _TWO_SENDERS = 0.02, 0.25  # share out of sequence, and of gaps: a bad line has the second, not the first
 _STANDING = 0.005  # normalised speed below which a rotor stands still
@@ -114,13 +118,16 @@ def observe(
     address: str = "",
     waiting: str = "",
     board: Board | None = None,
+    verdict: Verdict | None = None,
+    line: Sequence[str] = (),
 ) -> View:
     """The view at `now_s` (the clock of `Arrival.received_s`); `waiting` says what the link waits for.
 
-    `board` spares describing an unchanged table again.
+    `board` spares describing an unchanged table again; `verdict` is what a steady hover said of the ESCs,
+    `line` what the session says of others there.
     """
     link = _link(readings, now_s, address, waiting)
-    speeds = rotor_speeds(readings, len(airframe.rotors), model.speed_max_rpm, now_s)
+    speeds = rotor_speeds(readings, len(airframe.rotors), model.speed_max_rpm, now_s, verdict)
     age = None if speeds.received_s is None else now_s - speeds.received_s
     table = boards.describe(readings.parameters, airframe, model) if board is None else board
     rotors = _rotors(airframe, model, speeds)
@@ -133,11 +140,12 @@ def observe(
         notes.insert(
             0, f"two vehicles call themselves system {readings.target[0]} here: these values are of both"
         )
+    notes.extend(line)
     if readings.others:
         notes.append("further autopilots here: system " + ", ".join(map(str, readings.others)))
     return View(
-        airframe.name,
-        model.form,
+        plain(airframe.name),
+        plain(model.form),
         link,
         vehicle_of(readings, now_s),
         speeds,
@@ -146,7 +154,7 @@ def observe(
         arms,
         _balance(airframe, model, rotors, readings, table, now_s),
         table,
-        tuple(notes),
+        tuple(map(plain, notes)),
     )
 
 
@@ -295,12 +303,18 @@ def _wanted(
 def _intended(
     rotors: tuple[RotorView, ...], parameters: Mapping[str, float], table: Board, thrust_N: float
 ) -> tuple[tuple[float, ...] | None, str]:
+    ardupilot = board_ardupilot.is_table(parameters)
     if table.state in ("unread", "partial"):
-        return None, "needs the table on board (CA_*)"
+        return None, "needs the table on board" if ardupilot else "needs the table on board (CA_*)"
+    if table.state == "read" and table.frame_class is not None and not table.of_model:
+        return None, "ArduPilot's factors have newtons only as a table of this rotor model"
     if table.state != "read" or table.rotors != len(rotors):
         return None, "the table on board is not this airframe's"
     commands = [r.throttle if r.throttle is not None else r.speed for r in rotors]
-    meant = boards.intended(parameters, commands)
+    if ardupilot:
+        meant = board_ardupilot.intended(table, parameters, commands)
+    else:
+        meant = boards.intended(parameters, commands)
     if meant is None:
         return None, "the table on board cannot be realised"
     if thrust_N > 1.0 and not 0.4 < meant[0] / thrust_N < 2.5:

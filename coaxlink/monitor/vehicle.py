@@ -8,9 +8,14 @@ from typing import Any
 
 from coaxlink.monitor.modes import ARMED_FLAG, firmware_name, mode_name
 from coaxlink.monitor.readings import Arrival, Readings
+from firmware_params.plain import plain
 
 _DOWN = 25  # MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks down
 _TEXT_S = 15.0  # how long a status text stays on the screen
+_OLD_S = 2.0  # of a height or a speed
+_IN_AIR = 2  # MAV_LANDED_STATE
+_NO_CELL = 0xFFFF
+_ABOVE_M = 0.5  # above ground or home, where the autopilot does not say whether it flies
 
 
 @dataclass(frozen=True)
@@ -66,26 +71,49 @@ def vehicle_of(readings: Readings, now_s: float) -> Vehicle | None:
         source,
         height_s is not None and now_s - height_s > 2.0,
         readings.clock_s,
-        _plain(text.message.text) if text and now_s - text.received_s <= _TEXT_S else "",
+        _words(text.message.text) if text and now_s - text.received_s <= _TEXT_S else "",
     )
 
 
 def _battery(readings: Readings) -> tuple[float | None, float | None, float | None, float | None]:
-    """Voltage in V, current in A, remaining 0..1 of the first battery, and when it was told."""
-    batteries = readings.batches("BATTERY_STATUS")
-    if batteries:
-        arrival = next(iter(batteries.values()))
+    """Voltage in V, current in A, remaining 0..1 of the first battery that is told of, and when it was.
+
+    A monitor that is not fitted reads 0 V: no pack that flies does.
+    """
+    found = list(readings.batches("BATTERY_STATUS").values())
+    status = readings.get("SYS_STATUS")
+    for arrival in (*found, *((status,) if status else ())):
         m = arrival.message
-        cells = [v for v in m.voltages if v != 0xFFFF]
-        voltage = sum(cells) / 1e3 if cells else None
-    elif (found := readings.get("SYS_STATUS")) is not None:
-        arrival, m = found, found.message
-        voltage = m.voltage_battery / 1e3 if m.voltage_battery != 0xFFFF else None
-    else:
-        return None, None, None, None
-    current = m.current_battery / 100 if m.current_battery >= 0 else None
-    remaining = m.battery_remaining / 100 if m.battery_remaining >= 0 else None
-    return voltage, current, remaining, arrival.received_s
+        cells = [m.voltage_battery] if arrival is status else m.voltages
+        voltage = sum(v for v in cells if 0 < v < _NO_CELL) / 1e3
+        if voltage > 0.0:
+            current = m.current_battery / 100 if m.current_battery >= 0 else None
+            remaining = m.battery_remaining / 100 if m.battery_remaining >= 0 else None
+            return voltage, current, remaining, arrival.received_s
+    return None, None, None, None
+
+
+def on_ground(readings: Readings, now_s: float) -> bool:
+    """Whether it stands, by the autopilot's word, else by its height; True when nobody says."""
+    state = readings.get("EXTENDED_SYS_STATE")
+    if state is not None and not is_old(state, now_s, 5.0) and state.message.landed_state:
+        return bool(state.message.landed_state != _IN_AIR)
+    height, _, told_s = _height(readings, now_s)
+    return height is None or told_s is None or now_s - told_s > _OLD_S or height < _ABOVE_M
+
+
+def vertical_speed(readings: Readings, now_s: float) -> float | None:
+    """m/s, down; None when nobody tells it now."""
+    for name, field, scale in (
+        ("LOCAL_POSITION_NED", "vz", 1.0),
+        ("GLOBAL_POSITION_INT", "vz", 0.01),
+        ("VFR_HUD", "climb", -1.0),
+    ):
+        arrival = readings.get(name)
+        value = _field(arrival, field)
+        if value is not None and not is_old(arrival, now_s, _OLD_S):
+            return scale * value
+    return None
 
 
 def _height(readings: Readings, now_s: float) -> tuple[float | None, str, float | None]:
@@ -126,7 +154,7 @@ def finite(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _plain(text: Any) -> str:
-    """A status text without what a terminal would act on."""
+def _words(text: Any) -> str:
+    """A status text on one line."""
     raw = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
-    return "".join(c for c in raw if c.isprintable()).strip()
+    return plain(raw.partition("\0")[0].strip(), 100)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from threading import Lock
 from typing import Any
 
 from coaxlink.airframe import Airframe
-from coaxlink.monitor.board import Board, describe, table_parameters
+from coaxlink.monitor import board_ardupilot
+from coaxlink.monitor.board import describe, table_parameters
+from coaxlink.monitor.board_view import Board
+from coaxlink.monitor.hover import Hover
 from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import View, observe
 from coaxlink.rotor import RotorModel
@@ -22,24 +25,42 @@ class Watch:
         self.address, self.airframe, self.model = address, airframe, model
         self.collector = Collector()
         self._lock = Lock()
+        self.line: Callable[[], list[str]] = list  # who else is on the line, said among the notes
         self._waiting = ""
         self._table: dict[str, float] | None = None
         self._board = Board("unread")
+        self._hover = Hover()
+        self._target: tuple[int, int] | None = None
 
     def wait_for(self, what: str) -> None:
         """Say what the link is waiting for (any thread)."""
         with self._lock:
             self._waiting = what
 
+    def judge_table(self) -> None:
+        """Work out what the table is that was read; on the link's thread, as it may take seconds."""
+        table = table_parameters(self.collector.readings(0.0).parameters)
+        with self._lock:
+            known = table == self._table
+        if not known:
+            board = describe(table, self.airframe, self.model)
+            with self._lock:
+                self._table, self._board = table, board
+
     def look(self, now_s: float) -> View:
         """The view at `now_s` of the monotonic clock."""
         readings = self.collector.readings(now_s)
         table = table_parameters(readings.parameters)
-        if table != self._table:
-            # the reduced coefficients are a fit: not five times a second
-            self._table, self._board = table, describe(table, self.airframe, self.model)
         with self._lock:
-            waiting = self._waiting
+            waiting, board = self._waiting, self._board if table == self._table else None
+        if board is None and board_ardupilot.is_table(table):
+            board = Board("partial", notes=("its table is being compared",))
+        elif board is None:
+            self.judge_table()  # the reduced coefficients are a fit: not five times a second
+            board = self._board
+        if readings.target != self._target:
+            self._target, self._hover = readings.target, Hover()
+        self._hover = self._hover.extended(readings, self.airframe, self.model, now_s)
         return observe(
             readings,
             self.airframe,
@@ -47,7 +68,9 @@ class Watch:
             now_s,
             address=self.address,
             waiting=waiting,
-            board=self._board,
+            board=board,
+            verdict=self._hover.verdict,
+            line=self.line(),
         )
 
 

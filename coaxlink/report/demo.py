@@ -1,15 +1,13 @@
-"""The demo's result as terminal tables, and as one page with its picture."""
+"""The demo's result: as JSON and as terminal tables. `demo_page.py` makes the page of it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coaxlink import files
-
 if TYPE_CHECKING:
+    from coaxlink.link.worth import Worths
     from coaxlink.residual.delivered import Delivered
     from coaxlink.residual.result import Refinement
     from coaxlink.rotor.identification import Identification
@@ -17,12 +15,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlightErrors:
-    """One flight against what was meant: the rows of the paper's Table 4, and who carried the weight."""
+    """One flight against what was meant: the paper's Table 4, who carried the weight, and what it cost."""
 
     delivered: Delivered
-    position_error_m: tuple[
-        float, float, float
-    ]  # mean |wanted - flown| north, east, down in hover and circle
+    position_error_m: tuple[float, float, float]  # mean |wanted - flown| north, east, down
+    power_W: float | None = None  # mean from the battery, None where the vehicle did not tell
 
     def to_json(self) -> dict[str, Any]:
         """As `demo --json` writes it."""
@@ -41,6 +38,10 @@ class FlightErrors:
             "thrust_ci_N": list(d.intervals[0]),
             "torque_ci_Nm": [list(i) for i in d.intervals[1:]],
             "floor": {"thrust_N": d.floor[0], "torque_Nm": list(d.floor[1:])},
+            "gain": {"thrust": d.gain[0], "torque": list(d.gain[1:])} if d.gain else None,
+            "after_gain": {"thrust_N": d.after_gain[0], "torque_Nm": list(d.after_gain[1:])}
+            if d.after_gain else None,
+            "power_W": self.power_W,
         }  # fmt: skip
 
 
@@ -51,22 +52,30 @@ class DemoResult:
     seed: int
     identification: Identification
     uploads: dict[str, dict[str, Any]]
-    flights: dict[str, FlightErrors]
+    flights: dict[str, FlightErrors]  # the mixers, where nothing is hidden
+    hidden: FlightErrors  # the fitted table, where something is
     live: dict[str, Any]  # the live mixer's own account
     refinement: Refinement
+    worths: Worths  # of every table, by the identified rotors
 
     def to_json(self) -> dict[str, Any]:
         """As `demo --json` writes it; `before` and `after` are held-out errors of the touched channels."""
         found = self.refinement.effects
         channels = self.refinement.channels
         touched = [c for c in channels if any(c in e.channels for e in found)] or list(channels)
+        from coaxlink.report.demo_words import flown
+        from coaxlink.report.worth import to_json as worth_json
+
         verified = all(u["result"] == "verified" for u in self.uploads.values())
         return {
             "seed": self.seed,
             "identify": self.identification.as_json(),
+            "flown": flown(self.flights),
+            "worth": worth_json(self.worths),
             "upload": {"result": "verified" if verified else "failed", **self.uploads},
             "flights": {name.split()[0]: errors.to_json() for name, errors in self.flights.items()},
             "live": self.live,
+            "hidden_flight": self.hidden.to_json(),
             "hidden_effect_found": ", ".join(e.name for e in found) or None,
             "before": {c: channels[c].rmse_before for c in touched},
             "after": {c: channels[c].rmse_after for c in touched},
@@ -74,53 +83,64 @@ class DemoResult:
         }
 
 
+FLIGHT_HEADINGS = (
+    "flight", "power, W", "height, m", "thrust gain", "thrust, N", "after gain, N", "roll, N m", "pitch, N m",
+    "yaw, N m",
+)  # fmt: skip
+
+
 def flight_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
-    """A row a flight: the paper's Table 4 columns."""
+    """A row a flight: power, height error, gain of thrust, allocation error without and with best gains."""
     rows = []
     for name, flight in flights.items():
-        d, p = flight.delivered, flight.position_error_m
+        d = flight.delivered
         rows.append(
             [
                 name,
+                "not told" if flight.power_W is None else f"{flight.power_W:.0f}",
+                f"{flight.position_error_m[2]:.3f}",
+                f"{d.gain[0]:.3f}",
                 f"{d.thrust_error_N:.2f}",
-                *(f"{t:.3f}" for t in d.torque_error_Nm),
-                *(f"{x:.3f}" for x in p),
+                f"{d.after_gain[0]:.2f}",
+                *(f"{t:.3f}" for t in d.after_gain[1:]),
             ]
         )
     return rows
 
 
-FLIGHT_HEADINGS = (
-    "flight", "thrust N", "roll N m", "pitch N m", "yaw N m", "north m", "east m", "height m",
-)  # fmt: skip
+def split_headings(flights: Mapping[str, FlightErrors]) -> tuple[str, ...]:
+    """Of `split_rows`: an arm a column."""
+    first = next(iter(flights.values())).delivered.split
+    return "flight", *(f"{s.upper} over {s.lower}, N" for s in first)
 
 
 def split_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
-    """A row an arm and flight: upper and lower thrust, and the lower rotor's share."""
-    rows = []
-    for name, flight in flights.items():
-        for split in flight.delivered.split:
-            arm = f"{split.upper} over {split.lower}"
-            share = f"{100 * split.lower_share:.1f} %"
-            rows.append([name, arm, f"{split.upper_N:.1f}", f"{split.lower_N:.1f}", share])
-    return rows
-
-
-SPLIT_HEADINGS = ("flight", "arm", "upper N", "lower N", "lower share")
+    """A row a flight: each arm's upper and lower thrust, and the lower rotor's share of both."""
+    return [
+        [name] + [f"{s.upper_N:.1f} + {s.lower_N:.1f} ({s.lower_share:.0%})" for s in flight.delivered.split]
+        for name, flight in flights.items()
+    ]
 
 
 def tables(result: DemoResult) -> Iterator[Any]:
-    """Rich tables of the flights, the split per arm, and the residual before and after."""
+    """The mixers' flights and what a table is worth; then what was hidden, before and after it was found."""
+    from coaxlink.report.demo_words import flown, story
     from coaxlink.report.refine import tables as refine_tables
-    from coaxlink.report.refine import verdict
+    from coaxlink.report.worth import sentences
 
+    yield "\n".join(flown(result.flights))
     yield _table(
-        "Flights: mean |meant - delivered|, mean |wanted - flown|",
+        "Flights, nothing hidden: mean |meant - delivered|, torques after the best gains",
         FLIGHT_HEADINGS,
         flight_rows(result.flights),
     )
-    yield _table("Thrust split per arm", SPLIT_HEADINGS, split_rows(result.flights))
-    yield f"what the world hides, from the logs of all flights: {verdict(result.refinement)}"
+    yield _table(
+        "Thrust split per arm: upper + lower rotor (lower share)",
+        split_headings(result.flights),
+        split_rows(result.flights),
+    )
+    yield "\n".join(("By the rotor model, beyond these flights:", *sentences(result.worths)))
+    yield "\n".join(story(result))
     yield from refine_tables(result.refinement)
 
 
@@ -133,25 +153,3 @@ def _table(title: str, headings: tuple[str, ...], rows: list[list[str]]) -> Any:
     for row in rows:
         table.add_row(*row)
     return table
-
-
-def write_report(out: Path, result: DemoResult) -> Path:
-    """Write OUT/report.html (self-contained) and OUT/residual.png; returns the page's path."""
-    from coaxlink.report.page import html_table, page
-    from coaxlink.report.residual_plots import save_overview
-
-    rotor = [
-        (load, term, f"{value:.4g}")
-        for load, terms in result.identification.model.terms().items()
-        for term, value in terms.items()
-    ]
-    sections = (
-        ("Flights: mean |meant - delivered| and mean |wanted - flown|",
-         html_table(FLIGHT_HEADINGS, flight_rows(result.flights))),
-        ("Thrust split per arm", html_table(SPLIT_HEADINGS, split_rows(result.flights))),
-        ("The rotor model that was flown, from the stand", html_table(("load", "term", "value"), rotor)),
-    )  # fmt: skip
-    save_overview(result.refinement, out / "residual.png")
-    path = out / "report.html"
-    files.write_atomic(path, page(result.refinement, f"coaxlink demo, seed {result.seed}", sections))
-    return path

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.rotor.coverage import for_the_table
 from coaxlink.rotor.identification import COAXIAL, Identification
 
+FLOOR = "noise floor"
 NAMES = {"srm": "SRM", "cpcm": "CPCM", "rcrm": "R-CRM", "crm": "CRM", "mutual": "mutual CRM"}
 
 
@@ -34,6 +36,8 @@ def remarks(result: Identification) -> Iterator[str]:
                 else f"{len(group)} of the dictionary's {len(intervals.bounds)}"
             )
             yield f"{load}: the data cannot tell these terms apart: {shown}"
+        if intervals.indistinct:
+            yield f"{load}: {for_the_table(result, load)}"
     for row in result.wild:
         yield (
             f"wild: {row.place}, {row.load} = {row.measured:.4g} where {row.expected:.4g} is expected "
@@ -73,23 +77,33 @@ def term_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str]
 
 def _errors(result: Identification) -> Any:
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(title="errors on held-out blocks", title_justify="left")
     for heading in ("channel", "form"):
         table.add_column(heading)
     for heading in ("RMSE", "NRMSE", "R", "rows"):
         table.add_column(heading, justify="right")
+    before = None
+    for channel, form, *figures in error_rows(result):
+        if before not in (None, channel):
+            table.add_section()
+        before = channel
+        floor = form == FLOOR
+        name = Text(form, "bold" if form == NAMES[result.form] else "")
+        table.add_row("" if floor else channel, name, *figures)
+    return table
+
+
+def error_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str, str]]:
+    """(channel, form, RMSE with its unit, NRMSE, R, rows), each channel's noise floor after its forms."""
     for channel in (*COAXIAL, *(c for c in result.channels if c not in COAXIAL)):
         if channel not in result.channels:
             continue
         unit = "N" if channel.endswith("thrust") else "N m"
         for form, channels in result.comparison.items():
             e = channels[channel]
-            name = f"[bold]{NAMES[form]}[/bold]" if form == result.form else NAMES[form]
-            table.add_row(
-                channel, name, f"{e.rmse:.4f} {unit}", f"{e.nrmse:.4f}", f"{e.r:.5f}", str(e.held_out_rows)
-            )
+            held_out = str(e.held_out_rows)
+            yield channel, NAMES[form], f"{e.rmse:.4f} {unit}", f"{e.nrmse:.4f}", f"{e.r:.5f}", held_out
         if channel in result.noise_floor:
-            table.add_row("", "noise floor", f"{result.noise_floor[channel]:.4f} {unit}")
-        table.add_section()
-    return table
+            yield channel, FLOOR, f"{result.noise_floor[channel]:.4f} {unit}", "", "", ""

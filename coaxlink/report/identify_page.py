@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Mapping
-from html import escape
 
+from coaxlink.report.html import escape
 from coaxlink.report.identify import NAMES, remarks
 from coaxlink.rotor.identification import Identification
 

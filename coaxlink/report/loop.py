@@ -150,16 +150,11 @@ def table(result: LoopResult) -> Any:
 
 def write_report(path: Path, result: LoopResult) -> None:
     """Write the page (self-contained)."""
+    from coaxlink.report.html import escape
     from coaxlink.report.page import html_table, page
 
-    said = "".join(f"<li>{_escaped(line)}</li>" for line in lines(result))
+    said = "".join(f"<li>{escape(line)}</li>" for line in lines(result))
     title = "The flight's allocation error: mean |meant - delivered| over the whole plan"
     opening = ((title, html_table(HEADINGS, rows(result)) + f"<ul>{said}</ul>"),)
     whole = page(result.refinement, f"coaxlink loop, seed {result.seed}", opening=opening)
     files.write_atomic(path, whole)
-
-
-def _escaped(text: str) -> str:
-    from html import escape
-
-    return escape(text)

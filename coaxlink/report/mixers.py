@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from coaxlink import files
 from coaxlink.mixer.comparison import THRUSTS, Row
 from coaxlink.mixer.fitted import FittedTable
+from coaxlink.report.figures import write_figure
 
 COLOURS = ("#4477aa", "#66ccee", "#228833", "#ccbb44", "#ee6677", "#aa3377", "#777777", "#222222")
 FLOOR = 1e-4  # N, N m: what is drawn for an error that is none
 
 
 def draw_comparison(path: Path, name: str, weight_N: float, rows: Sequence[Row], table: FittedTable) -> None:
-    """Write a PNG of three panels: thrust error over thrust, mean errors, the fitted table's trade."""
-    import io
-
+    """Write three panels: thrust error over thrust, mean errors, the fitted table's trade."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(15, 5.2), layout="constrained")
@@ -35,9 +33,7 @@ def draw_comparison(path: Path, name: str, weight_N: float, rows: Sequence[Row],
     bars.set_xticks(range(4), ["thrust, N", "roll, N m", "pitch, N m", "yaw, N m"])
     bars.set(ylabel="mean |error|", title=f"over the envelope (bars at {FLOOR:g}: none)")
     _draw_trade(trade, table)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    files.write_atomic(path, stream.getvalue())
+    write_figure(path, figure)
 
 
 def _draw_trade(axes: object, table: FittedTable) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Sequence
-from html import escape
 
+from coaxlink.report.html import escape
 from coaxlink.report.refine import number, remarks, verdict
 from coaxlink.residual.result import Refinement
 
@@ -17,53 +17,76 @@ _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);
 max-width:62rem;margin:2rem auto;
 padding:0 1rem}
-h1{font-size:1.4rem;margin:0 0 .2rem}h2{font-size:1.05rem;margin:2rem 0 .5rem}
+h1{font-size:1.4rem;margin:0 0 .2rem}h2{font-size:1.15rem;margin:2.2rem 0 .5rem}
+h3{font-size:1rem;margin:1.4rem 0 .4rem}
+a{color:var(--mark)}
+.lead{font-size:1.15rem}dt{font-weight:600}dd{margin:0 0 .5rem 1.2rem;color:var(--dim)}
 p.dim,td.dim{color:var(--dim)}.verdict{font-size:1.15rem;color:var(--mark);margin:.3rem 0 1rem}
 .wide{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.9rem}
 th,td{padding:.25rem .7rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
 th:first-child,td:first-child,td.text{text-align:left}td.why{text-align:left;white-space:normal}
 th{color:var(--dim);font-weight:600}img{max-width:100%;height:auto;background:#fff;border-radius:4px}
-li{margin:.2rem 0}
+li{margin:.2rem 0}p,li,dd{overflow-wrap:anywhere}
+@media(max-width:40rem){th:first-child,td:first-child{white-space:normal;min-width:6rem}
+th,td{padding:.25rem .4rem}}
 """
 
 
 def page(
-    result: Refinement,
-    title: str = "What the model lacks",
-    sections: Sequence[tuple[str, str]] = (),
-    opening: Sequence[tuple[str, str]] = (),
+    result: Refinement, title: str = "What the model lacks", opening: Sequence[tuple[str, str]] = ()
 ) -> str:
-    """The whole report as HTML; `sections` (heading, HTML) stand before what was tried, `opening` first."""
-    parts = [
-        f"<h1>{escape(title)}</h1>",
-        f'<p class="verdict">{escape(verdict(result))}</p>',
+    """The whole report as HTML; `opening` (heading, HTML) stands before the pictures."""
+    return document(
+        title,
+        [
+            f'<p class="verdict">{escape(verdict(result))}</p>',
+            provenance(result),
+            *(f"<h2>{escape(heading)}</h2>{html}" for heading, html in opening),
+            *found(result),
+            *tried(result),
+        ],
+    )
+
+
+def document(title: str, parts: Iterable[str]) -> str:
+    """A page of these HTML parts under its title."""
+    body = "\n".join((f"<h1>{escape(title)}</h1>", *parts))
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
+    )
+
+
+def provenance(result: Refinement) -> str:
+    """From which data the answer is."""
+    return (
         f'<p class="dim">{escape(result.source)} &middot; {escape(result.kind)} data &middot; '
-        "all errors on blocks the fit has not seen</p>",
-        *(f"<h2>{escape(heading)}</h2>{html}" for heading, html in opening),
-        *_pictures(result),
-        "<h2>Residual of the model before and after</h2>",
-        _errors(result),
-    ]
+        "all errors on blocks the fit has not seen</p>"
+    )
+
+
+def found(result: Refinement) -> list[str]:
+    """The pictures, the errors before and after, the effects and the remarks."""
+    parts = [*_pictures(result), "<h2>Residual of the model before and after</h2>", _errors(result)]
     if result.effects:
         parts += ["<h2>Effects</h2>", _effects(result)]
     listed = list(remarks(result))
     if listed:
         parts += ["<h2>Remarks</h2><ul>", *(f"<li>{escape(r)}</li>" for r in listed), "</ul>"]
-    for heading, html in sections:
-        parts += [f"<h2>{escape(heading)}</h2>", html]
-    parts += ["<h2>What was tried, and why it lost</h2>", _trace(result)]
+    return parts
+
+
+def tried(result: Refinement) -> list[str]:
+    """Every step of the selection, and the small corrections of the base."""
+    parts = ["<h2>What was tried, and why it lost</h2>", _trace(result)]
     if result.corrections:
         parts += [
             "<h2>Small corrections of the base</h2>",
             '<p class="dim">Fitted with every candidate, inside bounds; none of them is an effect.</p>',
             html_table(("correction", "value"), [(n, number(v)) for n, v in result.corrections.items()]),
         ]
-    body = "\n".join(parts)
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
-    )
+    return parts
 
 
 def _pictures(result: Refinement) -> Iterable[str]:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coaxlink import files
+from coaxlink.report.label import cause_words, channel_words
+from coaxlink.report.label import label as words
 from coaxlink.residual.result import Refinement, Series
 
 if TYPE_CHECKING:
@@ -29,8 +31,8 @@ def overview(result: Refinement) -> bytes:
         _over_time(axes[i, 0], result, series, channel)
         _over_cause(axes[i, 1], result, series, channel, effect)
     axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8)
-    axes[-1, 0].set_xlabel("time in the data, s")
-    figure.suptitle(_title(result), x=0.01, ha="left", fontsize=11)
+    axes[-1, 0].set_xlabel("time in the log, pauses shortened, s", fontsize=9)
+    figure.suptitle(words(_title(result)), x=0.01, ha="left", fontsize=11)
     return _png(figure)
 
 
@@ -52,8 +54,8 @@ def errors(result: Refinement) -> bytes:
             axis.plot(value / unit, i + shift, "o", color=colour, ms=5, label=label if i == 0 else None)
     axis.axvline(1.0, color=FLOOR, lw=1, ls="--")
     axis.set_xscale("log")
-    axis.set_yticks(range(len(names)), names)
-    axis.set_xlabel("held-out RMS error / noise floor")
+    axis.set_yticks(range(len(names)), [words(channel_words(name)) for name in names])
+    axis.set_xlabel("RMS error on rows the fit has not seen, in noise floors (1: nothing left to explain)")
     axis.legend(frameon=False, fontsize=8)
     _plain(axis)
     return _png(figure)
@@ -102,16 +104,21 @@ def _over_time(axis: Axes, result: Refinement, series: Series, channel: str) -> 
             lw=width,
             label=label,
         )
-    axis.set_ylabel(f"{channel}, {result.channels[channel].unit}")
+    axis.set_ylabel(_axis_words(result, channel, "\n"), fontsize=9)
     _plain(axis)
+
+
+def _axis_words(result: Refinement, channel: str, between: str) -> str:
+    unit = result.channels[channel].unit
+    return words(channel_words(channel)) + between + words(f"measured - model, {unit}")
 
 
 def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, effect: str | None) -> None:
     c = series.channels.index(channel)
     if effect is None or (effect, channel) not in series.causes:
         axis.hist(series.after[:, c], bins=50, color=AFTER, alpha=0.8)
-        axis.set_xlabel(f"{channel} residual, {result.channels[channel].unit}")
-        axis.set_ylabel("rows")
+        axis.set_xlabel(_axis_words(result, channel, ", "))
+        axis.set_ylabel("number of rows")
         _plain(axis)
         return
     label, cause = series.causes[effect, channel]
@@ -122,8 +129,8 @@ def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, ef
         middles = [(np.mean(cause[at == k]), np.mean(values[at == k])) for k in np.unique(at)]
         axis.plot(*zip(*middles, strict=True), "-o", ms=3, lw=1.4, color=colour)
     axis.axhline(0.0, color=FLOOR, lw=0.8)
-    axis.set_xlabel(label)
-    axis.set_title(effect, fontsize=9, loc="left")
+    axis.set_xlabel(words(cause_words(label)), fontsize=9)
+    axis.set_title(words(effect), fontsize=9, loc="left")
     _plain(axis)
 
 

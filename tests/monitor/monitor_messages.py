@@ -48,8 +48,8 @@ def attitude(roll: float = 0.02, pitch: float = -0.01, yaw: float = 1.5708, boot
     return mavlink.MAVLink_attitude_message(boot_ms, roll, pitch, yaw, 0.0, 0.0, 0.0)
 
 
-def position(down: float = -3.02, boot_ms: int = 1000) -> Any:
-    return mavlink.MAVLink_local_position_ned_message(boot_ms, 0.0, 0.0, down, 0.0, 0.0, 0.0)
+def position(down: float = -3.02, boot_ms: int = 1000, sinking: float = 0.0) -> Any:
+    return mavlink.MAVLink_local_position_ned_message(boot_ms, 0.0, 0.0, down, 0.0, 0.0, sinking)
 
 
 def battery(millivolts: int = 24800, remaining: int = 83) -> Any:

@@ -174,6 +174,49 @@ def test_link_lost_is_written_across_and_table_is_named(scene: Scene) -> None:
     run(story())
 
 
+@pytest.mark.parametrize("size", [(80, 24), (200, 60)])
+def test_a_source_that_is_passed_over_is_named_on_the_screen(scene: Scene, size: tuple[int, int]) -> None:
+    """PX4's simulation: 6000 rpm at full command on rotors of 5400, in hover."""
+
+    async def story() -> None:
+        async with scene.app.run_test(size=size) as pilot:
+            rpm = [2646] * 4 + [3888] * 4
+            for k in range(16):
+                ms = 1000 + 200 * k
+                scene.hear(heartbeat(), servo(), attitude(boot_ms=ms), position(boot_ms=ms), battery())
+                scene.hear(EscStatus(0, rpm[:4]), EscStatus(4, rpm[4:]))
+            await pilot.pause()
+            scene.app.draw()
+            assert "SERVO_OUTPUT_RAW" in scene.text("vehicle") and "ESC" not in scene.text("vehicle")
+            assert "ESC_STATUS rpm passed over" in scene.text("notes")
+            assert "2381" in scene.text("arm0")  # by the command, as a 5400 rpm rotor turns
+            notes = scene.app.query_one("#notes")
+            assert notes.region.bottom <= size[1] and "the weight is 196 N" in scene.text("notes")
+
+    run(story())
+
+
+def test_an_ardupilot_s_table_fits_its_panel(scene: Scene) -> None:
+    from test_monitor_ardupilot import on_board
+
+    async def story() -> None:
+        async with scene.app.run_test(size=(80, 24)) as pilot:
+            scene.hear(heartbeat(autopilot=3), servo(), attitude(), position(), battery())
+            scene.watch.collector.put_parameters(on_board(scene.watch.airframe, scene.watch.model, "reduced"))
+            scene.app.tick()
+            assert "being read" in scene.text("board")  # the link's thread compares it: that takes seconds
+            scene.watch.judge_table()
+            scene.app.tick()
+            await pilot.pause()
+            lines = scene.text("board").splitlines()
+            assert lines[0] == "reduced (model's)" and lines[2] == "FRAME_CLASS 15"
+            assert lines[3].startswith("factor 0.6") and lines[4].startswith("THST_EXPO 0.9")
+            panel = scene.app.query_one("#board").content_size
+            assert len(lines) <= panel.height and max(map(len, lines)) <= panel.width
+
+    run(story())
+
+
 def test_a_dead_feed_ends_the_screen(scene: Scene) -> None:
     async def story() -> None:
         async with scene.app.run_test() as pilot:

@@ -1,0 +1,166 @@
+"""The mixer table on an ArduPilot board: which law it is of, and the wrench it means.
+
+Its factors are mixing columns without a unit: each axis is scaled to its largest entry. Newtons come back
+only for a table that is a law's of the rotor model in use (`standard`, `reduced`, `fitted`, to two per cent):
+its columns then say what the commands mean. A script's factors stand in the parameters under the names of the
+loader's (CXL_*), whichever of the two scripts brought them; CXL_N = 0 says that the script is not ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.airframe import Airframe
+from coaxlink.errors import CoaxlinkError
+from coaxlink.link.ap_tables import ApReport, report_ap
+from coaxlink.monitor.board_view import ABSURD, NEAR, Board, digest_of
+from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
+from firmware_params import px4
+from firmware_params.ardupilot import MotorParameters, realise
+from firmware_params.ardupilot.scripts import PREFIX, params_factors
+from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX, ApTable
+from firmware_params.errors import FirmwareParamsError
+
+# all that is of the table, but what the autopilot learns in flight (MOT_THST_HOVER)
+FRAME_NAMES = ("FRAME_CLASS", "FRAME_TYPE")
+MOTOR_NAMES = tuple(name for name in MotorParameters().to_params() if name != "MOT_THST_HOVER")
+TABLE_NAMES = (*FRAME_NAMES, *MOTOR_NAMES)
+COUNT = f"{PREFIX}N"
+_LAWS = ("standard", "curved", "reduced", "fitted")  # the last is worked out in seconds
+_SCRIPTED = (SCRIPTING_MATRIX, DYNAMIC_MATRIX)
+
+
+def is_table(parameters: Mapping[str, float]) -> bool:
+    """Whether these are an ArduPilot's."""
+    return "FRAME_CLASS" in parameters
+
+
+def table_parameters(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Those of `parameters` that belong to the table, in the order of their names."""
+    frame = parameters.get("FRAME_CLASS", 0.0)
+    scripted = frame in _SCRIPTED
+    return {
+        n: v for n, v in sorted(parameters.items()) if n in TABLE_NAMES or (scripted and n.startswith(PREFIX))
+    }
+
+
+def describe(parameters: Mapping[str, float], airframe: Airframe, model: RotorModel) -> Board:
+    """What the parameters heard so far say, held against airframe and rotor model. May take seconds."""
+    used = table_parameters(parameters)
+    missing = [n for n in TABLE_NAMES if n not in used]
+    frame = used.get("FRAME_CLASS", 0.0)
+    if missing or (frame in _SCRIPTED and COUNT not in used):
+        return Board("partial", notes=(f"{max(len(missing), 1)} of its parameters not read yet",))
+    digest = digest_of(used)
+    number = int(frame) if np.isfinite(frame) else 0
+    if number in _SCRIPTED and used[COUNT] == 0.0:
+        note = "the script on board is none of coaxlink's: what it does is not known here"
+        return Board("read", "custom", digest, frame_class=number, notes=(note,))
+    try:
+        table = _table(used, number)
+        with np.errstate(all="ignore"):
+            mix = realise(table)
+    except FirmwareParamsError as error:
+        return Board("invalid", digest=digest, frame_class=number, notes=(str(error),))
+    except ABSURD:
+        note = "its numbers are beyond all arithmetic"
+        return Board("invalid", digest=digest, frame_class=number, notes=(note,))
+    notes = [f.text for f in mix.warnings]
+    rotors, expo = len(mix.factors), table.parameters.thst_expo
+    if rotors != len(airframe.rotors):
+        notes.append(f"table of {rotors} motors, airframe {airframe.name} has {len(airframe.rotors)}")
+        return Board("read", "custom", digest, rotors, frame_class=number, thst_expo=expo, notes=tuple(notes))
+    upper, lower = (
+        _mean(mix.factors[:, 3], [(r.level == "lower") == below for r in airframe.rotors])
+        for below in (False, True)
+    )
+    law = _law_of(mix.factors, airframe, model, table.parameters)
+    if law is None:
+        notes.append("none of this rotor model's tables for this airframe")
+    elif abs(law.table.parameters.thst_expo - expo) > NEAR:
+        due = law.table.parameters.thst_expo
+        notes.append(f"MOT_THST_EXPO is {expo:.3f}; this law's curve asks for {due:.3f}")
+    columns = () if law is None else _columns(law)
+    curve = None if law is None else law.columns.thr_mdl_fac
+    return Board(
+        "read",
+        "custom" if law is None else law.law,
+        digest,
+        rotors,
+        of_model=law is not None,
+        notes=tuple(notes),
+        frame_class=number,
+        upper_factor=upper,
+        lower_factor=lower,
+        thst_expo=expo,
+        columns=columns,
+        curve=curve,
+    )
+
+
+def intended(
+    board: Board, parameters: Mapping[str, float], commands: Sequence[float | None]
+) -> tuple[float, ...] | None:
+    """Wrench [thrust up, roll, pitch, yaw] (N, N m) that the table means by the commands (N,), 0..1 of the
+    pulse range; None if unknown.
+
+    The board takes a motor's thrust as its curve's over the spin range; what that range begins and ends with
+    is the law's own.
+    """
+    if not board.columns or board.curve is None or len(commands) != len(board.columns):
+        return None
+    if any(c is None for c in commands):
+        return None
+    try:
+        table = _table(table_parameters(parameters), board.frame_class or 0)
+        with np.errstate(all="ignore"):
+            thrust = realise(table).thrust_of([float(c or 0.0) for c in commands])
+    except (FirmwareParamsError, *ABSURD):
+        return None
+    spin = table.parameters.spin_min, table.parameters.spin_max
+    least, most = (board.curve * s * s + (1.0 - board.curve) * s for s in spin)
+    running = np.array([c is not None and c >= 0.5 * spin[0] for c in commands])
+    wrench = (np.where(running, least + (most - least) * thrust, 0.0)) @ np.array(board.columns)
+    return tuple(float(w) for w in wrench) if np.isfinite(wrench).all() else None
+
+
+def _table(used: Mapping[str, float], frame: int) -> ApTable:
+    factors = params_factors(used) if frame in _SCRIPTED else ()
+    return ApTable(frame, factors, MotorParameters.from_params(used), int(used["FRAME_TYPE"]))
+
+
+def _mean(values: NDArray[np.float64], chosen: list[bool]) -> float | None:
+    return float(np.mean(values[np.array(chosen)])) if any(chosen) else None
+
+
+def _law_of(
+    factors: NDArray[np.float64], airframe: Airframe, model: RotorModel, motor: MotorParameters
+) -> ApReport | None:
+    """The law whose factors these are, up to a scale on each axis; of two alike the one of that curve."""
+    found: ApReport | None = None
+    for law in _LAWS:
+        try:
+            made = report_ap(Vehicle(airframe, model), law, spin_min=motor.spin_min)
+        except (CoaxlinkError, FirmwareParamsError, *ABSURD):
+            continue
+        if np.abs(_scaled(factors) - _scaled(made.mix.factors)).max() < NEAR:
+            if abs(made.table.parameters.thst_expo - motor.thst_expo) < NEAR:
+                return made
+            found = found or made
+        elif found is not None:
+            break  # laws that are alike stand side by side
+    return found
+
+
+def _scaled(factors: NDArray[np.float64]) -> NDArray[np.float64]:
+    top = np.abs(factors).max(axis=0)
+    return np.divide(factors, top, out=np.zeros_like(factors), where=top > 0)
+
+
+def _columns(law: ApReport) -> tuple[tuple[float, ...], ...]:
+    effect = np.asarray(px4.effectiveness(law.columns))
+    return tuple(map(tuple, np.stack([-effect[5], effect[0], effect[1], effect[2]], axis=1).tolist()))

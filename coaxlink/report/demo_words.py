@@ -1,0 +1,121 @@
+"""The demo in sentences: what coaxlink is worth on these flights, and what was hidden and found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from coaxlink.report.label import channel_words
+from coaxlink.report.refine import number, verdict
+
+if TYPE_CHECKING:
+    from coaxlink.report.demo import DemoResult, FlightErrors
+    from coaxlink.residual.result import Refinement
+
+FITTED, STANDARD = "fitted", "standard"
+PATH = "hover, a slow and a fast circle, a climb and quick turns"
+
+TERMS = {
+    "mixer, table": "What turns the wanted wrench into motor commands; a table is a mixer that the autopilot "
+    "itself holds in its parameters. Mixing live: a computer beside the autopilot does it instead.",
+    "wrench": "Thrust (N) and the torques in roll, pitch and yaw (N m), all four together.",
+    "allocation error": "The wrench that a mixer means its commands to give, less the one that moved the "
+    "vehicle (mass times acceleration, inertia times angular acceleration); mean |error| over the flight.",
+    "gain, after gain": "Gain: how much came for one of what was meant, the best constant by least squares. "
+    "The autopilot's integrators learn a constant gain by themselves; what is left after it is the error "
+    "that they cannot take away.",
+    "power": "Mean of voltage times current of the battery over the flight, as the vehicle reports them.",
+    "height": "Mean |height wanted - height flown|, m.",
+    "force_x, force_y, force_z": "Forward, rightward and downward force; torque_x, torque_y, torque_z: the "
+    "torques in roll, pitch and yaw.",
+    "residual": "What was measured less what the model says: what the model does not explain.",
+    "effect": "A cause with known physics that the rotor model lacks: drag, ground effect, a weak rotor.",
+    "held out": "Judged on stretches of data that the fit has not seen, so that more terms alone cannot make "
+    "it look better.",
+    "noise floor": "What the sensors' noise alone would leave: no model can be better.",
+    "RMSE, NRMSE, R": "Root of the mean squared error; the same over the range (max - min) of what was "
+    "measured; correlation of measured and modelled.",
+    "95 %": "The interval that holds the true value in 95 of 100 such experiments.",
+    "SRM, CPCM, R-CRM, CRM": "Rotor models from simple to full, u being speed over full speed. SRM: thrust "
+    "k u\N{SUPERSCRIPT TWO} for every rotor. CPCM: the lower rotor loses a constant share. R-CRM: the upper "
+    "rotor's speed squared takes from the lower one's thrust. CRM: a polynomial in both speeds.",
+    "LASSO": "A fit in which terms pay for being there, so that only those stay that the data need.",
+    "standard, reduced, fitted, exact": "Tables made of the SRM, of the R-CRM, and fitted to the whole CRM; "
+    "the exact law inverts the CRM and can only be mixed live.",
+}
+
+
+def flown(flights: Mapping[str, FlightErrors]) -> list[str]:
+    """What the fitted table is worth on these flights, the first sentence alone saying it in numbers."""
+    fitted, standard = flights[FITTED], flights[STANDARD]
+    return [_power(fitted, standard), _height(fitted, standard), _left(fitted, standard)]
+
+
+def story(result: DemoResult) -> list[str]:
+    """The flight in the world that hides something: what was seen, what was found, what it explains."""
+    there, here = result.hidden.delivered, result.flights[FITTED].delivered
+    found = result.refinement
+    lines = [
+        "Then the same fitted table flew where one thing is true that the rotor model does not know: "
+        f"mean |meant - delivered| {there.thrust_error_N:.2f} N of thrust and "
+        f"{max(there.torque_error_Nm):.3f} N m of torque ({here.thrust_error_N:.2f} N and "
+        f"{max(here.torque_error_Nm):.3f} N m where nothing is hidden; "
+        "forces to the side are no part of it).",
+        _answer(found),
+    ]
+    if found.effects:
+        touched = {c for e in found.effects for c in e.channels} & found.channels.keys()
+        falls = sorted(touched, key=lambda c: found.channels[c].rmse_after / found.channels[c].rmse_before)
+        said = [
+            f"{channel_words(c)} from {number(e.rmse_before)} to {number(e.rmse_after)} {e.unit} "
+            f"(noise alone: {number(e.noise_floor)})"
+            for c in falls[:2]
+            for e in (found.channels[c],)
+        ]
+        lines.append(f"Added to the model, the held-out error falls: {'; '.join(said)}.")
+    return lines
+
+
+def _answer(found: Refinement) -> str:
+    if not found.effects:
+        return f"By the log of that flight alone, {verdict(found)}."
+    return f"From the log of that flight alone coaxlink found {' and '.join(e.name for e in found.effects)}."
+
+
+def _power(fitted: FlightErrors, standard: FlightErrors) -> str:
+    start = f"On these flights ({PATH}; simulated) the fitted table"
+    if fitted.power_W is None or standard.power_W is None:
+        return f"{start} was not weighed against the standard one: the vehicle did not tell its power."
+    ratio = fitted.power_W / standard.power_W
+    watts = f"({fitted.power_W:.0f} W instead of {standard.power_W:.0f} W)"
+    if abs(1.0 - ratio) < 5e-4:  # a figure that is shown as 0.0 %
+        return f"{start} took the same power from the battery as the standard one ({fitted.power_W:.0f} W)."
+    less = "less" if ratio < 1.0 else "more"
+    return (
+        f"{start} took {abs(1.0 - ratio):.1%} {less} power from the battery than the standard one {watts}: "
+        f"{1.0 / ratio - 1.0:+.1%} time in the air."
+    )
+
+
+def _height(fitted: FlightErrors, standard: FlightErrors) -> str:
+    ours, theirs = (100.0 * f.position_error_m[2] for f in (fitted, standard))
+    lower, before = (_lower_share(f) for f in (fitted, standard))
+    return (
+        f"Height was held to {ours:.1f} cm (standard: {theirs:.1f} cm); the lower rotors carried "
+        f"{lower:.0%} of the thrust instead of {before:.0%}."
+    )
+
+
+def _left(fitted: FlightErrors, standard: FlightErrors) -> str:
+    ours, theirs = fitted.delivered, standard.delivered
+    return (
+        f"Thrust came out at {theirs.gain[0]:.2f} of what the standard table means and at "
+        f"{ours.gain[0]:.2f} of what the fitted one does. Integrators learn such a constant gain; after the "
+        f"best one {theirs.after_gain[0]:.2f} N of error are left with the standard table and "
+        f"{ours.after_gain[0]:.2f} N with the fitted one (the sensors' noise alone: {ours.floor[0]:.2f} N)."
+    )
+
+
+def _lower_share(flight: FlightErrors) -> float:
+    split = flight.delivered.split
+    return sum(s.lower_N for s in split) / sum(s.lower_N + s.upper_N for s in split)

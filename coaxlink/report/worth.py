@@ -1,0 +1,161 @@
+"""What a table is worth, in words and as rows: the first thing to read before anybody bothers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from coaxlink.link.worth import CURVED, Worths
+from coaxlink.mixer.worth import DRIVE_EFFICIENCY, HARD, SAG, Limit, Worth
+
+NONE = "cannot"
+
+
+def sentences(worths: Worths) -> list[str]:
+    """What the fitted table gains and loses, and what the curve alone would; none where either is missing."""
+    fitted, standard = worths.named("fitted"), worths.named("standard")
+    if fitted is None or standard is None:
+        return []
+    lines = [verdict(fitted, standard), remark_on_curve(worths.named(CURVED), fitted, worths.own_curve)]
+    return [line for line in lines if line]
+
+
+def to_json(
+    worths: Worths, battery_Wh: float | None = None, drive_efficiency: float = DRIVE_EFFICIENCY
+) -> dict[str, Any]:
+    """The `worth` part of the JSON of `compare` and `demo`."""
+    tables = []
+    for row in worths.rows:
+        minutes = row.minutes(battery_Wh, drive_efficiency) if battery_Wh is not None else math.nan
+        tables.append(row.to_json() | {"hover_minutes": minutes if math.isfinite(minutes) else None})
+    return {
+        "summary": sentences(worths),
+        "own_curve": worths.own_curve,
+        "tables": tables,
+        "left_out": worths.left_out,
+    }
+
+
+def verdict(this: Worth, other: Worth) -> str:
+    """One sentence: what `this` gains and loses against `other`, and where nobody will notice."""
+    if math.isnan(this.hover_W):
+        return f"the {this.name} table cannot carry this vehicle"
+    if math.isnan(other.hover_W):
+        return f"the {this.name} table carries this vehicle, the {other.name} one does not"
+    saved = 1.0 - this.hover_W / other.hover_W
+    low, high = this.load_kg
+    same = abs(saved) < 5e-4  # a figure that is shown as 0.0 %
+    power = f"needs the hover power of the {other.name} one"
+    if not same:
+        longer = f"{other.hover_W / this.hover_W - 1.0:+.1%} time in the air"
+        word = "saves" if saved > 0 else "costs"
+        power = f"{word} {abs(saved):.1%} of hover power against the {other.name} one ({longer})"
+    gains = (
+        f"loop gains change by {_within(this)} from {low:g} to {high:g} kg ({other.name}: {_within(other)})"
+        if np.isfinite([this.load_span, other.load_span]).all()
+        else f"not both tables carry {low:g} to {high:g} kg"
+    )
+    authority = (
+        f"ceiling {this.thrust_to_weight:.2f} times the weight ({other.thrust_to_weight:.2f}), yaw "
+        f"{this.limits[2].moment_Nm:.1f} N m until a rotor is at its bound ({other.limits[2].moment_Nm:.1f})"
+    )
+    return (
+        f"The {this.name} table {power}; {gains}; {authority}. After the integrators have done their work "
+        f"{_left(this)} of error are left ({other.name}: {_left(other)}), to be met in hard manoeuvres: "
+        f"in calm hover and slow circles you notice {'nothing' if same else 'the power alone'}."
+    )
+
+
+def remark_on_curve(curved: Worth | None, this: Worth, curve: float | None) -> str:
+    """What THR_MDL_FAC alone gives, empty where that is not known."""
+    if curved is None or curve is None or not np.isfinite(curved.load_span).all():
+        return ""
+    dearer = curved.hover_W / this.hover_W - 1.0
+    return (
+        f"THR_MDL_FAC {curve:.2f} in the standard table alone (--law curved): loop gains change by "
+        f"{_within(curved)}, ceiling {curved.thrust_to_weight:.2f} times the weight, hover power "
+        f"{dearer:+.1%} against the {this.name} table; a hard turn puts {_tipped(curved):.2f} N m into roll "
+        f"or pitch ({this.name}: {_tipped(this):.2f})."
+    )
+
+
+def rows(
+    tables: Sequence[Worth], battery_Wh: float | None = None, drive_efficiency: float = DRIVE_EFFICIENCY
+) -> list[list[str]]:
+    """A row a figure, a column a table; the first cell says what it is."""
+    low, high = tables[0].load_kg
+    hard = tables[0].hard_Nm
+    first = next((t for t in tables if t.name == "standard"), tables[0])
+    span = f"largest / smallest gain, {low:g} to {high:g} kg"
+    made: list[tuple[str, list[str]]] = [
+        ("hover power at the shafts, W", [_number(t.hover_W, ".0f") for t in tables]),
+        (f"time in the air against {first.name}", [_share(first.hover_W / t.hover_W - 1.0) for t in tables]),
+    ]
+    if battery_Wh is not None:
+        minutes = [_number(t.minutes(battery_Wh, drive_efficiency), ".1f") for t in tables]
+        made.append((f"minutes in hover, {battery_Wh:g} Wh, drive {drive_efficiency:.0%}", minutes))
+    made += [
+        ("vertical gain in hover (loops count on 1)", [_number(t.lift_exponent, ".2f") for t in tables]),
+        (f"{span}: thrust", [_number(t.load_span[0], ".3f") for t in tables]),
+        ("  roll, pitch", [_number(float(t.load_span[1:3].max()), ".3f") for t in tables]),
+        ("  yaw", [_number(t.load_span[3], ".3f") for t in tables]),
+        (f"  full pack to {SAG:.0%} voltage", [_number(float(t.sag_span.max()), ".3f") for t in tables]),
+        ("ceiling, N", [f"{t.ceiling_N:.0f}" for t in tables]),
+        ("ceiling, times the weight", [f"{t.thrust_to_weight:.2f}" for t in tables]),
+        ("roll in hover to the first bound, N m", [_number(t.limits[0].moment_Nm, ".1f") for t in tables]),
+        ("yaw in hover to the first bound, N m", [_number(t.limits[2].moment_Nm, ".1f") for t in tables]),
+        ("  rotors there", [first_bound(t.limits[2]) for t in tables]),
+        (f"thrust off at {hard[0]:.0f} N m of roll, N", [_signed(t.coupling[0, 0]) for t in tables]),
+        (f"thrust off at {hard[2]:.1f} N m of yaw, N", [_signed(t.coupling[2, 0]) for t in tables]),
+        ("  roll or pitch off, N m", [_number(_tipped(t), ".2f") for t in tables]),
+        ("left by the best constant gain: thrust, N", [_number(t.shape_error[0], ".3f") for t in tables]),
+        ("  roll, pitch, N m", [_number(float(t.shape_error[1:3].max()), ".3f") for t in tables]),
+        ("  yaw, N m", [_number(t.shape_error[3], ".4f") for t in tables]),
+    ]
+    return [[label, *cells] for label, cells in made]
+
+
+def first_bound(limit: Limit) -> str:
+    """Which rotors are first at a bound, and at which."""
+    if not limit.rotors:
+        return "none"
+    return f"{','.join(map(str, limit.rotors))} {'full' if limit.full else 'least'}"
+
+
+def terms() -> str:
+    """What the rows' words mean, one paragraph."""
+    return (
+        "Curved: the standard columns with a THR_MDL_FAC of their own. Vertical gain: percent of thrust for "
+        "a percent of demand; 1 is what the height loop counts on, and a constant one is trimmed by "
+        "MPC_Z_VEL_*_ACC. Thrust off: delivered less carried while one axis alone is asked for "
+        f"{HARD:g} times the envelope's moment. Left by the best constant gain: mean |error| over 0.77 to "
+        "1.33 of the weight with moments, after what integrators and learnt hover thrust take off."
+    )
+
+
+def _tipped(t: Worth) -> float:
+    """What a hard yaw demand puts into roll or pitch, N m."""
+    return float(np.abs(t.coupling[2, 1:3]).max())
+
+
+def _left(t: Worth) -> str:
+    return f"{t.shape_error[0]:.2f} N and {float(t.shape_error[1:].max()):.2f} N m"
+
+
+def _within(t: Worth) -> str:
+    return f"{float(t.load_span.max()) - 1.0:.1%}"
+
+
+def _number(x: float, form: str) -> str:
+    return f"{x:{form}}" if math.isfinite(x) else NONE
+
+
+def _share(x: float) -> str:
+    return f"{x if abs(x) >= 5e-4 else 0.0:+.1%}" if math.isfinite(x) else NONE
+
+
+def _signed(x: float) -> str:
+    return f"{x:+.2f}" if math.isfinite(x) else NONE
