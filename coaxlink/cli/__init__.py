@@ -6,6 +6,7 @@ A verb module defines `register(app)`; it imports what is slow inside its functi
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import pkgutil
 import sys
@@ -44,6 +45,9 @@ def _options(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the `coaxlink` command."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, ValueError):  # not a text file of ours
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
         app = build_app()
     except KeyboardInterrupt:

@@ -12,7 +12,7 @@ from coaxlink.cli._shell import say
 from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
-    from coaxlink.mixer import Seen
+    from coaxlink.vehicle import Vehicle
 
 DENSITY = (0.3, 1.8)  # of air that anyone flies in, kg/m3
 
@@ -26,7 +26,7 @@ DensityOption = Annotated[
 ]
 
 
-def load_seen(
+def vehicle_of(
     airframe: Path,
     rotor: Path | None,
     *,
@@ -34,54 +34,64 @@ def load_seen(
     height: float | None = None,
     climb: float | None = None,
     density: float | None = None,
-) -> tuple[Seen, Path]:
-    """The airframe and its rotors with the effects of the rotor file in them, and that file's path.
+    measured_live: bool = False,
+) -> tuple[Vehicle, Path]:
+    """The vehicle of the files and options, and its rotor file's path.
 
     Raises InputError, also for rotors that do not lift.
     """
-    from coaxlink.airframe import load_airframe
-    from coaxlink.mixer import Conditions, see
-    from coaxlink.rotor.model import load_rotor_model
+    from coaxlink.vehicle import Conditions, load_vehicle
 
     for name, value in (("--voltage", voltage), ("--height", height), ("--climb", climb)):
         if value is not None and not math.isfinite(value):
             raise InputError(name, f"{value:g}", "a finite number expected")
+    for name, value in (("--voltage", voltage), ("--height", height)):
+        if value is not None and value < 0:
+            raise InputError(name, f"{value:g}", "0 or more expected")
     if density is not None and not DENSITY[0] <= density <= DENSITY[1]:
         raise InputError("--density", f"{density:g}", f"{DENSITY[0]} to {DENSITY[1]} kg/m3 expected")
-    frame = load_airframe(airframe)
-    path = rotor_path(frame.rotor_model, rotor, airframe)
-    model = load_rotor_model(path)
-    refuse_no_lift(model, path)
     at = Conditions(voltage, height, climb, air_density_kg_m3=density)
-    return see(frame, model, at), path
+    vehicle = load_vehicle(airframe, rotor, at, measured_live=measured_live)
+    _say_unused(vehicle)
+    path = rotor or vehicle.declared.rotor_model
+    assert path is not None
+    return vehicle, path
 
 
-def rotor_path(own: Path | None, option: Path | None, airframe: Path) -> Path:
-    """The rotor model to use: the option, or the airframe's own. Raises InputError when there is neither."""
-    path = option or own
-    if path is None:
-        raise InputError(airframe, "rotor_model", "names no rotor model; give one with --rotor")
-    return path
+def _say_unused(vehicle: Vehicle) -> None:
+    """A condition that no effect of the rotor file depends on changes nothing: said, not taken in silence."""
+    from dataclasses import replace
+
+    from coaxlink.vehicle import Vehicle
+
+    for name, value in vars(vehicle.conditions).items():
+        if value is None:
+            continue
+        without = Vehicle(vehicle.declared, vehicle.rotors, replace(vehicle.conditions, **{name: None}))
+        if without.compensated == vehicle.compensated:
+            say(f"{by_option(name)} {value:g} changes nothing: no effect of the rotor file depends on it")
 
 
-def refuse_no_lift(model: object, path: Path) -> None:
-    """Raise InputError when a lone upper rotor, or a pair, at full speed does not pull upward."""
-    from coaxlink.rotor import RotorModel
-
-    assert isinstance(model, RotorModel)
-    alone = float(model.upper_thrust(1.0, 0.0))
-    if not alone > 0.0:
-        problem = f"an upper rotor at full speed must lift, found {alone:.4g} N"
-        raise InputError(path, "upper.thrust_N", problem)
-    both = model.loads(1.0, 1.0)
-    pair = float(both.upper_thrust + both.lower_thrust)
-    if not pair > 0.0:
-        raise InputError(path, "lower.thrust_N", f"a pair at full speed must lift, found {pair:.4g} N")
-
-
-def say_effects(seen: Seen) -> None:
+def say_effects(vehicle: Vehicle) -> None:
     """One line an effect on stderr: what was done about it, or why nothing was."""
-    for name, what in seen.done.items():
+    for name, what in vehicle.compensated.items():
         say(f"compensated: {name}: {what}")
-    for name, why in seen.cannot.items():
-        say(f"not compensated: {name}: {why}")
+    for name, why in vehicle.left_out.items():
+        say(f"not compensated: {name}: {by_option(why)}")
+
+
+# what the library calls conditions and arguments -> a verb's option
+_OPTIONS = {
+    "voltage_V": "--voltage",
+    "height_m": "--height",
+    "climb_m_s": "--climb",
+    "air_density_kg_m3": "--density",
+    "lead_s": "--lead",
+}
+
+
+def by_option(reason: str) -> str:
+    """Why an effect is left out, in the words of the command line."""
+    for name, option in _OPTIONS.items():
+        reason = reason.replace(name, option)
+    return reason

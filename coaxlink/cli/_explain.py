@@ -7,20 +7,35 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from coaxlink.airframe import AXES
+
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.link.explain import Explanation
+    from coaxlink.link.gains import AxisGain
 
 _EQUAL = 0.005  # of the axis's largest entry: what differs by less is shown as one number
+_STEM = "ATC_RAT_"
 _ROTOR = re.compile(r"CA_ROTOR(\d+)_(\w+)")
 
 
-def show(out: Any, frame: Airframe, explained: Explanation, firmware: str, gains: tuple[str, ...]) -> None:
-    """Print it to a rich console."""
+def show(
+    out: Any, frame: Airframe, explained: Explanation, firmware: str, gains: tuple[AxisGain, ...]
+) -> None:
+    """Print it to a rich console, what it is worth in words first."""
+    from coaxlink.report.worth import verdict
+
+    if explained.worth.name != explained.worth_before.name:
+        out.print(f"\n{verdict(explained.worth, explained.worth_before)}")
     _show_mix(out, frame, explained, firmware)
     _show_worth(out, explained)
-    _show_gains(out, explained, gains)
+    _show_gains(out, gains, under(explained.reference_name))
     _show_changes(out, explained)
+
+
+def under(reference_name: str) -> str:
+    """Where a comparison stands, in words."""
+    return reference_name if reference_name == "on board" else f"under the {reference_name}"
 
 
 def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) -> None:
@@ -48,10 +63,22 @@ def _show_worth(out: Any, explained: Explanation) -> None:
     from rich.table import Table
 
     this, other = explained.flown, explained.reference
+    from coaxlink.report.worth import first_bound
+
+    now, before = explained.worth, explained.worth_before
+    low, high = now.load_kg
     out.print("\nWhat that is worth in hover, by the rotor model")
     rows = Table("", explained.reference_name, "this table", "change", box=None)
     rows.add_row("thrust demand, 0..1", _shown(other.hover), _shown(this.hover))
+    rows.add_row("power at the shafts, W", *_pair(before.hover_W, now.hover_W, ".0f"))
+    rows.add_row("vertical gain (1 is counted on)", *_pair(before.lift_exponent, now.lift_exponent, ".2f"))
+    for axis, a, b in zip(AXES, before.load_span, now.load_span, strict=True):
+        if axis in ("thrust", "yaw"):
+            rows.add_row(f"largest / least {axis} gain, {low:g}-{high:g} kg", *_pair(a, b, ".3f"))
     rows.add_row("most thrust, N", *_pair(other.ceiling_N, this.ceiling_N, ".1f"))
+    rows.add_row("first at its bound in yaw", first_bound(before.limits[2]), first_bound(now.limits[2]))
+    hard = now.hard_Nm[2]
+    rows.add_row(f"thrust off at {hard:.1f} N m of yaw, N", *_off(before.coupling[2, 0], now.coupling[2, 0]))
     for axis, a, b in zip(explained.axes, other.authority_Nm, this.authority_Nm, strict=False):
         rows.add_row(f"most {axis} moment, N m", *_pair(a, b, ".2f"))
     for axis, a, b in zip(explained.axes, other.gain_Nm, this.gain_Nm, strict=False):
@@ -59,20 +86,17 @@ def _show_worth(out: Any, explained: Explanation) -> None:
     out.print(rows)
 
 
-def _show_gains(out: Any, explained: Explanation, gains: tuple[str, ...]) -> None:
+def _show_gains(out: Any, gains: tuple[AxisGain, ...], against: str) -> None:
     """What to do to the rate gains; no gain mends an axis that turns the wrong way."""
-    hints = zip(gains, explained.flown.gain_hint(explained.reference), strict=True)
-    usable = [(gain, scale) for gain, scale in hints if 0.0 < scale < float("inf")]
+    usable = [gain for gain in gains if gain.usable]
     if not usable:
         return
-    reference = explained.reference_name
-    under = reference if reference == "on board" else f"under the {reference}"
-    out.print(f"\nRate gains that keep the loops as they are {under}")
-    for gain, scale in usable:
-        stem, letters = gain.removesuffix("[PID]"), "PID" if gain.endswith("[PID]") else ("",)
-        held = [(k, explained.gains_now[stem + k]) for k in letters if stem + k in explained.gains_now]
-        shown = ", ".join(f"{k} {v:.4g} -> {v * scale:.4g}".strip() for k, v in held)
-        out.print(f" {stem}{', '.join(letters)} x {scale:.3f}" + (f": {shown}" if shown else ""))
+    out.print(f"\nRate gains that keep the loops as they are {against}")
+    for gain in usable:
+        held = [f"{n.removeprefix(_STEM)} {v:.4g} -> {gain.wanted[n]:.4g}" for n, v in gain.held.items()]
+        name = gain.names[0] if len(gain.names) == 1 else f"{gain.names[0]}, I, D"
+        shown = ", ".join(text.partition(" ")[2] if len(gain.names) == 1 else text for text in held)
+        out.print(f" {name} x {gain.scale:.3f}" + (f": {shown}" if shown else ""))
 
 
 def _show_changes(out: Any, explained: Explanation) -> None:
@@ -97,8 +121,12 @@ def _show_changes(out: Any, explained: Explanation) -> None:
 
 
 def _pair(old: float, new: float, form: str) -> tuple[str, str, str]:
-    change = f"{(new - old) / abs(old):+.1%}" if old else ""
+    change = f"{(new - old) / abs(old):+.1%}" if old and np.isfinite([old, new]).all() else ""
     return f"{old:{form}}", f"{new:{form}}", change
+
+
+def _off(old: float, new: float) -> tuple[str, str]:
+    return f"{old:+.2f}", f"{new:+.2f}"
 
 
 def _shown(value: float | None) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from coaxlink.cli._shell import say
 from coaxlink.link import Session, connect
@@ -31,6 +32,23 @@ ATTEMPTS = 2
 FLOAT = 9  # MAV_PARAM_TYPE_REAL32
 
 
+@dataclass
+class Pack:
+    """What the vehicle says that its battery gives while a plan is flown."""
+
+    watts: list[float] = field(default_factory=list)
+
+    def hear(self, message: Any) -> None:
+        """Session subscriber; a current that is not measured (-1) is none."""
+        if message.get_type() == "BATTERY_STATUS" and message.current_battery >= 0:
+            volts = sum(v for v in message.voltages if 0 < v < 65535) / 1e3
+            self.watts.append(volts * message.current_battery / 100.0)
+
+    def mean(self) -> float | None:
+        """Power over the plan, W; None where it was not told."""
+        return sum(self.watts) / len(self.watts) if self.watts else None
+
+
 @dataclass(frozen=True)
 class Flight:
     """A flight that was flown to its end."""
@@ -38,6 +56,7 @@ class Flight:
     name: str
     log: Path
     track: Track
+    pack: Pack
 
 
 def fly(
@@ -76,6 +95,7 @@ def _fly_once(
     mixing: Callable[[Session], AbstractContextManager[object]],
     parameters: Mapping[str, float],
 ) -> Flight:
+    pack = Pack()
     with connect(address, record=log) as session:
         for message_id, rate_hz in STREAMS.items():
             session.request_stream(message_id, rate_hz)
@@ -86,9 +106,11 @@ def _fly_once(
         vehicle.take_off(-plan.at(0.0)[1].position_m[2])
         try:
             with mixing(session):
+                forget = session.subscribe(pack.hear)
                 track = vehicle.follow(plan, watch and (lambda segment, t: watch(f"{name}: {segment}", t)))
+                forget()
         except PlanAbandoned:
             vehicle.land()
             raise
         vehicle.land()
-    return Flight(name, log, track)
+    return Flight(name, log, track, pack)

@@ -88,6 +88,7 @@ def run_loop(
     from coaxlink.link.trajectory import paper_flight
     from coaxlink.residual import refine
     from coaxlink.rotor import identify, save_rotor_model
+    from coaxlink.vehicle import Vehicle
 
     began = time.monotonic()
     airframe_file = files.example("x8_demo.toml")
@@ -97,7 +98,7 @@ def run_loop(
     tell("identifying the rotor pair")
     model = identify(read_stand_log(files.example("stand_eq17.csv")), "crm").model
     save_rotor_model(out / "rotor.toml", model)
-    start = _Start(airframe, model, tables.report_px4(airframe, model, LAW))
+    start = _Start(airframe, model, tables.report_px4(Vehicle(airframe, model), LAW))
     tell("first flight")
     flown = _fly_table(world, 0, airframe, "before", start.table, out / "rotor.toml", watch)
     by_table = steps.errors_of_table(flown, airframe, model, start.table.params, whole=True)
@@ -129,35 +130,36 @@ def _second_flight(
     watch: Watch,
 ) -> tuple[str, _Pair]:
     """How was mixed (table or live), and both flights."""
-    from coaxlink.mixer import Conditions, see
-    from coaxlink.mixer.seen import LIVE_ONLY
+    from coaxlink.effects import effect
     from coaxlink.rotor import save_rotor_model
+    from coaxlink.vehicle import Conditions, Vehicle
 
     airframe, model = start.airframe, start.model
     usable = bool(refinement.effects) and not refinement.suspect_data and refinement.model is not None
     found = refinement.model if usable and refinement.model is not None else model
     if usable:
         save_rotor_model(world.out / "rotor_refined.toml", found)
-    seen = see(airframe, found, Conditions(voltage_V=mean_voltage(log)))
+    seen = Vehicle(airframe, found, Conditions(voltage_V=mean_voltage(log)))
     leads = wishes.lead and any(e.name == "rotor_lag" for e in found.effects)
     live = wishes.live
     if live is None:
-        live = leads or any(name in LIVE_ONLY for name in seen.cannot)
+        live = leads or any(e.is_live for e in map(effect, seen.left_out) if e)
     if live:
         return "live", _live_pair(world, start, found, seen.airframe.mass_kg, leads, tell, watch)
     table, rotor_file = start.table, world.out / "rotor.toml"
     if usable:
         from coaxlink.link import tables
 
-        table = tables.report_px4(seen.airframe, seen.model, LAW)
+        table = tables.report_px4(seen, LAW)
         rotor_file = world.out / "rotor_refined.toml"
     tell("second flight" if usable else "second flight, nothing changed")
     again = _fly_table(world, 1, seen.airframe, "after", table, rotor_file, watch)
     after = steps.errors_of_table(again, seen.airframe, seen.model, table.params, whole=True)
     done = {
-        name: f"{what}; {SAGS}" if name == "battery_voltage" else what for name, what in seen.done.items()
+        name: f"{what}; {SAGS}" if name == "battery_voltage" else what
+        for name, what in seen.compensated.items()
     }
-    cannot = {name: f"{why}; {LED}" if name == "rotor_lag" else why for name, why in seen.cannot.items()}
+    cannot = {name: f"{why}; {LED}" if name == "rotor_lag" else why for name, why in seen.left_out.items()}
     flown, before = first
     return "table", _Pair(before, after, (str(flown.log), str(again.log)), done, cannot)
 
@@ -226,6 +228,7 @@ def _live_pair(
     `mass_kg` is what the effects make the vehicle weigh.
     """
     from coaxlink.link.live_effects import LiveEffects
+    from coaxlink.vehicle import Vehicle
 
     airframe = start.airframe
     lag = next((e.parameters["lag_s"] for e in found.effects if e.name == "rotor_lag"), 0.0)
@@ -236,7 +239,7 @@ def _live_pair(
     tell("mixing live with the effects")
     again, demands = _fly_live(world, 2, airframe, found, "live_after", watch, effects=True, lead_s=lead_s)
     after = steps.errors_of_live(again, replace(airframe, mass_kg=mass_kg), found, demands, whole=True)
-    account = LiveEffects(None, airframe, found)
+    account = LiveEffects(None, Vehicle(airframe, found, measured_live=True))
     done = dict.fromkeys(account.names, "taken out of the commands live, from telemetry")
     cannot = dict(account.left_out)
     if cannot.pop("mass_change", ""):

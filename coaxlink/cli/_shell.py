@@ -9,13 +9,15 @@ from typing import Annotated, Any
 
 import typer
 
-from coaxlink.errors import CoaxlinkError
+from coaxlink.errors import CoaxlinkError, InputError
+from firmware_params.plain import plain_lines
 
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as one JSON object.")
 ]
 
 INTERRUPTED = 130
+FAULT = 70  # EX_SOFTWARE of sysexits.h: the fault is coaxlink's own, not the input's
 PIPE_WIDTH = 140  # columns of text that no screen bounds
 
 
@@ -25,7 +27,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     try:
         outcome = command.main(args=list(arguments), prog_name="coaxlink", standalone_mode=False)
     except CoaxlinkError as error:
-        say(f"coaxlink: {error}")
+        say(f"coaxlink: {by_option(error)}")
         return error.exit_code
     except (typer.Abort, KeyboardInterrupt):  # Ctrl-C at a question, or before the verb is there
         return interrupted()
@@ -34,12 +36,23 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     except Exception as error:
         # typer's usage errors, whichever click they come from, know their own text and exit code
         if not hasattr(error, "format_message"):
-            raise
+            return fault(error)
         say(f"coaxlink: {error.format_message()}")
         return int(getattr(error, "exit_code", 2))
     if outcome == INTERRUPTED:  # typer turns Ctrl-C into this code
         return interrupted()
     return outcome if isinstance(outcome, int) else 0
+
+
+# what the library calls its arguments, where a verb's option is not called the same
+OPTIONS = {"law": "--law", "voltage_V": "--voltage"}
+
+
+def by_option(error: CoaxlinkError) -> CoaxlinkError:
+    """The error in the words of the command line."""
+    if isinstance(error, InputError) and error.source in OPTIONS:
+        return InputError(OPTIONS[error.source], error.where, error.problem)
+    return error
 
 
 def interrupted() -> int:
@@ -48,20 +61,38 @@ def interrupted() -> int:
     return INTERRUPTED
 
 
+def fault(error: Exception) -> int:
+    """The last net: one line for what nobody foresaw, all of it in a file, and the exit code of it."""
+    import tempfile
+    import traceback
+
+    what = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="coaxlink-fault-", suffix=".txt", delete=False, encoding="utf-8", errors="replace"
+        ) as file:
+            file.write("".join(traceback.format_exception(error)))
+        where = f"; details in {file.name}"
+    except OSError:
+        where = ""
+    say(f"coaxlink: this is a fault of coaxlink, please report it: {what}{where}")
+    return FAULT
+
+
 def say(text: str) -> None:
-    """Talk, to stderr."""
-    sys.stderr.write(f"{text}\n")
+    """Talk, to stderr; nothing in it moves the cursor or colours the screen."""
+    sys.stderr.write(f"{plain_lines(text)}\n")
 
 
 def console() -> Any:
     """Rich console for results (stdout); a pipe or file gets whole rows."""
-    from rich.console import Console
+    from coaxlink.cli._console import PlainConsole
 
-    return Console(highlight=False, width=None if sys.stdout.isatty() else PIPE_WIDTH)
+    return PlainConsole(width=None if sys.stdout.isatty() else PIPE_WIDTH)
 
 
 def talk() -> Any:
     """Rich console for progress and remarks (stderr)."""
-    from rich.console import Console
+    from coaxlink.cli._console import PlainConsole
 
-    return Console(stderr=True, highlight=False)
+    return PlainConsole(stderr=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coaxlink.cli._shell import console
-from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
@@ -15,43 +15,26 @@ if TYPE_CHECKING:
     from coaxlink.link.tables import TableReport
     from firmware_params.errors import Finding
 
-AP_GAINS = ("ATC_RAT_RLL_[PID]", "ATC_RAT_PIT_[PID]", "ATC_RAT_YAW_[PID]")  # patterns of names
-PX4_GAINS = ("MC_ROLLRATE_K", "MC_PITCHRATE_K", "MC_YAWRATE_K")
-
-
-def header(frame: Airframe, model_path: Path, law: str, firmware: str) -> list[str]:
-    """The comment lines of every file: what it is for and what it was made from."""
-    import coaxlink
-    from coaxlink import files
-
-    return [
-        f"coaxlink {coaxlink.__version__}: mixer table of {frame.name}",
-        "",
-        f"Firmware: {firmware}",
-        f"Vehicle: {frame.name}",
-        f"Rotors: {len(frame.rotors)}",
-        f"Law: {law}",
-        f"Rotor model: {model_path.name} sha256 {files.sha256(model_path)}",
-        "",
-    ]
-
-
-def file_name(name: str) -> str:
-    """A vehicle's name as a file name."""
-    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip("-.") or "vehicle"
-
 
 def write_px4(folder: Path, frame: Airframe, model_path: Path, report: TableReport) -> list[str]:
     """Write DIR/NAME.params. Raises InputError when the place cannot be written."""
-    from firmware_params import px4
+    from coaxlink.link.table_files import px4_files
 
-    lines = header(frame, model_path, report.law, "PX4 v1.14 or later")
-    path = folder / f"{file_name(frame.name)}.params"
-    try:
-        px4.write_params_file(path, report.params, header=[*lines, "Vehicle-Id Component-Id Name Value Type"])
-    except OSError as error:
-        raise InputError(path, "", f"cannot be written ({error.strerror})") from error
-    return [str(path)]
+    return _write(folder, px4_files(frame, report, _made_from(model_path)))
+
+
+def _made_from(model_path: Path) -> str:
+    from coaxlink import files
+
+    return f"{model_path.name} sha256 {files.sha256(model_path)}"
+
+
+def _write(folder: Path, contents: Mapping[str, str]) -> list[str]:
+    from coaxlink import files
+
+    for name, text in contents.items():
+        files.write_atomic(folder / name, text)
+    return [str(folder / name) for name in contents]
 
 
 def write_csv(folder: Path, report: TableReport) -> str:
@@ -68,21 +51,9 @@ def write_csv(folder: Path, report: TableReport) -> str:
 
 def write_ap(folder: Path, frame: Airframe, model_path: Path, report: ApReport) -> list[str]:
     """Write DIR/NAME.param and DIR/scripts/*.lua. Raises InputError when the place cannot be written."""
-    from coaxlink import files
-    from firmware_params import ardupilot
+    from coaxlink.link.table_files import ap_files
 
-    path = folder / f"{file_name(frame.name)}.param"
-    written = []
-    for name, text in report.scripts.items():
-        files.write_atomic(folder / "scripts" / name, text)
-        written.append(str(folder / "scripts" / name))
-    try:
-        ardupilot.write_param_file(
-            path, report.params, header(frame, model_path, report.law, "ArduCopter 4.3 or later")
-        )
-    except OSError as error:
-        raise InputError(path, "", f"cannot be written ({error.strerror})") from error
-    return [str(path), *written]
+    return _write(folder, ap_files(frame, report, _made_from(model_path)))
 
 
 def px4_json(frame: Airframe, report: TableReport, written: list[str]) -> dict[str, Any]:
@@ -155,12 +126,13 @@ def finding_json(finding: Finding) -> dict[str, str]:
     }
 
 
-def show_px4(frame: Airframe, report: TableReport) -> None:
+def show_px4(frame: Airframe, report: TableReport, gains: str) -> None:
     """The mix PX4 will make, in words and columns."""
     from rich.table import Table
 
     out = console()
     out.print(f"{frame.name}: {report.law} law as PX4 parameters, THR_MDL_FAC {report.table.thr_mdl_fac:g}")
+    out.print(gains, soft_wrap=True)
     rows = Table("rotor", "CT N", "KM m", "roll", "pitch", "yaw", "thrust", "hover u", box=None)
     for n, (rotor, entry) in enumerate(zip(frame.rotors, report.table.rotors, strict=True)):
         roll, pitch, yaw, _, _, thrust = report.mix.mix[n]
@@ -184,7 +156,7 @@ def show_px4(frame: Airframe, report: TableReport) -> None:
     show_findings(report.findings, "traps: none (every axis survives PX4's zeroing)")
 
 
-def show_ap(frame: Airframe, report: ApReport) -> None:
+def show_ap(frame: Airframe, report: ApReport, gains: str) -> None:
     """The factors ArduPilot will use, in words and columns."""
     from rich.table import Table
 
@@ -193,6 +165,7 @@ def show_ap(frame: Airframe, report: ApReport) -> None:
         f"{frame.name}: {report.law} law for FRAME_CLASS {report.table.frame_class}, "
         f"MOT_THST_EXPO {p.thst_expo:g}, MOT_SPIN_MIN {p.spin_min:g}"
     )
+    out.print(gains, soft_wrap=True)
     rows = Table("motor", "roll", "pitch", "yaw", "throttle", "hover u", box=None)
     for n, rotor in enumerate(frame.rotors):
         numbers = [f"{x:+.4f}" for x in report.mix.factors[n]]

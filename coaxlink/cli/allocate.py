@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,8 +12,8 @@ from coaxlink.cli._effects import (
     DensityOption,
     HeightOption,
     VoltageOption,
-    load_seen,
     say_effects,
+    vehicle_of,
 )
 from coaxlink.cli._shell import JsonOption, console
 from coaxlink.errors import InputError
@@ -38,11 +38,11 @@ def allocate(
     from coaxlink.airframe import AXES
 
     demand = parse_wrench(wrench)
-    conditions = {"voltage": voltage, "height": height, "climb": climb, "density": density}
-    true, _ = load_seen(airframe, rotor, **conditions)
-    believed = load_seen(airframe, law_rotor, **conditions)[0] if law_rotor else true
-    frame, model = true.airframe, true.model
-    result = mixer.allocate(mixer.make_law(law, believed.airframe, believed.model), frame, model, demand)
+    conditions: dict[str, Any] = {"voltage": voltage, "height": height, "climb": climb, "density": density}
+    true, _ = vehicle_of(airframe, rotor, **conditions)
+    believed = vehicle_of(airframe, law_rotor, **conditions)[0] if law_rotor else true
+    frame = true.airframe
+    result = mixer.allocate(mixer.make_law(law, believed), true, demand)
     if json_file:
         files.write_json(json_file, result.to_json() | believed.to_json())
     say_effects(believed)

@@ -35,9 +35,9 @@ def bridge(
     """
     from coaxlink import files
     from coaxlink.airframe import load_airframe
-    from coaxlink.cli._tables import file_name
     from coaxlink.errors import InputError
     from coaxlink.link.live_bridge import SCRIPT_NAME, bridge_script
+    from coaxlink.link.table_files import file_name
     from firmware_params import ardupilot
     from firmware_params.ardupilot import scripts as ardupilot_scripts
 
@@ -45,15 +45,13 @@ def bridge(
     script = out / "scripts" / SCRIPT_NAME
     params = {"SCR_ENABLE": 1.0}
     if on_board:
-        from coaxlink.cli._effects import refuse_no_lift, rotor_path
+        from coaxlink.cli._effects import say_effects, vehicle_of
         from coaxlink.link.live_onboard import INSTRUCTIONS, onboard_script
-        from coaxlink.rotor.model import load_rotor_model
 
-        source = rotor_path(frame.rotor_model, rotor, airframe)
-        model = load_rotor_model(source)
-        refuse_no_lift(model, source)
+        vehicle, _ = vehicle_of(airframe, rotor)
+        say_effects(vehicle)
         number = frame_class if frame_class is not None else 5 if len(frame.rotors) == 6 else 4
-        text = onboard_script(frame, model, frame_class=number, hold_ms=hold_ms)
+        text = onboard_script(vehicle, frame_class=number, hold_ms=hold_ms)
         params["SCR_VM_I_COUNT"] = float(INSTRUCTIONS)
     else:
         text = bridge_script(len(frame.rotors), hold_ms=hold_ms)

@@ -12,9 +12,10 @@ from coaxlink.cli._effects import (
     DensityOption,
     HeightOption,
     VoltageOption,
-    load_seen,
     say_effects,
+    vehicle_of,
 )
+from coaxlink.cli._next import after_compare
 from coaxlink.cli._shell import JsonOption, console, say
 
 
@@ -26,34 +27,50 @@ def compare(
     ] = False,
     rows: Annotated[int, typer.Option(min=10, help="Wrenches in the envelope.")] = 400,
     out: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the comparison here.")] = None,
+    light: Annotated[
+        float | None, typer.Option(metavar="KG", help="Without payload; else 3/4 of the mass.")
+    ] = None,
+    heavy: Annotated[
+        float | None, typer.Option(metavar="KG", help="Fully loaded; else 5/4 of the mass.")
+    ] = None,
+    battery_wh: Annotated[
+        float | None, typer.Option(metavar="WH", min=0.0, help="Energy to fly on, if not the airframe's own.")
+    ] = None,
+    drive_efficiency: Annotated[
+        float, typer.Option(min=0.05, max=1.0, help="Shaft over electrical power, for the minutes.")
+    ] = 0.8,
     voltage: VoltageOption = None,
     height: HeightOption = None,
     climb: ClimbOption = None,
     density: DensityOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Weigh all laws over an envelope of wrenches: error per axis, power, authority, efficiency."""
+    """Say what a table is worth to a pilot, and weigh all laws over an envelope of wrenches."""
     from rich.table import Table
 
     from coaxlink import files
+    from coaxlink.cli import _worth
+    from coaxlink.constants import GRAVITY_M_S2
     from coaxlink.mixer import make_law
     from coaxlink.mixer.comparison import compare as weigh
-    from coaxlink.mixer.fitted import GRAVITY, FittedLaw, envelope
+    from coaxlink.mixer.fitted import FittedLaw, envelope
     from coaxlink.rotor.model import load_rotor_model
+    from coaxlink.vehicle import Vehicle
 
-    seen, _ = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
-    say_effects(seen)
-    frame, model = seen.airframe, seen.model
+    vehicle, _ = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
+    say_effects(vehicle)
+    frame, model = vehicle.airframe, vehicle.model
+    load = _worth.load_shares(frame, light, heavy)
     fitted = FittedLaw(frame, model)
     names = ("standard", "reduced", "coaxial-printed", "coaxial", "exact")
-    laws = [(name, make_law(name, frame, model)) for name in names]
+    laws = [(name, make_law(name, vehicle)) for name in names]
     laws.insert(2, ("fitted", fitted))
     if printed:
         for name, file in (("reduced", "rotor_rcrm_paper.toml"), ("standard", "rotor_srm_paper.toml")):
             belief = load_rotor_model(files.example(file))
-            laws.insert(0, (f"{name} (paper's numbers)", make_law(name, frame, belief)))
+            laws.insert(0, (f"{name} (paper's numbers)", make_law(name, Vehicle(frame, belief))))
     wrenches = envelope(frame, rows, seed=2)
-    result = weigh(frame, model, laws, wrenches)
+    result = weigh(vehicle, laws, wrenches)
     low, high = wrenches.min(axis=0), wrenches.max(axis=0)
     table = Table(
         "law",
@@ -77,20 +94,29 @@ def compare(
         )
         table.add_row(row.label, *errors, *rest)
     screen = console()
+    worths = _worth.weigh_tables(vehicle, load)
+    battery_wh = frame.battery_Wh if battery_wh is None else battery_wh
+    _worth.show(screen, frame, worths, battery_wh, drive_efficiency)
     screen.print(
-        f"{frame.name}: mean |error| over {rows} wrenches, {low[0]:.0f}..{high[0]:.0f} N, "
+        f"\n{frame.name}, before any integrator: mean |error| over {rows} wrenches, "
+        f"{low[0]:.0f}..{high[0]:.0f} N, "
         f"roll and pitch to {high[1]:.1f} N m, yaw to {high[3]:.1f} N m"
     )
     screen.print(table)
     if out:
         from coaxlink.report.mixers import draw_comparison
 
-        draw_comparison(out, frame.name, frame.mass_kg * GRAVITY, result, fitted.table)
+        draw_comparison(out, frame.name, frame.mass_kg * GRAVITY_M_S2, result, fitted.table)
         say(f"wrote {out}")
     if json_file:
         envelope_json = {"rows": rows, "low": low.tolist(), "high": high.tolist()}
         laws_json = [row.to_json() for row in result]
-        files.write_json(json_file, {"envelope": envelope_json, "laws": laws_json} | seen.to_json())
+        from coaxlink.report.worth import to_json
+
+        worth_json = to_json(worths, battery_wh, drive_efficiency)
+        document = {"envelope": envelope_json, "laws": laws_json, "worth": worth_json}
+        files.write_json(json_file, document | vehicle.to_json())
+    say(after_compare(airframe))
 
 
 def register(app: typer.Typer) -> None:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from coaxlink.link.trajectory import Plan
     from coaxlink.report.demo import DemoResult
 
-LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog")
+LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog", "hidden.tlog")
 MADE = ("rotor.toml", "rotor_refined.toml", "tables", "backups", "report.html", "residual.png", *LOGS)
-STEPS = 7  # of the progress bar, beside the flights' own seconds
+STEPS = 8  # of the progress bar, beside the flights' own seconds
 
 
 def demo(
@@ -36,12 +36,12 @@ def demo(
     speed: Annotated[float, typer.Option(min=0.1, max=50, help="Simulator speed, times real time.")] = 8.0,
     json_file: JsonOption = None,
 ) -> None:
-    """Identify, make tables, upload, fly, find what the model lacks, add it: all on the simulator."""
+    """Identify, make tables, upload, fly them side by side; then find what a world hides: all simulated."""
     from coaxlink import files
 
     files.refuse_unwritable(json_file)
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
-    from coaxlink.report.demo import write_report
+    from coaxlink.report.demo_page import write_report
 
     with terminated_as_interrupted(), whole_or_before(out, MADE):
         result = run_demo(chosen, out, speed)
@@ -53,50 +53,67 @@ def demo(
 
 
 def run_demo(seed: int, out: Path, speed: float) -> DemoResult:
-    """Every step with a progress display on stderr. Raises what the steps raise."""
+    """Every step with a progress display on stderr. Raises what the steps raise.
+
+    The mixers fly where nothing is hidden, each from a full battery and under the same noise; then the fitted
+    table flies once more where something is, and what is found there comes from that flight alone.
+    """
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.cli import _demo as steps
     from coaxlink.data import read_flight_log, read_stand_log
     from coaxlink.link import tables
-    from coaxlink.link.trajectory import paper_flight
+    from coaxlink.link.trajectory import mixer_flight, paper_flight
+    from coaxlink.link.worth import px4_worths
     from coaxlink.report.demo import DemoResult
     from coaxlink.residual import refine
     from coaxlink.rotor import identify, save_rotor_model
+    from coaxlink.vehicle import Vehicle
 
     airframe_file = files.example("x8_demo.toml")
-    airframe, plan = load_airframe(airframe_file), paper_flight()
-    world = ["--airframe", str(airframe_file), "--hidden-seed", str(seed), "--seed", str(seed)]
-    with _progress(plan) as (step, watch):
+    airframe, plan, longer = load_airframe(airframe_file), mixer_flight(), paper_flight()
+    world = ["--airframe", str(airframe_file), "--seed", str(seed)]
+    hiding = [*world, "--hidden-seed", str(seed)]
+    upload = upload_into(out)
+    with _progress() as (step, watch):
         step("identifying the rotor pair from 121 stand points")
         identification = identify(read_stand_log(files.example("stand_eq17.csv")), "crm")
         model = identification.model
         save_rotor_model(out / "rotor.toml", model)
 
         step("writing the standard, the reduced and the fitted table")
-        reports = {law: tables.report_px4(airframe, model, law) for law in steps.TABLES}
+        vehicle = Vehicle(airframe, model)
+        reports = {law: tables.report_px4(vehicle, law) for law in steps.TABLES}
         folders = {
             law: write_table(out, airframe, law, report, out / "rotor.toml")
             for law, report in reports.items()
         }
 
-        step("uploading and flying each table")
-        flown, uploads = steps.fly_tables(world, speed, folders, upload_into(out), plan, out, watch)
-        step("flying with the companion mixing live")
+        worths = px4_worths(vehicle)
+        step("uploading and flying each table", plan)
+        flown, uploads = steps.fly_fresh(world, speed, folders, upload, plan, out, watch)
+        step("flying with the companion mixing live", plan)
         live, demands, account = steps.fly_live(world, speed, airframe, model, plan, out, watch)
+
+        step("flying the fitted table where something is hidden", longer)
+        into = {steps.HIDDEN: folders[steps.FITTED]}
+        flights, done = steps.fly_fresh(hiding, speed, into, upload, longer, out, watch)
+        hidden, uploads = flights[steps.HIDDEN], uploads | done
 
         step("holding the flights against what was meant")
         errors = {
-            law: steps.errors_of_table(flown[law], airframe, model, reports[law].params) for law in flown
+            law: steps.errors_of_table(flight, airframe, model, reports[law].params, whole=True)
+            for law, flight in flown.items()
         }
-        errors[steps.LIVE] = steps.errors_of_live(live, airframe, model, demands)
-        step("tracing the residual of all flights")
-        logs = [read_flight_log(flight.log) for flight in (*flown.values(), live)]
-        refinement = refine(logs, airframe, model)
+        errors[steps.LIVE] = steps.errors_of_live(live, airframe, model, demands, whole=True)
+        params = reports[steps.FITTED].params
+        off = steps.errors_of_table(hidden, airframe, model, params, whole=True)
+        step("tracing the residual to what is hidden")
+        refinement = refine(read_flight_log(hidden.log), airframe, model)
         if refinement.model is not None:
             save_rotor_model(out / "rotor_refined.toml", refinement.model)
         step("done")
-    return DemoResult(seed, identification, uploads, errors, account, refinement)
+    return DemoResult(seed, identification, uploads, errors, off, account, refinement, worths)
 
 
 def write_table(out: Path, airframe: Airframe, name: str, report: TableReport, rotor_file: Path) -> Path:
@@ -131,20 +148,20 @@ def upload_into(out: Path) -> Callable[[str, Path], dict[str, Any]]:
 
 
 @contextmanager
-def _progress(plan: Plan) -> Iterator[tuple[Any, Watch]]:
+def _progress() -> Iterator[tuple[Any, Watch]]:
     """A bar of the steps and a bar of the flight under way; plain lines where stderr is no terminal."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     screen = talk()
     with Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=screen
+        TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), console=screen
     ) as progress:
         whole = progress.add_task("coaxlink demo", total=STEPS)
-        flight = progress.add_task("", total=plan.duration_s, visible=False)
+        flight = progress.add_task("", visible=False)
 
-        def step(text: str) -> None:
+        def step(text: str, plan: Plan | None = None) -> None:
             progress.update(whole, description=text, advance=1)
-            progress.update(flight, visible=False)
+            progress.update(flight, visible=False, total=plan.duration_s if plan else None)
             if not screen.is_terminal:
                 say(text)
 

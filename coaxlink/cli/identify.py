@@ -9,7 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.cli._next import after_identify
+from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli._stand import (
+    ColumnsOption,
+    DiameterOption,
+    PolesOption,
+    Reading,
+    SheetOption,
+    TrustOption,
+    UpperOption,
+    doubts,
+    read_stand,
+)
 
 if TYPE_CHECKING:
     from coaxlink.data import Samples
@@ -35,12 +47,15 @@ def identify(
     ],
     form: Annotated[
         Form, typer.Option(help="Rotor model; auto keeps what held-out data supports.")
-    ] = Form.CRM,
+    ] = Form.AUTO,
     out: Annotated[Path | None, typer.Option(metavar="ROTOR.toml", help="Write the rotor model.")] = None,
     json: JsonOption = None,
-    columns: Annotated[
-        Path | None, typer.Option(metavar="MAP.toml", help="Columns of a foreign log, by our names.")
-    ] = None,
+    columns: ColumnsOption = None,
+    upper: UpperOption = None,
+    poles: PolesOption = None,
+    diameter: DiameterOption = None,
+    sheet: SheetOption = None,
+    trust_units: TrustOption = False,
     speed_max_rpm: Annotated[
         float | None, typer.Option(metavar="RPM", help="The speed that u = 1 means (default: from the log).")
     ] = None,
@@ -66,6 +81,10 @@ def identify(
     learning: Annotated[
         bool, typer.Option("--learning-curve", help="Error over how much of the log was fitted.")
     ] = False,
+    next_runs: Annotated[
+        Path | None,
+        typer.Option("--next", metavar="SCHEDULE.toml", help="Write the run that would halve the error."),
+    ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Write pictures (PNG).")] = None,
     report: Annotated[Path | None, typer.Option(metavar="R.html", help="Write one page of it all.")] = None,
 ) -> None:
@@ -79,19 +98,28 @@ def identify(
     from coaxlink.rotor.model import save_rotor_model
 
     thrust_N, torque_Nm = _tolerances(tolerance)
+    if tolerance is not None and form is Form.AUTO:
+        form = Form.CRM  # the one form that eq. 4 is about
     options = Options(
         max_order, standardised=not raw, tolerance_N=thrust_N, tolerance_Nm=torque_Nm, physical=physical
     )
+    how = Reading(columns, upper, poles, diameter, sheet, trust_units)
     try:
-        results = [
-            run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options)
-            for samples in _read(logs, columns, join)
-        ]
+        read = _read(logs, how, join)
+        for samples in read:
+            for doubt in doubts(samples, upper):
+                say(f"- {doubt}")
+        results = [run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options) for samples in read]
     except InfeasibleTolerance as error:
         raise InputError("--tolerance", "", str(error)) from error
     screen = console()
-    for result in results:
+    checked = [_checks(result, diameter) for result in results]
+    for result, checks in zip(results, checked, strict=True):
         say(f"{result.bench.samples.source}: {result.bench.samples.rows} rows")
+        for line in checks["odd"]:
+            say(f"! {line}")
+        for line in checks["data"]:
+            say(f"- {line}")
         for table in tables(result):
             screen.print(table)
         for remark in remarks(result):
@@ -104,15 +132,55 @@ def identify(
         for result, path in zip(results, _places(out, len(results)), strict=True):
             save_rotor_model(path, result.model)
             say(f"wrote {path}")
+    runs = _plan(results, next_runs) if next_runs else []
     curves = _learn(results, options) if learning else []
     if json:
         models = [{"file": r.bench.samples.source, **r.as_json()} for r in results]
         for model, curve in zip(models, curves, strict=False):
             model["learning_curve"] = curve
+        for model, checks, plan in zip(models, checked, runs or [{}] * len(models), strict=True):
+            model |= {"oddities": checks["odd"], "coverage": checks["coverage"]}
+            model |= {"next": plan} if plan else {}
         document = models[0] if len(models) == 1 else {**models[0], "models": models}
         files.write_json(json, {**document, "spacing": over.as_json()} if over else document)
     if plot or report:
         _draw(results, plot, report)
+    say(after_identify(out, results[0].form))
+
+
+def _checks(result: Identification, diameter_m: float | None) -> dict[str, Any]:
+    """What is odd in the log, what it covers, and which propellers its units mean."""
+    from coaxlink.data.sound import sizes
+    from coaxlink.rotor.coverage import coverage
+    from coaxlink.rotor.plausible import oddities
+
+    covered = coverage(result)
+    meant = sizes(result.bench.samples, diameter_m)
+    return {
+        "odd": list(oddities(result.bench, result.form)),
+        "data": [*([meant] if meant else []), *covered.lines()],
+        "coverage": covered.as_json(),
+    }
+
+
+def _plan(results: list[Identification], path: Path) -> list[dict[str, Any]]:
+    """Write each log's next run; the same as plain numbers."""
+    import tomli_w
+
+    from coaxlink import files
+    from coaxlink.rotor.next_runs import next_runs
+
+    found = []
+    for result, place in zip(results, _places(path, len(results)), strict=True):
+        runs = next_runs(result)
+        head = "".join(f"# {line}\n" for line in runs.lines())
+        files.write_atomic(place, head + tomli_w.dumps(runs.document()))
+        for line in runs.lines():
+            say(f"{place}: {line}")
+        found.append(
+            {"before": runs.before, "after": runs.after, "seconds": runs.seconds, "share": runs.share}
+        )
+    return found
 
 
 def _draw(results: list[Identification], plot: Path | None, report: Path | None) -> None:
@@ -151,14 +219,13 @@ def _tolerances(text: str | None) -> tuple[float | None, float | None]:
     return thrust_N, torque_Nm
 
 
-def _read(logs: list[Path], columns: Path | None, joined: bool) -> list[Samples]:
+def _read(logs: list[Path], how: Reading, joined: bool) -> list[Samples]:
     from coaxlink import files
-    from coaxlink.data import read_stand_log
     from coaxlink.data.join import join
 
-    read = [
-        read_stand_log(files.example("stand_eq17.csv") if str(p) == "example" else p, columns) for p in logs
-    ]
+    paths = [files.example("stand_eq17.csv") if str(p) == "example" else p for p in logs]
+    with talk().status("reading") as status:
+        read = read_stand(paths, how, status.update, one_rotor=joined)
     return [join(read)] if joined else read
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, console
+from coaxlink.cli._shell import JsonOption, console, say
 
 if TYPE_CHECKING:
     from coaxlink.monitor.watch import Watch
@@ -58,10 +58,14 @@ def _watch(connect: str, airframe_path: Path | None, rotor_path: Path | None) ->
     from coaxlink.airframe import load_airframe
     from coaxlink.monitor.watch import Watch
     from coaxlink.rotor import load_rotor_model
+    from coaxlink.vehicle import Vehicle
 
     airframe = load_airframe(airframe_path or files.example("x8_paper.toml"))
     model = load_rotor_model(rotor_path or airframe.rotor_model or files.example("rotor_paper.toml"))
-    return Watch(connect, airframe, model)
+    vehicle = Vehicle(airframe, model)
+    for name, why in vehicle.left_out.items():
+        say(f"not in the rotors shown: {name}: {why}")
+    return Watch(connect, vehicle.airframe, vehicle.model)
 
 
 def _screen(watch: Watch) -> None:
@@ -81,18 +85,25 @@ def _screen(watch: Watch) -> None:
 def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:
     from coaxlink import files
     from coaxlink.link import connect
-    from coaxlink.monitor.feed import COMPONENT, TableReader, begin, request_missing_streams
+    from coaxlink.monitor.feed import COMPONENT, begin
     from coaxlink.monitor.format import summary
+    from coaxlink.monitor.streams import Streams
+    from coaxlink.monitor.table_reader import TableReader
     from coaxlink.monitor.watch import to_json
 
     end = time.monotonic() + seconds
-    with connect(watch.address, timeout_s=max(seconds, 3.0), source_component=COMPONENT) as session:
+    patience_s = max(seconds, 3.0)
+    with connect(
+        watch.address, timeout_s=patience_s, source_component=COMPONENT, listen_only=True
+    ) as session:
         begin(watch, session)
         session.wait((), min(1.2, seconds / 2))
-        request_missing_streams(watch, session)
+        Streams(watch, session).request_missing()
         TableReader(watch, session).refresh()
-        session.wait((), max(end - time.monotonic(), 0.3))
         view = watch.look(time.monotonic())
+        while (left := end - time.monotonic()) > 0.0:
+            session.wait((), min(left, 0.2))
+            view = watch.look(time.monotonic())  # a steady hover is told from several looks
     if json is not None:
         files.write_json(json, to_json(view))
     console().print(summary(view))

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coaxlink.cli._next import after_refine
 from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli._stand import ColumnsOption, PolesOption, Reading, SheetOption, UpperOption, read_stand
 
 if TYPE_CHECKING:
     from coaxlink.residual import Refinement
@@ -37,15 +39,16 @@ def refine(
         Path | None,
         typer.Option(metavar="PLAN.toml", help="Write the run that would tell ambiguous effects apart."),
     ] = None,
-    columns: Annotated[
-        Path | None, typer.Option(metavar="MAP.toml", help="Columns of a foreign stand log, by our names.")
-    ] = None,
+    columns: ColumnsOption = None,
+    upper: UpperOption = None,
+    poles: PolesOption = None,
+    sheet: SheetOption = None,
     json: JsonOption = None,
 ) -> None:
     """Find what the model lacks in measured data, name it, and report the error before and after."""
     from coaxlink import files
     from coaxlink.airframe import load_airframe
-    from coaxlink.data import is_flight_log, read_flight_log, read_stand_log
+    from coaxlink.data import is_flight_log, read_flight_log
     from coaxlink.errors import InputError
     from coaxlink.report.refine import remarks, tables, verdict
     from coaxlink.residual import refine as run
@@ -60,6 +63,9 @@ def refine(
             logs[kinds.index(False)], "", "a stand log among flight logs: refine one kind at a time"
         )
     flight = all(kinds)
+    if airframe is not None and not flight:
+        wanted = f"coaxlink refine {logs[0].name} without --airframe, or coaxlink identify, takes it"
+        raise InputError(logs[0], "", f"a stand log, and --airframe is of a flight: {wanted}")
     body = load_airframe(airframe or files.example("x8_paper.toml")) if flight else None
     model_file = rotor or (body.rotor_model if body else None)
     if body is not None and model_file is None:
@@ -67,9 +73,12 @@ def refine(
     model = load_rotor_model(model_file) if model_file else None
     with talk().status("reading") as status:
         samples = []
-        for path in logs:
+        if not flight:
+            how = Reading(columns, upper, poles, sheet=sheet, trust_units=True)  # refine says what is suspect
+            samples = read_stand(logs, how, status.update)
+        for path in logs if flight else ():
             status.update(f"reading {path.name}")
-            samples.append(read_flight_log(path) if flight else read_stand_log(path, columns))
+            samples.append(read_flight_log(path))
         if body is not None and model is not None:
             result = run(samples, body, model, progress=status.update)
         else:
@@ -94,6 +103,7 @@ def refine(
         screen.print(table)
     for remark in remarks(result):
         say(remark)
+    say(after_refine(result, out, flight))
 
 
 def _write_plan(path: Path, result: Refinement) -> None:

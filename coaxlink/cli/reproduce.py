@@ -85,6 +85,7 @@ def _fly() -> dict[str, Flown]:
     from coaxlink.link.trajectory import table_4_flight
     from coaxlink.paper.tables import Flown
     from coaxlink.rotor import load_rotor_model
+    from coaxlink.vehicle import Vehicle
 
     airframe_file = files.example("x8_demo.toml")
     airframe, plan, world = load_airframe(airframe_file), table_4_flight(), ["--airframe", str(airframe_file)]
@@ -98,7 +99,7 @@ def _fly() -> dict[str, Flown]:
         reports, folders = {}, {}
         for title, (law, rotor) in asked.items():
             file = files.example(f"rotor_{rotor}.toml")
-            reports[title] = tables.report_px4(airframe, load_rotor_model(file), law)
+            reports[title] = tables.report_px4(Vehicle(airframe, load_rotor_model(file)), law)
             folders[title] = write_table(out, airframe, title, reports[title], file)
         say(f"flying {', '.join(asked)} as PX4 tables")
         flown, _ = steps.fly_tables(world, SPEED, folders, upload_into(out), plan, out, lambda *_: None)

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, say
+from coaxlink.cli._line import introduced
+from coaxlink.cli._shell import JsonOption
 from coaxlink.cli.upload import (
     BackupOption,
     ConnectOption,
@@ -31,8 +32,14 @@ def restore(
     system: SystemOption = None,
     signing_key: SigningOption = None,
     backup_dir: BackupOption = Path("backups"),
+    whole: Annotated[
+        bool, typer.Option("--all", help="All parameters, not just what the upload wrote.")
+    ] = False,
 ) -> None:
-    """Put a backup back: all parameters that differ, read back and compared; roll back on any failure."""
+    """Undo an upload: what it wrote goes back to what the backup holds, read back and compared.
+
+    With --all every other parameter as well, but for those that the board itself counts, measures or learns.
+    """
     from coaxlink import files
     from coaxlink.link import connect as open_session
     from coaxlink.link.backup import read_backup
@@ -40,11 +47,13 @@ def restore(
 
     files.refuse_unwritable(json_file)
     saved = read_backup(backup)
-    with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
-        say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
+    with (
+        open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as line,
+        introduced(line) as session,
+    ):
         talk = conversation(yes or dry_run)
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
-        outcome = worker.restore(saved, dry_run=dry_run)
+        outcome = worker.restore(saved, dry_run=dry_run, whole=whole)
     finish(outcome, json_file)
 
 

@@ -6,12 +6,14 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from coaxlink import files
+from coaxlink.cli._next import on_simulator
 from coaxlink.cli._shell import say
 from coaxlink.errors import InputError, LinkError
 
@@ -41,6 +43,12 @@ def sim(
     memory: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Parameters and files that survive kill -9.")
     ] = None,
+    uid: Annotated[
+        str, typer.Option(metavar="HEX", help="The board's id, 0: none; the next vehicle's is one more.")
+    ] = "",
+    esc: Annotated[
+        str, typer.Option(help="What ESCs tell: measured, sitl (as the real simulations) or none.")
+    ] = "measured",
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
     flight: Annotated[
         str, typer.Option("--fly", help="Fly without a client: paper, vigorous, or a PLAN.toml.")
@@ -92,12 +100,15 @@ def sim(
             signing_key,
             lockstep,
             memory,
+            uid,
+            esc,
         )
         if flight:
             _alone(build(world, []).autopilot, flight, log, truth_log)
             return
         if bridge:
-            _bridge(build_bridge(world, bridge, (listen or [""])[0], speed), bridge)
+            tell = partial(_tell, bridge)
+            _bridge(build_bridge(world, bridge, (listen or [""])[0], speed, tell), bridge)
             return
         standins = build_many(world, vehicles, listen or [], speed)
         ports = [port for standin in standins for port in standin.ports]
@@ -162,6 +173,10 @@ def _record(standin: Any, log: Path | None, tlog: Path | None) -> None:
         standin.ports.append(TlogPort(standin.autopilot, tlog))
 
 
+def _tell(to: str, text: str) -> None:
+    say(f"bridge {to}: {text}")
+
+
 def _bridge(bridge: Any, to: str) -> None:
     try:
         _fly(bridge.run, f"bridge {to}", [bridge])
@@ -181,6 +196,8 @@ def _fly(run: Callable[[Callable[[], bool]], None], firmware: str, ports: Any) -
     try:
         sys.stdout.write(f"ready {firmware} {' '.join(port.name for port in ports)}\n")
         sys.stdout.flush()
+        if not firmware.startswith("bridge"):
+            say(on_simulator(firmware, ", ".join(port.name for port in ports)))
         run(lambda: stopping)
     finally:
         for number, handler in before.items():

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,33 +17,46 @@ from coaxlink.cli._effects import (
     DensityOption,
     HeightOption,
     VoltageOption,
-    load_seen,
     say_effects,
+    vehicle_of,
 )
+from coaxlink.cli._rate_loops import forget_vehicle, keep_vehicle
 from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.cli._tables import write_px4
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
-    from coaxlink.mixer import Seen
+    from coaxlink.link.explain import Explanation
+    from coaxlink.link.gains import KeptGains
+    from coaxlink.vehicle import Vehicle
+    from firmware_params.errors import Finding
 
 
 def table(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
     firmware: Annotated[str, typer.Option(help="px4 or ardupilot.")],
-    law: Annotated[str, typer.Option(help="fitted, reduced or standard.")] = "fitted",
+    law: Annotated[
+        str, typer.Option(help="fitted, reduced, standard or curved (docs/mixers.md).")
+    ] = "fitted",
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write the files here.")] = None,
     explain: Annotated[
         bool, typer.Option("--explain", help="Also what was asked, what is done, gains and authority.")
     ] = False,
     connect: Annotated[
-        str, typer.Option(metavar="URL", help="With --explain: hold it against the table on this board.")
+        str, typer.Option(metavar="URL", help="Hold it against the table on this board.")
     ] = "",
     frame_class: Annotated[int, typer.Option(help="ArduPilot: 15 scripting, 17 dynamic matrix.")] = 15,
     spin_min: Annotated[float, typer.Option(help="ArduPilot: MOT_SPIN_MIN.")] = 0.05,
     csv: Annotated[
         bool, typer.Option("--csv", help="PX4: also mixer.csv, for the research fork that reads one.")
+    ] = False,
+    keep_gains: Annotated[
+        bool,
+        typer.Option(
+            "--keep-gains",
+            help="With --connect: also write the rate gains that keep the loops as they are on board.",
+        ),
     ] = False,
     voltage: VoltageOption = None,
     height: HeightOption = None,
@@ -53,14 +67,43 @@ def table(
     """Write a mixer table and say what mix the firmware will make of it."""
     if firmware not in ("px4", "ardupilot"):
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
+    if keep_gains and not connect:
+        raise InputError("--keep-gains", "", "--connect URL is expected: the gains to keep are on the board")
     files.refuse_unwritable(json_file)
-    seen, path = load_seen(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
-    say_effects(seen)
+    vehicle, path = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
+    say_effects(vehicle)
+    wish = _Wish(law, out, explain, connect, csv, frame_class, spin_min, keep_gains, json_file)
     with _naming(path):
-        if firmware == "px4":
-            _px4(seen, path, law, out, json_file, explain, connect, csv)
-        else:
-            _ardupilot(seen, path, law, out, json_file, explain, connect, frame_class, spin_min)
+        (_px4 if firmware == "px4" else _ardupilot)(vehicle, path, wish)
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """The options, as they go to either firmware."""
+
+    law: str
+    out: Path | None
+    explain: bool
+    connect: str
+    csv: bool
+    frame_class: int
+    spin_min: float
+    keep_gains: bool
+    json_file: Path | None
+
+    def gains(
+        self, firmware: str, explained: Explanation, board: Mapping[str, float | int] | None
+    ) -> KeptGains:
+        """What becomes of the rate loops, and what is written about it."""
+        from coaxlink.link.gains import kept_gains
+
+        against = _explain.under(explained.reference_name)
+        gains = kept_gains(
+            firmware, explained.flown, explained.reference, board or {}, against, write=self.keep_gains
+        )
+        if gains.problem:
+            say(f"not all rate gains are written: {gains.problem}")
+        return gains
 
 
 @contextlib.contextmanager
@@ -76,68 +119,72 @@ def _naming(model_path: Path) -> Iterator[None]:
         raise InputError(model_path, error.where, error.problem) from error
 
 
-def _px4(
-    seen: Seen,
-    model_path: Path,
-    law: str,
-    out: Path | None,
-    json_file: Path | None,
-    explain: bool,
-    connect: str,
-    csv: bool,
-) -> None:
+def _px4(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
     from coaxlink.link import tables
     from coaxlink.link.explain import explain_px4, present_px4
 
-    frame, model = seen.airframe, seen.model
-    report = tables.report_px4(frame, model, law)
-    written = write_px4(out, frame, model_path, report) if out and not report.blocking else []
-    if csv and out and not report.blocking:
-        written.append(_tables.write_csv(out, report))
-    document = _tables.px4_json(frame, report, written) | seen.to_json()
-    _tables.show_px4(frame, report)
-    if explain:
-        board = present_px4(connect) if connect else None
-        explained = explain_px4(frame, model, report, board)
-        document["explain"] = explained.to_json()
-        _explain.show(console(), frame, explained, "PX4", _tables.PX4_GAINS)
-    if json_file:
-        files.write_json(json_file, document)
-    for path in written:
-        say(f"wrote {path}")
-    if report.blocking:
-        raise SafetyRefusal(str(report.blocking[0]))
+    frame = vehicle.airframe
+    report = tables.report_px4(vehicle, wish.law)
+    board = present_px4(wish.connect) if wish.connect else None
+    explained = explain_px4(vehicle, report, board)
+    gains = wish.gains("px4", explained, board)
+    report = replace(report, params={**report.params, **gains.written})
+    written = []
+    if wish.out and not report.blocking:
+        forget_vehicle(wish.out)
+        written = write_px4(wish.out, frame, model_path, report)
+        keep_vehicle(wish.out, vehicle, model_path)
+        if wish.csv:
+            written.append(_tables.write_csv(wish.out, report))
+    document = _tables.px4_json(frame, report, written) | vehicle.to_json() | gains.to_json()
+    _save(wish, document, explained)
+    _tables.show_px4(frame, report, gains.line)
+    if wish.explain:
+        _explain.show(console(), frame, explained, "PX4", gains.axes)
+    _end(wish, written, report.blocking)
 
 
-def _ardupilot(
-    seen: Seen,
-    model_path: Path,
-    law: str,
-    out: Path | None,
-    json_file: Path | None,
-    explain: bool,
-    connect: str,
-    frame_class: int,
-    spin_min: float,
-) -> None:
+def _ardupilot(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
     from coaxlink.link.ap_tables import report_ap
     from coaxlink.link.explain import explain_ap, present_ap
 
-    frame, model = seen.airframe, seen.model
-    report = report_ap(frame, model, law, frame_class=frame_class, spin_min=spin_min)
-    written = _tables.write_ap(out, frame, model_path, report) if out and not report.blocking else []
-    document = _tables.ap_json(frame, report, written) | seen.to_json()
-    _tables.show_ap(frame, report)
-    if explain:
-        explained = explain_ap(frame, model, report, present_ap(connect) if connect else None)
+    frame = vehicle.airframe
+    report = report_ap(vehicle, wish.law, frame_class=wish.frame_class, spin_min=wish.spin_min)
+    board = present_ap(wish.connect) if wish.connect else None
+    explained = explain_ap(vehicle, report, board)
+    gains = wish.gains("ardupilot", explained, board[0] if board else None)
+    report = replace(report, params={**report.params, **gains.written})
+    written = []
+    if wish.out and not report.blocking:
+        forget_vehicle(wish.out)
+        written = _tables.write_ap(wish.out, frame, model_path, report)
+        keep_vehicle(wish.out, vehicle, model_path)
+    document = _tables.ap_json(frame, report, written) | vehicle.to_json() | gains.to_json()
+    _save(wish, document, explained)
+    _tables.show_ap(frame, report, gains.line)
+    if wish.explain:
+        _explain.show(console(), frame, explained, "ArduPilot", gains.axes)
+    _end(wish, written, report.blocking)
+
+
+def _save(wish: _Wish, document: dict[str, Any], explained: Explanation) -> None:
+    """The JSON, before anything is printed: a closed pipe must not lose it."""
+    if wish.explain:
         document["explain"] = explained.to_json()
-        _explain.show(console(), frame, explained, "ArduPilot", _tables.AP_GAINS)
-    if json_file:
-        files.write_json(json_file, document)
+    if wish.json_file:
+        files.write_json(wish.json_file, document)
+
+
+def _end(wish: _Wish, written: list[str], blocking: Sequence[Finding]) -> None:
+    """What both firmwares end with: the files' names, a refusal, or what to do next."""
     for path in written:
         say(f"wrote {path}")
-    if report.blocking:
-        raise SafetyRefusal(str(report.blocking[0]))
+    if blocking:
+        raise SafetyRefusal(str(blocking[0]))
+    if wish.out:
+        say(f"next: coaxlink upload {wish.out} --connect URL --dry-run")
+    else:
+        say("next: --out DIR writes the files that coaxlink upload takes")
 
 
 def register(app: typer.Typer) -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coaxlink.cli._line import introduced
+from coaxlink.cli._next import after_upload
 from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.errors import SafetyRefusal
 
@@ -48,8 +51,9 @@ def upload(
 ) -> None:
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink import files
+    from coaxlink.cli._rate_loops import said_first
     from coaxlink.link import connect as open_session
-    from coaxlink.link.outcome import REFUSED, Outcome
+    from coaxlink.link.outcome import REFUSED, VERIFIED, Outcome
     from coaxlink.link.plan import load_plan, refuse_values
     from coaxlink.link.upload import Uploader
 
@@ -59,12 +63,16 @@ def upload(
         refuse_values(plan.firmware, plan.params, plan.files[0])
     except SafetyRefusal as error:
         finish(Outcome(REFUSED, files=tuple(map(str, plan.files)), reason=str(error), error=error), json_file)
-    with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
-        say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
-        talk = conversation(yes or dry_run)
+    with (
+        open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as line,
+        introduced(line) as session,
+    ):
+        talk = replace(conversation(yes or dry_run), present=said_first(source, plan))
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
         outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry, reboot=reboot)
     finish(outcome, json_file)
+    if outcome.result == VERIFIED:
+        say(after_upload(source, connect))
 
 
 def conversation(yes: bool) -> Talk:
@@ -102,12 +110,12 @@ def finish(outcome: Outcome, json_file: Path | None) -> None:
     if outcome.error is not None:
         raise outcome.error
     out = console()
-    count = len(outcome.changed)
+    changed = f"{len(outcome.changed)} parameters"
+    changed += f" and {len(outcome.scripts)} scripts" if outcome.scripts else ""
     if outcome.result == "dry_run":
-        out.print(f"dry run: {count} parameters would change; nothing was written")
+        out.print(f"dry run: {changed} would change; nothing was written")
     else:
-        written = f"{count} parameters" + (f" and {len(outcome.scripts)} scripts" if outcome.scripts else "")
-        detail = outcome.reason or f"{written} written and read back"
+        detail = outcome.reason or f"{changed} written and read back"
         out.print(f"verified: {detail} ({outcome.retries} repeats)")
 
 

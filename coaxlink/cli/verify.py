@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from coaxlink.cli._line import introduced
+from coaxlink.cli._next import after_verify
 from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, TimeoutOption
 from coaxlink.errors import CheckFailed
@@ -30,8 +32,10 @@ def verify(
 
     files.refuse_unwritable(json_file)
     plan = load_plan(source) if source else None
-    with open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as session:
-        say(f"{session.identity.name} at {session.address}, board {session.identity.uid or 'unknown'}")
+    with (
+        open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as line,
+        introduced(line) as session,
+    ):
         result = check(session, plan)
     if json_file:
         files.write_json(json_file, result.to_json())
@@ -46,6 +50,8 @@ def verify(
             for k in ("found", "wanted")
         )
         out.print(f"{wrong['name']}: {wanted} expected, {found} on board")
+    for row in result.learned:
+        out.print(f"{row['name']}: learned in flight: {row['wanted']:.4g} -> {row['found']:.4g}")
     if result.hash_then and result.hash != result.hash_then:
         out.print(
             f"hash {result.hash:08x}, {result.hash_then:08x} at the upload: since then some other "
@@ -56,10 +62,12 @@ def verify(
             f"the upload of {result.interrupted} did not end: upload again, or restore its backup"
         )
     if result.mismatches:
+        say(after_verify(False, connect))
         raise CheckFailed(
             f"{len(result.mismatches)} of {result.checked} parameters differ from {result.source}"
         )
     out.print(f"verified: {result.checked} values as in {result.source}")
+    say(after_verify(True, connect))
 
 
 def register(app: typer.Typer) -> None:

@@ -15,6 +15,7 @@ from coaxlink.paper.ledger import CONTRADICTED, IN_PART, NOT_CHECKED, Entry, Lin
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.lasso import tolerance_form
 from coaxlink.rotor.polynomial import design_matrix, dictionary
+from coaxlink.vehicle import Vehicle
 
 GRID = tuple(g.ravel() for g in np.meshgrid(np.linspace(0, 0.9, 11), np.linspace(0, 0.9, 11), indexing="ij"))
 BENCH_NOISE_N = 0.5  # of the noise that the standard errors are given for
@@ -62,10 +63,11 @@ def _hover(airframe: Airframe, crm: RotorModel, rcrm: RotorModel, srm: RotorMode
 
 
 def _no_yaw(airframe: Airframe, crm: RotorModel) -> Entry:
-    law = make_law("coaxial-printed", airframe, crm)
+    vehicle = Vehicle(airframe, crm)
+    law = make_law("coaxial-printed", vehicle)
     demands = np.linspace(-1.0, 1.0, 9)
-    errors = [abs(allocate(law, airframe, crm, [196.2, 0.0, 0.0, yaw]).error[3] + yaw) for yaw in demands]
-    mean = float(np.mean([abs(allocate(law, airframe, crm, [196.2, 0.0, 0.0, y]).error[3]) for y in demands]))
+    errors = [abs(allocate(law, vehicle, [196.2, 0.0, 0.0, yaw]).error[3] + yaw) for yaw in demands]
+    mean = float(np.mean([abs(allocate(law, vehicle, [196.2, 0.0, 0.0, y]).error[3]) for y in demands]))
     return Entry(
         "contradiction-2",
         "Algorithm 1 is not a full mixer: it never uses the torques it allocates",
@@ -153,7 +155,8 @@ def _swapped_text() -> Entry:
 
 def _squares(airframe: Airframe, rcrm: RotorModel) -> Entry:
     weight = printed()["geometry"]["mass_kg"] * 9.81
-    right = allocate(make_law("reduced", airframe, rcrm), airframe, rcrm, [weight, 0, 0, 0])
+    vehicle = Vehicle(airframe, rcrm)
+    right = allocate(make_law("reduced", vehicle), vehicle, [weight, 0, 0, 0])
     thrust, _ = airframe.loads(rcrm, right.speeds**2)
     return Entry(
         "contradiction-8",

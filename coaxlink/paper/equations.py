@@ -11,6 +11,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.mixer import make_law
 from coaxlink.paper.ledger import CONTRADICTED, IN_PART, REPRODUCED, Entry, Line, close, printed
 from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 ROUNDING = 1e-3  # relative; the paper prints four digits
 ARM = "contradiction 5: the arm that the printed matrices hold is not the printed arm"
@@ -143,5 +144,6 @@ def hover_error(
     from coaxlink.mixer import allocate
 
     weight = printed()["geometry"]["mass_kg"] * 9.81
-    a = allocate(make_law(law, airframe, model), airframe, crm, [weight, 0.0, 0.0, 0.0])
+    law_made = make_law(law, Vehicle(airframe, model))
+    a = allocate(law_made, Vehicle(airframe, crm), [weight, 0.0, 0.0, 0.0])
     return float(a.error[0]), a.speeds

@@ -31,6 +31,49 @@ def test_rows_say_what_each_law_is_known_for(tmp_path: Path, capsys: pytest.Capt
     assert "fitted" in capsys.readouterr().out
 
 
+def test_the_first_line_says_whether_to_bother(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "c.json"
+    arguments = ["compare", str(EXAMPLES / "x8_paper.toml"), "--rows", "20", "--battery-wh", "700"]
+    assert run(build_app(), [*arguments, "--light", "18", "--heavy", "22", "--json", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("The fitted table saves 4.9%") and "from 18 to 22 kg" in said
+    worth = json.loads(out.read_text())["worth"]
+    assert worth["summary"][0].startswith("The fitted table saves") and worth["left_out"] == {}
+    tables = {row["table"]: row for row in worth["tables"]}
+    assert list(tables) == [
+        "PX4 defaults", "standard", "curved", "reduced", "fitted", "exact, live",
+    ]  # fmt: skip
+    longer = tables["fitted"]["hover_minutes"] / tables["standard"]["hover_minutes"]
+    assert longer == pytest.approx(tables["standard"]["hover_W"] / tables["fitted"]["hover_W"])
+    assert tables["fitted"]["load_kg"] == pytest.approx([18.0, 22.0])
+
+
+def test_minutes_come_from_the_vehicle_file_and_scale_with_its_pack(tmp_path: Path) -> None:
+    lines = (EXAMPLES / "x8_paper.toml").read_text()
+    (tmp_path / "rotor_paper.toml").write_text((EXAMPLES / "rotor_paper.toml").read_text())
+    x8, out = tmp_path / "x8.toml", tmp_path / "c.json"
+
+    def minutes(*more: str) -> float:
+        arguments = ["compare", str(x8), "--rows", "10", "--json", str(out), *more]
+        assert run(build_app(), arguments) == 0
+        (fitted,) = [t for t in json.loads(out.read_text())["worth"]["tables"] if t["table"] == "fitted"]
+        return float(fitted["hover_minutes"])
+
+    x8.write_text("battery_Wh = 350.0\n" + lines)
+    own = minutes()
+    assert minutes("--battery-wh", "700") == pytest.approx(2.0 * own)
+    assert minutes("--drive-efficiency", "0.4") == pytest.approx(0.5 * own)
+    x8.write_text("battery_Wh = -1\n" + lines)
+    assert run(build_app(), ["compare", str(x8)]) == 2
+
+
+@pytest.mark.parametrize(("option", "value"), [("--light", "-1"), ("--heavy", "nan"), ("--light", "30")])
+def test_a_load_that_cannot_be_is_exit_2(option: str, value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(build_app(), ["compare", str(EXAMPLES / "x8_paper.toml"), option, value]) == 2
+    err = capsys.readouterr().err
+    assert option in err and err.count("\n") == 1
+
+
 def test_an_unknown_airframe_is_exit_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(build_app(), ["compare", "none.toml"]) == 2
     assert "none.toml" in capsys.readouterr().err

@@ -138,7 +138,6 @@ def test_upload_refuses_before_it_writes(board, capsys, case):
 @pytest.mark.parametrize(
     ("prepare", "code", "text"),
     [
-        pytest.param(_sets(arm_after=5), 4, "armed", id="armed under way"),
         pytest.param(_sets(keeps={"CA_ROTOR0_CT": 6.5}), 1, "rolled back", id="a value it does not keep"),
         pytest.param(_contended, 1, "CA_ROTOR3_CT", id="another station writing"),
     ],
@@ -159,6 +158,53 @@ def test_what_goes_wrong_under_way_ends_with_the_old_table(board, capsys, verb, 
     assert json.loads(Path("u.json").read_text())["result"] == "rolled_back"
     assert _held(board) == before and board.sets != []
     assert not list(Path("state").glob("*.journal.json"))
+
+
+@pytest.mark.parametrize("verb", ["upload", "restore"])
+def test_arming_under_way_ends_all_writing_and_either_verb_finishes_later(board, capsys, verb):
+    """34 values change and 20 go out at a time: the armed heartbeat comes before any answer."""
+    before = _held(board)
+    moved = {
+        f"CA_ROTOR{n}_P{k}": 0.2 * s for n, arm in enumerate(ARMS) for k, s in zip("XY", arm, strict=True)
+    }
+    _table(**moved)(board)
+    board.arm_after = 1
+    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    assert code == 4
+    _no(err, "armed while it was written: nothing more was written")
+    told = json.loads(Path("u.json").read_text())
+    assert told["result"] == "failed" and board.sets and len(board.sets) <= 20
+    changed = {n for n, v in _held(board).items() if v != before[n]}
+    assert set(told["standing"]["new"]) == changed == set(board.sets)
+    assert set(told["standing"]["old"]) == {c["name"] for c in told["changed"]} - changed != set()
+    assert list(Path("state").glob("*.journal.json"))
+    code, _, err = _run(capsys, verb, "t" if verb == "upload" else told["backup"], "--connect", board.url)
+    assert code == 4 and "disarm it first" in err
+    assert len(board.sets) == len(changed)  # armed: not one more
+    board.armed = False
+    source = "t" if verb == "upload" else told["backup"]
+    assert _run(capsys, verb, source, "--connect", board.url, "--yes")[0] == 0
+    assert not list(Path("state").glob("*.journal.json"))
+    if verb == "restore":
+        assert _held(board) == before
+    else:
+        assert _run(capsys, "verify", "t", "--connect", board.url)[0] == 0
+
+
+def test_a_vehicle_that_arms_while_the_old_table_goes_back_is_left_alone_too(board, capsys):
+    """A refused value starts the way back; the vehicle arms at its first word."""
+    moved = {
+        f"CA_ROTOR{n}_P{k}": 0.2 * s for n, arm in enumerate(ARMS) for k, s in zip("XY", arm, strict=True)
+    }
+    _table(**moved)(board)
+    board.keeps, board.arm_after = {"CA_ROTOR0_CT": 6.5}, 60
+    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    assert code == 4
+    _no(err, "armed while it was written")
+    assert json.loads(Path("u.json").read_text())["result"] == "failed"
+    assert list(Path("state").glob("*.journal.json"))
+    written = len(board.sets)
+    assert 60 <= written <= 60 + 20
 
 
 def test_a_link_that_dies_under_way_is_three_and_says_how_to_come_back(board, capsys):
@@ -254,6 +300,30 @@ def test_the_vehicle_on_the_line_must_be_the_one_that_is_meant(board, capsys, ve
     assert got == code
     _no(err, text)
     assert board.sets == []
+
+
+@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
+def test_a_second_vehicle_of_the_same_ids_is_four_and_both_places_are_named(board, capsys, verb):
+    Path("b.params").write_text(_backup(board, capsys).read_text())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    here = ("127.0.0.1", port)
+    with ScriptedAutopilot(x8(7.0, 8.0), towards=here) as one, ScriptedAutopilot(x8(), towards=here) as two:
+        code, _, err = _run(capsys, *_verbs(f"udpin:127.0.0.1:{port}")[verb])
+        assert code == 4
+        _no(err, "two vehicles answer as system 1")
+        for vehicle in (one, two):
+            assert f"127.0.0.1:{vehicle.address[1]}" in err and vehicle.sets == []
+
+
+@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
+def test_a_vehicle_that_signs_is_four_without_its_key(board, capsys, verb):
+    Path("b.params").write_text(_backup(board, capsys).read_text())
+    with ScriptedAutopilot(x8(), key=KEY) as signing:
+        code, _, err = _run(capsys, *_verbs(signing.url)[verb])
+        assert code == 4 and signing.sets == []
+        _no(err, "--signing-key")
 
 
 @pytest.mark.parametrize("verb", ["upload", "restore", "verify"])

@@ -10,7 +10,10 @@ import pytest
 
 from coaxlink.cli import build_app
 from coaxlink.cli._shell import run
+from coaxlink.cli._stand import Reading, read_stand
+from coaxlink.files import example
 from coaxlink.rotor import load_rotor_model
+from sim.schedule import read_schedule
 
 SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "coax"
 LOADS = {"upper.thrust_N", "upper.torque_Nm", "lower.thrust_N", "lower.torque_Nm"}
@@ -175,3 +178,70 @@ def test_spacing_as_a_variable(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert load_rotor_model(out).terms()["lower.thrust_N"]["u_l^2"] == pytest.approx(69.89, abs=0.3)
     assert coaxlink("identify", log, "--spacings", "0.5,0.7") == 2
     assert coaxlink("identify", log, log, log, *options, "--at-spacing", 2) == 2
+
+
+def test_what_to_measure_next_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, report = tmp_path / "next.toml", tmp_path / "r.json"
+    assert coaxlink("identify", rcrm_log(tmp_path / "log.csv"), "--next", plan, "--json", report) == 0
+    said = capsys.readouterr().err
+    assert "error over a table" in said and "of a 5 x 5 map" in said
+    found = json.loads(report.read_text())
+    assert [line[:21] for line in found["oddities"]] == ["no speed was measured"]
+    assert found["coverage"]["cells"] == 1.0
+    assert found["next"]["share"] < 0.51 and found["next"]["seconds"] > 0
+    assert plan.read_text().startswith("# ")
+    schedule = read_schedule(plan)
+    assert schedule.upper.max() <= 1.0 and len(schedule.time_s) == round(10 * found["next"]["seconds"])
+
+
+def test_each_log_is_sent_to_its_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight = tmp_path / "flight.csv"
+    flight.write_text("time_s,motor1,motor2\n0,0.5,0.5\n1,0.5,0.5\n")
+    assert coaxlink("identify", flight) == 2
+    assert "coaxlink refine flight.csv --airframe AIRFRAME.toml takes it" in capsys.readouterr().err
+    log = rcrm_log(tmp_path / "stand.csv")
+    assert coaxlink("refine", log, "--airframe", example("x8_paper.toml")) == 2
+    assert "a stand log, and --airframe is of a flight" in capsys.readouterr().err
+
+
+def lettered_log(path: Path) -> Path:
+    """Equal speeds without torque: nothing tells the rotors apart."""
+    rows = [f"{n},{n},{3e-6 * n**2:.4f},{2e-6 * n**2:.4f},0.1,0.1" for n in range(1000, 5000, 200)]
+    head = "rpm A (rpm),rpm B (rpm),Thrust A (N),Thrust B (N)"
+    path.write_text("\n".join([head, *(row.rsplit(",", 2)[0] for row in rows)]) + "\n")
+    return path
+
+
+def test_a_terminal_is_asked_which_rotor_is_upper(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = lettered_log(tmp_path / "log.csv")
+    assert coaxlink("identify", log) == 2
+    assert "which is the upper one? Say --upper A or --upper B" in capsys.readouterr().err
+    monkeypatch.setattr("coaxlink.cli._stand.at_a_terminal", lambda: True)
+    answers = iter(["C", "b"])
+    monkeypatch.setattr("typer.prompt", lambda text, **options: next(answers))
+    read = read_stand([log], Reading(), lambda text: None)[0]
+    assert read.upper_label == "B" and read["upper_thrust_N"][-1] < read["lower_thrust_N"][-1]
+    assert next(answers, "no more") == "no more"
+
+
+def test_labels_told_by_one_log_hold_for_those_joined_with_it(tmp_path: Path) -> None:
+    """A rotor alone has no neighbour to tell it by: the map beside it does."""
+    u, v = (x.ravel() for x in np.meshgrid(np.linspace(0.2, 1, 7), np.linspace(0.2, 1, 7)))
+    head = "rpm A (rpm),Thrust A (N),Torque A (Nm),rpm B (rpm),Thrust B (N),Torque B (Nm)\n"
+
+    def text(a: np.ndarray, b: np.ndarray) -> str:
+        lower = (6000 * a, 30 * a**2 - 12 * a * b, 0.5 * a**2 - 0.05 * a * b)
+        upper = (6000 * b, 30 * b**2, 0.5 * b**2)
+        return (
+            head + "\n".join(",".join(f"{x:.5f}" for x in row) for row in np.array([*lower, *upper]).T) + "\n"
+        )
+
+    pair, alone = tmp_path / "pair.csv", tmp_path / "alone.csv"
+    pair.write_text(text(u, v))
+    single = np.linspace(0.2, 1, 12)
+    alone.write_text(text(single, 0 * single))
+    both = read_stand([pair, alone], Reading(), lambda t: None, one_rotor=True)
+    assert both[0].upper_label == "B"
+    assert both[1]["lower_rpm"].max() == 6000 and not np.any(both[1]["upper_rpm"])

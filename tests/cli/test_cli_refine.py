@@ -65,28 +65,45 @@ def test_a_place_that_cannot_be_written_is_said_before_the_work(folder, capsys):
     assert not (folder / "r2.json").exists()
 
 
-@pytest.mark.parametrize("after_s", [1.2, 1.8, 2.4])
-def test_an_interrupted_refine_leaves_the_files_of_before(tmp_path, after_s):
-    rows = [np.stack(list(residual_rig.run(seed=k, air=1.0).values()), axis=1) for k in range(40)]
+# stops where it is told to, says so by a file, and waits for Ctrl-C
+STOPPING = """
+import importlib, pathlib, sys, time
+module, _, name = sys.argv[1].partition(":")
+def stop(*_, **__):
+    pathlib.Path(sys.argv[2]).touch()
+    time.sleep(100.0)
+setattr(importlib.import_module(module), name, stop)
+from coaxlink.cli import main
+main(sys.argv[3:])
+"""
+
+
+@pytest.mark.parametrize(
+    "stage",
+    ["coaxlink.data:read_stand_log", "coaxlink.residual:refine_stand", "coaxlink.report.page:page"],
+)
+def test_an_interrupted_refine_leaves_the_files_of_before(tmp_path, stage):
+    folder, reached = tmp_path / "here", tmp_path / "reached"
+    folder.mkdir()
     columns = residual_rig.run(seed=0, air=1.0)
-    log = np.concatenate(rows)
-    log[:, list(columns).index("time_s")] = np.arange(len(log), dtype=float)
-    np.savetxt(tmp_path / "s.csv", log, delimiter=",", header=",".join(columns), comments="", fmt="%.7g")
+    log = np.stack(list(columns.values()), axis=1)
+    np.savetxt(folder / "s.csv", log, delimiter=",", header=",".join(columns), comments="", fmt="%.7g")
     names = ("b.toml", "r.html", "r.json")
     for name in names:
-        (tmp_path / name).write_text("the one before")
+        (folder / name).write_text("the one before")
     # where the tests run in a shell's background Ctrl-C is ignored, and children would inherit that
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    places = [str(tmp_path / name) for name in names]
-    verb = [sys.executable, "-m", "coaxlink", "refine", str(tmp_path / "s.csv")]
+    places = [str(folder / name) for name in names]
+    verb = [sys.executable, "-c", STOPPING, stage, str(reached), "refine", str(folder / "s.csv")]
     verb += ["--out", places[0], "--report", places[1], "--json", places[2]]
     process = subprocess.Popen(verb, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    time.sleep(after_s)
+    while not reached.exists() and process.poll() is None:
+        time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60.0)
     assert process.returncode == 130 and said.strip().endswith("coaxlink: interrupted")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["b.toml", "r.html", "r.json", "s.csv"]
-    assert {(tmp_path / name).read_text() for name in names} == {"the one before"}
+    assert sorted(p.name for p in folder.iterdir()) == ["b.toml", "r.html", "r.json", "s.csv"]
+    assert {(folder / name).read_text() for name in names} == {"the one before"}
 
 
 def test_bad_input_is_one_line(folder, capsys):

@@ -49,6 +49,13 @@ def test_success_is_zero(capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_a_bug_is_not_hidden():
-    with pytest.raises(ZeroDivisionError):
-        run(shell(ZeroDivisionError()), ["fail"])
+def test_a_bug_is_said_to_be_one_and_kept_whole_in_a_file(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert run(shell(ZeroDivisionError("a\x1b[2J\nb")), ["fail"]) == 70
+    error = capsys.readouterr().err
+    (kept,) = tmp_path.iterdir()
+    assert error == (
+        "coaxlink: this is a fault of coaxlink, please report it: "
+        f"ZeroDivisionError: a\\x1b[2J; details in {kept}\n"
+    )
+    assert "raise error" in kept.read_text()

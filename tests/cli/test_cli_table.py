@@ -41,8 +41,10 @@ def test_writes_a_file_that_qgc_reads_and_says_the_mix(tmp_path, capsys):
     arguments = (X8, "--firmware", "px4", "--law", "reduced", "--rotor", EXAMPLES / "rotor_eq15.toml")
     code, out, err = _run(capsys, *arguments, "--out", tmp_path / "t", "--json", tmp_path / "t.json")
     assert code == 0 and "lower/upper u^2 = 1.4877" in out and "ceiling 405.9 N" in out
-    (path,) = (tmp_path / "t").iterdir()
-    assert path.name == "paper-x8.params" and str(path) in err
+    path = tmp_path / "t" / "paper-x8.params"
+    assert str(path) in err and sorted(p.name for p in (tmp_path / "t").iterdir()) == [path.name, "vehicle"]
+    kept = tmp_path / "t" / "vehicle" / "airframe.toml"  # for `upload`
+    assert kept.read_bytes() == (EXAMPLES / "x8_paper.toml").read_bytes()
     read = px4.read_params_file(path)
     assert read.params["CA_ROTOR_COUNT"] == 8 and read.params["THR_MDL_FAC"] == 1.0
     assert read.params["MPC_THR_HOVER"] == pytest.approx(0.404)
@@ -100,9 +102,16 @@ def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
     )
     assert code == 0 and "FRAME_CLASS 15" in out and "ATC_RAT_RLL_P, I, D x" in out and "wrote" in err
     names = sorted(p.relative_to(tmp_path / "a").as_posix() for p in (tmp_path / "a").rglob("*.*"))
-    assert names == ["paper-x8.param", "scripts/coaxlink_matrix.lua"]
+    copies = ["vehicle/airframe.toml", "vehicle/rotor.toml"]
+    assert names == ["paper-x8.param", "scripts/coaxlink_matrix.lua", *copies]
     shown = json.loads((tmp_path / "a.json").read_text())
     assert shown["explain"]["worst_relative"]["roll"] < 1e-6 and shown["explain"]["against"] == "standard law"
+    worth = shown["explain"]["worth"]
+    saved = 1.0 - worth["this"]["hover_W"] / worth["reference"]["hover_W"]
+    said = f"The fitted table saves {saved:.1%} of hover power against the standard one"
+    assert 0.03 < saved < 0.07 and said in out and out.index(said) < out.index("What the law asks")
+    # its rotors never stand still: spinning at MOT_SPIN_MIN is the bound
+    assert worth["this"]["limits"][2]["at"] == "least speed"
     code, out, _ = _run(capsys, X8, "--firmware", "px4", "--law", "reduced", "--explain")
     assert code == 0 and "MC_YAWRATE_K x" in out and "PX4 does what the law asks" in out
 

@@ -1,0 +1,54 @@
+"""A rotor layout from where the user points: a board on the line, or a file with its parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from coaxlink.errors import InputError
+
+if TYPE_CHECKING:
+    from coaxlink.setup import Layout
+
+
+def layout_of_file(path: Path, script: Path | None = None) -> Layout:
+    """From .params, .param, ULog or DataFlash; `script` is the table of FRAME_CLASS 15. Raises InputError."""
+    from coaxlink.data.board_parameters import read_board_parameters
+    from coaxlink.setup import ardupilot_layout, px4_layout
+
+    found = read_board_parameters(path)
+    if found.firmware == "px4":
+        return px4_layout(found.params, path.name)
+    return ardupilot_layout(found.params, path.name, lambda: _script_beside(path, script))
+
+
+def layout_of_board(url: str) -> Layout:
+    """From the autopilot at `url`; nothing is written. Raises LinkError, InputError."""
+    from coaxlink.link import connect
+    from coaxlink.link.ftp import Files
+    from coaxlink.link.parameters import Parameters
+    from coaxlink.setup import ardupilot_layout, px4_layout
+    from firmware_params.ardupilot import scripts
+
+    with connect(url) as session:
+        source = f"{session.identity.name} at {url}"
+        params = {n: v.value for n, v in Parameters(session).read_all().values.items()}
+        if session.identity.is_px4:
+            return px4_layout(params, source)
+        if not session.identity.is_ardupilot:
+            raise InputError(url, "", f"PX4 or ArduPilot is expected, found {session.identity.name}")
+        files = Files(session)
+        places = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
+        read = (files.read(place) for place in places)  # not before the frame asks for it
+        return ardupilot_layout(params, source, lambda: next((d for d in read if d is not None), None))
+
+
+def _script_beside(path: Path, script: Path | None) -> bytes | None:
+    """The table's script: named, or where `coaxlink table` puts it."""
+    from coaxlink import files
+    from firmware_params.ardupilot import scripts
+
+    place = script or path.parent / "scripts" / scripts.MATRIX_NAME
+    if script is None and not place.is_file():
+        return None
+    return files.read_bytes(place)

@@ -1,0 +1,36 @@
+"""What the verbs say of who is on the line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from coaxlink.cli._shell import say
+
+if TYPE_CHECKING:
+    from coaxlink.link import Session
+
+
+@contextmanager
+def introduced(session: Session) -> Iterator[Session]:
+    """Say who answers and where; at the end, however it comes, who else was there."""
+    known, place = session.identity, session.bound.place
+    where = session.address if place == session.address else f"{place} ({session.address})"
+    say(f"{known.name} at {where}, board {known.uid or 'unknown'}")
+    if known.uid and not known.unique:
+        say("boards and simulations share this id: only its address tells this vehicle from another")
+    if session.bound.signs and not session.signed:
+        say("it signs its messages; without --signing-key they are believed unchecked")
+    try:
+        yield session
+    finally:
+        tell_news(session)
+        if session.trouble:
+            say(f"{session.trouble}: what was said in this session may be played back")
+
+
+def tell_news(session: Session) -> None:
+    """What happened on the line since the last call."""
+    for line in session.bound.news():
+        say(line)

@@ -1,0 +1,103 @@
+"""What an upload does to the rate loops, said first: the table against the board's, on the same rotors."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from coaxlink import files
+from coaxlink.cli._shell import console, say
+from coaxlink.errors import CoaxlinkError
+
+if TYPE_CHECKING:
+    from coaxlink.link.behaviour import Behaviour
+    from coaxlink.link.plan import Plan
+    from coaxlink.vehicle import Vehicle
+
+FOLDER = "vehicle"  # of a table's folder: what it was made from
+_AIRFRAME, _ROTORS, _CONDITIONS = "airframe.toml", "rotor.toml", "conditions.toml"
+Present = Callable[[Mapping[str, float | int], Mapping[str, bytes | None]], None]
+
+
+def keep_vehicle(out: Path, vehicle: Vehicle, rotor_file: Path) -> None:
+    """Copy into OUT/vehicle what a table was made from. Raises InputError."""
+    place = out / FOLDER
+    if vehicle.declared.source is None:
+        return
+    files.write_atomic(place / _AIRFRAME, vehicle.declared.source.read_bytes())
+    files.write_atomic(place / _ROTORS, rotor_file.read_bytes())
+    stated = {name: value for name, value in vars(vehicle.conditions).items() if value is not None}
+    if stated:
+        files.write_toml(place / _CONDITIONS, stated)
+    else:
+        (place / _CONDITIONS).unlink(missing_ok=True)
+
+
+def forget_vehicle(out: Path) -> None:
+    """Take an earlier table's vehicle away: it is not this one's."""
+    shutil.rmtree(out / FOLDER, ignore_errors=True)
+
+
+def said_first(source: Path, plan: Plan) -> Present:
+    """What `Talk.present` does for a table's folder: one line on the rate loops, and the gains to set."""
+    folder = (source if source.is_dir() else source.parent) / FOLDER
+
+    def present(board: Mapping[str, float | int], on_board: Mapping[str, bytes | None]) -> None:
+        from coaxlink.link.gains import kept_gains
+
+        if not (folder / _AIRFRAME).is_file():
+            return
+        try:
+            vehicle = _vehicle(folder)
+            old, new = _flown(vehicle, plan, board, on_board)
+        except CoaxlinkError as error:
+            say(f"what this does to the rate loops is not known: {error}")
+            return
+        gains = kept_gains(plan.firmware, new, old, board, "on board", write=False)
+        kept = any(name in plan.params for gain in gains.axes for name in gain.names)
+        line = gains.line.partition(";")[0] if kept else gains.line
+        console().print(
+            line + ("; gains that keep the loops are in the table" if kept else ""), soft_wrap=True
+        )
+
+    return present
+
+
+def _vehicle(folder: Path) -> Vehicle:
+    from coaxlink.vehicle import Conditions, load_vehicle
+
+    stated = folder / _CONDITIONS
+    read = files.read_toml(stated) if stated.is_file() else {}
+    known = {k: float(v) for k, v in read.items() if k in Conditions.__dataclass_fields__}
+    return load_vehicle(folder / _AIRFRAME, folder / _ROTORS, Conditions(**known))
+
+
+def _flown(
+    vehicle: Vehicle, plan: Plan, board: Mapping[str, float | int], on_board: Mapping[str, bytes | None]
+) -> tuple[Behaviour, Behaviour]:
+    """The vehicle under the board's table and under the plan's. Raises CheckFailed where one is not known."""
+    from coaxlink.errors import CheckFailed
+    from coaxlink.link.ap_present import planned_table, present_table
+    from coaxlink.link.ap_tables import ap_speeds
+    from coaxlink.link.behaviour import behaviour
+    from coaxlink.link.tables import px4_speeds
+    from firmware_params import ardupilot, px4
+    from firmware_params.ardupilot import scripts
+    from firmware_params.errors import FirmwareParamsError
+
+    try:
+        if plan.firmware == "px4":
+            mixes = [px4_speeds(px4.realise(params)) for params in (board, {**board, **plan.params})]
+        else:
+            held = next((d for p, d in on_board.items() if p.endswith(scripts.MATRIX_NAME)), None)
+            old, new = present_table(board, lambda: held), planned_table(plan.params, plan.cargo)
+            if old is None or new is None:
+                frame = board.get("FRAME_CLASS", 0)
+                raise CheckFailed(f"the board flies a matrix that is not known here (FRAME_CLASS {frame:g})")
+            mixes = [ap_speeds(ardupilot.realise(table)) for table in (old, new)]
+        before, after = (behaviour(vehicle.airframe, vehicle.model, speeds) for speeds in mixes)
+    except (FirmwareParamsError, ValueError, IndexError) as error:
+        raise CheckFailed(str(error)) from error
+    return before, after

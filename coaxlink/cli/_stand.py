@@ -1,0 +1,153 @@
+"""Stand logs for the verbs that take them: the options, the question which rotor is the upper, the checks."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from coaxlink.cli._shell import say
+
+if TYPE_CHECKING:
+    from coaxlink.data import RotorsUnclear, Samples
+
+ColumnsOption = Annotated[
+    Path | None,
+    typer.Option(metavar="MAP.toml", help="Columns of a foreign log, by our names (docs/stand.md)."),
+]
+UpperOption = Annotated[
+    str | None,
+    typer.Option(metavar="LABEL", help="The upper rotor as the headings call it: A, left, 1."),
+]
+PolesOption = Annotated[
+    int | None,
+    typer.Option(min=2, max=100, help="Magnet poles of the motors, for speeds in electrical turns."),
+]
+DiameterOption = Annotated[
+    float | None, typer.Option("--diameter", metavar="M", help="Of the propellers, to check the units by.")
+]
+SheetOption = Annotated[str | None, typer.Option(metavar="NAME", help="Sheet of a spreadsheet.")]
+TrustOption = Annotated[
+    bool, typer.Option("--trust-units", help="Take the headings' units and signs whatever the readings say.")
+]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How stand logs are to be read."""
+
+    columns: Path | None = None
+    upper: str | None = None
+    poles: int | None = None
+    diameter_m: float | None = None
+    sheet: str | None = None
+    trust_units: bool = False
+
+
+def read_stand(
+    paths: Sequence[Path], how: Reading, told: Callable[[str], None], *, one_rotor: bool = False
+) -> list[Samples]:
+    """Stand logs, each with its rotors known; labels that one log tells hold for the others.
+
+    `one_rotor`: the logs are of one pair, whose labels must agree. `told` takes the progress. Asks on a
+    terminal which rotor is the upper; raises RotorsUnclear elsewhere, InputError.
+    """
+    from coaxlink.data import RotorsUnclear
+    from coaxlink.errors import InputError
+
+    read: list[Samples | RotorsUnclear] = []
+    for path in paths:
+        refuse_flight_log(path)
+        try:
+            read.append(_read(path, how, told))
+        except RotorsUnclear as unclear:
+            read.append(unclear)
+    labels = {r.upper_label for r in read if not isinstance(r, RotorsUnclear) and r.upper_label}
+    if one_rotor and len(labels) > 1:
+        raise InputError("--upper", "", f"the logs call different rotors the upper one ({', '.join(labels)})")
+    found = []
+    for path, log in zip(paths, read, strict=True):
+        if isinstance(log, RotorsUnclear):
+            known = [label for label in labels if label in log.labels]
+            upper = known[0] if len(known) == 1 else _ask(log)
+            log = _read(path, replace(how, upper=upper), told)
+        elif one_rotor and len(labels) == 1 and how.upper is None and not log.upper_label:
+            log = _relabelled(path, log, replace(how, upper=next(iter(labels))), told)
+        found.append(log)
+    return found
+
+
+def refuse_flight_log(path: Path) -> None:
+    """Raises InputError when a stand log is expected and this is a flight's, naming the verb for it."""
+    from coaxlink.data import is_flight_log
+    from coaxlink.errors import InputError
+
+    if is_flight_log(path):
+        wanted = f"a flight log: coaxlink refine {path.name} --airframe AIRFRAME.toml takes it"
+        raise InputError(path, "", f"{wanted}; identify takes stand logs")
+
+
+def doubts(log: Samples, upper: str | None) -> list[str]:
+    """What the data say against the sides, where somebody stated them. Raises InputError where nobody did."""
+    from coaxlink.data.sides import exchanged
+    from coaxlink.errors import InputError
+
+    evidence = exchanged(log)
+    if evidence is None:
+        return []
+    if upper is None:
+        raise InputError(
+            log.source,
+            "columns",
+            f"upper and lower look exchanged, or one in another unit: {'; '.join(evidence)}; --upper lower "
+            "exchanges them, --upper upper takes them as they stand",
+        )
+    return [f"against --upper {upper}: {'; '.join(evidence)}"]
+
+
+def _read(path: Path, how: Reading, told: Callable[[str], None]) -> Samples:
+    from coaxlink.data import read_stand_log
+
+    return read_stand_log(
+        path,
+        how.columns,
+        upper=how.upper,
+        poles=how.poles,
+        diameter_m=how.diameter_m,
+        sheet=how.sheet,
+        trust_units=how.trust_units,
+        progress=lambda share: told(f"reading {path.name}, {100 * share:.0f} %"),
+    )
+
+
+def _relabelled(path: Path, log: Samples, how: Reading, told: Callable[[str], None]) -> Samples:
+    """A log of one rotor alone, on the side that its label has in the other logs."""
+    from coaxlink.errors import InputError
+
+    try:
+        return _read(path, how, told)
+    except InputError:
+        return log  # no such label there: headings that say their rotors
+
+
+def at_a_terminal() -> bool:
+    """Whether somebody sits there to answer."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _ask(unclear: RotorsUnclear) -> str:
+    """The upper rotor's label from whoever sits at the terminal. Raises RotorsUnclear when nobody does."""
+    if not at_a_terminal():
+        raise unclear
+    for line in unclear.evidence:
+        say(f"- {line}")
+    names = {label.casefold(): label for label in unclear.labels}
+    while True:
+        question = f"{unclear.source}: which rotor is the upper one, {' or '.join(unclear.labels)}"
+        answer = str(typer.prompt(question, err=True)).strip().casefold()
+        if answer in names:
+            return names[answer]

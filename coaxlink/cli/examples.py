@@ -1,0 +1,67 @@
+"""`coaxlink examples`: the files that come with coaxlink, listed and copied."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from coaxlink.cli._shell import console, say
+from coaxlink.errors import InputError
+
+_WHAT = {".csv": "a stand log of the paper's pair, 121 points", ".json": "JSON schema for editors"}
+
+
+def examples(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME...]", help="What to copy, vehicles with their rotor models; nothing lists them."
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where copies go.")] = Path(),
+    everything: Annotated[bool, typer.Option("--all", help="Copy all of them.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+) -> None:
+    """List the shipped vehicles, rotor models, stand log and truths, or copy some of them."""
+    from coaxlink import files
+
+    shipped = {path.name: path for path in files.examples()}
+    if not names and not everything:
+        for name, path in shipped.items():
+            console().print(f"{name:<30} {_about(path)}".rstrip(), markup=False)
+        return
+    wanted = list(shipped) if everything else list(names or ())
+    for name in wanted:  # all of them are known to be there before the first is written
+        if name not in shipped:
+            raise InputError(name, "", "no such example; coaxlink examples lists them")
+        if (out / name).exists() and not force:
+            raise InputError(out / name, "", "is there already; --force replaces it")
+    needed = [rotor for name in wanted if (rotor := _rotor_of(shipped[name])) in shipped]
+    # one's own rotor model of that name stays: nobody asked for the shipped one
+    wanted += [rotor for rotor in dict.fromkeys(needed) if rotor not in wanted and not (out / rotor).exists()]
+    for name in wanted:
+        files.write_atomic(out / name, shipped[name].read_bytes())
+        say(f"wrote {out / name}")
+
+
+def _rotor_of(path: Path) -> str:
+    """The rotor model that a shipped vehicle names, "" where it names none."""
+    if path.suffix != ".toml":
+        return ""
+    return str(tomllib.loads(path.read_text(encoding="utf-8")).get("rotor_model", ""))
+
+
+def _about(path: Path) -> str:
+    """Its first comment line."""
+    if path.suffix != ".toml":
+        return _WHAT.get(path.suffix, "")
+    first = path.read_text(encoding="utf-8").partition("\n")[0]
+    return first.removeprefix("#").strip()[:90] if first.startswith("#") else ""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command("examples")(examples)

@@ -1,0 +1,186 @@
+"""What `import coaxlink as cx` offers beside the rooms' own names: logs, tables, flights in a call each."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.data import Samples
+from coaxlink.errors import InputError
+from coaxlink.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from coaxlink.link import Session
+    from coaxlink.link.mixing import LiveMixer
+    from coaxlink.link.outcome import Outcome
+    from coaxlink.residual import Refinement
+    from coaxlink.rotor import Identification, RotorModel
+    from firmware_params.errors import Finding
+
+FIRMWARES = ("px4", "ardupilot")
+Log = str | Path | Samples
+
+
+def read_log(path: str | Path, *, columns: str | Path | None = None, upper: str | None = None) -> Samples:
+    """A stand or flight log, told by its content, as columns in SI units: `log["upper_thrust_N"]` is (rows,).
+
+    `columns` maps a foreign stand file's headings, `upper` says which rotor is on top (docs/stand.md).
+    Raises InputError naming the file and the place.
+
+    >>> from coaxlink.files import example
+    >>> read_log(example("stand_eq17.csv")).rows
+    121
+    """
+    from coaxlink.data import is_flight_log, read_flight_log, read_stand_log
+
+    path = Path(path)
+    if columns is None and upper is None and is_flight_log(path):
+        return read_flight_log(path)
+    return read_stand_log(path, Path(columns) if columns else None, upper=upper)
+
+
+def identify(log: Log, form: str = "auto", *, speed_max_rpm: float | None = None) -> Identification:
+    """A rotor model from a stand log: `.model`, terms with intervals, errors on held-out blocks.
+
+    `form` is auto, crm, rcrm, cpcm or srm; `speed_max_rpm` is what u = 1 means, if not the log's highest.
+    Raises InputError.
+
+    >>> from coaxlink.files import example
+    >>> identify(example("stand_eq17.csv"), "crm").model.form
+    'crm'
+    """
+    from coaxlink.rotor import identify as run
+
+    return run(_read(log), form, speed_max_rpm=speed_max_rpm)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A mixing law as an autopilot's own parameters and files, and what that firmware will make of it."""
+
+    firmware: str  # px4 or ardupilot
+    law: str
+    parameters: Mapping[str, float | int]
+    files: Mapping[str, str]  # name (may hold one folder) -> text
+    findings: tuple[Finding, ...]  # what its author may not expect; an error forbids flying with it
+    _speeds: Callable[[float, float, float, float], NDArray[np.float64]]
+
+    def speeds(self, roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
+        """(N,) commands 0..1 that the firmware makes of demands: -1..1 for the turns, 0..1 of thrust up."""
+        return self._speeds(roll, pitch, yaw, thrust)
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """Write the files, each whole or not at all; their paths. Raises InputError."""
+        from coaxlink.files import write_atomic
+
+        for name, text in self.files.items():
+            write_atomic(Path(folder) / name, text)
+        return [Path(folder) / name for name in self.files]
+
+    def __repr__(self) -> str:
+        wrong = sum(f.severity == "error" for f in self.findings)
+        size = f"{len(self.parameters)} parameters, {len(self.files)} files"
+        return f"Table({self.firmware}, {self.law} law, {size}, {wrong} findings that forbid it)"
+
+
+def make_table(vehicle: Vehicle, firmware: str = "px4", law: str = "fitted") -> Table:
+    """The table of a law (fitted, reduced, standard, curved) for a vehicle; nothing is written.
+
+    Raises InputError for a vehicle that the firmware cannot hold.
+
+    >>> from coaxlink.files import example
+    >>> from coaxlink.vehicle import load_vehicle
+    >>> make_table(load_vehicle(example("x8_paper.toml")), law="standard")
+    Table(px4, standard law, 69 parameters, 1 files, 0 findings that forbid it)
+    """
+    from coaxlink.link import table_files
+
+    made_from = f"{vehicle.rotors.form}, {len(vehicle.rotors.effects)} effects"
+    if firmware == "px4":
+        from coaxlink.link.tables import px4_speeds, report_px4
+
+        report = report_px4(vehicle, law)
+        texts = table_files.px4_files(vehicle.airframe, report, made_from)
+        return Table(firmware, law, report.params, texts, report.findings, px4_speeds(report.mix))
+    if firmware == "ardupilot":
+        from coaxlink.link.ap_tables import ap_speeds, report_ap
+
+        made = report_ap(vehicle, law)
+        texts = table_files.ap_files(vehicle.airframe, made, made_from)
+        return Table(firmware, law, made.params, texts, made.findings, ap_speeds(made.mix))
+    raise InputError("firmware", firmware, f"one of {', '.join(FIRMWARES)} is expected")
+
+
+def refine(
+    logs: Log | Sequence[Log], vehicle: Vehicle | None = None, *, rotors: RotorModel | None = None
+) -> Refinement:
+    """Measured data against a model: residual, the effect it traces to, error before and after.
+
+    Flight logs are held against `vehicle`; stand logs against `rotors`, or without them against a model
+    fitted to themselves. `.effects`, `.unexplained`, `.ambiguous` and `.suspect_data` say what was found,
+    `.model` is the rotor model with the effects added. Raises InputError.
+    """
+    from coaxlink.residual import refine as run
+    from coaxlink.residual import refine_stand
+
+    given = [logs] if isinstance(logs, (str, Path, Samples)) else list(logs)
+    read = [_read(log) for log in given]
+    if any(log.has("motor1") for log in read):
+        if vehicle is None:
+            raise InputError("vehicle", "", "flight logs are held against a Vehicle; none is given")
+        return run(read, vehicle.declared, vehicle.rotors)
+    return refine_stand(read, rotors)
+
+
+def upload(
+    session: Session,
+    table: Table | str | Path,
+    *,
+    backup_folder: str | Path = "backups",
+    confirm: Callable[[], bool] = lambda: True,
+    dry_run: bool = False,
+) -> Outcome:
+    """Put a table on board: difference, backup, write, read back, compare; all or nothing.
+
+    `confirm` is asked before the first write. The outcome's `result` says how it ended, its `error` why not
+    (also refusals: armed, another vehicle). Raises InputError for files that are none.
+    """
+    from coaxlink.link.outcome import Talk
+    from coaxlink.link.plan import load_plan
+    from coaxlink.link.upload import Uploader
+
+    worker = Uploader(session, backup_folder=Path(backup_folder), talk=Talk(confirm=confirm))
+    if not isinstance(table, Table):
+        return worker.upload(load_plan(Path(table)), dry_run=dry_run)
+    with tempfile.TemporaryDirectory() as folder:
+        table.write(folder)
+        return worker.upload(load_plan(Path(folder)), dry_run=dry_run)
+
+
+@contextmanager
+def mix(session: Session, vehicle: Vehicle, law: str = "exact", **options: Any) -> Iterator[LiveMixer]:
+    """Live mixing for the length of a block: every demand the vehicle sends is answered with motor commands.
+
+    A vehicle made with `measured_live=True` has its effects compensated from telemetry. `options` are
+    LiveMixer's own (rate_hz, dry_run, own_curve, ...). Raises SafetyRefusal where the autopilot cannot be
+    mixed.
+    """
+    from coaxlink.link.live_effects import LiveEffects
+    from coaxlink.link.mixing import LiveMixer
+    from coaxlink.mixer import make_law
+
+    extra = LiveEffects(session, vehicle) if vehicle.live_effects else None
+    made = make_law(law, vehicle)
+    with LiveMixer(session, vehicle.airframe, made, vehicle.model, compensation=extra, **options) as live:
+        yield live
+
+
+def _read(log: Log) -> Samples:
+    return log if isinstance(log, Samples) else read_log(log)

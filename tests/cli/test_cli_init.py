@@ -1,0 +1,117 @@
+"""`init`, `airframe` and `examples` as a new user types them, on files and on both stand-ins."""
+
+import json
+from pathlib import Path
+
+import pytest
+from cli_runs import coaxlink
+
+from coaxlink.airframe import airframe_schema, load_airframe
+from coaxlink.files import example
+from sim.testing import standin
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+
+
+def test_a_template_becomes_a_vehicle(tmp_path):
+    out = tmp_path / "x8.toml"
+    run = coaxlink(
+        "init", out, "--mass", "20", "--template", "x8", "--arm", "0.5", "--spacing", "0.15",
+        "--picture", tmp_path / "x8.png", "--json", tmp_path / "x8.json",
+    )  # fmt: skip
+    assert run.code == 0, run.err
+    assert "nothing to mend" in run.out
+    assert len(load_airframe(out).pairs) == 4
+    assert (tmp_path / "x8.png").read_bytes().startswith(b"\x89PNG")
+    assert json.loads((tmp_path / "x8.json").read_text())["findings"] == []
+    again = coaxlink("init", out, "--mass", "20", "--template", "x8", "--arm", "0.5", "--spacing", "0.15")
+    assert again.code == 2
+    assert "--force" in again.err
+
+
+@pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
+def test_a_board_becomes_a_vehicle(tmp_path, firmware):
+    out = tmp_path / "x8.toml"
+    with standin("--firmware", firmware) as port:
+        url = f"udpout:127.0.0.1:{port}"
+        known = ["--arm", "0.2556", "--spacing", "0.15"] if firmware == "ardupilot" else []
+        run = coaxlink("init", out, "--mass", "20", "--connect", url, *known)
+        assert run.code == 0, run.err
+        check = coaxlink("airframe", example("x8_paper.toml"), "--connect", url)
+        assert check.code == 0, check.err
+        assert "has the same rotors" in check.out
+        wrong = tmp_path / "wrong.toml"
+        text = out.read_text().replace('spin = "ccw"', 'spin = "other"')
+        wrong.write_text(text.replace('spin = "cw"', 'spin = "ccw"').replace('spin = "other"', 'spin = "cw"'))
+        turned = coaxlink("airframe", wrong, "--connect", url)
+        assert turned.code == 1
+        assert "spin (ccw on the board)" in turned.out
+    made, paper = load_airframe(out), load_airframe(example("x8_paper.toml"))
+    for here, there in zip(made.rotors, paper.rotors, strict=True):
+        assert here.position_m == pytest.approx(there.position_m, abs=1e-3)
+        assert (here.level, here.pair, here.yaw_sign) == (there.level, there.pair, there.yaw_sign)
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize(
+    ("log", "code", "said"),
+    [
+        ("flights/px4_null_fitted.ulg", 0, "nothing to mend"),
+        ("logs/sample_log_small.ulg", 2, "CA_ROTOR_COUNT"),
+        ("flights/ap_null.bin", 2, "coaxlink_matrix.lua"),
+        ("logs/ardupilot_24.bin", 2, "FRAME_CLASS"),
+    ],
+)
+def test_real_boards_logs(tmp_path, log, code, said):
+    if not (SHARED / log).is_file():
+        pytest.skip("shared/data is not beside this checkout")
+    run = coaxlink("init", tmp_path / "a.toml", "--mass", "20", "--from", SHARED / log)
+    assert run.code == code
+    assert said in run.out + run.err
+    assert (tmp_path / "a.toml").exists() == (code == 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--mass", "20"], "--template"),
+        (["--mass", "20", "--template", "x9"], "x8, coax-quad"),
+        (["--mass", "20", "--template", "x8"], "--arm"),
+        (["--mass", "-1", "--template", "x8", "--arm", "1", "--spacing", "0.1"], "--mass"),
+        (["--mass", "20", "--template", "x8", "--arm", "nan", "--spacing", "0.1"], "--arm"),
+        (
+            ["--mass", "20", "--template", "x8", "--arm", "1", "--spacing", "0.1", "--inertia", "1,2"],
+            "--inertia",
+        ),
+        (["--mass", "20", "--from", "nowhere.params"], "nowhere.params"),
+    ],
+)
+def test_what_is_missing_is_one_line(tmp_path, arguments, said):
+    run = coaxlink("init", tmp_path / "a.toml", *arguments)
+    assert run.code == 2
+    assert len(run.err.strip().splitlines()) == 1
+    assert said in run.err
+    assert not (tmp_path / "a.toml").exists()
+
+
+def test_mistakes_are_exit_code_1(tmp_path):
+    text = example("x8_paper.toml").read_text().replace("0.1807", "180.7")
+    (tmp_path / "mm.toml").write_text(text.replace("rotor_paper.toml", str(example("rotor_paper.toml"))))
+    run = coaxlink("airframe", tmp_path / "mm.toml")
+    assert run.code == 1
+    assert "millimetres" in run.out
+
+
+def test_examples_are_listed_and_copied(tmp_path):
+    listed = coaxlink("examples")
+    assert listed.code == 0
+    assert "x8_paper.toml" in listed.out
+    run = coaxlink("examples", "x8_paper.toml", "rotor_paper.toml", "--out", tmp_path)
+    assert run.code == 0
+    assert coaxlink("airframe", tmp_path / "x8_paper.toml").code == 0
+    assert coaxlink("examples", "nothing.toml", "--out", tmp_path).code == 2
+    assert coaxlink("examples", "x8_paper.toml", "--out", tmp_path).code == 2
+
+
+def test_the_shipped_schema_is_the_readers_own():
+    assert json.loads(example("airframe.schema.json").read_text()) == airframe_schema()

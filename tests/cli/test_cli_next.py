@@ -1,0 +1,86 @@
+"""The line after `refine`: it follows from the answer, whatever that is."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from coaxlink.cli._next import (
+    after_compare,
+    after_identify,
+    after_refine,
+    after_upload,
+    after_verify,
+    on_simulator,
+    unanswered,
+)
+from coaxlink.effects import effects
+from coaxlink.link.live_counts import Counters
+
+
+def answer(*effects, **rest):
+    parts = {"suspect_data": (), "ambiguous": (), "unexplained": ()} | rest
+    return SimpleNamespace(effects=[SimpleNamespace(name=n) for n in effects], **parts)
+
+
+def test_what_no_table_can_hold_is_said_with_what_can():
+    line = after_refine(answer("rotor_drag"), None, True)
+    assert "no table can hold rotor_drag" in line and "feed-forward" in line
+    assert "coaxlink table" not in line
+
+
+def test_what_a_table_can_hold_names_the_file_and_the_condition():
+    line = after_refine(answer("degraded_rotor", "battery_voltage"), Path("new.toml"), True)
+    assert "coaxlink table AIRFRAME --rotor new.toml --voltage V" in line and "coaxlink mix" in line
+    assert "--out ROTOR.toml" in after_refine(answer("degraded_rotor"), None, True)
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        (answer(), "nothing to mend"),
+        (answer(suspect_data=[SimpleNamespace(column="rpm3")]), "rpm3"),
+        (
+            answer(ambiguous=[SimpleNamespace(names=("a", "b"), experiment=None, separate_by="warm motors")]),
+            "warm motors",
+        ),
+        (
+            answer(ambiguous=[SimpleNamespace(names=("a", "b"), experiment=object(), separate_by="")]),
+            "--plan PLAN.toml writes the run that tells a from b",
+        ),
+        (answer(unexplained=[SimpleNamespace(depends_on=("yaw_rad",))]), "yaw_rad"),
+    ],
+)
+def test_other_answers(found, said):
+    line = after_refine(found, None, True)
+    assert said in line and "\n" not in line
+
+
+def test_every_effect_can_be_put_into_a_table_or_says_why_not():
+    for e in effects():
+        assert e.static or e.no_static, e.name
+        assert e.live or e.live_speed or e.no_live or e.surface is not None, e.name
+
+
+def test_demands_without_an_answer_are_told_with_their_reasons():
+    counters = Counters(late=3, settling=2)
+    said = unanswered(counters.unanswered())
+    assert "3 that came too late" in said and "2 while three good ones" in said
+    assert unanswered(Counters().unanswered()) == ""
+    for reason in counters.unanswered():  # every reason there is has its words
+        assert unanswered({reason: 1}).startswith("not answered: 1 ")
+
+
+def test_lines_for_the_other_verbs_are_one_line_each():
+    lines = [
+        after_identify(None, "crm"),
+        after_identify(Path("r.toml"), "crm"),
+        after_compare(Path("x8.toml")),
+        after_upload(Path("t"), "udpin:0.0.0.0:14550"),
+        after_verify(True, "udpin:0.0.0.0:14550"),
+        after_verify(False, "udpin:0.0.0.0:14550"),
+        on_simulator("px4:1.13", "udpin:127.0.0.1:14540"),
+    ]
+    assert all(line and "\n" not in line for line in lines)
+    assert "--out" in lines[0] and "r.toml" in lines[1] and "x8.toml" in lines[2]
+    assert "restore" in lines[5] and "mix" in lines[6] and "mix" not in on_simulator("px4", "x")

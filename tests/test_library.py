@@ -1,0 +1,101 @@
+"""`import coaxlink as cx` as a script uses it: every name, every docstring's example, every examples/*.py."""
+
+import doctest
+import importlib
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import coaxlink as cx
+from coaxlink.files import example
+from coaxlink.link.plan import load_plan
+from coaxlink.rotor.model import Effect
+from sim.testing import standin
+
+SCRIPTS = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
+ROOMS = ("coaxlink.library", "coaxlink.mixer.registry", "coaxlink.vehicle.vehicle", "coaxlink.vehicle.load")
+
+
+def test_every_name_is_there_and_says_what_it_is():
+    for name in cx.__all__:
+        if name != "__version__":
+            assert (getattr(cx, name).__doc__ or "").strip(), name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = cx.nothing
+
+
+def test_the_import_itself_is_light():
+    code = "import sys, coaxlink; print([m for m in ('numpy', 'scipy', 'pymavlink') if m in sys.modules])"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_examples_of_docstrings(room):
+    failed, tried = doctest.testmod(importlib.import_module(room))
+    assert failed == 0
+    assert tried or room == "coaxlink.vehicle"
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_examples_run_without_a_warning(script, tmp_path):
+    said = subprocess.run(
+        [sys.executable, "-W", "error", str(script)], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert said.returncode == 0, said.stderr
+    assert said.stdout.strip() and not said.stderr
+
+
+def test_the_three_lines_that_once_flew_a_healthy_rotor():
+    rotors = cx.load_rotor_model(example("rotor_paper.toml"))
+    weak = replace(rotors, effects=(Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3}),))
+    airframe = cx.load_airframe(example("x8_paper.toml"))
+    with pytest.raises(TypeError):
+        cx.make_law("exact", airframe, weak)
+    healthy, tired = (cx.make_law("exact", cx.Vehicle(airframe, m)) for m in (rotors, weak))
+    hover = [196.1, 0.0, 0.0, 0.0]
+    assert np.abs(healthy.speeds(hover) - tired.speeds(hover)).max() > 0.05
+
+
+@pytest.mark.parametrize(("firmware", "law"), [("px4", "reduced"), ("ardupilot", "standard")])
+def test_a_table_without_a_disk_is_the_one_on_disk(firmware, law, tmp_path):
+    vehicle = cx.load_vehicle(str(example("x8_paper.toml")))
+    table = cx.make_table(vehicle, firmware, law)
+    assert firmware in repr(table) and all(text.strip() for text in table.files.values())
+    table.write(str(tmp_path))
+    plan = load_plan(tmp_path)
+    assert plan.firmware == firmware
+    assert dict(plan.params) == pytest.approx(dict(table.parameters))
+    hover = table.speeds(0.0, 0.0, 0.0, 0.4)
+    assert hover.shape == (8,) and hover.min() > 0.0 and hover.max() < 1.0
+
+
+def test_connect_and_upload(tmp_path, monkeypatch):
+    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
+    vehicle = cx.load_vehicle(example("x8_paper.toml"))
+    table = cx.make_table(vehicle, "px4", "standard")
+    with standin("--firmware", "px4") as port, cx.connect(f"udpout:127.0.0.1:{port}") as session:
+        assert cx.upload(session, table, backup_folder=tmp_path, dry_run=True).result == "dry_run"
+        assert cx.upload(session, table, backup_folder=str(tmp_path)).result == "verified"
+        again = cx.upload(session, table, backup_folder=tmp_path)
+    assert again.result == "verified" and not again.changed
+
+
+def test_errors_are_the_librarys_own_and_speak_no_option(tmp_path):
+    vehicle = cx.load_vehicle(example("x8_paper.toml"))
+    for wrong in (
+        lambda: cx.read_log(tmp_path / "none.csv"),
+        lambda: cx.make_law("magic", vehicle),
+        lambda: cx.make_table(vehicle, "betaflight"),
+        lambda: cx.make_table(vehicle, "px4", "exact"),
+        lambda: cx.load_vehicle(tmp_path / "none.toml"),
+        lambda: cx.Vehicle(vehicle.declared, replace(vehicle.rotors, effects=(Effect("cg_offset", {}),))),
+    ):
+        with pytest.raises(cx.CoaxlinkError) as caught:
+            wrong()
+        assert "--" not in str(caught.value)
