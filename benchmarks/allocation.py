@@ -27,6 +27,7 @@ from coaxlink.mixer import make_law
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.exact.loads import GL, GU, HLL, HUL, HUU, JL, JU, MISS
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 FRAME = load_airframe(example("x8_paper.toml"))
 MODEL = load_rotor_model(example("rotor_paper.toml"))
@@ -345,7 +346,7 @@ def main() -> None:
         rows["exact, compiled, called from Python"] = measure(exact(True), demands, reachable)
         rows["exact, plain Python"] = measure(exact(False), demands, reachable)
         for law in ("reduced", "coaxial-printed", "coaxial"):
-            rows[law] = measure(make_law(law, FRAME, MODEL).speeds, demands, reachable)
+            rows[law] = measure(make_law(law, Vehicle(FRAME, MODEL)).speeds, demands, reachable)
         for peer, make in peers().items():
             few = 200 if "scipy" in peer or "cvxpy" in peer else options.rows
             rows[peer] = measure(make(), demands[:few], reachable[:few])

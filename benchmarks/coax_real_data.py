@@ -71,7 +71,7 @@ def rows(path: Path) -> Iterator[tuple[str, str, list[str]]]:
     log = read_stand_log(path)
     results = {form: identify(log, form) for form in FORMS}
     other = path.with_name(f"{path.stem}_run2.csv")
-    run = read_stand_log(other) if other.is_file() else None
+    run = read_stand_log(other, upper="left") if other.is_file() else None
     for channel, (quantity, unit) in CHANNELS.items():
         floor = results["crm"].noise_floor[channel]
         held = {form: r.comparison[form][channel].rmse for form, r in results.items()}

@@ -28,6 +28,7 @@ from coaxlink.link.mixing import LiveMixer
 from coaxlink.link.trajectory import table_4_flight
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 from sim.px4.cascade import Goal
 
 MODEL = load_rotor_model(EXAMPLES / "rotor_paper.toml")
@@ -49,8 +50,9 @@ def fly(
     flight = Flight(airframe=airframe_file)
     a, vehicle = flight.autopilot, flight.autopilot.plant.vehicle
     companion = Companion(flight)
+    law = make_law(law_name, Vehicle(frame, MODEL))
     live = LiveMixer(
-        companion.session, frame, make_law(law_name, frame, MODEL), MODEL, own_curve=1.0, timing=PATIENT,
+        companion.session, frame, law, MODEL, own_curve=1.0, timing=PATIENT,
         lead_s=(0.0, 0.0) if quick_s is None else (frame.motor_lag_s, quick_s),
     )  # fmt: skip
     starting = threading.Thread(target=live.start)

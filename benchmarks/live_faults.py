@@ -31,6 +31,7 @@ from coaxlink.link import hot_build
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 X8 = load_airframe(EXAMPLES / "x8_demo.toml")
 CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
@@ -42,7 +43,7 @@ class Own:
     def __init__(self, flight: Flight, curve: float, native: Any) -> None:
         self.flight = flight
         self.companion = Companion(flight)
-        law = make_law("exact", X8, CRM)
+        law = make_law("exact", Vehicle(X8, CRM))
         self.mixer = LiveMixer(self.companion.session, X8, law, CRM, own_curve=curve, native=native)
         starting = threading.Thread(target=self.mixer.start)
         starting.start()
@@ -117,7 +118,9 @@ def in_process(name: str, curve: float, native: Any) -> tuple[float, float, floa
     return (handed or math.nan) * 1e3, back * 1e3, lost, tilt
 
 
-def killed(number: int, curve: float, native: Any) -> tuple[float, float, float, float]:
+def killed(
+    number: int, curve: float, native: Any, seconds: float = 0.35
+) -> tuple[float, float, float, float]:
     flight = Flight(own_curve=curve)
     command = [sys.executable, "-m", "coaxlink", "mix", str(EXAMPLES / "x8_demo.toml")]
     way = ["--plain"] if native is None else []
@@ -129,7 +132,7 @@ def killed(number: int, curve: float, native: Any) -> tuple[float, float, float,
     flight.rows.clear()
     os.kill(process.pid, number)
     since = time.monotonic()
-    flight.fly(0.35)
+    flight.fly(seconds)
     handed, back = flight.own_since(since), math.nan
     if number == signal.SIGSTOP:
         os.kill(process.pid, signal.SIGCONT)
@@ -152,6 +155,7 @@ def main() -> None:
         name: (lambda name=name: in_process(name, o.curve, native)) for name in FAULTS
     }
     runs["processor starved (SIGSTOP)"] = lambda: killed(signal.SIGSTOP, o.curve, native)
+    runs["the same for 4 s"] = lambda: killed(signal.SIGSTOP, o.curve, native, 4.0)
     runs["killed (SIGKILL)"] = lambda: killed(signal.SIGKILL, o.curve, native)
     print(f"THR_MDL_FAC {o.curve:g}, {o.way}; the worst of each:")
     print(f"{'':28s} ms to own mixer, ms back, m of height lost, deg of tilt")

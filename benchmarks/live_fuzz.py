@@ -22,6 +22,7 @@ from test_link_live_fuzz import CRM, X8, Sink, hostile  # type: ignore[import-no
 from coaxlink.link.live_guard import Timing
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.mixer import make_law
+from coaxlink.vehicle import Vehicle
 
 BURST = 32  # hostile frames between two sane ones; the answer to a sane one is waited for, so none drowns
 
@@ -101,7 +102,7 @@ def main() -> None:
     if o.compiled:
         on_a_socket(o.frames, o.seed)
         return
-    sink, law = Sink(), make_law(o.law, X8, CRM)
+    sink, law = Sink(), make_law(o.law, Vehicle(X8, CRM))
     mixer = LiveMixer(sink, X8, law, CRM, timing=Timing(settle=1, fade_s=0.02), witness=False)
     mixer.start()
     started, early = time.monotonic(), 0.0

@@ -3,9 +3,12 @@
  *   live_latency echo PORT
  *   live_latency client FD RATE_HZ COUNT WARM_UP   (FD: a connected UDP socket; round trips, ns, on stdout,
  *                                                   -1 after 20 ms; last the answers that came later)
+ *   live_latency flood FD RATE_HZ                  (datagrams from stdin, each after its length in 2 bytes,
+ *                                                   over and over until SIGTERM; then how many a second)
  */
 #include <arpa/inet.h>
 #include <poll.h>
+#include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -100,9 +103,39 @@ static int client(int fd, double rate, long count, long warm) {
     return 0;
 }
 
+static volatile sig_atomic_t stopped;
+
+static void stop(int number) {
+    (void)number;
+    stopped = 1;
+}
+
+static int flood(int fd, double rate) {
+    static uint8_t all[1 << 20];
+    size_t size = fread(all, 1, sizeof all, stdin), at = 0;
+    uint64_t begin = now_ns();
+    long sent = 0;
+    double past = 0.0;
+    signal(SIGTERM, stop);
+    while (!stopped) {
+        past = (double)(now_ns() - begin) / 1e9;
+        for (long due = (long)(past * rate); sent < due && !stopped; sent++) {
+            if (at + 2 > size) at = 0;
+            size_t n = all[at] | (size_t)all[at + 1] << 8;
+            send(fd, all + at + 2, n, 0);
+            at += 2 + n;
+        }
+        struct timespec t = {0, 500000};
+        nanosleep(&t, NULL);
+    }
+    printf("%.0f\n", (double)sent / past);
+    return 0;
+}
+
 int main(int argc, char **argv) {
     if (argc == 3 && !strcmp(argv[1], "echo")) return echo(atoi(argv[2]));
     if (argc == 6 && !strcmp(argv[1], "client"))
         return client(atoi(argv[2]), atof(argv[3]), atol(argv[4]), atol(argv[5]));
+    if (argc == 4 && !strcmp(argv[1], "flood")) return flood(atoi(argv[2]), atof(argv[3]));
     return 2;
 }

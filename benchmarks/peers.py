@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.data import Samples
+from coaxlink.frames import STAND_CHANNELS, StandFrame
 from coaxlink.residual import refine_stand
-from coaxlink.residual.frames import STAND_CHANNELS, StandFrame
 from coaxlink.residual.stand import stand_frame
 from coaxlink.rotor import load_rotor_model
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from coaxlink.airframe import load_airframe
 from coaxlink.mixer import make_law
 from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
 from sim.geometric import ROWS, fly_law
 from sim.world import World, build_plant
 
@@ -39,7 +40,7 @@ def main() -> None:
         print(f"{'paper: ' + name:38s}" + "".join(f"{value:11.4f}" for value in row))
     for law, rotor in LAWS:
         plant, _ = build_plant(World(EXAMPLES / "x8_demo.toml"))
-        errors = fly_law(plant, make_law(law, airframe, load_rotor_model(EXAMPLES / rotor)).speeds)
+        errors = fly_law(plant, make_law(law, Vehicle(airframe, load_rotor_model(EXAMPLES / rotor))).speeds)
         print(f"{law + ' on ' + rotor:38s}" + "".join(f"{errors[name]:11.4f}" for name in ROWS), flush=True)
 
 
