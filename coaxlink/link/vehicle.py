@@ -23,6 +23,7 @@ from coaxlink.link.trajectory import Plan, Setpoint
 
 OFFBOARD = 6  # PX4 main mode
 GUIDED = 4  # ArduCopter mode
+READY_S = 15.0  # how long a vehicle that has just started may take until its own checks let it arm
 SILENCE_S = 15.0  # wall time without a position before the link counts as lost; a busy machine may stall
 _TYPE_MASK = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 
@@ -62,6 +63,7 @@ class Vehicle:
         """Arm the motors; an ArduCopter in guided mode, where it may be told to take off."""
         if self.session.identity.is_ardupilot:
             self._mode(GUIDED)
+        self._wait_ready()
         self._command("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         self._until(lambda: self.session.armed, 5.0, "it said yes to arming but did not arm")
 
@@ -120,6 +122,27 @@ class Vehicle:
         while self.session.armed:
             if self.now_s() - start > timeout_s:
                 raise CheckFailed(f"landing: still armed after {timeout_s} s")
+
+    def _wait_ready(self) -> None:
+        """Until its pre-arm checks pass, where it sends them; its answer to arming says the rest."""
+        checks = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        target = self.session.identity
+        ask = mavlink.MAVLink_command_long_message(
+            target.system,
+            target.component,
+            mavlink.MAV_CMD_REQUEST_MESSAGE,
+            0,
+            mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+            *[0.0] * 6,
+        )
+        end = time.monotonic() + READY_S
+        while True:
+            status, _ = self.session.exchange(ask, ("SYS_STATUS",), lambda _: True)
+            if status is None or not status.onboard_control_sensors_present & checks:
+                return
+            if status.onboard_control_sensors_health & checks or time.monotonic() > end:
+                return
+            time.sleep(0.2)
 
     def _follows(self) -> bool:
         """Whether its last heartbeat says that it follows set-points."""
