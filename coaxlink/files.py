@@ -127,6 +127,8 @@ def keep_private(folder: Path) -> str:
     Only this user may have put it there: the folder and all in it are this user's, nobody else can write
     them, and no folder above can be renamed by just anybody.
     """
+    if not hasattr(os, "geteuid"):
+        return "this system does not say whose files are whose"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         closed = not folder.lstat().st_mode & 0o077  # then nobody else reaches what is in it

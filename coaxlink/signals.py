@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
-from scipy.signal import butter, freqz_sos, lfilter, sosfiltfilt, welch
 
 Array = NDArray[np.float64]
 SEGMENT_S = 4.0
@@ -24,6 +22,8 @@ def low_pass(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Zero-phase second-order Butterworth run both ways along axis 0; (rows, ...) in and out."""
     if cutoff_hz >= 0.45 * rate_hz:
         return np.asarray(values, float)
+    from scipy.signal import butter, sosfiltfilt
+
     sos = butter(2, cutoff_hz, fs=rate_hz, output="sos")
     pad = min(len(values) - 1, int(2 * rate_hz / cutoff_hz))
     out: Array = sosfiltfilt(sos, values, axis=0, padlen=max(pad, 0))
@@ -51,6 +51,8 @@ def lagged(command: Array, step_s: float, lag_s: float) -> Array:
     """
     if lag_s <= 0:
         return np.asarray(command, float)
+    from scipy.signal import lfilter
+
     h = step_s / lag_s
     decay = float(np.exp(-h))
     driven = np.zeros(command.shape)
@@ -85,6 +87,8 @@ def difference_gain(rate_hz: float, cutoff_hz: float, keep: int, *, differentiat
 
     `differentiated`: the white noise was on a rate whose derivative is the signal (torque from a gyro).
     """
+    from scipy.signal import butter, freqz_sos
+
     sos = butter(2, cutoff_hz, fs=rate_hz, output="sos")
     omega, response = freqz_sos(sos, worN=4096, fs=2 * np.pi)
     power = np.abs(response) ** 4  # run both ways
@@ -155,6 +159,8 @@ def spectral_floor(
     one unit of a sensor's noise makes in each channel (mass, inertia): three axes of one sensor are held to
     one level, unless their spectra speak against it.
     """
+    from scipy.signal import welch
+
     length = int(SEGMENT_S * rate_hz)
     top = min(TOP_HZ, 0.38 * rate_hz)
     if top < 1.8 * cutoff_hz:
@@ -239,6 +245,8 @@ def _continued(
 
 def _passed(frequency: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Power that `low_pass` leaves at frequencies (F,)."""
+    from scipy.signal import butter, freqz_sos
+
     sos = butter(2, cutoff_hz, fs=rate_hz, output="sos")
     _, response = freqz_sos(sos, worN=2 * np.pi * frequency / rate_hz)
     return np.asarray(np.abs(response) ** 4)
@@ -257,6 +265,8 @@ def _mixture(spectrum: Array, shapes: Array, segments: float, known: Array) -> t
     and its -log L."""
     if not np.any(spectrum):  # a channel that was never measured
         return np.zeros(shapes.shape[1]), 0.0
+    from scipy.optimize import nnls
+
     level = np.full(len(spectrum), float(np.mean(spectrum)))
     scale = shapes.mean(axis=0)
     amounts = np.zeros(shapes.shape[1])

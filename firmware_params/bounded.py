@@ -23,6 +23,8 @@ DEPTH = 16  # tables in tables; ours have four
 KEY, STRING = 512, 4096  # characters; a path has no more
 DIGITS = 20  # of an integer: 64 bits
 _INT = 1 << 63
+# Windows knows neither of the first two, and reads text unless told the third
+_OPEN = os.O_RDONLY | sum(getattr(os, flag, 0) for flag in ("O_CLOEXEC", "O_NONBLOCK", "O_BINARY"))
 _PIECE = 1 << 16
 _KEY_PART = r"""(?>"[^"\n]*+"|'[^'\n]*+'|[A-Za-z0-9_-]++)[ \t]*+\.[ \t]*+"""
 _LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?>{_KEY_PART}){{{DEPTH + 1}}}")
@@ -39,7 +41,7 @@ class Unreadable(Exception):
 def read_bytes(path: Path | str, most: int = TEXT) -> bytes:
     """All of a regular file. Raises OSError, and Unreadable for a folder, a device, a pipe or too much."""
     _check_kind(Path(path).stat().st_mode)  # before it is opened: a serial port notices being opened
-    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    handle = os.open(path, _OPEN)
     with os.fdopen(handle, "rb") as stream:
         about = os.fstat(handle)
         _check_kind(about.st_mode)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
-
-from coaxlink.airframe import AXES
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
@@ -44,7 +41,7 @@ def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) 
     out.print(f"\nWhat the law asks of each motor, and what {firmware} does")
     out.print("thousandths of squared speed, for 1 N m of roll, pitch or yaw and for 1 N of thrust")
     rows = Table("rotor", *explained.axes, box=None)
-    largest = np.abs(explained.asked).max(axis=0)
+    largest = abs(explained.asked).max(axis=0)
     for n, rotor in enumerate(frame.rotors):
         cells = []
         for asked, done, top in zip(explained.asked[n], explained.done[n], largest, strict=True):
@@ -62,9 +59,10 @@ def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) 
 def _show_worth(out: Any, explained: Explanation) -> None:
     from rich.table import Table
 
-    this, other = explained.flown, explained.reference
+    from coaxlink.airframe import AXES
     from coaxlink.report.worth import first_bound
 
+    this, other = explained.flown, explained.reference
     now, before = explained.worth, explained.worth_before
     low, high = now.load_kg
     out.print("\nWhat that is worth in hover, by the rotor model")
@@ -121,7 +119,7 @@ def _show_changes(out: Any, explained: Explanation) -> None:
 
 
 def _pair(old: float, new: float, form: str) -> tuple[str, str, str]:
-    change = f"{(new - old) / abs(old):+.1%}" if old and np.isfinite([old, new]).all() else ""
+    change = f"{(new - old) / abs(old):+.1%}" if old and math.isfinite(old) and math.isfinite(new) else ""
     return f"{old:{form}}", f"{new:{form}}", change
 
 

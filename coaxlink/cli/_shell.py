@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from coaxlink.cli._absent import absent
 from coaxlink.errors import CoaxlinkError, InputError
 from firmware_params.plain import plain_lines
 
@@ -33,6 +34,12 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         return interrupted()
     except BrokenPipeError:
         return 0
+    except ImportError as error:
+        missing = absent(error, next((a for a in arguments if not a.startswith("-")), "coaxlink"))
+        if missing is None:
+            return fault(error)
+        say(f"coaxlink: {missing}")
+        return missing.exit_code
     except Exception as error:
         # typer's usage errors, whichever click they come from, know their own text and exit code
         if not hasattr(error, "format_message"):

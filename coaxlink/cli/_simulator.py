@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import IO
 
+from coaxlink.cli._absent import refuse_windows
 from coaxlink.errors import LinkError
 
 READY_S = 60.0  # a first start compiles the plant
@@ -21,6 +22,7 @@ def simulator(arguments: Sequence[str]) -> Iterator[str]:
 
     Raises LinkError when it does not come up. It ends with the block, politely first.
     """
+    refuse_windows("coaxlink sim")
     port = free_port()
     command = [sys.executable, "-m", "coaxlink", "sim", *arguments, "--listen", f"udpin:127.0.0.1:{port}"]
     with tempfile.TemporaryFile("w+") as talk:

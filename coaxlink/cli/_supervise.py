@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import typer
 
+from coaxlink.cli._absent import absent
 from coaxlink.cli._shell import say
 from coaxlink.errors import CoaxlinkError, InputError
 
@@ -91,6 +92,10 @@ def _live(work: Callable[[int], None], life: int) -> None:
         code = left.exit_code
     except KeyboardInterrupt:
         code = 130
+    except ImportError as error:
+        missing = absent(error, "mix")
+        say(f"coaxlink: {missing or error}")
+        code = missing.exit_code if missing else CRASHED
     except BaseException:
         traceback.print_exc()
         code = CRASHED

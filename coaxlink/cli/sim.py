@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from coaxlink import files
+from coaxlink.cli._absent import refuse_windows
 from coaxlink.cli._next import on_simulator
 from coaxlink.cli._shell import say
 from coaxlink.errors import InputError, LinkError
@@ -69,6 +70,7 @@ def sim(
     ] = None,
 ) -> None:
     """Fly a stand-in autopilot on a simulated vehicle, or measure a simulated rotor pair."""
+    refuse_windows("sim")
     if not 0.0 <= speed < 1e6:
         raise InputError("--speed", "", f"a positive number, or 0, is expected, found {speed}")
     if truth is not None and hidden_seed is not None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import LOAD, drivable, drive, loaded, turning
@@ -26,6 +25,8 @@ def _heat(frame: StandFrame, shape: Shape) -> Array:
         logged = frame.context("motor_temperature_C")
         assert logged is not None
         return (logged - 25.0) / 100.0
+    from scipy.signal import lfilter
+
     power = np.sum(drive(frame) ** 3, axis=1)
     step = float(np.median(np.diff(frame.time_s)))
     share = 1.0 - np.exp(-step / shape["memory_s"])

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import bent_by, drivable, drive
@@ -115,6 +114,8 @@ def _no_time(frame: StandFrame) -> str | None:
 
 def _stepped(u: Array, step_s: float, lag_s: float) -> Array:
     """(rows, 2) behind a throttle that jumps right after a row and stands until the next one."""
+    from scipy.signal import lfilter
+
     keep = float(np.exp(-step_s / lag_s))
     out, _ = lfilter([1.0 - keep], [1.0, -keep], u, axis=0, zi=u[:1] * keep)
     return np.asarray(out)

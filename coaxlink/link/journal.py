@@ -7,7 +7,6 @@ hold the old table or the new one whole. Floats are kept as the bits of the wire
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -19,6 +18,7 @@ from coaxlink import files
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.link.content import Content
 from coaxlink.link.identity import Identity
+from coaxlink.link.locks import lock
 from coaxlink.link.parameters import Value
 from firmware_params.bounded import STRING
 from firmware_params.plain import is_parameter_name, name_problem
@@ -80,7 +80,7 @@ class Journal:
         except OSError as error:
             raise InputError(path, "", f"cannot be written ({error.strerror})") from error
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(handle, wait=False)
         except OSError as error:
             os.close(handle)
             raise SafetyRefusal(f"another upload to board {self.board} is under way") from error

@@ -8,7 +8,6 @@ says what really was. A vehicle raises its clock to ours with our first message,
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import threading
 import time
@@ -17,6 +16,7 @@ from pathlib import Path
 
 from coaxlink import files
 from coaxlink.errors import InputError
+from coaxlink.link.locks import lock
 
 Stream = tuple[int, int, int]  # link, system, component
 TICKS = 100_000  # a second, in signing's 10 us
@@ -39,7 +39,7 @@ class Book:
         self._next = (0, dict[Stream, int]())
         self._tried_s = 0.0
         self._users = self._open(".users")
-        fcntl.flock(self._users, fcntl.LOCK_SH)  # goes with the process, however it ends
+        lock(self._users, shared=True)  # goes with the process, however it ends
         try:
             self.sent, self.heard = self._read()
         except BaseException:
@@ -77,7 +77,7 @@ class Book:
         with self._writing:
             try:
                 with contextlib.suppress(BlockingIOError):
-                    fcntl.flock(self._users, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    lock(self._users, wait=False)
                     files.write_json(self._path, _document(sent, {**self.heard, **heard}))
             finally:
                 os.close(self._users)
@@ -134,7 +134,7 @@ class Book:
     def _alone(self) -> Iterator[None]:
         handle = self._open(".lock")
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            lock(handle)
             yield
         finally:
             os.close(handle)

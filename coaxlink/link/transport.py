@@ -7,6 +7,7 @@ import os
 import select
 import socket
 import struct
+import sys
 import time
 from typing import Any, Protocol
 
@@ -32,7 +33,10 @@ class Transport(Protocol):
 
 
 def open_transport(address: Address, timeout_s: float) -> Transport:
-    """Open a line. Raises LinkError when it cannot be had within `timeout_s`."""
+    """Open a line. Raises LinkError when it cannot be had within `timeout_s`, and on Windows."""
+    if sys.platform == "win32":
+        # no locks that end with their process, no socket times of the kernel's; nothing was ever run there
+        raise LinkError(address.text, "lines to a vehicle need Linux or macOS; on Windows use WSL")
     try:
         if address.kind in ("udpin", "udpout"):
             return Udp(address)

@@ -1,0 +1,120 @@
+"""What a companion computer's light install can do, what it says of the rest, and what is loaded when."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+from coaxlink.files import example
+from sim.testing import standin
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+X8 = str(example("x8_paper.toml"))
+HEAVY = ("cvxpy", "llvmlite", "matplotlib", "mavsdk", "numba", "scipy", "sim")
+
+
+def together(folder: Path, commands: list[list[str]], *options: str) -> list[tuple[int, str, str]]:
+    """(exit code, stdout, stderr) of each command line, all in one process that lacks something."""
+    (folder / "commands.json").write_text(json.dumps(commands))
+    said = subprocess.run(
+        [sys.executable, str(HERE / "light_process.py"), str(folder / "commands.json"), *options],
+        capture_output=True, text=True, cwd=folder,
+    )  # fmt: skip
+    assert said.returncode == 0, said.stderr
+    return [(code, out, talk) for code, out, talk in json.loads(said.stdout)]
+
+
+def test_the_light_list_is_a_part_of_the_full_one():
+    full = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    light = tomllib.loads((ROOT / "companion" / "pyproject.toml").read_text())["project"]
+    every = set(full["dependencies"])
+    assert set(light["dependencies"]) < every
+    assert set(light["optional-dependencies"]["compiled"]) < every
+    assert light["requires-python"] == full["requires-python"] and light["scripts"] == full["scripts"]
+
+
+def test_it_makes_a_table_uploads_verifies_watches_mixes_and_restores(tmp_path, monkeypatch):
+    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
+    with standin("--firmware", "px4") as port, standin("--firmware", "px4:1.13") as old:
+        line, live = (["--connect", f"udpout:127.0.0.1:{p}"] for p in (port, old))
+        commands = [
+            ["allocate", X8, "--wrench", "196.1,0,0,0", "--law", "exact"],
+            ["table", X8, "--firmware", "ardupilot", "--law", "standard", "--out", "ap"],
+            ["table", X8, "--firmware", "px4", "--law", "reduced", "--out", "tables", *line],
+            ["upload", "tables", *line, "--yes"],
+            ["verify", "tables", *line],
+            ["monitor", *line, "--once", "--seconds", "1"],
+            ["mix", X8, *live, "--dry-run", "--seconds", "1", "--json", "mix.json"],
+        ]
+        for command, (code, _, talk) in zip(commands, together(tmp_path, commands), strict=True):
+            assert code == 0, f"{command}: {talk}"
+        backup = next((tmp_path / "backups").glob("*.params"))
+        assert [r[0] for r in together(tmp_path, [["restore", str(backup), *line, "--yes"]])] == [0]
+    assert json.loads((tmp_path / "mix.json").read_text())["law"] == "exact"
+
+
+def test_what_is_left_out_is_one_line_that_says_what_to_install(tmp_path):
+    commands = {
+        "scipy": ["table", X8, "--firmware", "px4", "--out", "t"],
+        "numba": ["mix", X8, "--connect", "udpout:127.0.0.1:9", "--compiled"],
+        "matplotlib": ["airframe", X8, "--picture", "x.png"],
+        "coaxlink": ["sim", "--firmware", "px4"],
+        "threadpoolctl": ["refine", "example"],
+    }
+    answers = together(tmp_path, list(commands.values()))
+    for package, (code, _, talk) in zip(commands, answers, strict=True):
+        last = talk.strip().splitlines()[-1]
+        assert code == 2 and f"pip install {package}" in last, talk
+        assert "Traceback" not in talk
+
+
+def test_on_windows_files_work_and_lines_say_so(tmp_path):
+    refused = [
+        ["upload", "tables", "--connect", "udpout:127.0.0.1:9", "--yes"],
+        ["mix", X8, "--connect", "COM3,57600"],
+        ["monitor", "--once"],
+        ["sim", "--firmware", "px4"],
+    ]
+    commands = [
+        ["--help"],
+        ["examples"],
+        ["allocate", X8, "--wrench", "196.1,0,0,0"],
+        ["table", X8, "--firmware", "px4", "--law", "reduced", "--out", "tables"],
+        *refused,
+    ]
+    answers = together(tmp_path, commands, "--windows")
+    assert [code for code, _, _ in answers] == [0, 0, 0, 0, 3, 3, 3, 2], answers
+    for _, _, talk in answers[-len(refused) :]:
+        assert "WSL" in talk.strip().splitlines()[-1]
+
+
+def test_help_loads_nothing_heavy():
+    each = ["main(['--help'])"] + [
+        f"main([{verb!r}, '--help'])" for verb in ("mix", "upload", "monitor", "table", "identify")
+    ]
+    code = "".join(f"with contextlib.suppress(SystemExit): {call}\n" for call in each)
+    loaded = _loaded(f"import contextlib\nfrom coaxlink.cli import main\n{code}")
+    assert "coaxlink" in loaded and not loaded & {*HEAVY, "numpy", "pymavlink", "textual"}
+
+
+def test_the_live_path_loads_nothing_heavy():
+    rooms = (
+        "link.mixing",
+        "link.upload",
+        "link.live_effects",
+        "mixer",
+        "monitor.screen",
+        "library",
+        "vehicle",
+    )
+    loaded = _loaded("".join(f"import coaxlink.{room}\n" for room in rooms))
+    assert "textual" in loaded and not loaded & set(HEAVY)
+
+
+def _loaded(code: str) -> set[str]:
+    """Top-level modules that are there after the code ran in a process of its own."""
+    script = f"{code}\nimport sys\nprint('\\n' + ' '.join(sys.modules))"
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return {name.partition(".")[0] for name in said.stdout.splitlines()[-1].split()}
