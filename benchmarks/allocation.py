@@ -55,7 +55,7 @@ Solver = Callable[[list[float]], Any]  # a wrench to speeds (N,)
 
 def exact(compiled: bool) -> Solver:
     """The exact law; the call from Python is part of the time."""
-    law = ExactLaw(FRAME, MODEL, compiled=compiled)
+    law = ExactLaw(Vehicle(FRAME, MODEL), compiled=compiled)
     slots = law.problem.slots
 
     def solve(wrench: list[float]) -> Any:
@@ -73,7 +73,7 @@ def sqp(quadratic: Callable[..., np.ndarray]) -> Solver:
 
     compiled.compiled()
     expand = numba.njit(loads.expand, **compiled.OPTIONS)
-    law = ExactLaw(FRAME, MODEL, compiled=True)
+    law = ExactLaw(Vehicle(FRAME, MODEL), compiled=True)
     p = law.problem
     work, sums, _ = p.scratch()
     x, lam, mu = np.full(8, 0.5), np.zeros(4), np.zeros(4)
@@ -271,7 +271,7 @@ def measure(solve: Solver, demands: np.ndarray, reachable: np.ndarray) -> dict[s
 
 def compiled_loop(demands: np.ndarray, reachable: np.ndarray, airframe: Airframe = FRAME) -> dict[str, float]:
     """The exact law inside one compiled loop: batches of 20, so that a clock's own cost does not count."""
-    law = ExactLaw(airframe, MODEL, compiled=True)
+    law = ExactLaw(Vehicle(airframe, MODEL), compiled=True)
     law.many(demands[:20])
     p, state = law.problem, law._state
     scaled = np.clip(demands[:, p.order] / p.scale, -4, 4)
@@ -294,7 +294,7 @@ def compiled_loop(demands: np.ndarray, reachable: np.ndarray, airframe: Airframe
 
 def batch(rows: int = 100_000) -> float:
     """us each for many wrenches in one call, the best of three."""
-    law = ExactLaw(FRAME, MODEL, compiled=True)
+    law = ExactLaw(Vehicle(FRAME, MODEL), compiled=True)
     demands = smooth(rows)
     law.many(demands[:10])
     best = float("inf")

@@ -52,7 +52,7 @@ def fly(
     companion = Companion(flight)
     law = make_law(law_name, Vehicle(frame, MODEL))
     live = LiveMixer(
-        companion.session, frame, law, MODEL, own_curve=1.0, timing=PATIENT,
+        companion.session, Vehicle(frame, MODEL), law, own_curve=1.0, timing=PATIENT,
         lead_s=(0.0, 0.0) if quick_s is None else (frame.motor_lag_s, quick_s),
     )  # fmt: skip
     starting = threading.Thread(target=live.start)

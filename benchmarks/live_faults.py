@@ -44,7 +44,7 @@ class Own:
         self.flight = flight
         self.companion = Companion(flight)
         law = make_law("exact", Vehicle(X8, CRM))
-        self.mixer = LiveMixer(self.companion.session, X8, law, CRM, own_curve=curve, native=native)
+        self.mixer = LiveMixer(self.companion.session, Vehicle(X8, CRM), law, own_curve=curve, native=native)
         starting = threading.Thread(target=self.mixer.start)
         starting.start()
         flight.fly(3.0, until=lambda: not starting.is_alive())

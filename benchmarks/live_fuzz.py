@@ -103,7 +103,7 @@ def main() -> None:
         on_a_socket(o.frames, o.seed)
         return
     sink, law = Sink(), make_law(o.law, Vehicle(X8, CRM))
-    mixer = LiveMixer(sink, X8, law, CRM, timing=Timing(settle=1, fade_s=0.02), witness=False)
+    mixer = LiveMixer(sink, Vehicle(X8, CRM), law, timing=Timing(settle=1, fade_s=0.02), witness=False)
     mixer.start()
     started, early = time.monotonic(), 0.0
     for k, data in zip(range(o.frames), hostile(random.Random(o.seed)), strict=False):

@@ -51,7 +51,7 @@ class LiveMixer:
 
     def __init__(self, frame: Airframe, model: RotorModel) -> None:
         full = airframe_ceiling(frame, model)
-        self._speeds = law_speeds(ExactLaw(frame, model, compiled=True), frame, full)
+        self._speeds = law_speeds(ExactLaw(Vehicle(frame, model), compiled=True), frame, full)
 
     def command(self, roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
         """(N,) motor commands."""

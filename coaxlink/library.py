@@ -172,13 +172,9 @@ def mix(session: Session, vehicle: Vehicle, law: str = "exact", **options: Any) 
     LiveMixer's own (rate_hz, dry_run, own_curve, ...). Raises SafetyRefusal where the autopilot cannot be
     mixed.
     """
-    from coaxlink.link.live_effects import LiveEffects
     from coaxlink.link.mixing import LiveMixer
-    from coaxlink.mixer import make_law
 
-    extra = LiveEffects(session, vehicle) if vehicle.live_effects else None
-    made = make_law(law, vehicle)
-    with LiveMixer(session, vehicle.airframe, made, vehicle.model, compensation=extra, **options) as live:
+    with LiveMixer(session, vehicle, law, **options) as live:
         yield live
 
 

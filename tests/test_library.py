@@ -7,7 +7,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import coaxlink as cx
@@ -17,7 +16,13 @@ from coaxlink.rotor.model import Effect
 from sim.testing import standin
 
 SCRIPTS = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
-ROOMS = ("coaxlink.library", "coaxlink.mixer.registry", "coaxlink.vehicle.vehicle", "coaxlink.vehicle.load")
+ROOMS = (
+    "coaxlink.library",
+    "coaxlink.data.samples",
+    "coaxlink.mixer.registry",
+    "coaxlink.vehicle.vehicle",
+    "coaxlink.vehicle.load",
+)
 
 
 def test_every_name_is_there_and_says_what_it_is():
@@ -49,17 +54,6 @@ def test_examples_run_without_a_warning(script, tmp_path):
     )
     assert said.returncode == 0, said.stderr
     assert said.stdout.strip() and not said.stderr
-
-
-def test_the_three_lines_that_once_flew_a_healthy_rotor():
-    rotors = cx.load_rotor_model(example("rotor_paper.toml"))
-    weak = replace(rotors, effects=(Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3}),))
-    airframe = cx.load_airframe(example("x8_paper.toml"))
-    with pytest.raises(TypeError):
-        cx.make_law("exact", airframe, weak)
-    healthy, tired = (cx.make_law("exact", cx.Vehicle(airframe, m)) for m in (rotors, weak))
-    hover = [196.1, 0.0, 0.0, 0.0]
-    assert np.abs(healthy.speeds(hover) - tired.speeds(hover)).max() > 0.05
 
 
 @pytest.mark.parametrize(("firmware", "law"), [("px4", "reduced"), ("ardupilot", "standard")])

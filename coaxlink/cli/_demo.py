@@ -12,19 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from coaxlink.airframe import Airframe
 from coaxlink.cli._flights import Flight, fly
 from coaxlink.cli._simulator import simulator
 from coaxlink.link.live_guard import Timing
 from coaxlink.link.trajectory import Plan
 from coaxlink.report.demo import FlightErrors
 from coaxlink.residual.delivered import delivered
-from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from coaxlink.link import Session
+    from coaxlink.vehicle import Vehicle
 
 FITTED, HIDDEN = "fitted", "hidden"
 TABLES = ("standard", "reduced", FITTED)
@@ -109,40 +108,34 @@ def fly_fresh(
 def fly_live(
     world: list[str],
     speed: float,
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     plan: Plan,
     out: Path,
     watch: Watch,
     law: str = LIVE_LAW,
     *,
     name: str | None = None,
-    effects: bool = False,
     lead_s: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Flight, Demands, dict[str, Any]]:
     """Fly the plan with the companion mixing: the flight, the demands answered, the mixer's account.
 
-    `effects` compensates those of the model from telemetry; `name` is the log's, if not the law's; `lead_s`
-    is the motors' lag and the one wanted of them instead.
+    `name` is the log's, if not the law's; `lead_s` is the motors' lag and the one wanted of them instead.
     """
     from coaxlink.link.live_effects import LiveEffects
     from coaxlink.link.live_telemetry import Telemetry
     from coaxlink.link.mixing import LiveMixer
-    from coaxlink.mixer import make_law
-    from coaxlink.vehicle import Vehicle
 
-    vehicle = Vehicle(airframe, model, measured_live=True)
     demands = Demands()
     account: dict[str, Any] = {}
 
     @contextmanager
     def mixing(session: Session) -> Iterator[None]:
         forget = session.subscribe(demands.hear)
-        telemetry = Telemetry(demands.now)
-        extra = LiveEffects(session, vehicle, telemetry) if effects and vehicle.live_effects else None
+        # what it hears is as old as the vehicle's own clock says, which is not this machine's
+        extra = LiveEffects(session, vehicle, Telemetry(demands.now)) if vehicle.live_effects else None
         live = LiveMixer(
-            session, vehicle.airframe, make_law(law, vehicle), vehicle.model,
-            own_curve=OWN_CURVE, compensation=extra, timing=PATIENT, witness=False, lead_s=lead_s,
+            session, vehicle, law, own_curve=OWN_CURVE, compensation=extra, timing=PATIENT, witness=False,
+            lead_s=lead_s,
         )  # fmt: skip
         with live:
             yield
@@ -168,8 +161,7 @@ def fly_live(
 
 def errors_of_table(
     flight: Flight,
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     parameters: Mapping[str, float | int],
     *,
     whole: bool = False,
@@ -180,13 +172,12 @@ def errors_of_table(
     """
     from coaxlink.mixer.intent import intended_wrench
 
-    return _errors(flight, airframe, model, lambda _, motor: intended_wrench(parameters, motor), whole)
+    return _errors(flight, vehicle, lambda _, motor: intended_wrench(parameters, motor), whole)
 
 
 def errors_of_live(
     flight: Flight,
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     demands: Demands,
     *,
     whole: bool = False,
@@ -198,18 +189,18 @@ def errors_of_live(
     from coaxlink.link.mixing import DemandScale
     from coaxlink.mixer import standard_coefficients
 
-    scale = DemandScale(airframe, standard_coefficients(model)).matrix
+    scale = DemandScale(vehicle.airframe, standard_coefficients(vehicle.model)).matrix
+    lag_s = vehicle.airframe.motor_lag_s if whole else 0.0
 
     def meant(time_s: NDArray[np.float64], _: NDArray[np.float64]) -> NDArray[np.float64]:
-        return demands.at(time_s, airframe.motor_lag_s if whole else 0.0) @ scale.T
+        return demands.at(time_s, lag_s) @ scale.T
 
-    return _errors(flight, airframe, model, meant, whole)
+    return _errors(flight, vehicle, meant, whole)
 
 
 def _errors(
     flight: Flight,
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     meant: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
     whole: bool,
 ) -> FlightErrors:
@@ -221,7 +212,7 @@ def _errors(
     stamps, time_s = np.array(flight.track.time_s)[judged], samples["time_s"]
     inside = (time_s >= stamps.min()) & (time_s <= stamps.max())
     return FlightErrors(
-        delivered(samples.take(inside), airframe, model, meant, lagged=whole),
+        delivered(samples.take(inside), vehicle, meant, lagged=whole),
         (float(miss[0]), float(miss[1]), float(miss[2])),
         flight.pack.mean(),
     )

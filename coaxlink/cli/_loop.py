@@ -13,12 +13,13 @@ from coaxlink.cli import _demo as steps
 from coaxlink.cli._demo import Watch
 from coaxlink.report.demo import FlightErrors
 from coaxlink.report.loop import LoopResult, outcome_of
-from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
     from coaxlink.data import Samples
     from coaxlink.link.trajectory import Plan
     from coaxlink.residual.result import Refinement
+    from coaxlink.rotor import RotorModel
+    from coaxlink.vehicle import Vehicle
 
 LAW, LIVE_LAW = "fitted", "exact"
 DEMANDS_HZ = 250.0  # of the vehicle's own time
@@ -57,8 +58,7 @@ class Wishes:
 class _Start:
     """What all flights share: the declared vehicle, its identified rotors, its first table."""
 
-    airframe: Airframe
-    model: RotorModel
+    vehicle: Vehicle
     table: Any
 
 
@@ -98,10 +98,11 @@ def run_loop(
     tell("identifying the rotor pair")
     model = identify(read_stand_log(files.example("stand_eq17.csv")), "crm").model
     save_rotor_model(out / "rotor.toml", model)
-    start = _Start(airframe, model, tables.report_px4(Vehicle(airframe, model), LAW))
+    vehicle = Vehicle(airframe, model)
+    start = _Start(vehicle, tables.report_px4(vehicle, LAW))
     tell("first flight")
     flown = _fly_table(world, 0, airframe, "before", start.table, out / "rotor.toml", watch)
-    by_table = steps.errors_of_table(flown, airframe, model, start.table.params, whole=True)
+    by_table = steps.errors_of_table(flown, vehicle, start.table.params, whole=True)
     log = read_flight_log(flown.log)
     tell("tracing the residual")
     refinement = refine(log, airframe, model)
@@ -134,7 +135,7 @@ def _second_flight(
     from coaxlink.rotor import save_rotor_model
     from coaxlink.vehicle import Conditions, Vehicle
 
-    airframe, model = start.airframe, start.model
+    airframe, model = start.vehicle.declared, start.vehicle.rotors
     usable = bool(refinement.effects) and not refinement.suspect_data and refinement.model is not None
     found = refinement.model if usable and refinement.model is not None else model
     if usable:
@@ -154,7 +155,7 @@ def _second_flight(
         rotor_file = world.out / "rotor_refined.toml"
     tell("second flight" if usable else "second flight, nothing changed")
     again = _fly_table(world, 1, seen.airframe, "after", table, rotor_file, watch)
-    after = steps.errors_of_table(again, seen.airframe, seen.model, table.params, whole=True)
+    after = steps.errors_of_table(again, seen, table.params, whole=True)
     done = {
         name: f"{what}; {SAGS}" if name == "battery_voltage" else what
         for name, what in seen.compensated.items()
@@ -174,7 +175,7 @@ def _separate(world: World, start: _Start, refinement: Refinement, tell: Tell, w
     tell(f"flying what would tell apart {' or '.join(experiments[0].names)}")
     there = replace(world, plan=planned_flight(experiments[0].document()))
     rotor = world.out / "rotor.toml"
-    return Path(_fly_table(there, 2, start.airframe, "separating", start.table, rotor, watch).log)
+    return Path(_fly_table(there, 2, start.vehicle.airframe, "separating", start.table, rotor, watch).log)
 
 
 def mean_voltage(log: Samples) -> float | None:
@@ -201,13 +202,13 @@ def _fly_table(
 
 
 def _fly_live(
-    world: World, flight: int, airframe: Airframe, rotors: RotorModel, name: str, watch: Watch, **how: Any
+    world: World, flight: int, vehicle: Vehicle, name: str, watch: Watch, **how: Any
 ) -> tuple[Any, steps.Demands]:
     """One flight mixed live. Raises CheckFailed when not nearly every demand was answered."""
     from coaxlink.errors import CheckFailed
 
     flown, demands, account = steps.fly_live(
-        world.arguments(flight), world.speed, airframe, rotors, world.plan, world.out, watch,
+        world.arguments(flight), world.speed, vehicle, world.plan, world.out, watch,
         law=LIVE_LAW, name=name, **how,
     )  # fmt: skip
     answered = account["cycles"] / (DEMANDS_HZ * world.plan.duration_s)
@@ -230,16 +231,18 @@ def _live_pair(
     from coaxlink.link.live_effects import LiveEffects
     from coaxlink.vehicle import Vehicle
 
-    airframe = start.airframe
+    airframe = start.vehicle.declared
     lag = next((e.parameters["lag_s"] for e in found.effects if e.name == "rotor_lag"), 0.0)
     lead_s = (lag, airframe.motor_lag_s) if leads and lag > airframe.motor_lag_s else (0.0, 0.0)
     tell("mixing live without the effects")
-    flown, demands = _fly_live(world, 1, airframe, start.model, "live_before", watch)
-    before = steps.errors_of_live(flown, airframe, start.model, demands, whole=True)
+    flown, demands = _fly_live(world, 1, start.vehicle, "live_before", watch)
+    before = steps.errors_of_live(flown, start.vehicle, demands, whole=True)
     tell("mixing live with the effects")
-    again, demands = _fly_live(world, 2, airframe, found, "live_after", watch, effects=True, lead_s=lead_s)
-    after = steps.errors_of_live(again, replace(airframe, mass_kg=mass_kg), found, demands, whole=True)
-    account = LiveEffects(None, Vehicle(airframe, found, measured_live=True))
+    vehicle = Vehicle(airframe, found, measured_live=True)
+    again, demands = _fly_live(world, 2, vehicle, "live_after", watch, lead_s=lead_s)
+    weighed = Vehicle(replace(airframe, mass_kg=mass_kg), found, measured_live=True)
+    after = steps.errors_of_live(again, weighed, demands, whole=True)
+    account = LiveEffects(None, vehicle)
     done = dict.fromkeys(account.names, "taken out of the commands live, from telemetry")
     cannot = dict(account.left_out)
     if cannot.pop("mass_change", ""):

@@ -90,7 +90,7 @@ def fly(
     about = {"law": law.name, "airframe": frame.name, "rotors": len(frame.rotors), "rotor_form": model.form}
     kept = LiveRecord(o.record / "mix.live", about) if o.record else None
     live = LiveMixer(
-        session, frame, law, model, rate_hz=o.rate, dry_run=o.dry_run, witness=o.witness,
+        session, vehicle, law, rate_hz=o.rate, dry_run=o.dry_run, witness=o.witness,
         compensation=effects, record=kept, own_curve=_own_curve(session),
         loop=AttitudeLoop(frame.inertia_kg_m2, load_gains(o.airframe)) if o.loop else None,
         lead_s=lead_s, native=native,

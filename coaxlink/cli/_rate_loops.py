@@ -97,7 +97,7 @@ def _flown(
                 frame = board.get("FRAME_CLASS", 0)
                 raise CheckFailed(f"the board flies a matrix that is not known here (FRAME_CLASS {frame:g})")
             mixes = [ap_speeds(ardupilot.realise(table)) for table in (old, new)]
-        before, after = (behaviour(vehicle.airframe, vehicle.model, speeds) for speeds in mixes)
+        before, after = (behaviour(vehicle, speeds) for speeds in mixes)
     except (FirmwareParamsError, ValueError, IndexError) as error:
         raise CheckFailed(str(error)) from error
     return before, after

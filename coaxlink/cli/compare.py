@@ -59,9 +59,9 @@ def compare(
 
     vehicle, _ = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
-    frame, model = vehicle.airframe, vehicle.model
+    frame = vehicle.airframe
     load = _worth.load_shares(frame, light, heavy)
-    fitted = FittedLaw(frame, model)
+    fitted = FittedLaw(vehicle)
     names = ("standard", "reduced", "coaxial-printed", "coaxial", "exact")
     laws = [(name, make_law(name, vehicle)) for name in names]
     laws.insert(2, ("fitted", fitted))

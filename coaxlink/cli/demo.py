@@ -93,7 +93,7 @@ def run_demo(seed: int, out: Path, speed: float) -> DemoResult:
         step("uploading and flying each table", plan)
         flown, uploads = steps.fly_fresh(world, speed, folders, upload, plan, out, watch)
         step("flying with the companion mixing live", plan)
-        live, demands, account = steps.fly_live(world, speed, airframe, model, plan, out, watch)
+        live, demands, account = steps.fly_live(world, speed, vehicle, plan, out, watch)
 
         step("flying the fitted table where something is hidden", longer)
         into = {steps.HIDDEN: folders[steps.FITTED]}
@@ -102,12 +102,12 @@ def run_demo(seed: int, out: Path, speed: float) -> DemoResult:
 
         step("holding the flights against what was meant")
         errors = {
-            law: steps.errors_of_table(flight, airframe, model, reports[law].params, whole=True)
+            law: steps.errors_of_table(flight, vehicle, reports[law].params, whole=True)
             for law, flight in flown.items()
         }
-        errors[steps.LIVE] = steps.errors_of_live(live, airframe, model, demands, whole=True)
+        errors[steps.LIVE] = steps.errors_of_live(live, vehicle, demands, whole=True)
         params = reports[steps.FITTED].params
-        off = steps.errors_of_table(hidden, airframe, model, params, whole=True)
+        off = steps.errors_of_table(hidden, vehicle, params, whole=True)
         step("tracing the residual to what is hidden")
         refinement = refine(read_flight_log(hidden.log), airframe, model)
         if refinement.model is not None:

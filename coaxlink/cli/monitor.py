@@ -65,7 +65,7 @@ def _watch(connect: str, airframe_path: Path | None, rotor_path: Path | None) ->
     vehicle = Vehicle(airframe, model)
     for name, why in vehicle.left_out.items():
         say(f"not in the rotors shown: {name}: {why}")
-    return Watch(connect, vehicle.airframe, vehicle.model)
+    return Watch(connect, vehicle)
 
 
 def _screen(watch: Watch) -> None:

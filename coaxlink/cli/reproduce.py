@@ -89,7 +89,7 @@ def _fly() -> dict[str, Flown]:
 
     airframe_file = files.example("x8_demo.toml")
     airframe, plan, world = load_airframe(airframe_file), table_4_flight(), ["--airframe", str(airframe_file)]
-    crm = load_rotor_model(files.example("rotor_paper.toml"))
+    vehicle = Vehicle(airframe, load_rotor_model(files.example("rotor_paper.toml")))
     asked = {"standard": ("standard", "srm_paper"), "reduced": ("reduced", "eq15")}
     if "fitted" in tables.TABLE_LAWS:
         asked["fitted table"] = ("fitted", "paper")
@@ -104,11 +104,11 @@ def _fly() -> dict[str, Flown]:
         say(f"flying {', '.join(asked)} as PX4 tables")
         flown, _ = steps.fly_tables(world, SPEED, folders, upload_into(out), plan, out, lambda *_: None)
         for title, flight in flown.items():
-            errors[title] = steps.errors_of_table(flight, airframe, crm, reports[title].params)
+            errors[title] = steps.errors_of_table(flight, vehicle, reports[title].params)
         for title, law in (("coaxial", "coaxial-printed"), ("exact, live", "exact")):
             say(f"flying {law} live")
-            live, demands, _ = steps.fly_live(world, SPEED, airframe, crm, plan, out, lambda *_: None, law)
-            errors[title] = steps.errors_of_live(live, airframe, crm, demands)
+            live, demands, _ = steps.fly_live(world, SPEED, vehicle, plan, out, lambda *_: None, law)
+            errors[title] = steps.errors_of_live(live, vehicle, demands)
     return {
         title: Flown(title, e.position_error_m, e.delivered.torque_error_Nm, e.delivered.thrust_error_N)
         for title, e in errors.items()

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coaxlink.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,43 @@ class Samples:
         """A copy without these columns."""
         kept = {name: column for name, column in self.columns.items() if name not in names}
         return replace(self, columns=kept)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The columns as a pandas DataFrame, one row a sample; source, notes and resolution in its attrs.
+
+        Raises InputError when pandas is not installed (coaxlink[pandas]).
+
+        >>> Samples({"time_s": np.array([0.0, 0.5]), "upper_thrust_N": np.array([10.0, 12.0])}).to_dataframe()
+           time_s  upper_thrust_N
+        0     0.0            10.0
+        1     0.5            12.0
+        """
+        from coaxlink.data.frame import dataframe
+
+        about = {"source": self.source, "notes": list(self.notes), "resolution": dict(self.resolution)}
+        return dataframe(dict(self.columns), about)
+
+    @classmethod
+    def from_dataframe(cls, frame: pandas.DataFrame, source: str = "") -> Samples:
+        """Samples of a pandas DataFrame whose columns are named with their units (`upper_thrust_N`), in SI.
+
+        A missing value is NaN. An index of times, or one named time_s, becomes `time_s` (s) where no column
+        is; a note says so. `source` is what errors call the table; what `to_dataframe` left in attrs is kept.
+        Raises InputError naming the column that holds no numbers, and when pandas is not installed.
+
+        >>> import pandas
+        >>> frame = pandas.DataFrame({"upper_rpm": [1200, 1500], "voltage_V": [24.1, None]})
+        >>> log = Samples.from_dataframe(frame)
+        >>> log.rows, log["voltage_V"].tolist()
+        (2, [24.1, nan])
+        """
+        from coaxlink.data.frame import columns_of
+
+        columns, notes = columns_of(frame)
+        about = frame.attrs
+        kept = tuple(str(note) for note in about.get("notes", ()))
+        resolution = {k: float(v) for k, v in about.get("resolution", {}).items() if k in columns}
+        return cls(columns, source or str(about.get("source", "")), kept + notes, resolution=resolution)
 
     def with_notes(self, *notes: str) -> Samples:
         """A copy with remarks added."""

@@ -69,7 +69,8 @@ class StaticBench:
     torque: Array  # (N,) of its torque
     usual_lift: Callable[[Airframe, RotorModel], float]  # N, thrust over speed squared of a rotor in hover
     speed: float = 1.0  # of every rotor over its command
-    changes: list[Change] = field(default_factory=list)  # of the pair's surfaces
+    changes: list[Change] = field(default_factory=list)  # of the pair's surfaces over commands
+    drive: list[Change] = field(default_factory=list)  # those of them that are the drive's: none over speeds
 
     def turn(self, factor: float, condition: str, value: float) -> None:
         """Let every rotor turn at `factor` of its command; raises InputError where no drive does that."""
@@ -85,3 +86,4 @@ class StaticBench:
             return loads.plus(**{name: getattr(turned, name) - getattr(told, name) for name in FIELDS})
 
         self.changes.append(change)
+        self.drive.append(change)

@@ -17,7 +17,7 @@ from coaxlink.errors import InputError
 from coaxlink.link.behaviour import Behaviour, Speeds, behaviour
 from coaxlink.link.tables import px4_table
 from coaxlink.mixer.fitted import fit_table, px4_columns
-from coaxlink.vehicle import Vehicle
+from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params import ardupilot as ap
 from firmware_params import px4
 from firmware_params.ardupilot import scripts
@@ -78,12 +78,13 @@ def report_ap(
 
     `expo` is MOT_THST_EXPO; without it the one that keeps the law's thrust curve over this spin range.
     """
-    airframe, model = vehicle.airframe, vehicle.model
+    refuse_live(vehicle)
+    airframe = vehicle.airframe
     source = airframe.source or airframe.name
     if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         raise InputError("--frame-class", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
     if law == "fitted":
-        fit = fit_table(airframe, model, spin_min=spin_min)
+        fit = fit_table(vehicle, spin_min=spin_min)
         columns, expo = px4_columns(airframe, fit), round(fit.curve, 6)
     else:
         columns = px4_table(vehicle, law)
@@ -103,7 +104,7 @@ def report_ap(
             texts = {scripts.MATRIX_NAME: scripts.matrix_script(factors, title=title)}
     except TableError as error:
         raise InputError(source, "rotors", f"ArduPilot cannot hold this table: {error}") from error
-    flown = behaviour(airframe, model, ap_speeds(mix))
+    flown = behaviour(vehicle, ap_speeds(mix))
     findings = [*mix.warnings, *_hover_findings(flown, airframe.mass_kg * GRAVITY_M_S2)]
     hover = min(max(flown.hover or 0.6875, 0.125), 0.6875)
     params = {

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.mixer.worth import STEP, Speeds, solve
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 __all__ = ["TURNS", "Behaviour", "Speeds", "behaviour", "solve"]
 
@@ -38,8 +37,9 @@ class Behaviour:
         return roll, pitch, yaw
 
 
-def behaviour(airframe: Airframe, model: RotorModel, speeds: Speeds) -> Behaviour:
+def behaviour(vehicle: Vehicle, speeds: Speeds) -> Behaviour:
     """Fly a table by the rotor model, without an airframe in motion."""
+    airframe, model = vehicle.airframe, vehicle.model
 
     def wrench(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
         loads = airframe.loads(model, speeds(roll, pitch, yaw, thrust))

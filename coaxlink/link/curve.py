@@ -7,15 +7,14 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 
 LEVEL = np.linspace(0.765, 1.326, 12)  # of the weight: the envelope's thrusts
 
 
-def own_curve(airframe: Airframe, model: RotorModel, table: px4.Px4Table) -> float:
+def own_curve(vehicle: Vehicle, table: px4.Px4Table) -> float:
     """The THR_MDL_FAC that makes a table's level thrust most nearly proportional to the demand, 0..1.
 
     Over the envelope's thrusts; the table's columns stay as they are.
@@ -23,12 +22,12 @@ def own_curve(airframe: Airframe, model: RotorModel, table: px4.Px4Table) -> flo
     from scipy.optimize import minimize_scalar
 
     share = -px4.realise(table).mix[:, 5]
-    weight = airframe.mass_kg * GRAVITY_M_S2
+    weight = vehicle.airframe.mass_kg * GRAVITY_M_S2
 
     def bent(curve: float) -> float:
         mix = px4.realise(dataclasses.replace(table, thr_mdl_fac=curve))
         demand = np.linspace(0.02, 1.0 / max(float(share.max()), 1e-6), 80)
-        lift = _lift(airframe, model, mix.throttle(demand[:, None] * share))
+        lift = _lift(vehicle, mix.throttle(demand[:, None] * share))
         if lift[-1] < LEVEL[0] * weight:
             return float("inf")
         wanted = np.clip(LEVEL * weight, lift[0], lift[-1])
@@ -40,5 +39,6 @@ def own_curve(airframe: Airframe, model: RotorModel, table: px4.Px4Table) -> flo
     return round(float(found.x), 2)
 
 
-def _lift(airframe: Airframe, model: RotorModel, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+def _lift(vehicle: Vehicle, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    airframe, model = vehicle.airframe, vehicle.model
     return np.asarray(airframe.wrench(*airframe.loads(model, np.clip(speeds, 0.0, 1.0)))[..., 0])

@@ -88,7 +88,7 @@ def explain_px4(
 
     Raises InputError when the board holds no table of this vehicle.
     """
-    airframe, model = vehicle.airframe, vehicle.model
+    airframe = vehicle.airframe
     mixed = np.stack([*report.mix.mix.T[:3], -report.mix.mix[:, 5]], axis=-1)
     asked = wanted_mix(report.table)
     changed: Changed = ()
@@ -104,11 +104,11 @@ def explain_px4(
             raise InputError(
                 "--connect", "", f"the board has {len(present.mix)} rotors, {airframe.name} another number"
             )
-        reference, name = behaviour(airframe, model, px4_speeds(present)), ON_BOARD
+        reference, name = behaviour(vehicle, px4_speeds(present)), ON_BOARD
         changed = _differing(board, report.params)
     done = nearest(mixed, asked)
-    worth = weigh(airframe, model, px4_speeds(report.mix), report.law)
-    before = weigh(airframe, model, px4_speeds(present), _word(name))
+    worth = weigh(vehicle, px4_speeds(report.mix), report.law)
+    before = weigh(vehicle, px4_speeds(present), _word(name))
     return Explanation(
         asked, done, report.behaviour, reference, name, worth, before, changed, _gains(board or {})
     )
@@ -121,10 +121,10 @@ def explain_ap(
 ) -> Explanation:
     """Explain an ArduPilot table against the board's parameters and table, else against the standard law on
     the same frame class. Raises InputError when the board flies what is not known here."""
-    airframe, model = vehicle.airframe, vehicle.model
+    airframe = vehicle.airframe
     asked = wanted_mix(report.columns)
     done = nearest(report.mix.factors, asked)
-    worth = weigh(airframe, model, ap_speeds(report.mix), report.law)
+    worth = weigh(vehicle, ap_speeds(report.mix), report.law)
     if board is not None:
         numbers, present = board
         if present is None:
@@ -135,9 +135,9 @@ def explain_ap(
             raise InputError(
                 "--connect", "", f"the board has {len(mix.factors)} motors, {airframe.name} another number"
             )
-        held = behaviour(airframe, model, ap_speeds(mix))
+        held = behaviour(vehicle, ap_speeds(mix))
         changed = tuple(row for row in _differing(numbers, report.params) if row[0] != "SCR_LD_CHECKSUM")
-        before = weigh(airframe, model, ap_speeds(mix), _word(ON_BOARD))
+        before = weigh(vehicle, ap_speeds(mix), _word(ON_BOARD))
         return Explanation(
             asked, done, report.behaviour, held, ON_BOARD, worth, before, changed, _gains(numbers)
         )
@@ -147,7 +147,7 @@ def explain_ap(
         frame_class=report.table.frame_class,
         spin_min=report.table.parameters.spin_min,
     )
-    before = weigh(airframe, model, ap_speeds(standard.mix), _word(STANDARD))
+    before = weigh(vehicle, ap_speeds(standard.mix), _word(STANDARD))
     return Explanation(asked, done, report.behaviour, standard.behaviour, STANDARD, worth, before)
 
 

@@ -19,6 +19,9 @@ def account(live: LiveMixer) -> dict[str, Any]:
     trip = sync.round_trip_s if sync else None
     age = sync.age_s(last_us, live.guard.last) if sync and last_us is not None else None
     arrival = live_arrival.of(live)
+    vehicle, extra = live.core.vehicle, live.core.compensation
+    done = dict(vehicle.compensated) | dict.fromkeys(extra.names if extra else (), "live, from telemetry")
+    left_out = dict(vehicle.left_out) | (dict(extra.left_out) if extra else {})
     return {
         "law": live.core.law.name,
         "state": live.guard.state,
@@ -31,4 +34,6 @@ def account(live: LiveMixer) -> dict[str, Any]:
         "outputs_confirmed": witness.confirmed if witness else None,
         "arrival": arrival.to_json() if arrival else None,
         **live.core.counters.account(seconds),
+        "compensated": done,
+        "not_compensated": left_out,
     }

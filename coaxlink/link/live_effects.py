@@ -58,7 +58,7 @@ class LiveEffects:
         self.telemetry = telemetry or Telemetry()
         self.left_out: dict[str, str] = {}
         self.names: list[str] = []
-        self._rotors = PlainRotors.of(airframe, model)
+        self._rotors = PlainRotors.of(vehicle)
         self.airframe, self.model = airframe, model
         self._lag_s = airframe.motor_lag_s if lag_s is None else lag_s
         self._mass = airframe.mass_kg

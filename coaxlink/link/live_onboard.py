@@ -18,7 +18,7 @@ from coaxlink.link.mixing_core import CONTROLS, MatrixScale
 from coaxlink.mixer import standard_coefficients
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.exact.lua import law_in_lua, table
-from coaxlink.vehicle import Vehicle
+from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params.ardupilot.frames import OCTAQUAD
 from firmware_params.ardupilot.table import (
     DYNAMIC_MATRIX,
@@ -46,11 +46,12 @@ def onboard_script(
 
     Raises InputError for a vehicle or frame it cannot be.
     """
+    refuse_live(vehicle)
     airframe, model = vehicle.airframe, vehicle.model
     source = airframe.source or airframe.name
     if not 1 <= len(airframe.rotors) <= CONTROLS:
         raise InputError(source, "rotors", f"1 to {CONTROLS} expected, found {len(airframe.rotors)}")
-    law = ExactLaw(airframe, model)
+    law = ExactLaw(vehicle)
     p = law.problem
     factors = _factors(vehicle, frame_class)
     matrix = MatrixScale(airframe, standard_coefficients(model), factors).matrix

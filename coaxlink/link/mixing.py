@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.airframe import Airframe
 from coaxlink.errors import LinkError, SafetyRefusal
 from coaxlink.link import codec
 from coaxlink.link.hot_kernel import COMMANDS, TIME
@@ -34,7 +33,7 @@ from coaxlink.link.live_witness import REPORT_HZ, Witness
 from coaxlink.link.mixing_core import CONTROLS, Compensation, DemandScale, MixCore
 from coaxlink.link.transport import Polled, Udp
 from coaxlink.mixer import Law
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle, require_vehicle
 
 if TYPE_CHECKING:
     import numpy as np
@@ -62,6 +61,8 @@ FLYING = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mav
 class LiveMixer:
     """Live mixing on a session, in its receiver thread: `start`, `stop`, or as a context manager.
 
+    The effects that `vehicle` leaves to live mixing are compensated from its telemetry, by `compensation` or
+    as `LiveEffects` does; `summary` names what is and what is not. A `law` by name is made for this vehicle.
     `dry_run` computes everything and sends no motor command. `failed` is set when it gave up for good; then
     `error` says why. Raises SafetyRefusal on `start` when the autopilot cannot take motor commands.
     """
@@ -69,9 +70,8 @@ class LiveMixer:
     def __init__(
         self,
         session: Session,
-        airframe: Airframe,
-        law: Law,
-        model: RotorModel,
+        vehicle: Vehicle,
+        law: str | Law = "exact",
         *,
         rate_hz: float = 250.0,
         timing: Timing | None = None,
@@ -84,7 +84,12 @@ class LiveMixer:
         lead_s: tuple[float, float] = (0.0, 0.0),
         native: Any = None,
     ) -> None:
-        self.core = MixCore(airframe, law, model, compensation, own_curve, lead_s)
+        require_vehicle(vehicle)
+        if compensation is None and vehicle.live_effects:
+            from coaxlink.link.live_effects import LiveEffects
+
+            compensation = LiveEffects(session, vehicle, lag_s=lead_s[1] if lead_s[0] else None)
+        self.core = MixCore(vehicle, law, compensation, own_curve, lead_s)
         self.guard = Guard(timing or timing_for(rate_hz))
         self.rate_hz, self.dry_run = rate_hz, dry_run
         self.session = session

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,9 +13,9 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.link import hot_kernel
 from coaxlink.link.live_counts import Counters
-from coaxlink.mixer import Law, StandardCoefficients, standard_coefficients
+from coaxlink.mixer import Law, StandardCoefficients, make_law, standard_coefficients
 from coaxlink.mixer.plain import PlainRotors
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle, require_vehicle
 from firmware_params.px4 import Px4Table, RotorEntry, realise
 
 CONTROLS = 8  # what the messages carry
@@ -26,6 +26,14 @@ JUMP_US = 1_000_000  # stamps further apart than this are another clock, which m
 
 class Compensation(Protocol):
     """Effects beside the rotor model, as `live_effects.LiveEffects` knows them."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """What is compensated."""
+
+    @property
+    def left_out(self) -> Mapping[str, str]:
+        """What is not, and why."""
 
     def wrench(self, speeds: Sequence[float]) -> NDArray[np.float64]:
         """(4,) what the effects add to the wrench at these speeds."""
@@ -100,29 +108,44 @@ class MatrixScale(DemandScale):
         raise InputError("ArduPilot", "", "its own mixer's outputs are not known here")
 
 
+def _refuse_dropped(vehicle: Vehicle, compensation: Compensation | None) -> None:
+    known = {*compensation.names, *compensation.left_out} if compensation is not None else set()
+    dropped = [e.name for e in vehicle.live_effects if e.name not in known]
+    if dropped:
+        problem = f"{', '.join(dropped)}: left to live mixing, and not in it"
+        raise InputError("vehicle", "compensation", problem)
+
+
 class MixCore:
     """Demand in, commands out: what `LiveMixer` runs and tests drive by hand."""
 
     def __init__(
         self,
-        airframe: Airframe,
-        law: Law,
-        model: RotorModel,
+        vehicle: Vehicle,
+        law: str | Law = "exact",
         compensation: Compensation | None = None,
         own_curve: float = 0.0,
         lead_s: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """`lead_s`: the motors' lag and the lag wanted of them instead (s); see `hot_kernel.lead`."""
+        """`law` by its name is made for this vehicle; a Law must have been.
+
+        `lead_s`: the motors' lag and the lag wanted of them instead (s); see `hot_kernel.lead`.
+        Raises InputError also where the vehicle leaves effects to live mixing and `compensation` has not all.
+        """
+        require_vehicle(vehicle)
+        _refuse_dropped(vehicle, compensation)
+        airframe, model = vehicle.airframe, vehicle.model
         if len(airframe.rotors) > CONTROLS:
             raise InputError(
                 airframe.source or airframe.name, "rotors", f"live mixing carries {CONTROLS} motors at most"
             )
-        self.law = law
+        self.vehicle = vehicle
+        self.law = make_law(law, vehicle) if isinstance(law, str) else law
         self.scale = DemandScale(airframe, standard_coefficients(model), own_curve)
         self._airframe, self._standard = airframe, standard_coefficients(model)
         self.counters = Counters()
         self.compensation = compensation
-        self.rotors = PlainRotors.of(airframe, model)
+        self.rotors = PlainRotors.of(vehicle)
         self.count = len(airframe.rotors)
         self._last_us: int | None = None
         self._strange_us: int | None = None

@@ -20,7 +20,7 @@ from coaxlink.link.behaviour import TURNS, Behaviour, Speeds, behaviour, solve
 from coaxlink.link.curve import own_curve
 from coaxlink.mixer import reduced_coefficients, standard_coefficients
 from coaxlink.mixer.fitted import fit_table, px4_columns
-from coaxlink.vehicle import Vehicle
+from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params import px4
 from firmware_params.errors import Finding, TableError
 
@@ -66,14 +66,15 @@ def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
 
     Raises InputError on an unknown law and on an airframe that PX4 cannot hold.
     """
+    refuse_live(vehicle)
     airframe, model = vehicle.airframe, vehicle.model
     if law not in TABLE_LAWS:
         raise InputError("law", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
     if law == "fitted":
-        return px4_columns(airframe, fit_table(airframe, model))
+        return px4_columns(airframe, fit_table(vehicle))
     if law == "curved":
         plain = px4_table(vehicle, "standard")
-        return dataclasses.replace(plain, thr_mdl_fac=own_curve(airframe, model, plain))
+        return dataclasses.replace(plain, thr_mdl_fac=own_curve(vehicle, plain))
     count = len(airframe.rotors)
     ct, torque = np.zeros(count), np.zeros(count)  # N and N m along the axis, per unit setpoint
     spin = np.array([rotor.yaw_sign for rotor in airframe.rotors], float)
@@ -109,7 +110,7 @@ def report_px4(vehicle: Vehicle, law: str) -> TableReport:
 
 def assess_px4(vehicle: Vehicle, law: str, table: px4.Px4Table) -> TableReport:
     """What PX4 makes of `table` on this vehicle. Raises InputError."""
-    airframe, model = vehicle.airframe, vehicle.model
+    airframe = vehicle.airframe
     source = airframe.source or airframe.name
     try:
         params = px4.table_to_params(table)
@@ -120,7 +121,7 @@ def assess_px4(vehicle: Vehicle, law: str, table: px4.Px4Table) -> TableReport:
     ct = np.array([rotor.ct for rotor in px4.params_to_table(params).rotors])
     up = -np.array([rotor.axis[2] for rotor in airframe.rotors])
     findings = list(mix.warnings)
-    flown = behaviour(airframe, model, px4_speeds(mix))
+    flown = behaviour(vehicle, px4_speeds(mix))
     by_table = solve(lambda t: float(ct * up @ mix.setpoints(_thrust(t))), weight)
     findings += _hover_findings(flown, weight)
     findings += _lean_findings(table, mix, law)

@@ -53,11 +53,9 @@ def px4_worths(vehicle: Vehicle, *, light: float = LIGHT, heavy: float = HEAVY) 
         except (TableError, ValueError) as error:
             left_out[name] = str(error)
     full, torque = airframe.loads(model, np.ones(len(airframe.rotors)))
-    exact = ExactLaw(airframe, model)
+    exact = ExactLaw(vehicle)
     speeds[LIVE] = law_speeds(exact, airframe, float(airframe.wrench(full, torque)[0]))
-    rows = tuple(
-        weigh(airframe, model, flown, name, light=light, heavy=heavy) for name, flown in speeds.items()
-    )
+    rows = tuple(weigh(vehicle, flown, name, light=light, heavy=heavy) for name, flown in speeds.items())
     curved = tables.get(CURVED)
     return Worths(rows, left_out, None if curved is None else curved.thr_mdl_fac)
 

@@ -21,7 +21,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.law import checked_wrench
 from coaxlink.mixer.plain import PlainRotors
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
@@ -86,21 +86,21 @@ class Coaxial:
         return np.array(u)
 
 
-def coaxial_printed(airframe: Airframe, model: RotorModel) -> CoaxialPrinted:
+def coaxial_printed(vehicle: Vehicle) -> CoaxialPrinted:
     """Algorithm 1 as printed. Raises InputError when thrusts alone cannot make thrust, roll and pitch."""
+    airframe = vehicle.airframe
     per_thrust, per_torque = airframe.effectiveness()
     if np.linalg.matrix_rank(per_thrust[:3], tol=1e-9) < 3:
         source = airframe.source or airframe.name
         raise InputError(source, "rotors", "these rotors cannot make thrust, roll and pitch")
     both = np.concatenate([per_thrust, per_torque], axis=1)  # (4, 2N), A of eq. 8
-    return CoaxialPrinted(
-        airframe, PlainRotors.of(airframe, model), np.asarray(np.linalg.pinv(both))[: per_thrust.shape[1]]
-    )
+    inverse = np.asarray(np.linalg.pinv(both))[: per_thrust.shape[1]]
+    return CoaxialPrinted(airframe, PlainRotors.of(vehicle), inverse)
 
 
-def coaxial(airframe: Airframe, model: RotorModel) -> Coaxial:
+def coaxial(vehicle: Vehicle) -> Coaxial:
     """Algorithm 1 with the torque equations of eq. 13. Raises InputError as `coaxial_printed`."""
-    printed = coaxial_printed(airframe, model)
+    printed, airframe = coaxial_printed(vehicle), vehicle.airframe
     per_thrust, per_torque = airframe.effectiveness()
     signs = tuple(float(airframe.rotors[a].yaw_sign * airframe.rotors[b].yaw_sign) for a, b in airframe.pairs)
     columns = [0.5 * (per_thrust[:, a] + per_thrust[:, b]) for a, b in airframe.pairs]

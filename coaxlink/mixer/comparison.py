@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.mixer.law import Law
-from coaxlink.rotor import RotorModel
 from coaxlink.vehicle import Vehicle
 
 THRUSTS = np.linspace(0.4, 1.8, 29)  # of the weight, for the curve
@@ -50,10 +48,11 @@ class Row:
 
 def compare(vehicle: Vehicle, laws: Sequence[tuple[str, Law]], wrenches: NDArray[np.float64]) -> list[Row]:
     """Weigh labelled laws on the vehicle over `wrenches` (rows, 4), N and N m."""
-    return [_row(vehicle.airframe, vehicle.model, label, law, wrenches) for label, law in laws]
+    return [_row(vehicle, label, law, wrenches) for label, law in laws]
 
 
-def _row(airframe: Airframe, model: RotorModel, label: str, law: Law, wrenches: NDArray[np.float64]) -> Row:
+def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) -> Row:
+    airframe, model = vehicle.airframe, vehicle.model
     weight = airframe.mass_kg * GRAVITY_M_S2
 
     def flown(demands: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -25,6 +25,7 @@ from coaxlink.mixer.coefficients import reduced_coefficients
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.law import checked_wrench
 from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle, require_vehicle
 from firmware_params.px4 import Px4Table, RotorEntry, realise
 
 SHARES = (0.45, 0.50, 0.55, 0.60, 0.70, 0.85, 1.00)
@@ -96,8 +97,7 @@ def bend(setpoints: ArrayLike, curve: float, spin_min: float, spin_max: float) -
 
 
 def fit_table(
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     *,
     wrenches: NDArray[np.float64] | None = None,
     spin_min: float = 0.0,
@@ -109,8 +109,10 @@ def fit_table(
     `spin_min`, `spin_max` are ArduPilot's spin range (PX4: 0 and 1). Raises InputError when the envelope is
     out of the vehicle's reach.
     """
+    require_vehicle(vehicle)
+    airframe, model = vehicle.airframe, vehicle.model
     demands = envelope(airframe) if wrenches is None else np.asarray(wrenches, float)
-    exact = ExactLaw(airframe, model)
+    exact = ExactLaw(vehicle)
     best = exact.many(demands)
     torque = airframe.loads(model, best)[1]
     reach = np.abs(airframe.wrench(*airframe.loads(model, best)) - demands).max()
@@ -267,9 +269,9 @@ class FittedLaw:
     name = "fitted"
     dropped: tuple[str, ...] = ()
 
-    def __init__(self, airframe: Airframe, model: RotorModel) -> None:
-        self.table = fit_table(airframe, model)
-        self._mix = realise(px4_columns(airframe, self.table))
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.table = fit_table(vehicle)
+        self._mix = realise(px4_columns(vehicle.airframe, self.table))
         # a control of 1 on an axis means this much wrench: PX4 divides each column of the mix by a scale
         self._scale = self._mix.scale
 

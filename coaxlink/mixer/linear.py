@@ -20,7 +20,7 @@ from coaxlink.mixer.coefficients import (
     standard_coefficients,
 )
 from coaxlink.mixer.law import checked_wrench
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
@@ -74,17 +74,20 @@ def standard_matrix(
     return c.p * per_thrust * thrust_gain + (c.q / c.p if printed else c.q) * per_torque * torque_gain
 
 
-def reduced(airframe: Airframe, model: RotorModel) -> SquareLaw:
-    """The reduced coaxial mixer of a rotor model."""
-    return square_law("reduced", airframe, reduced_matrix(airframe, reduced_coefficients(model)))
+def reduced(vehicle: Vehicle) -> SquareLaw:
+    """The reduced coaxial mixer of a vehicle."""
+    airframe = vehicle.airframe
+    return square_law("reduced", airframe, reduced_matrix(airframe, reduced_coefficients(vehicle.model)))
 
 
-def standard(airframe: Airframe, model: RotorModel) -> SquareLaw:
-    """The standard mixer of a rotor model, yaw row mended."""
-    return square_law("standard", airframe, standard_matrix(airframe, standard_coefficients(model)))
+def standard(vehicle: Vehicle) -> SquareLaw:
+    """The standard mixer of a vehicle, yaw row mended."""
+    airframe = vehicle.airframe
+    return square_law("standard", airframe, standard_matrix(airframe, standard_coefficients(vehicle.model)))
 
 
-def standard_printed(airframe: Airframe, model: RotorModel) -> SquareLaw:
+def standard_printed(vehicle: Vehicle) -> SquareLaw:
     """The standard mixer with the yaw row as printed."""
-    matrix = standard_matrix(airframe, standard_coefficients(model), printed=True)
+    airframe = vehicle.airframe
+    matrix = standard_matrix(airframe, standard_coefficients(vehicle.model), printed=True)
     return square_law("standard-printed", airframe, matrix)

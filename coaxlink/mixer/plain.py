@@ -13,10 +13,8 @@ from operator import mul
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import Airframe
 from coaxlink.mixer.surface import Surface
-from coaxlink.rotor import RotorModel
-from coaxlink.vehicle import plain_rotors
+from coaxlink.vehicle import Vehicle
 
 
 @dataclass(frozen=True)
@@ -34,9 +32,9 @@ class PlainRotors:
     gains: tuple[tuple[float, float], ...]  # (N,) thrust and torque of each rotor over the model's
 
     @classmethod
-    def of(cls, airframe: Airframe, model: RotorModel) -> PlainRotors:
-        """The rotors of `airframe`, each pair by `model` and each rotor by its own gains."""
-        plain_rotors(model)
+    def of(cls, vehicle: Vehicle) -> PlainRotors:
+        """The rotors of `vehicle`, each with its own gains."""
+        airframe, model = vehicle.airframe, vehicle.model
         per_thrust, per_torque = airframe.effectiveness()
         thrust_gain, torque_gain = airframe.gains
         return cls(

@@ -10,7 +10,7 @@ from coaxlink.mixer import coaxial, linear
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.mixer.law import Law
-from coaxlink.vehicle import Vehicle
+from coaxlink.vehicle import Vehicle, require_vehicle
 
 LAWS = ("standard", "standard-printed", "reduced", "coaxial", "coaxial-printed", "exact", "fitted")
 
@@ -37,7 +37,5 @@ def make_law(name: str, vehicle: Vehicle, **options: Any) -> Law:
     }
     if name not in makers:
         raise InputError("law", name, f"no such law; expected one of {', '.join(LAWS)}")
-    if not isinstance(vehicle, Vehicle):
-        problem = f"a Vehicle is expected, which has the effects in it; found {type(vehicle).__name__}"
-        raise InputError("law", name, problem)
-    return makers[name](vehicle.airframe, vehicle.model, **options)
+    require_vehicle(vehicle)
+    return makers[name](vehicle, **options)

@@ -21,6 +21,7 @@ from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.mixer.fitted import envelope
 from coaxlink.mixer.law import Law
 from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 from coaxlink.vehicle.bent import scaled_speed
 
 # (roll, pitch, yaw, thrust up 0..1) -> normalised speeds (N,)
@@ -108,15 +109,15 @@ class Worth:
 
 
 def weigh(
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     speeds: Speeds,
     name: str = "",
     *,
     light: float = LIGHT,
     heavy: float = HEAVY,
 ) -> Worth:
-    """What `speeds` is worth on these rotors; `light` and `heavy` are shares of the vehicle's mass."""
+    """What `speeds` is worth on the vehicle; `light` and `heavy` are shares of the vehicle's mass."""
+    airframe, model = vehicle.airframe, vehicle.model
     fly = _Flown(airframe, model, speeds)
     weight = airframe.mass_kg * GRAVITY_M_S2
     top = fly.ceiling()

@@ -12,7 +12,7 @@ from coaxlink.mixer.coefficients import reduced_coefficients, standard_coefficie
 from coaxlink.mixer.intent import intended_wrench
 from coaxlink.monitor import board_ardupilot
 from coaxlink.monitor.board_view import ABSURD, NEAR, Board, digest_of
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 from firmware_params.errors import FirmwareParamsError
 from firmware_params.px4 import Px4Table, RotorEntry, params_to_table, realise
 
@@ -33,13 +33,13 @@ def table_parameters(parameters: Mapping[str, float]) -> dict[str, float]:
     return {n: v for n, v in sorted(parameters.items()) if n in TABLE_NAMES or n.startswith("CA_ROTOR")}
 
 
-def describe(parameters: Mapping[str, float], airframe: Airframe, model: RotorModel) -> Board:
-    """What the parameters heard so far say about the table, held against airframe and rotor model.
+def describe(parameters: Mapping[str, float], vehicle: Vehicle) -> Board:
+    """What the parameters heard so far say about the table, held against the vehicle.
 
     An ArduPilot's takes seconds where it may be the fitted law's.
     """
     if board_ardupilot.is_table(parameters):
-        return board_ardupilot.describe(parameters, airframe, model)
+        return board_ardupilot.describe(parameters, vehicle)
     table = table_parameters(parameters)
     count = table.get("CA_ROTOR_COUNT")
     if count is None:
@@ -60,8 +60,8 @@ def describe(parameters: Mapping[str, float], airframe: Airframe, model: RotorMo
     except ABSURD:
         note = "its numbers are beyond all arithmetic"
         return Board("invalid", digest=digest, rotors=int(count), notes=(note,))
-    notes = [f.text for f in findings] + _differences(parsed, airframe)
-    kind, upper, lower, of_model = _kind(parsed, airframe, model)
+    notes = [f.text for f in findings] + _differences(parsed, vehicle.airframe)
+    kind, upper, lower, of_model = _kind(parsed, vehicle)
     return Board("read", kind, digest, int(count), upper, lower, parsed.thr_mdl_fac, of_model, tuple(notes))
 
 
@@ -98,10 +98,9 @@ def _differences(table: Px4Table, airframe: Airframe) -> list[str]:
     return notes
 
 
-def _kind(
-    table: Px4Table, airframe: Airframe, model: RotorModel
-) -> tuple[str, float | None, float | None, bool]:
+def _kind(table: Px4Table, vehicle: Vehicle) -> tuple[str, float | None, float | None, bool]:
     """Kind, mean CT of the upper and the lower rotors, and whether the rotor model would give them."""
+    airframe, model = vehicle.airframe, vehicle.model
     if len(table.rotors) != len(airframe.rotors):
         return "custom", None, None, False
     upper = [e for r, e in zip(airframe.rotors, table.rotors, strict=True) if r.level != "lower"]

@@ -13,11 +13,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import Airframe
 from coaxlink.errors import CoaxlinkError
 from coaxlink.link.ap_tables import ApReport, report_ap
 from coaxlink.monitor.board_view import ABSURD, NEAR, Board, digest_of
-from coaxlink.rotor import RotorModel
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from firmware_params.ardupilot import MotorParameters, realise
@@ -48,8 +46,9 @@ def table_parameters(parameters: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def describe(parameters: Mapping[str, float], airframe: Airframe, model: RotorModel) -> Board:
-    """What the parameters heard so far say, held against airframe and rotor model. May take seconds."""
+def describe(parameters: Mapping[str, float], vehicle: Vehicle) -> Board:
+    """What the parameters heard so far say, held against the vehicle. May take seconds."""
+    airframe = vehicle.airframe
     used = table_parameters(parameters)
     missing = [n for n in TABLE_NAMES if n not in used]
     frame = used.get("FRAME_CLASS", 0.0)
@@ -78,7 +77,7 @@ def describe(parameters: Mapping[str, float], airframe: Airframe, model: RotorMo
         _mean(mix.factors[:, 3], [(r.level == "lower") == below for r in airframe.rotors])
         for below in (False, True)
     )
-    law = _law_of(mix.factors, airframe, model, table.parameters)
+    law = _law_of(mix.factors, vehicle, table.parameters)
     if law is None:
         notes.append("none of this rotor model's tables for this airframe")
     elif abs(law.table.parameters.thst_expo - expo) > NEAR:
@@ -137,14 +136,12 @@ def _mean(values: NDArray[np.float64], chosen: list[bool]) -> float | None:
     return float(np.mean(values[np.array(chosen)])) if any(chosen) else None
 
 
-def _law_of(
-    factors: NDArray[np.float64], airframe: Airframe, model: RotorModel, motor: MotorParameters
-) -> ApReport | None:
+def _law_of(factors: NDArray[np.float64], vehicle: Vehicle, motor: MotorParameters) -> ApReport | None:
     """The law whose factors these are, up to a scale on each axis; of two alike the one of that curve."""
     found: ApReport | None = None
     for law in _LAWS:
         try:
-            made = report_ap(Vehicle(airframe, model), law, spin_min=motor.spin_min)
+            made = report_ap(vehicle, law, spin_min=motor.spin_min)
         except (CoaxlinkError, FirmwareParamsError, *ABSURD):
             continue
         if np.abs(_scaled(factors) - _scaled(made.mix.factors)).max() < NEAR:

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.monitor.readings import Readings
 from coaxlink.monitor.sources import Source, commanded_speeds, measured_speeds
 from coaxlink.monitor.vehicle import on_ground, vehicle_of, vertical_speed
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 HOVER_S = 2.0  # several periods of a height loop (0.2 to 1 Hz), so that its swings average out
 TILT_RAD = math.radians(8.0)  # 1 % of the lift
@@ -76,11 +75,11 @@ class Hover:
     looks: tuple[Look, ...] = ()
     verdict: Verdict | None = None
 
-    def extended(self, readings: Readings, airframe: Airframe, model: RotorModel, now_s: float) -> Hover:
+    def extended(self, readings: Readings, vehicle: Vehicle, now_s: float) -> Hover:
         """With the present; another source of measured speeds, or a clock that jumps, begins anew."""
-        rotors = len(airframe.rotors)
+        rotors = len(vehicle.airframe.rotors)
         commanded = commanded_speeds(readings, rotors, now_s)
-        measured, _ = measured_speeds(readings, rotors, model.speed_max_rpm, commanded, now_s)
+        measured, _ = measured_speeds(readings, rotors, vehicle.speed_model.speed_max_rpm, commanded, now_s)
         clock, sinking = _steady(readings, now_s)
         verdict = self.verdict if self.verdict is None or self.verdict.source == measured.name else None
         if clock is None or sinking is None:
@@ -90,8 +89,8 @@ class Hover:
             return self
         if looks and not 0.0 < clock - looks[-1].clock_s <= HOVER_S:
             looks = ()
-        weight = airframe.mass_kg * GRAVITY_M_S2
-        thrusts = (_thrust(s, airframe, model, now_s) for s in (measured, commanded))
+        weight = vehicle.airframe.mass_kg * GRAVITY_M_S2
+        thrusts = (_thrust(s, vehicle, now_s) for s in (measured, commanded))
         looks = (*looks, Look(clock, sinking, *(None if t is None else t / weight for t in thrusts)))
         span = clock - looks[0].clock_s
         pull = (looks[-1].sinking_m_s - looks[0].sinking_m_s) / max(span, 0.1)
@@ -118,9 +117,10 @@ def _steady(readings: Readings, now_s: float) -> tuple[float | None, float | Non
     return vehicle.clock_s, sinking
 
 
-def _thrust(source: Source, airframe: Airframe, model: RotorModel, now_s: float) -> float | None:
+def _thrust(source: Source, vehicle: Vehicle, now_s: float) -> float | None:
     if not source.fresh(now_s) or any(u is None for u in source.u):
         return None
-    thrust, torque = airframe.loads(model, np.array(source.u, float))
-    total = float(airframe.wrench(thrust, torque)[0])
+    model = vehicle.speed_model if source.basis == "measured" else vehicle.model
+    thrust, torque = vehicle.airframe.loads(model, np.array(source.u, float))
+    total = float(vehicle.airframe.wrench(thrust, torque)[0])
     return total if math.isfinite(total) and total > 0.0 else None

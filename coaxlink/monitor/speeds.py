@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from coaxlink.monitor.hover import Verdict
 from coaxlink.monitor.readings import Readings
 from coaxlink.monitor.sources import RUNNING, Source, better, commanded_speeds, measured_speeds
+from coaxlink.vehicle import Vehicle
 
 _FASTER, _ALIKE = 1.05, 0.02  # rpm over command, on every rotor alike: not what one full pack can do
 
@@ -22,7 +23,7 @@ class Speeds:
 
     source: str  # "ESC_STATUS rpm", ...; "" while nobody reports any
     basis: str  # measured, commanded or none
-    u: tuple[float | None, ...]  # (N,) normalised speed
+    u: tuple[float | None, ...]  # (N,) normalised speed where measured, else the command
     rpm: tuple[float | None, ...]  # (N,) measured, or what u means by the rotor model
     throttle: tuple[float | None, ...]  # (N,) commanded 0..1, whatever `u` is from
     received_s: float | None
@@ -30,9 +31,10 @@ class Speeds:
 
 
 def rotor_speeds(
-    readings: Readings, rotors: int, speed_max_rpm: float, now_s: float, verdict: Verdict | None = None
+    readings: Readings, vehicle: Vehicle, now_s: float, verdict: Verdict | None = None
 ) -> Speeds:
-    """Choose among what was heard; `rotors` is the airframe's count N, `speed_max_rpm` the model's."""
+    """Choose among what was heard of the N rotors; measured u are speeds, commanded ones commands."""
+    rotors, speed_max_rpm = len(vehicle.airframe.rotors), vehicle.speed_model.speed_max_rpm
     commanded = commanded_speeds(readings, rotors, now_s)
     measured, notes = measured_speeds(readings, rotors, speed_max_rpm, commanded, now_s)
     chosen = better(measured, commanded, now_s)
@@ -58,7 +60,8 @@ def rotor_speeds(
         notes.append(f"no speed of rotor {missing}")
     if chosen.extra:
         notes.append(f"{chosen.name} reports {chosen.extra} more than the airframe's {rotors} rotors")
-    rpm = tuple(None if u is None else u * speed_max_rpm for u in chosen.u)
+    full_rpm = speed_max_rpm if chosen is measured else vehicle.model.speed_max_rpm
+    rpm = tuple(None if u is None else u * full_rpm for u in chosen.u)
     old = not commanded.fresh(now_s) and chosen.fresh(now_s)
     throttle = (None,) * rotors if old else commanded.u
     return Speeds(chosen.name, chosen.basis, chosen.u, rpm, throttle, chosen.received_s, tuple(notes))

@@ -1,6 +1,6 @@
 """One frozen view of the vehicle at one moment: all that the screen shows, none of how.
 
-`observe` is a pure function of the readings, the airframe, the rotor model and the time. A value that
+`observe` is a pure function of the readings, the vehicle and the time. A value that
 nobody reports, or that is not finite, is None; a value that grew old keeps its number and is marked stale.
 Thrusts are the rotor model's (Berra, Trujillo and Heredia 2024, eq. 1-3) at the reported speeds.
 """
@@ -24,8 +24,9 @@ from coaxlink.monitor.hover import Verdict
 from coaxlink.monitor.readings import Readings
 from coaxlink.monitor.sources import STALE_S
 from coaxlink.monitor.speeds import Speeds, rotor_speeds
-from coaxlink.monitor.vehicle import Vehicle, finite, is_old, vehicle_of, version_of
+from coaxlink.monitor.vehicle import VehicleState, finite, is_old, vehicle_of, version_of
 from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 from firmware_params.plain import plain
 
 LOST_S = 3.0  # without any message for this long the link counts as lost
@@ -99,7 +100,7 @@ class View:
     airframe: str
     rotor_form: str
     link: Link
-    vehicle: Vehicle | None
+    vehicle: VehicleState | None
     speeds: Speeds
     speeds_age_s: float | None
     speeds_stale: bool
@@ -111,8 +112,7 @@ class View:
 
 def observe(
     readings: Readings,
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     now_s: float,
     *,
     address: str = "",
@@ -127,14 +127,16 @@ def observe(
     `line` what the session says of others there.
     """
     link = _link(readings, now_s, address, waiting)
-    speeds = rotor_speeds(readings, len(airframe.rotors), model.speed_max_rpm, now_s, verdict)
+    airframe = vehicle.airframe
+    speeds = rotor_speeds(readings, vehicle, now_s, verdict)
+    model = vehicle.speed_model if speeds.basis == "measured" else vehicle.model
     age = None if speeds.received_s is None else now_s - speeds.received_s
-    table = boards.describe(readings.parameters, airframe, model) if board is None else board
+    table = boards.describe(readings.parameters, vehicle) if board is None else board
     rotors = _rotors(airframe, model, speeds)
     arms = _arms(airframe, rotors)
     notes = list(speeds.notes)
-    if model.effects:
-        names = ", ".join(e.name for e in model.effects)
+    if vehicle.left_out:
+        names = ", ".join(vehicle.left_out)
         notes.append(f"effects in the rotor file are not in these thrusts: {names}")
     if readings.target and _two_senders(readings):
         notes.insert(
@@ -145,14 +147,14 @@ def observe(
         notes.append("further autopilots here: system " + ", ".join(map(str, readings.others)))
     return View(
         plain(airframe.name),
-        plain(model.form),
+        plain(vehicle.rotors.form),
         link,
         vehicle_of(readings, now_s),
         speeds,
         age,
         age is not None and age > STALE_S,
         arms,
-        _balance(airframe, model, rotors, readings, table, now_s),
+        _balance(vehicle, rotors, readings, table, now_s),
         table,
         tuple(map(plain, notes)),
     )
@@ -232,13 +234,13 @@ def _share(upper: float | None, lower: float | None) -> float | None:
 
 
 def _balance(
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     rotors: tuple[RotorView, ...],
     readings: Readings,
     table: Board,
     now_s: float,
 ) -> Balance:
+    airframe = vehicle.airframe
     thrusts, torques = [r.thrust_N for r in rotors], [r.torque_Nm for r in rotors]
     thrust = [t for t in thrusts if t is not None]
     torque = [t for t in torques if t is not None]
@@ -248,7 +250,7 @@ def _balance(
     lower = sum(t for t, r in zip(thrust, rotors, strict=True) if r.level == "lower")
     upper = sum(thrust) - lower
     lower_torque = sum(t for t, r in zip(torque, rotors, strict=True) if r.level == "lower")
-    intended, note, basis = _wanted(airframe, model, rotors, readings, table, wrench[0], now_s)
+    intended, note, basis = _wanted(vehicle, rotors, readings, table, wrench[0], now_s)
     error = None if intended is None else tuple(a - b for a, b in zip(wrench, intended, strict=True))
     return Balance(
         wrench[0],
@@ -267,8 +269,7 @@ def _balance(
 
 
 def _wanted(
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     rotors: tuple[RotorView, ...],
     readings: Readings,
     table: Board,
@@ -288,7 +289,9 @@ def _wanted(
     if not all(map(math.isfinite, controls)) or any(c is None for c in commands):
         return None, "the demand or the commands are not numbers", "demand"
     curve = readings.parameters.get("THR_MDL_FAC", 0.0)
-    scale = DemandScale(airframe, standard_coefficients(model), curve if 0.0 <= curve <= 1.0 else 0.0)
+    scale = DemandScale(
+        vehicle.airframe, standard_coefficients(vehicle.model), curve if 0.0 <= curve <= 1.0 else 0.0
+    )
     # a demand means newtons to a companion that mixes; the legacy mixer makes throttle of it, as it comes
     apart = max(abs(float(c or 0.0) - own) for c, own in zip(commands, scale.own(controls), strict=True))
     if apart < _OWN_MIX:

@@ -19,7 +19,7 @@ _ABOVE_M = 0.5  # above ground or home, where the autopilot does not say whether
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class VehicleState:
     """What the autopilot says about itself."""
 
     system: int
@@ -42,7 +42,7 @@ class Vehicle:
     text: str  # newest status text, if it is fresh
 
 
-def vehicle_of(readings: Readings, now_s: float) -> Vehicle | None:
+def vehicle_of(readings: Readings, now_s: float) -> VehicleState | None:
     """None before the first heartbeat."""
     heartbeat = readings.get("HEARTBEAT")
     if heartbeat is None:
@@ -53,7 +53,7 @@ def vehicle_of(readings: Readings, now_s: float) -> Vehicle | None:
     roll, pitch, yaw = (_field(attitude, name) for name in ("roll", "pitch", "yaw"))
     height, source, height_s = _height(readings, now_s)
     text = readings.get("STATUSTEXT")
-    return Vehicle(
+    return VehicleState(
         readings.target[0] if readings.target else 0,
         firmware_name(beat.autopilot),
         version_of(readings),

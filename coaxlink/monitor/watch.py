@@ -1,4 +1,4 @@
-"""From an address to views: the airframe and model to hold the readings against, and the headless look."""
+"""From an address to views: the vehicle to hold the readings against, and the headless look."""
 
 from __future__ import annotations
 
@@ -8,21 +8,20 @@ from dataclasses import asdict
 from threading import Lock
 from typing import Any
 
-from coaxlink.airframe import Airframe
 from coaxlink.monitor import board_ardupilot
 from coaxlink.monitor.board import describe, table_parameters
 from coaxlink.monitor.board_view import Board
 from coaxlink.monitor.hover import Hover
 from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import View, observe
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 
 class Watch:
-    """What one screen looks at: readings of `collector`, held against `airframe` and `model`."""
+    """What one screen looks at: readings of `collector`, held against `vehicle`."""
 
-    def __init__(self, address: str, airframe: Airframe, model: RotorModel) -> None:
-        self.address, self.airframe, self.model = address, airframe, model
+    def __init__(self, address: str, vehicle: Vehicle) -> None:
+        self.address, self.vehicle = address, vehicle
         self.collector = Collector()
         self._lock = Lock()
         self.line: Callable[[], list[str]] = list  # who else is on the line, said among the notes
@@ -43,7 +42,7 @@ class Watch:
         with self._lock:
             known = table == self._table
         if not known:
-            board = describe(table, self.airframe, self.model)
+            board = describe(table, self.vehicle)
             with self._lock:
                 self._table, self._board = table, board
 
@@ -60,11 +59,10 @@ class Watch:
             board = self._board
         if readings.target != self._target:
             self._target, self._hover = readings.target, Hover()
-        self._hover = self._hover.extended(readings, self.airframe, self.model, now_s)
+        self._hover = self._hover.extended(readings, self.vehicle, now_s)
         return observe(
             readings,
-            self.airframe,
-            self.model,
+            self.vehicle,
             now_s,
             address=self.address,
             waiting=waiting,

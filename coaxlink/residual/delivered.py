@@ -16,13 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import Airframe
 from coaxlink.data import Samples
 from coaxlink.frames import FlightFrame
 from coaxlink.residual.flight import JUDGED_RATE_HZ, flight_frame, reduce_columns
 from coaxlink.residual.problem import contiguous_blocks
-from coaxlink.rotor import RotorModel
 from coaxlink.signals import difference_gain, noise_floor
+from coaxlink.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -61,18 +60,18 @@ class Delivered:
 
 def delivered(
     samples: Samples,
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     meant: Callable[[Array, Array], Array],
     *,
     lagged: bool = False,
 ) -> Delivered:
-    """Hold a flight against `meant(time_s (rows,), motor (rows, N)) -> wrench (rows, 4)`.
+    """Hold a flight of `vehicle` against `meant(time_s (rows,), motor (rows, N)) -> wrench (rows, 4)`.
 
     `lagged` hands `meant` the commands after the declared motor lag, which is no matter of allocation.
     Raises InputError when the log has too little flight or misses a column.
     """
-    frame = flight_frame([samples], airframe, model)
+    airframe = vehicle.airframe
+    frame = flight_frame([samples], airframe, vehicle.model)
     wanted = meant(frame.time_s, frame.speeds if lagged else frame.commands)
     got = np.concatenate([-frame.measured[:, 2:3], frame.measured[:, 3:6]], axis=1)
     asked, given = reduce_columns(frame, wanted), reduce_columns(frame, got)

@@ -2,6 +2,15 @@
 
 from coaxlink.effects.static import Conditions
 from coaxlink.vehicle.load import load_vehicle, refuse_no_lift
-from coaxlink.vehicle.vehicle import Vehicle, plain_rotors, usual_lift
+from coaxlink.vehicle.vehicle import Vehicle, plain_rotors, refuse_live, require_vehicle, usual_lift
 
-__all__ = ["Conditions", "Vehicle", "load_vehicle", "plain_rotors", "refuse_no_lift", "usual_lift"]
+__all__ = [
+    "Conditions",
+    "Vehicle",
+    "load_vehicle",
+    "plain_rotors",
+    "refuse_live",
+    "refuse_no_lift",
+    "require_vehicle",
+    "usual_lift",
+]

@@ -48,7 +48,8 @@ class Vehicle:
     conditions: Conditions = NOT_STATED
     measured_live: bool = False
     airframe: Airframe = field(init=False)  # with the effects it can hold: gains, places, mass
-    model: RotorModel = field(init=False)  # over commands, with the effects it can hold, carrying none
+    model: RotorModel = field(init=False)  # u is the command; with the effects it can hold, carrying none
+    speed_model: RotorModel = field(init=False)  # the same with u the rotors' true speed, without the drive
     compensated: Mapping[str, str] = field(init=False)  # effect -> what was done, in words
     left_out: Mapping[str, str] = field(init=False)  # effect -> why nothing was
     live_effects: tuple[Effect, ...] = field(init=False)  # for live mixing to measure
@@ -72,9 +73,12 @@ class Vehicle:
             except LeftOut as reason:
                 left_out[named.name] = str(reason)
         model = bent(bench.model, bench.changes) if bench.changes else bench.model
+        turned = [change for change in bench.changes if change not in bench.drive]
+        by_speed = model if not bench.drive else bent(bench.model, turned) if turned else bench.model
         for name, value in (
             ("airframe", _airframe(bench)),
             ("model", replace(scaled_speed(model, bench.speed), effects=())),
+            ("speed_model", replace(by_speed, effects=())),
             ("compensated", compensated),
             ("left_out", left_out),
             ("live_effects", tuple(kept)),
@@ -83,7 +87,7 @@ class Vehicle:
             object.__setattr__(self, name, value)
 
     def to_json(self) -> dict[str, dict[str, str]]:
-        """The keys that every verb adds to its JSON."""
+        """The keys that every verb adds to its JSON; `live_effects` are the live mixer's to account for."""
         return {"compensated": dict(self.compensated), "not_compensated": dict(self.left_out)}
 
     def __repr__(self) -> str:
@@ -91,6 +95,21 @@ class Vehicle:
         outside = ", ".join([*self.left_out, *(e.name for e in self.live_effects)]) or "none"
         size = f"{len(self.airframe.rotors)} rotors, {self.airframe.mass_kg:g} kg"
         return f"Vehicle({self.airframe.name!r}, {size}, effects in: {inside}, left out: {outside})"
+
+
+def require_vehicle(given: object) -> None:
+    """Raise InputError for anything else: an airframe and a rotor model beside each other drop effects."""
+    if not isinstance(given, Vehicle):
+        problem = f"a Vehicle is expected, which has the effects in it; found {type(given).__name__}"
+        raise InputError("vehicle", "", problem)
+
+
+def refuse_live(vehicle: Vehicle) -> None:
+    """Raise InputError where effects were left to live mixing: a table would drop them."""
+    if vehicle.live_effects:
+        names = ", ".join(e.name for e in vehicle.live_effects)
+        problem = f"{names}: left to live mixing, which this is not; a vehicle made without it is expected"
+        raise InputError("vehicle", "measured_live", problem)
 
 
 def plain_rotors(model: RotorModel) -> RotorModel:

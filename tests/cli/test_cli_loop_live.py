@@ -12,9 +12,11 @@ from coaxlink.errors import CheckFailed
 from coaxlink.link.trajectory import Hold, Plan, Swing
 from coaxlink.rotor import load_rotor_model
 from coaxlink.rotor.model import Effect
+from coaxlink.vehicle import Vehicle
 
 AIRFRAME = load_airframe(files.example("x8_demo.toml"))
 MODEL = load_rotor_model(files.example("rotor_paper.toml"))
+VEHICLE = Vehicle(AIRFRAME, MODEL)
 HOVER, NORTH, UP = (0.0, 0.0, -3.0), (1.0, 0.0, -3.0), (0.0, 0.0, -4.2)
 PLAN = Plan(
     (Hold("hover", HOVER, 3.0), Swing("to and fro", HOVER, NORTH, 7.5, 3), Swing("up", HOVER, UP, 6.0, 3))
@@ -29,12 +31,12 @@ def fly(tmp_path, model, watch=lambda *_: None):
     truth.write_text('[[effects]]\nname = "axial_inflow"\nsize = 4.0\n')
     hidden = ["--airframe", str(files.example("x8_demo.toml")), "--truth", str(truth)]
     world = _loop.World(hidden, 1, 30.0, tmp_path, PLAN)
-    return _loop._fly_live(world, 1, AIRFRAME, model, "live", watch, effects=bool(model.effects))
+    return _loop._fly_live(world, 1, Vehicle(AIRFRAME, model, measured_live=True), "live", watch)
 
 
 def errors(flown):
     flight, demands = flown
-    d = _demo.errors_of_live(flight, AIRFRAME, MODEL, demands, whole=True).delivered
+    d = _demo.errors_of_live(flight, VEHICLE, demands, whole=True).delivered
     return [d.thrust_error_N, *d.torque_error_Nm]
 
 
@@ -61,7 +63,7 @@ def test_a_flight_that_was_not_the_mixers_is_not_weighed(monkeypatch, tmp_path):
         account = {"cycles": cycles, "hand_overs": hand_overs}
         monkeypatch.setattr(_demo, "fly_live", lambda *_, a=account, **__: ("flown", _demo.Demands(), a))
         with pytest.raises(CheckFailed, match="not the mixer's flight"):
-            _loop._fly_live(world, 1, AIRFRAME, MODEL, "before", lambda *_: None)
+            _loop._fly_live(world, 1, VEHICLE, "before", lambda *_: None)
     account = {"cycles": whole, "hand_overs": 1}
     monkeypatch.setattr(_demo, "fly_live", lambda *_, **__: ("flown", _demo.Demands(), account))
-    assert _loop._fly_live(world, 1, AIRFRAME, MODEL, "before", lambda *_: None)[0] == "flown"
+    assert _loop._fly_live(world, 1, VEHICLE, "before", lambda *_: None)[0] == "flown"

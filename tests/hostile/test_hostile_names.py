@@ -17,6 +17,7 @@ from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import observe
 from coaxlink.monitor.watch import to_json
 from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot
 from firmware_params.ardupilot import packed
 from firmware_params.errors import TableError
@@ -137,7 +138,7 @@ def test_the_monitor_shows_a_vehicle_that_speaks_like_that(name):
         collector.take(message, 0.0)
     readings = collector.readings(0.1)
     assert all(key.isidentifier() or key.isalnum() for key in readings.parameters)
-    view = observe(readings, frame, model, 0.1, address="udpin:0.0.0.0:14550")
+    view = observe(readings, Vehicle(frame, model), 0.1, address="udpin:0.0.0.0:14550")
     shown = [head(view, 120), notes(view), summary(view)]
     for words in shown:
         assert all(line.isprintable() for line in words.plain.split("\n"))

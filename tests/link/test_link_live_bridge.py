@@ -21,7 +21,6 @@ from coaxlink.link import connect
 from coaxlink.link.live_bridge import SCRIPT_NAME, bridge_script
 from coaxlink.link.live_motor_test import turn_motors
 from coaxlink.link.mixing import LiveMixer
-from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.vehicle import Vehicle
 
@@ -72,7 +71,7 @@ def test_a_script_is_for_one_to_eight_motors() -> None:
 def test_the_companion_flies_ardupilot_through_the_bridge_and_silence_gives_it_back(copter: Any) -> None:
     copter.rows.clear()
     companion = Companion(copter)
-    live = LiveMixer(companion.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM)
+    live = LiveMixer(companion.session, Vehicle(X8, CRM), "exact")
     starting = threading.Thread(target=live.start)
     starting.start()
     copter.fly(5.0, until=lambda: not starting.is_alive())
@@ -150,7 +149,7 @@ class Thief:
 @pytest.mark.flaky(reruns=2)
 def test_the_bridge_counts_what_it_took_and_the_rest_never_arrived(copter: Any, stolen: bool) -> None:
     companion, thief = Companion(copter), Thief()
-    live = LiveMixer(companion.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM)
+    live = LiveMixer(companion.session, Vehicle(X8, CRM), "exact")
     starting = threading.Thread(target=live.start)
     starting.start()
     copter.fly(5.0, until=lambda: not starting.is_alive())
@@ -182,10 +181,7 @@ def test_a_second_companion_drives_nothing_and_lets_go_at_once(copter: Any, nati
     kernel = hot_build.load() if native else None
     copter.autopilot.armed = True
     first, second = Companion(copter), Companion(copter, component=192)
-    mixers = [
-        LiveMixer(c.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM, native=kernel)
-        for c in (first, second)
-    ]
+    mixers = [LiveMixer(c.session, Vehicle(X8, CRM), "exact", native=kernel) for c in (first, second)]
     for mixer in mixers:
         starting = threading.Thread(target=mixer.start)
         starting.start()
@@ -219,7 +215,7 @@ def test_the_demand_goes_where_a_companion_asks_for_it_and_nowhere_else(copter: 
     station, companion = Companion(copter, component=190), Companion(copter, link=1)
     heard: list[str] = []
     station.session.subscribe(lambda message: heard.append(message.get_type()))
-    live = LiveMixer(companion.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM)
+    live = LiveMixer(companion.session, Vehicle(X8, CRM), "exact")
     starting = threading.Thread(target=live.start)
     starting.start()
     copter.fly(5.0, until=lambda: not starting.is_alive())
@@ -252,7 +248,7 @@ def test_without_a_bridge_ardupilot_is_refused() -> None:
 
     plain = Plain(airborne=False)
     companion = Companion(plain)
-    live = LiveMixer(companion.session, X8, make_law("reduced", Vehicle(X8, CRM)), CRM)
+    live = LiveMixer(companion.session, Vehicle(X8, CRM), "reduced")
     problem: list[Exception] = []
 
     def start() -> None:

@@ -42,7 +42,7 @@ def test_desired_and_delivered_agree_to_a_tenth_of_a_newton(
     companion = Companion(flight)
     patient = Timing(hold_after_s=1.0, ramp_after_s=2.0)
     law = make_law("exact", Vehicle(frame, model))
-    live = LiveMixer(companion.session, frame, law, model, timing=patient, lead_s=lead_s)
+    live = LiveMixer(companion.session, Vehicle(frame, model), law, timing=patient, lead_s=lead_s)
     starting = threading.Thread(target=live.start)
     starting.start()
     flight.fly(3.0, until=lambda: not starting.is_alive())

@@ -15,7 +15,6 @@ from coaxlink.airframe import load_airframe
 from coaxlink.link.live_effects import LiveEffects
 from coaxlink.link.live_telemetry import Telemetry
 from coaxlink.link.mixing import MixCore
-from coaxlink.mixer import make_law
 from coaxlink.rotor.model import Effect, load_rotor_model
 from coaxlink.vehicle import Vehicle
 
@@ -38,7 +37,7 @@ def compensated(*effects: Effect) -> tuple[MixCore, Telemetry, Clock, LiveEffect
     telemetry = Telemetry(clock)
     vehicle = Vehicle(X8, model, measured_live=True)
     live = LiveEffects(None, vehicle, telemetry)
-    return MixCore(X8, make_law("exact", vehicle), vehicle.model, live), telemetry, clock, live
+    return MixCore(vehicle, "exact", live), telemetry, clock, live
 
 
 def settled(core: MixCore, steps: int = 12) -> np.ndarray[Any, Any]:
@@ -60,7 +59,7 @@ def test_commands_make_up_for_a_sagging_battery() -> None:
     telemetry.hear(battery(29.6))
     u = settled(core) * (29.6 / 33.6) ** 0.4  # what the rotors turn at
     assert X8.wrench(*X8.loads(CRM, u)) == pytest.approx(core.wrench, abs=1e-4)
-    plain = MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM)
+    plain = MixCore(Vehicle(X8, CRM), "exact")
     short = X8.wrench(*X8.loads(CRM, settled(plain) * (29.6 / 33.6) ** 0.4))
     assert short[0] < 0.95 * plain.wrench[0]  # the test would see nothing done
 
@@ -137,7 +136,7 @@ def test_a_turning_vehicle_in_any_attitude_meets_the_air_at_every_hub() -> None:
     climb = np.array([-(v @ z) - np.cross(rates, r.position_m)[2] for r in X8.rotors])
     thrust, torque = X8.loads(CRM, u)
     assert X8.wrench(thrust - c * u * climb, torque) == pytest.approx(core.wrench, abs=0.02)
-    blind = X8.wrench(*X8.loads(CRM, settled(MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM))))
+    blind = X8.wrench(*X8.loads(CRM, settled(MixCore(Vehicle(X8, CRM), "exact"))))
     assert np.abs(X8.wrench(thrust, torque) - blind)[1:3].max() > 0.05  # the turning counts
 
 
@@ -147,8 +146,8 @@ def test_what_acts_later_is_taken_as_it_will_be_then() -> None:
     model = dataclasses.replace(CRM, effects=(Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}),))
     clock = Clock()
     telemetry = Telemetry(clock)
-    live = LiveEffects(None, Vehicle(X8, model, measured_live=True), telemetry, lag_s=lag)
-    core = MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM, live)
+    vehicle = Vehicle(X8, model, measured_live=True)
+    core = MixCore(vehicle, "exact", LiveEffects(None, vehicle, telemetry, lag_s=lag))
     telemetry.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, 0, 0, 0, 1.0))
     telemetry.hear(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0.4, 0, 0))
     clock.now += age
@@ -176,8 +175,8 @@ def test_thin_air_is_flown_faster_through() -> None:
     clock = Clock()
     telemetry = Telemetry(clock)
     model = dataclasses.replace(CRM, effects=(AIR,))
-    live = LiveEffects(None, Vehicle(X8, model, measured_live=True), telemetry, air_temperature_C=5.0)
-    core = MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM, live)
+    vehicle = Vehicle(X8, model, measured_live=True)
+    core = MixCore(vehicle, "exact", LiveEffects(None, vehicle, telemetry, air_temperature_C=5.0))
     telemetry.hear(imu(880.0))
     share = 88000.0 / (287.05 * 278.15) / 1.225
     thrust, torque = X8.loads(CRM, settled(core, 40))
@@ -186,7 +185,7 @@ def test_thin_air_is_flown_faster_through() -> None:
 
 
 def test_air_that_cannot_be_or_whose_temperature_nobody_knows_changes_nothing() -> None:
-    plain = settled(MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM))
+    plain = settled(MixCore(Vehicle(X8, CRM), "exact"))
     core, telemetry, _, live = compensated(AIR)
     telemetry.hear(imu(880.0))  # the barometer's own 25 C are its board's
     assert settled(core) == pytest.approx(plain, abs=1e-9)
@@ -216,7 +215,7 @@ def test_without_telemetry_nothing_is_allowed_for_and_what_cannot_be_is_said() -
         Effect("rotor_drag", {"drag_N_s_m": 1.0}),
         Effect("martian_dust", {}),
     )
-    plain = MixCore(X8, make_law("exact", Vehicle(X8, CRM)), CRM)
+    plain = MixCore(Vehicle(X8, CRM), "exact")
     assert settled(core) == pytest.approx(settled(plain), abs=1e-9)
     assert set(live.left_out) == {"rotor_drag", "martian_dust"}
     assert live.names == ["ground_effect", "axial_inflow"]

@@ -59,7 +59,7 @@ class Live:
         self.flight = flight
         self.companion = Companion(flight, component)
         law = law or make_law("exact", Vehicle(X8, CRM))
-        self.mixer = LiveMixer(self.companion.session, X8, law, CRM, own_curve=1.0, **options)
+        self.mixer = LiveMixer(self.companion.session, Vehicle(X8, CRM), law, own_curve=1.0, **options)
 
     def start(self) -> None:
         starting = threading.Thread(target=self.mixer.start)

@@ -18,7 +18,6 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.airframe import load_airframe
 from coaxlink.link.live_guard import Timing
 from coaxlink.link.mixing import LiveMixer
-from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.vehicle import Vehicle
 
@@ -111,7 +110,7 @@ def run(law: str, frames: int, seed: int) -> tuple[LiveMixer, Sink]:
     """Throw `frames` at a live mixer of its own (without its witness, which would rightly give up soon)."""
     sink = Sink()
     timing = Timing(settle=1, fade_s=0.02)
-    mixer = LiveMixer(sink, X8, make_law(law, Vehicle(X8, CRM)), CRM, timing=timing, witness=False)  # type: ignore[arg-type]
+    mixer = LiveMixer(sink, Vehicle(X8, CRM), law, timing=timing, witness=False)  # type: ignore[arg-type]
     mixer.start()
     for _, data in zip(range(frames), hostile(random.Random(seed)), strict=False):
         mixer.take(data)

@@ -194,7 +194,7 @@ class Rig:
         timing = Timing(settle=1, fade_s=0.0, hold_after_s=1.0, ramp_after_s=2.0)
         law = make_law("exact", Vehicle(X8, CRM))
         self.live = LiveMixer(
-            self.session, X8, law, CRM, timing=timing, witness=False, native=native, lead_s=lead_s
+            self.session, Vehicle(X8, CRM), law, timing=timing, witness=False, native=native, lead_s=lead_s
         )
         self.live.start()
         time.sleep(0.1)  # the read that was under way does not know of it yet

@@ -14,7 +14,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.link.attitude_loop import AttitudeLoop, LoopGains, load_gains
 from coaxlink.link.mixing import DemandScale, LiveMixer
-from coaxlink.mixer import make_law, standard_coefficients
+from coaxlink.mixer import standard_coefficients
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.vehicle import Vehicle
 
@@ -85,7 +85,7 @@ def test_the_companion_flies_the_vehicle_on_its_own_loop() -> None:
     flight = Flight()
     companion = Companion(flight)
     live = LiveMixer(
-        companion.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM, own_curve=1.0,
+        companion.session, Vehicle(X8, CRM), "exact", own_curve=1.0,
         loop=AttitudeLoop(X8.inertia_kg_m2),
     )  # fmt: skip
     starting = threading.Thread(target=live.start)

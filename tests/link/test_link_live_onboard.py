@@ -72,7 +72,7 @@ def streams() -> dict[str, np.ndarray]:
 
 
 def test_the_law_in_lua_gives_the_speeds_of_the_law_in_python(in_lua: Any) -> None:
-    law, most = ExactLaw(X8, CRM), 0
+    law, most = ExactLaw(Vehicle(X8, CRM)), 0
     p = law.problem
     for name, demands in streams().items():
         worst = 0.0
@@ -88,7 +88,7 @@ def test_the_law_in_lua_gives_the_speeds_of_the_law_in_python(in_lua: Any) -> No
 
 def test_in_single_precision_as_on_a_board_it_settles_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernel, "MISS_ENOUGH", SINGLE["MISS_ENOUGH"])
-    law = ExactLaw(X8, CRM)
+    law = ExactLaw(Vehicle(X8, CRM))
     p = law.problem
 
     def single(value: Any) -> Any:

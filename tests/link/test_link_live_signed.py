@@ -19,7 +19,6 @@ from coaxlink.link import codec
 from coaxlink.link.attitude_loop import AttitudeLoop
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.link.signing import Signer
-from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.vehicle import Vehicle
 
@@ -97,7 +96,7 @@ def test_it_flies_on_a_signed_line(tmp_path: Path, own_loop: bool) -> None:
     signer = Signer(KEY, tmp_path)
     companion = Companion(flight, signer=signer)
     live = LiveMixer(
-        companion.session, X8, make_law("exact", Vehicle(X8, CRM)), CRM, own_curve=1.0,
+        companion.session, Vehicle(X8, CRM), "exact", own_curve=1.0,
         loop=AttitudeLoop(X8.inertia_kg_m2) if own_loop else None,
     )  # fmt: skip
     starting = threading.Thread(target=live.start)
@@ -125,7 +124,7 @@ def test_an_unsigned_demand_drives_nothing(tmp_path: Path) -> None:
     key_file.chmod(0o600)
     flight = Flight(key_file=key_file)
     companion = Companion(flight, signer=Signer(KEY, tmp_path))
-    live = LiveMixer(companion.session, X8, make_law("reduced", Vehicle(X8, CRM)), CRM, own_curve=1.0)
+    live = LiveMixer(companion.session, Vehicle(X8, CRM), "reduced", own_curve=1.0)
     live.session.tap = live
     live._target = (1, 1)
     live._unsubscribe = companion.session.subscribe(live._on_message)

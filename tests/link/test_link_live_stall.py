@@ -11,7 +11,6 @@ from test_link_mixing import CRM, HOVER, X8, ScriptedSession
 
 from coaxlink.link import mixing
 from coaxlink.link.live_stall import Absence, backlog
-from coaxlink.mixer import make_law
 from coaxlink.vehicle import Vehicle
 
 PERIOD_US = 4000
@@ -28,7 +27,7 @@ class Clock:
         monkeypatch.setattr(mixing, "time", fake)
         self.session = ScriptedSession()
         self.mixer = mixing.LiveMixer(
-            self.session, X8, make_law("coaxial", Vehicle(X8, CRM)), CRM, own_curve=1.0, witness=False  # type: ignore[arg-type]
+            self.session, Vehicle(X8, CRM), "coaxial", own_curve=1.0, witness=False  # type: ignore[arg-type]
         )  # fmt: skip
         self.mixer.start()
         self.mixer._line = SimpleNamespace(readable=lambda number: self.waiting > 0)  # type: ignore[assignment]

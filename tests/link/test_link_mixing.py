@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +28,7 @@ HOVER = [0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 0.0]
 
 
 def core(law: str = "coaxial") -> MixCore:
-    return MixCore(X8, make_law(law, Vehicle(X8, CRM)), CRM)
+    return MixCore(Vehicle(X8, CRM), law)
 
 
 class ScriptedSession:
@@ -172,7 +173,7 @@ def test_absurd_demands_get_no_answer_and_outputs_keep_their_range() -> None:
 def test_a_law_that_gives_rubbish_is_not_passed_on() -> None:
     for rubbish in (math.nan, 1.2, -0.1):
         law = SimpleNamespace(name="mad", speeds=lambda w, x=rubbish: np.full(8, x), dropped=())
-        c = MixCore(X8, law, CRM)
+        c = MixCore(Vehicle(X8, CRM), law)
         assert c.step(1000, 0, HOVER) is None
         assert c.counters.refused_outputs == 1
 
@@ -182,7 +183,7 @@ QUICK = Timing(settle=1, fade_s=0.0)
 
 def mixer_on(session: ScriptedSession, law: Any = None, **options: Any) -> LiveMixer:
     law = law or make_law("coaxial", Vehicle(X8, CRM))
-    return LiveMixer(session, X8, law, CRM, **{"timing": QUICK, **options})  # type: ignore[arg-type]
+    return LiveMixer(session, Vehicle(X8, CRM), law, **{"timing": QUICK, **options})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("signed", [False, True])
@@ -312,7 +313,7 @@ def test_an_autopilot_that_ignores_the_stream_is_refused_with_the_reason(
         require_path(autopilot, version)
     session = ScriptedSession(version or (1, 99), autopilot)
     with pytest.raises(SafetyRefusal):
-        LiveMixer(session, X8, make_law("reduced", Vehicle(X8, CRM)), CRM).start()  # type: ignore[arg-type]
+        LiveMixer(session, Vehicle(X8, CRM), "reduced").start()  # type: ignore[arg-type]
     assert session.tap is None
     assert session.requests == []
 
@@ -321,7 +322,7 @@ def test_an_autopilot_that_will_not_send_its_demand_is_refused_and_left_alone() 
     session = ScriptedSession()
     session.takes_requests = False
     with pytest.raises(SafetyRefusal, match="will not send"):
-        LiveMixer(session, X8, make_law("reduced", Vehicle(X8, CRM)), CRM).start()  # type: ignore[arg-type]
+        LiveMixer(session, Vehicle(X8, CRM), "reduced").start()  # type: ignore[arg-type]
     assert session.tap is None
 
 
@@ -331,6 +332,6 @@ def test_older_px4_is_accepted() -> None:
 
 
 def test_more_motors_than_the_message_carries_are_refused() -> None:
-    nine = SimpleNamespace(rotors=[None] * 9, source=None, name="nine")
+    nine = replace(X8, rotors=(*X8.rotors, replace(X8.rotors[0], number=9, level="single", pair=None)))
     with pytest.raises(InputError, match="8 motors at most"):
-        MixCore(nine, SimpleNamespace(), CRM)  # type: ignore[arg-type]
+        MixCore(Vehicle(nine, CRM), SimpleNamespace())  # type: ignore[arg-type]

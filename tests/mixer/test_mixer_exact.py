@@ -57,7 +57,7 @@ def test_the_yaw_that_algorithm_1_leaves_is_delivered() -> None:
 
 def test_mean_power_over_the_papers_envelope() -> None:
     rng = np.random.default_rng(0)
-    law = ExactLaw(X8, CRM)
+    law = ExactLaw(Vehicle(X8, CRM))
     powers, worst = [], 0.0
     for _ in range(400):
         wrench = rng.uniform([150, -4, -4, -1], [260, 4, 4, 1])
@@ -75,7 +75,7 @@ def test_what_some_speeds_can_do_is_delivered_at_no_more_power(data: st.DataObje
     n = len(airframe.rotors)
     u = np.array(data.draw(st.lists(st.floats(0.05, 0.95), min_size=n, max_size=n)))
     wrench = wrench_at(airframe, CRM, u)
-    law = ExactLaw(airframe, CRM)
+    law = ExactLaw(Vehicle(airframe, CRM))
     found = law.speeds(wrench)
     assert found.min() >= 0.0
     assert found.max() <= 1.0
@@ -92,7 +92,7 @@ def test_what_some_speeds_can_do_is_delivered_at_no_more_power(data: st.DataObje
 def test_any_demand_gives_speeds_in_bounds(
     thrust: float, roll: float, pitch: float, yaw: float, name: str
 ) -> None:
-    law = ExactLaw(frame(name), CRM, low=0.1, high=0.9)
+    law = ExactLaw(Vehicle(frame(name), CRM), low=0.1, high=0.9)
     u = law.speeds([thrust, roll, pitch, yaw])
     assert np.isfinite(u).all()
     assert u.min() >= 0.1
@@ -101,7 +101,7 @@ def test_any_demand_gives_speeds_in_bounds(
 
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_yaw_is_given_up_before_thrust_and_thrust_before_roll_and_pitch(sign: int) -> None:
-    law = ExactLaw(X8, CRM)
+    law = ExactLaw(Vehicle(X8, CRM))
     much_yaw = allocate(law, Vehicle(X8, CRM), [196.2, 2.0, 1.0, sign * 20.0])
     assert much_yaw.dropped == ("yaw",)
     assert np.abs(much_yaw.error[:3]).max() < 1e-6
@@ -113,7 +113,7 @@ def test_yaw_is_given_up_before_thrust_and_thrust_before_roll_and_pitch(sign: in
 
 
 def test_the_order_of_priority_is_an_option() -> None:
-    law = ExactLaw(X8, CRM, priority=("yaw", "thrust", "roll", "pitch"))
+    law = ExactLaw(Vehicle(X8, CRM), priority=("yaw", "thrust", "roll", "pitch"))
     result = allocate(law, Vehicle(X8, CRM), [196.2, 60.0, 0.0, 3.0])
     assert "roll" in result.dropped
     assert abs(result.error[3]) < 1e-6
@@ -128,7 +128,7 @@ def test_out_of_reach_it_is_at_least_as_good_as_slsqp_with_the_same_priorities()
         wrench = np.array(
             [rng.uniform(100, 300), *rng.uniform(-8, 8, 2), rng.choice([-1, 1]) * rng.uniform(6, 12)]
         )
-        mine = allocate(ExactLaw(X8, CRM), Vehicle(X8, CRM), wrench)
+        mine = allocate(ExactLaw(Vehicle(X8, CRM)), Vehicle(X8, CRM), wrench)
         assert np.abs(mine.error[:3]).max() < 1e-6
         held = {"type": "eq", "fun": lambda u, w=wrench: (wrench_at(X8, CRM, u) - w)[:3]}
         best = 1e9
@@ -154,12 +154,12 @@ def test_least_power_agrees_with_slsqp() -> None:
             options={"ftol": 1e-13, "maxiter": 500},
         )  # fmt: skip
         assert found.success
-        mine = power_at(X8, CRM, ExactLaw(X8, CRM).speeds(wrench))
+        mine = power_at(X8, CRM, ExactLaw(Vehicle(X8, CRM)).speeds(wrench))
         assert mine == pytest.approx(found.fun, rel=1e-6)
 
 
 def test_it_is_continuous_through_the_edge_of_reach() -> None:
-    law = ExactLaw(X8, CRM)
+    law = ExactLaw(Vehicle(X8, CRM))
     low, high, last = 0.0, 10.0, 1.0
     for _ in range(3):  # where it moves fastest, a step ten times smaller moves it far less
         yaws = np.linspace(low, high, 400)
@@ -173,14 +173,14 @@ def test_it_is_continuous_through_the_edge_of_reach() -> None:
 
 def test_left_and_right_swap_when_roll_and_yaw_flip() -> None:
     mirror = [1, 0, 3, 2, 5, 4, 7, 6]  # 1-2, 3-4, 5-6, 7-8 lie opposite across the x axis
-    left = ExactLaw(X8, CRM).speeds([200.0, 3.0, -1.0, 0.7])
-    right = ExactLaw(X8, CRM).speeds([200.0, -3.0, -1.0, -0.7])
+    left = ExactLaw(Vehicle(X8, CRM)).speeds([200.0, 3.0, -1.0, 0.7])
+    right = ExactLaw(Vehicle(X8, CRM)).speeds([200.0, -3.0, -1.0, -0.7])
     assert right[mirror] == pytest.approx(left, abs=1e-7)
 
 
 @pytest.mark.parametrize("dead", [1, 6])
 def test_a_dead_rotor_is_allocated_around(dead: int) -> None:
-    law = ExactLaw(X8, CRM, failed=[dead])
+    law = ExactLaw(Vehicle(X8, CRM), failed=[dead])
     result = allocate(law, Vehicle(X8, CRM), [196.2, 1.0, -1.0, 0.2])
     assert result.speeds[dead - 1] == 0.0
     assert np.abs(result.error).max() < 1e-6
@@ -188,7 +188,7 @@ def test_a_dead_rotor_is_allocated_around(dead: int) -> None:
 
 
 def test_speeds_move_no_further_than_the_slew_limit() -> None:
-    law = ExactLaw(X8, CRM, slew=0.01)
+    law = ExactLaw(Vehicle(X8, CRM), slew=0.01)
     before = law.speeds([196.2, 0, 0, 0])
     for _ in range(30):
         after = law.speeds([280.0, 3.0, 0, 0.5])
@@ -198,7 +198,7 @@ def test_speeds_move_no_further_than_the_slew_limit() -> None:
 
 
 def test_the_certificate_tells_the_truth() -> None:
-    law = ExactLaw(X8, CRM)
+    law = ExactLaw(Vehicle(X8, CRM))
     wrench = np.array([196.2, 1.0, -1.0, 15.0])
     u = law.speeds(wrench)
     certificate = law.certificate
@@ -221,7 +221,7 @@ def test_other_orders_of_the_rotor_model_are_exact_too() -> None:
     terms["lower.torque_Nm"]["u_l^4"] = 0.2
     model = RotorModel.from_terms("crm", 5400.0, terms)
     wrench = np.array([180.0, 2.0, -2.0, 0.4])
-    u = ExactLaw(X8, model).speeds(wrench)
+    u = ExactLaw(Vehicle(X8, model)).speeds(wrench)
     assert wrench_at(X8, model, u) == pytest.approx(wrench, abs=1e-6)
     # least power: no step along the constraint's null space does better
     jacobian = np.array([(wrench_at(X8, model, u + 1e-6 * e) - wrench) / 1e-6 for e in np.eye(8)]).T
@@ -250,7 +250,7 @@ def test_random_vehicles_of_up_to_sixteen_rotors(
         lowers.append(Rotor(k + 1 + arms, (x, y, 0.07), tuple(axis), -spin, "lower", k + 1))
     airframe = Airframe("random", 10.0, (1, 1, 1), (*uppers, *lowers))
     wrench = wrench_at(airframe, CRM, load * rng.uniform(0.8, 1.2, 2 * arms))
-    law = ExactLaw(airframe, CRM)
+    law = ExactLaw(Vehicle(airframe, CRM))
     u = law.speeds(wrench)
     assert np.abs(wrench_at(airframe, CRM, u) - wrench).max() < 1e-6
     assert law.certificate.steps > 0
@@ -264,11 +264,11 @@ def test_wrong_options_are_named() -> None:
         ({"slew": 0.0}, "slew"),
     ):
         with pytest.raises(InputError, match=says):
-            ExactLaw(X8, CRM, **options)  # type: ignore[arg-type]
+            ExactLaw(Vehicle(X8, CRM), **options)  # type: ignore[arg-type]
 
 
 def test_compiled_or_not_it_is_the_same_law() -> None:
-    compiled, plain = ExactLaw(X8, CRM, compiled=True), ExactLaw(X8, CRM)
+    compiled, plain = ExactLaw(Vehicle(X8, CRM), compiled=True), ExactLaw(Vehicle(X8, CRM))
     assert compiled.compiled
     assert not plain.compiled
     rng = np.random.default_rng(4)
@@ -282,7 +282,7 @@ def test_compiled_or_not_it_is_the_same_law() -> None:
 
 def test_many_is_the_same_as_one_after_the_other() -> None:
     demands = np.random.default_rng(8).uniform([150, -4, -4, -1], [260, 4, 4, 1], (30, 4))
-    one, many = ExactLaw(X8, CRM), ExactLaw(X8, CRM)
+    one, many = ExactLaw(Vehicle(X8, CRM)), ExactLaw(Vehicle(X8, CRM))
     assert many.many(demands) == pytest.approx(np.array([one.speeds(d) for d in demands]), abs=1e-9)
     with pytest.raises(InputError, match="finite rows"):
         many.many([[1.0, 2.0, np.nan, 0.0]])
@@ -292,7 +292,7 @@ def test_ten_thousand_wrenches_within_reach_are_delivered() -> None:
     rng = np.random.default_rng(21)
     u = rng.uniform(0.2, 0.9, (10_000, 8))
     demands = X8.wrench(*X8.loads(CRM, u))  # all within reach, most far from any hover
-    found = ExactLaw(X8, CRM, compiled=True).many(demands)
+    found = ExactLaw(Vehicle(X8, CRM), compiled=True).many(demands)
     assert found.min() >= 0.0
     assert found.max() <= 1.0
     thrust, torque = X8.loads(CRM, found)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from coaxlink.airframe import load_airframe
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
@@ -30,11 +31,11 @@ def missed(speeds: NDArray[np.float64], demands: NDArray[np.float64]) -> NDArray
 
 def cold(demands: NDArray[np.float64]) -> NDArray[np.float64]:
     """Each row by a law that never saw another."""
-    return np.array([ExactLaw(X8, CRM).speeds(d) for d in demands])
+    return np.array([ExactLaw(Vehicle(X8, CRM)).speeds(d) for d in demands])
 
 
 def test_a_smooth_motion_takes_one_step_and_lands_where_a_cold_start_does() -> None:
-    demands, law = smooth(300), ExactLaw(X8, CRM)
+    demands, law = smooth(300), ExactLaw(Vehicle(X8, CRM))
     speeds, steps = [], []
     for row in demands:
         speeds.append(law.speeds(row))
@@ -51,7 +52,7 @@ def test_kicks_out_of_reach_and_back_leave_no_trace() -> None:
     demands = smooth(400)
     kicked = np.arange(400) % 100 >= 80
     demands[kicked, 3] += 9.0
-    found = ExactLaw(X8, CRM).many(demands)
+    found = ExactLaw(Vehicle(X8, CRM)).many(demands)
     miss = missed(found, demands)
     assert np.abs(miss[~kicked]).max() < 1e-6
     assert np.abs(miss[kicked, :3]).max() < 1e-6
@@ -62,7 +63,7 @@ def test_kicks_out_of_reach_and_back_leave_no_trace() -> None:
 
 
 def test_the_second_kick_is_entered_from_the_first() -> None:
-    law = ExactLaw(X8, CRM)
+    law = ExactLaw(Vehicle(X8, CRM))
     near, far = [200.0, 1.0, 1.0, 0.2], [200.0, 1.0, 1.0, 9.0]
     rounds = []
     for wrench in (near, far, near, far, near):
@@ -74,19 +75,19 @@ def test_the_second_kick_is_entered_from_the_first() -> None:
 
 def test_noise_on_the_demand_costs_no_exactness() -> None:
     demands = smooth(300) + np.random.default_rng(2).normal(0.0, 0.2, (300, 4))
-    found = ExactLaw(X8, CRM).many(demands)
+    found = ExactLaw(Vehicle(X8, CRM)).many(demands)
     assert np.abs(missed(found, demands)).max() < 1e-6
     assert found[::30] == pytest.approx(cold(demands[::30]), abs=2e-4)
 
 
 def test_a_motion_under_a_slew_limit_stays_within_it() -> None:
-    law = ExactLaw(X8, CRM, slew=0.0005)
+    law = ExactLaw(Vehicle(X8, CRM), slew=0.0005)
     speeds = np.array([law.speeds(row) for row in smooth(200)])
     assert np.abs(np.diff(speeds, axis=0)).max() <= 0.0005 + 1e-12
 
 
 def test_reset_forgets_what_was_kept() -> None:
-    law = ExactLaw(X8, CRM)
+    law = ExactLaw(Vehicle(X8, CRM))
     first = law.speeds([200.0, 1.0, 1.0, 9.0])
     law.many(smooth(50))
     law.reset()

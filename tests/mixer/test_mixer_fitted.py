@@ -12,6 +12,7 @@ from coaxlink.airframe import Airframe, load_airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot as ap
 from firmware_params import px4
 
@@ -24,7 +25,7 @@ CLOSE = {"x8_paper": 0.05, "coax_tilted": 0.05, "y6": 0.25}
 @lru_cache
 def fitted(name: str) -> tuple[Airframe, FittedTable]:
     airframe = load_airframe(EXAMPLES / f"{name}.toml")
-    return airframe, fit_table(airframe, CRM)
+    return airframe, fit_table(Vehicle(airframe, CRM))
 
 
 def fresh_wrenches(airframe: Airframe) -> np.ndarray:
@@ -66,14 +67,14 @@ def test_on_the_papers_vehicle_it_costs_next_to_no_power_and_keeps_its_ceiling()
 
 
 def test_single_rotors_beside_pairs_are_not_fitted_at_the_price_of_power() -> None:
-    table = fit_table(load_airframe(EXAMPLES / "mixed_hexa.toml"), CRM)
+    table = fit_table(Vehicle(load_airframe(EXAMPLES / "mixed_hexa.toml"), CRM))
     assert table.chosen.error[0] < 0.25
     assert abs(table.chosen.power_excess) < 0.03
 
 
 def test_ardupilots_own_law_delivers_it_too() -> None:
     airframe = load_airframe(EXAMPLES / "x8_paper.toml")
-    table = fit_table(airframe, CRM, spin_min=0.05)
+    table = fit_table(Vehicle(airframe, CRM), spin_min=0.05)
     x, y = np.array([r.position_m[:2] for r in airframe.rotors]).T
     matrix = np.stack([-y * table.ct, x * table.ct, table.yaw, table.ct])
     columns = np.linalg.pinv(matrix)
@@ -94,4 +95,4 @@ def test_ardupilots_own_law_delivers_it_too() -> None:
 def test_an_envelope_out_of_reach_is_said() -> None:
     airframe = load_airframe(EXAMPLES / "x8_paper.toml")
     with pytest.raises(InputError, match="cannot fly its envelope"):
-        fit_table(airframe, CRM, wrenches=np.array([[900.0, 0, 0, 0]]))
+        fit_table(Vehicle(airframe, CRM), wrenches=np.array([[900.0, 0, 0, 0]]))

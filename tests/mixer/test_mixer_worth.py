@@ -225,11 +225,14 @@ def test_a_y6_of_equal_rotors_tips_over_in_a_turn_and_the_fitted_table_keeps_it_
 
 def test_what_cannot_hover_is_said_and_not_a_number() -> None:
     stone = replace(FRAME, mass_kg=60.0)
-    row = weigh(stone, MODEL, px4_speeds(report_px4(Vehicle(FRAME, MODEL), "fitted").mix), "fitted")
+    row = weigh(Vehicle(stone, MODEL), px4_speeds(report_px4(Vehicle(FRAME, MODEL), "fitted").mix), "fitted")
     assert math.isnan(row.hover_W) and row.to_json()["hover_W"] is None
     assert row.thrust_to_weight == pytest.approx(_row("fitted").thrust_to_weight / 3.0)
     loaded = weigh(
-        FRAME, MODEL, px4_speeds(report_px4(Vehicle(FRAME, MODEL), "fitted").mix), "fitted", heavy=2.2
+        Vehicle(FRAME, MODEL),
+        px4_speeds(report_px4(Vehicle(FRAME, MODEL), "fitted").mix),
+        "fitted",
+        heavy=2.2,
     )
     assert "not both tables carry 15 to 44 kg" in verdict(loaded, _row("standard"))
     assert "needs the hover power of the standard one" in verdict(_row(CURVED), _row("standard"))
@@ -244,7 +247,7 @@ def test_the_curved_law_is_a_table_that_both_firmwares_take() -> None:
     differing = {name for name, value in report.params.items() if plain.params[name] != value}
     assert differing == {"THR_MDL_FAC", "MPC_THR_HOVER"} and not report.blocking
     copter = [
-        weigh(FRAME, MODEL, ap_speeds(report_ap(Vehicle(FRAME, MODEL), law).mix))
+        weigh(Vehicle(FRAME, MODEL), ap_speeds(report_ap(Vehicle(FRAME, MODEL), law).mix))
         for law in ("standard", "curved")
     ]
     assert copter[1].load_span.max() - 1.0 < 0.5 * (copter[0].load_span.max() - 1.0)

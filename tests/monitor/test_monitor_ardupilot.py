@@ -49,7 +49,7 @@ def look(airframe: Airframe, model: RotorModel, *messages: Any, **parameters: fl
     for message in messages:
         collector.take(sender(message), 10.0)
     collector.put_parameters(parameters)
-    return observe(collector.readings(10.0), airframe, model, 10.0)
+    return observe(collector.readings(10.0), Vehicle(airframe, model), 10.0)
 
 
 def escs(first: int, rpm: list[int]) -> Any:
@@ -60,7 +60,7 @@ def escs(first: int, rpm: list[int]) -> Any:
 @pytest.mark.parametrize("frame", [15, 17])
 @pytest.mark.parametrize("law", ["standard", "curved", "reduced", "fitted"])
 def test_a_law_is_known_by_its_factors(airframe: Airframe, model: RotorModel, law: str, frame: int) -> None:
-    board = describe(on_board(airframe, model, law, frame), airframe, model)
+    board = describe(on_board(airframe, model, law, frame), Vehicle(airframe, model))
     assert (board.state, board.kind, board.of_model) == ("read", law, True)
     assert board.frame_class == frame and board.rotors == 8 and len(board.digest) == 8
     assert board.upper_factor is not None and board.lower_factor == pytest.approx(1.0, abs=1e-3)
@@ -69,32 +69,36 @@ def test_a_law_is_known_by_its_factors(airframe: Airframe, model: RotorModel, la
 
 def test_the_hash_follows_the_table_and_nothing_else(airframe: Airframe, model: RotorModel) -> None:
     table = on_board(airframe, model, "reduced")
-    one = describe(table, airframe, model).digest
+    one = describe(table, Vehicle(airframe, model)).digest
     learned = table | {"MOT_THST_HOVER": 0.31, "SERVO1_FUNCTION": 33.0, "ATC_RAT_RLL_P": 0.2}
-    assert describe(learned, airframe, model).digest == one
-    assert describe(table | {"MOT_THST_EXPO": 0.5}, airframe, model).digest != one
-    assert describe(table | {"CXL_T1": 0.7}, airframe, model).state == "invalid"  # its sum does not agree
+    assert describe(learned, Vehicle(airframe, model)).digest == one
+    assert describe(table | {"MOT_THST_EXPO": 0.5}, Vehicle(airframe, model)).digest != one
+    assert (
+        describe(table | {"CXL_T1": 0.7}, Vehicle(airframe, model)).state == "invalid"
+    )  # its sum does not agree
 
 
 def test_a_board_as_it_comes_and_one_half_read(airframe: Airframe, model: RotorModel) -> None:
-    board = describe(builtin(), airframe, model)
+    board = describe(builtin(), Vehicle(airframe, model))
     assert (board.kind, board.frame_class) == ("standard", 4)
     assert any("MOT_THST_EXPO is 0.650" in note for note in board.notes)
     half = builtin()
     del half["MOT_SPIN_MIN"]
-    assert describe(half, airframe, model).state == "partial"
-    assert describe(builtin(15.0), airframe, model).state == "partial"  # the script is still to be read
-    foreign = describe(builtin(15.0) | {"CXL_N": 0.0}, airframe, model)
+    assert describe(half, Vehicle(airframe, model)).state == "partial"
+    assert (
+        describe(builtin(15.0), Vehicle(airframe, model)).state == "partial"
+    )  # the script is still to be read
+    foreign = describe(builtin(15.0) | {"CXL_N": 0.0}, Vehicle(airframe, model))
     assert foreign.kind == "custom" and "none of coaxlink's" in foreign.notes[0]
-    assert describe(builtin(99.0), airframe, model).state == "invalid"
-    assert describe(builtin(float("nan")), airframe, model).state in ("invalid", "partial")
+    assert describe(builtin(99.0), Vehicle(airframe, model)).state == "invalid"
+    assert describe(builtin(float("nan")), Vehicle(airframe, model)).state in ("invalid", "partial")
     assert "CXL_N" not in table_parameters(builtin() | {"CXL_N": 8.0})  # class 4 reads no script
 
 
 def test_a_law_s_newtons_come_back_from_the_pulses(airframe: Airframe, model: RotorModel) -> None:
     report = report_ap(Vehicle(airframe, model), "reduced")
     table = on_board(airframe, model, "reduced")
-    board = describe(table, airframe, model)
+    board = describe(table, Vehicle(airframe, model))
     u = [0.45] * 4 + [0.62] * 4
     # squares by eq. 6, uppers and lowers each with their column
     ct = [r.ct for r in report.columns.rotors]

@@ -11,6 +11,7 @@ import pytest
 from monitor_vehicle import Vehicle, free_port
 from test_monitor_board import table
 
+import coaxlink as cx
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError, LinkError
@@ -31,7 +32,7 @@ def _hurry(monkeypatch: pytest.MonkeyPatch) -> None:
 def watching(port: int, patience_s: float = 0.7) -> Iterator[Callable[[], View]]:
     airframe = load_airframe(files.example("x8_paper.toml"))
     model = load_rotor_model(files.example("rotor_paper.toml"))
-    watch = Watch(f"udpin:127.0.0.1:{port}", airframe, model)
+    watch = Watch(f"udpin:127.0.0.1:{port}", cx.Vehicle(airframe, model))
     feed = Feed(watch, patience_s=patience_s)
     feed.start()
     try:

@@ -16,6 +16,7 @@ from coaxlink.monitor.plot import braille, nice_range
 from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import RotorView, View, observe
 from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 AIRFRAME = load_airframe(files.example("x8_paper.toml"))
 MODEL = load_rotor_model(files.example("rotor_paper.toml"))
@@ -25,7 +26,7 @@ def view_of(*messages: Any, at: float = 1.0, now: float = 1.0) -> View:
     collector, sender = Collector(), Sender()
     for message in messages:
         collector.take(sender(message), at)
-    return observe(collector.readings(now), AIRFRAME, MODEL, now, address="udpin:0.0.0.0:14550")
+    return observe(collector.readings(now), Vehicle(AIRFRAME, MODEL), now, address="udpin:0.0.0.0:14550")
 
 
 @pytest.mark.parametrize(

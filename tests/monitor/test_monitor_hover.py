@@ -18,6 +18,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.monitor.state import View
 from coaxlink.monitor.watch import Watch
 from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 
 class Flight:
@@ -25,7 +26,7 @@ class Flight:
 
     def __init__(self) -> None:
         airframe = load_airframe(files.example("x8_paper.toml"))
-        self.watch = Watch("here", airframe, load_rotor_model(files.example("rotor_paper.toml")))
+        self.watch = Watch("here", Vehicle(airframe, load_rotor_model(files.example("rotor_paper.toml"))))
         self.sender, self.now = Sender(), 100.0
 
     def fly(

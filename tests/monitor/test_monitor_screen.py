@@ -18,6 +18,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.monitor.screen import Monitor
 from coaxlink.monitor.watch import Watch
 from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 
 class Scene:
@@ -26,7 +27,7 @@ class Scene:
     def __init__(self, folder: Path) -> None:
         airframe = load_airframe(files.example("x8_paper.toml"))
         model = load_rotor_model(files.example("rotor_paper.toml"))
-        self.watch = Watch("udpin:0.0.0.0:14550", airframe, model)
+        self.watch = Watch("udpin:0.0.0.0:14550", Vehicle(airframe, model))
         self.app = Monitor(self.watch.look, folder=folder)
         self.sender = Sender()
 
@@ -202,7 +203,9 @@ def test_an_ardupilot_s_table_fits_its_panel(scene: Scene) -> None:
     async def story() -> None:
         async with scene.app.run_test(size=(80, 24)) as pilot:
             scene.hear(heartbeat(autopilot=3), servo(), attitude(), position(), battery())
-            scene.watch.collector.put_parameters(on_board(scene.watch.airframe, scene.watch.model, "reduced"))
+            scene.watch.collector.put_parameters(
+                on_board(scene.watch.vehicle.declared, scene.watch.vehicle.rotors, "reduced")
+            )
             scene.app.tick()
             assert "being read" in scene.text("board")  # the link's thread compares it: that takes seconds
             scene.watch.judge_table()

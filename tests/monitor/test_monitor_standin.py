@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from test_monitor_board import table
 
+import coaxlink as cx
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.link import connect
@@ -38,7 +39,7 @@ def test_a_hover_and_an_upload_are_seen() -> None:
     model = load_rotor_model(files.example("rotor_paper.toml"))
     with standin("--speed", "4") as port:
         address = f"udpout:127.0.0.1:{port}"
-        watch = Watch(address, airframe, model)
+        watch = Watch(address, cx.Vehicle(airframe, model))
         feed = Feed(watch)
         feed.start()
 
@@ -75,7 +76,7 @@ def test_a_hover_and_an_upload_are_seen() -> None:
 @contextmanager
 def watched(address: str) -> Iterator[Callable[[], View]]:
     airframe = load_airframe(files.example("x8_paper.toml"))
-    watch = Watch(address, airframe, load_rotor_model(files.example("rotor_paper.toml")))
+    watch = Watch(address, cx.Vehicle(airframe, load_rotor_model(files.example("rotor_paper.toml"))))
     feed = Feed(watch)
     feed.start()
     try:

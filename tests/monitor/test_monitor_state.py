@@ -26,6 +26,7 @@ from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import View, arm_name, observe
 from coaxlink.monitor.watch import Watch, to_json
 from coaxlink.rotor import RotorModel, load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 UPPER_441 = 55.9517 * 0.441**2 + 22.4464 * 0.441  # N, eq. 17 by hand
 LOWER_441_648 = (
@@ -52,7 +53,7 @@ def look(airframe: Airframe, model: RotorModel, *messages: Any, now: float = 10.
     collector, sender = Collector(), Sender()
     for message in messages:
         collector.take(sender(message), at)
-    return observe(collector.readings(now), airframe, model, now, address="udpin:0.0.0.0:14550")
+    return observe(collector.readings(now), Vehicle(airframe, model), now, address="udpin:0.0.0.0:14550")
 
 
 def test_nothing_heard_is_a_view_that_waits(airframe: Airframe, model: RotorModel) -> None:
@@ -207,7 +208,7 @@ def test_stale_speeds_keep_their_number_and_are_marked(airframe: Airframe, model
     collector.take(sender(heartbeat()), 1.0)
     collector.take(sender(servo()), 1.0)
     collector.take(sender(heartbeat()), 4.0)
-    view = observe(collector.readings(4.0), airframe, model, 4.0)
+    view = observe(collector.readings(4.0), Vehicle(airframe, model), 4.0)
     assert view.link.state == "live" and view.speeds_stale
     assert view.speeds_age_s == pytest.approx(3.0)
     assert view.arms[0].upper.thrust_N == pytest.approx(UPPER_441)
@@ -219,17 +220,17 @@ def test_stale_esc_gives_way_to_fresh_outputs(airframe: Airframe, model: RotorMo
     for k in (0, 4):
         collector.take(sender(EscStatus(k, [2700 + k] * 4)), 1.0)
     collector.take(sender(servo()), 4.0)
-    view = observe(collector.readings(4.0), airframe, model, 4.0)
+    view = observe(collector.readings(4.0), Vehicle(airframe, model), 4.0)
     assert view.speeds.source == "SERVO_OUTPUT_RAW" and "ESC_STATUS went quiet" in view.notes
 
 
 def test_link_is_lost_after_silence_and_live_again(airframe: Airframe, model: RotorModel) -> None:
     collector, sender = Collector(), Sender()
     collector.take(sender(heartbeat()), 1.0)
-    lost = observe(collector.readings(9.0), airframe, model, 9.0).link
+    lost = observe(collector.readings(9.0), Vehicle(airframe, model), 9.0).link
     assert lost.state == "lost" and lost.age_s == pytest.approx(8.0) and lost.rate_hz == 0.0
     collector.take(sender(heartbeat()), 9.5)
-    assert observe(collector.readings(9.6), airframe, model, 9.6).link.state == "live"
+    assert observe(collector.readings(9.6), Vehicle(airframe, model), 9.6).link.state == "live"
 
 
 def test_loss_and_rate_come_from_sequence_numbers() -> None:
@@ -263,7 +264,7 @@ def test_ground_stations_and_other_vehicles_do_not_mix_in(airframe: Airframe, mo
     collector.take(two(attitude(roll=1.0)), 1.0)
     readings = collector.readings(1.0)
     assert readings.target == (1, 1) and readings.others == (2,) and "ATTITUDE" not in readings.latest
-    assert any("system 2" in note for note in observe(readings, airframe, model, 1.0).notes)
+    assert any("system 2" in note for note in observe(readings, Vehicle(airframe, model), 1.0).notes)
 
 
 def test_bytewise_integers_of_px4() -> None:
@@ -315,7 +316,7 @@ def test_text_without_control_characters(airframe: Airframe, model: RotorModel) 
 
 
 def test_watch_describes_the_table_again_after_an_upload(airframe: Airframe, model: RotorModel) -> None:
-    watch = Watch("udpin:0.0.0.0:14550", airframe, model)
+    watch = Watch("udpin:0.0.0.0:14550", Vehicle(airframe, model))
     assert watch.look(1.0).board.state == "unread"
     watch.collector.put_parameters({"CA_ROTOR_COUNT": 8.0})
     assert watch.look(1.0).board.state == "partial"
@@ -350,9 +351,9 @@ def test_two_vehicles_of_one_system_id_are_noticed(airframe: Airframe, model: Ro
     for k in range(100):
         for sender in (one, two) if k % 3 else (two, one):
             collector.take(sender(heartbeat()), 0.02 * k)
-    view = observe(collector.readings(2.0), airframe, model, 2.0)
+    view = observe(collector.readings(2.0), Vehicle(airframe, model), 2.0)
     assert view.link.loss is None and "two vehicles call themselves system 1" in view.notes[0]
     alone, single = Collector(), Sender()
     for k in range(100):
         alone.take(single(heartbeat(), skip=k % 4 == 0), 0.02 * k)
-    assert not observe(alone.readings(2.0), airframe, model, 2.0).notes
+    assert not observe(alone.readings(2.0), Vehicle(airframe, model), 2.0).notes

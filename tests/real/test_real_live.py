@@ -13,7 +13,6 @@ from coaxlink.airframe import load_airframe
 from coaxlink.link import connect
 from coaxlink.link.mixing import LiveMixer
 from coaxlink.link.session import Session
-from coaxlink.mixer import make_law
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle
 
@@ -38,7 +37,7 @@ def pair_split(session: Session, seconds: float) -> float:
 
 
 def mixer(session: Session) -> LiveMixer:
-    return LiveMixer(session, X8, make_law("exact", Vehicle(X8, CRM)), CRM)
+    return LiveMixer(session, Vehicle(X8, CRM), "exact")
 
 
 def test_it_is_mixed_live_by_one_companion_and_handed_back(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.residual.delivered import delivered
 from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
 
 UPPER, LOWER = 0.441, 0.648
 UPPER_N = 55.9517 * UPPER**2 + 22.4464 * UPPER  # eq. 17 by hand
@@ -39,7 +40,7 @@ def test_the_shortfall_and_the_split_are_what_was_put_in(shortfall_N):
     model = load_rotor_model(airframe.rotor_model)
     full = 4 * (UPPER_N + LOWER_N)
     result = delivered(
-        hover(shortfall_N), airframe, model, lambda t, u: np.tile([full, 0.0, 0.0, 0.3], (len(t), 1))
+        hover(shortfall_N), Vehicle(airframe, model), lambda t, u: np.tile([full, 0.0, 0.0, 0.3], (len(t), 1))
     )
     assert result.thrust_error_N == pytest.approx(shortfall_N, abs=0.1)
     assert result.torque_error_Nm == pytest.approx((0.0, 0.0, 0.3), abs=1e-3)
@@ -54,7 +55,9 @@ def test_the_best_constant_gain_takes_off_what_is_constant_and_no_more():
     full = 4 * (UPPER_N + LOWER_N)
 
     def flown(meant):
-        return delivered(hover(0.0), airframe, model, lambda t, u: np.tile(meant(t)[:, None], (1, 4)))
+        return delivered(
+            hover(0.0), Vehicle(airframe, model), lambda t, u: np.tile(meant(t)[:, None], (1, 4))
+        )
 
     constant = flown(lambda t: np.full(len(t), full / 0.8))
     assert constant.gain[0] == pytest.approx(0.8, abs=1e-3)

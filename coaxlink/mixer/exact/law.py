@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coaxlink.airframe import AXES, Airframe
+from coaxlink.airframe import AXES
 from coaxlink.errors import InputError
 from coaxlink.mixer.exact import kernel
 from coaxlink.mixer.exact.loads import MISS, POWER
 from coaxlink.mixer.exact.problem import PRIORITY, build
 from coaxlink.mixer.law import checked_wrench
-from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
 
 STEPS = 6  # quadratic steps before the sure way is taken
 FAR = 4.0  # of the vehicle's authority: a demand beyond is as far out of reach as at it
@@ -55,8 +55,7 @@ class ExactLaw:
 
     def __init__(
         self,
-        airframe: Airframe,
-        model: RotorModel,
+        vehicle: Vehicle,
         *,
         low: float = 0.0,
         high: float = 1.0,
@@ -67,7 +66,7 @@ class ExactLaw:
     ) -> None:
         if slew is not None and not slew > 0:
             raise InputError("exact", "slew", f"a change per call above 0 expected, found {slew}")
-        self.problem = build(airframe, model, low=low, high=high, failed=failed, priority=priority)
+        self.problem = build(vehicle, low=low, high=high, failed=failed, priority=priority)
         self.slew = slew
         self._optimum, self._batch = _functions(compiled)
         self.compiled = self._optimum is not kernel.optimum

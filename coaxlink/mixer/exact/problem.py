@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import AXES, Airframe
+from coaxlink.airframe import AXES
 from coaxlink.errors import InputError
 from coaxlink.mixer.exact.loads import ARM, SUMS
 from coaxlink.mixer.exact.warm import NEVER, ROWS, SPEEDS
-from coaxlink.rotor import RotorModel
 from coaxlink.rotor.polynomial import Polynomial
-from coaxlink.vehicle import plain_rotors
+from coaxlink.vehicle import Vehicle, require_vehicle
 
 PRIORITY = ("roll", "pitch", "thrust", "yaw")
 CAPS = (1e6, 1e6, 1e4, 1e2)  # in full powers per full authority, by rank
@@ -48,19 +47,19 @@ class Problem:
 
 
 def build(
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     *,
     low: float = 0.0,
     high: float = 1.0,
     failed: Sequence[int] = (),
     priority: Sequence[str] = PRIORITY,
 ) -> Problem:
-    """The problem of an airframe. `failed` are numbers of rotors that stand still.
+    """The problem of a vehicle. `failed` are numbers of rotors that stand still.
 
     Raises InputError on bounds out of order, an unknown rotor or axis.
     """
-    plain_rotors(model)
+    require_vehicle(vehicle)
+    airframe, model = vehicle.airframe, vehicle.model
     if not 0.0 <= low < high <= 1.0:
         raise InputError("exact", "bounds", f"0 <= low < high <= 1 expected, found {low} and {high}")
     if sorted(priority) != sorted(AXES):
