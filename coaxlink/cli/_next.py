@@ -65,6 +65,16 @@ def after_identify(out: Path | None, form: str) -> str:
     )
 
 
+def after_prior(out: Path | None) -> str:
+    """What a model without a measurement calls for."""
+    if out is None:
+        return "next: --out ROTOR.toml writes the prior; a table made from it flies, and flights mend it"
+    return (
+        f"next: coaxlink table AIRFRAME.toml --rotor {out} makes a first table; fly it with care, then "
+        f"coaxlink refine FLIGHT --airframe AIRFRAME.toml --rotor {out} says what flights add"
+    )
+
+
 def after_compare(airframe: Path) -> str:
     """What a comparison calls for."""
     return f"next: coaxlink table {airframe} --firmware px4|ardupilot --law LAW --out DIR"

@@ -11,6 +11,14 @@ import typer
 
 from coaxlink.cli._next import after_identify
 from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli._single import (
+    BladesOption,
+    PitchOption,
+    SingleOption,
+    Sizes,
+    SpacingOption,
+    prior_of_single,
+)
 from coaxlink.cli._stand import (
     ColumnsOption,
     DiameterOption,
@@ -43,8 +51,9 @@ class Form(StrEnum):
 
 def identify(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Stand logs; 'example' for the shipped one.")
-    ],
+        list[Path] | None,
+        typer.Argument(metavar="LOG...", help="Stand logs; 'example' for the shipped one."),
+    ] = None,
     form: Annotated[
         Form, typer.Option(help="Rotor model; auto keeps what held-out data supports.")
     ] = Form.AUTO,
@@ -85,10 +94,22 @@ def identify(
         Path | None,
         typer.Option("--next", metavar="SCHEDULE.toml", help="Write the run that would halve the error."),
     ] = None,
+    single: SingleOption = None,
+    pitch: PitchOption = None,
+    spacing: SpacingOption = None,
+    blades: BladesOption = 2,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Write pictures (PNG).")] = None,
     report: Annotated[Path | None, typer.Option(metavar="R.html", help="Write one page of it all.")] = None,
 ) -> None:
-    """Identify a rotor model from stand logs: terms, intervals and held-out errors."""
+    """Identify a rotor model from stand logs: terms, intervals and held-out errors.
+
+    Without a stand, --single makes a first model of a pair from a table of one rotor (docs/no_stand.md).
+    """
+    if single is not None:
+        sizes = Sizes(diameter, pitch, spacing, blades)
+        how = Reading(columns, upper, poles, diameter, sheet, trust_units)
+        prior_of_single(single, logs or [], how, sizes, speed_max_rpm, out, json, plot)
+        return
     from coaxlink import files
     from coaxlink.errors import InputError
     from coaxlink.report.identify import remarks, tables
@@ -97,6 +118,8 @@ def identify(
     from coaxlink.rotor.lasso import InfeasibleTolerance
     from coaxlink.rotor.model import save_rotor_model
 
+    if not logs:
+        raise InputError("identify", "LOG...", "a stand log is expected, or --single TABLE of one rotor")
     thrust_N, torque_Nm = _tolerances(tolerance)
     if tolerance is not None and form is Form.AUTO:
         form = Form.CRM  # the one form that eq. 4 is about

@@ -20,7 +20,7 @@ _WORDS = {
     "throttle": ("throttle", "pwm", "esc", "duty", "gas"),
     "voltage": ("voltage", "volt", "volts", "spannung"),
     "current": ("current", "amps", "strom"),
-    "power": ("power", "leistung"),
+    "power": ("power", "watts", "leistung"),
     "time": ("time", "timestamp", "zeit"),
 }
 _QUANTITY = {word: quantity for quantity, words in _WORDS.items() for word in words}

@@ -43,7 +43,8 @@ class Layout:
         return len(self.headings)
 
     def number(self, text: str) -> float:
-        """A cell as a number. Raises ValueError."""
+        """A cell as a number; "50%" is 50. Raises ValueError."""
+        text = text.rstrip().removesuffix("%")
         return float(decimal_point(text) if self.decimal_comma and "," in text else text)
 
 

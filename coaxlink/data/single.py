@@ -1,0 +1,270 @@
+"""Tables of one rotor: a motor maker's, UIUC's and APC's data bases, a stand's log.
+
+A maker's sheet (T-Motor and its like) is a CSV or a spreadsheet with throttle, rpm, thrust in grams and
+torque or electrical power, often with cells merged over the rows. UIUC's static files hold RPM, CT and CP
+(Brandt and Selig 2011), APC's PER3 files one block a speed with Ct and Cp, computed and not measured; both
+in the units of propellers: T = CT rho n^2 D^4, P = CP rho n^3 D^5, n in 1/s.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink import files
+from coaxlink.data.headings import Heading, UnknownUnitError, letters_name_rotors, recognise, words_of
+from coaxlink.data.rotors import TWINS
+from coaxlink.data.samples import Samples
+from coaxlink.data.stand import OWN_COLUMNS, read_stand_log
+from coaxlink.data.table import TextTable, is_spreadsheet, read_table
+from coaxlink.data.units import unit_names
+from coaxlink.errors import InputError
+
+Array = NDArray[np.float64]
+DENSITY_KG_M3 = 1.225  # of the standard atmosphere: what tables without a density mean
+FEWEST = 4  # rows: a level, a slope over the speed, and something left over
+ONE_PROPELLER = 0.15  # scatter of thrust over speed squared: Reynolds' number alone gives less over a sheet
+STANDS_STILL = 0.05  # of the fastest: a row in which the propeller does not turn
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a table comes from, and how far its level may be off (1 sd, shares of the load)."""
+
+    name: str
+    words: str
+    thrust: float
+    torque: float
+
+
+# Stands: runs of one rotor on the platform of Buzzatto and Liarokapis differ by 1 to 3 % in thrust and 1 to
+# 10 % in torque. Brandt and Selig 2011 repeat within 2 %. Makers print no uncertainty and APC's figures are
+# computed: their shares are ours, and said to be.
+STAND = Origin("stand", "measured on a stand", 0.02, 0.05)
+UIUC = Origin("uiuc", "measured at UIUC", 0.02, 0.03)
+MAKER = Origin("maker", "a maker's sheet", 0.05, 0.07)
+APC = Origin("apc", "computed by APC", 0.08, 0.10)
+
+
+@dataclass(frozen=True)
+class SingleTable:
+    """One rotor alone, hovering; each column (rows,)."""
+
+    rpm: Array
+    thrust_N: Array
+    torque_Nm: Array | None
+    power_W: Array | None  # electrical
+    origin: Origin
+    source: str
+    voltage_V: float | None = None
+    notes: tuple[str, ...] = field(default=())
+
+
+def read_single_table(
+    path: Path,
+    diameter_m: float,
+    *,
+    columns_map: Path | None = None,
+    poles: int | None = None,
+    sheet: str | None = None,
+    trust_units: bool = False,
+) -> SingleTable:
+    """A table of one rotor alone. Raises InputError: no speed or thrust, two rotors, several propellers.
+
+    `diameter_m` is the propeller's: data bases give coefficients, and a log is held against it.
+    """
+    path = Path(path)
+    if columns_map is None and not is_spreadsheet(path):
+        head = files.read_text(path)[:20_000]
+        if re.search(r"PROP RPM\s*=", head):
+            return _checked(_apc(path, diameter_m))
+        first = next((line for line in head.splitlines() if line.strip()), "")
+        if {"rpm", "ct", "cp"} <= {w.casefold() for w in first.split()}:
+            return _checked(_uiuc(path, diameter_m))
+        if {"j", "ct", "cp"} <= {w.casefold() for w in first.split()}:
+            raise InputError(path, "line 1", "static data (RPM CT CP) are expected, found a table over J")
+    if columns_map is None:
+        table = read_table(path, sheet=sheet)
+        names = set(table.headings)
+        if not names & set(OWN_COLUMNS) and not any("time" in words_of(h) for h in table.headings):
+            return _checked(_sheet(table))
+    log = read_stand_log(
+        path, columns_map, poles=poles, diameter_m=diameter_m, sheet=sheet, trust_units=trust_units
+    )
+    return _checked(_of_log(log))
+
+
+def _of_log(log: Samples) -> SingleTable:
+    """A stand's log of one rotor, or its rows in which the lower one stands."""
+    rows = np.ones(log.rows, bool)
+    if log.has("lower_rpm"):
+        rows = log["lower_rpm"] <= STANDS_STILL * max(float(log["lower_rpm"].max()), 1.0)
+    if not rows.any():
+        raise InputError(
+            log.source, "", "a table of one rotor is expected, found two that turn: identify LOG"
+        )
+    log = log.take(rows)
+    log.require("upper_rpm", "upper_thrust_N")
+    turning = log["upper_rpm"] > 0.1 * log["upper_rpm"].max()  # of a ramp, what is above idling
+    log = log.take(turning)
+
+    def column(*names: str) -> Array | None:
+        return next((log[n] for n in names if log.has(n)), None)
+
+    volts = column("upper_voltage_V", "voltage_V")
+    power = column("upper_power_W")
+    if power is None and volts is not None and log.has("upper_current_A"):
+        power = volts * log["upper_current_A"]
+    return SingleTable(
+        log["upper_rpm"], log["upper_thrust_N"], column("upper_torque_Nm"), power, STAND, log.source,
+        float(np.median(volts)) if volts is not None else None, log.notes,
+    )  # fmt: skip
+
+
+def _sheet(table: TextTable) -> SingleTable:
+    """A maker's sheet: of the columns it has, those that are numbers throughout."""
+    lettered = letters_name_rotors(table.headings)
+    found: dict[str, Heading] = {}
+    for i, text in enumerate(table.headings):
+        if not text or table.column_is_empty(i):
+            continue
+        try:
+            heading = recognise(i, text, lettered, table.units[i])
+        except UnknownUnitError as error:
+            raise InputError(
+                table.source, f"line {table.heading_line}, column {text!r}", str(error)
+            ) from error
+        if heading is None:
+            continue
+        if heading.quantity in ("speed", "thrust") or table.numbers_or_none(i) is not None:
+            first = found.setdefault(heading.quantity, heading)
+            if first is not heading and heading.quantity in ("speed", "thrust", "torque"):
+                _same(table, first, heading)
+    for quantity, name, shape in (("speed", "rpm", "RPM"), ("thrust", "thrust", "Thrust (g)")):
+        if quantity not in found:
+            shown = ", ".join(h for h in table.headings if h)[:120]
+            raise InputError(
+                table.source,
+                f"line {table.heading_line}",
+                f"no column of {name}: a heading such as '{shape}' is expected (found {shown})",
+            )
+    columns = {q: _column(table, h) for q, h in found.items() if q != "throttle"}
+    power = columns.get("power")
+    if power is None and {"voltage", "current"} <= set(columns):
+        power = columns["voltage"] * columns["current"]
+    volts = columns.get("voltage")
+    notes = [f"{q} from '{h.text}'" for q, h in found.items() if q in columns]
+    return SingleTable(
+        columns["speed"], columns["thrust"], columns.get("torque"), power, MAKER, str(table.source),
+        float(np.median(volts)) if volts is not None else None, (*table.notes, *notes),
+    )  # fmt: skip
+
+
+def _same(table: TextTable, first: Heading, second: Heading) -> None:
+    """Raises InputError where two columns of one quantity are not one reading in two units."""
+    if second.unit is None:
+        return
+    a, b = _column(table, first), _column(table, second)
+    if np.median(np.abs(a - b)) > TWINS * np.median(np.abs(a)):
+        raise InputError(
+            table.source,
+            f"line {table.heading_line}, column {second.text!r}",
+            f"a second {second.quantity} beside '{first.text}': the table of one rotor is expected; "
+            "identify LOG takes those of a pair",
+        )
+
+
+def _column(table: TextTable, heading: Heading) -> Array:
+    if heading.unit is None or heading.unit.electrical:
+        expected = ", ".join(unit_names(heading.quantity))
+        raise InputError(
+            table.source,
+            f"line {table.heading_line}, column {heading.text!r}",
+            f"unit of a {heading.quantity} expected in the heading ({expected})",
+        )
+    return np.asarray(heading.unit.scale * table.numbers(heading.index) + heading.unit.offset)
+
+
+def _uiuc(path: Path, diameter_m: float) -> SingleTable:
+    lines = [(i, line.split()) for i, line in enumerate(files.read_text(path).splitlines(), 1)]
+    lines = [(i, cells) for i, cells in lines if cells]
+    names = [w.casefold() for w in lines[0][1]]
+    rows = []
+    for number, cells in lines[1:]:
+        if len(cells) != len(names):
+            raise InputError(path, f"line {number}", f"{len(names)} columns are expected, found {len(cells)}")
+        rows.append([_number(path, number, cell) for cell in cells])
+    values = dict(zip(names, np.array(rows).T, strict=True)) if rows else {n: np.zeros(0) for n in names}
+    return _of_coefficients(path, values["rpm"], values["ct"], values["cp"], diameter_m, UIUC)
+
+
+def _apc(path: Path, diameter_m: float) -> SingleTable:
+    """The first row of each block: V = 0, the propeller at rest in the air."""
+    rpm, ct, cp = [], [], []
+    speed: float | None = None
+    names: list[str] = []
+    for number, line in enumerate(files.read_text(path).splitlines(), 1):
+        block = re.search(r"PROP RPM\s*=\s*(\S+)", line)
+        cells = line.split()
+        if block:
+            speed, names = _number(path, number, block[1]), []
+        elif speed is not None and not names and {"v", "ct", "cp"} <= {c.casefold() for c in cells}:
+            names = [c.casefold() for c in cells]
+        elif speed is not None and names and cells and re.match(r"[-+.\d]", cells[0]):
+            row = dict(zip(names, cells, strict=False))
+            if _number(path, number, row["v"]) == 0.0:
+                rpm.append(speed)
+                ct.append(_number(path, number, row["ct"]))
+                cp.append(_number(path, number, row["cp"]))
+            speed = None
+    return _of_coefficients(path, np.array(rpm), np.array(ct), np.array(cp), diameter_m, APC)
+
+
+def _of_coefficients(
+    path: Path, rpm: Array, ct: Array, cp: Array, diameter_m: float, origin: Origin
+) -> SingleTable:
+    n = rpm / 60.0
+    thrust = ct * DENSITY_KG_M3 * n**2 * diameter_m**4
+    torque = cp * DENSITY_KG_M3 * n**2 * diameter_m**5 / (2 * math.pi)
+    note = f"coefficients taken at {DENSITY_KG_M3} kg/m3"
+    return SingleTable(rpm, thrust, torque, None, origin, str(path), None, (note,))
+
+
+def _number(path: Path, line: int, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(path, f"line {line}", f"a number is expected, found '{cell[:30]}'")
+    return value
+
+
+def _checked(table: SingleTable) -> SingleTable:
+    if len(table.rpm) < FEWEST:
+        raise InputError(table.source, "", f"{FEWEST} speeds at least are expected, found {len(table.rpm)}")
+    if (table.rpm <= 0).any():
+        row = int(np.argmax(table.rpm <= 0))
+        raise InputError(
+            table.source, f"row {row + 1}", f"an rpm above 0 is expected, found {table.rpm[row]:g}"
+        )
+    fast = table.rpm > 0.5 * table.rpm.max()
+    constant = table.thrust_N[fast] / table.rpm[fast] ** 2
+    middle = float(np.median(constant))
+    if middle <= 0:
+        raise InputError(table.source, "column thrust", "a thrust above 0 is expected at speed")
+    low, high = np.percentile(constant / middle, (10, 90))
+    spread = float(high - low) / 2
+    if spread > ONE_PROPELLER:
+        raise InputError(
+            table.source,
+            "",
+            f"thrust over speed squared scatters by {100 * spread:.0f} %: several propellers in one table? "
+            "keep the rows of one",
+        )
+    return table

@@ -1,0 +1,76 @@
+"""A pair's prior as a table, in words and as a picture. Numbers come from the prior; nothing is fitted
+here."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from coaxlink.rotor.model import LOADS
+from coaxlink.rotor.prior import RATIOS, WORKING, PairPrior
+
+NORMAL_95 = 1.96
+COLOURS = ("#1f5f8b", "#c4703f")
+
+
+def prior_table(prior: PairPrior) -> Any:
+    """Rich table: every coefficient with its interval."""
+    from rich.table import Table
+
+    table = Table(title="prior of the pair: terms", title_justify="left")
+    table.add_column("load")
+    table.add_column("term")
+    table.add_column("value", justify="right")
+    table.add_column("95 % interval", justify="right")
+    for load, terms in prior.model.terms().items():
+        table.add_section()
+        for i, (term, value) in enumerate(terms.items()):
+            low, high = prior.intervals[load][term]
+            table.add_row(load if i == 0 else "", term, f"{value:.4f}", f"{low:.4f} .. {high:.4f}")
+    return table
+
+
+def what_it_says(prior: PairPrior) -> Iterator[str]:
+    """The loads of both rotors at equal speeds, with intervals."""
+    u = np.array([WORKING])
+    pair = prior.model.loads(u, u)
+    values = (pair.upper_thrust, pair.upper_torque, pair.lower_thrust, pair.lower_torque)
+    rpm = WORKING * prior.model.speed_max_rpm
+    yield f"both rotors at {rpm:.0f} rpm:"
+    for load, value in zip(LOADS, values, strict=True):
+        half = NORMAL_95 * float(prior.spread(load, u, u)[0])
+        side, _, quantity = load.partition(".")
+        name, _, unit = quantity.partition("_")
+        shown = "N m" if unit == "Nm" else unit
+        yield f"  {side} {name} {float(value[0]):.3g} {shown} +/- {half:.2g} (95 %)"
+    share = float(pair.lower_thrust[0] / pair.upper_thrust[0])
+    yield f"  the lower rotor lifts {100 * share:.0f} % of what the upper one does"
+
+
+def picture(prior: PairPrior) -> bytes:
+    """PNG: what the lower rotor gives over the ratio of the speeds, as shares of a rotor alone."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axis = figure.add_subplot()
+    lower = np.full(len(RATIOS), WORKING)
+    upper = RATIOS * WORKING
+    alone = prior.model.loads(0.0 * lower, lower)
+    pair = prior.model.loads(upper, lower)
+    for load, value, own, colour in (
+        ("lower.thrust_N", pair.lower_thrust, alone.lower_thrust, COLOURS[0]),
+        ("lower.torque_Nm", pair.lower_torque, alone.lower_torque, COLOURS[1]),
+    ):
+        half = NORMAL_95 * prior.spread(load, upper, lower)
+        axis.plot(RATIOS, value / own, color=colour, label=load.split(".")[1].split("_")[0])
+        axis.fill_between(RATIOS, (value - half) / own, (value + half) / own, color=colour, alpha=0.2, lw=0)
+    axis.set_xlabel("upper over lower speed")
+    axis.set_ylabel("lower rotor, share of a rotor alone")
+    axis.legend(frameon=False)
+    axis.grid(alpha=0.3)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    return stream.getvalue()
