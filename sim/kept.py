@@ -14,7 +14,10 @@ from typing import Any
 
 import numba
 
-MODULES = ("layout", "lanes", "blades", "drive", "forces", "kernel", "stand_blades", "kept")
+MODULES = (
+    "layout", "lanes", "blades", "drive", "forces", "kernel", "stand_blades", "kept", "px4/loops",
+    "quick/mix", "quick/kernel",
+)  # fmt: skip
 
 
 def folder() -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,6 +120,11 @@ class Plant:
         from sim.kernel import advance_many
 
         advance_many(states, commands, self.parameters, self.geometry, *self._rotors, step_s, steps, outs)
+
+    @property
+    def compiled(self) -> tuple[Any, ...]:
+        """What `kernel.advance` takes after the geometry: slots, lanes, tilted, quad, poly, blades."""
+        return self._rotors
 
     @property
     def time_s(self) -> float:

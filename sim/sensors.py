@@ -55,8 +55,8 @@ class Reading:
 class Sensors:
     """Reads a plant; the same seed reads the same noise."""
 
-    def __init__(self, plant: Plant, seed: int, noise: Noise | None = None) -> None:
-        self._plant, self.noise = plant, noise or Noise()
+    def __init__(self, plant: Plant, seed: int, noise: Noise | None = None, read_s: float = READ_S) -> None:
+        self._plant, self.noise, self._read_s = plant, noise or Noise(), read_s
         self._random = np.random.default_rng([seed, 0x5E45])
         n = plant.vehicle.rotors
         s = self.noise
@@ -66,7 +66,7 @@ class Sensors:
         sizes = [s.accel_m_s2] * 3 + [s.gyro_rad_s] * 3 + [s.attitude_rad] * 3 + [s.position_m] * 3
         sizes += [s.velocity_m_s] * 3 + [s.range_m, s.voltage_V] + [s.rpm / top] * n
         self._sizes = np.array(sizes)
-        self._keep = np.exp(-READ_S / WANDER_S)
+        self._keep = np.exp(-read_s / WANDER_S)
         self._fresh = np.sqrt(1.0 - self._keep**2)
         self._push = self._sizes[6:15] * self._random.standard_normal(9)
         self._wander = self._push.copy()
@@ -80,12 +80,8 @@ class Sensors:
         return np.random.default_rng([seed, 0x71B]).random(n)
 
     def read(self) -> Reading:
-        """A sample of the present state; called every 4 ms."""
-        if self._next >= len(self._block):
-            self._block = self._sizes * self._random.standard_normal((BLOCK, len(self._sizes)))
-            self._next = 0
-        noise = self._block[self._next]
-        self._next += 1
+        """A sample of the present state; called every `read_s`."""
+        noise = self.rows(1)[0]
         self._push = self._keep * self._push + self._fresh * noise[6:15]
         # twice first order; the second halves the variance
         self._wander = self._keep * self._wander + np.sqrt(2.0) * (1.0 - self._keep) * self._push
@@ -114,6 +110,29 @@ class Sensors:
         )
         return self._late(now) if p.sensing.delay_s > 0.0 else now
 
+    def rows(self, count: int) -> NDArray[np.float64]:
+        """(count, 17 + N) the next noise, as `read` would draw it."""
+        parts = []
+        while count > 0:
+            if self._next >= len(self._block):
+                self._block = self._sizes * self._random.standard_normal((BLOCK, len(self._sizes)))
+                self._next = 0
+            part = self._block[self._next : self._next + count]
+            self._next += len(part)
+            count -= len(part)
+            parts.append(part)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def memory(self) -> NDArray[np.float64]:
+        """(42,) biases of accelerometer and gyro, what of the wandering is kept and fresh, its two stages."""
+        kept = (self._keep, self._fresh, self._push, self._wander)
+        return np.concatenate([self._accel_bias, self._gyro_bias, *kept])
+
+    @property
+    def turns(self) -> NDArray[np.float64]:
+        """(N,) where the rotors' marks stand, rad."""
+        return self._turns
+
     def _shaken(self) -> NDArray[np.float64] | float:
         """(3,) what unbalanced rotors, or passing blades, shake the accelerometer with."""
         p = self._plant
@@ -121,7 +140,7 @@ class Sensors:
         if size == 0.0:
             return 0.0
         u = p.speeds
-        self._turns = self._turns + READ_S * p.pair.speed_max_rpm * np.pi / 30.0 * u * p.sensing.blades
+        self._turns = self._turns + self._read_s * p.pair.speed_max_rpm * np.pi / 30.0 * u * p.sensing.blades
         strength = size * u * u
         round_ = np.array([np.cos(self._turns), np.sin(self._turns), 0.3 * np.cos(self._turns)])
         return np.asarray(round_ @ strength)

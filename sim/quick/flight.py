@@ -1,0 +1,290 @@
+"""One quick flight: a design (vehicle, rotors, mixer, its owner's gains) in a world of effects, by a plan.
+
+It starts in the air over its first place with its rotors at hover speed, settles, and is judged from then
+on, by the plant's truth; as `trial_flight` does it on the stand-in itself, whose loops, sensors and mix these
+are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.effects import FORMS, Effect
+from sim.errors import WorldError
+from sim.plant import FOOT_Z_M, GRAVITY, STEP_S, Plant
+from sim.px4 import loops
+from sim.px4.autopilot import Autopilot
+from sim.px4.cascade import read_gains
+from sim.px4.tuning import Mixing
+from sim.quick.plans import PLANS
+from sim.rotors import Pair
+from sim.sensors import Sensors
+from sim.trial_flight import shape_error, steady, tuned_settings
+from sim.truth import Truth
+from sim.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+RATE_HZ = 400
+CHUNK = 4096  # turns whose noise and goals are in memory at once
+THIN_S = 0.02  # between two rows of what was demanded and what came
+NOT_FLOWN = ("battery_swap", "strange")  # a pack is swapped on the ground; what no physics explains pushes
+EMPTY = 0.07  # of charge: PX4's BAT_CRIT_THR, at which it comes down
+ENDS = ("", "attitude", "ground")  # by `kernel.FLEW`, TIPPED, GROUND
+
+
+class NativeLaw(Mixing, Protocol):
+    """A mixing law that someone compiled: see `mix`."""
+
+    address: int
+
+    def book(self) -> NDArray[np.int64]:
+        """What the C function is handed, as new; the law keeps alive what it points to."""
+        ...
+
+
+@dataclass(frozen=True)
+class Design:
+    """What stays the same from flight to flight; `make_design` fills it."""
+
+    vehicle: Vehicle
+    pair: Pair
+    gains: Array  # by `px4.loops`
+    hover: float  # thrust setpoint
+    hover_command: Array  # (N,)
+    columns: NDArray[np.float32]  # (6, N) PX4's normalised mix
+    curve: float  # THR_MDL_FAC
+    law: NativeLaw | None
+
+
+@dataclass(frozen=True)
+class Flown:
+    """One flight, from the end of settling on. Axes of four are thrust, roll, pitch, yaw."""
+
+    seconds: float  # judged
+    north_rms_m: float
+    east_rms_m: float
+    height_rms_m: float
+    height_max_m: float
+    level_rms_m: float
+    level_max_m: float
+    sunk_m: float  # deepest below the lowest height that was asked for
+    tilt_rms_deg: float  # body z from where the loops wanted it
+    yaw_rms_deg: float
+    yaw_max_deg: float
+    roll_rate_rms_deg_s: float
+    pitch_rate_rms_deg_s: float
+    yaw_rate_rms_deg_s: float
+    thrust_error_N: float  # rms of delivered less the best gain times the demand, sound steady rotors
+    roll_error_Nm: float
+    pitch_error_Nm: float
+    yaw_error_Nm: float
+    saturated: float  # share of time with a motor at 0 or 1
+    shaft_W: float  # mean
+    pack_W: float  # mean, electrical
+    energy_Wh: float  # of the pack
+    charge: float  # left, 0..1
+    failsafe: str  # "", attitude (60 degrees), ground, battery
+
+
+FIGURES = tuple(f.name for f in fields(Flown) if f.name != "failsafe")
+
+
+def _flown(figures: Sequence[float], failsafe: str) -> Flown:
+    named: dict[str, Any] = {n: float(x) for n, x in zip(FIGURES, figures, strict=True)}
+    return Flown(failsafe=failsafe, **named)
+
+
+@dataclass(frozen=True)
+class World:
+    """Where and how long; `rate_hz` of the loops."""
+
+    effects: tuple[Effect, ...] = ()
+    seed: int = 0
+    plan: str = "wander"
+    seconds: float = 60.0
+    settle_s: float = 5.0
+    charge: float = 0.95
+    rate_hz: int = RATE_HZ
+
+
+def make_design(vehicle: Vehicle, pair: Pair, mixer: Mapping[str, float] | NativeLaw) -> Design:
+    """PX4's parameters of a table (on top of its defaults), or a law; tuned as its owner would tune it.
+
+    Raises WorldError where PX4 can make nothing of the table.
+    """
+    a = Autopilot(Plant(vehicle, pair), Truth())
+    law: NativeLaw | None = None
+    columns, curve = np.zeros((6, vehicle.rotors), np.float32), 0.0
+    if isinstance(mixer, Mapping):
+        a.store.recall(mixer)
+        mix = a.mixer.mix
+        if mix is None:
+            raise WorldError("table", "", "PX4 can make no mix of it")
+        if mix.method == 0 or mix.airmode:
+            raise WorldError("table", "CA_METHOD, MC_AIRMODE", "only desaturation without airmode flies here")
+        columns, curve = np.ascontiguousarray(mix.mix.T, np.float32), mix.thr_mdl_fac
+    else:
+        a.mixer = law = mixer
+    settings = tuned_settings(a)
+    a.store.recall(settings)
+    hover = settings["MPC_THR_HOVER"]
+    command = np.array(a.mixer.command(0.0, 0.0, 0.0, hover))
+    return Design(vehicle, pair, np.array(read_gains(a.store)), hover, command, columns, float(curve), law)
+
+
+def fly_quick(design: Design, world: World, log_every: int = 0) -> tuple[Flown, dict[str, Array]]:
+    """The flight's figures and, every `log_every` turns, the contract's flight log (columns by name).
+
+    The same design and world give the same bytes on the same machine. Raises WorldError.
+    """
+    return _Flight(design, world, log_every).run()
+
+
+class _Flight:
+    """The arrays of one flight."""
+
+    def __init__(self, design: Design, world: World, log_every: int) -> None:
+        from sim.quick import kernel  # numba takes its time
+
+        for e in world.effects:
+            if e.name in NOT_FLOWN:
+                raise WorldError("effects", e.name, "is not for these flights; coaxlink sim has it")
+        if world.plan not in PLANS:
+            raise WorldError("plan", world.plan, f"one of {', '.join(PLANS)} is expected")
+        self.k, self.design, self.world, self.every = kernel, design, world, log_every
+        self.plant = plant = Plant(design.vehicle, design.pair)
+        self.sensors = Sensors(plant, world.seed, read_s=1.0 / world.rate_hz)
+        self.total = round((world.settle_s + world.seconds) * world.rate_hz)
+        self.judged = round(world.settle_s * world.rate_hz)
+        self.waiting = sorted(world.effects, key=lambda e: e.onset_s)
+        n = design.vehicle.rotors
+        self.memory = np.zeros(loops.MEMORY)
+        self.memory[loops.M_HOVER] = design.hover
+        self.gusts, self.gust_noise = self._gusts(), np.random.default_rng(world.seed)
+        self.demand, self.sp = np.zeros(4), np.zeros(n, np.float32)
+        self.command, self.sums = np.zeros(n), np.zeros(kernel.SUMS)
+        self.sums[[kernel.A_LOWEST, kernel.A_WANTED]] = -np.inf
+        self.thin_every = max(round(THIN_S * world.rate_hz), 1)
+        self.thin = np.zeros((-(-(self.total - self.judged) // self.thin_every), 4 + n))
+        rows = -(-self.total // log_every) if log_every else 0
+        self.log = np.zeros((rows, 15 + 2 * n))
+
+    def _gusts(self) -> Array:
+        k, wind = self.k, next((e for e in self.world.effects if e.name == "wind"), Effect("wind", 0.0))
+        size = sum(e.extra.get("gust_m_s", 0.0) for e in self.world.effects)
+        if wind.law == "dryden" and "gust_m_s" not in wind.extra:
+            size += abs(wind.size) / 4.0
+        w = np.zeros(k.GUSTS)
+        w[k.W_SIZE], w[k.W_LENGTH] = size, 2.5
+        w[k.W_LAW] = {"dryden": 1.0, "shear": 2.0}.get(wind.law, 0.0)
+        return w
+
+    def _start(self) -> None:
+        """At the goal, with its rotors at hover speed; the sensors were read once, as at boot."""
+        k, d, p = self.k, self.design, self.plant
+        n, at = d.vehicle.rotors, p.index
+        self.sensors.read()
+        p.state[at.POS : at.POS + 3] = self._goals(0, 1)[0, :3]
+        p.state[at.SPEED : at.SPEED + 2 * n] = [*d.hover_command, *d.hover_command]
+        p.swap_battery(self.world.charge)
+        self.senses = np.zeros(k.SENSES)
+        self.senses[: k.S_SHAKE] = self.sensors.memory()
+        self.turns = self.sensors.turns.copy()
+
+    def _goals(self, first: int, last: int) -> Array:
+        t = np.arange(first, last) / self.world.rate_hz - self.world.settle_s
+        return PLANS[self.world.plan](t, self.world.seed)
+
+    def run(self) -> tuple[Flown, dict[str, Array]]:
+        """All turns; effects set in between the compiled stretches."""
+        k, w, d, p = self.k, self.world, self.design, self.plant
+        self._start()
+        book = d.law.book() if d.law is not None else np.zeros(1, np.int64)
+        address = d.law.address if d.law is not None else 0
+        ring = None
+        turn, ended = 0, 0
+        while turn < self.total and not ended:
+            self._set_in(turn)
+            late = math.ceil(p.sensing.delay_s * w.rate_hz - 1e-9)
+            if ring is None or len(ring) != late + 1:
+                ring = np.zeros((late + 1, k.R_SPEEDS + d.vehicle.rotors))
+                ring[:] = self._now()
+            self.senses[k.S_SHAKE], self.senses[k.S_BLADES] = p.sensing.vibration_m_s2, p.sensing.blades
+            last = min(turn + CHUNK, self.total, *(self._turn_of(e) for e in self.waiting))
+            noise = self.sensors.rows(last - turn)
+            kicks = self.gust_noise.standard_normal((last - turn, 3))
+            top = p.pair.speed_max_rpm * math.pi / 30.0
+            turn, ended = k.fly(
+                turn, last, self.judged, w.rate_hz, STEP_S, p.state, p.parameters, p.geometry, *p.compiled,
+                p.out, top, FOOT_Z_M, self._goals(turn, last), noise, kicks, ring, self.senses, self.turns,
+                self.gusts, d.gains, self.memory, d.columns, d.curve, address, book, self.demand, self.sp,
+                self.command, self.sums, self.thin, self.thin_every, self.log, self.every,
+            )  # fmt: skip
+        return self._judge(turn, ended), self._columns(turn)
+
+    def _now(self) -> Array:
+        """A reading without noise, for a ring that is not yet full."""
+        p = self.plant
+        parts = (
+            p.specific_force,
+            p.rates,
+            p.quaternion,
+            p.position,
+            p.velocity,
+            [p.height, p.voltage],
+            p.speeds,
+        )
+        return np.concatenate(parts)
+
+    def _turn_of(self, e: Effect) -> int:
+        return math.ceil(e.onset_s * self.world.rate_hz - 1e-9)
+
+    def _set_in(self, turn: int) -> None:
+        """Switch on what has come due."""
+        k, p = self.k, self.plant
+        while self.waiting and self._turn_of(self.waiting[0]) <= turn:
+            effect = self.waiting.pop(0)
+            FORMS[effect.name].apply(p, effect)
+            if effect.name == "wind":
+                self.gusts[k.W_ON] = 1.0
+                self.gusts[k.W_MEAN : k.W_MEAN + 3] = p.parameters[p.index.WIND : p.index.WIND + 3]
+
+    def _judge(self, turns: int, ended: int) -> Flown:
+        k, a, rate = self.k, self.sums, self.world.rate_hz
+        count = a[k.A_TURNS]
+        if count == 0.0:
+            return _flown([0.0, *[math.nan] * (len(FIGURES) - 2), self.plant.charge], ENDS[ended])
+        rms = np.sqrt(np.maximum(a, 0.0) / count)
+        rows = self.thin[: -(-int(count) // self.thin_every)]
+        off = shape_error(rows[:, :4], steady(self.plant, rows[:, 4:]))
+        degrees = np.degrees([rms[k.A_TILT], rms[k.A_YAW], a[k.A_YAW_MAX]])
+        rates = np.degrees(rms[k.A_ROLL_RATE : k.A_ROLL_RATE + 3])
+        failsafe = ENDS[ended] or ("battery" if self.plant.charge < EMPTY else "")
+        pack = float(a[k.A_PACK] / count)
+        figures = (
+            rms[k.A_NORTH], rms[k.A_EAST], rms[k.A_DOWN], a[k.A_DOWN_MAX],
+            math.hypot(rms[k.A_NORTH], rms[k.A_EAST]), a[k.A_LEVEL_MAX],
+            max(a[k.A_LOWEST] - a[k.A_WANTED], 0.0), *degrees, *rates, *off, a[k.A_BOUND] / count,
+            a[k.A_SHAFT] / count, pack, pack * count / rate / 3600.0, self.plant.charge,
+        )  # fmt: skip
+        return _flown([count / rate, *figures], failsafe)
+
+    def _columns(self, turns: int) -> dict[str, Array]:
+        from sim.flights import columns
+
+        if not self.every:
+            return {}
+        rows = self.log[: -(-turns // self.every)]
+        return dict(zip(columns(self.design.vehicle.rotors), rows.T, strict=True))
+
+
+def hover_share(vehicle: Vehicle, pair: Pair) -> float:
+    """Weight over the thrust of all rotors at full speed: above 1 nothing flies it."""
+    full = steady(Plant(vehicle, pair), np.ones((1, vehicle.rotors)))[0, 0]
+    return float(vehicle.mass_kg * GRAVITY / full)

@@ -1,0 +1,33 @@
+"""The exact law as a C function gives what the law itself gives, from a memory of its own for every flight."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+
+from coaxlink import files
+from coaxlink.mixer.exact.native import NativeExact
+from coaxlink.vehicle import load_vehicle
+
+KIND = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)
+
+
+def _run(law: NativeExact, rotors: int, demands: np.ndarray) -> np.ndarray:
+    book, out, function = law.book(), [], KIND(law.address)
+    for demand in demands:
+        row, command = np.ascontiguousarray(demand), np.zeros(rotors)
+        function(book.ctypes.data, row.ctypes.data, command.ctypes.data)
+        out.append(command)
+    return np.array(out)
+
+
+def test_the_c_function_is_the_law() -> None:
+    for name, rotors in (("x8_demo.toml", 8), ("y6.toml", 6)):
+        law = NativeExact(load_vehicle(files.example(name)))
+        random = np.random.default_rng(2)
+        demands = np.column_stack([*random.uniform(-0.3, 0.3, (3, 200)), random.uniform(0.1, 0.9, 200)])
+        flown = _run(law, rotors, demands)
+        wanted = np.array([law.command(*demand) for demand in demands])
+        assert np.abs(flown - wanted).max() < 1e-9
+        assert np.array_equal(flown, _run(law, rotors, demands))  # whatever was flown before
