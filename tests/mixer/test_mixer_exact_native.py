@@ -1,4 +1,4 @@
-"""The exact law as a C function gives what the law itself gives, from a memory of its own for every flight."""
+"""The exact law as a C function: what the law itself gives, from a memory of its own for every flight."""
 
 from __future__ import annotations
 
