@@ -35,7 +35,7 @@ class NativeExact:
 
     def __init__(self, vehicle: Vehicle) -> None:
         frame, model = vehicle.airframe, vehicle.model
-        self._law = ExactLaw(frame, model, compiled=True)
+        self._law = ExactLaw(vehicle, compiled=True)
         full = float(frame.wrench(*frame.loads(model, np.ones(len(frame.rotors))))[0])
         arm = max(float(np.hypot(*r.position_m[:2])) for r in frame.rotors)
         turn = frame.mass_kg * GRAVITY_M_S2 * arm
