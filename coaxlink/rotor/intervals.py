@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 CORRELATED = 0.9  # estimates that move together this closely are one direction of the data
+ROUNDING = 1e-6  # relative, of a fit on a Gram matrix: the root of a double's, times its condition
 SINGULAR = 1e-6  # of the largest singular value of the standardised terms
 
 
@@ -30,10 +31,14 @@ class Intervals:
     block_rows: int  # rows in a bootstrap block
 
     def holds(self, values: Mapping[str, float]) -> bool:
-        """Whether every coefficient of a model lies inside its interval."""
+        """Whether every coefficient of a model lies inside its interval, to the rounding of a Gram matrix.
+
+        A log without noise has intervals of no width.
+        """
+        room = ROUNDING * max(map(abs, values.values()), default=0.0)
         unbounded = (-np.inf, np.inf)
         ranges = [(v, self.bounds.get(term, unbounded)) for term, v in values.items()]
-        return all(low <= v <= high for v, (low, high) in ranges)
+        return all(low - room <= v <= high + room for v, (low, high) in ranges)
 
 
 def term_intervals(

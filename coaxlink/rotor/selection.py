@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from coaxlink.rotor import forms
 from coaxlink.rotor.fit import Candidate, LoadFit, Options, least_squares, noise_weights, orders, row_weights
-from coaxlink.rotor.intervals import SINGULAR, term_intervals
+from coaxlink.rotor.intervals import ROUNDING, SINGULAR, term_intervals
 from coaxlink.rotor.polynomial import design_matrix, parse_term
 
 LOWEST = 2  # order of the smallest dictionary: squares are what momentum theory asks for
@@ -136,7 +136,9 @@ def _one_standard_error(paths: Sequence[_Path], data: _Data, weights: NDArray[np
     what the intervals promise. Supports that the order's dictionary contradicts are passed over; when it
     contradicts all of them (collinear speeds), the intervals take the fewest terms for granted.
     """
-    errors = np.concatenate([p.errors for p in paths], axis=1)  # (K, candidates)
+    # (K, candidates); what rounding makes of a Gram matrix is no difference: a log without noise has no other
+    rounding = ROUNDING**2 * float(weights @ data.y**2) / len(paths[0].errors)
+    errors = np.maximum(np.concatenate([p.errors for p in paths], axis=1), rounding)
     place = [(p, i) for p in paths for i in range(len(p.lambdas))]
     models = [p.values(i) for p, i in place]
     total, excess = errors.sum(axis=0), _excess(errors)
