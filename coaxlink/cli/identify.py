@@ -71,7 +71,7 @@ def identify(
     max_order: Annotated[int, typer.Option(min=1, max=6, help="Highest power of a speed crm may use.")] = 4,
     raw: Annotated[bool, typer.Option("--raw", help="Do not standardise the terms before LASSO.")] = False,
     physical: Annotated[
-        bool, typer.Option("--physical", help="Thrusts rise with their own speed, fall with the wake's.")
+        bool, typer.Option("--physical", help="Loads do what rotors' do: docs/stand.md.")
     ] = False,
     tolerance: Annotated[
         str | None,

@@ -26,8 +26,7 @@ def remarks(result: Identification) -> Iterator[str]:
     for load, fit in result.fits.items():
         if fit.alone:
             yield f"{load}: its intervals take its terms for granted"
-        if fit.moved:
-            yield f"{load}: physical sense moved {', '.join(fit.moved)} out of what the data say"
+    yield from _sense(result)
     for load, intervals in result.intervals.items():
         for group in intervals.indistinct:
             shown = (
@@ -43,6 +42,44 @@ def remarks(result: Identification) -> Iterator[str]:
             f"wild: {row.place}, {row.load} = {row.measured:.4g} where {row.expected:.4g} is expected "
             f"({row.deviations:.0f} standard deviations); kept with less weight"
         )
+
+
+def _sense(result: Identification) -> Iterator[str]:
+    """What asking for physical sense changed, and what it costs on points that the fit has not seen."""
+    if not result.without:
+        return
+    if not any(fit.broken for fit in result.fits.values()):
+        yield "physical sense: the free fit already has it; nothing was changed"
+        return
+    for load, fit in result.fits.items():
+        unit = load.rpartition("_")[2].replace("Nm", "N m")
+        for b in fit.broken:
+            what = (
+                f"{b.worst:.3g} {unit}"
+                if "negative" in b.rule
+                else f"{b.worst / 10:.3g} {unit} per 0.1 of speed"
+            )
+            yield (
+                f"{load}: the free fit {b.rule} on {b.share:.0%} of the speeds, most by {what} "
+                f"at u = {b.upper:.2f} / {b.lower:.2f}"
+            )
+        if fit.unmet:
+            yield f"{load}: its terms cannot make sense; the free fit was kept (another --form, or more rows)"
+        elif fit.broken:
+            free, made = fit.freely.terms(), fit.polynomial.terms()
+            names = [t for t in fit.terms if t in free or t in made]
+            shown = ", ".join(f"{t} {free.get(t, 0.0):.4g} -> {made.get(t, 0.0):.4g}" for t in names)
+            yield f"{load}: {shown if len(names) <= 8 else f'{len(names)} terms changed (--json has them)'}"
+        if fit.moved:
+            yield (
+                f"{load}: with that {len(fit.moved)} of its terms leave their 95 % intervals: the log speaks "
+                "against the rule there (a cell's offset, the rig, a wrong column)"
+            )
+    for name, error in result.without.items():
+        now = result.channels[name].rmse
+        if abs(now - error.rmse) > 1e-3 * error.rmse:
+            unit = "N" if name.endswith("thrust") else "N m"
+            yield f"{name} held out: {error.rmse:.4g} {unit} free, {now:.4g} {unit} with physical sense"
 
 
 def _terms(result: Identification) -> Any:

@@ -27,7 +27,7 @@ class Options:
     robust: bool = True  # Huber weights
     tolerance_N: float | None = None  # the paper's form of eq. 4 instead of cross-validation
     tolerance_Nm: float | None = None
-    physical: bool = False  # thrusts that rise with their own speed and fall with the wake's
+    physical: bool = False  # loads that do what rotors' do (rotor.physical)
 
     def tolerance(self, load: str) -> float | None:
         """The tolerance for a load, None for the penalty form."""
@@ -47,6 +47,17 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class Broken:
+    """A rule of rotors that a free fit breaks, where it does so most."""
+
+    rule: str  # what the load does, in words
+    worst: float  # N or N m, or those per unit of normalised speed
+    upper: float  # normalised speeds of that place
+    lower: float
+    share: float  # of the speeds where it breaks it
+
+
+@dataclass(frozen=True)
 class LoadFit:
     """A fitted load."""
 
@@ -59,11 +70,21 @@ class LoadFit:
     history: tuple[Candidate, ...] = ()
     alone: bool = False  # intervals take the kept terms for granted, though the data may show more
     moved: tuple[str, ...] = ()  # terms that physical sense moved out of what the data say
+    broken: tuple[Broken, ...] = ()  # what the coefficients without physical sense do
+    free: NDArray[np.float64] | None = None  # (p,) those coefficients, where others were put in their place
+    unmet: bool = False  # its terms cannot make sense: the free coefficients were kept
 
     @property
     def polynomial(self) -> Polynomial:
         """The load as a polynomial, without its zero terms."""
         pairs = zip(self.terms, self.coefficients, strict=True)
+        return Polynomial.from_terms({t: float(b) for t, b in pairs if b != 0.0})
+
+    @property
+    def freely(self) -> Polynomial:
+        """The load as the data alone have it, where physical sense was asked for."""
+        kept = self.coefficients if self.free is None else self.free
+        pairs = zip(self.terms, kept, strict=True)
         return Polynomial.from_terms({t: float(b) for t, b in pairs if b != 0.0})
 
     def predict(self, upper: NDArray[np.float64], lower: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -76,6 +76,9 @@ class Identification:
     bench: Bench
     predicted: Values  # held-out predictions of the chosen form
     notes: tuple[str, ...] = field(default=())
+    without: Mapping[str, ChannelError] = field(
+        default_factory=dict
+    )  # held out, physical sense not asked for
 
     def as_json(self) -> dict[str, Any]:
         """The contract's JSON of `identify`, and more."""
@@ -104,6 +107,23 @@ class Identification:
             },
             "wild_rows": [vars(row) for row in self.wild],
             "notes": list(self.notes),
+            **({"physical": self._physical()} if self.without else {}),
+        }
+
+    def _physical(self) -> dict[str, Any]:
+        """What asking for physical sense changed, and what that cost on held-out blocks."""
+        return {
+            "loads": {
+                load: {
+                    "broken": [vars(rule) for rule in fit.broken],
+                    "unmet": fit.unmet,
+                    "terms_without": fit.freely.terms(),
+                    "moved_out_of_their_intervals": list(fit.moved),
+                }
+                for load, fit in self.fits.items()
+                if fit.broken
+            },
+            "channels_without": {name: error.as_json() for name, error in self.without.items()},
         }
 
 
@@ -153,6 +173,9 @@ def identify(
     predicted = {name: held_out(name, data, options) for name in tried}
     comparison = {name: channel_errors(data, values) for name, values in predicted.items()}
     chosen = _simplest(data, predicted) if form == "auto" else form
+    without: Mapping[str, ChannelError] = {}
+    if options.physical:
+        without = channel_errors(data, held_out(chosen, data, replace(options, physical=False)))
     fits = fit_form(chosen, data, np.ones(data.samples.rows, bool), options)
     intervals = {load: fit.intervals for load, fit in fits.items()}
     rich = _scatter(data, options)
@@ -163,7 +186,7 @@ def identify(
     result = Identification(
         chosen, model, comparison[chosen], comparison, _floors(data, rich), fits, intervals,
         _given(data, fits, options), wild, data,
-        predicted[chosen], notes,
+        predicted[chosen], notes, without,
     )  # fmt: skip
     return replace(result, model=replace(model, identified=_provenance(result)))
 

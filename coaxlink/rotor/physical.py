@@ -1,41 +1,49 @@
 """Physical sense on demand: what a rotor's load may not do, as constraints on a grid of speeds.
 
-The upper rotor's thrust and torque are not negative and rise with its speed; the lower rotor's thrust rises
-with its own speed and falls with the upper one's, in whose wake it works. Each is a linear inequality in the
-coefficients at every point of the grid: least squares under them is a small convex problem (cvxpy).
+thrust  of the upper rotor is not negative and rises with its speed; the lower one's falls with the upper
+        one's, in whose wake it works (it never lifts more than alone), and rises with its own
+power   a rotor takes it: its torque is not negative and rises with its speed
+
+What a lower rotor does with its own speed is asked of it only where it is at least as fast as the upper one.
+Slower, the wake may drive it: a blade element's thrust in a flow w goes with theta Omega^2 - w Omega / r. It
+falls with Omega below w / (2 theta r), and the power changes sign with the thrust.
+
+Each is a linear inequality in the coefficients at every point of a grid, from the log's slowest speeds to
+u = 1 (what tables and mixers use) or its fastest: least squares under them is a small convex problem (cvxpy),
+whose only optimum is the model nearest to the data among those that make sense.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.rotor.fit import LoadFit
-from coaxlink.rotor.lasso import solve
+from coaxlink.rotor.fit import Broken, LoadFit
+from coaxlink.rotor.lasso import ZERO, solve
 from coaxlink.rotor.polynomial import design_matrix, parse_term
 
-POINTS = 21  # a side of the grid, over the range of the data
+POINTS = 21  # a side of the grid
 SLACK = 1e-9  # of the largest value: an equality met to rounding is met
+Rows = NDArray[np.float64]
 
 
-def constrained(
-    fit: LoadFit,
-    load: str,
-    upper: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    y: NDArray[np.float64],
-    weights: NDArray[np.float64],
-) -> LoadFit:
+def constrained(fit: LoadFit, load: str, upper: Rows, lower: Rows, y: Rows, weights: Rows) -> LoadFit:
     """The fit itself if it makes sense, else least squares (rows,) under the constraints on its terms.
 
-    Where its own terms cannot make sense, the whole dictionary is asked. `moved` names the terms that the
-    constraints pushed out of their intervals: there the data contradict the physics, or the stand does.
+    Where its own terms cannot make sense, the whole dictionary is asked. `broken` says which rules the free
+    fit broke and where, `free` holds its coefficients; `moved` names the terms that the constraints pushed
+    out of their intervals: there the data contradict the physics, or the stand does. `unmet` is true where
+    nothing but zero meets the rules: then the free fit stays.
     """
-    every = _constraints(load, fit.terms, upper, lower)
-    if _holds(every, fit.coefficients):
+    u, v = grid(upper, lower)
+    rules = dict(_rules(load, fit.terms, u, v))
+    broken = tuple(found for name, C in rules.items() if (found := _broken(name, C, fit.coefficients, u, v)))
+    if not broken:
         return fit
+    every = np.concatenate(list(rules.values()))
     X = design_matrix(fit.terms, upper, lower)
     for support in (fit.coefficients != 0, np.ones(len(fit.terms), bool)):
         b = np.zeros(len(fit.terms))
@@ -45,30 +53,40 @@ def constrained(
         b[support] = solution
         outside = tuple(
             t
-            for t, v in zip(fit.terms, b, strict=True)
-            if v and t in fit.intervals.bounds and not fit.intervals.holds({t: float(v)})
+            for t, x in zip(fit.terms, b, strict=True)
+            if x and t in fit.intervals.bounds and not fit.intervals.holds({t: float(x)})
         )
-        return replace(fit, coefficients=b, moved=outside)
-    return fit
+        return replace(fit, coefficients=b, moved=outside, broken=broken, free=fit.coefficients)
+    return replace(fit, broken=broken, unmet=True)
 
 
-def _constraints(
-    load: str, terms: tuple[str, ...], upper: NDArray[np.float64], lower: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(m, p) rows C with C b >= 0 where the load makes sense; none for the lower rotor's torque."""
-    u, v = (np.linspace(x.min(), x.max(), POINTS) for x in (upper, lower))
-    u, v = (g.ravel() for g in np.meshgrid(u, v))
+def grid(upper: Rows, lower: Rows) -> tuple[Rows, Rows]:
+    """(points,) upper and lower speeds where the rules hold; a rotor that never varied keeps its speed."""
+    sides = [
+        np.linspace(x.min(), max(1.0, float(x.max())), POINTS) if np.ptp(x) > 0 else x[:1]
+        for x in (upper, lower)
+    ]
+    u, v = np.meshgrid(*sides)
+    return u.ravel(), v.ravel()
+
+
+def _rules(load: str, terms: tuple[str, ...], u: Rows, v: Rows) -> Iterator[tuple[str, Rows]]:
+    """What must hold of a load: its name and (points, p) rows C with C b >= 0, zero where it need not."""
+    value = design_matrix(terms, u, v)
     if load.startswith("upper"):
-        return np.concatenate([design_matrix(terms, u, v), _slope(terms, u, v, 0)])
+        yield "is negative", value
+        yield "falls with its own speed", _slope(terms, u, v, 0)
+        return
+    at_work = (v >= u)[:, None]
+    yield "falls with its own speed", _slope(terms, u, v, 1) * at_work
     if load == "lower.thrust_N":
-        return np.concatenate([_slope(terms, u, v, 1), -_slope(terms, u, v, 0)])
-    return np.zeros((0, len(terms)))
+        yield "rises with the upper rotor's speed", -_slope(terms, u, v, 0)
+    else:
+        yield "is negative", value * at_work
 
 
-def _slope(
-    terms: tuple[str, ...], u: NDArray[np.float64], v: NDArray[np.float64], along: int
-) -> NDArray[np.float64]:
-    """(m, p) derivative of every term along u_u (0) or u_l (1)."""
+def _slope(terms: tuple[str, ...], u: Rows, v: Rows, along: int) -> Rows:
+    """(points, p) derivative of every term along u_u (0) or u_l (1)."""
     columns = []
     for a, b in map(parse_term, terms):
         power = (a, b)[along]
@@ -77,25 +95,34 @@ def _slope(
     return np.stack(columns, axis=1)
 
 
-def _holds(rows: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    values = rows @ b
-    return not len(values) or bool(values.min() >= -SLACK * np.abs(values).max())
+def _broken(rule: str, C: Rows, b: Rows, u: Rows, v: Rows) -> Broken | None:
+    """Where a rule is broken worst, and on what share of the grid."""
+    values = C @ b
+    limit = -SLACK * np.abs(values).max(initial=0.0)
+    if not len(values) or values.min() >= limit:
+        return None
+    worst = int(np.argmin(values))
+    return Broken(
+        rule, float(-values[worst]), float(u[worst]), float(v[worst]), float(np.mean(values < limit))
+    )
 
 
-def _solve(
-    X: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64], rows: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
+def _solve(X: Rows, y: Rows, weights: Rows, rows: Rows) -> Rows | None:
     """(p,) weighted least squares under rows @ b >= 0, None when nothing but zero meets them."""
     import cvxpy as cp
 
     root = np.sqrt(weights / len(y))
     q, R = np.linalg.qr(X * root[:, None])
     scale = np.where((norm := np.sqrt(np.sum(R**2, axis=0))) > 0, norm, 1.0)
+    target = q.T @ (y * root)
+    size = float(np.linalg.norm(target)) or 1.0
+    # rows of one length, and none that says 0 >= 0: a solver of the interior needs one
+    C = rows / scale
+    length = np.linalg.norm(C, axis=1)
+    C = C[length > SLACK * length.max(initial=0.0)]
+    C = np.unique((C / np.linalg.norm(C, axis=1, keepdims=True)).round(12), axis=0)
     z = cp.Variable(X.shape[1])
-    problem = cp.Problem(
-        cp.Minimize(cp.sum_squares((R / scale) @ z - q.T @ (y * root))), [(rows / scale) @ z >= 0]
-    )
-    solve(problem)
-    if z.value is None or not np.any(np.abs(z.value) > 1e-9):
+    solve(cp.Problem(cp.Minimize(cp.sum_squares((R / scale) @ z - target / size)), [C @ z >= 0]))
+    if z.value is None or not np.any(np.abs(z.value) > ZERO):
         return None
-    return np.asarray(z.value / scale)
+    return np.asarray(np.where(np.abs(z.value) > ZERO * np.abs(z.value).max(), size * z.value / scale, 0.0))
