@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from coaxlink.cli._shell import say
 from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
     from coaxlink.setup import Layout
+
+
+TimeoutOption = Annotated[float, typer.Option(metavar="S", help="How long an autopilot is waited for.")]
 
 
 def layout_of_file(path: Path, script: Path | None = None) -> Layout:
@@ -22,7 +28,10 @@ def layout_of_file(path: Path, script: Path | None = None) -> Layout:
     return ardupilot_layout(found.params, path.name, lambda: _script_beside(path, script))
 
 
-def layout_of_board(url: str) -> Layout:
+WAIT_S = 30.0  # a simulator that was just started compiles first, 8 s on a free core
+
+
+def layout_of_board(url: str, timeout_s: float = WAIT_S) -> Layout:
     """From the autopilot at `url`; nothing is written. Raises LinkError, InputError."""
     from coaxlink.link import connect
     from coaxlink.link.ftp import Files
@@ -30,7 +39,8 @@ def layout_of_board(url: str) -> Layout:
     from coaxlink.setup import ardupilot_layout, px4_layout
     from firmware_params.ardupilot import scripts
 
-    with connect(url) as session:
+    say(f"waiting for an autopilot at {url}, at most {timeout_s:g} s")
+    with connect(url, timeout_s=timeout_s) as session:
         source = f"{session.identity.name} at {url}"
         params = {n: v.value for n, v in Parameters(session).read_all().values.items()}
         if session.identity.is_px4:

@@ -52,7 +52,15 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
 
 
 # what the library calls its arguments, where a verb's option is not called the same
-OPTIONS = {"law": "--law", "voltage_V": "--voltage"}
+OPTIONS = {
+    "law": "--law",
+    "voltage_V": "--voltage",
+    "mass_kg": "--mass",
+    "arm_m": "--arm",
+    "spacing_m": "--spacing",
+    "upper": "--upper",
+    "template": "--template",
+}
 
 
 def by_option(error: CoaxlinkError) -> CoaxlinkError:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coaxlink.cli._board_source import WAIT_S, TimeoutOption
 from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.errors import CheckFailed, InputError
 
@@ -25,6 +26,7 @@ def airframe(
         typer.Option("--from", metavar="FILE", help="Hold it against a board's parameters."),
     ] = None,
     connect: Annotated[str, typer.Option(metavar="URL", help="Hold it against this board.")] = "",
+    timeout: TimeoutOption = WAIT_S,
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw it from above, as .png, .svg or .pdf.")
     ] = None,
@@ -43,7 +45,7 @@ def airframe(
     frame = load_airframe(file)
     path = rotor or frame.rotor_model
     model = load_rotor_model(path) if path else None
-    board = layout_of_file(source) if source else layout_of_board(connect) if connect else None
+    board = layout_of_file(source) if source else layout_of_board(connect, timeout) if connect else None
     findings = report(frame, model, board, picture, json_file, differs=True)
     wrong = sum(f.severity == "error" for f in findings)
     if wrong:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import sys
 import tomllib
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +14,11 @@ import typer
 from coaxlink.cli._shell import console, say
 from coaxlink.errors import InputError
 
-_WHAT = {".csv": "a stand log of the paper's pair, 121 points", ".json": "JSON schema for editors"}
+_WHAT = {
+    ".csv": "A stand log of the paper's pair, 121 points.",
+    ".json": "JSON schema of vehicle files, for editors.",
+}
+_SAID_OF_ALL = "What is true of"  # the line that every truth begins with
 
 
 def examples(
@@ -30,8 +37,7 @@ def examples(
 
     shipped = {path.name: path for path in files.examples()}
     if not names and not everything:
-        for name, path in shipped.items():
-            console().print(f"{name:<30} {_about(path)}".rstrip(), markup=False)
+        _list(shipped)
         return
     wanted = list(shipped) if everything else list(names or ())
     for name in wanted:  # all of them are known to be there before the first is written
@@ -47,6 +53,21 @@ def examples(
         say(f"wrote {out / name}")
 
 
+def _list(shipped: dict[str, Path]) -> None:
+    from rich.table import Table
+
+    if not sys.stdout.isatty():
+        for name, path in shipped.items():  # a line each, for grep
+            sys.stdout.write(f"{name:<30}  {_about(path)}".rstrip() + "\n")
+        return
+    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for name, path in shipped.items():
+        table.add_row(name, _about(path))
+    console().print(table)
+
+
 def _rotor_of(path: Path) -> str:
     """The rotor model that a shipped vehicle names, "" where it names none."""
     if path.suffix != ".toml":
@@ -55,11 +76,16 @@ def _rotor_of(path: Path) -> str:
 
 
 def _about(path: Path) -> str:
-    """Its first comment line."""
+    """The first sentences of its first comment, or of a script's docstring."""
+    if path.suffix == ".py":
+        return path.read_text(encoding="utf-8").partition('"""')[2].partition('"""')[0].partition("\n")[0]
     if path.suffix != ".toml":
         return _WHAT.get(path.suffix, "")
-    first = path.read_text(encoding="utf-8").partition("\n")[0]
-    return first.removeprefix("#").strip()[:90] if first.startswith("#") else ""
+    lines = list(takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines()))
+    said = [line.removeprefix("#").strip() for line in lines]
+    said = said[1:] if said and said[0].startswith(_SAID_OF_ALL) else said
+    # a sentence ends where the next begins: "18.5 x 6.3 in" and "eq. 17" go on
+    return re.split(r"(?<=\.) (?=[A-Z])", " ".join(said))[0]
 
 
 def register(app: typer.Typer) -> None:

@@ -173,14 +173,22 @@ def identify(
 
 def _checks(result: Identification, diameter_m: float | None) -> dict[str, Any]:
     """What is odd in the log, what it covers, and which propellers its units mean."""
-    from coaxlink.data.sound import sizes
+    from coaxlink.data.sound import electrical_turns, other_units, sizes
     from coaxlink.rotor.coverage import coverage
-    from coaxlink.rotor.plausible import oddities
+    from coaxlink.rotor.plausible import oddities, poor_errors
 
     covered = coverage(result)
-    meant = sizes(result.bench.samples, diameter_m)
+    samples = result.bench.samples
+    meant = sizes(samples, diameter_m)
+    turns, units = electrical_turns(samples, diameter_m), other_units(samples, diameter_m)
+    open_units = (
+        f"with {units} these readings are propellers' as well: --diameter M tells, a map states it"
+        if units
+        else ""
+    )
     return {
-        "odd": list(oddities(result.bench, result.form)),
+        "odd": [line for line in (turns, open_units) if line]
+        + [*oddities(result.bench, result.form), *poor_errors(result)],
         "data": [*([meant] if meant else []), *covered.lines()],
         "coverage": covered.as_json(),
     }

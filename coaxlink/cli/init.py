@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coaxlink.cli._board_source import WAIT_S, TimeoutOption
 from coaxlink.cli._shell import JsonOption, say
 from coaxlink.errors import InputError
 from firmware_params.plain import name_problem
@@ -20,9 +21,17 @@ PictureOption = Annotated[
 ]
 
 
+_OPTIONS = {
+    "mass_kg": "--mass KG",
+    "arm_m": "--arm METRES",
+    "spacing_m": "--spacing METRES",
+    "upper": "--upper NUMBERS",
+}
+
+
 def init(
     out: Annotated[Path, typer.Argument(metavar="AIRFRAME.toml", help="The file to make.")],
-    mass: Annotated[float, typer.Option(metavar="KG", help="All-up mass, weighed.")],
+    mass: Annotated[float | None, typer.Option(metavar="KG", help="All-up mass, weighed.")] = None,
     template: Annotated[str, typer.Option(metavar="NAME", help="x8, coax-quad (+), y6 or hexa-coax.")] = "",
     source: Annotated[
         Path | None,
@@ -32,6 +41,7 @@ def init(
         Path | None, typer.Option(metavar="LUA", help="With --from: the matrix script of FRAME_CLASS 15.")
     ] = None,
     connect: Annotated[str, typer.Option(metavar="URL", help="Read it from this board.")] = "",
+    timeout: TimeoutOption = WAIT_S,
     arm: Annotated[
         float | None, typer.Option(metavar="M", help="Centre to rotor, where the source tells no lengths.")
     ] = None,
@@ -56,18 +66,22 @@ def init(
     from coaxlink.airframe import load_airframe
     from coaxlink.cli.airframe import report
     from coaxlink.rotor import load_rotor_model
-    from coaxlink.setup import Body, airframe_toml, completed
+    from coaxlink.setup import Body, MissingError, airframe_toml, completed
 
     if out.exists() and not force:
         raise InputError(out, "", "is there already; --force replaces it")
     for place in (out, picture, json_file):
         files.refuse_unwritable(place)
     model = load_rotor_model(rotor) if rotor else None
-    layout = _layout(template, source, script, connect)
+    layout = _layout(template, source, script, connect, timeout, mass)
     if problem := name_problem(name or out.stem):
         raise InputError("--name", "", problem)
     body = Body(name or out.stem, mass, arm, spacing, _numbers(upper), _inertia(inertia))
-    frame = completed(layout, body)
+    try:
+        frame = completed(layout, body)
+    except MissingError as error:
+        asked = ", ".join(f"{_OPTIONS[field]} ({what})" for field, what in error.fields.items())
+        raise InputError(layout.source, "", f"does not tell all of the vehicle; give {asked}") from error
     text = airframe_toml(
         frame,
         f"coaxlink init from {layout.source}",
@@ -88,19 +102,27 @@ def init(
         say(f"next: coaxlink table {out} --firmware px4|ardupilot --out tables")
 
 
-def _layout(template: str, source: Path | None, script: Path | None, connect: str) -> Layout:
+def _layout(
+    template: str,
+    source: Path | None,
+    script: Path | None,
+    connect: str,
+    timeout_s: float,
+    mass_kg: float | None,
+) -> Layout:
     from coaxlink import setup
     from coaxlink.cli._board_source import layout_of_board, layout_of_file
 
     given = [bool(template), source is not None, bool(connect)]
     if sum(given) != 1:
         options = ", ".join(setup.TEMPLATES)
+        besides = ", and --mass KG" if mass_kg is None else ""
         raise InputError(
-            "init", "", f"one of --connect URL, --from FILE, --template NAME ({options}) is expected"
+            "init", "", f"one of --connect URL, --from FILE, --template NAME ({options}) is expected{besides}"
         )
     if template:
         return setup.template(template)
-    return layout_of_file(source, script) if source else layout_of_board(connect)
+    return layout_of_file(source, script) if source else layout_of_board(connect, timeout_s)
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -23,7 +23,7 @@ from coaxlink.cli.upload import (
 
 
 def restore(
-    backup: Annotated[Path, typer.Argument(metavar="BACKUP", help="A file that upload wrote.")],
+    backups: Annotated[list[Path], typer.Argument(metavar="BACKUP", help="A file that upload wrote.")],
     connect: ConnectOption,
     dry_run: DryRunOption = False,
     yes: YesOption = False,
@@ -41,10 +41,17 @@ def restore(
     With --all every other parameter as well, but for those that the board itself counts, measures or learns.
     """
     from coaxlink import files
+    from coaxlink.errors import InputError
     from coaxlink.link import connect as open_session
     from coaxlink.link.backup import read_backup
     from coaxlink.link.upload import Uploader
 
+    backup, *more = backups
+    if more:
+        found = ", ".join(str(path) for path in backups)
+        raise InputError(
+            "restore", "", f"one BACKUP is expected, found {found}: the oldest undoes all uploads since it"
+        )
     files.refuse_unwritable(json_file)
     saved = read_backup(backup)
     with (

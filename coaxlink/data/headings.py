@@ -49,6 +49,8 @@ _DERIVED = {
         "settling",
     ),
 }
+# what a pulse in microseconds may be called: nothing else on a stand is counted in them but stamps of time
+_PULSE = {"signal", "pulse", "pulsewidth", "width", "input", "output", "motor", "powertrain", "rotor", "ppm"}
 _SET_POINT = {"target", "setpoint", "cmd", "command", "commanded", "desired"}
 _ELSEWHERE = {
     *("acc", "servo", "vibration", "temperature", "temp", "acceleration", "pressure", "humidity", "fx", "fy"),
@@ -76,6 +78,11 @@ class Heading:
 
 class UnknownUnitError(ValueError):
     """A known quantity in a unit that is not known; its text says which are."""
+
+    def __init__(self, quantity: str, written: str) -> None:
+        self.quantity = quantity
+        known = ", ".join(unit_names(quantity))
+        super().__init__(f"unit of a {quantity} expected ({known}), found '{written}'")
 
 
 def is_derived(text: str) -> bool:
@@ -116,9 +123,11 @@ def recognise(index: int, text: str, lettered: bool = True, unit_line: str = "")
     quantity = next((_QUANTITY[w] for w in words if w in _QUANTITY), None)
     if quantity == "speed" and "esc" in words:
         return None
+    written = unit_line or bracketed
+    if quantity is None and _is_pulse(words, written):
+        return _heading(index, text, "throttle", words, find_unit("throttle", "us"), lettered)
     if quantity != "throttle" and _SET_POINT & set(words):
         return None
-    written = unit_line or bracketed
     if quantity is None:
         return _symbol(index, text, words, written, lettered)
     if quantity == "throttle" and "speed" in words:
@@ -131,11 +140,24 @@ def recognise(index: int, text: str, lettered: bool = True, unit_line: str = "")
     if written and unit is None:
         if quantity in ("power", "time", "throttle") or "/w" in plain(written):
             return None  # horse power, dates, counts, grams a watt: of no use to a fit
-        found = f"unit of a {quantity} expected ({', '.join(unit_names(quantity))}), found '{written}'"
-        raise UnknownUnitError(found)
+        raise UnknownUnitError(quantity, written)
     if unit is None:
         unit, words = _unit_in_words(quantity, words, lettered)
     return _heading(index, text, quantity, words, unit, lettered)
+
+
+def _is_pulse(words: list[str], written: str) -> bool:
+    """Whether a heading that names no quantity is an ESC's pulse: "Motor 1 (us)", "upper [us]"."""
+    tail = words[-1:] if not written else []
+    unit = find_unit("throttle", written or "".join(tail))
+    if unit is None or unit.name != "us":
+        return False
+    rest = words[:-1] if tail else words
+    named = _PULSE | _SET_POINT | _UPPER | _LOWER
+    if not named & set(rest):
+        return False  # a stamp of time may be called so as well
+    labels = named | _LETTERS | _LABELS
+    return all(word in labels or (word.isdigit() and len(word) == 1) for word in rest)
 
 
 def _symbol(index: int, text: str, words: list[str], written: str, lettered: bool) -> Heading | None:

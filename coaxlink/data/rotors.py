@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.data.columns_map import line_for
-from coaxlink.data.headings import Heading, UnknownUnitError, letters_name_rotors, recognise
+from coaxlink.data.headings import Heading, UnknownUnitError, letters_name_rotors, recognise, words_of
 from coaxlink.data.sense import Reading, possible
 from coaxlink.data.table import TextTable
 from coaxlink.data.units import QUANTITIES, Unit, find_unit, unit_names
@@ -107,9 +107,9 @@ def _recognised(table: TextTable, skip: set[int]) -> list[Heading]:
         try:
             heading = recognise(i, text, lettered, table.units[i])
         except UnknownUnitError as error:
-            problem = (
-                f"{error}; a map states it (--columns MAP.toml): {line_for('upper_thrust_N', text, 'N')}"
-            )
+            side = next((s for s in SAID if s in words_of(text)), "upper")
+            name, unit = f"{side}_{QUANTITIES[error.quantity][0]}", unit_names(error.quantity)[0]
+            problem = f"{error}; a map states it (--columns MAP.toml): {line_for(name, text, unit)}"
             raise InputError(table.source, f"line {table.heading_line}, column {text!r}", problem) from error
         if heading is not None:
             found.append(heading)

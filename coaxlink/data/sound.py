@@ -5,7 +5,7 @@ Nothing is changed here: a log that no propeller gives is refused, with the line
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,8 @@ FOLLOWS = 2.0  # times the squares left over
 UNEXPLAINED = 0.5  # of a load's squares by its own rotor's speed
 SIDES = ("upper", "lower")
 POLES = (12, 14, 20, 24, 28, 36, 40)  # magnets of motors that carry propellers
+# what a heading is likeliest to mean when it does not mean SI
+_COMMON = {"thrust": ("gf", "kgf", "lbf", "ozf"), "torque": ("N cm", "kgf cm", "lbf in", "ozf in", "lbf ft")}
 SUFFIXES = {"thrust": "thrust_N", "torque": "torque_Nm", "speed": "rpm"}
 
 
@@ -128,17 +130,64 @@ def check_units(
             f"{shown}; no single unit mends it: state the units in a map (--columns MAP.toml), as in "
             f"{line_for(name, heading, _unit(name, origins))}, or --trust-units",
         )
-    name, unit, whose = better[0]
+    name, unit, _ = better[0]
     heading = origins[name].heading if name in origins else name
-    others = ", ".join(dict.fromkeys(b[1] for b in better[1:] if b[1] != unit))
-    said = "electrical turns (--poles)" if unit == "erpm" else unit
+    by_quantity: dict[str, list[str]] = {}
+    for _, other, what in better:
+        by_quantity.setdefault(what, []).append("electrical turns (--poles)" if other == "erpm" else other)
+    first, *more = (f"{what} in {_listed(units)}" for what, units in by_quantity.items())
     raise InputError(
         samples.source,
         f"column {heading!r}",
-        f"{shown}; {whose} in {said} would be"
-        + (f" (or in {others})" if others else "")
+        f"{shown}; {first} would be"
+        + (f", or {', or '.join(more)}" if more else "")
         + f": state it in a map (--columns MAP.toml), {line_for(name, heading, unit)}, or --trust-units",
     )
+
+
+def _listed(words: Sequence[str]) -> str:
+    *most, last = dict.fromkeys(words)
+    return f"{', '.join(most)} or {last}" if most else last
+
+
+def electrical_turns(samples: Samples, diameter_m: float | None = None) -> str:
+    """A line where speeds in electrical turns would be a propeller's as well, "" where they would not.
+
+    Loggers write the turns of the field under "rpm"; with a measured power that is refused, without one
+    nothing but the propeller's size tells.
+    """
+    found = readings(samples)
+    speeds = [r.rpm for r in found.values()]
+    if not found or not all(speeds) or not possible(found, diameter_m):
+        return ""
+    for poles in POLES:
+        turned = {side: r.scaled(rpm=2.0 / poles) for side, r in found.items()}
+        if possible(turned, diameter_m):
+            size = {side: diameters(r, diameter_m) for side, r in turned.items()}
+            shown = " and ".join(f"{s} {d[0]:.2f} to {d[1]:.2f} m" for s, d in size.items() if d is not None)
+            return (
+                "the speeds may be electrical turns (ERPM): with a motor of "
+                f"{poles} poles these readings are propellers' as well, of {shown} in diameter; "
+                "--diameter M tells, a map states it (unit erpm, with --poles)"
+            )
+    return ""
+
+
+def other_units(samples: Samples, diameter_m: float | None = None) -> str:
+    """In words: the units in which a log without speeds would be propellers' as well, "" where none would."""
+    found = readings(samples)
+    if not found or any(r.rpm for r in found.values()) or not possible(found, diameter_m):
+        return ""
+    fitting = []
+    for quantity in ("thrust", "torque"):
+        units = []
+        for word, factor in _others(quantity, None):
+            scaled = {s: r.scaled(**{NAMES[quantity]: factor}) for s, r in found.items()}
+            if word in _COMMON[quantity] and possible(scaled, diameter_m):
+                units.append(word)
+        if units:
+            fitting.append(f"{quantity} in {_listed(units)}")
+    return ", or with ".join(fitting)
 
 
 def _unit(name: str, origins: Mapping[str, Origin]) -> str:
@@ -195,6 +244,8 @@ def _better(
 def _others(quantity: str, taken: Unit | None) -> Iterator[tuple[str, float]]:
     """Other units, and what a reading would be multiplied by."""
     units = {u.name: u for u in QUANTITIES[quantity][1].values()}
+    # ahead of deg/s, which is nearly the same number and written by nobody
+    units = dict(sorted(units.items(), key=lambda u: not u[1].electrical))
     now = taken.scale if taken is not None and not taken.electrical else 1.0
     for name, unit in units.items():
         if unit.electrical:

@@ -9,7 +9,7 @@ from coaxlink.mixer.comparison import THRUSTS, Row
 from coaxlink.mixer.fitted import FittedTable
 from coaxlink.report.figures import write_figure
 
-COLOURS = ("#4477aa", "#66ccee", "#228833", "#ccbb44", "#ee6677", "#aa3377", "#777777", "#222222")
+COLOURS = ("#4477aa", "#66ccee", "#228833", "#ccbb44", "#ee6677", "#aa3377", "#777777", "#222222", "#bb8866")
 FLOOR = 1e-4  # N, N m: what is drawn for an error that is none
 
 

@@ -1,7 +1,7 @@
 """A vehicle file from a board's parameters, a file or log that holds them, or a template; and its checks."""
 
 from coaxlink.setup.checks import check_against, check_airframe
-from coaxlink.setup.complete import Body, completed, inertia_estimate
+from coaxlink.setup.complete import Body, MissingError, completed, inertia_estimate, missing
 from coaxlink.setup.document import airframe_toml
 from coaxlink.setup.drawing import draw
 from coaxlink.setup.from_ardupilot import ardupilot_layout
@@ -13,6 +13,7 @@ __all__ = [
     "TEMPLATES",
     "Body",
     "Layout",
+    "MissingError",
     "Place",
     "airframe_toml",
     "ardupilot_layout",
@@ -21,6 +22,7 @@ __all__ = [
     "completed",
     "draw",
     "inertia_estimate",
+    "missing",
     "px4_layout",
     "template",
 ]

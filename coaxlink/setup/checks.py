@@ -21,6 +21,9 @@ _LEAST_THRUST, _MOST_THRUST = 1.15, 12.0  # full thrust over weight: does not fl
 _DISC_LOADING_N_M2 = (3.0, 6000.0)
 _LARGEST_DISC = 0.65  # radius over the longest arm, where the discs of four arms touch
 _GYRATION = (0.1, 1.5)  # radius of gyration over the longest arm, of any body that carries rotors
+# of the lengths here over the board's: tapes agree within a few per cent, and PX4 norms what is alike on all
+# arms; the usual slips are a side for an arm (1.41) and a diagonal for it (2)
+_SCALE = 1.25
 _SIDE = 0.2  # of the longest arm: closer to an axis than this, a side is not told
 
 
@@ -70,8 +73,24 @@ def _elsewhere(airframe: Airframe, board: Layout) -> Iterator[Finding]:
     }
     number = max(apart, key=lambda n: apart[n])
     if apart[number] > _APART * airframe_arm(airframe):
-        text = f"the board has the rotors elsewhere, number {number} by {apart[number]:.3f} m"
-        yield Finding("airframe.place", "warning", text, f"{board.source}: the longest arm {board.arm:.3f} m")
+        scale, left = _scaled(airframe, board)
+        evidence = f"{board.source}: the longest arm {board.arm:.3f} m, here {airframe_arm(airframe):.3f} m"
+        if left > _APART * board.arm or not 1 / _SCALE <= scale <= _SCALE:
+            text = f"the board has the rotors elsewhere, number {number} by {apart[number]:.3f} m"
+            yield Finding("airframe.place", "error", text, evidence)
+        else:
+            text = f"the board's arms are {scale:.2f} times as long, in the same directions"
+            yield Finding("airframe.place", "warning", text, evidence)
+
+
+def _scaled(airframe: Airframe, board: Layout) -> tuple[float, float]:
+    """What the lengths here are best multiplied by to be the board's, and how far a rotor is off then, m."""
+    here = [(r.position_m[0], r.position_m[1]) for r in airframe.rotors]
+    there = [(p.x, p.y) for p in board.places]
+    product = sum(a * c + b * d for (a, b), (c, d) in zip(here, there, strict=True))
+    scale = product / sum(a * a + b * b for a, b in here)
+    left = max(math.hypot(scale * a - c, scale * b - d) for (a, b), (c, d) in zip(here, there, strict=True))
+    return scale, left
 
 
 def airframe_arm(airframe: Airframe) -> float:

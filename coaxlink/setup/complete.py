@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from coaxlink.airframe import Airframe, Rotor
@@ -17,21 +18,47 @@ class Body:
     """What the builder of the vehicle measures."""
 
     name: str
-    mass_kg: float
+    mass_kg: float | None
     arm_m: float | None = None  # centre to rotor; for a layout without a scale
     spacing_m: float | None = None  # between the rotors of a pair; for a layout without heights
     upper: tuple[int, ...] = ()  # numbers of the upper rotors, where no source tells
     inertia_kg_m2: Inertia | None = None  # estimated where missing
 
 
-def completed(layout: Layout, body: Body) -> Airframe:
-    """The vehicle. Raises InputError naming the option that is missing or contradicts the layout."""
+class MissingError(InputError):
+    """What a layout does not tell and `Body` does not either; `fields` are Body's, with what each is."""
+
+    def __init__(self, source: str, fields: Mapping[str, str]) -> None:
+        self.fields = dict(fields)
+        told = ", ".join(f"{name} ({what})" for name, what in fields.items())
+        super().__init__(source, "", f"does not tell all of the vehicle: {told} expected")
+
+
+def missing(layout: Layout, body: Body) -> dict[str, str]:
+    """Fields of `body` without which the layout is no vehicle, and what each is; all of them at once.
+
+    Raises InputError where `body` contradicts the layout.
+    """
+    found = {}
+    if body.mass_kg is None:
+        found["mass_kg"] = "the whole vehicle, weighed"
     if not layout.metres and body.arm_m is None:
-        raise InputError(
-            layout.source, "", "tells directions, not lengths: --arm METRES, from the centre to a rotor"
-        )
-    scale = 1.0 if layout.metres else _positive("--arm", body.arm_m)
-    levels = _levels(layout, body.upper)
+        found["arm_m"] = "from the centre to a rotor"
+    pairs = [stack for stack in layout.stacks() if len(stack) > 1]
+    if body.spacing_m is None and any(layout.places[n].z is None for stack in pairs for n in stack):
+        found["spacing_m"] = "between the two rotors of a pair"
+    unknown = _levels(layout, body.upper)[1]
+    if unknown:
+        found["upper"] = f"which rotor of each pair is on top: {', '.join(unknown)}"
+    return found
+
+
+def completed(layout: Layout, body: Body) -> Airframe:
+    """The vehicle. Raises MissingError (all that is missing), InputError (what contradicts the layout)."""
+    if lacking := missing(layout, body):
+        raise MissingError(layout.source, lacking)
+    scale = 1.0 if layout.metres else _positive("arm_m", body.arm_m)
+    levels = _levels(layout, body.upper)[0]
     partners = {n: other for stack in layout.stacks() for n in stack for other in stack if other != n}
     rotors = []
     for n, place in enumerate(layout.places):
@@ -45,7 +72,7 @@ def completed(layout: Layout, body: Body) -> Airframe:
                 partners[n] + 1 if n in partners else None,
             )
         )
-    mass = _positive("--mass", body.mass_kg)
+    mass = _positive("mass_kg", body.mass_kg)
     inertia = body.inertia_kg_m2 or inertia_estimate(mass, tuple(rotors))
     return Airframe(body.name, mass, inertia, tuple(rotors))
 
@@ -62,11 +89,12 @@ def inertia_estimate(mass_kg: float, rotors: tuple[Rotor, ...]) -> Inertia:
     return xx + ball, yy + ball, zz + ball
 
 
-def _levels(layout: Layout, upper: tuple[int, ...]) -> list[str]:
+def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str]]:
+    """The level of each rotor, and the pairs ("1 or 6") of which nobody says it."""
     count = len(layout.places)
     wrong = [n for n in upper if not 1 <= n <= count]
     if wrong:
-        raise InputError("--upper", str(wrong[0]), f"rotor numbers from 1 to {count} are expected")
+        raise InputError("upper", str(wrong[0]), f"rotor numbers from 1 to {count} are expected")
     levels, unknown = ["single"] * count, []
     for stack in layout.stacks():
         if len(stack) == 1:
@@ -77,7 +105,7 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> list[str]:
         if upper and said[a] == said[b]:
             both = "both" if said[a] else "neither"
             raise InputError(
-                "--upper",
+                "upper",
                 "",
                 f"one of the pair {a + 1} and {b + 1} is expected, {both} stands there",
             )
@@ -85,7 +113,7 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> list[str]:
         if known and stated and known != stated:
             top = (a if known == "upper" else b) + 1
             raise InputError(
-                "--upper",
+                "upper",
                 "",
                 f"{layout.source} has rotor {top} on top of its pair",
             )
@@ -94,11 +122,7 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> list[str]:
             unknown.append(f"{a + 1} or {b + 1}")
             continue
         levels[a], levels[b] = level, "lower" if level == "upper" else "upper"
-    if unknown:
-        raise InputError(
-            "--upper", "", f"which rotor of each pair is on top: {', '.join(unknown)}? e.g. --upper 1,2,3,4"
-        )
-    return levels
+    return levels, unknown
 
 
 def _known_level(a: Place, b: Place) -> str | None:
@@ -113,15 +137,11 @@ def _height(place: Place, level: str, layout: Layout, body: Body) -> float:
         return place.z
     if level == "single":
         return 0.0
-    if body.spacing_m is None:
-        raise InputError(
-            layout.source, "", "tells no heights: --spacing METRES, between the two rotors of a pair"
-        )
-    half = 0.5 * _positive("--spacing", body.spacing_m)
+    half = 0.5 * _positive("spacing_m", body.spacing_m)
     return -half if level == "upper" else half
 
 
-def _positive(option: str, value: float | None) -> float:
+def _positive(field: str, value: float | None) -> float:
     if value is None or not 0.0 < value < math.inf:
-        raise InputError(option, "", f"a number above 0 is expected, found {value}")
+        raise InputError(field, "", f"a number above 0 is expected, found {value}")
     return float(value)

@@ -31,7 +31,7 @@ def ardupilot_layout(
         raise InputError(
             source,
             f"FRAME_CLASS {frame}, FRAME_TYPE {kind}",
-            "no coaxial frame known here; --template to start from",
+            "no coaxial frame known here; start from a template",
         )
     outputs = _outputs(params)
     places = tuple(
@@ -58,7 +58,7 @@ def _scripted(
                 raise TableError(f"the layout stands in {scripts.MATRIX_NAME}, which is not here")
             factors = scripts.script_factors(data.decode("utf-8", "replace"))
     except TableError as error:
-        raise InputError(source, f"FRAME_CLASS {frame}", f"{error}; --template to start from") from error
+        raise InputError(source, f"FRAME_CLASS {frame}", f"{error}; start from a template") from error
     top = [max(abs(f[axis]) for f in factors) or 1.0 for axis in range(2)]
     places = []
     for n, (roll, pitch, yaw, _) in enumerate(factors, start=1):

@@ -28,7 +28,10 @@ def test_rows_say_what_each_law_is_known_for(tmp_path: Path, capsys: pytest.Capt
     least = min(row["power"] for law, row in rows.items() if max(row["max_error"]) < 0.5)
     assert rows["exact"]["power"] <= least * 1.001
     assert png.read_bytes().startswith(b"\x89PNG")
-    assert "fitted" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "fitted" in said and "e-0" not in said  # no 6e-08 where there is no error
+    assert rows["curved"]["most_thrust_N"] == pytest.approx(rows["standard"]["most_thrust_N"], rel=0.01)
+    assert rows["curved"]["mean_error"] != rows["standard"]["mean_error"]
 
 
 def test_the_first_line_says_whether_to_bother(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

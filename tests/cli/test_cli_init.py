@@ -115,3 +115,26 @@ def test_examples_are_listed_and_copied(tmp_path):
 
 def test_the_shipped_schema_is_the_readers_own():
     assert json.loads(example("airframe.schema.json").read_text()) == airframe_schema()
+
+
+def test_ardupilots_frame_asks_for_all_that_is_missing_in_one_line(tmp_path):
+    (tmp_path / "b.param").write_text("FRAME_CLASS,5\nFRAME_TYPE,1\n")
+    run = coaxlink("init", tmp_path / "a.toml", "--from", tmp_path / "b.param")
+    assert run.code == 2 and len(run.err.strip().splitlines()) == 1
+    for option in ("--mass", "--arm", "--spacing", "--upper"):
+        assert option in run.err
+
+
+def test_every_example_is_described_by_a_whole_sentence_on_one_line():
+    rows = coaxlink("examples").out.splitlines()
+    assert len(rows) > 30
+    for row in rows:
+        name, _, about = row.partition(" ")
+        assert about.strip().endswith((".", ")")), row
+        assert "nothing but" not in about, name
+
+
+def test_two_backups_are_one_too_many_and_the_line_says_which_to_take():
+    run = coaxlink("restore", "A", "B", "--connect", "udpout:127.0.0.1:9")
+    assert run.code == 2
+    assert "one BACKUP is expected, found A, B: the oldest undoes all uploads since it" in run.err

@@ -95,7 +95,17 @@ def test_a_board_with_other_rotors(change, said):
 def test_a_board_with_fewer_rotors_or_longer_arms():
     fewer = Layout("board", board_of(X8).places[:6], metres=True)
     assert [f.id for f in check_against(X8, fewer)] == ["airframe.count"]
-    assert [f.id for f in check_against(X8, board_of(scaled(2.0)))] == ["airframe.place"]
+    # 2: a diagonal for an arm; 1.15: a tape; longer ahead only: another vehicle
+    for board, severity in ((scaled(2.0), "error"), (scaled(1.15), "warning"), (stretched(1.5), "error")):
+        (finding,) = check_against(X8, board_of(board))
+        assert (finding.id, finding.severity) == ("airframe.place", severity)
+    assert check_against(X8, board_of(scaled(1.05))) == ()
+
+
+def stretched(factor):
+    """The paper's vehicle with its rotors further ahead and behind."""
+    places = [(r, (factor * r.position_m[0], *r.position_m[1:])) for r in X8.rotors]
+    return replace(X8, rotors=tuple(replace(r, position_m=place) for r, place in places))
 
 
 @pytest.mark.parametrize("mass", [5000.0, 1e300, 1e-4])

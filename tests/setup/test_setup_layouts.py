@@ -10,11 +10,13 @@ from coaxlink.files import example
 from coaxlink.setup import (
     TEMPLATES,
     Body,
+    MissingError,
     airframe_toml,
     ardupilot_layout,
     check_airframe,
     completed,
     draw,
+    missing,
     px4_layout,
     template,
 )
@@ -53,7 +55,7 @@ def test_px4_without_heights_asks_for_the_upper_rotors_and_the_spacing():
     layout = px4_layout(px4_params(X8, heights=False), "board")
     with pytest.raises(InputError, match=r"which rotor of each pair is on top: 1 or 6, 2 or 5"):
         completed(layout, Body("x8", 20.0, spacing_m=0.15))
-    with pytest.raises(InputError, match=r"--spacing"):
+    with pytest.raises(InputError, match=r"spacing_m"):
         completed(layout, Body("x8", 20.0, upper=(1, 2, 3, 4)))
     made = completed(layout, Body("x8", 20.0, spacing_m=0.15, upper=(1, 2, 3, 4)))
     assert ring(made) == ring(X8)
@@ -93,13 +95,22 @@ def test_three_rotors_on_one_place():
 def test_ardupilots_octaquad_is_the_papers_numbering():
     params = {"FRAME_CLASS": 4, "FRAME_TYPE": 1} | {f"SERVO{n}_FUNCTION": 32 + n for n in range(1, 9)}
     layout = ardupilot_layout(params, "board")
-    with pytest.raises(InputError, match=r"--arm"):
+    with pytest.raises(InputError, match=r"arm_m"):
         completed(layout, Body("x8", 20.0, spacing_m=0.15))
     made = completed(layout, Body("x8", 20.0, arm_m=0.1807 * math.sqrt(2.0), spacing_m=0.15))
     assert ring(made) == ring(X8)
     for here, there in zip(made.rotors, X8.rotors, strict=True):
         assert here.position_m == pytest.approx(there.position_m, abs=1e-6)
     assert layout.places[0].output == "SERVO 1"
+
+
+def test_all_that_is_missing_is_named_at_once():
+    layout = ardupilot_layout({"FRAME_CLASS": 5, "FRAME_TYPE": 1}, "board")
+    with pytest.raises(MissingError) as refused:
+        completed(layout, Body("y6", None))
+    assert list(refused.value.fields) == ["mass_kg", "arm_m", "spacing_m", "upper"]
+    assert "1 or 5" in refused.value.fields["upper"]
+    assert missing(layout, Body("y6", 10.0, 0.4, 0.1, (1, 2, 4))) == {}
 
 
 def test_a_y6_of_type_1_does_not_say_who_is_on_top():
