@@ -1,0 +1,216 @@
+"""`coaxlink fly`: a plan on a real autopilot through MAVSDK, its log down again and into refine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from coaxlink.cli._line import introduced
+from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli._stand import at_a_terminal
+from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, TimeoutOption
+
+if TYPE_CHECKING:
+    from coaxlink.fly.flight import Flown
+    from coaxlink.fly.limits import Limits, State
+    from coaxlink.fly.logs import Logs
+    from coaxlink.link import Session
+    from coaxlink.link.trajectory import Plan
+
+
+def fly(
+    connect: ConnectOption,
+    plan: Annotated[
+        str,
+        typer.Option(metavar="PLAN", help="hover, circle, steps, identify, or a PLAN.toml of refine --plan."),
+    ] = "hover",
+    height: Annotated[float, typer.Option(metavar="M", help="Height of the named plans.")] = 4.0,
+    reach: Annotated[float, typer.Option(metavar="M", help="How far the named plans go.")] = 2.0,
+    fence: Annotated[float, typer.Option(metavar="M", help="Never further away than this.")] = 30.0,
+    ceiling: Annotated[float, typer.Option(metavar="M", help="Never higher than this.")] = 15.0,
+    battery: Annotated[
+        float, typer.Option(min=0.0, max=0.95, help="Lands when less of the charge is left; 0: no limit.")
+    ] = 0.3,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="All checks, then leave on the ground.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before arming.")] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the logs go.")] = Path("flight"),
+    log: Annotated[bool, typer.Option("--log/--no-log", help="Fetch the autopilot's log.")] = True,
+    airframe: Annotated[
+        Path | None, typer.Option(metavar="AIRFRAME.toml", help="Refine the log against this vehicle.")
+    ] = None,
+    rotor: Annotated[
+        Path | None, typer.Option(metavar="ROTOR.toml", help="Refine against this (default: the airframe's).")
+    ] = None,
+    json: JsonOption = None,
+    timeout: TimeoutOption = 10.0,
+    system: SystemOption = None,
+    signing_key: SigningOption = None,
+) -> None:
+    """Fly a plan within limits of our own; the pilot's mode change ends it at once."""
+    from coaxlink import files
+    from coaxlink.fly.bridge import Bridge
+    from coaxlink.fly.flight import STREAMS, Flown, OverLimit, Pilot
+    from coaxlink.fly.limits import Limits
+    from coaxlink.fly.logs import Logs
+    from coaxlink.fly.plans import peaks, plan_of
+    from coaxlink.link import connect as open_session
+
+    _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
+    course = plan_of(plan, height, reach)
+    limits = Limits(radius_m=fence, ceiling_m=ceiling, battery=battery)
+    files.refuse_unwritable(json)
+    files.refuse_unwritable(out / "flight.tlog")
+    body = _vehicle_files(airframe, rotor)
+    flown = Flown(course.duration_s)
+    found: dict[str, Any] = {}
+    asks = peaks(course)
+    say(
+        f"{plan}: {course.duration_s:.0f} s, {asks['lowest_m']:.1f} to {asks['highest_m']:.1f} m high, "
+        f"{asks['radius_m']:.1f} m away at most, {asks['speed_m_s']:.1f} m/s, {asks['tilt_deg']:.0f} degrees"
+    )
+    try:
+        with (
+            open_session(
+                connect,
+                timeout_s=timeout,
+                target_system=system,
+                signing_key=signing_key,
+                record=out / "flight.tlog",
+            ) as line,
+            introduced(line) as session,
+            Bridge(session) as bridge,
+        ):
+            for number, rate in STREAMS.items():
+                session.request_stream(number, rate)
+            pilot = Pilot(bridge, limits)
+            pilot.check(course)
+            logs = Logs(bridge)
+            before = logs.entries() if log else []
+            left = pilot.battery()
+            charge = "" if left is None else f", battery at {100 * left:.0f} %"
+            say(f"ready: disarmed, its own checks pass{charge}; limits {_words(limits)}")
+            if dry_run:
+                console().print("checked: it would fly; nothing was armed")
+                return
+            _confirm(yes, session.identity.name)
+            _record(session, before is None)
+            try:
+                _in_the_air(pilot, course, flown)
+            except OverLimit:
+                found = _bring_down(logs, out, before) if log else {}  # what went wrong is in it
+                raise
+            say(f"landed after {flown.flown_s:.0f} s, {flown.worst_m:.2f} m off its set-points at most")
+            found = _bring_down(logs, out, before) if log else {}
+    finally:
+        if json and not dry_run:
+            files.write_json(json, {**flown.as_json(), "tlog": str(out / "flight.tlog"), **found})
+    path = _usable(out, found)
+    console().print(f"flown: {plan}, {flown.flown_s:.0f} s; {path}")
+    if body is not None:
+        _refine(path, body, rotor, out)
+    else:
+        say(f"next: coaxlink refine {path} --airframe AIRFRAME.toml")
+
+
+def _positive(*options: tuple[str, float]) -> None:
+    from coaxlink.errors import InputError
+
+    for name, value in options:
+        if not 0.0 < value < 1e4:
+            raise InputError(name, "", f"metres above 0 are expected, found {value:g}")
+
+
+def _vehicle_files(airframe: Path | None, rotor: Path | None) -> Path | None:
+    """The airframe to refine against, read once: a slip shows before take-off, not after the landing."""
+    from coaxlink.errors import InputError
+    from coaxlink.vehicle import load_vehicle
+
+    if airframe is None:
+        if rotor is not None:
+            raise InputError("--rotor", "", "is for refining: name the vehicle with --airframe")
+        return None
+    load_vehicle(airframe, rotor)
+    return airframe
+
+
+def _words(limits: Limits) -> str:
+    charge = f", battery above {100 * limits.battery:.0f} %" if limits.battery > 0 else ""
+    return f"{limits.radius_m:g} m away, {limits.ceiling_m:g} m high{charge}"
+
+
+def _confirm(yes: bool, name: str) -> None:
+    """Raises SafetyRefusal where nobody says yes."""
+    from coaxlink.errors import SafetyRefusal
+
+    if yes:
+        return
+    if not at_a_terminal():
+        raise SafetyRefusal("nobody is at the terminal to say that the place is clear (--yes says it)")
+    question = f"{name}: props on, place clear, a pilot at the sticks? Arms and takes off"
+    if not typer.confirm(question, err=True):
+        raise SafetyRefusal("not confirmed, nothing was armed")
+
+
+def _record(session: Session, all_of_it: bool) -> None:
+    """Where the autopilot serves no log the telemetry is the log: ask for all that refine needs."""
+    from coaxlink.cli._flights import STREAMS
+
+    if not all_of_it:
+        return
+    say("it serves no log: its telemetry is recorded instead, as fast as the line lets it through")
+    for number, rate in STREAMS.items():
+        session.request_stream(number, rate)
+
+
+def _in_the_air(pilot: Any, course: Plan, flown: Flown) -> None:
+    with talk().status("arming, taking off") as status:
+
+        def watch(segment: str, t: float, state: State) -> None:
+            charge = "" if state.battery is None else f", {100 * state.battery:.0f} %"
+            status.update(
+                f"{segment}: {t:.0f} of {course.duration_s:.0f} s, {state.height_m:.1f} m high, "
+                f"{state.off_plan_m:.2f} m off{charge}"
+            )
+
+        pilot.fly(course, flown, watch)
+
+
+def _bring_down(logs: Logs, out: Path, before: list[Any] | None) -> dict[str, Any]:
+    """The autopilot's log into `out`; without one, why not, said."""
+    from coaxlink.errors import CheckFailed
+
+    with talk().status("fetching the log") as status:
+        try:
+            got = logs.fetch(out, before, lambda share: status.update(f"log, {100 * share:.0f} %"))
+        except CheckFailed as error:
+            say(f"no log from the autopilot: {error}")
+            return {"log": None, "why_no_log": str(error)}
+    say(f"{got.path}: {got.size} bytes, CRC32 {got.crc}")
+    return {"log": str(got.path), "sha256": got.sha256, "crc": got.crc}
+
+
+def _usable(out: Path, found: dict[str, Any]) -> Path:
+    """The autopilot's log where it can be read, else the telemetry."""
+    from coaxlink.fly.logs import readable
+
+    tlog = out / "flight.tlog"
+    if not found.get("log"):
+        return tlog
+    path = Path(found["log"])
+    if why := readable(path):
+        say(f"{why}: the telemetry is used")
+        return tlog
+    return path
+
+
+def _refine(path: Path, airframe: Path, rotor: Path | None, out: Path) -> None:
+    from coaxlink.cli.refine import refine
+
+    refine([path], airframe=airframe, rotor=rotor, out=out / "rotor_refined.toml", json=out / "refine.json")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    app.command("fly")(fly)

@@ -1,0 +1,123 @@
+"""What `coaxlink fly` can fly: named plans sized by a height and a reach, and the files of `refine --plan`.
+
+Positions are local NED relative to the place of take-off, headings relative to the one there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from coaxlink import files
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.errors import InputError
+from coaxlink.link.trajectory import Circle, Hold, Move, Plan, Segment, Swing, planned_flight
+
+PERIOD_S = 8.0  # of a lap of the paper's 2 m circle; other radii keep its acceleration
+CLIMB = 0.5  # of the reach, up and down
+
+
+def hover(height_m: float, reach_m: float) -> Plan:
+    """20 s in one place."""
+    return Plan((Hold("hover", (0.0, 0.0, -height_m), 20.0),))
+
+
+def circle(height_m: float, reach_m: float) -> Plan:
+    """A hover, two laps of radius `reach_m` around the place of take-off, and back."""
+    middle, rim = (0.0, 0.0, -height_m), (reach_m, 0.0, -height_m)
+    period = PERIOD_S * math.sqrt(max(reach_m, 0.5) / 2.0)
+    there = max(3.0, reach_m)
+    return Plan(
+        (
+            Hold("hover", middle, 4.0),
+            Move("to the circle", middle, rim, there),
+            Circle("circle", reach_m, -height_m, period, 2),
+            Move("back", rim, middle, there),
+            Hold("last hover", middle, 2.0),
+        )
+    )
+
+
+def steps(height_m: float, reach_m: float) -> Plan:
+    """Forward, right, up and a turn of 60 degrees, each there, held, and back."""
+    middle = (0.0, 0.0, -height_m)
+    parts: list[Segment] = [Hold("hover", middle, 4.0)]
+    for name, there, yaw in (
+        ("forward", (reach_m, 0.0, -height_m), 0.0),
+        ("right", (0.0, reach_m, -height_m), 0.0),
+        ("up", (0.0, 0.0, -height_m - CLIMB * reach_m), 0.0),
+        ("turn", middle, math.radians(60.0)),
+    ):
+        parts += [
+            Move(name, middle, there, 2.5, 0.0, yaw),
+            Hold(f"{name}, held", there, 2.0, yaw),
+            Move(f"{name}, back", there, middle, 2.5, yaw, 0.0),
+            Hold("hover", middle, 1.5),
+        ]
+    return Plan(tuple(parts))
+
+
+def identify(height_m: float, reach_m: float) -> Plan:
+    """What tells a rotor model most without a stand: hovers, climbs, yaw doublets, swings each way."""
+    middle = (0.0, 0.0, -height_m)
+    up = (0.0, 0.0, -height_m - CLIMB * reach_m)
+    turn = math.radians(70.0)
+    return Plan(
+        (
+            Hold("hover", middle, 8.0),
+            Swing("climbs", middle, up, 12.0, 4),
+            Hold("hover", middle, 3.0),
+            Swing("yaw doublets", middle, middle, 12.0, 4, 0.0, turn),
+            Hold("hover", middle, 3.0),
+            Swing("forward and back", middle, (reach_m, 0.0, -height_m), 12.0, 3),
+            Swing("right and back", middle, (0.0, reach_m, -height_m), 12.0, 3),
+            Hold("last hover", middle, 5.0),
+        )
+    )
+
+
+NAMED: dict[str, Callable[[float, float], Plan]] = {
+    "hover": hover,
+    "circle": circle,
+    "steps": steps,
+    "identify": identify,
+}
+
+
+def plan_of(what: str, height_m: float, reach_m: float) -> Plan:
+    """A named plan or a file that `refine --plan` wrote. Raises InputError.
+
+    >>> plan_of("hover", 3.0, 2.0).duration_s
+    20.0
+    """
+    if what in NAMED:
+        return NAMED[what](height_m, reach_m)
+    if not what.endswith(".toml"):
+        named = ", ".join(NAMED)
+        raise InputError("--plan", what, f"{named} or a PLAN.toml of refine --plan is expected")
+    document = files.read_toml(Path(what))
+    try:
+        plan = planned_flight(document)
+        plan.at(0.0)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(what, "", f"not a flight plan as refine --plan writes it ({error})") from error
+    return plan
+
+
+def peaks(plan: Plan) -> dict[str, float]:
+    """What a plan asks for at most: distance from the start, heights, m; speed, m/s; tilt, degrees."""
+    times = np.arange(0.0, plan.duration_s + 0.05, 0.05)
+    points = [plan.at(float(t))[1] for t in times]
+    place = np.array([p.position_m for p in points])
+    velocity = np.array([p.velocity_m_s for p in points])
+    pull = np.array([p.acceleration_m_s2 for p in points])
+    return {
+        "radius_m": float(np.hypot(place[:, 0], place[:, 1]).max()),
+        "highest_m": float(-place[:, 2].min()),
+        "lowest_m": float(-place[:, 2].max()),
+        "speed_m_s": float(np.linalg.norm(velocity, axis=1).max()),
+        "tilt_deg": float(np.degrees(np.arctan2(np.hypot(pull[:, 0], pull[:, 1]), GRAVITY_M_S2)).max()),
+    }
