@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from coaxlink.link import Session
     from coaxlink.link.mixing import LiveMixer
     from coaxlink.link.outcome import Outcome
+    from coaxlink.mixer.fitted import FittedTable
     from coaxlink.residual import Refinement
     from coaxlink.rotor import Identification, RotorModel
     from firmware_params.errors import Finding
@@ -95,10 +96,13 @@ class Table:
         return f"Table({self.firmware}, {self.law} law, {size}, {wrong} findings that forbid it)"
 
 
-def make_table(vehicle: Vehicle, firmware: str = "px4", law: str = "fitted") -> Table:
+def make_table(
+    vehicle: Vehicle, firmware: str = "px4", law: str = "fitted", *, limits: str | Path | None = None
+) -> Table:
     """The table of a law (fitted, reduced, standard, curved) for a vehicle; nothing is written.
 
-    Raises InputError for a vehicle that the firmware cannot hold.
+    `limits` is a file of limits that the fitted table shall keep (docs/mixers.md). Raises InputError for a
+    vehicle that the firmware cannot hold, CheckFailed when no table keeps the limits.
 
     >>> from coaxlink.files import example
     >>> from coaxlink.vehicle import load_vehicle
@@ -111,16 +115,30 @@ def make_table(vehicle: Vehicle, firmware: str = "px4", law: str = "fitted") -> 
     if firmware == "px4":
         from coaxlink.link.tables import px4_speeds, report_px4
 
-        report = report_px4(vehicle, law)
+        report = report_px4(vehicle, law, _limited(vehicle, law, limits))
         texts = table_files.px4_files(vehicle.airframe, report, made_from)
         return Table(firmware, law, report.params, texts, report.findings, px4_speeds(report.mix))
     if firmware == "ardupilot":
-        from coaxlink.link.ap_tables import ap_speeds, report_ap
+        from coaxlink.link.ap_tables import SPIN_MIN, ap_speeds, report_ap
 
-        made = report_ap(vehicle, law)
+        made = report_ap(vehicle, law, fit=_limited(vehicle, law, limits, SPIN_MIN))
         texts = table_files.ap_files(vehicle.airframe, made, made_from)
         return Table(firmware, law, made.params, texts, made.findings, ap_speeds(made.mix))
     raise InputError("firmware", firmware, f"one of {', '.join(FIRMWARES)} is expected")
+
+
+def _limited(
+    vehicle: Vehicle, law: str, limits: str | Path | None, spin_min: float = 0.0
+) -> FittedTable | None:
+    """The fitted table under limits; None without any."""
+    if limits is None:
+        return None
+    if law != "fitted":
+        raise InputError("limits", "", f"the fitted law is expected, found {law}")
+    from coaxlink.mixer.constrained import constrained_table
+    from coaxlink.mixer.limits import load_limits
+
+    return constrained_table(vehicle, load_limits(limits, vehicle.airframe), spin_min=spin_min).table
 
 
 def refine(

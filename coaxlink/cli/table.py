@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coaxlink import files
-from coaxlink.cli import _explain, _tables
+from coaxlink.cli import _explain, _limits, _tables
 from coaxlink.cli._effects import (
     ClimbOption,
     DensityOption,
@@ -20,6 +20,7 @@ from coaxlink.cli._effects import (
     say_effects,
     vehicle_of,
 )
+from coaxlink.cli._limits import ConstrainOption
 from coaxlink.cli._rate_loops import forget_vehicle, keep_vehicle
 from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.cli._tables import write_px4
@@ -58,6 +59,7 @@ def table(
             help="With --connect: also write the rate gains that keep the loops as they are on board.",
         ),
     ] = False,
+    constrain: ConstrainOption = None,
     voltage: VoltageOption = None,
     height: HeightOption = None,
     climb: ClimbOption = None,
@@ -72,7 +74,7 @@ def table(
     files.refuse_unwritable(json_file)
     vehicle, path = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
-    wish = _Wish(law, out, explain, connect, csv, frame_class, spin_min, keep_gains, json_file)
+    wish = _Wish(law, out, explain, connect, csv, frame_class, spin_min, keep_gains, constrain, json_file)
     with _naming(path):
         (_px4 if firmware == "px4" else _ardupilot)(vehicle, path, wish)
 
@@ -89,6 +91,7 @@ class _Wish:
     frame_class: int
     spin_min: float
     keep_gains: bool
+    constrain: Path | None
     json_file: Path | None
 
     def gains(
@@ -124,7 +127,8 @@ def _px4(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
     from coaxlink.link.explain import explain_px4, present_px4
 
     frame = vehicle.airframe
-    report = tables.report_px4(vehicle, wish.law)
+    limited = _limits.constrained(vehicle, wish.constrain, wish.law, 0.0)
+    report = tables.report_px4(vehicle, wish.law, limited.table if limited else None)
     board = present_px4(wish.connect) if wish.connect else None
     explained = explain_px4(vehicle, report, board)
     gains = wish.gains("px4", explained, board)
@@ -137,8 +141,11 @@ def _px4(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
         if wish.csv:
             written.append(_tables.write_csv(wish.out, report))
     document = _tables.px4_json(frame, report, written) | vehicle.to_json() | gains.to_json()
+    document |= _limits.as_json(limited)
     _save(wish, document, explained)
     _tables.show_px4(frame, report, gains.line)
+    if limited:
+        _limits.show(limited, vehicle.model.speed_max_rpm)
     if wish.explain:
         _explain.show(console(), frame, explained, "PX4", gains.axes)
     _end(wish, written, report.blocking)
@@ -149,7 +156,9 @@ def _ardupilot(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
     from coaxlink.link.explain import explain_ap, present_ap
 
     frame = vehicle.airframe
-    report = report_ap(vehicle, wish.law, frame_class=wish.frame_class, spin_min=wish.spin_min)
+    limited = _limits.constrained(vehicle, wish.constrain, wish.law, wish.spin_min)
+    chosen = limited.table if limited else None
+    report = report_ap(vehicle, wish.law, frame_class=wish.frame_class, spin_min=wish.spin_min, fit=chosen)
     board = present_ap(wish.connect) if wish.connect else None
     explained = explain_ap(vehicle, report, board)
     gains = wish.gains("ardupilot", explained, board[0] if board else None)
@@ -160,8 +169,11 @@ def _ardupilot(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
         written = _tables.write_ap(wish.out, frame, model_path, report)
         keep_vehicle(wish.out, vehicle, model_path)
     document = _tables.ap_json(frame, report, written) | vehicle.to_json() | gains.to_json()
+    document |= _limits.as_json(limited)
     _save(wish, document, explained)
     _tables.show_ap(frame, report, gains.line)
+    if limited:
+        _limits.show(limited, vehicle.model.speed_max_rpm)
     if wish.explain:
         _explain.show(console(), frame, explained, "ArduPilot", gains.axes)
     _end(wish, written, report.blocking)

@@ -16,7 +16,7 @@ from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
 from coaxlink.link.behaviour import Behaviour, Speeds, behaviour
 from coaxlink.link.tables import px4_table
-from coaxlink.mixer.fitted import fit_table, px4_columns
+from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
 from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params import ardupilot as ap
 from firmware_params import px4
@@ -73,10 +73,12 @@ def report_ap(
     frame_class: int = SCRIPTING_MATRIX,
     spin_min: float = SPIN_MIN,
     expo: float | None = None,
+    fit: FittedTable | None = None,
 ) -> ApReport:
     """The table of a law for ArduPilot with all that is known about its flight. Raises InputError.
 
     `expo` is MOT_THST_EXPO; without it the one that keeps the law's thrust curve over this spin range.
+    `fit` is a fitted table made already for this `spin_min`.
     """
     refuse_live(vehicle)
     airframe = vehicle.airframe
@@ -84,7 +86,7 @@ def report_ap(
     if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         raise InputError("--frame-class", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
     if law == "fitted":
-        fit = fit_table(vehicle, spin_min=spin_min)
+        fit = fit or fit_table(vehicle, spin_min=spin_min)
         columns, expo = px4_columns(airframe, fit), round(fit.curve, 6)
     else:
         columns = px4_table(vehicle, law)

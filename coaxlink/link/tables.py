@@ -19,7 +19,7 @@ from coaxlink.link.asked import nearest, wanted_mix, worst_relative
 from coaxlink.link.behaviour import TURNS, Behaviour, Speeds, behaviour, solve
 from coaxlink.link.curve import own_curve
 from coaxlink.mixer import reduced_coefficients, standard_coefficients
-from coaxlink.mixer.fitted import fit_table, px4_columns
+from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
 from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params import px4
 from firmware_params.errors import Finding, TableError
@@ -103,9 +103,13 @@ def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
     return px4.Px4Table(rotors, 1.0)
 
 
-def report_px4(vehicle: Vehicle, law: str) -> TableReport:
-    """The table of a law with all that is known about its flight. Raises InputError."""
-    return assess_px4(vehicle, law, px4_table(vehicle, law))
+def report_px4(vehicle: Vehicle, law: str, fit: FittedTable | None = None) -> TableReport:
+    """The table of a law with all that is known about its flight. Raises InputError.
+
+    `fit` is a fitted table made already (under limits: `mixer.constrained`).
+    """
+    table = px4_columns(vehicle.airframe, fit) if fit else px4_table(vehicle, law)
+    return assess_px4(vehicle, law, table)
 
 
 def assess_px4(vehicle: Vehicle, law: str, table: px4.Px4Table) -> TableReport:

@@ -109,6 +109,20 @@ def fit_table(
     `spin_min`, `spin_max` are ArduPilot's spin range (PX4: 0 and 1). Raises InputError when the envelope is
     out of the vehicle's reach.
     """
+    return fit_with_workings(vehicle, wrenches=wrenches, spin_min=spin_min, spin_max=spin_max, shares=shares)[
+        0
+    ]
+
+
+def fit_with_workings(
+    vehicle: Vehicle,
+    *,
+    wrenches: NDArray[np.float64] | None = None,
+    spin_min: float = 0.0,
+    spin_max: float = 1.0,
+    shares: Sequence[float] = SHARES,
+) -> tuple[FittedTable, TableFit, float]:
+    """`fit_table`, what weighs a table on this vehicle, and the exact law's power over the envelope (N m)."""
     require_vehicle(vehicle)
     airframe, model = vehicle.airframe, vehicle.model
     demands = envelope(airframe) if wrenches is None else np.asarray(wrenches, float)
@@ -122,7 +136,7 @@ def fit_table(
             source, "mass_kg", f"these rotors cannot fly its envelope (misses {reach:.2g} N or N m)"
         )
     least = float((torque * best).sum(axis=1).mean())
-    fit = _Fit(airframe, model, demands, spin_min, spin_max)
+    fit = TableFit(airframe, model, demands, spin_min, spin_max)
     options = [fit.at(share, least) for share in (shares if airframe.pairs else (1.0,))]
     top = max(t.ceiling_N for t, _ in options)
     weight = airframe.mass_kg * GRAVITY_M_S2
@@ -145,13 +159,14 @@ def fit_table(
         if cost(found) + tipped(found) < cost(chosen) + tipped(chosen):
             columns, chosen = refined, found
     ct, yaw, curve = columns
-    return FittedTable(ct, yaw, table_axes(airframe), curve, chosen, tuple(t for t, _ in options))
+    table = FittedTable(ct, yaw, table_axes(airframe), curve, chosen, tuple(t for t, _ in options))
+    return table, fit, least
 
 
 Columns = tuple[NDArray[np.float64], NDArray[np.float64], float]  # ct (N,), yaw (N,), curve
 
 
-class _Fit:
+class TableFit:
     """Everything that stays the same while shares are tried."""
 
     def __init__(
