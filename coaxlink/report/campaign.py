@@ -1,0 +1,131 @@
+"""A campaign's summary as text for a screen and as one self-contained page."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from coaxlink.campaign.summary import FIGURES, Paired, Spread, Summary
+from coaxlink.report.html import escape
+from coaxlink.report.page import document, html_table
+
+
+def number(x: float) -> str:
+    """Three significant digits."""
+    return f"{x:.3g}" if math.isfinite(x) else "-"
+
+
+def sentences(s: Summary) -> Iterator[str]:
+    """What was flown and what stands out."""
+    flights = sum(c.flown for c in s.counts.values())
+    yield f"{s.name}: {flights} flights, {' / '.join(s.laws)} on equal seeds"
+    for law, c in s.counts.items():
+        for why, count in c.failsafe.items():
+            yield f"{law}: {count} of {c.flown} flights ended in the {why} failsafe"
+        for why, count in c.problem.items():
+            yield f"{law}: {count} not flown: {why}"
+    for law, found in s.paired.items():
+        for name in ("height_rms_m", "thrust_error_N", "yaw_error_Nm", "energy_Wh"):
+            yield f"{law} against {s.laws[0]}, {name}: {_against(found[name])}"
+    if s.refined is not None:
+        r = s.refined
+        clean = f"something in {r.clean_named} of {r.clean} clean ones"
+        yield f"refine named {r.right} of {r.logs} logs right; {clean}"
+
+
+def _against(p: Paired) -> str:
+    ends = " .. ".join(number(x) for x in p.ci)
+    better = f"smaller in {100 * p.better:.0f} % of draws"
+    return f"{p.difference:+.3g} ({100 * p.share:+.1f} %), 95 % {ends}, {better}"
+
+
+def spread_rows(s: Summary) -> list[tuple[str, ...]]:
+    """A row a figure: mean and interval of each law."""
+    return [
+        (f"{name}, {unit}", *(_spread(s.figures[law][name]) for law in s.laws))
+        for name, unit in FIGURES.items()
+    ]
+
+
+def _spread(x: Spread) -> str:
+    return f"{number(x.mean)} ({number(x.ci[0])} .. {number(x.ci[1])})"
+
+
+def worst_rows(s: Summary) -> list[tuple[str, ...]]:
+    """The worst flights and how to fly them again."""
+    return [(w.law, str(w.cell), number(w.value), w.failsafe or "-", w.replay) for w in s.worst]
+
+
+def sensitivity_rows(s: Summary, most: int = 12) -> list[tuple[str, ...]]:
+    """The strongest dependences that are no chance."""
+    rows: list[tuple[str, ...]] = []
+    for d in s.clear[:most]:
+        ends = "" if d.ci is None else " .. ".join(number(x) for x in d.ci)
+        rows.append((d.law, d.figure, d.quantity, f"{d.strength:+.2f}", ends, f"{d.p_value:.1g}"))
+    return rows
+
+
+WORST_HEADS = ("law", "cell", "value", "failsafe", "replay")
+SENSITIVITY_HEADS = ("law", "figure", "follows", "strength", "95 %", "p")
+
+
+def page(s: Summary, columns: Mapping[str, Any]) -> str:
+    """The whole report as HTML."""
+    from coaxlink.report import campaign_plots as plots
+
+    lines = list(sentences(s))
+    quantiles = [
+        (law, name, *(number(v) for v in (x.p5, x.median, x.p95)))
+        for name in FIGURES
+        for law, x in ((law, s.figures[law][name]) for law in s.laws)
+    ]
+    parts = [
+        f'<p class="verdict">{escape(lines[0])}</p><ul>',
+        *(f"<li>{escape(line)}</li>" for line in lines[1:]),
+        "</ul><h2>Laws side by side</h2>",
+        '<p class="dim">mean and its 95 % interval over flights that ended as planned; boxes: quartiles, 5 '
+        "and 95 %</p>",
+        _image(plots.spreads(s, columns), "spread of the main figures, law by law"),
+        html_table(("figure", *s.laws), spread_rows(s)),
+    ]
+    if s.paired:
+        pairs = [
+            (law, name, f"{p.difference:+.3g}", " .. ".join(map(number, p.ci)), f"{100 * p.share:+.1f} %",
+             f"{100 * p.better:.0f} %", f"{p.p_value:.1g}")
+            for law, found in s.paired.items()
+            for name, p in found.items()
+        ]  # fmt: skip
+        heads = ("law", "figure", f"less {s.laws[0]}", "95 %", "of its mean", "smaller in", "p")
+        parts += [
+            f"<h2>Against {escape(s.laws[0])} on equal seeds</h2>",
+            _image(plots.differences(s), "differences on equal seeds with intervals"),
+            html_table(heads, pairs),
+        ]
+    if s.dependences:
+        parts += [
+            "<h2>What errors follow</h2>",
+            _image(plots.sensitivity(s), "rank correlation of every figure with every varied quantity"),
+            html_table(SENSITIVITY_HEADS, sensitivity_rows(s, 40)),
+            f'<p class="dim">the strongest of {len(s.clear)} dependences beyond chance '
+            f"(p &lt; 0.001 over all {len(s.dependences)} looked at)</p>",
+        ]
+    parts += [
+        f"<h2>Worst flights by {escape(s.judge)}</h2>",
+        html_table(WORST_HEADS, worst_rows(s), wide=(4,)),
+        "<h2>Quantiles</h2>",
+        html_table(("law", "figure", "5 %", "median", "95 %"), quantiles),
+    ]
+    if s.refined is not None:
+        missed = [(n, str(a), str(b)) for n, (a, b) in s.refined.missed.items()]
+        parts += ["<h2>What refine missed</h2>", html_table(("effect", "not named", "logs"), missed)]
+    told = ", ".join(f"{k} {v}" for k, v in dict(s.manifest.get("versions", {})).items())
+    parts.append(
+        f'<p class="dim">{escape(told)}; campaign {escape(str(s.manifest.get("digest", ""))[:16])}</p>'
+    )
+    return document(f"Campaign {s.name}", parts)
+
+
+def _image(data: bytes, text: str) -> str:
+    return f'<p><img alt="{escape(text)}" src="data:image/png;base64,{base64.b64encode(data).decode()}"></p>'

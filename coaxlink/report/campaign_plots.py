@@ -1,0 +1,81 @@
+"""Pictures of a campaign: spreads a law, differences on equal seeds, what errors follow."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from coaxlink.campaign.summary import FIGURES, Summary
+
+SHOWN = ("height_rms_m", "level_rms_m", "tilt_rms_deg", "yaw_rms_deg", "thrust_error_N", "yaw_error_Nm",
+         "saturated", "energy_Wh")  # fmt: skip
+
+
+def _png(figure: Any) -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=100)
+    return stream.getvalue()
+
+
+def spreads(summary: Summary, columns: Mapping[str, Any]) -> bytes:
+    """Boxes a law of the main figures: median, quartiles, 5 and 95 %."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 5.5), layout="constrained")
+    law = np.asarray(columns["law"])
+    good = (np.asarray(columns["failsafe"]) == "") & (np.asarray(columns["problem"]) == "")
+    for axes, name in zip(figure.subplots(2, 4).flat, SHOWN, strict=True):
+        values = np.asarray(columns[name], float)
+        rows = [values[(law == n) & good] for n in summary.laws]
+        axes.boxplot([r if len(r) else [np.nan] for r in rows], whis=(5, 95), showfliers=False)
+        axes.set_xticks(range(1, 1 + len(rows)), summary.laws, rotation=30, fontsize=8)
+        axes.set_title(name.rpartition("_")[0] + f", {FIGURES[name]}", fontsize=9)
+        axes.tick_params(labelsize=8)
+    return _png(figure)
+
+
+def differences(summary: Summary) -> bytes:
+    """Mean difference to the first law, in per cent of its mean, with intervals."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 5), layout="constrained")
+    axes = figure.subplots()
+    names = list(FIGURES)
+    for k, (law, found) in enumerate(summary.paired.items()):
+        place = np.arange(len(names)) + 0.2 * (k - 0.5 * (len(summary.paired) - 1))
+        base = np.array([p.difference / p.share if p.share else np.nan for p in (found[n] for n in names)])
+        middle = np.array([found[n].difference for n in names]) / base
+        ends = np.array([found[n].ci for n in names]) / base[:, None]
+        spread = np.abs(ends.T - middle)
+        axes.errorbar(100 * middle, place, xerr=100 * spread, fmt="o", ms=4, label=law)
+    axes.axvline(0.0, color="0.6", lw=1)
+    axes.set_yticks(range(len(names)), names, fontsize=8)
+    axes.invert_yaxis()
+    axes.set_xlabel(f"per cent of {summary.laws[0]}'s mean, 95 %; left is better")
+    axes.legend(fontsize=8)
+    return _png(figure)
+
+
+def sensitivity(summary: Summary) -> bytes:
+    """What each figure follows, over the laws' own: the strongest of them."""
+    from matplotlib.figure import Figure
+
+    quantities = list(dict.fromkeys(d.quantity for d in summary.dependences))
+    names = list(FIGURES)
+    figure = Figure(figsize=(3.5 * len(summary.laws) + 2.5, 1.5 + 0.3 * len(names)), layout="constrained")
+    panels = figure.subplots(1, len(summary.laws), squeeze=False, sharey=True)[0]
+    for axes, law in zip(panels, summary.laws, strict=True):
+        grid = np.zeros((len(names), len(quantities)))
+        for d in summary.dependences:
+            if d.law == law:
+                grid[names.index(d.figure), quantities.index(d.quantity)] = d.strength
+        image = axes.imshow(grid, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
+        short = [q.removeprefix("effects.") for q in quantities]
+        axes.set_xticks(range(len(quantities)), short, rotation=60, ha="right", fontsize=7)
+        axes.set_yticks(range(len(names)), names, fontsize=7)
+        axes.set_title(law, fontsize=9)
+    figure.colorbar(image, ax=panels, label="rank correlation (names: share of variance)")
+    return _png(figure)

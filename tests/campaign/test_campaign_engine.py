@@ -1,0 +1,137 @@
+"""Nothing is lost or doubled: whoever runs the cells, in whatever order, whatever dies or is stopped."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+from campaign_work import COLUMNS, work
+
+from coaxlink.campaign import dataset as data
+from coaxlink.campaign.dataset import Dataset, columns_of
+from coaxlink.campaign.engine import AHEAD, Done, Machine, _Todo, run
+from coaxlink.errors import CheckFailed, InputError, LinkError
+
+CELLS = 230
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    monkeypatch.setattr(data, "RANGE", 100)
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+
+
+def _hashes(folder: Path) -> dict[str, str]:
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted((folder / "rows").iterdir())}
+
+
+def _here(folder: Path, order=lambda cells: cells, upto: int = CELLS) -> None:
+    with Dataset(folder, COLUMNS, CELLS, {"digest": "x"}) as rows:
+        cells = order(list(rows.missing()))[:upto]
+        for k in range(0, len(cells), 9):
+            rows.add(work({}, cells[k : k + 9]))
+
+
+def test_rows_are_the_same_bytes_in_any_order_and_after_any_stop(tmp_path) -> None:
+    _here(tmp_path / "a")
+    _here(tmp_path / "b", lambda cells: cells[::-1])
+    for _ in range(6):  # stopped and taken up again, each time where it was
+        _here(tmp_path / "c", lambda cells: cells[::2] + cells[1::2], upto=45)
+    assert _hashes(tmp_path / "a") == _hashes(tmp_path / "b") == _hashes(tmp_path / "c")
+    assert list(_hashes(tmp_path / "a")) == [f"cells-{k:09d}.parquet" for k in (0, 100, 200)]
+    found = columns_of(tmp_path / "c")
+    assert found["cell"].tolist() == list(range(CELLS))
+    assert data.files.read_json(tmp_path / "c" / "manifest.json")["rows"] == _hashes(tmp_path / "c")
+
+
+def test_a_stopped_campaign_is_readable_and_knows_what_is_missing(tmp_path) -> None:
+    _here(tmp_path, lambda cells: cells[::-1], upto=90)
+    assert sorted(columns_of(tmp_path)["cell"].tolist()) == list(range(CELLS - 90, CELLS))
+    with Dataset(tmp_path, COLUMNS, CELLS, {"digest": "x"}) as rows:
+        assert list(rows.missing()) == list(range(CELLS - 90)) and not rows.complete
+        with (
+            pytest.raises(InputError, match="another campaign is writing"),
+            Dataset(tmp_path, COLUMNS, CELLS, {"digest": "x"}),
+        ):
+            pass
+
+
+def test_loose_rows_that_a_kill_left_beside_their_sorted_file_are_not_counted_twice(tmp_path) -> None:
+    _here(tmp_path, upto=90)
+    loose = next((tmp_path / "rows").glob("loose-*"))
+    kept = loose.read_bytes()
+    _here(tmp_path)
+    loose.write_bytes(kept)  # as if killed between the two
+    assert columns_of(tmp_path)["cell"].tolist() == list(range(CELLS))
+    with Dataset(tmp_path, COLUMNS, CELLS, {"digest": "x"}) as rows:
+        assert rows.complete and not list(rows.missing()) and not loose.exists()
+
+
+def test_another_campaigns_folder_and_a_broken_file_are_refused_in_one_line(tmp_path) -> None:
+    _here(tmp_path, upto=90)
+    with (
+        pytest.raises(InputError, match="digest: the folder holds another"),
+        Dataset(tmp_path, COLUMNS, CELLS, {"digest": "y"}),
+    ):
+        pass
+    loose = next((tmp_path / "rows").glob("loose-*"))
+    loose.write_bytes(b"PAR1 and nothing")
+    with (
+        pytest.raises(InputError, match="is no Parquet file"),
+        Dataset(tmp_path, COLUMNS, CELLS, {"digest": "x"}),
+    ):
+        pass
+
+
+def test_a_killed_worker_of_this_machine_costs_no_row(tmp_path) -> None:
+    _here(tmp_path / "plain")
+    payload = {"flag": str(tmp_path / "flag"), "dies": 60}
+    with Dataset(tmp_path / "killed", COLUMNS, CELLS, {"digest": "x"}) as rows:
+        seen = []
+        for done in run(work, payload, rows.missing(), Machine(2)):
+            seen += done.cells
+            rows.add(done.rows)
+    assert (tmp_path / "flag").exists() and sorted(seen) == list(range(CELLS))
+    assert _hashes(tmp_path / "plain") == _hashes(tmp_path / "killed")
+
+
+def test_a_cell_that_kills_every_worker_ends_with_its_place(tmp_path) -> None:
+    with pytest.raises(CheckFailed, match=r"workers died 4 times in a row at cells 0 to"):
+        list(run(work, {"always": 0}, iter(range(3)), Machine(1)))
+
+
+def test_on_dask_the_rows_are_the_same_and_a_killed_worker_costs_none(tmp_path) -> None:
+    distributed = pytest.importorskip("distributed")
+    _here(tmp_path / "plain")
+    payload = {"flag": str(tmp_path / "flag"), "dies": 60}
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1",
+        local_directory=str(tmp_path),
+    ) as cluster, Dataset(tmp_path / "dask", COLUMNS, CELLS, {"digest": "x"}) as rows:  # fmt: skip
+        seen = []
+        for done in run(work, payload, rows.missing(), Machine(scheduler=cluster.scheduler_address)):
+            seen += done.cells
+            rows.add(done.rows)
+    assert (tmp_path / "flag").exists() and sorted(seen) == list(range(CELLS))
+    assert _hashes(tmp_path / "plain") == _hashes(tmp_path / "dask")
+
+
+def test_no_scheduler_is_one_line(monkeypatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("coaxlink.campaign.engine.CONNECT_S", 0.5)
+    with pytest.raises(LinkError, match="no Dask scheduler"):
+        list(run(work, {}, iter(range(3)), Machine(scheduler="tcp://127.0.0.1:9")))
+
+
+def test_tasks_grow_to_a_second_of_work_and_keep_groups_whole() -> None:
+    todo = _Todo(iter(range(10_000)), 4)
+    sizes = []
+    for _ in range(8):
+        task = todo.next()
+        assert task[0] % 4 == 0 and len(task) % 4 == 0
+        todo.learn(Done(task, {}, 0.05 * len(task)))
+        sizes.append(len(task))
+    assert sizes == [4, 8, 16, 20, 20, 20, 20, 20]
+    assert AHEAD >= 2  # a worker never waits for the next
