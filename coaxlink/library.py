@@ -115,7 +115,7 @@ def make_table(
     if firmware == "px4":
         from coaxlink.link.tables import px4_speeds, report_px4
 
-        report = report_px4(vehicle, law, _limited(vehicle, law, limits))
+        report = report_px4(vehicle, law, fit=_limited(vehicle, law, limits))
         texts = table_files.px4_files(vehicle.airframe, report, made_from)
         return Table(firmware, law, report.params, texts, report.findings, px4_speeds(report.mix))
     if firmware == "ardupilot":

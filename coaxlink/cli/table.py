@@ -128,7 +128,7 @@ def _px4(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
 
     frame = vehicle.airframe
     limited = _limits.constrained(vehicle, wish.constrain, wish.law, 0.0)
-    report = tables.report_px4(vehicle, wish.law, limited.table if limited else None)
+    report = tables.report_px4(vehicle, wish.law, fit=limited.table if limited else None)
     board = present_px4(wish.connect) if wish.connect else None
     explained = explain_px4(vehicle, report, board)
     gains = wish.gains("px4", explained, board)

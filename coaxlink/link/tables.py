@@ -103,7 +103,7 @@ def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
     return px4.Px4Table(rotors, 1.0)
 
 
-def report_px4(vehicle: Vehicle, law: str, fit: FittedTable | None = None) -> TableReport:
+def report_px4(vehicle: Vehicle, law: str, *, fit: FittedTable | None = None) -> TableReport:
     """The table of a law with all that is known about its flight. Raises InputError.
 
     `fit` is a fitted table made already (under limits: `mixer.constrained`).

@@ -24,7 +24,6 @@ from coaxlink.errors import InputError
 from coaxlink.mixer.coefficients import reduced_coefficients
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.law import checked_wrench
-from coaxlink.rotor import RotorModel
 from coaxlink.vehicle import Vehicle, require_vehicle
 from firmware_params.px4 import Px4Table, RotorEntry, realise
 
@@ -136,7 +135,7 @@ def fit_with_workings(
             source, "mass_kg", f"these rotors cannot fly its envelope (misses {reach:.2g} N or N m)"
         )
     least = float((torque * best).sum(axis=1).mean())
-    fit = TableFit(airframe, model, demands, spin_min, spin_max)
+    fit = TableFit(vehicle, demands, spin_min, spin_max)
     options = [fit.at(share, least) for share in (shares if airframe.pairs else (1.0,))]
     top = max(t.ceiling_N for t, _ in options)
     weight = airframe.mass_kg * GRAVITY_M_S2
@@ -167,17 +166,11 @@ Columns = tuple[NDArray[np.float64], NDArray[np.float64], float]  # ct (N,), yaw
 
 
 class TableFit:
-    """Everything that stays the same while shares are tried."""
+    """What weighs a table on one vehicle over (rows, 4) demands; `low`, `high` are the spin range."""
 
-    def __init__(
-        self,
-        airframe: Airframe,
-        model: RotorModel,
-        demands: NDArray[np.float64],
-        low: float,
-        high: float,
-    ) -> None:
-        self.airframe, self.model, self.demands = airframe, model, demands
+    def __init__(self, vehicle: Vehicle, demands: NDArray[np.float64], low: float, high: float) -> None:
+        airframe = vehicle.airframe
+        self.airframe, self.model, self.demands = airframe, vehicle.model, demands
         self.low, self.high = low, high
         self.last: NDArray[np.float64] | None = None  # a share's fit starts from the one before
         self.level = np.array([("upper", "lower", "single").index(r.level) for r in airframe.rotors])
