@@ -17,12 +17,12 @@ Everything loads when it is first used. Errors are `cx.CoaxlinkError` and its ki
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
-
 from coaxlink._version import __version__
 
+TYPE_CHECKING = False  # typing's own takes longer to load than all of this
 if TYPE_CHECKING:
+    from typing import Any
+
     from coaxlink.airframe import Airframe, load_airframe
     from coaxlink.data import Samples
     from coaxlink.errors import CheckFailed, CoaxlinkError, InputError, LinkError, SafetyRefusal
@@ -77,6 +77,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     # numpy alone costs more than `coaxlink --help` does: who asks for a name waits for its room
     if name in _HOME:
+        import importlib
+
         return getattr(importlib.import_module(_HOME[name]), name)
     raise AttributeError(f"module 'coaxlink' has no attribute '{name}'")
 

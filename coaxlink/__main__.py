@@ -1,6 +1,6 @@
 """`python -m coaxlink` is the `coaxlink` command."""
 
-from coaxlink.cli import main
+from coaxlink._start import main
 
 if __name__ == "__main__":
     main()

@@ -133,7 +133,7 @@ class _RotorTable(BaseModel):
 
 
 class _AirframeFile(BaseModel):
-    model_config = ConfigDict(title="coaxlink airframe")
+    model_config = ConfigDict(title="coaxlink airframe", extra="forbid")
     name: Annotated[Name, Field(description="Names the vehicle in files and reports.")]
     mass_kg: Annotated[Positive, Field(description="All-up mass, kg.")]
     inertia_kg_m2: Annotated[
@@ -148,6 +148,9 @@ class _AirframeFile(BaseModel):
     ] = 0.0
     battery_Wh: Annotated[
         Positive | None, Field(description="Energy of the pack that a flight may use, Wh.")
+    ] = None
+    attitude_loop: Annotated[
+        dict[str, Any] | None, Field(description="Gains of mix --loop, rad/s; see docs/live.md.")
     ] = None
     rotors: Annotated[
         list[_RotorTable], Field(min_length=3, max_length=16, description="One table a rotor, any order.")
@@ -164,7 +167,7 @@ def load_airframe(path: Path) -> Airframe:
     try:
         parsed = _AirframeFile.model_validate(files.read_toml(path))
     except ValidationError as error:
-        raise input_error(path, error) from error
+        raise input_error(path, error, _AirframeFile, _RotorTable) from error
     tables = sorted(parsed.rotors, key=lambda r: r.number)
     if [t.number for t in tables] != list(range(1, len(tables) + 1)):
         raise InputError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.errors import WorldError
 from sim.layout import FASTEST, SLOWEST, SOUND_M_S
-from sim.rotors import Pair, read_number
+from sim.rotors import Pair, read_number, refuse_unknown
 
 RHO = 1.225
 
@@ -150,7 +150,9 @@ def bemt_pair(path: Path, document: dict[str, Any], speed_max_rpm: float) -> Bem
     """From a parsed rotor file of form "bemt". Raises WorldError."""
     table = document.get("blades")
     names = {f.name for f in fields(Blades)}
-    if not isinstance(table, dict) or not set(table) <= names:
+    if isinstance(table, dict):
+        refuse_unknown(path, "blades", table, sorted(names))
+    else:
         raise WorldError(path, "blades", f"a table of {', '.join(sorted(names))} is expected")
     values = {name: read_number(path, f"blades.{name}", value) for name, value in table.items()}
     try:

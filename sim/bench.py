@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from sim import bench_laws as laws
 from sim.errors import WorldError
-from sim.rotors import Pair, read_document, read_number
+from sim.rotors import Pair, read_document, read_number, refuse_unknown
 from sim.schedule import Schedule
 from sim.stand import GRID, SUPPLY_V, THRUST_NOISE_N, TORQUE_NOISE_NM
 
@@ -87,6 +87,7 @@ class Bench:
 def read_bench(path: Path) -> Bench:
     """Read a truth file for the stand. Raises WorldError naming the key."""
     document = read_document(path)
+    refuse_unknown(path, "", document, ("stand", "effects"))
     stand, tables, effects = document.get("stand", {}), document.get("effects", []), []
     if not isinstance(stand, dict) or not isinstance(tables, list):
         raise WorldError(path, "stand, effects", "a table [stand] and tables [[effects]] are expected")
@@ -95,6 +96,7 @@ def read_bench(path: Path) -> Bench:
         name = table.get("name") if isinstance(table, dict) else None
         if not isinstance(name, str) or name not in SIZES:
             raise WorldError(path, f"{where}.name", f"on a stand, one of {', '.join(SIZES)} is expected")
+        refuse_unknown(path, where, table, ("name", "size", "onset_s", "channel", "law"))
         channel = table.get("channel", "lower_thrust")
         if channel not in CHANNELS:
             raise WorldError(path, f"{where}.channel", f"one of {', '.join(CHANNELS)} is expected")
@@ -111,6 +113,7 @@ def read_bench(path: Path) -> Bench:
                 law,
             )
         )
+    refuse_unknown(path, "stand", stand, ("pattern", "drive", "sweeps"))
     pattern, drive = stand.get("pattern", "grid"), stand.get("drive", "rpm")
     sweeps = stand.get("sweeps", 1)
     if pattern not in ("grid", "ramps") or drive not in ("rpm", "throttle"):

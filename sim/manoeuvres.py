@@ -18,7 +18,7 @@ from typing import Any
 
 from sim.errors import WorldError
 from sim.px4.cascade import Goal
-from sim.rotors import read_document, read_number
+from sim.rotors import read_document, read_number, refuse_unknown
 
 KEYS = ("north_m", "east_m", "height_m", "yaw_deg")
 LIMITS = {"north_m": 100.0, "east_m": 100.0, "height_m": 100.0, "yaw_deg": 720.0}
@@ -59,6 +59,7 @@ class Piece:
 def read_plan(path: Path) -> tuple[Callable[[float], Goal], float]:
     """The goal over time, and how long it lasts. Raises WorldError naming the key."""
     document = read_document(path)
+    refuse_unknown(path, "", document, ("height_m", "pieces", "kind", "separates"))
     tables = document.get("pieces")
     if not isinstance(tables, list) or not tables:
         raise WorldError(path, "pieces", "an array of tables [[pieces]] is expected")
@@ -86,11 +87,7 @@ def read_plan(path: Path) -> tuple[Callable[[float], Goal], float]:
 def _piece(path: Path, where: str, table: Any, place: Four, at: float) -> Piece:
     if not isinstance(table, dict):
         raise WorldError(path, where, "a table is expected")
-    unknown = [k for k in table if k not in (*KEYS, "seconds", "cycles", "what")]
-    if unknown:
-        raise WorldError(
-            path, f"{where}.{unknown[0]}", f"one of seconds, cycles, {', '.join(KEYS)} is expected"
-        )
+    refuse_unknown(path, where, table, ("seconds", "cycles", *KEYS, "what"))
     seconds = read_number(path, f"{where}.seconds", table.get("seconds"))
     cycles = table.get("cycles", 0)
     if seconds < 0.5:

@@ -7,6 +7,7 @@ Upper and lower thrust (N) and torque (N m) are polynomials of the normalised sp
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from firmware_params import bounded
+from firmware_params.keys import unknown_key
 from firmware_params.plain import plain
 from sim.errors import WorldError
 
 ORDER = 4  # highest power of either speed a rotor file may use
+KEYS = ("form", "speed_max_rpm", "upper", "lower", "blades", "effects", "identified")
 SURFACES = (("upper", "thrust_N"), ("upper", "torque_Nm"), ("lower", "thrust_N"), ("lower", "torque_Nm"))
 
 
@@ -68,6 +71,12 @@ def read_document(path: Path) -> dict[str, Any]:
         raise WorldError(path, error.where, error.problem) from error
 
 
+def refuse_unknown(path: Path, where: str, table: dict[str, Any], known: Iterable[str]) -> None:
+    """Raises WorldError for a key that is not in `known`, naming the nearest one that is."""
+    if odd := unknown_key(table, known):
+        raise WorldError(path, f"{where}.{odd[0]}" if where else odd[0], odd[1])
+
+
 def read_number(path: Path, where: str, value: object) -> float:
     """`value` as a finite float. Raises WorldError naming the key."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
@@ -84,6 +93,7 @@ def read_pair(path: Path) -> Pair:
     if not path.exists() and own.is_file():
         path = own
     document = read_document(path)
+    refuse_unknown(path, "", document, KEYS)
     top = read_number(path, "speed_max_rpm", document.get("speed_max_rpm"))
     if top <= 0:
         raise WorldError(path, "speed_max_rpm", f"a positive number is expected, found {top}")
@@ -94,6 +104,8 @@ def read_pair(path: Path) -> Pair:
     coefficients = np.zeros((4, ORDER + 1, ORDER + 1))
     for s, (rotor, load) in enumerate(SURFACES):
         section = document.get(rotor)
+        if isinstance(section, dict):
+            refuse_unknown(path, rotor, section, ("thrust_N", "torque_Nm"))
         terms = section.get(load) if isinstance(section, dict) else None
         if not isinstance(terms, dict) or not terms:
             raise WorldError(path, f"{rotor}.{load}", "a table of terms is expected")

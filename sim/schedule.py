@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import WorldError
-from sim.rotors import read_document, read_number
+from sim.rotors import read_document, read_number, refuse_unknown
 
 KEYS = ("seconds", "upper", "lower", "supply_V", "spacing_m", "shape", "what")
 STEP_S = 1.0
@@ -44,6 +44,7 @@ class Schedule:
 def read_schedule(path: Path) -> Schedule:
     """Read a schedule file. Raises WorldError naming the key."""
     document = read_document(path)
+    refuse_unknown(path, "", document, ("rate_hz", "pieces", "kind", "separates"))
     rate = read_number(path, "rate_hz", document.get("rate_hz", 10.0))
     pieces = document.get("pieces")
     if not isinstance(pieces, list) or not pieces:
@@ -65,9 +66,7 @@ def _piece(path: Path, number: int, table: Any, rate: float) -> NDArray[np.float
     where = f"pieces[{number}]"
     if not isinstance(table, dict):
         raise WorldError(path, where, "a table is expected")
-    unknown = [k for k in table if k not in KEYS]
-    if unknown:
-        raise WorldError(path, f"{where}.{unknown[0]}", f"one of {', '.join(KEYS)} is expected")
+    refuse_unknown(path, where, table, KEYS)
     seconds = read_number(path, f"{where}.seconds", table.get("seconds"))
     if seconds > LONGEST_S:
         raise WorldError(path, f"{where}.seconds", f"no more than {LONGEST_S:g} s are run")

@@ -15,7 +15,7 @@ import numpy as np
 
 from sim.effects import FORMS, GUST_SEED, Effect, Gusts
 from sim.errors import WorldError
-from sim.rotors import read_document, read_number
+from sim.rotors import read_document, read_number, refuse_unknown
 
 if TYPE_CHECKING:
     from sim.plant import Plant
@@ -61,7 +61,9 @@ def _push(e: Effect, t: float) -> float:
 def read_truth(path: Path) -> Truth:
     """Read a truth file. Raises WorldError naming the key."""
     effects = []
-    tables = read_document(path).get("effects", [])
+    document = read_document(path)
+    refuse_unknown(path, "", document, ("effects", "stand"))
+    tables = document.get("effects", [])
     if not isinstance(tables, list):
         raise WorldError(path, "effects", "an array of tables [[effects]] is expected")
     for number, table in enumerate(tables, 1):
@@ -69,12 +71,8 @@ def read_truth(path: Path) -> Truth:
         form = FORMS.get(str(table.get("name"))) if isinstance(table, dict) else None
         if form is None:
             raise WorldError(path, f"{where}.name", f"one of {', '.join(FORMS)} is expected")
-        extra = {}
-        for key, value in table.items():
-            if key in form.extra:
-                extra[key] = read_number(path, f"{where}.{key}", value)
-            elif key not in ("name", "size", "onset_s", "law"):
-                raise WorldError(path, f"{where}.{key}", f"{table['name']} knows no such key")
+        refuse_unknown(path, where, table, ("name", "size", "onset_s", "law", *form.extra))
+        extra = {key: read_number(path, f"{where}.{key}", table[key]) for key in table if key in form.extra}
         size = read_number(path, f"{where}.size", table.get("size"))
         onset = read_number(path, f"{where}.onset_s", table.get("onset_s", 0.0))
         law = table.get("law", "")

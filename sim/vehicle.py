@@ -15,10 +15,22 @@ from numpy.typing import NDArray
 
 from firmware_params.plain import name_problem
 from sim.errors import WorldError
-from sim.rotors import read_document, read_number
+from sim.rotors import read_document, read_number, refuse_unknown
 
 UPPER, LOWER, SINGLE = 0, 1, 2
 LEVELS = {"upper": UPPER, "lower": LOWER, "single": SINGLE}
+
+KEYS = (
+    "name",
+    "mass_kg",
+    "inertia_kg_m2",
+    "rotor_model",
+    "motor_lag_s",
+    "battery_Wh",
+    "attitude_loop",
+    "rotors",
+)
+ROTOR_KEYS = ("number", "position_m", "spin", "level", "pair", "axis")
 
 
 @dataclass(frozen=True)
@@ -45,12 +57,15 @@ class Vehicle:
 def read_vehicle(path: Path) -> Vehicle:
     """Read an airframe file. Raises WorldError naming the key."""
     document = read_document(path)
+    refuse_unknown(path, "", document, KEYS)
     tables = document.get("rotors")
     if not isinstance(tables, list) or not 3 <= len(tables) <= 16:
         raise WorldError(path, "rotors", "3 to 16 [[rotors]] are expected")
     by_number = {t.get("number"): t for t in tables if isinstance(t, dict)}
     if set(by_number) != set(range(1, len(tables) + 1)):
         raise WorldError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")
+    for number, table in by_number.items():
+        refuse_unknown(path, f"rotors[{number}]", table, ROTOR_KEYS)
     ordered = [by_number[n] for n in range(1, len(tables) + 1)]
     axis = np.array(
         [_vector(path, f"rotors[{t['number']}].axis", t.get("axis", [0, 0, -1])) for t in ordered]

@@ -24,7 +24,8 @@ def build_app() -> typer.Typer:
     app = typer.Typer(
         help="Make the lower rotors of coaxial multirotors pull their weight.",
         no_args_is_help=True,
-        add_completion=False,
+        add_completion=True,
+        context_settings={"help_option_names": ["-h", "--help"]},
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
     )
@@ -35,12 +36,19 @@ def build_app() -> typer.Typer:
     return app
 
 
-def _options(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
-) -> None:
-    if version:
+def _version(asked: bool) -> None:
+    if asked:
         sys.stdout.write(f"coaxlink {coaxlink.__version__}\n")
         raise typer.Exit
+
+
+def _options(
+    version: Annotated[
+        bool,
+        # eager: it is an answer of its own, no verb need follow
+        typer.Option("--version", help="Print the version and leave.", callback=_version, is_eager=True),
+    ] = False,
+) -> None: ...
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

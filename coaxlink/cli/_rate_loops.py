@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from coaxlink import files
 from coaxlink.cli._shell import console, say
-from coaxlink.errors import CoaxlinkError
+from coaxlink.errors import CoaxlinkError, InputError
+from firmware_params.keys import unknown_key
 
 if TYPE_CHECKING:
     from coaxlink.link.behaviour import Behaviour
@@ -70,7 +71,9 @@ def _vehicle(folder: Path) -> Vehicle:
 
     stated = folder / _CONDITIONS
     read = files.read_toml(stated) if stated.is_file() else {}
-    known = {k: float(v) for k, v in read.items() if k in Conditions.__dataclass_fields__}
+    if odd := unknown_key(read, Conditions.__dataclass_fields__):
+        raise InputError(stated, odd[0], odd[1])
+    known = {k: float(v) for k, v in read.items()}
     return load_vehicle(folder / _AIRFRAME, folder / _ROTORS, Conditions(**known))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,7 +16,15 @@ from coaxlink.cli._effects import (
     vehicle_of,
 )
 from coaxlink.cli._shell import JsonOption, console
-from coaxlink.errors import InputError
+from coaxlink.errors import CheckFailed, InputError
+
+if TYPE_CHECKING:
+    from coaxlink.mixer import Allocation
+
+
+NOTHING = 1e-6  # N, N m: what the solvers leave of an error that is none
+REACH = 0.01  # of what is asked of an axis: rotors agree with their model no better
+REACH_OF = (1.0, 0.1, 0.1, 0.1)  # N, N m: less is asked of no vehicle that these laws are for
 
 
 def allocate(
@@ -59,14 +67,42 @@ def allocate(
     table = Table("axis", "asked", "delivered", "error", box=None)
     for k, axis in enumerate(AXES):
         gave_up = " (given up)" if axis in result.dropped else ""
-        row = plain(result.wrench[k]), plain(result.delivered[k]), f"{result.error[k]:.3g}{gave_up}"
+        error = result.error[k] if abs(result.error[k]) >= NOTHING else 0.0
+        row = plain(result.wrench[k]), plain(result.delivered[k]), f"{error:.3g}{gave_up}"
         table.add_row(f"{axis} {'N' if k == 0 else 'N m'}", *row)
     out.print(table)
     out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")
+    refuse_out_of_reach(result)
+
+
+def refuse_out_of_reach(result: Allocation) -> None:
+    """Raises CheckFailed where an axis is missed and was given up, or a rotor is at its bound.
+
+    An error with every rotor within its bounds is the law's own, not the vehicle's.
+    """
+    from coaxlink.airframe import AXES
+
+    if not any(result.saturated) and not result.dropped:
+        return
+    import numpy as np
+
+    scale = np.maximum(np.abs(result.wrench), REACH_OF)
+    missed = [
+        f"{axis} {result.delivered[k]:.4g} of {result.wrench[k]:.4g} {'N' if k == 0 else 'N m'}"
+        for k, axis in enumerate(AXES)
+        if abs(result.error[k]) > REACH * scale[k]
+    ]
+    if missed:
+        bound = [str(n + 1) for n, at in enumerate(result.saturated) if at]
+        word = "rotor" if len(bound) == 1 else "rotors"
+        who = "all rotors" if len(bound) == len(result.saturated) else f"{word} {', '.join(bound)}"
+        at = f"; {who} at a bound" if bound else ""
+        raise CheckFailed(f"out of reach of the {result.law} law: {'; '.join(missed)}{at}")
 
 
 def plain(number: float) -> str:
     """Four decimals, or powers of ten where those would fill the screen."""
+    number = number if abs(number) >= NOTHING else 0.0
     return f"{number:.4f}" if abs(number) < 1e6 else f"{number:.6g}"
 
 

@@ -22,6 +22,7 @@ from coaxlink.data.headings import UnknownUnitError, recognise
 from coaxlink.data.table import TextTable
 from coaxlink.data.units import Unit, find_unit, quantity_of, unit_names
 from coaxlink.errors import InputError
+from firmware_params.keys import unknown_key
 
 FORM = '{ column = "HEADING", unit = "UNIT" } or { column = "HEADING", scale = 1.0, offset = 0.0 }'
 
@@ -72,6 +73,9 @@ def line_for(name: str, heading: str, unit: str) -> str:
 
 
 def _entry(path: Path, name: str, value: object) -> _Entry:
+    odd = unknown_key(value, _Entry.model_fields) if isinstance(value, dict) else None
+    if odd is not None:
+        raise InputError(path, f"{name}.{odd[0]}", odd[1])
     try:
         entry = _Entry.model_validate({"column": value} if isinstance(value, str) else value)
     except ValidationError as error:

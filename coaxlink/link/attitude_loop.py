@@ -24,6 +24,7 @@ from typing import Any
 
 from coaxlink import files
 from coaxlink.errors import InputError
+from firmware_params.keys import unknown_key
 
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
@@ -48,9 +49,9 @@ def load_gains(path: Path) -> LoopGains:
     if not isinstance(table, dict):
         raise InputError(path, "attitude_loop", "a table is expected")
     found: dict[str, Three] = {}
+    if odd := unknown_key(table, _KEYS):
+        raise InputError(path, f"attitude_loop.{odd[0]}", odd[1])
     for key, value in table.items():
-        if key not in _KEYS:
-            raise InputError(path, f"attitude_loop.{key}", f"one of {', '.join(_KEYS)} is expected")
         numbers = value if isinstance(value, list) else []
         if len(numbers) != 3 or not all(
             isinstance(v, (int, float)) and math.isfinite(v) and 0 <= v <= 200 for v in numbers

@@ -19,6 +19,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from coaxlink import files
 from coaxlink.errors import InputError
 from coaxlink.rotor.polynomial import Polynomial
+from firmware_params.keys import problem_of
 from firmware_params.plain import name_problem, plain
 
 LOADS = ("upper.thrust_N", "upper.torque_Nm", "lower.thrust_N", "lower.torque_Nm")
@@ -109,6 +110,7 @@ class _Effect(BaseModel):
 
 
 class _RotorFile(BaseModel):
+    model_config = ConfigDict(extra="forbid")
     form: Name
     speed_max_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     upper: _Loads
@@ -122,7 +124,7 @@ def load_rotor_model(path: Path) -> RotorModel:
     try:
         parsed = _RotorFile.model_validate(files.read_toml(path))
     except ValidationError as error:
-        raise input_error(path, error) from error
+        raise input_error(path, error, _RotorFile, _Loads, _Effect) from error
     sides = {"upper": parsed.upper, "lower": parsed.lower}
     terms = {}
     for load in LOADS:
@@ -154,10 +156,24 @@ def save_rotor_model(path: Path, model: RotorModel) -> None:
     files.write_toml(path, document)
 
 
-def input_error(path: Path, error: ValidationError) -> InputError:
-    """Our one-line error for the first thing pydantic refuses in a file."""
+def input_error(path: Path, error: ValidationError, *tables: type[BaseModel]) -> InputError:
+    """Our one-line error for the first thing pydantic refuses in a file that is made of `tables`.
+
+    An unknown key goes before a missing one: it often is that one, misspelt.
+    """
+    unknown = [e for e in error.errors() if e["type"] == "extra_forbidden"]
+    if unknown and tables:
+        loc = unknown[0]["loc"]
+        depth = sum(isinstance(part, str) for part in loc) - 1
+        known = [name for table in tables[min(depth, 1) :] for name in table.model_fields]
+        return InputError(path, _key(loc), problem_of(str(loc[-1]), known))
     first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
+    key = _key(first["loc"])
     found = first.get("input")
     shown = f" (found {plain(repr(found), 80)})" if not isinstance(found, (dict, list)) else ""
     return InputError(path, key, f"{first['msg'].removeprefix('Value error, ')}{shown}")
+
+
+def _key(loc: tuple[int | str, ...]) -> str:
+    """rotors.3.spin: the place of a key, tables of an array counted from 1 as our other lines do."""
+    return ".".join(str(part + 1 if isinstance(part, int) else part) for part in loc)

@@ -86,7 +86,7 @@ def test_the_effects_of_a_rotor_file_are_in_the_answer(
 
 
 def test_a_wrench_beyond_all_measure_fits_the_screen(capsys: pytest.CaptureFixture[str]) -> None:
-    assert coaxlink("allocate", X8, "--law", "exact", "--wrench=1e300,0,0,0") == 0
+    assert coaxlink("allocate", X8, "--law", "exact", "--wrench=1e300,0,0,0") == 1
     said = capsys.readouterr().out
     assert "1e+300" in said
     assert max(len(line) for line in said.splitlines()) <= 80
@@ -106,3 +106,16 @@ def test_rotors_that_do_not_lift_are_refused(tmp_path: Path, capsys: pytest.Capt
     said = capsys.readouterr().err.strip()
     assert len(said.splitlines()) == 1
     assert "upper.thrust_N" in said
+
+
+@pytest.mark.parametrize("law", ["standard", "reduced", "coaxial", "exact"])
+def test_a_wrench_out_of_reach_is_said_in_words_and_is_exit_1(
+    law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "a.json"
+    assert coaxlink("allocate", X8, "--law", law, "--wrench", "900,0,0,0", "--json", str(out)) == 1
+    said = capsys.readouterr()
+    assert f"out of reach of the {law} law: thrust 476.1 of 900 N; all rotors at a bound" in said.err
+    assert "thrust N" in said.out and json.loads(out.read_text())["wrench"][0] == 900
+    assert coaxlink("allocate", X8, "--law", law, "--wrench", "196.2,1,-1,0.3") == 0
+    assert "e-" not in capsys.readouterr().out  # no 3e-14 where there is no error

@@ -1,8 +1,14 @@
 """Every verb ends in a documented exit code and one line on stderr, never a traceback."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 import typer
 
+import coaxlink
+from coaxlink.cli import build_app
 from coaxlink.cli._shell import run
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
 
@@ -59,3 +65,53 @@ def test_a_bug_is_said_to_be_one_and_kept_whole_in_a_file(capsys, tmp_path, monk
         f"ZeroDivisionError: a\\x1b[2J; details in {kept}\n"
     )
     assert "raise error" in kept.read_text()
+
+
+def test_the_help_comes_unasked_and_by_its_short_name(capsys):
+    assert run(build_app(), []) == 2
+    unasked = capsys.readouterr().err
+    assert unasked.startswith("Usage: coaxlink") and "identify" in unasked
+    for arguments in (["-h"], ["--help"], ["upload", "-h"]):
+        assert run(build_app(), arguments) == 0
+        assert capsys.readouterr().out.startswith("Usage: coaxlink")
+
+
+def test_the_version_needs_no_verb(capsys):
+    assert run(build_app(), ["--version"]) == 0
+    assert capsys.readouterr().out == f"coaxlink {coaxlink.__version__}\n"
+
+
+def test_completion_knows_verbs_and_options(tmp_path):
+    """As a shell asks for it, in a process of its own; and it installs itself for bash."""
+    command = [sys.executable, "-m", "coaxlink"]
+    env = {**os.environ, "HOME": str(tmp_path), "_COAXLINK_COMPLETE": "complete_bash"}
+    for words, at, found in (("coaxlink up", 1, "upload"), ("coaxlink upload --conn", 2, "--connect")):
+        asked = env | {"COMP_WORDS": words, "COMP_CWORD": str(at)}
+        assert subprocess.run(command, env=asked, capture_output=True, text=True).stdout.split() == [found]
+    del env["_COAXLINK_COMPLETE"]
+    assert (
+        subprocess.run([*command, "--install-completion", "bash"], env=env, capture_output=True).returncode
+        == 0
+    )
+    assert "_COAXLINK_COMPLETE" in (tmp_path / ".bash_completions" / "coaxlink.sh").read_text()
+
+
+def test_ctrl_c_leaves_one_line_at_every_moment():
+    """At many moments from the first line on: whether it comes in time is the machine's affair."""
+    script = (
+        "import os, signal, sys, threading\n"
+        "from coaxlink import _start\n"  # before it is loaded the interpreter has the word
+        "after = float(sys.argv.pop(1))\n"
+        "threading.Timer(after, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "_start.main()\n"
+    )
+    cut_short = 0
+    for step in range(12):
+        arguments = [str(0.03 * step), "identify", "example", "--form", "srm"]
+        done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True)
+        assert "Traceback" not in done.stderr, (step, done.stderr)
+        assert done.returncode in (0, 130), (step, done.stderr)
+        if done.returncode == 130:
+            assert done.stderr.endswith("coaxlink: interrupted\n")
+            cut_short += 1
+    assert cut_short  # at the first moments nothing can be done yet

@@ -175,7 +175,7 @@ def test_unreadable_files(tmp_path: Path) -> None:
     "mapping, expected",
     [
         ('upper_rpm = "nope"', "column 'nope': missing"),
-        ("upper_rpm = { columm = 'n1' }", "upper_rpm: "),
+        ("upper_rpm = { columm = 'n1' }", "upper_rpm.columm: unknown; column?"),
         ("upper_rpm = 3", "upper_rpm: "),
         ("= 3", "not TOML"),
     ],

@@ -1,0 +1,60 @@
+"""What the `coaxlink` command loads first: from here on Ctrl-C is one line, also while modules load.
+
+An interrupt inside an import is no clean one: half a module stays behind, and what the interpreter calls
+meanwhile prints a traceback of its own. So it waits until no import is under way.
+"""
+
+from __future__ import annotations
+
+import _signal as signal  # the module without its enums: there at once
+import os
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from types import FrameType
+
+INTERRUPTED = 130
+AGAIN_S = 0.02  # an import that goes on is asked again after this
+_IMPORT = "importlib._bootstrap"
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    """Nothing has been begun, or all is done: one line and out."""
+    os.write(2, b"coaxlink: interrupted\n")
+    os._exit(INTERRUPTED)
+
+
+# not where SIGINT is ignored (nohup, a script's background job) or somebody else's
+if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, _leave)
+
+
+def _after_imports(number: int, frame: FrameType | None) -> None:
+    """As Python's own handler, once no import is under way."""
+    import threading
+
+    while frame is not None:
+        if frame.f_globals.get("__name__") == _IMPORT:
+            again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
+            again.daemon = True
+            again.start()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+def main() -> None:
+    """The command; ends with SystemExit."""
+    import threading  # noqa: F401 - not first inside the handler
+
+    from coaxlink.cli import main as command
+
+    if signal.getsignal(signal.SIGINT) is _leave:
+        signal.signal(signal.SIGINT, _after_imports)
+    try:
+        command()
+    except KeyboardInterrupt:  # between the verbs' own nets
+        _leave(signal.SIGINT, None)
+    finally:
+        if signal.getsignal(signal.SIGINT) is _after_imports:
+            signal.signal(signal.SIGINT, _leave)  # nothing is under way any more

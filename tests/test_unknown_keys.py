@@ -1,0 +1,93 @@
+"""A misspelt key is refused by name in every TOML file that is read, with the key that was meant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from coaxlink import files
+from coaxlink.airframe import load_airframe
+from coaxlink.cli._rate_loops import _vehicle
+from coaxlink.data import read_stand_log
+from coaxlink.link.attitude_loop import load_gains
+from coaxlink.rotor import load_rotor_model
+from firmware_params.keys import problem_of, unknown_key
+from sim.bench import read_bench
+from sim.manoeuvres import read_plan
+from sim.rotors import read_pair
+from sim.schedule import read_schedule
+from sim.truth import read_truth
+from sim.vehicle import read_vehicle
+
+AIRFRAME = files.example("x8_demo.toml").read_text()
+ROTOR = files.example("rotor_paper.toml").read_text()
+TRUTH = files.example("truth_weak_rotor.toml").read_text()
+STAND = files.example("truth_stand_spacing.toml").read_text()
+SCHEDULE = files.example("schedule_poor.toml").read_text()
+PLAN = "height_m = 3.0\n[[pieces]]\nseconds = 2.0\nnorth_m = 1.0\n"
+
+
+def columns_map(path: Path) -> object:
+    log = path.with_name("log.csv")
+    log.write_text("n1,n2\n1,2\n2,3\n")
+    return read_stand_log(log, path)
+
+
+def of_a_table(path: Path) -> object:
+    folder = path.parent
+    for name, text in (("airframe.toml", AIRFRAME), ("rotor.toml", ROTOR)):
+        (folder / name).write_text(text)
+    path.rename(folder / "conditions.toml")
+    return _vehicle(folder)
+
+
+CASES = {
+    "airframe": (load_airframe, AIRFRAME, "motor_lag_s", "motor_lag", "motor_lag: unknown; motor_lag_s?"),
+    "airframe, case": (load_airframe, AIRFRAME, "mass_kg", "mass_KG", "mass_KG: unknown; mass_kg?"),
+    "a rotor": (load_airframe, AIRFRAME, "level", "levell", "rotors.1.levell: unknown; level?"),
+    "rotor model": (
+        load_rotor_model, ROTOR, "\nspeed_max_rpm", "\nspeed_max", "speed_max: unknown; speed_max_rpm?",
+    ),
+    "load": (load_rotor_model, ROTOR, "upper.thrust_N", "upper.thrust", "upper.thrust: unknown; thrust_N?"),
+    "gains": (
+        load_gains, "[attitude_loop]\nrate_rad_s = [1, 1, 1]\n", "rate_rad_s", "rate_rad",
+        "attitude_loop.rate_rad: unknown; rate_rad_s?",
+    ),
+    "columns": (
+        columns_map, "upper_rpm = 'n1'\n", "upper_rpm", "uper_rpm", "uper_rpm: no column of ours: upper_rpm?",
+    ),
+    "a column": (
+        columns_map, "upper_rpm = { column = 'n1', unit = 'rpm' }\n", "unit", "units",
+        "upper_rpm.units: unknown; unit?",
+    ),
+    "conditions": (of_a_table, "voltage_V = 24.0\n", "voltage_V", "voltage", "voltage: unknown; voltage_V?"),
+    "world": (read_vehicle, AIRFRAME, "motor_lag_s", "motor_lag", "motor_lag: unknown; motor_lag_s?"),
+    "world's rotor": (read_vehicle, AIRFRAME, "spin", "spins", "rotors[1].spins: unknown; spin?"),
+    "world's pair": (read_pair, ROTOR, "upper.thrust_N", "upper.thrust", "upper.thrust: unknown; thrust_N?"),
+    "truth": (read_truth, TRUTH, "size", "sizes", "effects[1].sizes: unknown; size?"),
+    "truth's tables": (read_truth, TRUTH, "[[effects]]", "[[effect]]", "effect: unknown; effects?"),
+    "stand": (read_bench, STAND, "pattern", "patern", "stand.patern: unknown; pattern?"),
+    "schedule": (read_schedule, SCHEDULE, "rate_hz", "rate", "rate: unknown; rate_hz?"),
+    "piece": (read_schedule, SCHEDULE, "seconds", "second", "pieces[1].second: unknown; seconds?"),
+    "plan": (read_plan, PLAN, "height_m", "heigth_m", "heigth_m: unknown; height_m?"),
+    "plan's piece": (read_plan, PLAN, "north_m", "north", "pieces[1].north: unknown; north_m?"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_misspelt_key_is_refused_with_the_one_that_was_meant(name: str, tmp_path: Path) -> None:
+    read, text, right, wrong, line = CASES[name]
+    assert right in text
+    path = tmp_path / "file.toml"
+    path.write_text(text)
+    read(path)  # as it stands it is taken
+    path.write_text(text.replace(right, wrong, 1))
+    with pytest.raises(Exception, match=r"unknown; |no column of ours") as refused:
+        read(path)
+    assert line in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_without_a_near_one_all_are_named() -> None:
+    assert problem_of("zzz", ["mass_kg", "name"]) == "unknown; one of mass_kg, name is expected"
+    assert unknown_key({"name": 1}, ["mass_kg", "name"]) is None
