@@ -6,7 +6,7 @@ meanwhile prints a traceback of its own. So it waits until no import is under wa
 
 from __future__ import annotations
 
-import _signal as signal  # the module without its enums: there at once
+import _signal as signal  # type: ignore[import-not-found]  # the module without its enums: there at once
 import os
 
 TYPE_CHECKING = False
