@@ -50,11 +50,15 @@ def supervise(work: Callable[[int], None]) -> None:
         starts.append(time.monotonic())
         sys.stdout.flush()
         sys.stderr.flush()
+        # a signal waits until the child has handlers of its own and its number is known here
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, before)
         child[0] = os.fork()
         if child[0] == 0:
             for number, handler in before.items():
                 signal.signal(number, handler)
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             _live(work, life)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         code = _code(child[0])
         child[0] = 0
         if told or code in (0, 1, 2, 4, 130):

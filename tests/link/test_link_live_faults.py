@@ -338,7 +338,7 @@ def test_a_companion_stopped_for_longer_than_a_link_may_be_silent_takes_the_vehi
         flight.fly(1.5)
         assert flight.driven
         assert process.poll() is None
-        assert process.wait(20.0) == 3  # nobody ticks the vehicle now: a link that is gone still ends it
+        assert process.wait(60.0) == 3  # nobody ticks the vehicle now: a link that is gone still ends it
         stays_up(flight)
     finally:
         process.kill()

@@ -33,7 +33,6 @@ def until(look: Callable[[], View], met: Callable[[View], bool], timeout_s: floa
     return view
 
 
-@pytest.mark.timeout(110)
 def test_a_hover_and_an_upload_are_seen() -> None:
     airframe = load_airframe(files.example("x8_paper.toml"))
     model = load_rotor_model(files.example("rotor_paper.toml"))
@@ -91,7 +90,6 @@ def coaxlink(*arguments: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.timeout(110)
 def test_what_px4_s_simulation_says_of_its_escs_is_passed_over_in_hover() -> None:
     with standin("--esc", "sitl", "--airframe", str(files.example("x8_paper.toml"))) as port:
         address = f"udpout:127.0.0.1:{port}"
@@ -106,7 +104,6 @@ def test_what_px4_s_simulation_says_of_its_escs_is_passed_over_in_hover() -> Non
     assert hover.speeds.source == "SERVO_OUTPUT_RAW" and "the weight is 196 N" in hover.notes[0]
 
 
-@pytest.mark.timeout(110)
 @pytest.mark.parametrize("frame", ["15", "17"])
 def test_an_ardupilot_is_read_like_a_px4(tmp_path: Path, frame: str) -> None:
     """Battery, table (script or loader), ESCs, of a vehicle that streams nothing by itself."""
@@ -140,7 +137,6 @@ def test_an_ardupilot_is_read_like_a_px4(tmp_path: Path, frame: str) -> None:
     assert hover.board.digest != before.board.digest and not any("mavlink id" in n for n in hover.notes)
 
 
-@pytest.mark.timeout(110)
 def test_an_ardupilot_s_simulated_escs_read_nothing_and_streams_come_back_after_a_restart() -> None:
     with standin("--firmware", "ardupilot", "--esc", "sitl") as port:
         address = f"udpout:127.0.0.1:{port}"

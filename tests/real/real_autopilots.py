@@ -53,7 +53,7 @@ def bridge(to: str, *options: str, port: int = 0) -> Iterator[int]:
         yield int(ready.strip().rpartition(":")[2])
     finally:
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=20)
+        process.communicate(timeout=120)
 
 
 class Px4:
@@ -157,7 +157,7 @@ def _running(
         finally:
             os.killpg(process.pid, signal.SIGKILL if cut else signal.SIGTERM)
             try:
-                process.wait(10)
+                process.wait(60.0)
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 process.wait()

@@ -18,7 +18,7 @@ def client(port: int, kind: str = "udpout", dialect: str = "ardupilotmega") -> I
     link = mavutil.mavlink_connection(f"{kind}:127.0.0.1:{port}", source_system=255, dialect=dialect)
     try:
         link.mav.heartbeat_send(6, 8, 0, 0, 4)
-        assert link.wait_heartbeat(timeout=10) is not None
+        assert link.wait_heartbeat(timeout=60) is not None
         yield link
     finally:
         link.close()
@@ -51,7 +51,7 @@ def mavsdk_system(port: int) -> Iterator[System]:
     mavsdk = Mavsdk(Configuration.create_manual(245, 190, True))
     try:
         mavsdk.add_any_connection(f"udpout://127.0.0.1:{port}")
-        system = mavsdk.first_autopilot(timeout_s=10.0)
+        system = mavsdk.first_autopilot(timeout_s=60.0)
         assert system is not None
         yield system
     finally:

@@ -175,7 +175,7 @@ def test_the_verb_says_on_stderr_when_lockstep_was_left_and_how_often() -> None:
             px4.sensor()
         px4.socket.close()
         process.send_signal(signal.SIGTERM)
-        _, talk = process.communicate(timeout=30)
+        _, talk = process.communicate(timeout=120)
     finally:
         process.kill()
         process.wait()

@@ -83,7 +83,7 @@ def flown(tmp_path: Path) -> Iterator[tuple[Px4Bridge, Any, int]]:
             link.close()
             process.terminate()
             try:
-                process.wait(10.0)
+                process.wait(60.0)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -113,7 +113,7 @@ def test_the_real_px4_takes_off_hovers_and_lands(flown: tuple[Px4Bridge, Any, in
     assert command(link, system, 22, 0, 0, 0, nan, nan, nan, nan) == 0
     errors, heights, start = [], [], None
     while start is None or bridge.plant.time_s < start + 20.0:
-        estimate = link.recv_match(type="LOCAL_POSITION_NED", blocking=True, timeout=5.0)
+        estimate = link.recv_match(type="LOCAL_POSITION_NED", blocking=True, timeout=30)
         assert estimate is not None and time.monotonic() < end + 60.0, bridge.status()
         truth = bridge.plant.position.copy()
         if start is None and truth[2] < -2.3:
@@ -124,7 +124,7 @@ def test_the_real_px4_takes_off_hovers_and_lands(flown: tuple[Px4Bridge, Any, in
     assert sum(heights) / len(heights) == pytest.approx(2.5, abs=0.2)  # MIS_TAKEOFF_ALT
     assert max(heights) - min(heights) < 0.4 and max(errors) < 0.5
     assert command(link, system, 21) == 0
-    while link.wait_heartbeat(timeout=5).base_mode & 128:
+    while link.wait_heartbeat(timeout=60).base_mode & 128:
         assert time.monotonic() < end + 90.0, bridge.status()
     assert abs(bridge.plant.position[2]) < 0.1
     assert bridge.timeouts <= bridge.steps // 100 and bridge.stale <= 20 + bridge.timeouts, bridge.status()
