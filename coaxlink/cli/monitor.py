@@ -89,6 +89,7 @@ def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:
     from coaxlink.monitor.format import summary
     from coaxlink.monitor.streams import Streams
     from coaxlink.monitor.table_reader import TableReader
+    from coaxlink.monitor.themes import DARK, dress
     from coaxlink.monitor.watch import to_json
 
     end = time.monotonic() + seconds
@@ -106,4 +107,4 @@ def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:
             view = watch.look(time.monotonic())  # a steady hover is told from several looks
     if json is not None:
         files.write_json(json, to_json(view))
-    console().print(summary(view))
+    console().print(dress(summary(view), DARK))

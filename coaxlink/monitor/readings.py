@@ -15,6 +15,7 @@ from threading import Lock
 from types import MappingProxyType
 from typing import Any
 
+from coaxlink.monitor.texts import Said, Texts
 from firmware_params.plain import is_parameter_name
 
 AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: a ground station, a companion, a camera
@@ -63,6 +64,7 @@ class Readings:
     traffic: Traffic = Traffic()
     last_s: float | None = None  # arrival of the newest message of the target
     clock_s: float | None = None  # the vehicle's own time since boot, of its newest stamped message
+    texts: tuple[Said, ...] = ()  # oldest first
 
     def get(self, key: str) -> Arrival | None:
         """The newest message under `key`, or None."""
@@ -106,6 +108,7 @@ class Collector:
         self._received = self._missed = 0
         self._last_s: float | None = None
         self._clock_s: float | None = None
+        self._texts = Texts()
 
     def take(self, message: Any, received_s: float, *, counted: bool = True) -> None:
         """Fold one message in; `counted` is False for one of before we listened to all of them."""
@@ -130,6 +133,8 @@ class Collector:
             stamp = getattr(message, "time_boot_ms", None)
             if stamp is not None:
                 self._clock_s = stamp / 1000.0
+            if kind == "STATUSTEXT":
+                self._texts.take(message, received_s, self._clock_s)
             if kind == "PARAM_VALUE":
                 heartbeat = self._latest.get("HEARTBEAT")
                 bytewise = heartbeat is not None and heartbeat.message.autopilot == AUTOPILOT_PX4
@@ -145,6 +150,7 @@ class Collector:
             if self._target is not None:
                 self._latest.clear()
                 self._parameters.clear()
+                self._texts.clear()
                 self._clock_s = None
             self._target = (system, component)
             self._others.discard(system)
@@ -176,6 +182,7 @@ class Collector:
                 Traffic(received / span, loss, self._received, self._missed, disorder),
                 self._last_s,
                 self._clock_s,
+                self._texts.all(),
             )
 
     def _count(self, sequence: int, component: int, received_s: float) -> None:

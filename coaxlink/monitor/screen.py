@@ -2,109 +2,62 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from datetime import datetime
 from pathlib import Path
 from typing import ClassVar
 
 from rich.text import Text
-from textual.app import App, ComposeResult
+from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
-from textual.containers import Grid, Horizontal
-from textual.content import Content
-from textual.screen import ModalScreen
-from textual.widgets import Footer, Static
+from textual.css.query import NoMatches
+from textual.screen import Screen
+from textual.theme import Theme
+from textual.widgets import ContentSwitcher, Footer, Static
 
 from coaxlink import files
 from coaxlink.errors import CoaxlinkError
 from coaxlink.monitor import format as words
-from coaxlink.monitor.history import History
-from coaxlink.monitor.state import ArmView, View
+from coaxlink.monitor.help import Help
+from coaxlink.monitor.history import History, Window
+from coaxlink.monitor.marks import DIM, WARN
+from coaxlink.monitor.pages import ErrorPage, MessagesPage, Picture, SplitPage, Zoomed, put
+from coaxlink.monitor.state import View
+from coaxlink.monitor.themes import PALETTES, TEXTUAL
 
 REFRESH_S = 0.2
-
-HELP = """\
-[b]coaxlink monitor[/b] watches; it commands nothing.
-
-Thrust and torque are the rotor model's at the speeds the vehicle reports:
-measured ones (ESC rpm) before commanded ones (SERVO_OUTPUT_RAW,
-ACTUATOR_OUTPUT_STATUS). The vehicle panel names the source. ESCs that
-contradict weight and command by 10 % in a steady hover are passed over.
-
-[#5cc8ff]▲ upper[/]  [#ffb454]▼ lower[/]  thrust, speed, commanded throttle. A full bar is the
-rotor's most thrust; below it the arm's thrust, split upper : lower.
-
-[b]model[/b]   what the rotors make, by the rotor model
-[b]table[/b]   what the mixer table on board means by the same commands
-[b]demand[/b]  instead, on PX4 up to 1.13: what its controllers ask for
-[b]error[/b]   model less table (or demand): the allocation error
-
-Grey and "stale" is old. The plot runs on the vehicle's own clock.
-
-q quit   p pause the picture   s save it as SVG   ? this help
-"""
-
-
-class Help(ModalScreen[None]):
-    """The keys and what the numbers are."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [("escape,question_mark,q,enter,space", "dismiss", "Close")]
-
-    def compose(self) -> ComposeResult:
-        yield Static(HELP, id="help")
-
-
-class ArmPanel(Static):
-    """One arm; its border carries name and split."""
-
-    def show(self, arm: ArmView, stale: bool) -> None:
-        """Draw `arm`."""
-        self.border_title = Content(arm.name)
-        self.border_subtitle = Content.from_rich_text(words.arm_split(arm, stale))
-        self.update(words.arm_body(arm, max(self.content_size.width, 24), stale))
+PAGES = ("split", "error", "messages")
 
 
 class Monitor(App[None]):
     """`look(now_s)` gives the view; once `trouble()` is not None the feed is dead and the screen ends.
 
-    `folder` is where snapshots go (default: the current one).
+    `folder` is where snapshots go (default: the current one), `page` what is shown first, `palette` a name
+    of `themes.PALETTES`.
     """
 
     TITLE = "coaxlink monitor"
-    ENABLE_COMMAND_PALETTE = False
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual types it
     VERTICAL_BREAKPOINTS = [(0, "-short"), (30, "-tall")]  # noqa: RUF012
     BINDINGS: ClassVar[list[BindingType]] = [
+        ("1", "page('split')", "Split"),
+        ("2", "page('error')", "Error"),
+        ("4", "page('messages')", "Messages"),
+        ("p", "pause", "Pause"),
+        ("s", "save", "Save"),
+        ("question_mark", "help", "Help"),
         ("q", "quit", "Quit"),
         Binding("ctrl+c", "quit", "Quit", show=False, priority=True),
-        ("p", "pause", "Pause"),
-        ("s", "save", "Save SVG"),
-        ("question_mark", "help", "Help"),
+        Binding("t", "theme", "Theme", show=False),
+        Binding("left", "scroll(0.25)", "Earlier", show=False),
+        Binding("right", "scroll(-0.25)", "Later", show=False),
+        Binding("end", "scroll(-1000)", "Now", show=False),
+        Binding("plus,equals_sign", "zoom(0.5)", "Zoom in", show=False),
+        Binding("minus", "zoom(2.0)", "Zoom out", show=False),
     ]
-    CSS = """
-    Screen { layout: vertical; overflow-y: auto; }
-    #head { height: 1; padding: 0 1; background: $panel; }
-    #waiting { height: 1fr; content-align: center middle; text-align: center; }
-    #arms { grid-size: 2; grid-rows: auto; height: auto; }
-    .-wide #arms { grid-size: 4; }
-    ArmPanel { height: auto; min-height: 4; border: round $primary-darken-2; padding: 0 1; }
-    ArmPanel, #info Static, #plot { border-title-color: $text; border-subtitle-color: $text; }
-    ArmPanel { border-title-style: bold; text-wrap: nowrap; }
-    #info { height: 8; }
-    #info Static { border: round $primary-darken-2; padding: 0 1; height: 8; }
-    #info Static { text-wrap: nowrap; text-overflow: ellipsis; }
-    #balance { width: 34; }
-    #vehicle { width: 1fr; }
-    #board { width: 23; }
-    .-wide #info Static { width: 1fr; }
-    #plot { height: 1fr; min-height: 4; border: round $primary-darken-2; padding: 0 1; }
-    #notes { height: auto; max-height: 8; padding: 0 1; }
-    .-short #notes { max-height: 2; }
-    Help { align: center middle; }
-    #help { width: auto; max-width: 100%; height: auto; padding: 0 1; }
-    #help { border: round $accent; background: $surface; }
-    """
+    CSS_PATH = "screen.tcss"
 
     def __init__(
         self,
@@ -113,31 +66,36 @@ class Monitor(App[None]):
         trouble: Callable[[], BaseException | None] = lambda: None,
         folder: Path | None = None,
         plot_span_s: float = 60.0,
+        page: str = "split",
+        palette: str = "dark",
     ) -> None:
         super().__init__()
         self.look, self.trouble = look, trouble
         self.folder = folder or Path.cwd()
         self.paused = False
         self.view: View | None = None
-        self._history = History(plot_span_s)
+        self.window = Window(plot_span_s)
+        self.palette = palette
+        self._first = page
+        self._history = History()
         self._shown = self._history  # what a paused plot keeps
 
     def compose(self) -> ComposeResult:
         view = self.look(time.monotonic())
         yield Static(id="head")
         yield Static(id="waiting")
-        yield Grid(*(ArmPanel(id=f"arm{k}") for k in range(len(view.arms))), id="arms")
-        with Horizontal(id="info"):
-            yield Static(id="balance")
-            yield Static(id="vehicle")
-            yield Static(id="board")
-        yield Static(id="plot")
+        with ContentSwitcher(initial=self._first, id="pages"):
+            yield SplitPage(len(view.arms))
+            yield ErrorPage(id="error")
+            yield MessagesPage(id="messages")
         yield Static(id="notes")
-        yield Footer()
+        yield Footer(show_command_palette=False)
 
     def on_mount(self) -> None:
-        for name in ("balance", "vehicle", "board"):
-            self.query_one(f"#{name}").border_title = name if name != "board" else "table on board"
+        for theme in TEXTUAL.values():
+            if isinstance(theme, Theme):
+                self.register_theme(theme)
+        self.use_palette(self.palette)
         self.tick()
         self.set_interval(REFRESH_S, self.tick)
 
@@ -159,43 +117,75 @@ class Monitor(App[None]):
 
     def draw(self) -> None:
         """Format the view that is shown."""
+        with contextlib.suppress(NoMatches):  # while the screen is put together or taken down
+            self._draw()
+
+    def _draw(self) -> None:
         view = self.view
         if view is None or len(self.screen_stack) == 0:
             return
         root = self.screen_stack[0]
         waiting = view.link.state == "waiting"
-        for name in ("arms", "info", "plot", "notes"):
-            root.query_one(f"#{name}").display = not waiting
+        pages = root.query_one("#pages", ContentSwitcher)
+        pages.display = not waiting
         root.query_one("#waiting").display = waiting
         self._put("head", words.head(view, self.size.width - 2, self.paused))
         if waiting:
+            root.query_one("#notes").display = False
             self._put("waiting", _waiting(view))
             return
-        stale = view.speeds_stale or view.link.state == "lost"
-        for k, arm in enumerate(view.arms):
-            root.query_one(f"#arm{k}", ArmPanel).show(arm, stale)
-        self._put("balance", words.balance(view))
-        split = Content.from_rich_text(words.weight_and_split(view))
-        root.query_one("#balance").border_subtitle = split
-        self._put("vehicle", words.vehicle(view))
-        self._put("board", words.board(view))
-        plot = root.query_one("#plot", Static)
-        plot.border_title = Content.from_rich_text(words.plot_legend(view.arms))
-        plot.border_subtitle = f"the last {self._shown.span_s:.0f} s of the vehicle's clock"
-        size = plot.content_size
-        plot.update(words.split_plot(self._shown, size.width, size.height))
+        page = pages.visible_content
+        if isinstance(page, SplitPage | ErrorPage | MessagesPage):
+            page.draw(self._picture(view))
         notes = words.notes(view)
         root.query_one("#notes").display = bool(notes.plain)
         self._put("notes", notes)
+
+    def _picture(self, view: View) -> Picture:
+        return Picture(view, self._shown, self.window, PALETTES[self.palette], datetime.now())
+
+    # -- what the user does ----------------------------------------------------------------------------------
+
+    def action_page(self, name: str) -> None:
+        """Show another page."""
+        root = self.screen_stack[0]
+        root.query_one("#pages", ContentSwitcher).current = name
+        # a page that was hidden has no size before the layout has run
+        self.call_after_refresh(self.draw)
 
     def action_pause(self) -> None:
         """Hold the picture, or let it run again."""
         self.paused = not self.paused
         self.tick()
 
+    def action_scroll(self, share: float) -> None:
+        """Show earlier or later times in the plots."""
+        self.window = self.window.moved(share, self._shown)
+        self.draw()
+
+    def action_zoom(self, factor: float) -> None:
+        """Show a longer or a shorter time in the plots."""
+        self.window = self.window.zoomed(factor).moved(0.0, self._shown)
+        self.draw()
+
+    def on_zoomed(self, message: Zoomed) -> None:
+        self.action_zoom(message.factor)
+
+    def action_theme(self) -> None:
+        """The next theme."""
+        names = list(PALETTES)
+        self.use_palette(names[(names.index(self.palette) + 1) % len(names)])
+
+    def use_palette(self, name: str) -> None:
+        """Show everything in a theme of `themes.PALETTES`."""
+        self.palette = name
+        theme = TEXTUAL[name]
+        self.theme = theme.name if isinstance(theme, Theme) else theme
+        self.draw()
+
     def action_help(self) -> None:
         """Show the help."""
-        self.push_screen(Help())
+        self.push_screen(Help(PALETTES[self.palette]))
 
     def action_save(self) -> None:
         """Write the screen as an SVG file beside the user's other files."""
@@ -208,13 +198,29 @@ class Monitor(App[None]):
         else:
             self.notify(f"saved {path}", markup=False)
 
+    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        """The command palette: every key's action, and the themes by name."""
+        for name, what in (
+            ("split", "arms, balance, table"),
+            ("error", "the allocation error over time"),
+            ("messages", "what the autopilot said"),
+        ):
+            yield SystemCommand(f"Page: {name}", what, lambda name=name: self.action_page(name))
+        for name in PALETTES:
+            what = "without colour" if name == "none" else f"{name} background"
+            yield SystemCommand(f"Theme: {name}", what, lambda name=name: self.use_palette(name))
+        yield SystemCommand("Pause", "hold the picture, or let it run", self.action_pause)
+        yield SystemCommand("Save", "this screen as SVG", self.action_save)
+        yield SystemCommand("Help", "keys, and what the numbers are", self.action_help)
+        yield SystemCommand("Quit", "leave the monitor", self.action_quit)
+
     def _put(self, name: str, text: Text) -> None:
-        self.screen_stack[0].query_one(f"#{name}", Static).update(text)
+        put(self.screen_stack[0].query_one(f"#{name}", Static), text, PALETTES[self.palette])
 
 
 def _waiting(view: View) -> Text:
     return Text.assemble(
-        (f"waiting for {view.link.detail}\n\n", f"bold {words.WARN}"),
+        (f"waiting for {view.link.detail}\n\n", f"bold {WARN}"),
         ("no autopilot has been heard yet; the screen fills as soon as one is.\n", ""),
-        ("A simulated one:  coaxlink sim --firmware px4", words.DIM),
+        ("A simulated one:  coaxlink sim --firmware px4", DIM),
     )

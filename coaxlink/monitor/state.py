@@ -11,53 +11,28 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.link.mixing import DemandScale
 from coaxlink.mixer.coefficients import standard_coefficients
+from coaxlink.mixer.law import Law
 from coaxlink.monitor import board as boards
 from coaxlink.monitor import board_ardupilot
+from coaxlink.monitor.arms import ArmView, RotorView, arm_name, arms_of, ideal_shares, rotors_of, share_of
 from coaxlink.monitor.board_view import Board
+from coaxlink.monitor.escs import escs_of
 from coaxlink.monitor.hover import Verdict
 from coaxlink.monitor.readings import Readings
 from coaxlink.monitor.sources import STALE_S
 from coaxlink.monitor.speeds import Speeds, rotor_speeds
-from coaxlink.monitor.vehicle import VehicleState, finite, is_old, vehicle_of, version_of
-from coaxlink.rotor import RotorModel
+from coaxlink.monitor.texts import Said
+from coaxlink.monitor.vehicle import VehicleState, is_old, on_ground, vehicle_of, version_of
 from coaxlink.vehicle import Vehicle
 from firmware_params.plain import plain
 
 LOST_S = 3.0  # without any message for this long the link counts as lost
+__all__ = ["ArmView", "Balance", "Link", "RotorView", "View", "arm_name", "observe"]
 _OWN_MIX = 0.08  # commands nearer than this to the legacy mixer's are its own; messages are 0.1 s apart
 _TWO_SENDERS = 0.02, 0.25  # share out of sequence, and of gaps: a bad line has the second, not the first
-_STANDING = 0.005  # normalised speed below which a rotor stands still
-
-
-@dataclass(frozen=True)
-class RotorView:
-    """One rotor; `number` is the airframe's."""
-
-    number: int
-    level: str  # upper, lower, single
-    speed: float | None  # normalised, 0..1
-    rpm: float | None
-    throttle: float | None  # commanded, 0..1
-    thrust_N: float | None
-    torque_Nm: float | None
-    full_N: float  # the most thrust it has, alone at full speed
-
-
-@dataclass(frozen=True)
-class ArmView:
-    """One arm: a coaxial pair, or a single rotor (then `lower` is None)."""
-
-    name: str  # "front right"
-    upper: RotorView
-    lower: RotorView | None
-    thrust_N: float | None  # of the arm
-    upper_share: float | None  # upper thrust over the pair's, 0..1
 
 
 @dataclass(frozen=True)
@@ -108,6 +83,9 @@ class View:
     balance: Balance
     board: Board
     notes: tuple[str, ...]
+    escs_stale: bool = False
+    texts: tuple[Said, ...] = ()  # what the autopilot said, oldest first
+    now_s: float = 0.0  # of the clock of `texts`
 
 
 def observe(
@@ -120,11 +98,14 @@ def observe(
     board: Board | None = None,
     verdict: Verdict | None = None,
     line: Sequence[str] = (),
+    law: Law | None = None,
+    trend_min: float | None = None,
 ) -> View:
     """The view at `now_s` (the clock of `Arrival.received_s`); `waiting` says what the link waits for.
 
     `board` spares describing an unchanged table again; `verdict` is what a steady hover said of the ESCs,
-    `line` what the session says of others there.
+    `line` what the session says of others there, `law` gives the ideal split, `trend_min` are the minutes
+    of battery by its own fall.
     """
     link = _link(readings, now_s, address, waiting)
     airframe = vehicle.airframe
@@ -132,8 +113,18 @@ def observe(
     model = vehicle.speed_model if speeds.basis == "measured" else vehicle.model
     age = None if speeds.received_s is None else now_s - speeds.received_s
     table = boards.describe(readings.parameters, vehicle) if board is None else board
-    rotors = _rotors(airframe, model, speeds)
-    arms = _arms(airframe, rotors)
+    said = vehicle_of(readings, now_s, energy_Wh=airframe.battery_Wh, trend_min=trend_min)
+    escs = escs_of(readings, len(airframe.rotors), now_s)
+    rotors = rotors_of(
+        airframe,
+        model,
+        speeds,
+        escs,
+        flying=said is not None and said.armed and not on_ground(readings, now_s),
+        least=_least(readings.parameters),
+    )
+    balance = _balance(vehicle, rotors, readings, table, now_s)
+    arms = arms_of(airframe, rotors, ideal_shares(law, vehicle, balance.wrench))
     notes = list(speeds.notes)
     if vehicle.left_out:
         names = ", ".join(vehicle.left_out)
@@ -149,26 +140,24 @@ def observe(
         plain(airframe.name),
         plain(vehicle.rotors.form),
         link,
-        vehicle_of(readings, now_s),
+        said,
         speeds,
         age,
         age is not None and age > STALE_S,
         arms,
-        _balance(vehicle, rotors, readings, table, now_s),
+        balance,
         table,
         tuple(map(plain, notes)),
+        escs.stale,
+        readings.texts,
+        now_s,
     )
 
 
-def arm_name(x_m: float, y_m: float) -> str:
-    """Where an arm points, in words, from its rotor's place in FRD."""
-    reach = math.hypot(x_m, y_m)
-    if reach < 1e-3:
-        return "centre"
-    # within about 20 degrees of an axis an arm is simply front or right
-    along = "front" if x_m > 0.35 * reach else "rear" if x_m < -0.35 * reach else ""
-    across = "right" if y_m > 0.35 * reach else "left" if y_m < -0.35 * reach else ""
-    return " ".join(filter(None, (along, across)))
+def _least(parameters: Mapping[str, float]) -> float:
+    """The command at which motors run slowest in flight: ArduPilot's MOT_SPIN_MIN; PX4 goes down to 0."""
+    least = parameters.get("MOT_SPIN_MIN", 0.0)
+    return least if 0.0 < least < 1.0 else 0.0
 
 
 def _link(readings: Readings, now_s: float, address: str, waiting: str) -> Link:
@@ -185,52 +174,6 @@ def _two_senders(readings: Readings) -> bool:
     disorder, gaps = _TWO_SENDERS
     t = readings.traffic
     return t.received > 50 and t.disorder > disorder and (t.loss or 0.0) > gaps
-
-
-def _rotors(airframe: Airframe, model: RotorModel, speeds: Speeds) -> tuple[RotorView, ...]:
-    u = np.array([np.nan if s is None else s for s in speeds.u])
-    # an unknown speed makes NaN of just those loads that depend on it
-    thrust, torque = airframe.loads(model, u)
-    for group in (*airframe.pairs, *((i,) for i in airframe.singles)):
-        if all(u[i] < _STANDING for i in group):
-            thrust[list(group)], torque[list(group)] = 0.0, 0.0  # a fit's constant is no thrust at rest
-    full = {
-        "upper": float(model.upper_thrust(1.0, 0.0)),
-        "single": float(model.upper_thrust(1.0, 0.0)),
-        "lower": float(model.lower_thrust(0.0, 1.0)),
-    }
-    return tuple(
-        RotorView(
-            rotor.number,
-            rotor.level,
-            speeds.u[i],
-            speeds.rpm[i],
-            speeds.throttle[i],
-            finite(thrust[i]) if speeds.u[i] is not None else None,
-            finite(torque[i]) if speeds.u[i] is not None else None,
-            full[rotor.level],
-        )
-        for i, rotor in enumerate(airframe.rotors)
-    )
-
-
-def _arms(airframe: Airframe, rotors: tuple[RotorView, ...]) -> tuple[ArmView, ...]:
-    arms = []
-    for i, rotor in enumerate(airframe.rotors):
-        if rotor.level == "lower":
-            continue
-        lower = rotors[rotor.pair - 1] if rotor.pair is not None else None
-        upper_N, lower_N = rotors[i].thrust_N, lower.thrust_N if lower else 0.0
-        total = None if upper_N is None or lower_N is None else upper_N + lower_N
-        share = _share(upper_N, lower_N) if lower else None
-        arms.append(ArmView(arm_name(*rotor.position_m[:2]), rotors[i], lower, total, share))
-    return tuple(arms)
-
-
-def _share(upper: float | None, lower: float | None) -> float | None:
-    if upper is None or lower is None or upper + lower < 1.0:
-        return None  # below 1 N a pair idles and its split means nothing
-    return upper / (upper + lower)
 
 
 def _balance(
@@ -257,7 +200,7 @@ def _balance(
         wrench[0] / (airframe.mass_kg * GRAVITY_M_S2),
         upper,
         lower,
-        _share(upper, lower) if airframe.pairs else None,
+        share_of(upper, lower) if airframe.pairs else None,
         sum(torque) - lower_torque,
         lower_torque,
         wrench,

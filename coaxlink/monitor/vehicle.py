@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from coaxlink.monitor.battery import battery_of
 from coaxlink.monitor.modes import ARMED_FLAG, firmware_name, mode_name
 from coaxlink.monitor.readings import Arrival, Readings
 from firmware_params.plain import plain
@@ -14,7 +15,6 @@ _DOWN = 25  # MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks down
 _TEXT_S = 15.0  # how long a status text stays on the screen
 _OLD_S = 2.0  # of a height or a speed
 _IN_AIR = 2  # MAV_LANDED_STATE
-_NO_CELL = 0xFFFF
 _ABOVE_M = 0.5  # above ground or home, where the autopilot does not say whether it flies
 
 
@@ -40,29 +40,38 @@ class VehicleState:
     height_stale: bool
     clock_s: float | None
     text: str  # newest status text, if it is fresh
+    battery_word: str = ""  # ok, low, critical, ...
+    battery_minutes: float | None = None  # left
+    battery_minutes_by: str = ""  # autopilot, battery_Wh or trend
 
 
-def vehicle_of(readings: Readings, now_s: float) -> VehicleState | None:
-    """None before the first heartbeat."""
+def vehicle_of(
+    readings: Readings,
+    now_s: float,
+    *,
+    energy_Wh: float | None = None,
+    trend_min: float | None = None,
+) -> VehicleState | None:
+    """None before the first heartbeat; the last two as in `battery.battery_of`."""
     heartbeat = readings.get("HEARTBEAT")
     if heartbeat is None:
         return None
     beat = heartbeat.message
-    voltage, current, remaining, battery_s = _battery(readings)
+    pack = battery_of(readings, energy_Wh=energy_Wh, trend_min=trend_min)
     attitude = readings.get("ATTITUDE")
     roll, pitch, yaw = (_field(attitude, name) for name in ("roll", "pitch", "yaw"))
     height, source, height_s = _height(readings, now_s)
-    text = readings.get("STATUSTEXT")
+    last = readings.texts[-1] if readings.texts else None
     return VehicleState(
         readings.target[0] if readings.target else 0,
         firmware_name(beat.autopilot),
         version_of(readings),
         mode_name(beat.autopilot, beat.custom_mode),
         bool(beat.base_mode & ARMED_FLAG),
-        voltage,
-        current,
-        remaining,
-        battery_s is not None and now_s - battery_s > 5.0,
+        pack.voltage_V,
+        pack.current_A,
+        pack.remaining,
+        pack.received_s is not None and now_s - pack.received_s > 5.0,
         roll,
         pitch,
         yaw,
@@ -71,26 +80,11 @@ def vehicle_of(readings: Readings, now_s: float) -> VehicleState | None:
         source,
         height_s is not None and now_s - height_s > 2.0,
         readings.clock_s,
-        _words(text.message.text) if text and now_s - text.received_s <= _TEXT_S else "",
+        plain(last.text, 100) if last and now_s - last.received_s <= _TEXT_S else "",
+        pack.word,
+        pack.minutes,
+        pack.minutes_by,
     )
-
-
-def _battery(readings: Readings) -> tuple[float | None, float | None, float | None, float | None]:
-    """Voltage in V, current in A, remaining 0..1 of the first battery that is told of, and when it was.
-
-    A monitor that is not fitted reads 0 V: no pack that flies does.
-    """
-    found = list(readings.batches("BATTERY_STATUS").values())
-    status = readings.get("SYS_STATUS")
-    for arrival in (*found, *((status,) if status else ())):
-        m = arrival.message
-        cells = [m.voltage_battery] if arrival is status else m.voltages
-        voltage = sum(v for v in cells if 0 < v < _NO_CELL) / 1e3
-        if voltage > 0.0:
-            current = m.current_battery / 100 if m.current_battery >= 0 else None
-            remaining = m.battery_remaining / 100 if m.battery_remaining >= 0 else None
-            return voltage, current, remaining, arrival.received_s
-    return None, None, None, None
 
 
 def on_ground(readings: Readings, now_s: float) -> bool:
@@ -152,9 +146,3 @@ def finite(value: Any) -> float | None:
     """The number, or None for NaN and infinity."""
     number = float(value)
     return number if math.isfinite(number) else None
-
-
-def _words(text: Any) -> str:
-    """A status text on one line."""
-    raw = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
-    return plain(raw.partition("\0")[0].strip(), 100)

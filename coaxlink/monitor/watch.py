@@ -8,7 +8,10 @@ from dataclasses import asdict
 from threading import Lock
 from typing import Any
 
+from coaxlink.errors import CoaxlinkError
+from coaxlink.mixer import Law, make_law
 from coaxlink.monitor import board_ardupilot
+from coaxlink.monitor.battery import Drain, battery_of
 from coaxlink.monitor.board import describe, table_parameters
 from coaxlink.monitor.board_view import Board
 from coaxlink.monitor.hover import Hover
@@ -29,6 +32,8 @@ class Watch:
         self._table: dict[str, float] | None = None
         self._board = Board("unread")
         self._hover = Hover()
+        self._drain = Drain()
+        self._law = _exact(vehicle)
         self._target: tuple[int, int] | None = None
 
     def wait_for(self, what: str) -> None:
@@ -58,8 +63,9 @@ class Watch:
             self.judge_table()  # the reduced coefficients are a fit: not five times a second
             board = self._board
         if readings.target != self._target:
-            self._target, self._hover = readings.target, Hover()
+            self._target, self._hover, self._drain = readings.target, Hover(), Drain()
         self._hover = self._hover.extended(readings, self.vehicle, now_s)
+        self._drain = self._drain.extended(readings.clock_s, battery_of(readings).remaining)
         return observe(
             readings,
             self.vehicle,
@@ -69,7 +75,17 @@ class Watch:
             board=board,
             verdict=self._hover.verdict,
             line=self.line(),
+            law=self._law,
+            trend_min=self._drain.minutes,
         )
+
+
+def _exact(vehicle: Vehicle) -> Law | None:
+    """The law whose split is the ideal one; None for rotors that it cannot serve."""
+    try:
+        return make_law("exact", vehicle)
+    except CoaxlinkError:
+        return None
 
 
 def to_json(view: View) -> dict[str, Any]:

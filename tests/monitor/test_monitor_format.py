@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import math
+import re
+from datetime import datetime
 from typing import Any
 
 import pytest
-from monitor_messages import Sender, attitude, heartbeat, servo
+from monitor_messages import EscStatus, Sender, attitude, battery, heartbeat, position, servo
+from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.monitor import format as words
-from coaxlink.monitor.history import History, SplitPoint
+from coaxlink.monitor import marks
+from coaxlink.monitor.history import History, Point, Window
 from coaxlink.monitor.plot import braille, nice_range
+from coaxlink.monitor.plots import error_plot, split_plot
 from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import RotorView, View, observe
+from coaxlink.monitor.themes import PALETTES, dress
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle
 
 AIRFRAME = load_airframe(files.example("x8_paper.toml"))
 MODEL = load_rotor_model(files.example("rotor_paper.toml"))
+ARMS = observe(Collector().readings(0.0), Vehicle(AIRFRAME, MODEL), 0.0).arms
 
 
 def view_of(*messages: Any, at: float = 1.0, now: float = 1.0) -> View:
@@ -43,15 +50,15 @@ def view_of(*messages: Any, at: float = 1.0, now: float = 1.0) -> View:
     ],
 )
 def test_numbers(value: float | None, digits: int, signed: bool, text: str) -> None:
-    assert words.number(value, digits, signed) == text
+    assert marks.number(value, digits, signed) == text
 
 
 def test_bar_lengths() -> None:
-    assert words.bar(0.5, 8, "").plain == "████····"
-    assert words.bar(0.5 + 1 / 64, 8, "").plain == "████▏···"
-    assert words.bar(7.0, 4, "").plain == "████"
-    assert words.bar(-1.0, 4, "").plain == "····"
-    assert words.bar(None, 4, "").plain == "····"
+    assert marks.bar(0.5, 8, "").plain == "████····"
+    assert marks.bar(0.5 + 1 / 64, 8, "").plain == "████▏···"
+    assert marks.bar(7.0, 4, "").plain == "████"
+    assert marks.bar(-1.0, 4, "").plain == "····"
+    assert marks.bar(None, 4, "").plain == "····"
 
 
 @pytest.mark.parametrize("width", [30, 36, 46, 56, 90])
@@ -85,11 +92,54 @@ def test_head_says_waiting_live_lost_and_armed() -> None:
     assert "LINK LOST" in words.notes(lost).plain
 
 
-def test_notes_tell_why_there_is_no_error_and_stale_is_said() -> None:
+def test_notes_tell_why_there_is_no_error() -> None:
     assert "needs the table on board" in words.notes(view_of(heartbeat(), servo())).plain
-    view = view_of(heartbeat(), servo(), attitude(), now=3.9)
-    assert "stale roll" in words.vehicle(view).plain
-    assert "stale SERVO_OUTPUT_RAW" in words.vehicle(view).plain
+
+
+def test_every_stale_number_carries_a_mark_and_no_fresh_one_does() -> None:
+    sent = (heartbeat(), servo(), attitude(), position(), battery(), EscStatus(0, [2381] * 4))
+
+    def panels(view: View) -> str:
+        old = words.speeds_old(view)
+        texts = [words.balance(view), words.vehicle(view), words.weight_and_split(view)]
+        for arm in view.arms:
+            texts += [words.arm_body(arm, 46, old), words.arm_split(arm, old)]
+            texts.append(words.arm_title(arm, view.escs_stale or old))
+        return "\n".join(t.plain for t in texts)
+
+    fresh, lost = panels(view_of(*sent)), panels(view_of(*sent, now=20.0))
+    # numbers; rotors' own stand behind their triangle
+    numbers = r"(?<![\d▲▼.])[+-]?\d+(?:\.\d+)?(?!\.?\d)"
+    assert len(re.findall(numbers, fresh)) > 50 and marks.STALE not in fresh
+    assert re.findall(numbers + r"(?!\*)", lost) == []
+    assert len(re.findall(numbers, lost)) == len(re.findall(numbers, fresh))
+    assert "battery ok*" in lost
+    assert "marked *" in words.notes(view_of(*sent, now=20.0)).plain
+
+
+@pytest.mark.parametrize(("width", "word"), [(36, "MAX"), (60, "at max")])
+def test_a_motor_at_its_bound_has_a_mark_and_a_word(width: int, word: str) -> None:
+    full = RotorView(6, "lower", 1.0, 5400.0, 1.0, 77.9, 2.1, 77.9, "max")
+    line = words.rotor_line(full, width, stale=False)
+    assert line.plain.startswith("▼6! ") and word in line.plain and line.cell_len == width
+    assert "!" not in words.rotor_line(RotorView(6, "lower", *[0.5] * 5, 77.9), width, False).plain
+
+
+def test_battery_in_a_word_with_minutes() -> None:
+    pack = battery()
+    assert words.battery_words(view_of(heartbeat(), pack)).plain == "battery ok"
+    pack.time_remaining, pack.charge_state = 250, 3
+    said = words.battery_words(view_of(heartbeat(), pack))
+    assert said.plain == "CRITICAL, 4 min left" and "bad" in str(said.style) + str(said.spans)
+    assert words.battery_words(view_of(heartbeat())).plain == "battery not told"
+
+
+def test_themes_know_every_style_name_and_none_has_no_colour() -> None:
+    names = {*marks.ARMS, marks.UPPER, marks.LOWER, marks.GOOD, marks.BAD, marks.WARN, marks.DIM}
+    for palette in PALETTES.values():
+        assert set(palette) == names
+    text = dress(words.summary(view_of(heartbeat(), servo())), PALETTES["none"])
+    assert not any("#" in str(span.style) for span in text.spans)
 
 
 def test_summary_is_complete_and_plain() -> None:
@@ -135,11 +185,47 @@ def test_history_runs_on_the_vehicles_clock_and_starts_anew_after_a_reboot() -> 
 def test_history_takes_nothing_stale() -> None:
     history = History().extended(view_of(heartbeat(), servo(), now=3.9), 3.9)
     assert history.points == ()
-    assert "stand still" in words.split_plot(history, 60, 5).plain
+    assert "stand still" in split_plot(history, ARMS, Window(), 60, 5).plain
 
 
-def test_plot_shows_range_and_every_row_fits() -> None:
-    points = tuple(SplitPoint(float(t), (0.40 + 0.001 * t, None)) for t in range(60))
-    lines = words.split_plot(History(60.0, points), 70, 6).plain.split("\n")
-    assert len(lines) == 6 and all(len(line) == 70 for line in lines)
-    assert lines[0].startswith(" 50%") and lines[-1].startswith(" 40%")
+@pytest.mark.parametrize("width", [70, 40, 21])
+def test_arms_of_one_split_are_told_apart(width: int) -> None:
+    points = tuple(Point(float(t), (0.42,) * 4, (0.45,) * 4) for t in range(60))
+    lines = split_plot(History(60.0, points), ARMS, Window(), width, 6).plain.split("\n")
+    assert len(lines) == 6 and lines[1].startswith(" 50%") and lines[-1].startswith(" 40%")
+    shown = min(4, (width - 4) // 8)
+    names = (
+        ("front right", "front left", "rear left", "rear right") if width == 70 else ("FR", "FL", "RL", "RR")
+    )
+    assert [name in lines[0] for name in names] == [k < shown for k in range(4)]
+    room = (width - 5 - (shown - 1)) // shown
+    for k in range(shown):  # a line of its own for each, all the way
+        part = [line[5 + k * (room + 1) :][:room] for line in lines[1:]]
+        assert all(any(row[x] != " " for row in part) for x in range(room))
+
+
+def test_error_over_time_has_four_axes_and_can_be_moved_and_zoomed() -> None:
+    points = tuple(Point(float(t), (), (), (0.1 * t, 0.5, -0.5, 0.0)) for t in range(600))
+    history = History(600.0, points)
+    lines = error_plot(history, Window(60.0), 76, 17).plain.split("\n")
+    assert len(lines) == 17 and all(len(line) == 76 for line in lines)
+    assert [line.split()[0] for line in lines[:16:4]] == ["thrust", "roll", "pitch", "yaw"]
+    assert lines[-1].split() == ["8:59.0", "9:59.0"]
+    assert lines[0].split()[1].startswith("+60")
+    earlier = Window(60.0).moved(1.0, history)
+    assert error_plot(history, earlier, 76, 17).plain.split("\n")[-1].split() == ["7:59.0", "8:59.0"]
+    assert Window(60.0).moved(99.0, history).back_s == history.length_s - 60.0
+    assert Window(60.0).moved(-1.0, history).back_s == 0.0
+    assert Window(60.0).zoomed(0.5).span_s == 30.0 and Window(60.0).zoomed(99.0).span_s == 600.0
+    assert "no allocation error" in error_plot(History(), Window(), 76, 17).plain
+
+
+def test_texts_have_times_and_severities_newest_first() -> None:
+    first = mavlink.MAVLink_statustext_message(6, b"Takeoff detected")
+    long = [mavlink.MAVLink_statustext_message(4, b"x" * 50, 7, k) for k in range(2)]
+    view = view_of(heartbeat(), attitude(boot_ms=61500), first, *long, now=3.0)
+    lines = words.said(view, datetime(2026, 1, 1, 12, 0, 2)).plain.split("\n")
+    assert lines[0].split() == ["1:01.5", "12:00:00", "warning", "x" * 100]
+    assert lines[1].split()[2:] == ["info", "Takeoff", "detected"] and len(lines) == 2
+    assert "12:" not in words.said(view, None).plain
+    assert words.said(view_of(heartbeat()), None).plain == "no message yet"

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from monitor_messages import EscStatus, Sender, attitude, battery, heartbeat, position, servo
+from rich.text import Text
 from test_monitor_board import table
 from textual.widgets import Static
 
@@ -44,6 +45,9 @@ class Scene:
         widget = self.app.screen_stack[0].query_one(f"#{name}", Static)
         return str(widget.visual)
 
+    def border(self, name: str) -> str:
+        return Text.from_markup(self.app.screen_stack[0].query_one(f"#{name}").border_subtitle or "").plain
+
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Scene:
@@ -59,15 +63,15 @@ def test_waits_then_fills_and_fits_80_by_24(scene: Scene) -> None:
         async with scene.app.run_test(size=(80, 24)) as pilot:
             await pilot.pause()
             assert "waiting for a heartbeat" in scene.text("waiting")
-            assert not scene.app.query_one("#arms").display
+            assert not scene.app.query_one("#pages").display
             scene.fly()
             await pilot.pause()
             scene.app.draw()
             assert not scene.app.query_one("#waiting").display
             assert "2381" in scene.text("arm0") and "▼6" in scene.text("arm0")
-            assert scene.app.query_one("#arm0").border_title == "front right"
+            assert "front right" in str(scene.app.query_one("#arm0").border_title)
             assert "ARMED" in scene.text("head")
-            assert "ESC_STATUS rpm" in scene.text("vehicle")
+            assert scene.border("vehicle") == "ESC_STATUS rpm"
             assert scene.app.screen.max_scroll_y == 0
             for name in ("arm0", "arm3", "balance", "board", "plot"):
                 assert scene.app.query_one(f"#{name}").region.bottom <= 24
@@ -170,7 +174,7 @@ def test_link_lost_is_written_across_and_table_is_named(scene: Scene) -> None:
             await pilot.pause()
             assert "LINK LOST 6" in scene.text("notes")
             assert "lost" in scene.text("head")
-            assert "reduced" in scene.text("board") and "47.0 / 69.9" in scene.text("board")
+            assert "reduced" in scene.text("board") and "47.0* / 69.9*" in scene.text("board")
 
     run(story())
 
@@ -188,7 +192,7 @@ def test_a_source_that_is_passed_over_is_named_on_the_screen(scene: Scene, size:
                 scene.hear(EscStatus(0, rpm[:4]), EscStatus(4, rpm[4:]))
             await pilot.pause()
             scene.app.draw()
-            assert "SERVO_OUTPUT_RAW" in scene.text("vehicle") and "ESC" not in scene.text("vehicle")
+            assert scene.border("vehicle") == "SERVO_OUTPUT_RAW"
             assert "ESC_STATUS rpm passed over" in scene.text("notes")
             assert "2381" in scene.text("arm0")  # by the command, as a 5400 rpm rotor turns
             notes = scene.app.query_one("#notes")
@@ -202,14 +206,15 @@ def test_an_ardupilot_s_table_fits_its_panel(scene: Scene) -> None:
 
     async def story() -> None:
         async with scene.app.run_test(size=(80, 24)) as pilot:
-            scene.hear(heartbeat(autopilot=3), servo(), attitude(), position(), battery())
+            sent = heartbeat(autopilot=3), servo(), attitude(), position(), battery()
+            scene.hear(*sent)
             scene.watch.collector.put_parameters(
                 on_board(scene.watch.vehicle.declared, scene.watch.vehicle.rotors, "reduced")
             )
             scene.app.tick()
             assert "being read" in scene.text("board")  # the link's thread compares it: that takes seconds
             scene.watch.judge_table()
-            scene.app.tick()
+            scene.hear(*sent)
             await pilot.pause()
             lines = scene.text("board").splitlines()
             assert lines[0] == "reduced (model's)" and lines[2] == "FRAME_CLASS 15"

@@ -1,0 +1,149 @@
+"""Rotors and arms of a view: loads by the rotor model, what is at its bound, the split and its ideal.
+
+The ideal split is that of the exact law for the wrench that the rotors make at this moment: the same thrust
+and moments at the least power. Where the table on board is a good one the two agree.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from coaxlink.airframe import Airframe
+from coaxlink.errors import CoaxlinkError
+from coaxlink.mixer.law import Law
+from coaxlink.monitor.escs import Escs
+from coaxlink.monitor.speeds import Speeds
+from coaxlink.monitor.vehicle import finite
+from coaxlink.rotor import RotorModel
+from coaxlink.vehicle import Vehicle
+
+STANDING = 0.005  # normalised speed below which a rotor stands still
+BOUND = 5e-4  # of normalised command: half a step of a PWM output of 1000 steps
+_SPLIT_N = 1.0  # a pair with less thrust idles and its split means nothing
+
+
+@dataclass(frozen=True)
+class RotorView:
+    """One rotor; `number` is the airframe's."""
+
+    number: int
+    level: str  # upper, lower, single
+    speed: float | None  # normalised, 0..1
+    rpm: float | None
+    throttle: float | None  # commanded, 0..1
+    thrust_N: float | None
+    torque_Nm: float | None
+    full_N: float  # the most thrust it has, alone at full speed
+    bound: str = ""  # max, or (in the air) min, when its command is at that end of its range
+    current_A: float | None = None
+    temperature_C: float | None = None
+
+
+@dataclass(frozen=True)
+class ArmView:
+    """One arm: a coaxial pair, or a single rotor (then `lower` is None)."""
+
+    name: str  # "front right"
+    upper: RotorView
+    lower: RotorView | None
+    thrust_N: float | None  # of the arm
+    upper_share: float | None  # upper thrust over the pair's, 0..1
+    ideal_share: float | None = None  # by the exact law for the wrench of this moment
+
+
+def rotors_of(
+    airframe: Airframe,
+    model: RotorModel,
+    speeds: Speeds,
+    escs: Escs,
+    *,
+    flying: bool = False,
+    least: float = 0.0,
+) -> tuple[RotorView, ...]:
+    """(N,) rotors; `least` is the normalised command at which motors run slowest in flight."""
+    u = np.array([np.nan if s is None else s for s in speeds.u])
+    # an unknown speed makes NaN of just those loads that depend on it
+    thrust, torque = airframe.loads(model, u)
+    for group in (*airframe.pairs, *((i,) for i in airframe.singles)):
+        if all(u[i] < STANDING for i in group):
+            thrust[list(group)], torque[list(group)] = 0.0, 0.0  # a fit's constant is no thrust at rest
+    full = {
+        "upper": float(model.upper_thrust(1.0, 0.0)),
+        "single": float(model.upper_thrust(1.0, 0.0)),
+        "lower": float(model.lower_thrust(0.0, 1.0)),
+    }
+    return tuple(
+        RotorView(
+            rotor.number,
+            rotor.level,
+            speeds.u[i],
+            speeds.rpm[i],
+            speeds.throttle[i],
+            finite(thrust[i]) if speeds.u[i] is not None else None,
+            finite(torque[i]) if speeds.u[i] is not None else None,
+            full[rotor.level],
+            _bound(speeds.throttle[i], least, flying),
+            escs.current_A[i],
+            escs.temperature_C[i],
+        )
+        for i, rotor in enumerate(airframe.rotors)
+    )
+
+
+def arms_of(
+    airframe: Airframe, rotors: tuple[RotorView, ...], ideal: dict[int, float] | None = None
+) -> tuple[ArmView, ...]:
+    """The arms in the order of their upper rotors; `ideal` is the upper share by index of that rotor."""
+    arms = []
+    for i, rotor in enumerate(airframe.rotors):
+        if rotor.level == "lower":
+            continue
+        lower = rotors[rotor.pair - 1] if rotor.pair is not None else None
+        upper_N, lower_N = rotors[i].thrust_N, lower.thrust_N if lower else 0.0
+        total = None if upper_N is None or lower_N is None else upper_N + lower_N
+        split = share_of(upper_N, lower_N) if lower else None
+        best = (ideal or {}).get(i) if split is not None else None
+        arms.append(ArmView(arm_name(*rotor.position_m[:2]), rotors[i], lower, total, split, best))
+    return tuple(arms)
+
+
+def ideal_shares(law: Law | None, vehicle: Vehicle, wrench: tuple[float, ...] | None) -> dict[int, float]:
+    """Upper share of thrust (0..1) of each pair under `law` for this wrench, by index of the upper rotor."""
+    airframe = vehicle.airframe
+    if law is None or wrench is None or wrench[0] < _SPLIT_N or not all(map(math.isfinite, wrench)):
+        return {}
+    try:
+        thrust, _ = airframe.loads(vehicle.model, law.speeds(wrench))
+    except CoaxlinkError:
+        return {}
+    shares = {a: share_of(float(thrust[a]), float(thrust[b])) for a, b in airframe.pairs}
+    return {a: share for a, share in shares.items() if share is not None}
+
+
+def share_of(upper: float | None, lower: float | None) -> float | None:
+    """Upper thrust over that of both; None below 1 N."""
+    if upper is None or lower is None or upper + lower < _SPLIT_N:
+        return None
+    return upper / (upper + lower)
+
+
+def arm_name(x_m: float, y_m: float) -> str:
+    """Where an arm points, in words, from its rotor's place in FRD."""
+    reach = math.hypot(x_m, y_m)
+    if reach < 1e-3:
+        return "centre"
+    # within about 20 degrees of an axis an arm is simply front or right
+    along = "front" if x_m > 0.35 * reach else "rear" if x_m < -0.35 * reach else ""
+    across = "right" if y_m > 0.35 * reach else "left" if y_m < -0.35 * reach else ""
+    return " ".join(filter(None, (along, across)))
+
+
+def _bound(throttle: float | None, least: float, flying: bool) -> str:
+    if throttle is None:
+        return ""
+    if throttle >= 1.0 - BOUND:
+        return "max"
+    return "min" if flying and throttle <= least + BOUND else ""
