@@ -16,6 +16,7 @@ from coaxlink.errors import InputError
 
 _WHAT = {
     ".csv": "A stand log of the paper's pair, 121 points.",
+    ".ipynb": "Stand log to table and back, a notebook with pictures.",
     ".json": "JSON schema of vehicle files, for editors.",
 }
 _SAID_OF_ALL = "What is true of"  # the line that every truth begins with
