@@ -8,18 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coaxlink.cli._machine import SchedulerOption, WorkersOption
 from coaxlink.cli._shell import JsonOption, console, say
 
 if TYPE_CHECKING:
     from coaxlink.campaign.spec import Spec
-
-WorkersOption = Annotated[
-    int, typer.Option("--workers", min=0, help="Processes on this machine; 0: one a processor.")
-]
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, as tcp://HOST:8786, instead."),
-]
 
 
 def campaign(

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coaxlink.cli._fleet import folder_of
+from coaxlink.cli._machine import SchedulerOption, WorkersOption
 from coaxlink.cli._next import after_refine
 from coaxlink.cli._shell import JsonOption, console, say, talk
 from coaxlink.cli._stand import ColumnsOption, PolesOption, Reading, SheetOption, UpperOption, read_stand
@@ -17,7 +19,10 @@ if TYPE_CHECKING:
 
 def refine(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Stand or flight logs, all of one kind.")
+        list[Path],
+        typer.Argument(
+            metavar="LOG...", help="Stand or flight logs, all of one kind; or one folder of a fleet's."
+        ),
     ],
     airframe: Annotated[
         Path | None, typer.Option(metavar="AIRFRAME.toml", help="Of a flight (default: the shipped X8).")
@@ -43,6 +48,8 @@ def refine(
     upper: UpperOption = None,
     poles: PolesOption = None,
     sheet: SheetOption = None,
+    workers: WorkersOption = 0,
+    scheduler: SchedulerOption = None,
     json: JsonOption = None,
 ) -> None:
     """Find what the model lacks in measured data, name it, and report the error before and after."""
@@ -57,6 +64,10 @@ def refine(
 
     for place in (out, report, plan, json):
         files.refuse_unwritable(place)
+    folder = folder_of(logs[0])
+    if folder is not None:
+        _fleet(folder, len(logs), out or plan, airframe, rotor, (workers, scheduler), report, json)
+        return
     kinds = [is_flight_log(path) for path in logs]
     if any(kinds) != all(kinds):
         raise InputError(
@@ -104,6 +115,32 @@ def refine(
     for remark in remarks(result):
         say(remark)
     say(after_refine(result, out, flight))
+
+
+def _fleet(
+    folder: str,
+    count: int,
+    single: Path | None,
+    airframe: Path | None,
+    rotor: Path | None,
+    where: tuple[int, str | None],
+    report: Path | None,
+    json: Path | None,
+) -> None:
+    """Every log of a fleet by itself, and each vehicle over time. Raises InputError."""
+    from coaxlink import files
+    from coaxlink.campaign.fleet import RefineLog
+    from coaxlink.cli._fleet import tell_fleet
+    from coaxlink.errors import InputError
+
+    if count > 1:
+        raise InputError(folder, "", "a fleet is one folder, with a folder a vehicle in it")
+    if single is not None:
+        raise InputError(
+            single, "", "a fleet has no one model: refine a vehicle's own logs for --out or --plan"
+        )
+    analyse = RefineLog(airframe or files.example("x8_paper.toml"), rotor)
+    tell_fleet(folder, analyse, *where, report, json)
 
 
 def _write_plan(path: Path, result: Refinement) -> None:

@@ -87,7 +87,7 @@ def page(s: Summary, columns: Mapping[str, Any]) -> str:
         "</ul><h2>Laws side by side</h2>",
         '<p class="dim">mean and its 95 % interval over flights that ended as planned; boxes: quartiles, 5 '
         "and 95 %</p>",
-        _image(plots.spreads(s, columns), "spread of the main figures, law by law"),
+        image(plots.spreads(s, columns), "spread of the main figures, law by law"),
         html_table(("figure", *s.laws), spread_rows(s)),
     ]
     if s.paired:
@@ -100,13 +100,13 @@ def page(s: Summary, columns: Mapping[str, Any]) -> str:
         heads = ("law", "figure", f"less {s.laws[0]}", "95 %", "of its mean", "smaller in", "p")
         parts += [
             f"<h2>Against {escape(s.laws[0])} on equal seeds</h2>",
-            _image(plots.differences(s), "differences on equal seeds with intervals"),
+            image(plots.differences(s), "differences on equal seeds with intervals"),
             html_table(heads, pairs),
         ]
     if s.dependences:
         parts += [
             "<h2>What errors follow</h2>",
-            _image(plots.sensitivity(s), "rank correlation of every figure with every varied quantity"),
+            image(plots.sensitivity(s), "rank correlation of every figure with every varied quantity"),
             html_table(SENSITIVITY_HEADS, sensitivity_rows(s, 40)),
             f'<p class="dim">the strongest of {len(s.clear)} dependences beyond chance '
             f"(p &lt; 0.001 over all {len(s.dependences)} looked at)</p>",
@@ -127,5 +127,6 @@ def page(s: Summary, columns: Mapping[str, Any]) -> str:
     return document(f"Campaign {s.name}", parts)
 
 
-def _image(data: bytes, text: str) -> str:
+def image(data: bytes, text: str) -> str:
+    """A PNG in the page itself."""
     return f'<p><img alt="{escape(text)}" src="data:image/png;base64,{base64.b64encode(data).decode()}"></p>'

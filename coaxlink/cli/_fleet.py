@@ -1,0 +1,60 @@
+"""A folder or bucket of logs, looked through log by log and told vehicle by vehicle over time."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from coaxlink.cli._shell import console, say
+
+if TYPE_CHECKING:
+    from coaxlink.campaign.fleet import Analyse, Fleet
+
+
+def folder_of(place: Path) -> str | None:
+    """The folder or bucket that an argument means; None for a file. `s3://bucket` loses a slash as a Path."""
+    text = str(place)
+    scheme, colon, rest = text.partition(":/")
+    if colon and len(scheme) > 1 and not place.exists():
+        return f"{scheme}://{rest.lstrip('/')}" if scheme != "file" else f"file:///{rest.lstrip('/')}"
+    return text if place.is_dir() else None
+
+
+def tell_fleet(
+    folder: str, analyse: Analyse, workers: int, scheduler: str | None, report: Path | None, json: Path | None
+) -> Fleet:
+    """Analyse every log under `folder` and show what it says of the vehicles. Raises CoaxlinkError."""
+    from rich.table import Table
+
+    from coaxlink import files
+    from coaxlink.campaign.engine import Machine
+    from coaxlink.campaign.fleet import find_logs, look_through
+    from coaxlink.campaign.progress import Progress
+    from coaxlink.report import fleet as shown
+
+    logs = find_logs(folder)
+    progress = Progress(len(logs), 0, "logs", _write, sys.stderr.isatty())
+    fleet = look_through(logs, analyse, Machine(workers, scheduler), progress.at)
+    progress.end(len(logs))
+    screen = console()
+    for line in shown.sentences(fleet):
+        screen.print(line)
+    if fleet.courses:
+        table = Table(*shown.HEADS, box=None)
+        for row in shown.rows(fleet.courses):
+            table.add_row(*row)
+        screen.print(table)
+    for name, why in list(fleet.problems.items())[:10]:
+        say(f"says nothing: {name}: {why}")
+    if report is not None:
+        files.write_atomic(report, shown.page(fleet))
+        say(f"wrote {report}")
+    if json is not None:
+        files.write_json(json, fleet.to_json())
+    return fleet
+
+
+def _write(text: str) -> None:
+    sys.stderr.write(text)
+    sys.stderr.flush()

@@ -1,0 +1,89 @@
+"""A fleet over time: as text for a screen, as one self-contained page, as a picture."""
+
+from __future__ import annotations
+
+import datetime
+import io
+from collections.abc import Iterator
+
+import numpy as np
+
+from coaxlink.campaign.fleet import Course, Fleet
+from coaxlink.report.campaign import image, number
+from coaxlink.report.html import escape
+from coaxlink.report.page import document, html_table
+
+HEADS = ("vehicle", "found", "where", "logs", "first", "last", "size then", "size now", "a week, 95 %", "p")
+MOST_DRAWN = 60  # vehicles in the picture; those with findings first
+
+
+def sentences(fleet: Fleet) -> Iterator[str]:
+    """What was looked at and what is believed."""
+    yield f"{fleet.logs} logs of {len(fleet.vehicles)} vehicles"
+    for course in fleet.believed:
+        yield course.words()
+    if not fleet.believed:
+        yield "nothing that false alarms would not bring"
+    doubtful = [c for c in fleet.courses if not c.believed]
+    if doubtful:
+        few = ", ".join(f"{c.vehicle} {c.name} {c.part}".strip() for c in doubtful[:5])
+        yield f"seen too rarely to be believed: {few}" + (" ..." if len(doubtful) > 5 else "")
+
+
+def rows(courses: tuple[Course, ...]) -> list[tuple[str, ...]]:
+    """A row a kind of finding and vehicle."""
+    return [
+        (
+            c.vehicle, c.name, c.part or "-", f"{len(c.dates)} of {c.logs}", c.dates[0][:10],
+            c.dates[-1][:10], f"{c.values[0]:.3g}", f"{c.values[-1]:.3g} {c.unit}".removesuffix(" 1"),
+            " .. ".join(number(x) for x in c.per_week_ci), f"{c.p_value:.1g}",
+        )
+        for c in courses
+    ]  # fmt: skip
+
+
+def picture(fleet: Fleet) -> bytes:
+    """PNG: which vehicle had how many findings when, and the believed ones' sizes over time."""
+    from matplotlib.figure import Figure
+
+    ailing = list(dict.fromkeys(c.vehicle for c in fleet.believed))
+    shown = [*ailing, *(v for v in fleet.vehicles if v not in ailing)][:MOST_DRAWN]
+    figure = Figure(figsize=(11, 3.5 + 0.16 * len(shown)), layout="constrained")
+    over, under = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 0.4 + 0.08 * len(shown)))
+    for c in fleet.believed:
+        when = [datetime.datetime.fromisoformat(d) for d in c.dates]
+        size = 100.0 * np.array(c.values) if c.unit == "1" else np.array(c.values)
+        label = f"{c.vehicle}: {c.name} {c.part}".strip() + (", %" if c.unit == "1" else f", {c.unit}")
+        over.plot(when, size, "o-", ms=3, lw=1, label=label)
+    over.set_title("findings that false alarms do not explain", fontsize=10)
+    if fleet.believed:
+        over.legend(fontsize=8)
+    for place, vehicle in enumerate(shown):
+        mine = [(date, len(found)) for v, date, found in fleet.rows if v == vehicle]
+        when = [datetime.datetime.fromisoformat(d) for d, _ in mine]
+        colours = ["#c0392b" if n else "#b8c4d0" for _, n in mine]
+        under.scatter(when, [place] * len(when), c=colours, s=14)
+    under.set_yticks(range(len(shown)), shown, fontsize=7)
+    under.invert_yaxis()
+    under.set_title("logs; red: something found", fontsize=10)
+    figure.autofmt_xdate()
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=100)
+    return stream.getvalue()
+
+
+def page(fleet: Fleet) -> str:
+    """The whole report as HTML."""
+    lines = list(sentences(fleet))
+    parts = [
+        f'<p class="verdict">{escape(lines[0])}</p><ul>',
+        *(f"<li>{escape(line)}</li>" for line in lines[1:]),
+        "</ul>",
+        image(picture(fleet), "findings of every vehicle over time"),
+        "<h2>Findings by vehicle</h2>",
+        html_table(HEADS, rows(fleet.courses)),
+    ]
+    if fleet.problems:
+        told = [(name, why) for name, why in fleet.problems.items()]
+        parts += ["<h2>Logs that say nothing</h2>", html_table(("log", "why"), told, wide=(1,))]
+    return document("A fleet over time", parts)
