@@ -141,7 +141,7 @@ class _AirframeFile(BaseModel):
         Field(description="Moments of inertia about x, y, z through the centre of mass, kg m^2."),
     ]
     rotor_model: Annotated[
-        str | None, Field(description="Rotor model file, beside this one; --rotor overrides it.")
+        str | None, Field(description="Rotor model file, beside this one, where no other is given.")
     ] = None
     motor_lag_s: Annotated[
         float, Field(ge=0, allow_inf_nan=False, description="First-order lag from command to speed, s.")

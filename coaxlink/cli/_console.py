@@ -9,18 +9,21 @@ from rich.console import Console, RenderableType
 from rich.status import Status
 from rich.text import Text
 
+from coaxlink.cli._options import by_option
 from firmware_params.plain import plain_lines
 
 
 class PlainConsole(Console):
-    """A console that interprets nothing in a string."""
+    """A console that interprets nothing in a string but the parameters that the library names."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options, highlight=False, markup=False, emoji=False)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """A string as it stands; also those of tables, their headings and titles."""
-        return super().render_str(plain_lines(text), **{**options, "markup": False, "emoji": False})
+        return super().render_str(
+            plain_lines(by_option(text)), **{**options, "markup": False, "emoji": False}
+        )
 
     def status(self, status: RenderableType, **options: Any) -> Status:
         """A status line whose texts are plain as well."""
@@ -33,4 +36,4 @@ class _PlainStatus(Status):
 
 
 def _text(status: RenderableType) -> RenderableType:
-    return Text(plain_lines(status)) if isinstance(status, str) else status
+    return Text(plain_lines(by_option(status))) if isinstance(status, str) else status

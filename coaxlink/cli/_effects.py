@@ -69,7 +69,7 @@ def _say_unused(vehicle: Vehicle) -> None:
             continue
         without = Vehicle(vehicle.declared, vehicle.rotors, replace(vehicle.conditions, **{name: None}))
         if without.compensated == vehicle.compensated:
-            say(f"{by_option(name)} {value:g} changes nothing: no effect of the rotor file depends on it")
+            say(f"`{name}` {value:g} changes nothing: no effect of the rotor file depends on it")
 
 
 def say_effects(vehicle: Vehicle) -> None:
@@ -77,21 +77,4 @@ def say_effects(vehicle: Vehicle) -> None:
     for name, what in vehicle.compensated.items():
         say(f"compensated: {name}: {what}")
     for name, why in vehicle.left_out.items():
-        say(f"not compensated: {name}: {by_option(why)}")
-
-
-# what the library calls conditions and arguments -> a verb's option
-_OPTIONS = {
-    "voltage_V": "--voltage",
-    "height_m": "--height",
-    "climb_m_s": "--climb",
-    "air_density_kg_m3": "--density",
-    "lead_s": "--lead",
-}
-
-
-def by_option(reason: str) -> str:
-    """Why an effect is left out, in the words of the command line."""
-    for name, option in _OPTIONS.items():
-        reason = reason.replace(name, option)
-    return reason
+        say(f"not compensated: {name}: {why}")

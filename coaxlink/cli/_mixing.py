@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from coaxlink.cli._effects import by_option
 from coaxlink.cli._line import tell_news
 from coaxlink.cli._next import unanswered
 from coaxlink.cli._shell import say
@@ -86,7 +85,7 @@ def fly(
     if effects and "air_density" in effects.names and o.air_C is None:
         say("air_density: nothing is done before the vehicle sends HYGROMETER_SENSOR (or --air-temperature)")
     for name, why in effects.left_out.items() if effects else ():
-        say(f"not compensated live: {name} ({by_option(why)})")
+        say(f"not compensated live: {name} ({why})")
     about = {"law": law.name, "airframe": frame.name, "rotors": len(frame.rotors), "rotor_form": model.form}
     kept = LiveRecord(o.record / "mix.live", about) if o.record else None
     live = LiveMixer(

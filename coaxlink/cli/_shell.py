@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from coaxlink.cli._absent import absent
-from coaxlink.errors import CoaxlinkError, InputError
+from coaxlink.cli._options import by_option
+from coaxlink.errors import CoaxlinkError
 from firmware_params.plain import plain_lines
 
 JsonOption = Annotated[
@@ -28,7 +29,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     try:
         outcome = command.main(args=list(arguments), prog_name="coaxlink", standalone_mode=False)
     except CoaxlinkError as error:
-        say(f"coaxlink: {by_option(error)}")
+        say(f"coaxlink: {error}")
         return error.exit_code
     except (typer.Abort, KeyboardInterrupt):  # Ctrl-C at a question, or before the verb is there
         return interrupted()
@@ -50,25 +51,6 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     if outcome == INTERRUPTED:  # typer turns Ctrl-C into this code
         return interrupted()
     return outcome if isinstance(outcome, int) else 0
-
-
-# what the library calls its arguments, where a verb's option is not called the same
-OPTIONS = {
-    "law": "--law",
-    "voltage_V": "--voltage",
-    "mass_kg": "--mass",
-    "arm_m": "--arm",
-    "spacing_m": "--spacing",
-    "upper": "--upper",
-    "template": "--template",
-}
-
-
-def by_option(error: CoaxlinkError) -> CoaxlinkError:
-    """The error in the words of the command line."""
-    if isinstance(error, InputError) and error.source in OPTIONS:
-        return InputError(OPTIONS[error.source], error.where, error.problem)
-    return error
 
 
 def interrupted() -> int:
@@ -96,8 +78,8 @@ def fault(error: Exception) -> int:
 
 
 def say(text: str) -> None:
-    """Talk, to stderr; nothing in it moves the cursor or colours the screen."""
-    sys.stderr.write(f"{plain_lines(text)}\n")
+    """Talk, to stderr, options by their names; nothing in it moves the cursor or colours the screen."""
+    sys.stderr.write(f"{plain_lines(by_option(text))}\n")
 
 
 def console() -> Any:

@@ -99,7 +99,7 @@ def _conversion(
         return 1.0, 0.0, f"1 x '{heading}'"
     if unit.electrical and not poles:
         raise InputError(
-            path, name, "electrical turns: say the motor's magnet poles with --poles (14, 24, 28)"
+            path, name, "electrical turns: say the motor's magnet poles with `poles` (14, 24, 28)"
         )
     return unit.factor(poles), unit.offset + entry.offset, f"'{heading}' in {unit.name}"
 

@@ -59,7 +59,7 @@ class RotorsUnclear(InputError):
         super().__init__(
             str(source),
             f"rotors {labels[0]} and {labels[1]}",
-            f"which is the upper one? Say --upper {labels[0]} or --upper {labels[1]} ({found})",
+            f"which is the upper one? Say `upper` {labels[0]} or `upper` {labels[1]} ({found})",
         )
 
 

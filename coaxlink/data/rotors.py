@@ -109,7 +109,7 @@ def _recognised(table: TextTable, skip: set[int]) -> list[Heading]:
         except UnknownUnitError as error:
             side = next((s for s in SAID if s in words_of(text)), "upper")
             name, unit = f"{side}_{QUANTITIES[error.quantity][0]}", unit_names(error.quantity)[0]
-            problem = f"{error}; a map states it (--columns MAP.toml): {line_for(name, text, unit)}"
+            problem = f"{error}; a map states it (`columns`): {line_for(name, text, unit)}"
             raise InputError(table.source, f"line {table.heading_line}, column {text!r}", problem) from error
         if heading is not None:
             found.append(heading)
@@ -134,7 +134,7 @@ def _by_rotor(table: TextTable, headings: list[Heading]) -> dict[str, list[Headi
         raise InputError(
             table.source,
             f"line {table.heading_line}",
-            f"{len(labels)} rotors ({', '.join(labels)}), a pair has two: name its columns (--columns)",
+            f"{len(labels)} rotors ({', '.join(labels)}), a pair has two: name its columns (`columns`)",
         )
     groups: dict[str, list[Heading]] = {label: [] for label in labels or [""]}
     for heading in headings:
@@ -193,7 +193,7 @@ def _preferred(table: TextTable, headings: list[Heading], notes: list[str]) -> H
             table.source,
             f"line {table.heading_line}",
             f"'{best.text}' and '{other.text}' both read {best.quantity} and differ: two rotors, or one of "
-            "them is wrong; name the right ones in a map (--columns MAP.toml)",
+            "them is wrong; name the right ones in a map (`columns`)",
         )
     return best
 
@@ -208,7 +208,7 @@ def _values(table: TextTable, heading: Heading, unit: Unit | None, poles: int | 
         raise InputError(
             table.source,
             f"line {table.heading_line}, column {heading.text!r}",
-            "electrical turns: say the motor's magnet poles with --poles (14, 24, 28)",
+            "electrical turns: say the motor's magnet poles with `poles` (14, 24, 28)",
         )
     return unit.factor(poles) * values + unit.offset
 
@@ -286,8 +286,7 @@ def _units(
         table.source,
         f"line {table.heading_line}, column {heading.text!r}",
         f"unit of a {quantity} expected ({', '.join(unit_names(quantity))}), found none{told}; write it into "
-        "the heading or a map (--columns MAP.toml): "
-        + line_for(name, heading.text, (may or unit_names(quantity))[0]),
+        "the heading or a map (`columns`): " + line_for(name, heading.text, (may or unit_names(quantity))[0]),
     )
 
 

@@ -29,7 +29,7 @@ def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
         book = CalamineWorkbook.from_path(str(path))
         names = list(book.sheet_names)
         if name is not None and name not in names:
-            raise InputError("--sheet", "", f"'{name}' is not in {path.name} (found {', '.join(names)})")
+            raise InputError("`sheet`", "", f"'{name}' is not in {path.name} (found {', '.join(names)})")
         sheets = {
             n: _rows(book.get_sheet_by_name(n).to_python(skip_empty_area=False))
             for n in ([name] if name else names)
@@ -39,7 +39,7 @@ def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
     full = [n for n, rows in sheets.items() if _numbers(rows)]
     full = [n for n in full if _numbers(sheets[n]) >= FEW] or full
     if len(full) > 1:
-        raise InputError(path, "", f"several sheets hold numbers: name one with --sheet ({', '.join(full)})")
+        raise InputError(path, "", f"several sheets hold numbers: name one with `sheet` ({', '.join(full)})")
     chosen = full[0] if full else next(iter(sheets), "")
     if not sheets.get(chosen):
         raise InputError(path, "", "empty: a heading line and rows of numbers are expected")

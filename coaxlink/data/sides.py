@@ -1,4 +1,4 @@
-"""Upper and lower of a foreign file: by its headings' words, by --upper, by the data, or not at all."""
+"""Upper and lower of a foreign file: by its headings' words, by `upper`, by the data, or not at all."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.data.units import QUANTITIES
 from coaxlink.errors import InputError
 
-ONE = ("one rotor: a model of a rotor alone; --join puts it together with a map of the pair",)
+ONE = ("one rotor: a model of a rotor alone; `join` puts it together with a map of the pair",)
 SHAFT = "shaft_power_W"  # a column that serves to check units and goes again
 
 
@@ -36,17 +36,17 @@ def _decided(
 ) -> tuple[dict[str, Found], tuple[str, ...]]:
     if len(rotors) < 2:
         if upper is not None and rotors and upper.casefold() != rotors[0].label:
-            raise InputError("--upper", "", f"one rotor is in the file, '{upper}' is not its label")
+            raise InputError("`upper`", "", f"one rotor is in the file, '{upper}' is not its label")
         return {r.label if r.label in SAID else "upper": r for r in rotors}, ONE[: len(rotors)]
     first, second = rotors
     if upper is not None:
         wanted = upper.casefold()
         if wanted not in (first.label, second.label):
             names = f"{_called(first)} or {_called(second)}"
-            raise InputError("--upper", "", f"{names} is expected, found '{upper}'")
+            raise InputError("`upper`", "", f"{names} is expected, found '{upper}'")
         if wanted == second.label:
             first, second = second, first
-        note = f"'{_called(first)}' is the upper rotor, as --upper says"
+        note = f"'{_called(first)}' is the upper rotor, as `upper` says"
         return {"upper": first, "lower": second}, (note,)
     if {first.label, second.label} == set(SAID):
         return {r.label: r for r in rotors}, ()

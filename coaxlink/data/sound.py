@@ -72,7 +72,7 @@ def check_signs(samples: Samples) -> None:
                     samples.source,
                     f"column {name}",
                     f"goes with the other rotor's speed, not with {effort}: the columns look exchanged; "
-                    "name the right ones in a map (--columns MAP.toml)",
+                    "name the right ones in a map (`columns`)",
                 )
             if own_sign(samples, name, effort) < 0:
                 raise InputError(
@@ -127,21 +127,21 @@ def check_units(
         raise InputError(
             samples.source,
             f"column {heading!r}",
-            f"{shown}; no single unit mends it: state the units in a map (--columns MAP.toml), as in "
-            f"{line_for(name, heading, _unit(name, origins))}, or --trust-units",
+            f"{shown}; no single unit mends it: state the units in a map (`columns`), as in "
+            f"{line_for(name, heading, _unit(name, origins))}, or `trust_units`",
         )
     name, unit, _ = better[0]
     heading = origins[name].heading if name in origins else name
     by_quantity: dict[str, list[str]] = {}
     for _, other, what in better:
-        by_quantity.setdefault(what, []).append("electrical turns (--poles)" if other == "erpm" else other)
+        by_quantity.setdefault(what, []).append("electrical turns (`poles`)" if other == "erpm" else other)
     first, *more = (f"{what} in {_listed(units)}" for what, units in by_quantity.items())
     raise InputError(
         samples.source,
         f"column {heading!r}",
         f"{shown}; {first} would be"
         + (f", or {', or '.join(more)}" if more else "")
-        + f": state it in a map (--columns MAP.toml), {line_for(name, heading, unit)}, or --trust-units",
+        + f": state it in a map (`columns`), {line_for(name, heading, unit)}, or `trust_units`",
     )
 
 
@@ -168,7 +168,7 @@ def electrical_turns(samples: Samples, diameter_m: float | None = None) -> str:
             return (
                 "the speeds may be electrical turns (ERPM): with a motor of "
                 f"{poles} poles these readings are propellers' as well, of {shown} in diameter; "
-                "--diameter M tells, a map states it (unit erpm, with --poles)"
+                "`diameter_m` M tells, a map states it (unit erpm, with `poles`)"
             )
     return ""
 

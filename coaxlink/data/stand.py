@@ -116,7 +116,7 @@ def _without_repeats(samples: Samples) -> Samples:
 def _as_stated(samples: Samples, upper: str) -> Samples:
     """Our own columns when somebody says which of them is the upper rotor. Raises InputError."""
     if upper.casefold() not in SAID:
-        raise InputError("--upper", "", f"upper or lower is expected for these columns, found '{upper}'")
+        raise InputError("`upper`", "", f"upper or lower is expected for these columns, found '{upper}'")
     if upper.casefold() == "upper":
         return samples
     turned = {"upper": "lower", "lower": "upper"}
@@ -124,7 +124,7 @@ def _as_stated(samples: Samples, upper: str) -> Samples:
         re.sub("^(upper|lower)(?=_)", lambda m: turned[m[1]], name): column
         for name, column in samples.columns.items()
     }
-    note = "upper and lower columns exchanged, as --upper lower says"
+    note = "upper and lower columns exchanged, as `upper` says"
     return Samples(columns, samples.source, (*samples.notes, note), samples.lines)
 
 
@@ -191,5 +191,5 @@ def _check(samples: Samples, table: TextTable) -> None:
         name = f"{side}_throttle"
         if samples.has(name) and not ((samples[name] >= 0) & (samples[name] <= 1)).all():
             row = int(np.argmax((samples[name] < 0) | (samples[name] > 1)))
-            problem = f"0..1 is expected, found {samples[name][row]:g} (--columns can scale percent by 0.01)"
+            problem = f"0..1 is expected, found {samples[name][row]:g} (`columns` can scale percent by 0.01)"
             raise InputError(table.source, f"{samples.place(row)}, column {name}", problem)

@@ -152,22 +152,26 @@ def _live(view: LiveView, p: Numbers) -> Part:
 PRESSURE_PA, AIR_C = (30e3, 115e3), (-60.0, 60.0)  # where vehicles fly: beyond, a sensor is broken
 _NO_REFERENCE = "the file does not say at which density its base holds"
 _NEEDS_DENSITY = (
-    "loads follow the air's density: a static mixer needs it stated (air_density_kg_m3), live mixing takes "
+    "loads follow the air's density: a static mixer needs it stated (`air_density_kg_m3`), live mixing takes "
     "it from the barometer and an air temperature"
 )
 EFFECT = PhysicalEffect(
     name="air_density",
     stage=Stage.AIR,
     parameters=(
-        Parameter("density_exponent", "1", 0.3, 1.8, (1.0, 0.1)),
-        Parameter("torque_exponent", "1", 0.3, 1.8, (1.0, 0.1)),
-        Parameter("apart", "1", 0.0, 1.0),
-        Parameter("over", "1", -0.25, 0.25, (0.0, 0.1)),
-        Parameter("reference_density_kg_m3", "kg/m3", 0.3, 1.8, (1.2, 0.1)),
+        Parameter("density_exponent", "1", 0.3, 1.8, (1.0, 0.1),
+            source="blade element theory: 1; 0.1 is assumed for what Reynolds number does"),
+        Parameter("torque_exponent", "1", 0.3, 1.8, (1.0, 0.1),
+            source="blade element theory: 1; 0.1 is assumed for what Reynolds number does"),
+        Parameter("apart", "1", 0.0, 1.0, source="a switch, 0 or 1: torque goes by a power of its own"),
+        Parameter("over", "1", -0.25, 0.25, (0.0, 0.1),
+            source="standard atmosphere: 1000 m of height or 30 K between the stand and the log are 10 %"),
+        Parameter("reference_density_kg_m3", "kg/m3", 0.3, 1.8, (1.2, 0.1),
+            source="standard atmosphere (ISO 2533): 1.1 to 1.3 from 0 to 1000 m and from 0 to 35 C"),
     ),
     stand=STAND,
     static=_static,
     live=_live,
     required=("density_exponent",),
     messages={"SCALED_PRESSURE": 1.0, "HIGHRES_IMU": 50.0},
-)
+)  # fmt: skip

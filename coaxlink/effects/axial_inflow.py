@@ -181,20 +181,27 @@ def _live(view: LiveView, p: Numbers) -> Part:
 
 
 _NEEDS_CLIMB = (
-    "thrust follows the climb speed: a static mixer needs it stated (climb_m_s), live mixing measures it"
+    "thrust follows the climb speed: a static mixer needs it stated (`climb_m_s`), live mixing measures it"
 )
 EFFECT = PhysicalEffect(
     name="axial_inflow",
     stage=Stage.AIR,
     parameters=(
-        Parameter("thrust_per_climb_N_s_m", "N s/m", 0.0, 30.0, (2.0, 2.0)),
-        Parameter("thrust_per_climb_squared_N_s2_m2", "N s2/m2", -30.0, 30.0, (0.0, 0.5)),
-        Parameter("levelling_s_m", "s/m", *LEVELLING_S_M),
-        Parameter("by_thrust", "1", 0.0, 1.0),
+        Parameter("thrust_per_climb_N_s_m", "N s/m", 0.0, 30.0, (2.0, 2.0),
+            source="blade element theory (Leishman 2006, ch. 3): per cents of the lift for 1 m/s; 2 N of "
+                   "50 N assumed"),
+        Parameter("thrust_per_climb_squared_N_s2_m2", "N s2/m2", -30.0, 30.0, (0.0, 0.5),
+            source="momentum theory (Leishman 2006, ch. 2): of second order; a quarter of the first is "
+                   "assumed"),
+        Parameter("levelling_s_m", "s/m", *LEVELLING_S_M,
+            source="wide: any value between the bounds; the share of climb in the inflow goes with disc "
+                   "loading"),
+        Parameter("by_thrust", "1", 0.0, 1.0,
+            source="a switch, 0 or 1: the loss goes with the thrust instead of the speed"),
     ),
     flight=FLIGHT,
     static=_static,
     live=_live,
     required=("thrust_per_climb_N_s_m",),
     messages={"ATTITUDE": 100.0, "LOCAL_POSITION_NED": 50.0},
-)
+)  # fmt: skip

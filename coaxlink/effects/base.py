@@ -32,10 +32,12 @@ class Stage(Enum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
+    """One number of an effect: its unit ("1" for none), the bounds that physics sets, and what is believed.
 
     `prior` is what is believed before any data: (mean, standard deviation) of a sound vehicle that has the
-    effect; None where any value between the bounds is as likely.
+    effect; None where any value between the bounds is as likely. `source` says where prior and bounds are
+    from: a paper, a law of physics, "assumed: ..." with the reasoning, or, without a prior, "wide: ..." with
+    the reason why nothing is known, "a switch, ..." for a form, "a number of ..." for a label.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Parameter:
     low: float
     high: float
     prior: tuple[float, float] | None = None
+    source: str = field(kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -213,17 +213,25 @@ def _live(view: LiveView, p: Numbers) -> SpeedPart:
 
 
 _NEEDS_VOLTAGE = (
-    "speed follows the supply: a static mixer needs its voltage stated (voltage_V), live mixing measures it"
+    "speed follows the supply: a static mixer needs its voltage stated (`voltage_V`), live mixing measures it"
 )
 EFFECT = PhysicalEffect(
     name="battery_voltage",
     stage=Stage.DRIVE,
     parameters=(
-        Parameter("speed_exponent", "1", 0.02, 2.5, (1.0, 0.4)),  # 1 open loop, 0 governed
-        Parameter("reference_voltage_V", "V", 1.0, 1000.0),
-        Parameter("power", "1", 0.2, 4.0),
-        Parameter("load", "1", *LOAD),
-        Parameter("over_logged", "1", *REFERENCE),
+        Parameter("speed_exponent", "1", 0.02, 2.5, (1.0, 0.4),
+            source="Drela 2007: 1 without load and open loop, less under load, 0 with a governor"),
+        Parameter("reference_voltage_V", "V", 1.0, 1000.0,
+            source="wide: any value between the bounds; cells in series are the builder's choice"),
+        Parameter("power", "1", 0.2, 4.0,
+            source="wide: any value between the bounds; a loaded motor's speed bends with the voltage by "
+                   "its own resistance"),
+        Parameter("load", "1", *LOAD,
+            source="wide: any value between the bounds; how resistance and load share the fall of speed "
+                   "goes with the motor"),
+        Parameter("over_logged", "1", *REFERENCE,
+            source="wide: any value between the bounds; a model may be of a full pack and a log of an "
+                   "empty one"),
     ),
     flight=FLIGHT,
     stand=STAND,
@@ -231,4 +239,4 @@ EFFECT = PhysicalEffect(
     live_speed=_live,
     required=("speed_exponent", "reference_voltage_V"),
     messages={"BATTERY_STATUS": 10.0},
-)
+)  # fmt: skip

@@ -143,17 +143,31 @@ EFFECT = PhysicalEffect(
     name="blade_speed_law",
     stage=Stage.ROTOR,
     parameters=(
-        Parameter("exponent_change", "1", -1.0, 1.0, (0.0, 0.2)),
-        Parameter("torque_exponent_change", "1", -1.0, 1.0, (0.0, 0.2)),
-        Parameter("loss", "1", 0.0, 10.0),
-        Parameter("torque_loss", "1", -10.0, 10.0),
-        Parameter("power", "1", -9.0, 1.0, (-0.2, 0.3)),
-        Parameter("rise", "1", 1.2, 12.0),
-        Parameter("tip", "1", 0.2, 0.9),
-        Parameter("soft", "1", 0.0, 2.0),
-        Parameter("apart", "1", 0.0, 1.0),
+        Parameter("exponent_change", "1", -1.0, 1.0, (0.0, 0.2),
+            source="Deters, Ananda and Selig 2014: coefficients rise or fall with Reynolds number; 0.2 is "
+                   "assumed"),
+        Parameter("torque_exponent_change", "1", -1.0, 1.0, (0.0, 0.2),
+            source="Deters, Ananda and Selig 2014: coefficients rise or fall with Reynolds number; 0.2 is "
+                   "assumed"),
+        Parameter("loss", "1", 0.0, 10.0,
+            source="wide: any value between the bounds; how much lift a stall takes goes with the blade's "
+                   "section"),
+        Parameter("torque_loss", "1", -10.0, 10.0,
+            source="wide: any value between the bounds; drag in a stall goes with the blade's section"),
+        Parameter("power", "1", -9.0, 1.0, (-0.2, 0.3),
+            source="skin friction goes with Reynolds number to -0.5 (laminar) or -0.2 (turbulent; "
+                   "Schlichting 1979)"),
+        Parameter("rise", "1", 1.2, 12.0,
+            source="wide: any value between the bounds; Glauert 1928 gives 2 at once, wave drag more"),
+        Parameter("tip", "1", 0.2, 0.9,
+            source="wide: any value between the bounds; where it begins goes with the section and the "
+                   "tip's Mach number"),
+        Parameter("soft", "1", 0.0, 2.0,
+            source="wide: any value between the bounds; where Reynolds number ceases to count goes with "
+                   "the section"),
+        Parameter("apart", "1", 0.0, 1.0, source="a switch, 0 or 1: torque changes by a number of its own"),
     ),
     stand=STAND,
     static=_static,
     surface=1,
-)
+)  # fmt: skip

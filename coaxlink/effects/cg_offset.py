@@ -84,12 +84,15 @@ EFFECT = PhysicalEffect(
     name="cg_offset",
     stage=Stage.BODY,
     parameters=(
-        Parameter("offset_x_m", "m", -0.3, 0.3, (0.0, 0.01)),
-        Parameter("offset_y_m", "m", -0.3, 0.3, (0.0, 0.01)),
-        Parameter("onset_s", "s", 0.0, 1e6),
+        Parameter("offset_x_m", "m", -0.3, 0.3, (0.0, 0.01),
+            source="assumed: a battery strapped on by hand lies within 10 mm"),
+        Parameter("offset_y_m", "m", -0.3, 0.3, (0.0, 0.01),
+            source="assumed: a battery strapped on by hand lies within 10 mm"),
+        Parameter("onset_s", "s", 0.0, 1e6,
+            source="wide: any value between the bounds; the second of the log at which it began"),
     ),
     flight=FLIGHT,
     static=_static,
     live=_live,
     required=("offset_x_m", "offset_y_m"),
-)
+)  # fmt: skip

@@ -161,11 +161,18 @@ EFFECT = PhysicalEffect(
     name="dead_band",
     stage=Stage.DRIVE,
     parameters=(
-        Parameter("band", "1", 0.0, 0.99, (0.05, 0.05)),
-        Parameter("share", "1", 0.6, 1.5, (1.0, 0.1)),
-        Parameter("stretched", "1", 0.0, 1.0),
-        Parameter("bend", "1", 1e-3, 100.0),
-        Parameter("start", "1", 0.0, 1.0),
+        Parameter("band", "1", 0.0, 0.99, (0.05, 0.05),
+            source="assumed: speed controllers start a motor within the first tenth of the throttle"),
+        Parameter("share", "1", 0.6, 1.5, (1.0, 0.1),
+            source="1 by definition, the whole of the band; 0.1 is assumed for rows whose rotor was just "
+                   "starting"),
+        Parameter("stretched", "1", 0.0, 1.0, source="a switch, 0 or 1: the scale begins at the band's end"),
+        Parameter("bend", "1", 1e-3, 100.0,
+            source="wide: any value between the bounds; how idling power is taken off goes with the "
+                   "controller's firmware"),
+        Parameter("start", "1", 0.0, 1.0,
+            source="wide: any value between the bounds; where a motor starts goes with its load and its "
+                   "controller"),
     ),
     stand=STAND,
     static=_static,
@@ -173,4 +180,4 @@ EFFECT = PhysicalEffect(
     surface=3,
     no_static=_BELOW,
     no_live=_BELOW,
-)
+)  # fmt: skip

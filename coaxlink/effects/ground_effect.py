@@ -186,21 +186,31 @@ def _live(view: LiveView, p: Numbers) -> Part:
 
 
 _NEEDS_HEIGHT = (
-    "thrust follows the height: a static mixer needs it stated (height_m), live mixing measures it"
+    "thrust follows the height: a static mixer needs it stated (`height_m`), live mixing measures it"
 )
 EFFECT = PhysicalEffect(
     name="ground_effect",
     stage=Stage.AIR,
     parameters=(
-        Parameter("gain_at_ground", "1", 0.0, 3.0, (0.2, 0.2)),
-        Parameter("height_scale_m", "m", 0.05, 4.0, (0.5, 0.5)),
-        Parameter("effective_radius_m", "m", 0.0, 2.0, (0.4, 0.3)),
-        Parameter("height_power", "1", *POWERS, (2.0, 0.7)),
-        Parameter("levelling", "1", *BENDS["levelling"]),
-        Parameter("flat_below_m", "m", *BENDS["flat_below_m"]),
+        Parameter("gain_at_ground", "1", 0.0, 3.0, (0.2, 0.2),
+            source="Cheeseman and Bennett 1955: 33 % half a radius above the ground, less for what levels "
+                   "off"),
+        Parameter("height_scale_m", "m", 0.05, 4.0, (0.5, 0.5),
+            source="assumed: about a rotor's diameter, 0.25 to 1 m on multirotors of 2 to 25 kg"),
+        Parameter("effective_radius_m", "m", 0.0, 2.0, (0.4, 0.3),
+            source="larger than one rotor's (Sanchez-Cuevas, Heredia and Ollero 2017); up to three radii "
+                   "is assumed"),
+        Parameter("height_power", "1", *POWERS, (2.0, 0.7),
+            source="Cheeseman and Bennett 1955: 2; 0.7 for fits that fall off otherwise"),
+        Parameter("levelling", "1", *BENDS["levelling"],
+            source="wide: any value between the bounds; Cheeseman steepens (-1), Hayden levels off, and "
+                   "vehicles differ"),
+        Parameter("flat_below_m", "m", *BENDS["flat_below_m"],
+            source="wide: any value between the bounds; both laws end where the disc is nearer than half "
+                   "a radius"),
     ),
     flight=FLIGHT,
     static=_static,
     live=_live,
     messages={"DISTANCE_SENSOR": 50.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 50.0},
-)
+)  # fmt: skip

@@ -258,15 +258,29 @@ STAND: Tracing[StandFrame] = Tracing(
 )  # fmt: skip
 
 _NOT_TOLD = "the mixer does not know which way the speed came"
+_SHARE = "assumed: friction and late recovery of blades hold back 5 % of a load on a sound stand"
+_WAYS = "wide: any value between the bounds; the ways over which a memory wears in go with the rig"
+_FORMS = {
+    "both": "of both rotors",
+    "upper": "of the upper rotor",
+    "lower": "of the lower rotor",
+    "sweep": "of the stand as a whole, whichever rotor loads it",
+    "load": "of each cell's own load",
+    "bulge": "of the load where the blades are slow, and stall",
+    "moving": "only while the speed moves",
+}
 EFFECT = PhysicalEffect(
     name="hysteresis",
     stage=Stage.STAND,
     parameters=(
-        Parameter("thrust_share", "1", -1.0, 1.0, (0.0, 0.05)),
-        Parameter("torque_share", "1", -1.0, 1.0, (0.0, 0.05)),
-        *(Parameter(name, "1", *FREE.get(name, (0.0, 10.0))) for name in NAMES[2:]),
+        *(Parameter(name, "1", -1.0, 1.0, (0.0, 0.05), source=_SHARE) for name in NAMES[:2]),
+        *(
+            Parameter(name, "1", 0.0, 1.0, source=f"a switch, 0 or 1: {what}")
+            for name, what in _FORMS.items()
+        ),
+        *(Parameter(name, "1", *limits, source=_WAYS) for name, limits in FREE.items()),
     ),
     stand=STAND,
     no_static=_NOT_TOLD,
     no_live=_NOT_TOLD,
-)
+)  # fmt: skip

@@ -81,13 +81,21 @@ EFFECT = PhysicalEffect(
     name="lower_on_upper_interference",
     stage=Stage.ROTOR,
     parameters=(
-        Parameter("thrust_loss_N", "N", 0.0, 1e4),
-        Parameter("torque_loss_Nm", "N m", -3e3, 3e3),
-        Parameter("lower_power", "1", 0.4, 5.0, (1.5, 0.7)),
-        Parameter("upper_power", "1", 0.0, 4.0, (0.7, 0.7)),
+        Parameter("thrust_loss_N", "N", 0.0, 1e4,
+            source="wide: any value between the bounds; it goes with the rotors' size; momentum theory "
+                   "bounds it by the upper rotor's thrust"),
+        Parameter("torque_loss_Nm", "N m", -3e3, 3e3,
+            source="wide: any value between the bounds; it goes with the rotors' size; an arm of 0.3 m "
+                   "bounds it by the thrust"),
+        Parameter("lower_power", "1", 0.4, 5.0, (1.5, 0.7),
+            source="momentum theory (Leishman and Ananthan 2006): inflow goes with speed, its pressure "
+                   "with the square"),
+        Parameter("upper_power", "1", 0.0, 4.0, (0.7, 0.7),
+            source="the upper rotor's answer to inflow goes with its speed (blade element theory: 1, 0 at "
+                   "rest)"),
     ),
     stand=STAND,
     static=_static,
     required=("thrust_loss_N", "torque_loss_Nm", "lower_power", "upper_power"),
     surface=2,
-)
+)  # fmt: skip

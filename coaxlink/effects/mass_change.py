@@ -64,9 +64,14 @@ def _static(bench: StaticBench, p: Numbers) -> str:
 EFFECT = PhysicalEffect(
     name="mass_change",
     stage=Stage.BODY,
-    parameters=(Parameter("mass_kg", "kg", 1e-3, 1e4), Parameter("onset_s", "s", 0.0, 1e6)),
+    parameters=(
+        Parameter("mass_kg", "kg", 1e-3, 1e4,
+            source="wide: any value between the bounds; a payload may be any; bounded by what flies at all"),
+        Parameter("onset_s", "s", 0.0, 1e6,
+            source="wide: any value between the bounds; the second of the log at which it began"),
+    ),
     flight=FLIGHT,
     static=_static,
     required=("mass_kg",),
     no_live="no change of the rotors; the autopilot's hover thrust has to follow",
-)
+)  # fmt: skip

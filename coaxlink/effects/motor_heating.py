@@ -111,14 +111,21 @@ EFFECT = PhysicalEffect(
     name="motor_heating",
     stage=Stage.DRIVE,
     parameters=(
-        Parameter("speed_loss_per_100K", "1", 0.0, 1.0, (0.05, 0.05)),
-        Parameter("memory_s", "s", 1.0, 10_000.0),
-        Parameter("load", "1", *LOAD),
-        Parameter("fading", "1", -0.5, 2.0),
+        Parameter("speed_loss_per_100K", "1", 0.0, 1.0, (0.05, 0.05),
+            source="39 % more resistance of copper for 100 K, times the tenth of the voltage assumed to "
+                   "fall over it"),
+        Parameter("memory_s", "s", 1.0, 10_000.0,
+            source="wide: any value between the bounds; windings warm within a minute, cases within a "
+                   "quarter of an hour"),
+        Parameter("load", "1", *LOAD,
+            source="wide: any value between the bounds; how resistance and load share the fall of speed "
+                   "goes with the motor"),
+        Parameter("fading", "1", -0.5, 2.0,
+            source="wide: any value between the bounds; current falls with the speed, and heat with it"),
     ),
     stand=STAND,
     static=_static,
     required=("speed_loss_per_100K",),
     no_static=_NOT_TOLD,
     no_live=_NOT_TOLD,
-)
+)  # fmt: skip

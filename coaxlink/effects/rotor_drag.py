@@ -163,11 +163,19 @@ EFFECT = PhysicalEffect(
     name="rotor_drag",
     stage=Stage.AIR,
     parameters=(
-        *(Parameter(name, FLIGHT.units[name], 0.0, 50.0) for name in _FORMS.values()),
-        Parameter("saturation_m_s", "m/s", 0.5, 60.0),
-        Parameter("moment_share", "1", -100.0, 100.0, (1.0, 0.5)),
+        *(
+            Parameter(name, FLIGHT.units[name], 0.0, 50.0,
+                source="wide: any value between the bounds; drag of a rotor goes with its size; no sign "
+                       "but this one is physical (Mahony, Kumar and Corke 2012)")
+            for name in _FORMS.values()
+        ),
+        Parameter("saturation_m_s", "m/s", 0.5, 60.0,
+            source="wide: any value between the bounds; drag levels off with speed (Kai, Allibert, Hua "
+                   "and Hamel 2017), where goes with the rotor"),
+        Parameter("moment_share", "1", -100.0, 100.0, (1.0, 0.5),
+            source="1 where the drag acts at the hubs; 0.5 is assumed for the body's own"),
     ),
     flight=FLIGHT,
     no_static=_IN_PLANE,
     no_live=_IN_PLANE,
-)
+)  # fmt: skip

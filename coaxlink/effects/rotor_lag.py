@@ -191,16 +191,24 @@ EFFECT = PhysicalEffect(
     name="rotor_lag",
     stage=Stage.DRIVE,
     parameters=(
-        Parameter("lag_s", "s", 0.0, 3.0, (0.05, 0.05)),
-        Parameter("share", "1", 0.7, 1.4, (1.0, 0.1)),
-        Parameter("second", "1", 0.0, 1.0),
-        Parameter("second_s", "s", 0.002, 1.0),
-        Parameter("asymmetry", "1", -0.6, 0.6),
-        Parameter("down", "1", 0.4, 2.5),
-        Parameter("stepped", "1", 0.0, 1.0),
+        Parameter("lag_s", "s", 0.0, 3.0, (0.05, 0.05),
+            source="assumed: 20 ms (5 in propellers) to 100 ms (30 in)"),
+        Parameter("share", "1", 0.7, 1.4, (1.0, 0.1),
+            source="1 by definition, the whole of the lag; 0.1 is assumed for filters that differ"),
+        Parameter("second", "1", 0.0, 1.0, source="a switch, 0 or 1: two lags in a row, current and blades"),
+        Parameter("second_s", "s", 0.002, 1.0,
+            source="wide: any value between the bounds; a second lag goes with the controller's current "
+                   "loop"),
+        Parameter("asymmetry", "1", -0.6, 0.6,
+            source="wide: any value between the bounds; slower down than up without braking, by how much "
+                   "goes with the controller"),
+        Parameter("down", "1", 0.4, 2.5,
+            source="wide: any value between the bounds; slower down than up without braking, by how much "
+                   "goes with the controller"),
+        Parameter("stepped", "1", 0.0, 1.0, source="a switch, 0 or 1: the throttle jumps right after a row"),
     ),
     flight=FLIGHT,
     stand=STAND,
     no_static="a mixer is static: declare motor_lag_s and tune the loops for the slower rotor",
-    no_live="declare motor_lag_s and fly with lead_s, which amplifies noise, or tune the loops to it",
-)
+    no_live="declare motor_lag_s and fly with `lead_s`, which amplifies noise, or tune the loops to it",
+)  # fmt: skip

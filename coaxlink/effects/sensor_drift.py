@@ -113,15 +113,28 @@ EFFECT = PhysicalEffect(
     name="sensor_drift",
     stage=Stage.INSTRUMENT,
     parameters=(
-        *(Parameter(before + name, "N or N m", -1e4, 1e4) for name in DRIFT for before in ("", ALSO)),
-        Parameter("channel", "1", 0.0, 3.0),
-        Parameter("also", "1", 0.0, 3.0),
-        Parameter("memory", "1", *FREE["memory"]),
-        Parameter("creep", "1", 0.0, 1.0),
-        Parameter("since", "1", *FREE["since"]),
-        Parameter("power", "1", *FREE["power"]),
+        *(
+            Parameter(before + name, "N or N m", -1e4, 1e4,
+                source="wide: any value between the bounds; creep and warm-up go with a cell's range and "
+                       "class")
+            for name in DRIFT
+            for before in ("", ALSO)
+        ),
+        Parameter("channel", "1", 0.0, 3.0,
+            source="a number of the stand's loads (0 upper thrust ... 3 lower torque), each as likely"),
+        Parameter("also", "1", 0.0, 3.0,
+            source="a number of the stand's loads (0 upper thrust ... 3 lower torque), each as likely"),
+        Parameter("memory", "1", *FREE["memory"],
+            source="wide: any value between the bounds; cells warm up in minutes, runs last from seconds "
+                   "to hours"),
+        Parameter("creep", "1", 0.0, 1.0, source="a switch, 0 or 1: it settles and creeps on"),
+        Parameter("since", "1", *FREE["since"],
+            source="wide: any value between the bounds; the share of the run after which it began"),
+        Parameter("power", "1", *FREE["power"],
+            source="wide: any value between the bounds; creep goes with a power of time (Findley 1944), "
+                   "warm-up steeper at first"),
     ),
     stand=STAND,
     no_static=_OF_THE_STAND,
     no_live=_OF_THE_STAND,
-)
+)  # fmt: skip

@@ -55,7 +55,7 @@ def refuse_speed(factor: float, condition: str, value: float) -> None:
     """Raise InputError where rotors would turn at a share of their commands that no drive gives."""
     if not SPEED_FACTOR[0] <= factor <= SPEED_FACTOR[1]:
         problem = f"rotors would turn at {factor:.2f} of their commands: no such drive"
-        raise InputError(condition, f"{value:g}", problem)
+        raise InputError(f"`{condition}`", f"{value:g}", problem)
 
 
 @dataclass

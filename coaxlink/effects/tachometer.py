@@ -67,11 +67,18 @@ def _effect(name: str) -> PhysicalEffect:
     return PhysicalEffect(
         name=f"lying_tachometer_{name}",
         stage=Stage.INSTRUMENT,
-        parameters=(Parameter("reads_high_by", "1", -0.8, 3.0), Parameter("above", "1", 0.0, 1.0)),
+        parameters=(
+            Parameter("reads_high_by", "1", -0.8, 3.0,
+                source="wide: any value between the bounds; a wrong number of poles or blades is any "
+                       "ratio, a lost pulse a few per cent"),
+            Parameter("above", "1", 0.0, 1.0,
+                source="wide: any value between the bounds; the speed from which pulses are lost goes "
+                       "with the instrument"),
+        ),
         stand=_tachometer(name),
         no_static=instrument,
         no_live=instrument,
-    )
+    )  # fmt: skip
 
 
 EFFECTS = tuple(_effect(name) for name in SIDES)

@@ -50,7 +50,7 @@ def parse_address(text: str) -> Address:
     if "," in text or text.startswith(("/", "COM")):
         device, _, baud = text.partition(",")
         return _serial(text, device, baud)
-    raise InputError(text or "--connect", "", f"not a connection: {_EXPECTED} is expected")
+    raise InputError(text or "`url`", "", f"not a connection: {_EXPECTED} is expected")
 
 
 def _network(text: str, kind: str, place: str) -> Address:

@@ -84,7 +84,7 @@ def report_ap(
     airframe = vehicle.airframe
     source = airframe.source or airframe.name
     if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
-        raise InputError("--frame-class", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
+        raise InputError("`frame_class`", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
     if law == "fitted":
         fit = fit or fit_table(vehicle, spin_min=spin_min)
         columns, expo = px4_columns(airframe, fit), round(fit.curve, 6)

@@ -176,12 +176,12 @@ class ArduPilotBoard(Board):
         old = present_table(numbers, lambda: self.files.read(f"{self._folder.path}/{scripts.MATRIX_NAME}"))
         if old is None or new is None:
             frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
-            self._talk.say(f"the motors of {frame} are not known here: check each with mix --props-off")
+            self._talk.say(f"the motors of {frame} are not known here: check each with `turn_motors`")
             return
         moved = moved_motors(old, new)
         if moved:
             raise SafetyRefusal(
-                f"another vehicle: {moved[0]} ({len(moved)} motors differ); --new-geometry to mean it"
+                f"another vehicle: {moved[0]} ({len(moved)} motors differ); `new_geometry` to mean it"
             )
 
     def _as_kept(self, params: Mapping[str, float | int], snapshot: Snapshot) -> dict[str, Value]:

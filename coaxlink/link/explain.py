@@ -99,10 +99,10 @@ def explain_px4(
         try:
             present = px4.realise(board)
         except (TableError, ValueError) as error:
-            raise InputError("--connect", "", f"the board holds no multirotor table: {error}") from error
+            raise InputError("`board`", "", f"the board holds no multirotor table: {error}") from error
         if len(present.mix) != len(airframe.rotors):
             raise InputError(
-                "--connect", "", f"the board has {len(present.mix)} rotors, {airframe.name} another number"
+                "`board`", "", f"the board has {len(present.mix)} rotors, {airframe.name} another number"
             )
         reference, name = behaviour(vehicle, px4_speeds(present)), ON_BOARD
         changed = _differing(board, report.params)
@@ -129,11 +129,11 @@ def explain_ap(
         numbers, present = board
         if present is None:
             frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
-            raise InputError("--connect", "", f"the board flies a matrix that is not known here ({frame})")
+            raise InputError("`board`", "", f"the board flies a matrix that is not known here ({frame})")
         mix = ap.realise(present)
         if len(mix.factors) != len(airframe.rotors):
             raise InputError(
-                "--connect", "", f"the board has {len(mix.factors)} motors, {airframe.name} another number"
+                "`board`", "", f"the board has {len(mix.factors)} motors, {airframe.name} another number"
             )
         held = behaviour(vehicle, ap_speeds(mix))
         changed = tuple(row for row in _differing(numbers, report.params) if row[0] != "SCR_LD_CHECKSUM")

@@ -46,9 +46,9 @@ def parse_forward(where: str) -> Address:
     try:
         address = parse_address(url)
     except InputError as error:
-        raise InputError("--forward", where, EXPECTED) from error
+        raise InputError("`forward`", where, EXPECTED) from error
     if ":" in address.host and "[" not in where:  # no IPv6 address, but another kind of line
-        raise InputError("--forward", where, EXPECTED)
+        raise InputError("`forward`", where, EXPECTED)
     return address
 
 
@@ -153,7 +153,7 @@ def _open(address: Address) -> tuple[socket.socket, Any]:
     try:
         family, _, _, _, place = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
     except OSError as error:
-        raise InputError("--forward", address.text, "no such host") from error
+        raise InputError("`forward`", address.text, "no such host") from error
     line = socket.socket(family, socket.SOCK_DGRAM)
     try:
         if address.kind == "udpin":
@@ -168,4 +168,4 @@ def _open(address: Address) -> tuple[socket.socket, Any]:
         return line, place
     except OSError as error:
         line.close()
-        raise LinkError(address.text, f"--forward cannot be opened ({error.strerror})") from error
+        raise LinkError(address.text, f"`forward` cannot be opened ({error.strerror})") from error

@@ -94,7 +94,7 @@ def kept_gains(
         line += (
             "; gains that keep the loops are in the table"
             if written
-            else "; --keep-gains writes gains for it"
+            else "; `keep_gains` writes gains for it"
         )
     return KeptGains(axes, line, written, problem)
 

@@ -74,9 +74,9 @@ def _factors(vehicle: Vehicle, frame_class: int) -> list[list[float]]:
         else:
             used = used_factors(ApTable(frame_class, frame_type=1))
     except TableError as error:
-        raise InputError("--frame-class", str(frame_class), f"4, 5, 15 or 17 expected ({error})") from error
+        raise InputError("`frame_class`", str(frame_class), f"4, 5, 15 or 17 expected ({error})") from error
     if len(used) != len(vehicle.airframe.rotors):
-        raise InputError("--frame-class", str(frame_class), f"a frame of {len(used)} motors")
+        raise InputError("`frame_class`", str(frame_class), f"a frame of {len(used)} motors")
     return np.asarray(used, float).tolist()
 
 

@@ -62,7 +62,7 @@ PATHS: tuple[LivePath, ...] = (
     LivePath(
         ARDUPILOT, (0, 0), ANY, "", "", False, 0,
         "ArduPilot has no handler for SET_ACTUATOR_CONTROL_TARGET (139): it needs a Lua bridge on board "
-        "(coaxlink bridge AIRFRAME --out DIR, then coaxlink upload DIR), and none was heard",
+        "(`bridge`), and none was heard",
         "ArduPilot master of March 2026: no native handler; a script that takes 139 was flown in its SITL",
     ),
 )  # fmt: skip

@@ -103,7 +103,7 @@ def read_record(path: Path) -> tuple[dict[str, Any], NDArray[Any]]:
     data = files.read_bytes(path, bounded.LOG)
     end = data.find(b"\n", len(MAGIC))
     if not data.startswith(MAGIC) or end < 0:
-        raise InputError(path, "", "not a live record (coaxlink mix --record)")
+        raise InputError(path, "", "not a live record (`record`)")
     body = data[end + 1 :]
     whole = len(body) // RECORD.size * RECORD.size
     with files.reading(path):

@@ -259,7 +259,7 @@ class Parameters:
         )
         if answer is None:
             what = "it is heard, but answers nothing"
-            raise LinkError(session.address, f"{what} (does it take signed messages only? --signing-key)")
+            raise LinkError(session.address, f"{what} (does it take signed messages only? `signing_key`)")
 
     def _require_link(self, what: str) -> None:
         """Raise LinkError when the vehicle is gone; one that beats is only silent about this."""

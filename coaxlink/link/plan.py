@@ -153,7 +153,7 @@ def refuse_table(
         moved = _moved_rotors(present, plan.params, now)
         if moved:
             raise SafetyRefusal(
-                f"another vehicle: {moved[0]} ({len(moved)} rotors differ); --new-geometry to mean it"
+                f"another vehicle: {moved[0]} ({len(moved)} rotors differ); `new_geometry` to mean it"
             )
     try:
         mix = px4.realise({**present, **plan.params})

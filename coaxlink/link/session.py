@@ -92,7 +92,7 @@ class Session(Requests):
         if self.bound.signs and not self.signed and self.identity.version is None:
             raise SafetyRefusal(
                 f"{self.identity.name} at {self.address} signs its messages and answers none that are not "
-                "signed: --signing-key FILE with its key"
+                "signed: `signing_key`, the file with its key, is needed"
             )
 
     def close(self) -> None:

@@ -69,7 +69,7 @@ def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
     refuse_live(vehicle)
     airframe, model = vehicle.airframe, vehicle.model
     if law not in TABLE_LAWS:
-        raise InputError("law", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
+        raise InputError("`law`", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
     if law == "fitted":
         return px4_columns(airframe, fit_table(vehicle))
     if law == "curved":
@@ -197,7 +197,7 @@ def _lean_findings(table: px4.Px4Table, mix: px4.Px4Mix, law: str) -> list[Findi
         return []
     text = "the table's rotors lean, and PX4 spends them on holding the sideways force at zero as well"
     if law != "fitted":
-        text += "; --law fitted makes a table for that"
+        text += "; `law` fitted makes a table for that"
     shares = ", ".join(f"{axis} {share:.0%}" for axis, share in zip(_AXES, worst, strict=True))
     return [Finding("px4.leaning-axes", "warning", text, f"off what the law asks by {shares}")]
 
@@ -209,7 +209,7 @@ def _reversed_findings(flown: Behaviour, law: str) -> list[Finding]:
         if gain <= 0.0:
             text = f"a {axis} demand turns the vehicle the other way, or not at all"
             if law != "fitted":
-                text += "; try --law fitted"
+                text += "; try `law` fitted"
             evidence = f"{gain:+.3f} N m per unit demand in hover, on the rotor model"
             found.append(Finding("px4.reversed-axis", "error", text, evidence))
     return found

@@ -137,7 +137,7 @@ class Uploader:
             names = ", ".join(f"{n} ({why})" for n, why in self._left_out.items())
             self._talk.say(f"left as they are, the board's own: {names}")
         elif others:
-            self._talk.say(f"{len(others)} other parameters differ from the backup and stay (--all)")
+            self._talk.say(f"{len(others)} other parameters differ from the backup and stay (`whole`)")
         self._board.spare = choice.rest
         return choice
 
@@ -271,7 +271,7 @@ class Uploader:
         text = (
             f"the vehicle armed while it was written: nothing more was written, nothing put back. Of what "
             f"was to change the board holds {stands.counts()}; {self._board.stands}. Once disarmed, do the "
-            f"same again, or coaxlink restore {self._backup} --connect {self._session.address}"
+            f"same again, or `restore` {self._backup} over {self._session.address}"
         )
         return self._outcome(FAILED, error=Unfinished(text, Armed.exit_code), standing=stands.to_json())
 
@@ -311,7 +311,7 @@ class Uploader:
             self._await_link(end)
         text = (
             f"{error}; the old table could not be put back ({last}). Do not fly, the board may hold both. "
-            f"When the link is back: coaxlink restore {self._backup} --connect {self._session.address}"
+            f"When the link is back: `restore` {self._backup} over {self._session.address}"
         )
         return self._outcome(FAILED, error=Unfinished(text, error.exit_code), mismatches=mismatches)
 

@@ -36,6 +36,6 @@ def make_law(name: str, vehicle: Vehicle, **options: Any) -> Law:
         "fitted": FittedLaw,
     }
     if name not in makers:
-        raise InputError("law", name, f"no such law; expected one of {', '.join(LAWS)}")
+        raise InputError("`law`", name, f"no such law; expected one of {', '.join(LAWS)}")
     require_vehicle(vehicle)
     return makers[name](vehicle, **options)

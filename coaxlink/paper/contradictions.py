@@ -223,7 +223,7 @@ def _upper_feels_lower(log: Path | None) -> Entry:
             title,
             NOT_CHECKED,
             "the paper's model has no such term and its data are not public; give a real stand log of a close "
-            "pair with --pair",
+            "pair with `pair`",
         )
     from coaxlink.data import read_stand_log
 

@@ -122,7 +122,7 @@ def figure_4(identified: Identification) -> Entry:
 def table_4(flights: Mapping[str, Flown]) -> Entry:
     """The paper's three mixers flown on the eq. 17 plant, and the mended ones after them."""
     if not flights:
-        return Entry("table-4", TABLE_4, NOT_CHECKED, "the flights were left out of this run (--no-fly)")
+        return Entry("table-4", TABLE_4, NOT_CHECKED, "the flights were left out of this run (`fly_table_4`)")
     lines: list[Line] = []
     for name, flown in flights.items():
         row = printed()["table_4"].get(name)

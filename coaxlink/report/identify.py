@@ -64,12 +64,12 @@ def _sense(result: Identification) -> Iterator[str]:
                 f"at u = {b.upper:.2f} / {b.lower:.2f}"
             )
         if fit.unmet:
-            yield f"{load}: its terms cannot make sense; the free fit was kept (another --form, or more rows)"
+            yield f"{load}: its terms cannot make sense; the free fit was kept (another `form`, or more rows)"
         elif fit.broken:
             free, made = fit.freely.terms(), fit.polynomial.terms()
             names = [t for t in fit.terms if t in free or t in made]
             shown = ", ".join(f"{t} {free.get(t, 0.0):.4g} -> {made.get(t, 0.0):.4g}" for t in names)
-            yield f"{load}: {shown if len(names) <= 8 else f'{len(names)} terms changed (--json has them)'}"
+            yield f"{load}: {shown if len(names) <= 8 else f'{len(names)} terms changed (the JSON has them)'}"
         if fit.moved:
             yield (
                 f"{load}: with that {len(fit.moved)} of its terms leave their 95 % intervals: the log speaks "

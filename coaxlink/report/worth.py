@@ -75,7 +75,7 @@ def remark_on_curve(curved: Worth | None, this: Worth, curve: float | None) -> s
         return ""
     dearer = curved.hover_W / this.hover_W - 1.0
     return (
-        f"THR_MDL_FAC {curve:.2f} in the standard table alone (--law curved): loop gains change by "
+        f"THR_MDL_FAC {curve:.2f} in the standard table alone (`law` curved): loop gains change by "
         f"{_within(curved)}, ceiling {curved.thrust_to_weight:.2f} times the weight, hover power "
         f"{dearer:+.1%} against the {this.name} table; a hard turn puts {_tipped(curved):.2f} N m into roll "
         f"or pitch ({this.name}: {_tipped(this):.2f})."

@@ -166,7 +166,7 @@ def identify(
         try:
             forms.load_terms(form, LOADS[0])
         except ValueError as error:
-            raise InputError("--form", "", str(error)) from error
+            raise InputError("`form`", "", str(error)) from error
     data = bench(samples, speed_max_rpm)
     tried = [f for f in forms.FORMS if compare or form in (f, "auto")]
     tried += [form] if form not in (*forms.FORMS, "auto") else []

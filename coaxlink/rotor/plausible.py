@@ -57,12 +57,12 @@ def _beyond(data: Bench) -> Iterator[str]:
         if top > OVER:
             rows = np.flatnonzero(u > OVER)
             yield (
-                f"{side}: {len(rows)} rows run faster than --speed-max-rpm, up to {top:.2f} of it "
+                f"{side}: {len(rows)} rows run faster than `speed_max_rpm`, up to {top:.2f} of it "
                 f"({_places(data, rows)}): is it the motor's highest speed under load?"
             )
         elif top < SHORT:
             yield (
-                f"{side}: no row beyond {top:.2f} of --speed-max-rpm: what a table does above is extrapolated"
+                f"{side}: no row beyond {top:.2f} of `speed_max_rpm`: what a table does above is extrapolated"
             )
 
 
@@ -70,7 +70,7 @@ def _no_speed(data: Bench) -> Iterator[str]:
     if data.speeds.from_throttle:
         yield (
             "no speed was measured: the units in the headings can hardly be held against the readings "
-            "(--diameter narrows it), and the model goes with the battery's voltage"
+            "(`diameter_m` narrows it), and the model goes with the battery's voltage"
         )
 
 
@@ -139,7 +139,7 @@ def _few_rows(data: Bench, form: str) -> Iterator[str]:
         if rows < ROWS_A_TERM * terms:
             yield (
                 f"{load}: {rows} rows for the {terms} terms of {form}: {ROWS_A_TERM} a term are wanted; "
-                "--form rcrm has at most 2"
+                "`form` rcrm has at most 2"
             )
 
 

@@ -235,7 +235,7 @@ def _made(
             "",
             f"no propeller of {propeller.diameter_m:g} m with {count} blades makes this thrust and torque "
             f"(thrust coefficient {float(np.median(ct)):.3g}, 0.004 to 0.02 is usual; figure of merit "
-            f"{merit:.2f}, 0.5 to 0.75 is): check --diameter, --pitch (metres), --blades and the units",
+            f"{merit:.2f}, 0.5 to 0.75 is): check `diameter_m`, `pitch_m`, `blades` and the units",
         )
     return rotor, weight
 
@@ -292,12 +292,15 @@ def _guesses(table: SingleTable, propeller: Propeller) -> tuple[str, ...]:
         f"{100 * origin.torque:.0f} % of torque (1 sd)",
         f"guessed: air of {DENSITY_KG_M3} kg/m3 +/- 3 %: the table does not say",
         _said("zero_lift_deg", "the blades' zero-lift line above the printed pitch"),
-        _said("solidity_a_blade", f"the chord, as solidity a blade ({propeller.blades} blades, --blades)"),
+        _said(
+            "solidity_a_blade",
+            f"the chord, as solidity a blade ({propeller.blades} blades; `blades` says it)",
+        ),
         "guessed: what the theory gets wrong, a fifth of what the wake does; two propellers of one kind "
         f"differ by {100 * SPECIMEN:.0f} %",
     ]
     if propeller.pitch_m is None:
-        said.insert(2, _said("pitch_ratio", "the pitch over the diameter (--pitch says it)"))
+        said.insert(2, _said("pitch_ratio", "the pitch over the diameter (`pitch_m` says it)"))
     return tuple(said)
 
 

@@ -40,7 +40,7 @@ class SpacingModel:
         """The rotor model at one spacing. Raises InputError outside the measured range."""
         low, high = min(self.spacings), max(self.spacings)
         if not low <= spacing <= high:
-            raise InputError("--at-spacing", "", f"{low:g} to {high:g} were measured, found {spacing:g}")
+            raise InputError("`spacing`", "", f"{low:g} to {high:g} were measured, found {spacing:g}")
         away = spacing - self.middle
         terms = {
             load: {t: a + away * self.slope[load].get(t, 0.0) for t, a in self.level[load].items()}
@@ -67,9 +67,9 @@ def spacing_model(results: Sequence[Identification], spacings: Sequence[float]) 
     Raises InputError for fewer than three spacings or different speeds at u = 1.
     """
     if len(set(spacings)) < LEAST:
-        raise InputError("--spacings", "", f"{LEAST} different spacings at least, found {len(set(spacings))}")
+        raise InputError("`spacings`", "", f"{LEAST} different spacings at least, found {len(set(spacings))}")
     if len({result.model.speed_max_rpm for result in results}) > 1:
-        raise InputError("--speed-max-rpm", "", "give one: the logs were normalised with different speeds")
+        raise InputError("`speed_max_rpm`", "", "give one: the logs were normalised with different speeds")
     level: dict[str, dict[str, float]] = {}
     slope: dict[str, dict[str, float]] = {}
     without, with_slope = {}, {}

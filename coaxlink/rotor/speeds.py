@@ -42,7 +42,7 @@ def normalised_speeds(samples: Samples, speed_max_rpm: float | None = None) -> S
         raise InputError(samples.source, "column upper_rpm", "no rotor ever turns")
     if speed_max_rpm is not None:
         if speed_max_rpm <= 0:
-            raise InputError("--speed-max-rpm", "", f"more than 0 is expected, found {speed_max_rpm:g}")
+            raise InputError("`speed_max_rpm`", "", f"more than 0 is expected, found {speed_max_rpm:g}")
         return Speeds(upper / speed_max_rpm, lower / speed_max_rpm, speed_max_rpm, "given")
     full = _at_full_throttle(samples)
     maximum, said = (

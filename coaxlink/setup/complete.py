@@ -30,7 +30,7 @@ class MissingError(InputError):
 
     def __init__(self, source: str, fields: Mapping[str, str]) -> None:
         self.fields = dict(fields)
-        told = ", ".join(f"{name} ({what})" for name, what in fields.items())
+        told = ", ".join(f"`{name}` ({what})" for name, what in fields.items())
         super().__init__(source, "", f"does not tell all of the vehicle: {told} expected")
 
 
@@ -57,7 +57,7 @@ def completed(layout: Layout, body: Body) -> Airframe:
     """The vehicle. Raises MissingError (all that is missing), InputError (what contradicts the layout)."""
     if lacking := missing(layout, body):
         raise MissingError(layout.source, lacking)
-    scale = 1.0 if layout.metres else _positive("arm_m", body.arm_m)
+    scale = 1.0 if layout.metres else _positive("`arm_m`", body.arm_m)
     levels = _levels(layout, body.upper)[0]
     partners = {n: other for stack in layout.stacks() for n in stack for other in stack if other != n}
     rotors = []
@@ -72,7 +72,7 @@ def completed(layout: Layout, body: Body) -> Airframe:
                 partners[n] + 1 if n in partners else None,
             )
         )
-    mass = _positive("mass_kg", body.mass_kg)
+    mass = _positive("`mass_kg`", body.mass_kg)
     inertia = body.inertia_kg_m2 or inertia_estimate(mass, tuple(rotors))
     return Airframe(body.name, mass, inertia, tuple(rotors))
 
@@ -94,7 +94,7 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str
     count = len(layout.places)
     wrong = [n for n in upper if not 1 <= n <= count]
     if wrong:
-        raise InputError("upper", str(wrong[0]), f"rotor numbers from 1 to {count} are expected")
+        raise InputError("`upper`", str(wrong[0]), f"rotor numbers from 1 to {count} are expected")
     levels, unknown = ["single"] * count, []
     for stack in layout.stacks():
         if len(stack) == 1:
@@ -105,7 +105,7 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str
         if upper and said[a] == said[b]:
             both = "both" if said[a] else "neither"
             raise InputError(
-                "upper",
+                "`upper`",
                 "",
                 f"one of the pair {a + 1} and {b + 1} is expected, {both} stands there",
             )
@@ -113,7 +113,7 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str
         if known and stated and known != stated:
             top = (a if known == "upper" else b) + 1
             raise InputError(
-                "upper",
+                "`upper`",
                 "",
                 f"{layout.source} has rotor {top} on top of its pair",
             )
@@ -137,7 +137,7 @@ def _height(place: Place, level: str, layout: Layout, body: Body) -> float:
         return place.z
     if level == "single":
         return 0.0
-    half = 0.5 * _positive("spacing_m", body.spacing_m)
+    half = 0.5 * _positive("`spacing_m`", body.spacing_m)
     return -half if level == "upper" else half
 
 

@@ -21,7 +21,7 @@ TEMPLATES = {
 def template(name: str) -> Layout:
     """A layout without a scale. Raises InputError for an unknown name."""
     if name not in TEMPLATES:
-        raise InputError("template", name, f"one of {', '.join(TEMPLATES)} is expected")
+        raise InputError("`template`", name, f"one of {', '.join(TEMPLATES)} is expected")
     frame, words = TEMPLATES[name]
     return frame_layout(FRAMES[frame], f"template {name}: {words}")
 

@@ -71,7 +71,7 @@ def test_letters_are_told_by_the_data(tmp_path: Path, kind: str, upper: str, low
 
 def test_equal_speeds_without_torque_tell_nothing(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", lettered(EQUAL, "A", "B", torque=False))
-    with pytest.raises(RotorsUnclear, match="--upper A or --upper B") as caught:
+    with pytest.raises(RotorsUnclear, match="`upper` A or `upper` B") as caught:
         read_stand_log(path)
     assert caught.value.labels == ("A", "B")
     assert read_stand_log(path, upper="a").has("lower_thrust_N")
@@ -121,7 +121,7 @@ def test_a_unit_that_no_propeller_has_is_refused(
     with pytest.raises(InputError) as caught:
         read_stand_log(write(tmp_path / "log.csv", columns), upper="A", trust_units=False, diameter_m=0.381)
     assert (
-        "no propeller" in str(caught.value) and unit in str(caught.value) and "--columns" in str(caught.value)
+        "no propeller" in str(caught.value) and unit in str(caught.value) and "`columns`" in str(caught.value)
     )
 
 
@@ -154,7 +154,7 @@ def test_electrical_turns_want_poles(tmp_path: Path) -> None:
         for name, value in lettered(SPACED, "A", "B").items()
     }
     path = write(tmp_path / "log.csv", columns)
-    with pytest.raises(InputError, match="--poles"):
+    with pytest.raises(InputError, match="`poles`"):
         read_stand_log(path)
     np.testing.assert_allclose(read_stand_log(path, poles=14)["upper_rpm"].max(), TOP_RPM, rtol=1e-4)
 

@@ -87,12 +87,12 @@ def test_micro_of_either_kind_is_a_microsecond(tmp_path: Path) -> None:
 def test_pybemt_letters(tmp_path: Path) -> None:
     text = "RPM,T_A(N),Q_A(Nm),P_A(W),T_B(N),Q_B(Nm),P_B(W),RPM_B\n1000,3,0.1,20,5,0.2,25,1010\n"
     path = write(tmp_path, text)
-    with pytest.raises(RotorsUnclear, match="which is the upper one\\? Say --upper A or --upper B"):
+    with pytest.raises(RotorsUnclear, match="which is the upper one\\? Say `upper` A or `upper` B"):
         read_stand_log(path)
     log = read_stand_log(path, upper="B")
     assert (log["lower_rpm"][0], log["upper_rpm"][0]) == (1000, 1010)
     assert (log["lower_thrust_N"][0], log["upper_thrust_N"][0]) == (3, 5)
-    assert any("as --upper says" in note for note in log.notes)
+    assert any("as `upper` says" in note for note in log.notes)
     assert read_stand_log(path, upper="a")["lower_thrust_N"][0] == 5
 
 

@@ -130,10 +130,10 @@ def test_spreadsheets(tmp_path: Path) -> None:
     many = [*rows[:2], *([ROWS[1]] * 8)]
     check(sheet(tmp_path / "a.xlsx", {"Notes": [["nothing"]], "Data": rows}))
     two = sheet(tmp_path / "b.xlsx", {"One": many, "Two": many})
-    with pytest.raises(InputError, match=r"several sheets hold numbers: name one with --sheet \(One, Two\)"):
+    with pytest.raises(InputError, match=r"several sheets hold numbers: name one with `sheet` \(One, Two\)"):
         read_table(two)
     assert read_table(two, sheet="Two").notes[-1] == "sheet 'Two'"
-    with pytest.raises(InputError, match=r"--sheet: 'Three' is not in b.xlsx"):
+    with pytest.raises(InputError, match=r"`sheet`: 'Three' is not in b.xlsx"):
         read_table(two, sheet="Three")
     (tmp_path / "c.xlsx").write_bytes(two.read_bytes()[:300])
     with pytest.raises(InputError, match="not a spreadsheet that can be read"):

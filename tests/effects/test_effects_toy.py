@@ -66,7 +66,7 @@ def live(view, p):
 FLUTTER = PhysicalEffect(
     name="blade_flutter",
     stage=Stage.ROTOR,
-    parameters=(Parameter("thrust_loss_per_V", "1/V", 0.0, 0.1, (0.0, 0.02)),),
+    parameters=(Parameter("thrust_loss_per_V", "1/V", 0.0, 0.1, (0.0, 0.02), source="assumed: this toy"),),
     stand=Tracing(
         name="blade_flutter",
         physics="blades flutter and lose thrust at high voltage",

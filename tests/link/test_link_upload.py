@@ -168,11 +168,7 @@ def test_a_lost_link_says_what_to_do_and_the_next_upload_knows_the_way_back(boar
             parameters=Parameters(session, timeout_s=0.02),
         )
         outcome = worker.upload(_plan(tmp_path))
-    assert (
-        outcome.result == "failed"
-        and "coaxlink restore " in outcome.reason
-        and outcome.backup in outcome.reason
-    )
+    assert outcome.result == "failed" and "`restore` " in outcome.reason and outcome.backup in outcome.reason
     assert outcome.error.exit_code == 3
     assert not _same(board.params, before)  # the mixture that the journal is for
     entry = Journal(_Identity).open_entry()

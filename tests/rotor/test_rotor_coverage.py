@@ -71,7 +71,7 @@ def test_a_rotor_alone_is_not_odd_either() -> None:
 
 def test_speeds_beyond_or_far_below_the_top() -> None:
     assert "64 rows" not in said(bench(log(*full()), 0.8 * TOP))
-    assert "run faster than --speed-max-rpm, up to 1.25 of it" in said(bench(log(*full()), 0.8 * TOP))
+    assert "run faster than `speed_max_rpm`, up to 1.25 of it" in said(bench(log(*full()), 0.8 * TOP))
     assert "no row beyond 0.50" in said(bench(log(*full()), 2 * TOP))
 
 
