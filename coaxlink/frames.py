@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.load import Load
 from coaxlink.rotor import RotorModel
 from coaxlink.signals import lagged
 
@@ -92,9 +93,9 @@ class FlightFrame:
         return out
 
 
-STAND_LOADS = ("upper_thrust", "upper_torque", "lower_thrust", "lower_torque")
+STAND_LOADS = tuple(load.channel for load in Load)
 STAND_CHANNELS = (*STAND_LOADS, "upper_speed", "lower_speed")
-STAND_UNITS = ("N", "N m", "N", "N m", "1", "1")
+STAND_UNITS = (*(load.unit for load in Load), "1", "1")
 
 
 class Surface(Protocol):
@@ -154,8 +155,7 @@ class StandFrame:
     def loads_at(self, speeds: Array) -> Array:
         """(rows, 4) base loads at other speeds (rows, 2)."""
         pair = self.model.loads(speeds[:, 0], speeds[:, 1])
-        loads = (pair.upper_thrust, pair.upper_torque, pair.lower_thrust, pair.lower_torque)
-        out = np.stack(loads, axis=1)
+        out = np.stack([pair[load] for load in Load], axis=1)
         for c, surface in self.surfaces.items():
             out[:, c] += surface(speeds)
         return out

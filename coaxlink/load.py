@@ -22,7 +22,12 @@ class Load(IntEnum):
     @property
     def side(self) -> str:
         """upper or lower."""
-        return "lower" if self >= Load.LOWER_THRUST else "upper"
+        return ("upper", "lower")[self.rotor]
+
+    @property
+    def rotor(self) -> int:
+        """Of the pair's two speeds, whose it is: 0 upper, 1 lower."""
+        return int(self >= Load.LOWER_THRUST)
 
     @property
     def quantity(self) -> str:
@@ -67,6 +72,11 @@ class Load(IntEnum):
     def of(cls, name: str) -> Load:
         """The load of a key, a column or a channel. Raises KeyError."""
         return _BY_NAME[name]
+
+
+def of_rotor(rotor: int) -> tuple[Load, Load]:
+    """Thrust and torque of the upper (0) or the lower (1) rotor."""
+    return (Load.UPPER_THRUST, Load.UPPER_TORQUE) if rotor == 0 else (Load.LOWER_THRUST, Load.LOWER_TORQUE)
 
 
 _BY_NAME = {name: load for load in Load for name in (load.key, load.column, load.channel)}

@@ -124,7 +124,7 @@ def _as_stated(samples: Samples, upper: str) -> Samples:
         re.sub("^(upper|lower)(?=_)", lambda m: turned[m[1]], name): column
         for name, column in samples.columns.items()
     }
-    note = "upper and lower columns exchanged, as `upper` says"
+    note = "upper and lower columns exchanged, as `upper` lower says"
     return Samples(columns, samples.source, (*samples.notes, note), samples.lines)
 
 

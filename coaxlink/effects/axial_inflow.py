@@ -18,6 +18,7 @@ from coaxlink.effects.live import MOST, LiveView, Part, nothing
 from coaxlink.effects.static import LeftOut, Loads, StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import FlightFrame
+from coaxlink.load import Load
 from coaxlink.rotor import RotorModel
 
 LEVELLING_S_M = (0.0, 0.3)  # at full speed
@@ -155,7 +156,7 @@ def _static(bench: StaticBench, p: Numbers) -> str:
     def change(_: RotorModel, loads: Loads) -> Loads:
         upper = climb_loss(p, climb, loads.upper, loads.upper_thrust, usual)
         lower = climb_loss(p, climb, loads.lower, loads.lower_thrust, usual)
-        return loads.plus(upper_thrust=-upper, lower_thrust=-lower)
+        return loads.plus({Load.UPPER_THRUST: -upper, Load.LOWER_THRUST: -lower})
 
     bench.changes.append(change)
     lost = climb_loss(p, climb, 0.5, 0.25 * usual, usual)

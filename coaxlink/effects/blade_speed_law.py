@@ -15,6 +15,7 @@ from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.static import Loads, StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_LOADS, StandFrame
+from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import RotorModel
 
 SLOWEST = 0.025  # of full speed: a slower blade has no law of speed
@@ -41,7 +42,7 @@ def _blade_columns(frame: StandFrame, shape: Shape) -> Array:
     out = np.zeros((len(frame.time_s), 6, 2 if "apart" in shape else 1))
     for side in (0, 1):
         factor = growth(shape, frame.speeds[:, side])
-        for k, load in enumerate((2 * side, 2 * side + 1)):
+        for k, load in enumerate(of_rotor(side)):
             out[:, load, k if "apart" in shape else 0] = frame.predicted[:, load] * factor
     return out
 
@@ -126,12 +127,8 @@ def _static(bench: StaticBench, p: Numbers) -> str:
 
     def change(_: RotorModel, loads: Loads) -> Loads:
         upper, lower = growth(p, loads.upper), growth(p, loads.lower)
-        return loads.plus(
-            upper_thrust=loads.upper_thrust * lift * upper,
-            upper_torque=loads.upper_torque * drag * upper,
-            lower_thrust=loads.lower_thrust * lift * lower,
-            lower_torque=loads.lower_torque * drag * lower,
-        )
+        each = zip(Load, (lift * upper, drag * upper, lift * lower, drag * lower), strict=True)
+        return loads.plus({load: loads[load] * share for load, share in each})
 
     bench.changes.append(change)
     if "tip" in p:

@@ -13,6 +13,7 @@ from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.static import Loads, StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import StandFrame
+from coaxlink.load import Load
 from coaxlink.rotor import RotorModel
 
 ARM_M = 0.3  # torque over thrust: a rotor of a metre has some 0.05
@@ -29,7 +30,7 @@ def _interference_columns(frame: StandFrame, shape: Shape) -> Array:
     upper, lower = frame.speeds.T
     term = drawn(shape, upper, lower)
     out = np.zeros((len(term), 6, 2))
-    out[:, 0, 0], out[:, 1, 1] = -term, -term
+    out[:, Load.UPPER_THRUST, 0], out[:, Load.UPPER_TORQUE, 1] = -term, -term
     return out
 
 
@@ -45,7 +46,7 @@ STAND: Tracing[StandFrame] = Tracing(
     physics="the lower rotor draws air through the upper one, which loses thrust",
     source="coaxial momentum theory at finite spacing (Leishman and Ananthan 2006)",
     needs=("upper_rpm", "lower_rpm"),
-    channels=("upper_thrust", "upper_torque"),
+    channels=(Load.UPPER_THRUST.channel, Load.UPPER_TORQUE.channel),
     units={"thrust_loss_N": "N", "torque_loss_Nm": "N m", "lower_power": "1", "upper_power": "1"},
     missing=lambda frame: (
         None if float(np.ptp(frame.speeds[:, 1])) > 0.2 else "the lower rotor's speed hardly varies"
@@ -70,7 +71,7 @@ def _static(bench: StaticBench, p: Numbers) -> str:
 
     def change(_: RotorModel, loads: Loads) -> Loads:
         term = drawn(p, loads.upper, loads.lower)
-        return loads.plus(upper_thrust=-thrust * term, upper_torque=-torque * term)
+        return loads.plus({Load.UPPER_THRUST: -thrust * term, Load.UPPER_TORQUE: -torque * term})
 
     bench.changes.append(change)
     powers = f"u_l^{p['lower_power']:g} u_u^{p['upper_power']:g}"

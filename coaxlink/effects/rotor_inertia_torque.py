@@ -11,6 +11,7 @@ import numpy as np
 from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
 from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside
 from coaxlink.frames import FlightFrame, StandFrame
+from coaxlink.load import Load
 from coaxlink.signals import derivative
 
 
@@ -60,7 +61,7 @@ def _reaction(frame: StandFrame, shape: Shape) -> Array:
     step = float(np.median(np.diff(frame.time_s)))
     turning = np.gradient(frame.speeds, step, axis=0) * frame.model.speed_max_rpm * np.pi / 30.0
     out = np.zeros((len(frame.time_s), 6, 1))
-    out[:, 1, 0], out[:, 3, 0] = turning[:, 0], turning[:, 1]
+    out[:, Load.UPPER_TORQUE, 0], out[:, Load.LOWER_TORQUE, 0] = turning[:, 0], turning[:, 1]
     return out
 
 
@@ -77,7 +78,7 @@ STAND: Tracing[StandFrame] = Tracing(
     physics="speeding the rotor up takes torque, which the torque cell reads too: J dOmega/dt",
     source="balance of angular momentum (Bouabdallah 2007)",
     needs=("time_s", "upper_rpm"),
-    channels=("upper_torque", "lower_torque"),
+    channels=(Load.UPPER_TORQUE.channel, Load.LOWER_TORQUE.channel),
     units={"rotor_inertia_kg_m2": "kg m2"},
     missing=_slow,
     shapes=lambda _: [{}],

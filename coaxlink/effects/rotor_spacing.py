@@ -12,6 +12,7 @@ from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.static import LeftOut, Loads, StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import StandFrame
+from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import RotorModel
 
 APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
@@ -43,13 +44,15 @@ def spread(p: Numbers, relative: ArrayLike) -> Array:
 
 
 def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
-    base = frame.loads_at(frame.speeds)[:, 2:4]
-    alone = frame.loads_at(np.stack([np.zeros(len(frame.time_s)), frame.speeds[:, 1]], axis=1))[:, 2:4]
+    lower = list(of_rotor(1))
+    base = frame.loads_at(frame.speeds)[:, lower]
+    alone = frame.loads_at(np.stack([np.zeros(len(frame.time_s)), frame.speeds[:, 1]], axis=1))[:, lower]
     wake = base - alone  # negative: what the lower rotor loses
     out = np.zeros((len(frame.time_s), 6, 3))
     change = spread(shape, _spacing(frame))
-    out[:, 2, 0], out[:, 3, 1] = -wake[:, 0] * change, -wake[:, 1] * change
-    out[:, 0, 2] = frame.speeds[:, 1] ** 2 * change
+    out[:, Load.LOWER_THRUST, 0] = -wake[:, 0] * change
+    out[:, Load.LOWER_TORQUE, 1] = -wake[:, 1] * change
+    out[:, Load.UPPER_THRUST, 2] = frame.speeds[:, 1] ** 2 * change
     return out
 
 
@@ -64,7 +67,7 @@ STAND: Tracing[StandFrame] = Tracing(
     physics="further apart, the wake has contracted more and the rotors disturb each other less",
     source="wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022",
     needs=("rotor_spacing_m",),
-    channels=("upper_thrust", "lower_thrust", "lower_torque"),
+    channels=(Load.UPPER_THRUST.channel, Load.LOWER_THRUST.channel, Load.LOWER_TORQUE.channel),
     units={
         "wake_thrust_share": "1",
         "wake_torque_share": "1",
@@ -106,12 +109,12 @@ def _static(bench: StaticBench, p: Numbers) -> str:
 
     def change(model: RotorModel, loads: Loads) -> Loads:
         alone = model.loads(np.zeros_like(loads.lower), loads.lower)
-        wake, drag = loads.lower_thrust - alone.lower_thrust, loads.lower_torque - alone.lower_torque
-        return loads.plus(
-            upper_thrust=p.get("upper_gain_N", 0.0) * off * loads.lower**2,
-            lower_thrust=-p["wake_thrust_share"] * off * wake,
-            lower_torque=-p.get("wake_torque_share", 0.0) * off * drag,
-        )
+        wake, drag = (loads[load] - alone[load] for load in of_rotor(1))
+        return loads.plus({
+            Load.UPPER_THRUST: p.get("upper_gain_N", 0.0) * off * loads.lower**2,
+            Load.LOWER_THRUST: -p["wake_thrust_share"] * off * wake,
+            Load.LOWER_TORQUE: -p.get("wake_torque_share", 0.0) * off * drag,
+        })  # fmt: skip
 
     bench.changes.append(change)
     return f"pairs {1e3 * gap:.0f} mm apart, logged about {1e3 * p['reference_spacing_m']:.0f} mm"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
+from coaxlink.load import Load
 from coaxlink.rotor import RotorModel
 
 Array = NDArray[np.float64]
 SPEED_FACTOR = (0.5, 1.5)  # of a speed over its command; beyond, the stated condition is a slip
-FIELDS = ("upper_thrust", "upper_torque", "lower_thrust", "lower_torque")
 
 
 class LeftOut(Exception):
@@ -43,9 +43,13 @@ class Loads:
     lower_thrust: Array
     lower_torque: Array
 
-    def plus(self, **changes: Array) -> Loads:
-        """The loads with these changes (points,) added, by name."""
-        return replace(self, **{name: getattr(self, name) + change for name, change in changes.items()})
+    def __getitem__(self, load: Load) -> Array:
+        """One of them (points,)."""
+        return np.asarray(getattr(self, load.channel))
+
+    def plus(self, changes: Mapping[Load, Array]) -> Loads:
+        """The loads with these changes (points,) added."""
+        return replace(self, **{load.channel: self[load] + change for load, change in changes.items()})
 
 
 Change = Callable[[RotorModel, Loads], Loads]
@@ -83,7 +87,7 @@ class StaticBench:
         def change(model: RotorModel, loads: Loads) -> Loads:
             told = model.loads(loads.upper, loads.lower)
             turned = model.loads(speed_of(loads.upper), speed_of(loads.lower))
-            return loads.plus(**{name: getattr(turned, name) - getattr(told, name) for name in FIELDS})
+            return loads.plus({load: turned[load] - told[load] for load in Load})
 
         self.changes.append(change)
         self.drive.append(change)

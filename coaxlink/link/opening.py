@@ -36,7 +36,8 @@ def connect(
     if not 0.0 < timeout_s < math.inf:
         raise InputError("`timeout_s`", "", f"seconds above 0 are expected, found {timeout_s:g}")
     if target_system is not None and not 1 <= target_system <= 255:
-        raise InputError("`target_system`", "", f"an id from 1 to 255 is expected, found {target_system}")
+        found = f"found {target_system}"
+        raise InputError("`target_system`", "", f"a system id from 1 to 255 is expected, {found}")
     address = parse_address(url)
     line = open_transport(address, timeout_s)
     try:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from coaxlink.airframe import Airframe
+from coaxlink.load import Load
 from coaxlink.mixer import allocate, make_law, reduced_coefficients
 from coaxlink.paper.equations import hover_error
 from coaxlink.paper.ledger import CONTRADICTED, IN_PART, NOT_CHECKED, Entry, Line, printed
@@ -195,7 +196,7 @@ def _small_terms() -> Entry:
         for X in (design_matrix(terms, u, v),)
     )
     small = ("u_u^2 u_l^2", "u_u u_l", "1")
-    table = printed()["table_1"]["lower.thrust_N"]
+    table = printed()["table_1"][Load.LOWER_THRUST.key]
     return Entry(
         "contradiction-10",
         "121 points cannot determine Table 1's small terms",
@@ -230,7 +231,7 @@ def _upper_feels_lower(log: Path | None) -> Entry:
     samples = read_stand_log(log)
     upper, lower = samples["upper_rpm"] / 1e3, samples["lower_rpm"] / 1e3
     X = np.stack([upper**2, upper * lower, lower**2, upper, np.ones_like(upper)], axis=1)
-    with_lower, *_ = np.linalg.lstsq(X, samples["upper_thrust_N"], rcond=None)
+    with_lower, *_ = np.linalg.lstsq(X, samples[Load.UPPER_THRUST.column], rcond=None)
     at = float(np.quantile(upper, 0.7))
     loss = float(with_lower[1] * at * at + with_lower[2] * at * at)
     alone = float(with_lower[0] * at * at + with_lower[3] * at + with_lower[4])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coaxlink.load import Load
 from coaxlink.paper.ledger import (
     CONTRADICTED,
     IN_PART,
@@ -96,7 +97,7 @@ def figure_4(identified: Identification) -> Entry:
     """How many lower-thrust terms are left, and what error, as the tolerance of eq. 4 is relaxed."""
     bench = identified.bench
     X = design_matrix(dictionary(2, 2), bench.speeds.upper, bench.speeds.lower)
-    y = bench.loads["lower.thrust_N"]
+    y = bench.loads[Load.LOWER_THRUST.key]
     scale = np.sqrt(np.mean(X**2, axis=0))
     lines = []
     for eps in SWEEP_N:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.errors import InputError
+from coaxlink.load import Load
 from coaxlink.rotor.efficiency import measured_efficiency, split_curves
 from coaxlink.rotor.fit import least_squares
 from coaxlink.rotor.forms import load_terms
@@ -25,18 +26,13 @@ if TYPE_CHECKING:
 
 DATA, MODEL, SECOND, GRID = "#c4703f", "#1f5f8b", "#5c8a3a", "#8a8f98"
 DPI = 130
-TITLES = {
-    "upper.thrust_N": "upper thrust, N",
-    "upper.torque_Nm": "upper torque, N m",
-    "lower.thrust_N": "lower thrust, N",
-    "lower.torque_Nm": "lower torque, N m",
-}
+TITLES = {load.key: load.label for load in Load}
 
 
 def pictures(result: Identification) -> dict[str, bytes]:
     """File name: PNG, of all that this identification has the data for."""
     drawn = {"surfaces.png": surfaces(result), "residuals.png": residuals(result)}
-    if "lower.thrust_N" in result.bench.measured and "upper.thrust_N" in result.bench.measured:
+    if {Load.LOWER_THRUST.key, Load.UPPER_THRUST.key} <= set(result.bench.measured):
         drawn["tolerance.png"] = tolerance_sweep(result)
     if all(load in result.bench.measured for pair in COAXIAL.values() for load in pair):
         with contextlib.suppress(InputError):  # no rpm: speeds came from the throttle
@@ -121,7 +117,7 @@ def tolerance_sweep(result: Identification, points: int = 14) -> bytes:
 def _sweep(
     result: Identification, standardised: bool, points: int
 ) -> tuple[NDArray[np.float64], list[int], list[float]]:
-    load = "lower.thrust_N"
+    load = Load.LOWER_THRUST.key
     y = result.bench.loads[load]
     rows = np.isfinite(y)
     y = y[rows]
@@ -162,8 +158,7 @@ def efficiency(result: Identification) -> bytes:
 
 
 def _polynomials(result: Identification) -> tuple[Any, ...]:
-    m = result.model
-    return m.upper_thrust, m.upper_torque, m.lower_thrust, m.lower_torque
+    return tuple(result.model.surface(load) for load in Load)
 
 
 def _figure(width: float, height: float) -> Figure:

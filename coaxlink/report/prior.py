@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.load import Load
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.prior import RATIOS, WORKING, PairPrior
 
@@ -61,8 +62,8 @@ def picture(prior: PairPrior) -> bytes:
     alone = prior.model.loads(0.0 * lower, lower)
     pair = prior.model.loads(upper, lower)
     for load, value, own, colour in (
-        ("lower.thrust_N", pair.lower_thrust, alone.lower_thrust, COLOURS[0]),
-        ("lower.torque_Nm", pair.lower_torque, alone.lower_torque, COLOURS[1]),
+        (Load.LOWER_THRUST.key, pair.lower_thrust, alone.lower_thrust, COLOURS[0]),
+        (Load.LOWER_TORQUE.key, pair.lower_torque, alone.lower_torque, COLOURS[1]),
     ):
         half = NORMAL_95 * prior.spread(load, upper, lower)
         axis.plot(RATIOS, value / own, color=colour, label=load.split(".")[1].split("_")[0])

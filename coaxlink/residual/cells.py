@@ -6,6 +6,7 @@ import numpy as np
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.frames import STAND_CHANNELS, StandFrame
+from coaxlink.load import Load
 from coaxlink.residual.stand import COLUMN_OF, own_model
 from coaxlink.residual.stretches import Mask
 
@@ -69,7 +70,7 @@ def clipped_rows(frame: StandFrame, channel: int) -> tuple[Mask, float] | None:
         if frame.free_base:
             own = own_model(frame.speeds[~at], frame.measured[~at], [channel], frame.model.speed_max_rpm)
             pair = own.loads(frame.speeds[:, 0], frame.speeds[:, 1])
-            loads = (pair.upper_thrust, pair.upper_torque, pair.lower_thrust, pair.lower_torque)[channel]
+            loads = pair[Load(channel)]
         size = float(frame.reference[channel])
         beyond = sign * (loads - limit)
         if np.ptp(loads[at]) > 0.05 * size and np.mean(beyond[at] > -MARGIN * size) > 0.8:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
+from coaxlink.load import Load
 from coaxlink.residual.blocks import folds_of
 from coaxlink.residual.similarity import FINER, GAIN, Surface, find_surface
 from coaxlink.rotor import RotorModel
@@ -23,12 +24,7 @@ from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.speeds import normalised_speeds
 
-COLUMN_OF = {
-    "upper_thrust": "upper_thrust_N",
-    "upper_torque": "upper_torque_Nm",
-    "lower_thrust": "lower_thrust_N",
-    "lower_torque": "lower_torque_Nm",
-}
+COLUMN_OF = {load.channel: load.column for load in Load}
 ORDERS = (2, 3, 4)
 RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
 LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.frames import Array, StandFrame
+from coaxlink.load import Load
 from coaxlink.residual.stand import own_model
 
 Mask = NDArray[np.bool_]
@@ -213,7 +214,7 @@ def _loads_clear(frame: StandFrame, lie: Lie) -> bool:
         u = frame.speeds.copy()
         u[lie.rows, lie.side] *= factor
         pair = model.loads(u[:, 0], u[:, 1])
-        predicted = (pair.upper_thrust, pair.upper_torque, pair.lower_thrust, pair.lower_torque)
+        predicted = [pair[load] for load in Load]
         squares = 0.0
         for c in loads:
             p, m, rest = predicted[c], frame.measured[:, c], ~lie.rows

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coaxlink.data import Samples
+from coaxlink.load import Load
 from coaxlink.rotor.model import RotorModel
 
 RAD_S = math.pi / 30  # of one rpm
@@ -51,7 +52,7 @@ def measured_efficiency(samples: Samples) -> Measured:
     """Eq. 5 from the log's own columns. Raises InputError naming a missing speed, thrust or torque."""
     sides = ("upper", "lower")
     samples.require(*(f"{s}_{w}" for s in sides for w in ("rpm", "thrust_N", "torque_Nm")))
-    thrust = samples["upper_thrust_N"] + samples["lower_thrust_N"]
+    thrust = samples[Load.UPPER_THRUST.column] + samples[Load.LOWER_THRUST.column]
     shaft = sum(
         (RAD_S * samples[f"{s}_rpm"] * samples[f"{s}_torque_Nm"] for s in sides), np.zeros(samples.rows)
     )

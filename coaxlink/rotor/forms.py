@@ -9,7 +9,7 @@ mutual crm whose upper rotor may feel the lower one as well (not in the paper)
 
 from __future__ import annotations
 
-from coaxlink.rotor.model import LOADS
+from coaxlink.load import Load
 from coaxlink.rotor.polynomial import dictionary, term_name
 
 FORMS = ("srm", "cpcm", "rcrm", "crm")
@@ -41,5 +41,5 @@ def is_selected(form: str) -> bool:
 def shared_load(form: str, load: str) -> str | None:
     """The load whose coefficient this one shares (srm: the lower rotor has the upper one's k)."""
     if form == "srm" and load.startswith("lower"):
-        return LOADS[LOADS.index(load) - 2]
+        return Load.of(load).partner.key
     return None

@@ -14,6 +14,7 @@ from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.data.averaging import shortened
 from coaxlink.errors import InputError
+from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import forms
 from coaxlink.rotor.fit import WILD, LoadFit, Options, huber_weights, least_squares, orders, row_weights
 from coaxlink.rotor.folds import blocks, folds
@@ -25,10 +26,10 @@ from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.selection import fit_load
 from coaxlink.rotor.speeds import Speeds, normalised_speeds
 
-CHANNELS = {load: load.replace(".", "_").rsplit("_", 1)[0] for load in LOADS}  # upper.thrust_N: upper_thrust
+CHANNELS = {load.key: load.channel for load in Load}
 COAXIAL = {
-    "coaxial_thrust": ("upper.thrust_N", "lower.thrust_N"),
-    "coaxial_torque": ("upper.torque_Nm", "lower.torque_Nm"),
+    "coaxial_thrust": (Load.UPPER_THRUST.key, Load.LOWER_THRUST.key),
+    "coaxial_torque": (Load.UPPER_TORQUE.key, Load.LOWER_TORQUE.key),
 }
 TOGETHER = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
 Values = dict[str, NDArray[np.float64]]  # load: (rows,), NaN where not measured
@@ -132,9 +133,9 @@ def bench(samples: Samples, speed_max_rpm: float | None = None) -> Bench:
     samples = shortened(samples)
     speeds = normalised_speeds(samples, speed_max_rpm)
     # a rotor without its thrust makes no model; the lower one is only asked for where it turned
-    samples.require("upper_thrust_N", "upper_torque_Nm")
+    samples.require(*(load.column for load in of_rotor(0)))
     if np.ptp(speeds.lower) > 0:
-        samples.require("lower_thrust_N", "lower_torque_Nm")
+        samples.require(*(load.column for load in of_rotor(1)))
     loads: Values = {}
     for load in LOADS:
         name = load.replace(".", "_")
@@ -210,7 +211,7 @@ def fit_form(form: str, data: Bench, rows: NDArray[np.bool_], options: Options) 
 
 def _shared(load: str, data: Bench, rows: NDArray[np.bool_]) -> dict[str, LoadFit]:
     """One k for both rotors (srm)."""
-    partner = LOADS[(LOADS.index(load) + 2) % 4]
+    partner = Load.of(load).partner.key
     pairs = [(load, data.speeds.upper if load.startswith("upper") else data.speeds.lower)]
     if partner in data.measured:
         pairs.append((partner, data.speeds.upper if partner.startswith("upper") else data.speeds.lower))

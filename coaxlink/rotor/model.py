@@ -18,11 +18,12 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from coaxlink import files
 from coaxlink.errors import InputError
+from coaxlink.load import Load
 from coaxlink.rotor.polynomial import Polynomial
 from firmware_params.keys import problem_of
 from firmware_params.plain import name_problem, plain
 
-LOADS = ("upper.thrust_N", "upper.torque_Nm", "lower.thrust_N", "lower.torque_Nm")
+LOADS = tuple(load.key for load in Load)  # as files spell them
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,10 @@ class PairLoads:
     upper_torque: NDArray[np.float64]  # N m
     lower_thrust: NDArray[np.float64]  # N
     lower_torque: NDArray[np.float64]  # N m
+
+    def __getitem__(self, load: Load) -> NDArray[np.float64]:
+        """One of them."""
+        return np.asarray(getattr(self, load.channel))
 
 
 @dataclass(frozen=True)
@@ -68,18 +73,20 @@ class RotorModel:
 
     def terms(self) -> dict[str, dict[str, float]]:
         """{"upper.thrust_N": {"u_u^2": 55.9, ...}, ...}, as `identify --json` reports it."""
-        polynomials = (self.upper_thrust, self.upper_torque, self.lower_thrust, self.lower_torque)
-        return {load: p.terms() for load, p in zip(LOADS, polynomials, strict=True)}
+        return {load.key: self.surface(load).terms() for load in Load}
+
+    def surface(self, load: Load) -> Polynomial:
+        """One of the four polynomials."""
+        polynomial: Polynomial = getattr(self, load.channel)
+        return polynomial
 
     @classmethod
     def from_terms(
         cls, form: str, speed_max_rpm: float, terms: Mapping[str, Mapping[str, float]], **rest: Any
     ) -> RotorModel:
         """The inverse of `terms`. Raises ValueError on a name that is no term, KeyError on a missing load."""
-        upper_thrust, upper_torque, lower_thrust, lower_torque = (
-            Polynomial.from_terms(terms[load]) for load in LOADS
-        )
-        return cls(form, speed_max_rpm, upper_thrust, upper_torque, lower_thrust, lower_torque, **rest)
+        surfaces: dict[str, Any] = {load.channel: Polynomial.from_terms(terms[load.key]) for load in Load}
+        return cls(form, speed_max_rpm, **surfaces, **rest)
 
 
 # no rotor pushes a million newtons: such a number is a slip that would only surface as nonsense later

@@ -21,6 +21,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.load import Load
 from coaxlink.rotor.fit import Broken, LoadFit
 from coaxlink.rotor.lasso import ZERO, solve
 from coaxlink.rotor.polynomial import design_matrix, parse_term
@@ -79,7 +80,7 @@ def _rules(load: str, terms: tuple[str, ...], u: Rows, v: Rows) -> Iterator[tupl
         return
     at_work = (v >= u)[:, None]
     yield "falls with its own speed", _slope(terms, u, v, 1) * at_work
-    if load == "lower.thrust_N":
+    if load == Load.LOWER_THRUST.key:
         yield "rises with the upper rotor's speed", -_slope(terms, u, v, 0)
     else:
         yield "is negative", value * at_work

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from coaxlink import files
 from coaxlink.data.single import DENSITY_KG_M3, SingleTable
 from coaxlink.errors import InputError
+from coaxlink.load import Load
 from coaxlink.rotor.contracted_wake import Blades, Calibrated, calibrated, lower_shares, upper_loss
 from coaxlink.rotor.fit import huber_weights
 from coaxlink.rotor.model import LOADS, RotorModel
@@ -263,10 +264,10 @@ def _coefficients(
     felt = 1 - (rng.normal(0.0, UPPER_FEELS, DRAWS) * upper_loss(rotor, spacing))[:, None]
     specimen = _level(rng, SPECIMEN), _level(rng, SPECIMEN)
     columns = {
-        "upper.thrust_N": (("u_u^2", "u_u"), thrust * felt),
-        "upper.torque_Nm": (("u_u^2", "u_u"), torque * (1 + felt) / 2),
-        "lower.thrust_N": (("u_l^2", "u_l", *TERMS), np.hstack([thrust * specimen[0], wake_thrust])),
-        "lower.torque_Nm": (("u_l^2", "u_l", *TERMS), np.hstack([torque * specimen[1], wake_torque])),
+        Load.UPPER_THRUST.key: (("u_u^2", "u_u"), thrust * felt),
+        Load.UPPER_TORQUE.key: (("u_u^2", "u_u"), torque * (1 + felt) / 2),
+        Load.LOWER_THRUST.key: (("u_l^2", "u_l", *TERMS), np.hstack([thrust * specimen[0], wake_thrust])),
+        Load.LOWER_TORQUE.key: (("u_l^2", "u_l", *TERMS), np.hstack([torque * specimen[1], wake_torque])),
     }
     names = tuple((load, term) for load, (terms, _) in columns.items() for term in terms)
     return names, np.hstack([values for _, values in columns.values()])

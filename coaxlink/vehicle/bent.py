@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.effects.static import FIELDS, Change, Loads
+from coaxlink.effects.static import Change, Loads
+from coaxlink.load import Load
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.polynomial import Polynomial, design_matrix, term_name
 
@@ -26,19 +28,19 @@ def bent(model: RotorModel, changes: Sequence[Change]) -> RotorModel:
     axis = np.linspace(LOWEST, 1.0, POINTS)
     upper, lower = (x.ravel() for x in np.meshgrid(axis, axis, indexing="ij"))
     pair = model.loads(upper, lower)
-    loads = Loads(upper, lower, *(getattr(pair, name) for name in FIELDS))
+    loads = Loads(upper, lower, *(pair[load] for load in Load))
     for change in changes:
         loads = change(model, loads)
     names = [term_name(a, t - a) for t in range(1, ORDER + 1) for a in range(t + 1)]
     matrix = design_matrix(names, upper, lower)
     added = {}
-    for load, field in zip(model.terms(), FIELDS, strict=True):
-        difference = getattr(loads, field) - getattr(pair, field)
+    for load in Load:
+        difference = loads[load] - pair[load]
         if np.abs(difference).max() < SMALL:
             continue
         fit = np.linalg.lstsq(matrix, difference, rcond=None)[0]
         keep = np.abs(fit) > 1e-12 * np.abs(fit).max()
-        added[load] = {name: float(c) for name, c, k in zip(names, fit, keep, strict=True) if k}
+        added[load.key] = {name: float(c) for name, c, k in zip(names, fit, keep, strict=True) if k}
     return with_terms(model, added)
 
 
@@ -61,11 +63,5 @@ def scaled_speed(model: RotorModel, factor: float) -> RotorModel:
         pairs = zip(p.exponents, p.coefficients, strict=True)
         return Polynomial(p.exponents, tuple(c * factor ** (a + b) for (a, b), c in pairs))
 
-    return replace(
-        model,
-        speed_max_rpm=model.speed_max_rpm * factor,
-        upper_thrust=scaled(model.upper_thrust),
-        upper_torque=scaled(model.upper_torque),
-        lower_thrust=scaled(model.lower_thrust),
-        lower_torque=scaled(model.lower_torque),
-    )
+    surfaces: dict[str, Any] = {load.channel: scaled(model.surface(load)) for load in Load}
+    return replace(model, speed_max_rpm=model.speed_max_rpm * factor, **surfaces)

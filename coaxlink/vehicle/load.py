@@ -7,6 +7,7 @@ from pathlib import Path
 from coaxlink.airframe import load_airframe
 from coaxlink.effects.static import Conditions
 from coaxlink.errors import InputError
+from coaxlink.load import Load
 from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.vehicle.vehicle import Vehicle
 
@@ -34,7 +35,7 @@ def load_vehicle(
     refuse_no_lift(model, path)
     if frame.pairs and not model.lower_thrust.coefficients:
         problem = "none: a rotor alone was identified, and this airframe has pairs; measure both at once"
-        raise InputError(path, "lower.thrust_N", problem)
+        raise InputError(path, Load.LOWER_THRUST.key, problem)
     return Vehicle(frame, model, conditions or Conditions(), measured_live)
 
 
@@ -43,8 +44,8 @@ def refuse_no_lift(model: RotorModel, path: Path) -> None:
     alone = float(model.upper_thrust(1.0, 0.0))
     if not alone > 0.0:
         problem = f"an upper rotor at full speed must lift, found {alone:.4g} N"
-        raise InputError(path, "upper.thrust_N", problem)
+        raise InputError(path, Load.UPPER_THRUST.key, problem)
     both = model.loads(1.0, 1.0)
     pair = float(both.upper_thrust + both.lower_thrust)
     if not pair > 0.0:
-        raise InputError(path, "lower.thrust_N", f"a pair at full speed must lift, found {pair:.4g} N")
+        raise InputError(path, Load.LOWER_THRUST.key, f"a pair at full speed must lift, found {pair:.4g} N")

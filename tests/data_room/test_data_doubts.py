@@ -67,7 +67,7 @@ def test_the_line_for_a_map_is_of_the_column_that_is_refused(tmp_path: Path) -> 
 
 
 def test_electrical_turns_under_rpm_are_refused_or_said(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"electrical turns \(--poles\)"):
+    with pytest.raises(InputError, match=r"electrical turns \(`poles`\)"):
         read_stand_log(log(tmp_path, speed=7.0), trust_units=False)
     silent = read_stand_log(log(tmp_path, "speed thrust torque", speed=7.0), trust_units=False)
     assert "electrical turns" in electrical_turns(silent)

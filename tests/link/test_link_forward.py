@@ -150,5 +150,5 @@ def test_what_is_no_place_of_a_ground_station_is_refused(where: str) -> None:
 
 
 def test_a_port_that_is_taken_is_one_line(ground: socket.socket) -> None:
-    with pytest.raises(LinkError, match="--forward"):
+    with pytest.raises(LinkError, match="`forward`"):
         Forwarder(Session(), f"udpin:{ground.getsockname()[1]}")  # type: ignore[arg-type]

@@ -178,9 +178,9 @@ def test_the_verb_writes_the_law_in_the_bridges_place(tmp_path: Any) -> None:
     assert text == onboard_script(Vehicle(X8, CRM))
     (params,) = tmp_path.glob("*.param")
     assert re.search(r"SCR_VM_I_COUNT[ ,\t]+200000", params.read_text())
-    with pytest.raises(InputError, match="frame-class"):
+    with pytest.raises(InputError, match="frame_class"):
         onboard_script(Vehicle(X8, CRM), frame_class=5)
-    with pytest.raises(InputError, match="frame-class"):
+    with pytest.raises(InputError, match="frame_class"):
         onboard_script(Vehicle(X8, CRM), frame_class=1)
     assert onboard_script(Vehicle(X8, CRM), frame_class=15) != text
 

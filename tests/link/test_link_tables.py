@@ -83,7 +83,7 @@ def test_a_table_of_leaning_rotors_that_turns_the_vehicle_the_other_way_is_refus
     report = _report(law, frame=EXAMPLES / "coax_tilted.toml")
     by_id = {f.id: f for f in report.findings}
     assert (
-        by_id["px4.leaning-axes"].severity == "warning" and "--law fitted" in by_id["px4.leaning-axes"].text
+        by_id["px4.leaning-axes"].severity == "warning" and "`law` fitted" in by_id["px4.leaning-axes"].text
     )
     assert by_id["px4.reversed-axis"] in report.blocking
     # the sign is the physics': a small pitch demand, through PX4's own mix and the rotors, by hand

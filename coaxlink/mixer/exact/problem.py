@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import AXES
 from coaxlink.errors import InputError
+from coaxlink.load import Load
 from coaxlink.mixer.exact.loads import ARM, SUMS
 from coaxlink.mixer.exact.warm import NEVER, ROWS, SPEEDS
 from coaxlink.rotor.polynomial import Polynomial
@@ -70,7 +71,7 @@ def build(
             raise InputError("exact", "failed", f"there is no rotor {n}")
     arms = [*airframe.pairs, *((i, -1) for i in airframe.singles)]
     thrust_gain, torque_gain = airframe.gains
-    loads = (model.upper_thrust, model.upper_torque, model.lower_thrust, model.lower_torque)
+    loads = [model.surface(load) for load in Load]
     nu = max([2, *(a for p in loads for a, _ in p.exponents)])
     nl = max([2, *(b for p in loads for _, b in p.exponents)])
     dense = [_dense(p, nu, nl) for p in loads]
