@@ -1,6 +1,11 @@
 """Physical constants, once."""
 
+import math
+
 GRAVITY_M_S2 = 9.80665  # standard gravity (ISO 80000-3)
 GAS_CONSTANT_J_KG_K = 287.05  # of dry air (ICAO standard atmosphere)
 ZERO_CELSIUS_K = 273.15
+STANDARD_DENSITY_KG_M3 = 1.225  # ICAO standard atmosphere at sea level
+RAD_S_PER_RPM = math.pi / 30.0
+SIGMA_PER_MAD = 1.4826  # of a normal distribution: 1 / 0.67449, its quartile
 STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_K = 101325.0, 288.15  # ICAO standard atmosphere at sea level

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.constants import SIGMA_PER_MAD
+
 Array = NDArray[np.float64]
 SEGMENT_S = 4.0
 TOP_HZ = 16.0
@@ -112,7 +114,7 @@ def noise_floor(residual: Array, runs: Array, gain: Array) -> Array:
     second = second[inside]
     if len(second) < 8:
         return np.asarray(np.std(residual, axis=0))
-    limit = 4.0 * 1.4826 * np.median(np.abs(second), axis=0)
+    limit = 4.0 * SIGMA_PER_MAD * np.median(np.abs(second), axis=0)
     clipped = np.clip(second, -limit, limit)
     return np.asarray(np.sqrt(np.mean(clipped**2, axis=0) / gain))
 
@@ -134,7 +136,7 @@ def neighbour_floor(residual: Array, places: Array) -> Array:
     own = np.einsum("rk,rk->r", hat, near == np.arange(len(places))[:, None])
     left = residual - np.einsum("rk,rkc->rc", hat, residual[near])
     left = left / np.sqrt(np.maximum(1.0 - own, 1e-6))[:, None]
-    limit = 4.0 * 1.4826 * np.median(np.abs(left), axis=0)
+    limit = 4.0 * SIGMA_PER_MAD * np.median(np.abs(left), axis=0)
     return np.asarray(np.sqrt(np.mean(np.clip(left, -limit, limit) ** 2, axis=0)))
 
 

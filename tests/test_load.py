@@ -31,7 +31,7 @@ def test_files_logs_and_results_keep_their_spellings():
         "lower.thrust_N",
         "lower.torque_Nm",
     ]
-    assert [load.column for load in Load] == [key.replace(".", "_") for key in map(lambda x: x.key, Load)]
+    assert [load.column for load in Load] == [load.key.replace(".", "_") for load in Load]
     assert STAND_CHANNELS == (
         "upper_thrust", "upper_torque", "lower_thrust", "lower_torque", "upper_speed", "lower_speed",
     )  # fmt: skip

@@ -13,7 +13,9 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-AIR = 1.225  # kg/m^3, ISA at sea level: altitude changes a diameter by little
+from coaxlink.constants import STANDARD_DENSITY_KG_M3
+
+AIR = STANDARD_DENSITY_KG_M3  # altitude changes a diameter by little
 THRUST_COEFFICIENT = (0.03, 0.2)
 FIGURE_OF_MERIT = (0.3, 0.85)
 IN_WAKE = 0.5  # least share of both that is left in the other rotor's wake

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
+from coaxlink.constants import STANDARD_DENSITY_KG_M3
 from coaxlink.data.headings import Heading, UnknownUnitError, letters_name_rotors, recognise, words_of
 from coaxlink.data.rotors import TWINS
 from coaxlink.data.samples import Samples
@@ -26,7 +27,7 @@ from coaxlink.data.units import unit_names
 from coaxlink.errors import InputError
 
 Array = NDArray[np.float64]
-DENSITY_KG_M3 = 1.225  # of the standard atmosphere: what tables without a density mean
+DENSITY_KG_M3 = STANDARD_DENSITY_KG_M3  # what tables without a density mean
 FEWEST = 4  # rows: a level, a slope over the speed, and something left over
 ONE_PROPELLER = 0.15  # scatter of thrust over speed squared: Reynolds' number alone gives less over a sheet
 STANDS_STILL = 0.05  # of the fastest: a row in which the propeller does not turn

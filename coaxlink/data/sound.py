@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.data.cleaning import own_sign
 from coaxlink.data.columns_map import line_for
 from coaxlink.data.rotors import NAMES, readings_of
@@ -214,7 +215,7 @@ def _shown(side: str, reading: Reading, diameter_m: float | None) -> str:
     size = "" if diameter_m is None else f" of {diameter_m:g} m"
     why = ""
     if reading.rpm and reading.torque_Nm:
-        shaft = abs(reading.torque_Nm) * reading.rpm * np.pi / 30
+        shaft = abs(reading.torque_Nm) * reading.rpm * RAD_S_PER_RPM
         if reading.shaft_W and not SHAFT_SENSOR[0] <= shaft / reading.shaft_W <= SHAFT_SENSOR[1]:
             why = f": torque times speed is {100 * shaft / reading.shaft_W:.3g} % of the mechanical power"
         elif reading.power_W and not MOTOR_EFFICIENCY[0] <= shaft / reading.power_W <= MOTOR_EFFICIENCY[1]:

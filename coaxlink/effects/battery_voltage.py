@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.drive import LOAD, drive, load_finer, loaded, turning
+from coaxlink.effects.drive import LOAD, drive, load_finer, loaded, turn, turning
 from coaxlink.effects.live import LiveView, SpeedPart
-from coaxlink.effects.static import LeftOut, StaticBench, refuse_speed
+from coaxlink.effects.static import LeftOut, StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
 
@@ -193,11 +193,7 @@ def _static(bench: StaticBench, p: Numbers) -> str:
     if volts is None:
         raise LeftOut(_NEEDS_VOLTAGE)
     factor = float(speed_factor(p, volts)) if volts > 0 else 0.0
-    if "load" in p:
-        refuse_speed(factor, "voltage_V", volts)
-        bench.turn_at(lambda u: turning(u, factor - 1.0, p))
-    else:
-        bench.turn(factor, "voltage_V", volts)
+    turn(bench, factor, p, "voltage_V", volts)
     return f"commands for {volts:.2f} V, where rotors turn at {factor:.3f} of them"
 
 

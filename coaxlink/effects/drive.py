@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coaxlink.effects.static import StaticBench, refuse_speed
 from coaxlink.effects.tracing import Array, Shape
 from coaxlink.frames import StandFrame
 
@@ -50,3 +51,15 @@ def bent_by(frame: StandFrame, speeds: Array) -> Array:
 def turning(command: Array, share: float, numbers: Shape) -> Array:
     """Speeds of commands that a change of the drive by `share` (0 is none) leaves."""
     return np.asarray(command + share * loaded(np.asarray(command, float), numbers))
+
+
+def turn(bench: StaticBench, factor: float, numbers: Shape, condition: str, value: float) -> None:
+    """Let rotors turn at `factor` of their commands, or at another share where the motor is loaded (`load`).
+
+    Raises InputError where no drive does that at this condition.
+    """
+    if "load" not in numbers:
+        bench.turn(factor, condition, value)
+        return
+    refuse_speed(factor, condition, value)
+    bench.turn_at(lambda u: turning(u, factor - 1.0, numbers))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_LOADS, StandFrame
@@ -135,7 +136,7 @@ def _no_return(frame: StandFrame) -> str | None:
 
 def _quiet(course: Array) -> Array:
     """The course (rows,) behind a play as wide as its noise: what only trembles while held wears nothing."""
-    play = 3.0 * 1.4826 * float(np.median(np.abs(np.diff(course, 2)))) / np.sqrt(6.0)
+    play = 3.0 * SIGMA_PER_MAD * float(np.median(np.abs(np.diff(course, 2)))) / np.sqrt(6.0)
     if play <= 1e-9:
         return course
     return np.asarray(course - play * slipping(course, np.array([2.0 * play]))[:, 0])

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.drive import LOAD, drivable, drive, loaded, turning
-from coaxlink.effects.static import LeftOut, StaticBench, refuse_speed
+from coaxlink.effects.drive import LOAD, drivable, drive, loaded, turn
+from coaxlink.effects.static import LeftOut, StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 
@@ -98,11 +98,7 @@ def _static(bench: StaticBench, p: Numbers) -> str:
         raise LeftOut(_NOT_TOLD)
     felt = float(_felt(p, np.array((degrees - 25.0) / 100.0)))
     factor = 1.0 - p["speed_loss_per_100K"] * felt
-    if "load" in p:
-        refuse_speed(factor, "motor_temperature_C", degrees)
-        bench.turn_at(lambda u: turning(u, factor - 1.0, p))
-    else:
-        bench.turn(factor, "motor_temperature_C", degrees)
+    turn(bench, factor, p, "motor_temperature_C", degrees)
     return f"commands for windings at {degrees:.0f} C, where rotors turn at {factor:.3f} of them"
 
 

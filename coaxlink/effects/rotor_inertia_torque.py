@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
 from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside
 from coaxlink.frames import FlightFrame, StandFrame
@@ -59,7 +60,7 @@ FAST_S = 0.3  # rows slower than that are settled
 
 def _reaction(frame: StandFrame, shape: Shape) -> Array:
     step = float(np.median(np.diff(frame.time_s)))
-    turning = np.gradient(frame.speeds, step, axis=0) * frame.model.speed_max_rpm * np.pi / 30.0
+    turning = np.gradient(frame.speeds, step, axis=0) * frame.model.speed_max_rpm * RAD_S_PER_RPM
     out = np.zeros((len(frame.time_s), 6, 1))
     out[:, Load.UPPER_TORQUE, 0], out[:, Load.LOWER_TORQUE, 0] = turning[:, 0], turning[:, 1]
     return out

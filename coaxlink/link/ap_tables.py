@@ -25,6 +25,7 @@ from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX, Fa
 from firmware_params.errors import Finding, TableError
 
 SPIN_MIN = 0.05  # motors that stop in flight restart badly; 0 would keep every ratio exact
+HOVER = (0.125, 0.6875)  # MOT_THST_HOVER: AP_MOTORS_THST_HOVER_MIN and _MAX of AP_MotorsMulticopter.h
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def report_ap(
         raise InputError(source, "rotors", f"ArduPilot cannot hold this table: {error}") from error
     flown = behaviour(vehicle, ap_speeds(mix))
     findings = [*mix.warnings, *_hover_findings(flown, airframe.mass_kg * GRAVITY_M_S2)]
-    hover = min(max(flown.hover or 0.6875, 0.125), 0.6875)
+    hover = min(max(flown.hover or HOVER[1], HOVER[0]), HOVER[1])
     params = {
         "FRAME_CLASS": float(frame_class),
         "MOT_THST_EXPO": motor.thst_expo,
@@ -140,7 +141,7 @@ def _hover_findings(flown: Behaviour, weight_N: float) -> list[Finding]:
             f"the vehicle cannot hover: {flown.ceiling_N:.1f} N at full throttle, {weight_N:.1f} N are needed"
         )
         return [Finding("ap.no-hover", "error", text)]
-    if not 0.125 <= flown.hover <= 0.6875:
-        text = f"hover needs throttle {flown.hover:.3f}, ArduPilot learns 0.125..0.6875"
+    if not HOVER[0] <= flown.hover <= HOVER[1]:
+        text = f"hover needs throttle {flown.hover:.3f}, ArduPilot learns {HOVER[0]}..{HOVER[1]}"
         return [Finding("ap.hover-range", "warning", text)]
     return []

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.mixer.fitted import ENVELOPE
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 
-LEVEL = np.linspace(0.765, 1.326, 12)  # of the weight: the envelope's thrusts
+LEVEL = np.linspace(*ENVELOPE, 12)  # of the weight: the envelope's thrusts
 
 
 def own_curve(vehicle: Vehicle, table: px4.Px4Table) -> float:

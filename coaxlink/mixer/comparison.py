@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import GRAVITY_M_S2, RAD_S_PER_RPM
 from coaxlink.mixer.law import Law
 from coaxlink.vehicle import Vehicle
 
@@ -71,7 +71,7 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
     yaws[:, 0], yaws[:, 3] = weight, np.linspace(0.0, 32.0, 33) * weight * 1.6e-3
     turned = flown(yaws)[0]
     kept = np.abs(turned[:, 0] - turned[0, 0]) < 0.02 * weight
-    radians = model.speed_max_rpm * 2 * np.pi / 60
+    radians = model.speed_max_rpm * RAD_S_PER_RPM
     return Row(
         label,
         error.mean(axis=0),

@@ -29,6 +29,7 @@ from firmware_params.px4 import Px4Table, RotorEntry, realise
 
 SHARES = (0.45, 0.50, 0.55, 0.60, 0.70, 0.85, 1.00)
 AUTHORITY_PRICE = 0.05  # a hundredth of thrust ceiling is worth 0.05 % of power
+ENVELOPE = (0.765, 1.326)  # thrusts, of the weight: 150 to 260 N of the paper's vehicle
 CLOSE = 3e-4  # of the weight: a table this close needs no refinement by rotor
 
 
@@ -65,8 +66,8 @@ def envelope(airframe: Airframe, rows: int = 150, seed: int = 1) -> NDArray[np.f
     weight = airframe.mass_kg * GRAVITY_M_S2
     arm = max(float(np.hypot(*r.position_m[:2])) for r in airframe.rotors)
     turn = weight * arm * 4.0 / (196.133 * 0.25555)
-    low = np.array([0.765 * weight, -turn, -turn, -0.25 * turn])
-    high = np.array([1.326 * weight, turn, turn, 0.25 * turn])
+    low = np.array([ENVELOPE[0] * weight, -turn, -turn, -0.25 * turn])
+    high = np.array([ENVELOPE[1] * weight, turn, turn, 0.25 * turn])
     return np.random.default_rng(seed).uniform(low, high, (rows, 4))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coaxlink.airframe import AXES
+from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.errors import InputError
 from coaxlink.vehicle import Vehicle
 
@@ -86,7 +87,7 @@ def allocate(law: Law, vehicle: Vehicle, wrench: ArrayLike) -> Allocation:
         wrench=demand,
         delivered=airframe.wrench(thrust, torque),
         power=power,
-        power_W=power * model.speed_max_rpm * 2 * np.pi / 60,
+        power_W=power * model.speed_max_rpm * RAD_S_PER_RPM,
         saturated=(u <= 1e-9) | (u >= 1 - 1e-9),
         dropped=law.dropped,
     )

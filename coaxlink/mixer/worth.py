@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import AXES, Airframe
-from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.constants import GRAVITY_M_S2, RAD_S_PER_RPM
 from coaxlink.mixer.fitted import envelope
 from coaxlink.mixer.law import Law
 from coaxlink.rotor import RotorModel
@@ -204,7 +204,7 @@ class _Flown:
     def power(self, thrust: float) -> float:
         u = self._speeds(0.0, 0.0, 0.0, thrust)
         torque = self.airframe.loads(self.model, u)[1]
-        return float(torque @ u) * self.model.speed_max_rpm * math.pi / 30.0
+        return float(torque @ u) * self.model.speed_max_rpm * RAD_S_PER_RPM
 
     def slopes(self, thrust: float | None) -> Array:
         """(4,) of each axis by its own demand."""

@@ -12,7 +12,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.load import Load
 from coaxlink.mixer import allocate, make_law, reduced_coefficients
 from coaxlink.paper.equations import hover_error
-from coaxlink.paper.ledger import CONTRADICTED, IN_PART, NOT_CHECKED, Entry, Line, printed
+from coaxlink.paper.ledger import CONTRADICTED, GRAVITY, IN_PART, NOT_CHECKED, Entry, Line, printed
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.lasso import tolerance_form
 from coaxlink.rotor.polynomial import design_matrix, dictionary
@@ -155,7 +155,7 @@ def _swapped_text() -> Entry:
 
 
 def _squares(airframe: Airframe, rcrm: RotorModel) -> Entry:
-    weight = printed()["geometry"]["mass_kg"] * 9.81
+    weight = printed()["geometry"]["mass_kg"] * GRAVITY
     vehicle = Vehicle(airframe, rcrm)
     right = allocate(make_law("reduced", vehicle), vehicle, [weight, 0, 0, 0])
     thrust, _ = airframe.loads(rcrm, right.speeds**2)

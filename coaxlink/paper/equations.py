@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
+from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.mixer import make_law
-from coaxlink.paper.ledger import CONTRADICTED, IN_PART, REPRODUCED, Entry, Line, close, printed
+from coaxlink.paper.ledger import CONTRADICTED, GRAVITY, IN_PART, REPRODUCED, Entry, Line, close, printed
 from coaxlink.rotor import RotorModel
 from coaxlink.vehicle import Vehicle
 
@@ -127,7 +128,7 @@ def _at(crm: RotorModel, thrust_N: float, ratio: float) -> float:
     """Thrust per shaft watt."""
     upper, lower = _speeds(crm, thrust_N, ratio)
     loads = crm.loads(upper, lower)
-    rad_s = crm.speed_max_rpm * 2 * math.pi / 60
+    rad_s = crm.speed_max_rpm * RAD_S_PER_RPM
     return thrust_N / float(rad_s * (loads.upper_torque * upper + loads.lower_torque * lower))
 
 
@@ -143,7 +144,7 @@ def hover_error(
     """What a law made from `model` misses of the weight on `crm` (N), and its speeds (N,)."""
     from coaxlink.mixer import allocate
 
-    weight = printed()["geometry"]["mass_kg"] * 9.81
+    weight = printed()["geometry"]["mass_kg"] * GRAVITY
     law_made = make_law(law, Vehicle(airframe, model))
     a = allocate(law_made, Vehicle(airframe, crm), [weight, 0.0, 0.0, 0.0])
     return float(a.error[0]), a.speeds

@@ -8,6 +8,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+GRAVITY = 9.81  # m/s^2, as the paper rounds it
 REPRODUCED = "reproduced"  # the paper's own numbers give what it prints
 CONTRADICTED = "contradicted"  # they give something else
 IN_PART = "in part"  # some of it can be had and agrees, some cannot be had

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.data import Samples
 from coaxlink.load import Load
 from coaxlink.rotor.model import RotorModel
 
-RAD_S = math.pi / 30  # of one rpm
 SPLITS = ("equal speeds", "equal thrusts", "least power")
 OUT_OF_REACH_W = 1e12  # what a split costs that cannot give the thrust
 LEAST_W = 1.0  # below this a watt reading is the instrument's zero
@@ -53,9 +53,8 @@ def measured_efficiency(samples: Samples) -> Measured:
     sides = ("upper", "lower")
     samples.require(*(f"{s}_{w}" for s in sides for w in ("rpm", "thrust_N", "torque_Nm")))
     thrust = samples[Load.UPPER_THRUST.column] + samples[Load.LOWER_THRUST.column]
-    shaft = sum(
-        (RAD_S * samples[f"{s}_rpm"] * samples[f"{s}_torque_Nm"] for s in sides), np.zeros(samples.rows)
-    )
+    each = (samples[f"{s}_rpm"] * samples[f"{s}_torque_Nm"] for s in sides)
+    shaft = RAD_S_PER_RPM * sum(each, np.zeros(samples.rows))
     electrical = _electrical(samples)
     motor = overall = None
     if electrical is not None:
@@ -100,7 +99,7 @@ def shaft_power(model: RotorModel, upper: ArrayLike, lower: ArrayLike) -> NDArra
     """Watts at both shafts at normalised speeds, broadcast."""
     loads = model.loads(upper, lower)
     u, v = np.asarray(upper, float), np.asarray(lower, float)
-    return np.asarray(RAD_S * model.speed_max_rpm * (loads.upper_torque * u + loads.lower_torque * v))
+    return np.asarray(RAD_S_PER_RPM * model.speed_max_rpm * (loads.upper_torque * u + loads.lower_torque * v))
 
 
 def _thrust(model: RotorModel, upper: float, lower: float) -> float:

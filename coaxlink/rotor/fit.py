@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.rotor import forms
 from coaxlink.rotor.intervals import Intervals
 from coaxlink.rotor.polynomial import Polynomial, design_matrix
@@ -100,7 +101,7 @@ def huber_weights(X: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArr
         root = np.sqrt(weights)
         b = np.linalg.lstsq(X * root[:, None], y * root, rcond=None)[0]
         residual = y - X @ b
-        scale = 1.4826 * float(np.median(np.abs(residual))) * np.sqrt(len(y) / spare)
+        scale = SIGMA_PER_MAD * float(np.median(np.abs(residual))) * np.sqrt(len(y) / spare)
         if scale <= 1e-12 * max(float(np.abs(y).max(initial=0.0)), 1e-300):
             return np.ones(len(y)), scale
         updated = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-300))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
+from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.data import Samples
 from coaxlink.data.averaging import shortened
 from coaxlink.errors import InputError
@@ -314,7 +315,7 @@ def _floors(data: Bench, residuals: Values) -> dict[str, float]:
 def _wild(data: Bench, residuals: Values) -> tuple[WildRow, ...]:
     found = []
     for load, residual in residuals.items():
-        scale = 1.4826 * float(np.nanmedian(np.abs(residual)))
+        scale = SIGMA_PER_MAD * float(np.nanmedian(np.abs(residual)))
         for row in np.flatnonzero(np.abs(np.nan_to_num(residual)) > WILD * max(scale, 1e-12)):
             value = float(data.loads[load][row])
             off = float(residual[row])

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
+from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.data.single import DENSITY_KG_M3, SingleTable
 from coaxlink.errors import InputError
 from coaxlink.load import Load
@@ -172,7 +173,7 @@ def _torque(
     if table.torque_Nm is not None:
         return _of_speed(u, table.torque_Nm, rng) * _level(rng, table.origin.torque), ()
     if table.power_W is not None:
-        omega = table.rpm * np.pi / 30
+        omega = table.rpm * RAD_S_PER_RPM
         torque = _of_speed(u, table.power_W / omega, rng)
         said = _said(
             "motor_efficiency", "no torque in the table: electrical power times a motor's efficiency"
@@ -191,7 +192,7 @@ def _torque(
 
 
 def _top_omega(table: SingleTable, u: Array) -> float:
-    return float(np.median(table.rpm / u)) * np.pi / 30
+    return float(np.median(table.rpm / u)) * RAD_S_PER_RPM
 
 
 def _drawn(propeller: Propeller, rng: np.random.Generator) -> Blades:
@@ -221,7 +222,7 @@ def _made(
     """The blades that make the table, and how likely each draw is (S,). Raises InputError."""
     at = np.array([WORKING**2, WORKING])
     radius = propeller.diameter_m / 2
-    tip = WORKING * top * np.pi / 30 * radius
+    tip = WORKING * top * RAD_S_PER_RPM * radius
     unit = density * np.pi * radius**2 * tip**2
     ct, cq = thrust @ at / unit, torque @ at / (unit * radius)
     # over the disc's area pi R^2 the annuli's sums are T / (rho pi R^2 tip^2): the same unit
