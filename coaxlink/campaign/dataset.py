@@ -157,11 +157,11 @@ class Dataset:
             for key, wanted in self._decides.items():
                 if not isinstance(found, dict) or found.get(key) != json.loads(json.dumps(wanted)):
                     problem = (
-                        "the folder holds another campaign, or rows of another version: name another --out"
+                        "the folder holds another campaign, or rows of another version: name another `out`"
                     )
                     raise InputError(place, key, problem)
         elif any(self.rows.iterdir()):
-            raise InputError(self.rows, "", "rows without a manifest: name another --out")
+            raise InputError(self.rows, "", "rows without a manifest: name another `out`")
         else:
             files.write_json(place, {**self._decides, "finished": False})
         for k in range(-(-self.cells // RANGE)):

@@ -147,7 +147,7 @@ def _executor(machine: Machine) -> Iterator[tuple[Executor, int]]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise InputError("--scheduler", "", "Dask is needed: pip install 'coaxlink[cluster]'") from error
+        raise InputError("`scheduler`", "", "Dask is needed: pip install 'coaxlink[cluster]'") from error
     try:
         client = Client(machine.scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -22,7 +22,7 @@ class Bridge:
     def __init__(self, session: Session) -> None:
         if session.signed:
             raise InputError(
-                "--signing-key", "", "MAVSDK's frames are not signed here: fly a vehicle that asks for none"
+                "`signing_key`", "", "MAVSDK's frames are not signed here: fly a vehicle that asks for none"
             )
         self.session = session
         self._sdk: Any = None

@@ -116,7 +116,7 @@ class Pilot:
         left = self.battery()
         if self.limits.battery > 0:
             if left is None:
-                faults.append("it does not say what is left in the battery (--battery 0 flies without)")
+                faults.append("it does not say what is left in the battery (`battery` 0 flies without)")
             elif left < self.limits.battery:
                 faults.append(f"battery at {100 * left:.0f} %, {100 * self.limits.battery:.0f} is the limit")
         if self.session.latest("LOCAL_POSITION_NED") is None and self._position_or_none() is None:

@@ -97,13 +97,13 @@ def plan_of(what: str, height_m: float, reach_m: float) -> Plan:
         return NAMED[what](height_m, reach_m)
     if not what.endswith(".toml"):
         named = ", ".join(NAMED)
-        raise InputError("--plan", what, f"{named} or a PLAN.toml of refine --plan is expected")
+        raise InputError("`plan`", what, f"{named} or a PLAN.toml as refine writes it is expected")
     document = files.read_toml(Path(what))
     try:
         plan = planned_flight(document)
         plan.at(0.0)
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(what, "", f"not a flight plan as refine --plan writes it ({error})") from error
+        raise InputError(what, "", f"not a flight plan as refine writes it ({error})") from error
     return plan
 
 

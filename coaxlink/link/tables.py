@@ -108,12 +108,14 @@ def report_px4(vehicle: Vehicle, law: str, *, fit: FittedTable | None = None) ->
 
     `fit` is a fitted table made already (under limits: `mixer.constrained`).
     """
+    refuse_live(vehicle)
     table = px4_columns(vehicle.airframe, fit) if fit else px4_table(vehicle, law)
     return assess_px4(vehicle, law, table)
 
 
 def assess_px4(vehicle: Vehicle, law: str, table: px4.Px4Table) -> TableReport:
     """What PX4 makes of `table` on this vehicle. Raises InputError."""
+    refuse_live(vehicle)
     airframe = vehicle.airframe
     source = airframe.source or airframe.name
     try:

@@ -106,6 +106,7 @@ def require_vehicle(given: object) -> None:
 
 def refuse_live(vehicle: Vehicle) -> None:
     """Raise InputError where effects were left to live mixing: a table would drop them."""
+    require_vehicle(vehicle)
     if vehicle.live_effects:
         names = ", ".join(e.name for e in vehicle.live_effects)
         problem = f"{names}: left to live mixing, which this is not; a vehicle made without it is expected"
