@@ -150,7 +150,8 @@ class _AirframeFile(BaseModel):
         Positive | None, Field(description="Energy of the pack that a flight may use, Wh.")
     ] = None
     attitude_loop: Annotated[
-        dict[str, Any] | None, Field(description="Gains of mix --loop, rad/s; see docs/live.md.")
+        dict[str, Any] | None,
+        Field(description="Gains of the loops that a companion closes itself, rad/s; see docs/live.md."),
     ] = None
     rotors: Annotated[
         list[_RotorTable], Field(min_length=3, max_length=16, description="One table a rotor, any order.")
