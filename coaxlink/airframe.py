@@ -163,8 +163,9 @@ def airframe_schema() -> dict[str, Any]:
     return {"$schema": "http://json-schema.org/draft-07/schema#", **_AirframeFile.model_json_schema()}
 
 
-def load_airframe(path: Path) -> Airframe:
+def load_airframe(path: str | Path) -> Airframe:
     """Read an airframe file. Raises InputError naming the file and the key."""
+    path = Path(path)
     try:
         parsed = _AirframeFile.model_validate(files.read_toml(path))
     except ValidationError as error:

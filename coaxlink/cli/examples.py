@@ -17,7 +17,7 @@ from coaxlink.errors import InputError
 _WHAT = {
     ".csv": "A stand log of the paper's pair, 121 points.",
     ".ipynb": "Stand log to table and back, a notebook with pictures.",
-    ".json": "JSON schema of vehicle files, for editors.",
+    ".json": "JSON schema of {} files, for editors.",
 }
 _SAID_OF_ALL = "What is true of"  # the line that every truth begins with
 
@@ -81,7 +81,7 @@ def _about(path: Path) -> str:
     if path.suffix == ".py":
         return path.read_text(encoding="utf-8").partition('"""')[2].partition('"""')[0].partition("\n")[0]
     if path.suffix != ".toml":
-        return _WHAT.get(path.suffix, "")
+        return _WHAT.get(path.suffix, "").format(path.name.partition(".")[0])
     lines = list(takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines()))
     said = [line.removeprefix("#").strip() for line in lines]
     said = said[1:] if said and said[0].startswith(_SAID_OF_ALL) else said

@@ -103,27 +103,43 @@ def plain_name(text: str) -> str:
 Name = Annotated[str, AfterValidator(plain_name)]
 
 
+TERMS = 'a factor in {} for each product of powers of the speeds, "u_u^2 u_l"; u = rpm / speed_max_rpm.'
+
+
 class _Loads(BaseModel):
     model_config = ConfigDict(extra="forbid")
-    thrust_N: dict[str, Finite]
-    torque_Nm: dict[str, Finite]
+    thrust_N: dict[str, Finite] = Field(description=f"Thrust: {TERMS.format('N')}")
+    torque_Nm: dict[str, Finite] = Field(description=f"Torque: {TERMS.format('N m')}")
 
 
 class _Effect(BaseModel):
     model_config = ConfigDict(extra="forbid")
-    name: Name
-    parameters: dict[str, Finite] = Field(default_factory=dict)
-    columns: list[str] = Field(default_factory=list)
+    name: Name = Field(description="Which effect (docs/effects.md).")
+    parameters: dict[str, Finite] = Field(
+        default_factory=dict, description="Its numbers, units in the names."
+    )
+    columns: list[str] = Field(default_factory=list, description="Columns of a log that it reads.")
 
 
 class _RotorFile(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-    form: Name
-    speed_max_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    upper: _Loads
-    lower: _Loads
-    effects: list[_Effect] = Field(default_factory=list)
-    identified: dict[str, Any] = Field(default_factory=dict)
+    model_config = ConfigDict(title="coaxlink rotor model", extra="forbid")
+    form: Name = Field(description="crm, rcrm, srm or cpcm: how rich the polynomials are.")
+    speed_max_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
+        description="The speed that u = 1 means, rpm."
+    )
+    upper: _Loads = Field(description="The upper rotor's loads.")
+    lower: _Loads = Field(description="The lower rotor's loads, in the upper one's wake.")
+    effects: list[_Effect] = Field(
+        default_factory=list, description="What `refine` added to the polynomials."
+    )
+    identified: dict[str, Any] = Field(
+        default_factory=dict, description="From what: file, hash, rows, held-out errors, intervals."
+    )
+
+
+def rotor_schema() -> dict[str, Any]:
+    """The JSON schema of a rotor file, for editors (taplo, VS Code)."""
+    return {"$schema": "http://json-schema.org/draft-07/schema#", **_RotorFile.model_json_schema()}
 
 
 def load_rotor_model(path: Path) -> RotorModel:

@@ -8,6 +8,7 @@ from cli_runs import coaxlink
 
 from coaxlink.airframe import airframe_schema, load_airframe
 from coaxlink.files import example
+from coaxlink.rotor.model import rotor_schema
 from sim.testing import standin
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
@@ -113,8 +114,9 @@ def test_examples_are_listed_and_copied(tmp_path):
     assert coaxlink("examples", "x8_paper.toml", "--out", tmp_path).code == 2
 
 
-def test_the_shipped_schema_is_the_readers_own():
+def test_the_shipped_schemas_are_the_readers_own():
     assert json.loads(example("airframe.schema.json").read_text()) == airframe_schema()
+    assert json.loads(example("rotor.schema.json").read_text()) == rotor_schema()
 
 
 def test_ardupilots_frame_asks_for_all_that_is_missing_in_one_line(tmp_path):
