@@ -1,0 +1,187 @@
+"""What a flight's residual may be made of: a linear model with priors, and each rotor's own loads in it.
+
+    y = X theta + rotors + noise,  theta ~ N(0, P)
+
+y is what was measured less what the model predicts, force down and three torques (`residual.flight`). What
+lasts from flight to flight (how this copy of the vehicle differs from the drawing) is one set of unknowns;
+what may change overnight (pack, air, payload) is another for every flight. Priors are physical: each has its
+source beside it. They are what keeps a payload strapped on askew from being called a weak rotor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from coaxlink.frames import Array, FlightFrame
+from coaxlink.residual.flight import JUDGED_RATE_HZ, reduce_columns
+from coaxlink.residual.flight_base import flight_corrections
+
+CHANNELS = (2, 3, 4, 5)  # force down, roll, pitch, yaw
+BOUND_SDS = 2.0  # a correction's largest believable size, in standard deviations
+THRUST_SPECIMEN, TORQUE_SPECIMEN = 0.02, 0.03  # two propellers of one mould, Brandt and Selig 2011
+THRUST_TODAY, TORQUE_TODAY_EACH = 0.01, 0.015  # of each rotor: dirt, a motor's heat, a propeller taken off
+TILT_ARM_M = 8e-4  # of lift: eight motors each up to half a degree askew on 0.26 m arms
+CG_DRAWN_M, CG_MOVED_M = 5e-3, 3e-3  # drawn against weighed; a pack strapped back on
+INERTIA_TODAY, DELAY_TODAY_S = 0.01, 0.01  # motors are slower on a weak pack
+CG_PAYLOAD_M, INERTIA_PAYLOAD = 0.03, 0.1  # something else hangs there today
+TRIM = 0.002  # of the reference torques: what no linear model of a vehicle's trim gets right
+LIFT_TODAY, TORQUE_TODAY = 0.10, 0.05  # of all rotors alike: voltage, air density, mass
+LEVEL_TODAY = 0.02  # of upper against lower rotors: voltage acts on both
+VOLTAGE_SLOPE = 0.10  # of lift for a tenth of the voltage, less what LIFT_TODAY has
+PASSING = 0.02  # of the reference load: wind, climb and speed in hover-like flight
+
+
+@dataclass(frozen=True)
+class Column:
+    """One unknown: its name, its prior's standard deviation, what a unit of it adds."""
+
+    name: str
+    sd: float
+    values: Array  # (rows, 6)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight, reduced: rows are judged samples of the four channels, scaled by their noise."""
+
+    y: Array  # (n,)
+    lasting: Array  # (n, P)
+    passing: Array  # (n, Q)
+    thrust: Array  # (n, N) what a unit more of each rotor's thrust adds
+    torque: Array  # (n, N)
+    lasting_sd: Array  # (P,)
+    passing_sd: Array  # (Q,)
+    passing_names: tuple[str, ...]
+    share: float  # of the rows that count as independent
+    seconds: float
+    noise: Array  # (4,) N, N m
+
+
+def lasting(frame: FlightFrame) -> Iterator[Column]:
+    """What this vehicle differs by from its drawing, the same on every day."""
+    for correction in flight_corrections(frame):
+        if not correction.name.startswith("accel"):
+            yield Column(correction.name, correction.bound / BOUND_SDS, correction.columns)
+    yield from _centre(frame, CG_DRAWN_M)
+    yield Column("tilt_arm_m", TILT_ARM_M, _about(frame, 5))
+
+
+def passing(frame: FlightFrame) -> Iterator[Column]:
+    """What may be otherwise on another day."""
+    none = np.zeros_like(frame.thrust)
+    lift, drag = frame.airframe.body_loads(frame.thrust, none), frame.airframe.body_loads(none, frame.torque)
+    yield Column("lift_today", LIFT_TODAY, lift)
+    yield Column("torque_today", TORQUE_TODAY, drag)
+    upper = np.array([1.0 if r.level == "upper" else 0.0 for r in frame.airframe.rotors])
+    if 0 < upper.sum() < len(upper):
+        yield Column("upper_today", LEVEL_TODAY, frame.airframe.body_loads(frame.thrust * upper, none))
+    for k in range(len(upper)):
+        one = np.eye(len(upper))[k]
+        yield Column(f"thrust_{k}", THRUST_TODAY, frame.airframe.body_loads(frame.thrust * one, none))
+        yield Column(f"torque_{k}", TORQUE_TODAY_EACH, frame.airframe.body_loads(none, frame.torque * one))
+    yield from _centre(frame, CG_MOVED_M)
+    for correction in flight_corrections(frame):  # they are seen from the centre of mass
+        if correction.name.startswith("imu_place"):
+            yield Column(correction.name, CG_MOVED_M, correction.columns)
+        elif correction.name.startswith("inertia"):
+            yield Column(correction.name, INERTIA_TODAY, correction.columns)
+        elif "delay" in correction.name:
+            yield Column(correction.name, DELAY_TODAY_S, correction.columns)
+    for c in (3, 4, 5):
+        trim = np.zeros_like(frame.predicted)
+        trim[:, c] = frame.reference[c]
+        yield Column(f"trim_{c}", TRIM, trim)
+    if frame.voltage is not None:
+        volts = frame.voltage / float(np.median(frame.voltage[frame.keep])) - 1.0
+        yield Column("voltage", 10.0 * VOLTAGE_SLOPE, lift * volts[:, None])
+    bias = np.zeros_like(frame.predicted)
+    bias[:, 2] = frame.airframe.mass_kg
+    yield Column("accel_z_bias_m_s2", 0.05, bias)
+    reference = frame.reference
+    speeds = np.concatenate([frame.velocity, np.linalg.norm(frame.velocity, axis=1, keepdims=True)], axis=1)
+    for k, axis in enumerate(("forward", "right", "down", "speed")):
+        usual = max(float(np.sqrt(np.mean(speeds[frame.keep, k] ** 2))), 0.3)
+        for c in CHANNELS:
+            values = np.zeros_like(frame.predicted)
+            values[:, c] = reference[c] * speeds[:, k] / usual
+            yield Column(f"{axis}_{c}", PASSING, values)
+    if frame.height is not None:
+        near = np.exp(-np.maximum(frame.height, 0.0) / 0.8)[:, None]  # He, Lee and Leang 2019
+        yield Column("ground", 0.2, lift * near)
+
+
+def _centre(frame: FlightFrame, sd: float) -> Iterator[Column]:
+    """A centre of mass elsewhere: lift turns the body about it (Steiner's terms are second order)."""
+    yield Column("cg_forward_m", sd, _about(frame, 4))
+    yield Column("cg_right_m", sd, _about(frame, 3))
+
+
+def _about(frame: FlightFrame, channel: int) -> Array:
+    values = np.zeros_like(frame.predicted)
+    values[:, channel] = -frame.predicted[:, 2]
+    return values
+
+
+def reduced(frame: FlightFrame) -> Flight:
+    """A frame as the rows of the linear model, whitened."""
+    y = _rows(frame, (frame.measured - frame.predicted)[..., None])[:, :, 0]  # (kept, 4)
+    parts = [list(lasting(frame)), list(passing(frame))]
+    stacked = [_rows(frame, np.stack([c.values for c in part], axis=-1)) for part in parts]
+    unit = np.eye(len(frame.airframe.rotors))
+    thrust = np.stack([frame.airframe.body_loads(frame.thrust * e, 0 * frame.torque) for e in unit], axis=-1)
+    torque = np.stack([frame.airframe.body_loads(0 * frame.thrust, frame.torque * e) for e in unit], axis=-1)
+    rotors = [_rows(frame, thrust), _rows(frame, torque)]
+    # noise is what not even free rotors and free corrections explain
+    everything = np.concatenate([*stacked, *rotors], axis=-1)
+    sds = np.concatenate([*[[c.sd for c in part] for part in parts], np.full(2 * len(unit), 0.2)])
+    rest = _left(y, everything, sds)
+    noise = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-6 * frame.reference[list(CHANNELS)])
+    scaled = noise[None, :, None]
+    lasts, passes, thrusts, torques = (
+        np.asarray((block / scaled).reshape(-1, block.shape[-1])) for block in (*stacked, *rotors)
+    )
+    return Flight(
+        np.asarray((y / noise).ravel()), lasts, passes, thrusts, torques,
+        np.array([c.sd for c in parts[0]]), np.array([c.sd for c in parts[1]]),
+        tuple(c.name for c in parts[1]), _independent(rest / noise),
+        len(frame.keep) / JUDGED_RATE_HZ, noise,
+    )  # fmt: skip
+
+
+def _rows(frame: FlightFrame, columns: Array) -> Array:
+    return reduce_columns(frame, columns)[:, list(CHANNELS)]
+
+
+def _left(y: Array, X: Array, sd: Array) -> Array:
+    """(kept, 4) residual of a ridge fit, each channel's noise found as it goes."""
+    scale = np.std(y, axis=0) + 1e-12
+    rest = y
+    for _ in range(4):
+        A = (X / scale[None, :, None]).reshape(-1, X.shape[-1])
+        b = (y / scale).ravel()
+        theta = np.linalg.solve(A.T @ A + np.diag(1 / sd**2), A.T @ b)
+        rest = y - X @ theta
+        scale = np.sqrt(np.mean(rest**2, axis=0)) + 1e-12
+    return rest
+
+
+def _independent(rest: Array) -> float:
+    """Share of the rows that count: one over the residual's correlation time in rows (Priestley 1981, 5.3.2).
+
+    The sum of autocorrelations up to the first that is chance, the largest over the channels.
+    """
+    n = len(rest)
+    longest = 1.0
+    for column in (rest - rest.mean(axis=0)).T:
+        power = float(column @ column)
+        total = 1.0
+        for lag in range(1, n // 4):
+            r = float(column[lag:] @ column[:-lag]) / max(power, 1e-300)
+            if r < 2.0 / np.sqrt(n):
+                break
+            total += 2.0 * r
+        longest = max(longest, total)
+    return 1.0 / longest

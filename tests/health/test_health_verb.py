@@ -1,0 +1,81 @@
+"""`coaxlink health` on flights of the simulator, whose truth the verb never sees."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from coaxlink.cli import main
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "flights"
+LOST, ROTOR = 0.12, 6
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory):
+    """Two flights of one vehicle: a sound one, then rotor 6 has lost 12 %."""
+    folder = tmp_path_factory.mktemp("flights")
+    (folder / "truth.toml").write_text(
+        f'[[effects]]\nname = "degraded_rotor"\nsize = {LOST}\nrotor = {ROTOR}\n'
+    )
+    for name, *told in (("monday",), ("friday", "--truth", str(folder / "truth.toml"))):
+        log = folder / f"{name}.csv"
+        call = [sys.executable, "-m", "coaxlink", "sim", "--fly", "vigorous", "--log", str(log)]
+        subprocess.run([*call, "--seed", str(len(name)), *told], check=True, capture_output=True)
+    return folder
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(["health", *(str(a) for a in arguments)])
+    return int(ended.value.code or 0)
+
+
+VEHICLE = ("--airframe", EXAMPLES / "x8_demo.toml")
+
+
+def test_a_sound_vehicle_is_sound(flights, tmp_path, capsys):
+    assert run(flights / "monday.csv", *VEHICLE, "--json", tmp_path / "h.json") == 0
+    found = json.loads((tmp_path / "h.json").read_text())
+    assert found["verdict"] == "sound" and found["probability"] < 0.05
+    assert len(found["flights"]) == 1 and len(found["flights"][0]["rotors"]) == 8
+    assert all(
+        low <= 1.0 <= high for f in found["flights"] for p in f["pairs"] for _, low, high in [p["thrust"]]
+    )
+    assert "sound" in capsys.readouterr().out
+
+
+def test_a_weak_rotor_is_named_with_its_flight(flights, tmp_path, capsys):
+    logs = [flights / f"{day}.csv" for day in ("monday", "friday")]
+    out, drawn = tmp_path / "h.json", tmp_path / "h.png"
+    assert run(*logs, *VEHICLE, "--json", out, "--plot", drawn) == 1
+    said = capsys.readouterr()
+    assert f"rotor {ROTOR}" in said.err and "friday" in said.out
+    first = json.loads(out.read_text())["suspects"][0]
+    assert first["rotor"] == ROTOR and first["probability"] > 0.9
+    assert first["loss"][1] < LOST < first["loss"][2]
+    assert drawn.read_bytes().startswith(b"\x89PNG")
+
+
+def test_wrong_input_gets_one_line(tmp_path, capsys):
+    stand = tmp_path / "stand.csv"
+    stand.write_text("upper_rpm,upper_thrust_N,upper_torque_Nm\n1000,1,0.1\n")
+    assert run(stand) == 2
+    assert "a flight log is expected" in capsys.readouterr().err
+    assert run(tmp_path / "none.ulg") == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.shared_data
+@pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared/data/flights: they are not redistributed")
+def test_real_firmware_without_a_fault_is_sound(tmp_path, capsys):
+    text = (EXAMPLES / "x8_paper.toml").read_text()
+    (tmp_path / "x8.toml").write_text("motor_lag_s = 0.02\n" + text)
+    (tmp_path / "rotor_paper.toml").write_text((EXAMPLES / "rotor_paper.toml").read_text())
+    assert run(SHARED / "px4_null_fitted.ulg", "--airframe", tmp_path / "x8.toml") == 0
+    assert "sound" in capsys.readouterr().out
