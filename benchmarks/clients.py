@@ -36,8 +36,8 @@ LIMIT_S = 90.0
 
 def by_coaxlink(port: int, values: dict[str, float]) -> None:
     """The session and parameter protocol that `upload` stands on, without its backup and read-back."""
-    from coaxlink.link import connect
-    from coaxlink.link.parameters import Parameters
+    from coaxlink.mavlink import connect
+    from coaxlink.mavlink.parameters import Parameters
 
     with connect(f"udpout:127.0.0.1:{port}", timeout_s=20.0) as session:
         parameters = Parameters(session)
@@ -113,7 +113,7 @@ def main() -> None:
     options.add_argument("--runs", type=int, default=8)
     options.add_argument("--json", type=Path)
     asked = options.parse_args()
-    for module in ("coaxlink.link.parameters", "mavsdk.plugins.param", "pymavlink.mavparm"):
+    for module in ("coaxlink.mavlink.parameters", "mavsdk.plugins.param", "pymavlink.mavparm"):
         importlib.import_module(module)  # before the forks, so that no client pays for its start
 
     rows = []

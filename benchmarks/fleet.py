@@ -39,7 +39,7 @@ def weak(vehicle: int, week: int) -> float:
 def make(folder: Path, vehicles: int, weeks: int) -> None:
     """Write FOLDER/vehicle-N/DATE.csv."""
     airframe = EXAMPLES / "x8_demo.toml"
-    from coaxlink.link.tables import px4_table
+    from coaxlink.tables.px4 import px4_table
     from coaxlink.vehicle import load_vehicle
     from firmware_params import px4
 

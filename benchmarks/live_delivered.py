@@ -23,9 +23,9 @@ import live_flight  # type: ignore[import-not-found]
 from live_flight import EXAMPLES, Companion, Flight
 
 from coaxlink.airframe import load_airframe
-from coaxlink.link.live_guard import Timing
-from coaxlink.link.mixing import LiveMixer
-from coaxlink.link.trajectory import table_4_flight
+from coaxlink.fly.trajectory import table_4_flight
+from coaxlink.live.guard import Timing
+from coaxlink.live.mixer import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.vehicle import Vehicle

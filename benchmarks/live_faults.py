@@ -27,8 +27,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "link"))
 from live_flight import EXAMPLES, HEIGHT_M, Companion, Flight, demand
 
 from coaxlink.airframe import load_airframe
-from coaxlink.link import hot_build
-from coaxlink.link.mixing import LiveMixer
+from coaxlink.live import hot_build
+from coaxlink.live.mixer import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.vehicle import Vehicle

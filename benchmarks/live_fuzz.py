@@ -17,10 +17,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "link"))
 
 from pymavlink.dialects.v20 import common as mavlink
-from test_link_live_fuzz import CRM, X8, Sink, hostile  # type: ignore[import-not-found]
+from test_live_fuzz import CRM, X8, Sink, hostile  # type: ignore[import-not-found]
 
-from coaxlink.link.live_guard import Timing
-from coaxlink.link.mixing import LiveMixer
+from coaxlink.live.guard import Timing
+from coaxlink.live.mixer import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.vehicle import Vehicle
 
@@ -52,9 +52,9 @@ def drain(sock: socket.socket, parser: mavlink.MAVLink, stamp: int) -> int:
 
 def on_a_socket(frames: int, seed: int) -> None:
     """The hostile frames in datagrams to a session, good demands between them to keep the loop flying."""
-    from test_link_live_hot import Rig, demand  # type: ignore[import-not-found]
+    from test_live_hot import Rig, demand  # type: ignore[import-not-found]
 
-    from coaxlink.link import hot_build
+    from coaxlink.live import hot_build
 
     rig = Rig(hot_build.load())
     rig.live.guard.timing = Timing(settle=1, fade_s=0.0, hold_after_s=5.0, ramp_after_s=10.0)

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from coaxlink.airframe import Airframe, load_airframe
-from coaxlink.link.tables import px4_table
-from coaxlink.link.worth import CURVED, DEFAULTS, LIVE, default_table, px4_worths
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.worth import law_speeds
 from coaxlink.report.worth import remark_on_curve, rows, verdict
 from coaxlink.rotor.model import RotorModel, load_rotor_model
+from coaxlink.tables.px4 import px4_table
+from coaxlink.tables.worth import CURVED, DEFAULTS, LIVE, default_table, px4_worths
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from sim.trial_flight import SCALARS, fly_trial

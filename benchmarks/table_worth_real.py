@@ -31,10 +31,10 @@ from pymavlink.dialects.v20 import common as m
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import CoaxlinkError
-from coaxlink.link import connect
-from coaxlink.link.tables import px4_table
-from coaxlink.link.trajectory import Circle, Hold, Move, Plan, Segment
+from coaxlink.fly.trajectory import Circle, Hold, Move, Plan, Segment
+from coaxlink.mavlink import connect
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.tables.px4 import px4_table
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from sim.bridge.px4_hil import Px4Bridge

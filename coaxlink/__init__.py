@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from coaxlink.data import Samples
     from coaxlink.errors import CheckFailed, CoaxlinkError, InputError, LinkError, SafetyRefusal
     from coaxlink.library import Table, identify, make_table, mix, read_log, refine, upload
-    from coaxlink.link import connect
+    from coaxlink.mavlink import connect
     from coaxlink.mixer import allocate, compare, make_law
     from coaxlink.rotor import RotorModel, load_rotor_model, save_rotor_model
     from coaxlink.vehicle import Conditions, Vehicle, load_vehicle
@@ -37,7 +37,7 @@ _ROOMS = {
     "coaxlink.data": ("Samples",),
     "coaxlink.errors": ("CheckFailed", "CoaxlinkError", "InputError", "LinkError", "SafetyRefusal"),
     "coaxlink.library": ("Table", "identify", "make_table", "mix", "read_log", "refine", "upload"),
-    "coaxlink.link": ("connect",),
+    "coaxlink.mavlink": ("connect",),
     "coaxlink.mixer": ("allocate", "compare", "make_law"),
     "coaxlink.rotor": ("RotorModel", "load_rotor_model", "save_rotor_model"),
     "coaxlink.vehicle": ("Conditions", "Vehicle", "load_vehicle"),

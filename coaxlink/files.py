@@ -171,3 +171,12 @@ def examples() -> list[Path]:
 def _example_folders() -> tuple[Path, Path]:
     here = Path(__file__).parent
     return here / "examples", here.parent / "examples"
+
+
+def state_folder() -> Path:
+    """Where journals and signing timestamps live: COAXLINK_STATE, else the user's XDG state folder."""
+    own = os.environ.get("COAXLINK_STATE")
+    if own:
+        return Path(own)
+    base = os.environ.get("XDG_STATE_HOME")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "coaxlink"

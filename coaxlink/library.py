@@ -17,12 +17,12 @@ from coaxlink.errors import InputError
 from coaxlink.vehicle import Vehicle
 
 if TYPE_CHECKING:
-    from coaxlink.link import Session
-    from coaxlink.link.mixing import LiveMixer
-    from coaxlink.link.outcome import Outcome
+    from coaxlink.live.mixer import LiveMixer
+    from coaxlink.mavlink import Session
     from coaxlink.mixer.fitted import FittedTable
     from coaxlink.residual import Refinement
     from coaxlink.rotor import Identification, RotorModel
+    from coaxlink.upload.outcome import Outcome
     from firmware_params.errors import Finding
 
 FIRMWARES = ("px4", "ardupilot")
@@ -109,17 +109,17 @@ def make_table(
     >>> make_table(load_vehicle(example("x8_paper.toml")), law="standard")
     Table(px4, standard law, 69 parameters, 1 files, 0 findings that forbid it)
     """
-    from coaxlink.link import table_files
+    from coaxlink.tables import files as table_files
 
     made_from = f"{vehicle.rotors.form}, {len(vehicle.rotors.effects)} effects"
     if firmware == "px4":
-        from coaxlink.link.tables import px4_speeds, report_px4
+        from coaxlink.tables.px4 import px4_speeds, report_px4
 
         report = report_px4(vehicle, law, fit=_limited(vehicle, law, limits))
         texts = table_files.px4_files(vehicle.airframe, report, made_from)
         return Table(firmware, law, report.params, texts, report.findings, px4_speeds(report.mix))
     if firmware == "ardupilot":
-        from coaxlink.link.ap_tables import SPIN_MIN, ap_speeds, report_ap
+        from coaxlink.tables.ardupilot import SPIN_MIN, ap_speeds, report_ap
 
         made = report_ap(vehicle, law, fit=_limited(vehicle, law, limits, SPIN_MIN))
         texts = table_files.ap_files(vehicle.airframe, made, made_from)
@@ -175,9 +175,9 @@ def upload(
     `confirm` is asked before the first write. The outcome's `result` says how it ended, its `error` why not
     (also refusals: armed, another vehicle). Raises InputError for files that are none.
     """
-    from coaxlink.link.outcome import Talk
-    from coaxlink.link.plan import load_plan
-    from coaxlink.link.upload import Uploader
+    from coaxlink.upload.outcome import Talk
+    from coaxlink.upload.plan import load_plan
+    from coaxlink.upload.worker import Uploader
 
     worker = Uploader(session, backup_folder=Path(backup_folder), talk=Talk(confirm=confirm))
     if not isinstance(table, Table):
@@ -195,7 +195,7 @@ def mix(session: Session, vehicle: Vehicle, law: str = "exact", **options: Any) 
     LiveMixer's own (rate_hz, dry_run, own_curve, ...). Raises SafetyRefusal where the autopilot cannot be
     mixed.
     """
-    from coaxlink.link.mixing import LiveMixer
+    from coaxlink.live.mixer import LiveMixer
 
     with LiveMixer(session, vehicle, law, **options) as live:
         yield live

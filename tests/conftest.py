@@ -1,6 +1,24 @@
 """What all rooms share: no property is judged by how long a busy machine took to try it."""
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+
+KEY = bytes(range(32))
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path, monkeypatch):
+    """Journals of a test stay with it."""
+    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
+
+
+@pytest.fixture
+def key_file(tmp_path):
+    """A file with `KEY` that only its owner can read."""
+    path = tmp_path / "key"
+    path.write_bytes(KEY)
+    path.chmod(0o600)
+    return path

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from coaxlink import files
-from coaxlink.link import hot_build
+from coaxlink.live import hot_build
 from sim.kept import private
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners on this system")

@@ -10,7 +10,7 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.cli._rate_loops import _vehicle
 from coaxlink.data import read_stand_log
-from coaxlink.link.attitude_loop import load_gains
+from coaxlink.live.attitude_loop import load_gains
 from coaxlink.rotor import load_rotor_model
 from firmware_params.keys import problem_of, unknown_key
 from sim.bench import read_bench

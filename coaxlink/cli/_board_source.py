@@ -33,9 +33,9 @@ WAIT_S = 30.0  # a simulator that was just started compiles first, 8 s on a free
 
 def layout_of_board(url: str, timeout_s: float = WAIT_S) -> Layout:
     """From the autopilot at `url`; nothing is written. Raises LinkError, InputError."""
-    from coaxlink.link import connect
-    from coaxlink.link.ftp import Files
-    from coaxlink.link.parameters import Parameters
+    from coaxlink.mavlink import connect
+    from coaxlink.mavlink.ftp import Files
+    from coaxlink.mavlink.parameters import Parameters
     from coaxlink.setup import ardupilot_layout, px4_layout
     from firmware_params.ardupilot import scripts
 

@@ -182,7 +182,7 @@ def _mixer(vehicle: Vehicle, law: str) -> Any:
         from coaxlink.mixer.exact.native import NativeExact
 
         return NativeExact(vehicle)
-    from coaxlink.link.tables import px4_table
+    from coaxlink.tables.px4 import px4_table
     from firmware_params import px4
 
     return px4.table_to_params(px4_table(vehicle, law))

@@ -14,15 +14,15 @@ from scipy.signal import lfilter
 
 from coaxlink.cli._flights import Flight, fly
 from coaxlink.cli._simulator import simulator
-from coaxlink.link.live_guard import Timing
-from coaxlink.link.trajectory import Plan
+from coaxlink.fly.trajectory import Plan
+from coaxlink.live.guard import Timing
 from coaxlink.report.demo import FlightErrors
 from coaxlink.residual.delivered import delivered
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from coaxlink.link import Session
+    from coaxlink.mavlink import Session
     from coaxlink.vehicle import Vehicle
 
 FITTED, HIDDEN = "fitted", "hidden"
@@ -121,9 +121,9 @@ def fly_live(
 
     `name` is the log's, if not the law's; `lead_s` is the motors' lag and the one wanted of them instead.
     """
-    from coaxlink.link.live_effects import LiveEffects
-    from coaxlink.link.live_telemetry import Telemetry
-    from coaxlink.link.mixing import LiveMixer
+    from coaxlink.live.effects import LiveEffects
+    from coaxlink.live.mixer import LiveMixer
+    from coaxlink.live.telemetry import Telemetry
 
     demands = Demands()
     account: dict[str, Any] = {}
@@ -186,7 +186,7 @@ def errors_of_live(
 
     `whole` as above.
     """
-    from coaxlink.link.mixing import DemandScale
+    from coaxlink.live.mixer import DemandScale
     from coaxlink.mixer import standard_coefficients
 
     scale = DemandScale(vehicle.airframe, standard_coefficients(vehicle.model)).matrix

@@ -10,10 +10,10 @@ from types import MappingProxyType
 from typing import Any
 
 from coaxlink.cli._shell import say
-from coaxlink.link import Session, connect
-from coaxlink.link.parameters import Parameters
-from coaxlink.link.trajectory import Plan
-from coaxlink.link.vehicle import PlanAbandoned, Track, Vehicle
+from coaxlink.fly.commands import PlanAbandoned, Track, Vehicle
+from coaxlink.fly.trajectory import Plan
+from coaxlink.mavlink import Session, connect
+from coaxlink.mavlink.parameters import Parameters
 
 # message id: rate in Hz of the vehicle's own time; what a flight log of the contract needs
 STREAMS = {

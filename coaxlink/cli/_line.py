@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from coaxlink.cli._shell import say
 
 if TYPE_CHECKING:
-    from coaxlink.link import Session
+    from coaxlink.mavlink import Session
 
 
 @contextmanager

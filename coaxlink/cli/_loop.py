@@ -16,7 +16,7 @@ from coaxlink.report.loop import LoopResult, outcome_of
 
 if TYPE_CHECKING:
     from coaxlink.data import Samples
-    from coaxlink.link.trajectory import Plan
+    from coaxlink.fly.trajectory import Plan
     from coaxlink.residual.result import Refinement
     from coaxlink.rotor import RotorModel
     from coaxlink.vehicle import Vehicle
@@ -84,10 +84,10 @@ def run_loop(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.data import read_flight_log, read_stand_log
-    from coaxlink.link import tables
-    from coaxlink.link.trajectory import paper_flight
+    from coaxlink.fly.trajectory import paper_flight
     from coaxlink.residual import refine
     from coaxlink.rotor import identify, save_rotor_model
+    from coaxlink.tables import px4 as tables
     from coaxlink.vehicle import Vehicle
 
     began = time.monotonic()
@@ -149,7 +149,7 @@ def _second_flight(
         return "live", _live_pair(world, start, found, seen.airframe.mass_kg, leads, tell, watch)
     table, rotor_file = start.table, world.out / "rotor.toml"
     if usable:
-        from coaxlink.link import tables
+        from coaxlink.tables import px4 as tables
 
         table = tables.report_px4(seen, LAW)
         rotor_file = world.out / "rotor_refined.toml"
@@ -167,7 +167,7 @@ def _second_flight(
 
 def _separate(world: World, start: _Start, refinement: Refinement, tell: Tell, watch: Watch) -> Path | None:
     """Fly what would tell rivals apart, by the first table; its log, None where no such flight is known."""
-    from coaxlink.link.trajectory import planned_flight
+    from coaxlink.fly.trajectory import planned_flight
 
     experiments = [a.experiment for a in refinement.ambiguous if a.experiment is not None]
     if not experiments:
@@ -190,7 +190,7 @@ def _fly_table(
     world: World, flight: int, airframe: Airframe, name: str, report: Any, rotor: Path, watch: Watch
 ) -> Any:
     from coaxlink.cli.demo import upload_into, write_table
-    from coaxlink.link.tables import refuse_traps
+    from coaxlink.tables.px4 import refuse_traps
 
     refuse_traps(report)
     folder = write_table(world.out, airframe, name, report, rotor)
@@ -228,7 +228,7 @@ def _live_pair(
 
     `mass_kg` is what the effects make the vehicle weigh.
     """
-    from coaxlink.link.live_effects import LiveEffects
+    from coaxlink.live.effects import LiveEffects
     from coaxlink.vehicle import Vehicle
 
     airframe = start.vehicle.declared

@@ -18,8 +18,8 @@ from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
-    from coaxlink.link import Session
-    from coaxlink.link.mixing import LiveMixer
+    from coaxlink.live.mixer import LiveMixer
+    from coaxlink.mavlink import Session
     from coaxlink.mixer import Law
     from coaxlink.vehicle import Vehicle
 
@@ -67,12 +67,12 @@ def fly(
     commands never arrived.
     """
     from coaxlink import files
-    from coaxlink.link import live_arrival
-    from coaxlink.link.attitude_loop import AttitudeLoop, load_gains
-    from coaxlink.link.live_effects import LiveEffects
-    from coaxlink.link.live_paths import require_path
-    from coaxlink.link.live_record import LiveRecord
-    from coaxlink.link.mixing import LiveMixer
+    from coaxlink.live import arrival as live_arrival
+    from coaxlink.live.attitude_loop import AttitudeLoop, load_gains
+    from coaxlink.live.effects import LiveEffects
+    from coaxlink.live.mixer import LiveMixer
+    from coaxlink.live.paths import require_path
+    from coaxlink.live.record import LiveRecord
 
     frame, model = vehicle.airframe, vehicle.model
     identity = session.identity
@@ -140,7 +140,7 @@ def _own_curve(session: Session) -> float:
     """THR_MDL_FAC on board; 0, its default, where it does not say."""
     if not session.identity.is_px4:
         return 0.0
-    from coaxlink.link.parameters import Parameters
+    from coaxlink.mavlink.parameters import Parameters
 
     found = Parameters(session).read_many(["THR_MDL_FAC"], missing_ok=True)
     return float(found["THR_MDL_FAC"].value) if "THR_MDL_FAC" in found else 0.0
@@ -161,7 +161,7 @@ def _sharing(session: Session, where: str | None) -> Any:
 
     if where is None:
         return nullcontext()
-    from coaxlink.link.forward import Forwarder
+    from coaxlink.live.forward import Forwarder
 
     sharing = Forwarder(session, where)
     if sharing.exposed:
@@ -174,8 +174,8 @@ def _sharing(session: Session, where: str | None) -> Any:
 
 def _watch(live: LiveMixer, o: Options, ground: Any) -> str | None:
     """Show the state until the time is up, the loop failed or the link is lost (then the reason)."""
-    from coaxlink.link.live_plot import Plotter
-    from coaxlink.link.live_stall import Absence
+    from coaxlink.live.plot import Plotter
+    from coaxlink.live.stall import Absence
 
     plotter = Plotter(live, ground) if o.plot else None
     screen = sys.stderr.isatty()
@@ -218,7 +218,7 @@ def _line(s: dict[str, Any]) -> str:
 def motors(session: Session, frame: Airframe, json_file: Path | None) -> None:
     """Turn the motors one by one and ask. Raises SafetyRefusal, and CheckFailed when one is wrong."""
     from coaxlink import files
-    from coaxlink.link.live_motor_test import turn_motors
+    from coaxlink.live.motor_test import turn_motors
 
     typed = typer.prompt("Are all propellers off? Type: they are off", err=True)
     if typed.strip() != "they are off":

@@ -13,8 +13,8 @@ from coaxlink.errors import CoaxlinkError, InputError
 from firmware_params.keys import unknown_key
 
 if TYPE_CHECKING:
-    from coaxlink.link.behaviour import Behaviour
-    from coaxlink.link.plan import Plan
+    from coaxlink.tables.behaviour import Behaviour
+    from coaxlink.upload.plan import Plan
     from coaxlink.vehicle import Vehicle
 
 FOLDER = "vehicle"  # of a table's folder: what it was made from
@@ -46,7 +46,7 @@ def said_first(source: Path, plan: Plan) -> Present:
     folder = (source if source.is_dir() else source.parent) / FOLDER
 
     def present(board: Mapping[str, float | int], on_board: Mapping[str, bytes | None]) -> None:
-        from coaxlink.link.gains import kept_gains
+        from coaxlink.tables.rate_gains import kept_gains
 
         if not (folder / _AIRFRAME).is_file():
             return
@@ -82,10 +82,10 @@ def _flown(
 ) -> tuple[Behaviour, Behaviour]:
     """The vehicle under the board's table and under the plan's. Raises CheckFailed where one is not known."""
     from coaxlink.errors import CheckFailed
-    from coaxlink.link.ap_present import planned_table, present_table
-    from coaxlink.link.ap_tables import ap_speeds
-    from coaxlink.link.behaviour import behaviour
-    from coaxlink.link.tables import px4_speeds
+    from coaxlink.tables.ardupilot import ap_speeds
+    from coaxlink.tables.behaviour import behaviour
+    from coaxlink.tables.px4 import px4_speeds
+    from coaxlink.upload.ardupilot_table import planned_table, present_table
     from firmware_params import ardupilot, px4
     from firmware_params.ardupilot import scripts
     from firmware_params.errors import FirmwareParamsError

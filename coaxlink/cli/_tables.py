@@ -10,15 +10,15 @@ from coaxlink.cli._shell import console
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
-    from coaxlink.link.ap_tables import ApReport
-    from coaxlink.link.behaviour import Behaviour
-    from coaxlink.link.tables import TableReport
+    from coaxlink.tables.ardupilot import ApReport
+    from coaxlink.tables.behaviour import Behaviour
+    from coaxlink.tables.px4 import TableReport
     from firmware_params.errors import Finding
 
 
 def write_px4(folder: Path, frame: Airframe, model_path: Path, report: TableReport) -> list[str]:
     """Write DIR/NAME.params. Raises InputError when the place cannot be written."""
-    from coaxlink.link.table_files import px4_files
+    from coaxlink.tables.files import px4_files
 
     return _write(folder, px4_files(frame, report, _made_from(model_path)))
 
@@ -51,7 +51,7 @@ def write_csv(folder: Path, report: TableReport) -> str:
 
 def write_ap(folder: Path, frame: Airframe, model_path: Path, report: ApReport) -> list[str]:
     """Write DIR/NAME.param and DIR/scripts/*.lua. Raises InputError when the place cannot be written."""
-    from coaxlink.link.table_files import ap_files
+    from coaxlink.tables.files import ap_files
 
     return _write(folder, ap_files(frame, report, _made_from(model_path)))
 

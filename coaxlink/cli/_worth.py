@@ -10,8 +10,8 @@ from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
-    from coaxlink.link.worth import Worths
     from coaxlink.mixer.worth import Worth
+    from coaxlink.tables.worth import Worths
     from coaxlink.vehicle import Vehicle
 
 
@@ -35,7 +35,7 @@ def load_shares(frame: Airframe, light: float | None, heavy: float | None) -> tu
 
 def weigh_tables(vehicle: Vehicle, load: tuple[float, float]) -> Worths:
     """All tables of a vehicle; what cannot be made is said on stderr."""
-    from coaxlink.link.worth import px4_worths
+    from coaxlink.tables.worth import px4_worths
 
     worths = px4_worths(vehicle, light=load[0], heavy=load[1])
     for name, why in worths.left_out.items():

@@ -53,11 +53,11 @@ def compare(
     from coaxlink import files
     from coaxlink.cli import _worth
     from coaxlink.constants import GRAVITY_M_S2
-    from coaxlink.link.curved_law import curved_law
     from coaxlink.mixer import make_law
     from coaxlink.mixer.comparison import compare as weigh
     from coaxlink.mixer.fitted import FittedLaw, envelope
     from coaxlink.rotor.model import load_rotor_model
+    from coaxlink.tables.curved_law import curved_law
     from coaxlink.vehicle import Vehicle
 
     vehicle, _ = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)

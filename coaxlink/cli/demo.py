@@ -17,9 +17,9 @@ from coaxlink.cli._whole import terminated_as_interrupted, whole_or_before
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.cli._demo import Watch
-    from coaxlink.link.tables import TableReport
-    from coaxlink.link.trajectory import Plan
+    from coaxlink.fly.trajectory import Plan
     from coaxlink.report.demo import DemoResult
+    from coaxlink.tables.px4 import TableReport
 
 LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog", "hidden.tlog")
 MADE = ("rotor.toml", "rotor_refined.toml", "tables", "backups", "report.html", "residual.png", *LOGS)
@@ -62,12 +62,12 @@ def run_demo(seed: int, out: Path, speed: float) -> DemoResult:
     from coaxlink.airframe import load_airframe
     from coaxlink.cli import _demo as steps
     from coaxlink.data import read_flight_log, read_stand_log
-    from coaxlink.link import tables
-    from coaxlink.link.trajectory import mixer_flight, paper_flight
-    from coaxlink.link.worth import px4_worths
+    from coaxlink.fly.trajectory import mixer_flight, paper_flight
     from coaxlink.report.demo import DemoResult
     from coaxlink.residual import refine
     from coaxlink.rotor import identify, save_rotor_model
+    from coaxlink.tables import px4 as tables
+    from coaxlink.tables.worth import px4_worths
     from coaxlink.vehicle import Vehicle
 
     airframe_file = files.example("x8_demo.toml")
@@ -130,10 +130,10 @@ def upload_into(out: Path) -> Callable[[str, Path], dict[str, Any]]:
 
     def upload(address: str, folder: Path) -> dict[str, Any]:
         from coaxlink.errors import CheckFailed
-        from coaxlink.link import connect
-        from coaxlink.link.journal import Journal
-        from coaxlink.link.plan import load_plan
-        from coaxlink.link.upload import Uploader
+        from coaxlink.mavlink import connect
+        from coaxlink.upload.journal import Journal
+        from coaxlink.upload.plan import load_plan
+        from coaxlink.upload.worker import Uploader
 
         # a simulated board is gone with its flight: nothing of it belongs into the user's own journal
         with tempfile.TemporaryDirectory() as place, connect(address) as session:

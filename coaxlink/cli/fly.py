@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from coaxlink.fly.flight import Flown
     from coaxlink.fly.limits import Limits, State
     from coaxlink.fly.logs import Logs
-    from coaxlink.link import Session
-    from coaxlink.link.trajectory import Plan
+    from coaxlink.fly.trajectory import Plan
+    from coaxlink.mavlink import Session
 
 
 def fly(
@@ -55,7 +55,7 @@ def fly(
     from coaxlink.fly.limits import Limits
     from coaxlink.fly.logs import Logs
     from coaxlink.fly.plans import peaks, plan_of
-    from coaxlink.link import connect as open_session
+    from coaxlink.mavlink import connect as open_session
 
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
     course = plan_of(plan, height, reach)

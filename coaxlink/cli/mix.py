@@ -119,8 +119,8 @@ def _folder(record: Path | None, life: int) -> Path | None:
 
 def _mix(o: Options) -> None:
     from coaxlink import mixer
-    from coaxlink.link import connect as open_session
-    from coaxlink.link.confirm import alone
+    from coaxlink.mavlink import connect as open_session
+    from coaxlink.mavlink.confirm import alone
 
     sys.setswitchinterval(SWITCH_S)
     vehicle, _ = vehicle_of(o.airframe, o.rotor, measured_live=True)  # the rest is measured in flight
@@ -147,7 +147,7 @@ def _mix(o: Options) -> None:
 
 def _native(compiled: bool | None) -> Any:
     """The compiled loop if it is asked for, or there and not unwanted."""
-    from coaxlink.link import hot_build
+    from coaxlink.live import hot_build
 
     if compiled is False or (compiled is None and not hot_build.kept()):
         if compiled is None and (why := hot_build.refused()):

@@ -84,7 +84,7 @@ def _screen(watch: Watch) -> None:
 
 def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:
     from coaxlink import files
-    from coaxlink.link import connect
+    from coaxlink.mavlink import connect
     from coaxlink.monitor.feed import COMPONENT, begin
     from coaxlink.monitor.format import summary
     from coaxlink.monitor.streams import Streams

@@ -81,10 +81,10 @@ def _fly() -> dict[str, Flown]:
     from coaxlink.airframe import load_airframe
     from coaxlink.cli import _demo as steps
     from coaxlink.cli.demo import upload_into, write_table
-    from coaxlink.link import tables
-    from coaxlink.link.trajectory import table_4_flight
+    from coaxlink.fly.trajectory import table_4_flight
     from coaxlink.paper.tables import Flown
     from coaxlink.rotor import load_rotor_model
+    from coaxlink.tables import px4 as tables
     from coaxlink.vehicle import Vehicle
 
     airframe_file = files.example("x8_demo.toml")

@@ -42,9 +42,9 @@ def restore(
     """
     from coaxlink import files
     from coaxlink.errors import InputError
-    from coaxlink.link import connect as open_session
-    from coaxlink.link.backup import read_backup
-    from coaxlink.link.upload import Uploader
+    from coaxlink.mavlink import connect as open_session
+    from coaxlink.upload.backup import read_backup
+    from coaxlink.upload.worker import Uploader
 
     backup, *more = backups
     if more:

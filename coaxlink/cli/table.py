@@ -27,8 +27,8 @@ from coaxlink.cli._tables import write_px4
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
-    from coaxlink.link.explain import Explanation
-    from coaxlink.link.gains import KeptGains
+    from coaxlink.tables.rate_gains import KeptGains
+    from coaxlink.upload.explain import Explanation
     from coaxlink.vehicle import Vehicle
     from firmware_params.errors import Finding
 
@@ -98,7 +98,7 @@ class _Wish:
         self, firmware: str, explained: Explanation, board: Mapping[str, float | int] | None
     ) -> KeptGains:
         """What becomes of the rate loops, and what is written about it."""
-        from coaxlink.link.gains import kept_gains
+        from coaxlink.tables.rate_gains import kept_gains
 
         against = _explain.under(explained.reference_name)
         gains = kept_gains(
@@ -112,7 +112,7 @@ class _Wish:
 @contextlib.contextmanager
 def _naming(model_path: Path) -> Iterator[None]:
     """Errors that a rotor model's numbers cause name its file, wherever it came from."""
-    from coaxlink.link.tables import ROTOR_MODEL
+    from coaxlink.tables.px4 import ROTOR_MODEL
 
     try:
         yield
@@ -123,8 +123,8 @@ def _naming(model_path: Path) -> Iterator[None]:
 
 
 def _px4(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
-    from coaxlink.link import tables
-    from coaxlink.link.explain import explain_px4, present_px4
+    from coaxlink.tables import px4 as tables
+    from coaxlink.upload.explain import explain_px4, present_px4
 
     frame = vehicle.airframe
     limited = _limits.constrained(vehicle, wish.constrain, wish.law, 0.0)
@@ -152,8 +152,8 @@ def _px4(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
 
 
 def _ardupilot(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
-    from coaxlink.link.ap_tables import report_ap
-    from coaxlink.link.explain import explain_ap, present_ap
+    from coaxlink.tables.ardupilot import report_ap
+    from coaxlink.upload.explain import explain_ap, present_ap
 
     frame = vehicle.airframe
     limited = _limits.constrained(vehicle, wish.constrain, wish.law, wish.spin_min)

@@ -15,7 +15,7 @@ from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.errors import SafetyRefusal
 
 if TYPE_CHECKING:
-    from coaxlink.link.outcome import Change, Outcome, Talk
+    from coaxlink.upload.outcome import Change, Outcome, Talk
 
 ConnectOption = Annotated[
     str, typer.Option(metavar="URL", help="Where the vehicle is, udpin:0.0.0.0:14550 ...")
@@ -52,10 +52,10 @@ def upload(
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink import files
     from coaxlink.cli._rate_loops import said_first
-    from coaxlink.link import connect as open_session
-    from coaxlink.link.outcome import REFUSED, VERIFIED, Outcome
-    from coaxlink.link.plan import load_plan, refuse_values
-    from coaxlink.link.upload import Uploader
+    from coaxlink.mavlink import connect as open_session
+    from coaxlink.upload.outcome import REFUSED, VERIFIED, Outcome
+    from coaxlink.upload.plan import load_plan, refuse_values
+    from coaxlink.upload.worker import Uploader
 
     files.refuse_unwritable(json_file)
     plan = load_plan(source)
@@ -77,7 +77,7 @@ def upload(
 
 def conversation(yes: bool) -> Talk:
     """Differences on stdout, talk on stderr, and a question unless `yes`."""
-    from coaxlink.link.outcome import Talk
+    from coaxlink.upload.outcome import Talk
 
     def ask() -> bool:
         if yes:

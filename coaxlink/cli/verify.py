@@ -26,9 +26,9 @@ def verify(
 ) -> None:
     """Read the table back from the board and compare it bit for bit; exit 1 when it differs."""
     from coaxlink import files
-    from coaxlink.link import connect as open_session
-    from coaxlink.link.plan import load_plan
-    from coaxlink.link.verify import verify as check
+    from coaxlink.mavlink import connect as open_session
+    from coaxlink.upload.plan import load_plan
+    from coaxlink.upload.verify import verify as check
 
     files.refuse_unwritable(json_file)
     plan = load_plan(source) if source else None

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from coaxlink.errors import InputError, LinkError, SafetyRefusal
-from coaxlink.link import Session
+from coaxlink.mavlink import Session
 
 FOUND_S = 15.0  # of wall time: heartbeats come once a second, a busy machine may stall
 

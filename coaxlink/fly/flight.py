@@ -18,8 +18,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
 from coaxlink.fly.bridge import Bridge, asked
 from coaxlink.fly.limits import Limits, State, breach, plan_faults
-from coaxlink.link import Session
-from coaxlink.link.trajectory import Plan, Setpoint
+from coaxlink.fly.trajectory import Plan, Setpoint
+from coaxlink.mavlink import Session
 
 # message id: rate in Hz; what the limits are held against
 STREAMS = {32: 20.0, 30: 20.0, 1: 2.0, 147: 2.0, 245: 2.0}

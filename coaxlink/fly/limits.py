@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from coaxlink.fly.plans import peaks
-from coaxlink.link.trajectory import Plan
+from coaxlink.fly.trajectory import Plan
 
 # metres that a vehicle in gusts is off its set-point at most: three times what the paper's X8 was in 8 m/s
 OFF_PLAN_M = 3.0

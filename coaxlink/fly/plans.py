@@ -14,7 +14,7 @@ import numpy as np
 from coaxlink import files
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
-from coaxlink.link.trajectory import Circle, Hold, Move, Plan, Segment, Swing, planned_flight
+from coaxlink.fly.trajectory import Circle, Hold, Move, Plan, Segment, Swing, planned_flight
 
 PERIOD_S = 8.0  # of a lap of the paper's 2 m circle; other radii keep its acceleration
 CLIMB = 0.5  # of the reach, up and down

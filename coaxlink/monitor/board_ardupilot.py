@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.errors import CoaxlinkError
-from coaxlink.link.ap_tables import ApReport, report_ap
 from coaxlink.monitor.board_view import ABSURD, NEAR, Board, digest_of
+from coaxlink.tables.ardupilot import ApReport, report_ap
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from firmware_params.ardupilot import MotorParameters, realise

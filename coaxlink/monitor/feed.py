@@ -12,9 +12,9 @@ import time
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import InputError, LinkError
-from coaxlink.link import Session, connect
-from coaxlink.link.address import parse_address
-from coaxlink.link.transport import open_transport
+from coaxlink.mavlink import Session, connect
+from coaxlink.mavlink.address import parse_address
+from coaxlink.mavlink.transport import open_transport
 from coaxlink.monitor.streams import Streams
 from coaxlink.monitor.table_reader import TableReader
 from coaxlink.monitor.watch import Watch

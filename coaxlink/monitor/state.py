@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.link.mixing import DemandScale
+from coaxlink.live.mixer import DemandScale
 from coaxlink.mixer.coefficients import standard_coefficients
 from coaxlink.mixer.law import Law
 from coaxlink.monitor import board as boards

@@ -11,7 +11,7 @@ import time
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import LinkError
-from coaxlink.link import Session
+from coaxlink.mavlink import Session
 from coaxlink.monitor.watch import Watch
 
 GONE_S = 5.0  # a stream that is silent for so long is asked for again

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from coaxlink.errors import CoaxlinkError
-from coaxlink.link import Session
-from coaxlink.link.ftp import Files
-from coaxlink.link.parameters import HASH, Parameters
+from coaxlink.mavlink import Session
+from coaxlink.mavlink.ftp import Files
+from coaxlink.mavlink.parameters import HASH, Parameters
 from coaxlink.monitor import board_ardupilot
 from coaxlink.monitor.board import TABLE_NAMES, rotor_names
 from coaxlink.monitor.watch import Watch

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from coaxlink.link.worth import Worths
     from coaxlink.residual.delivered import Delivered
     from coaxlink.residual.result import Refinement
     from coaxlink.rotor.identification import Identification
+    from coaxlink.tables.worth import Worths
 
 
 @dataclass(frozen=True)

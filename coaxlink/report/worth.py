@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.link.worth import CURVED, Worths
 from coaxlink.mixer.worth import DRIVE_EFFICIENCY, HARD, SAG, Limit, Worth
+from coaxlink.tables.worth import CURVED, Worths
 
 NONE = "cannot"
 

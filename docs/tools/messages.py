@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega
 
-from coaxlink.link.live_paths import PATHS, PX4
+from coaxlink.live.paths import PATHS, PX4
 
 ROOT = Path(__file__).parents[2]
 MESSAGES = {kind.msgname: kind.id for kind in ardupilotmega.mavlink_map.values()}

@@ -23,7 +23,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli._flights import fly
 from coaxlink.data import read_flight_log
 from coaxlink.files import example
-from coaxlink.link.trajectory import mixer_flight
+from coaxlink.fly.trajectory import mixer_flight
 from coaxlink.report.residual_plots import save_overview
 from coaxlink.residual import refine
 from coaxlink.rotor import load_rotor_model

@@ -1,7 +1,7 @@
 """Every no of upload, restore and verify as a user meets it: exit code, one line, the board as it was.
 
 The rows are the table "Exit codes" of docs/tables.md. Faults that need a file system on board, or a restart,
-are in tests/link (test_link_fork.py, test_link_standins.py).
+are in tests/link (test_upload_fork.py, test_upload_standins.py).
 """
 
 import json
@@ -21,8 +21,8 @@ from px4_board import params_text, x8
 from scripted_autopilot import INT32, ScriptedAutopilot
 
 from coaxlink.cli import main
-from coaxlink.link.parameters import Parameters
-from coaxlink.link.upload import Uploader
+from coaxlink.mavlink.parameters import Parameters
+from coaxlink.upload.worker import Uploader
 
 KEY = bytes(range(32))
 
@@ -30,8 +30,8 @@ KEY = bytes(range(32))
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
     monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
-    monkeypatch.setattr("coaxlink.link.parameters.LOST_S", 0.6)  # the board here beats every 50 ms
-    monkeypatch.setattr("coaxlink.link.parameters._BEAT_S", 0.1)
+    monkeypatch.setattr("coaxlink.mavlink.parameters.LOST_S", 0.6)  # the board here beats every 50 ms
+    monkeypatch.setattr("coaxlink.mavlink.parameters._BEAT_S", 0.1)
     monkeypatch.setitem(Parameters.__init__.__kwdefaults__, "timeout_s", 0.15)
     monkeypatch.setitem(Uploader.__init__.__kwdefaults__, "patience_s", 1.0)
     monkeypatch.chdir(tmp_path)

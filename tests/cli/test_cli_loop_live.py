@@ -9,7 +9,7 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import _demo, _loop
 from coaxlink.errors import CheckFailed
-from coaxlink.link.trajectory import Hold, Plan, Swing
+from coaxlink.fly.trajectory import Hold, Plan, Swing
 from coaxlink.rotor import load_rotor_model
 from coaxlink.rotor.model import Effect
 from coaxlink.vehicle import Vehicle

@@ -15,7 +15,7 @@ from coaxlink.cli._next import (
     unanswered,
 )
 from coaxlink.effects import effects
-from coaxlink.link.live_counts import Counters
+from coaxlink.live.counts import Counters
 
 
 def answer(*effects, **rest):

@@ -4,7 +4,7 @@ import pytest
 
 from coaxlink.cli._simulator import simulator
 from coaxlink.errors import LinkError
-from coaxlink.link import connect
+from coaxlink.mavlink import connect
 
 
 def test_it_answers_and_goes_with_the_block():

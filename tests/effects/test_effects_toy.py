@@ -16,14 +16,14 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.effects import LeftOut, Parameter, PhysicalEffect, Stage, Tracing, effect, registered
 from coaxlink.files import example
-from coaxlink.link.live_effects import LiveEffects
-from coaxlink.link.live_telemetry import Telemetry, wanted_streams
-from coaxlink.link.tables import report_px4
+from coaxlink.live.effects import LiveEffects
+from coaxlink.live.telemetry import Telemetry, wanted_streams
 from coaxlink.mixer import make_law
 from coaxlink.report.refine import tables, verdict
 from coaxlink.residual import refine_stand
 from coaxlink.rotor import load_rotor_model
 from coaxlink.rotor.model import Effect
+from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Conditions, Vehicle
 
 X8 = load_airframe(example("x8_paper.toml"))

@@ -46,15 +46,15 @@ def readers() -> dict[str, Callable[[Path], object]]:
     from coaxlink.cli._board_source import layout_of_file
     from coaxlink.cli._effects import vehicle_of
     from coaxlink.data import is_flight_log, read_flight_log, read_stand_log
-    from coaxlink.link.attitude_loop import load_gains
-    from coaxlink.link.backup import read_backup
-    from coaxlink.link.journal import Journal
-    from coaxlink.link.limits import board_limits
-    from coaxlink.link.live_record import read_record
-    from coaxlink.link.plan import load_plan, refuse_values
-    from coaxlink.link.signing import Signer, load_key
-    from coaxlink.link.tables import report_px4
+    from coaxlink.live.attitude_loop import load_gains
+    from coaxlink.live.record import read_record
+    from coaxlink.mavlink.signing import Signer, load_key
     from coaxlink.rotor import load_rotor_model, save_rotor_model
+    from coaxlink.tables.px4 import report_px4
+    from coaxlink.upload.backup import read_backup
+    from coaxlink.upload.journal import Journal
+    from coaxlink.upload.limits import board_limits
+    from coaxlink.upload.plan import load_plan, refuse_values
     from firmware_params import px4
     from firmware_params.ardupilot import packed
     from firmware_params.ardupilot.scripts import script_factors

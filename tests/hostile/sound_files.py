@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.link.backup import write_backup
-from coaxlink.link.content import Content
-from coaxlink.link.identity import Identity
-from coaxlink.link.journal import Entry, Journal
-from coaxlink.link.live_record import LiveRecord
-from coaxlink.link.parameters import Snapshot, Value
+from coaxlink.live.record import LiveRecord
+from coaxlink.mavlink.identity import Identity
+from coaxlink.mavlink.parameters import Snapshot, Value
+from coaxlink.upload.backup import write_backup
+from coaxlink.upload.content import Content
+from coaxlink.upload.journal import Entry, Journal
 from firmware_params import ardupilot, px4
 from firmware_params.ardupilot import packed
 from firmware_params.ardupilot.scripts import matrix_script

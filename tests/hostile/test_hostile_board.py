@@ -15,10 +15,10 @@ from scripted_autopilot import FLOAT, ScriptedAutopilot
 
 from coaxlink.cli import main
 from coaxlink.errors import CheckFailed, LinkError
-from coaxlink.link import connect, ftp
-from coaxlink.link.ftp import Files
-from coaxlink.link.limits import board_limits
-from coaxlink.link.parameters import Parameters
+from coaxlink.mavlink import connect, ftp
+from coaxlink.mavlink.ftp import Files
+from coaxlink.mavlink.parameters import Parameters
+from coaxlink.upload.limits import board_limits
 
 ACK, NAK, EOF = 128, 129, 6
 LIST, OPEN, READ, CRC, TERMINATE = 3, 4, 5, 14, 1

@@ -18,12 +18,12 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli._console import PlainConsole
 from coaxlink.cli._shell import console, run, say, talk
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
-from coaxlink.link.live_onboard import onboard_script
-from coaxlink.link.table_files import file_name
+from coaxlink.live.onboard import onboard_script
 from coaxlink.report.html import escape
 from coaxlink.report.label import label
 from coaxlink.report.page import html_table
 from coaxlink.rotor import load_rotor_model
+from coaxlink.tables.files import file_name
 from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot, px4
 from firmware_params.ardupilot.scripts import matrix_script, script_factors

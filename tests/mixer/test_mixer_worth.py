@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from coaxlink.airframe import load_airframe
-from coaxlink.link.ap_tables import ap_speeds, report_ap
-from coaxlink.link.tables import px4_speeds, report_px4
-from coaxlink.link.worth import CURVED, DEFAULTS, LIVE, px4_worths
 from coaxlink.mixer.fitted import envelope
 from coaxlink.mixer.worth import Worth, weigh
 from coaxlink.report.worth import remark_on_curve, rows, verdict
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.tables.ardupilot import ap_speeds, report_ap
+from coaxlink.tables.px4 import px4_speeds, report_px4
+from coaxlink.tables.worth import CURVED, DEFAULTS, LIVE, px4_worths
 from coaxlink.vehicle import Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -11,12 +11,12 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink import files
 from coaxlink.airframe import Airframe, load_airframe
-from coaxlink.link.ap_tables import report_ap
 from coaxlink.monitor.board import describe, table_parameters
 from coaxlink.monitor.board_ardupilot import TABLE_NAMES, intended
 from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import View, observe
 from coaxlink.rotor import RotorModel, load_rotor_model
+from coaxlink.tables.ardupilot import report_ap
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import MotorParameters, scripts
 

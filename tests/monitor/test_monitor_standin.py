@@ -15,9 +15,9 @@ from test_monitor_board import table
 import coaxlink as cx
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.link import connect
-from coaxlink.link.parameters import Parameters
-from coaxlink.link.vehicle import Vehicle
+from coaxlink.fly.commands import Vehicle
+from coaxlink.mavlink import connect
+from coaxlink.mavlink.parameters import Parameters
 from coaxlink.monitor.feed import Feed
 from coaxlink.monitor.state import View
 from coaxlink.monitor.watch import Watch

@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
 from coaxlink.errors import CoaxlinkError
-from coaxlink.link import connect
-from coaxlink.link.parameters import Parameters
-from coaxlink.link.plan import load_plan
-from coaxlink.link.session import Session
-from coaxlink.link.trajectory import Hold, Plan, table_4_flight
-from coaxlink.link.upload import Uploader
-from coaxlink.link.vehicle import Vehicle
+from coaxlink.fly.commands import Vehicle
+from coaxlink.fly.trajectory import Hold, Plan, table_4_flight
+from coaxlink.mavlink import connect
+from coaxlink.mavlink.parameters import Parameters
+from coaxlink.mavlink.session import Session
+from coaxlink.upload.plan import load_plan
+from coaxlink.upload.worker import Uploader
 
 ROOT = Path(__file__).parents[2]
 AIRFRAME = ROOT / "examples" / "x8_demo.toml"

@@ -17,8 +17,8 @@ from real_autopilots import (
     upload,
 )
 
-from coaxlink.link import connect
-from coaxlink.link.plan import load_plan
+from coaxlink.mavlink import connect
+from coaxlink.upload.plan import load_plan
 
 BINARY = os.environ.get("ARDUCOPTER_SITL", "")
 pytestmark = [

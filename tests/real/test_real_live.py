@@ -10,9 +10,9 @@ from real_autopilots import AIRFRAME, PAIRS, ROOT, arducopter, coaxlink, free_po
 from test_real_ardupilot import FACTORY
 
 from coaxlink.airframe import load_airframe
-from coaxlink.link import connect
-from coaxlink.link.mixing import LiveMixer
-from coaxlink.link.session import Session
+from coaxlink.live.mixer import LiveMixer
+from coaxlink.mavlink import connect
+from coaxlink.mavlink.session import Session
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle
 

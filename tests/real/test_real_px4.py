@@ -19,9 +19,9 @@ from real_autopilots import (
     upload,
 )
 
-from coaxlink.link import connect
-from coaxlink.link.plan import load_plan
-from coaxlink.link.trajectory import paper_flight
+from coaxlink.fly.trajectory import paper_flight
+from coaxlink.mavlink import connect
+from coaxlink.upload.plan import load_plan
 from firmware_params import px4 as firmware
 
 BINARY = os.environ.get("PX4_SITL", "")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from coaxlink.airframe import load_airframe
-from coaxlink.link.tables import px4_table
 from coaxlink.rotor.model import load_rotor_model
+from coaxlink.tables.px4 import px4_table
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from sim.effects import Gusts

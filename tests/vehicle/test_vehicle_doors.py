@@ -12,17 +12,17 @@ import coaxlink as cx
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.files import example
-from coaxlink.link.ap_tables import report_ap
-from coaxlink.link.live_effects import LiveEffects
-from coaxlink.link.live_onboard import onboard_script
-from coaxlink.link.mixing import LiveMixer
-from coaxlink.link.mixing_core import MixCore
-from coaxlink.link.tables import report_px4
+from coaxlink.live.effects import LiveEffects
+from coaxlink.live.mixer import LiveMixer
+from coaxlink.live.mixer_core import MixCore
+from coaxlink.live.onboard import onboard_script
 from coaxlink.mixer import LAWS, allocate, make_law, reduced_coefficients, standard_coefficients
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import FittedLaw, fit_table
 from coaxlink.rotor import RotorModel, load_rotor_model, save_rotor_model
 from coaxlink.rotor.model import Effect
+from coaxlink.tables.ardupilot import report_ap
+from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle, load_vehicle
 
 

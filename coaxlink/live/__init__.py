@@ -1,0 +1,1 @@
+"""Live mixing: the autopilot's wrench demand in, motor commands out, and what happens on silence."""

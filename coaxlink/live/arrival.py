@@ -1,0 +1,98 @@
+"""How many motor commands never arrived, by what the vehicle itself says.
+
+ArduPilot: the bridge counts the commands it took and says so in every demand. PX4 counts nothing; there
+the larger of two losses is told: the share of its reports of outputs that were not our commands (`Witness`),
+and that of questions on the same way (TIMESYNC) that it did not answer, less what is lost on the way back.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from coaxlink.live.mixer import LiveMixer
+
+ENOUGH = 20  # samples below which nothing is concluded
+NOTEWORTHY = 0.1  # share of the commands; more, and the run was not what it was taken for
+SURE = 2.33  # standard deviations: 99 %, one-sided
+IN_FLIGHT = 3  # commands that the bridge had no time to count yet
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """`missing` of `seen` samples say no; of `sent` commands that makes `never`."""
+
+    sent: int
+    seen: int
+    missing: float
+    by: str
+
+    @property
+    def share(self) -> float:
+        """Of the commands that never arrived."""
+        return min(max(self.missing / self.seen, 0.0), 1.0) if self.seen else 0.0
+
+    @property
+    def never(self) -> int:
+        """Commands that never arrived."""
+        return round(self.share * self.sent)
+
+    @property
+    def noteworthy(self) -> bool:
+        """Whether more than NOTEWORTHY were lost, beyond the chance of so few samples."""
+        n, q = self.seen, NOTEWORTHY
+        return n >= ENOUGH and self.missing > n * q + SURE * math.sqrt(n * q * (1.0 - q))
+
+    def to_json(self) -> dict[str, Any]:
+        """As `coaxlink mix --json` has it."""
+        return {"sent": self.sent, "never_arrived": self.never, "share": self.share, "by": self.by}
+
+
+class Count:
+    """A counter that is told modulo `modulus`, from the first value on."""
+
+    def __init__(self, modulus: int) -> None:
+        self._modulus = modulus
+        self._last: int | None = None
+        self.total = 0
+        self.moved = False
+
+    def hear(self, value: float) -> None:
+        """The value as it stands now; what is no such value, or a counter that began anew, adds nothing."""
+        if not (0 <= value < self._modulus and value == int(value)):
+            return
+        step = (int(value) - self._last) % self._modulus if self._last is not None else 0
+        self._last = int(value)
+        if step < self._modulus // 16:
+            self.total += step
+            self.moved = self.moved or step > 0
+
+
+def of(live: LiveMixer) -> Arrival | None:
+    """What became of the commands of a live mixer; None where the vehicle says too little."""
+    sent = 0 if live.dry_run else live.core.counters.cycles
+    if not sent:
+        return None
+    if live.bridge is not None:
+        return by_bridge(sent, live.bridge.taken, live.bridge.followed)
+    found = []
+    if live.witness is not None:
+        found.append(Arrival(sent, live.witness.reports, live.witness.strangers, "outputs"))
+    if live.timesync is not None and live.timesync.answered:
+        found.append(by_questions(sent, live.timesync.asked, live.timesync.answered, live.session.loss))
+    return max((a for a in found if a.seen >= ENOUGH), key=lambda a: a.share, default=None)
+
+
+def by_bridge(sent: int, taken: Count, followed: bool) -> Arrival | None:
+    """The bridge's own count; None for a script of an older coaxlink, which follows and has none."""
+    if followed and not taken.moved:
+        return None
+    return Arrival(sent, sent, max(sent - taken.total - IN_FLIGHT, 0), "bridge")
+
+
+def by_questions(sent: int, asked: int, answered: int, lost_back: float) -> Arrival:
+    """Of `asked` questions so many were answered, and a share `lost_back` of its words does not reach us."""
+    reached = answered / max(1.0 - lost_back, 1e-9)
+    return Arrival(sent, asked, max(asked - reached, 0.0), "timesync")

@@ -1,0 +1,113 @@
+"""What the live loop did, a fixed record a demand, on disk within a quarter of a second.
+
+Whole records go to the kernel in one write, so that a killed process loses the last FLUSH_S at most and
+leaves a file that reads to its end (a cut last record is dropped). File: the line `coaxlink live 1`, a line
+of JSON (law, airframe, number of rotors), then records, little-endian: stamp of the demand (us, vehicle's
+clock), time (s, monotonic), demand (4: roll, pitch, yaw, thrust), commands (8), allocation error (4: N,
+N m), latency (s), state (index into live_guard.STATES).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink import files
+from coaxlink.errors import InputError
+from coaxlink.live import hot_kernel as k
+from coaxlink.live.guard import STATES
+from firmware_params import bounded
+
+MAGIC = b"coaxlink live 1\n"
+RECORD = struct.Struct("<Qd4f8f4ffB")
+FLUSH_S = 0.25
+MOST_WAITING = 1024  # records; more are written at once, whatever the clock says
+_TYPE = np.dtype(
+    [
+        ("stamp_us", "<u8"), ("time_s", "<f8"), ("demand", "<f4", 4), ("commands", "<f4", 8),
+        ("error", "<f4", 4), ("latency_s", "<f4"), ("state", "u1"),
+    ]
+)  # fmt: skip
+
+
+class LiveRecord:
+    """Append-only. Raises InputError if the file cannot be made; a full disk later ends only the record."""
+
+    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+        self.path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+            os.write(self._file, MAGIC + json.dumps(dict(about)).encode() + b"\n")
+        except OSError as error:
+            raise InputError(path, "", f"cannot be written ({error.strerror})") from error
+        self.problem = ""
+        self._waiting = bytearray()
+        self._flushed = 0.0
+
+    def add(
+        self,
+        stamp_us: int,
+        now: float,
+        demand: Sequence[float],
+        commands: Sequence[float],
+        error: Sequence[float],
+        latency_s: float,
+        state: str,
+    ) -> None:
+        """One demand answered; see the module for units."""
+        self._waiting += RECORD.pack(
+            stamp_us, now, *demand, *commands, *error, latency_s, STATES.index(state)
+        )
+
+    def add_many(self, stamps: NDArray[np.int64], rows: NDArray[np.float64], state: str) -> None:
+        """Demands answered by the hot loop; rows as `hot_kernel` lays them out."""
+        out = np.zeros(len(rows), _TYPE)
+        out["stamp_us"], out["time_s"] = stamps, rows[:, k.TIME]
+        out["demand"], out["commands"] = rows[:, k.HELD : k.HELD + 4], rows[:, k.COMMANDS : k.COMMANDS + 8]
+        out["error"], out["latency_s"] = rows[:, k.ERROR : k.ERROR + 4], rows[:, k.LATENCY]
+        out["state"] = STATES.index(state)
+        self._waiting += out.tobytes()
+
+    def tick(self, now: float, *, handed_over: bool = False) -> None:
+        """Write what waits if it is time, or if the vehicle was just handed back."""
+        due = handed_over or now - self._flushed > FLUSH_S
+        if self._waiting and (due or len(self._waiting) >= MOST_WAITING * RECORD.size):
+            self._flushed = now
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand everything to the kernel."""
+        if self._waiting and not self.problem:
+            try:
+                os.write(self._file, self._waiting)
+            except OSError as error:  # flying matters more than the record of it
+                self.problem = f"{self.path}: the record ends early ({error.strerror})"
+        self._waiting.clear()
+
+    def close(self) -> None:
+        """Flush and close."""
+        self.flush()
+        os.close(self._file)
+
+
+def read_record(path: Path) -> tuple[dict[str, Any], NDArray[Any]]:
+    """(header, structured array of the records). Raises InputError when it is no such file."""
+    data = files.read_bytes(path, bounded.LOG)
+    end = data.find(b"\n", len(MAGIC))
+    if not data.startswith(MAGIC) or end < 0:
+        raise InputError(path, "", "not a live record (`record`)")
+    body = data[end + 1 :]
+    whole = len(body) // RECORD.size * RECORD.size
+    with files.reading(path):
+        about = bounded.parse_json(data[len(MAGIC) : end].decode("utf-8", "replace"))
+    if not isinstance(about, dict):
+        raise InputError(path, "line 2", "a JSON object is expected")
+    return about, np.frombuffer(body[:whole], _TYPE)

@@ -1,0 +1,283 @@
+"""The parameter protocol: read one, many or all, set and compare the echo bit for bit.
+
+Gaps are asked for again. An unknown name is answered with PARAM_ERROR by new firmware and with silence by
+older one.
+"""
+
+from __future__ import annotations
+
+import queue
+import struct
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.errors import CheckFailed, InputError, LinkError
+from coaxlink.mavlink.identity import version_request
+from coaxlink.mavlink.request_window import Asker
+from coaxlink.mavlink.session import Message, Session
+from coaxlink.mavlink.strangers import LOST_S
+from coaxlink.mavlink.values import FLOAT, Coding, Number, ParamSet, Value, raw_bits
+from firmware_params.plain import is_parameter_name
+
+__all__ = ["FLOAT", "Number", "Parameters", "Snapshot", "Value"]
+HASH = "_HASH_CHECK"
+_NO_INDEX = 65535
+_WINDOW = 20  # requests in the air at a time
+_FEW_GAPS = 0.12  # of the list; with more missing the whole list is quicker than its parts
+_BEAT_S = 1.5  # autopilots send their heartbeat every second
+_ANSWERS = ("PARAM_VALUE", "PARAM_ERROR")
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All parameters of a vehicle, in its order, and its own hash of them (0 when it has none)."""
+
+    values: Mapping[str, Value]
+    hash: int = 0
+
+
+@dataclass
+class _Listing:
+    """What came of a parameter list so far."""
+
+    by_index: dict[int, Value] = field(default_factory=dict)
+    count: int = 0
+    hash: int = 0
+
+    @property
+    def gaps(self) -> list[int]:
+        """Indices that are missing."""
+        if len(self.by_index) >= self.count:
+            return []
+        return [index for index in range(self.count) if index not in self.by_index]
+
+
+class Parameters:
+    """The parameters of a session's vehicle; `retries` counts what had to be asked again."""
+
+    def __init__(self, session: Session, *, timeout_s: float = 0.6) -> None:
+        self._session = session
+        self._timeout_s = timeout_s
+        self._asker = Asker(session, timeout_s=timeout_s, window=_WINDOW)
+        coding = Coding(session.identity)
+        self.encode, self.decode, self.bytewise = coding.encode, coding.decode, coding.bytewise
+        self.again = 0  # asked or written again for another reason than silence
+
+    @property
+    def retries(self) -> int:
+        """What had to be asked or written again."""
+        return self._asker.retries + self.again
+
+    # -- reading -------------------------------------------------------------------------------------------
+
+    def read(self, name: str) -> Value:
+        """One parameter. Raises InputError when the vehicle has none of this name, LinkError on silence."""
+        return self.read_many([name])[name]
+
+    def read_many(self, names: Iterable[str], *, missing_ok: bool = False) -> dict[str, Value]:
+        """Several parameters, a window of requests at a time; gaps are asked for again.
+
+        Unknown names raise InputError, or are left out with `missing_ok`. Raises LinkError when the
+        vehicle falls silent altogether.
+        """
+        wanted = list(dict.fromkeys(names))
+        found: dict[str, Value] = {}
+        refused: dict[str, str] = {}
+        requests = {name: lambda name=name: self._request(name) for name in wanted}
+
+        def settle(message: Message) -> str | None:
+            name = str(message.param_id)
+            if message.get_type() == "PARAM_ERROR":
+                refused[name] = _error_text(message.error)
+            else:
+                found[name] = self.decode(message)
+            return name
+
+        left = self._asker.gather(requests, _ANSWERS, settle, patience=2.0)
+        unknown = [name for name in wanted if name not in found]
+        if unknown and left:
+            self._require_link(f"no answer for {unknown[0]}")
+            if not found and not refused:
+                self._require_answers()
+        if unknown and not missing_ok:
+            why = refused.get(unknown[0], "it does not answer for this name, though it is alive")
+            raise InputError(unknown[0], "", f"the vehicle has no such parameter ({why})")
+        return {name: found[name] for name in wanted if name in found}
+
+    def read_all(self, *, progress: Callable[[int, int], None] | None = None) -> Snapshot:
+        """Every parameter; what the list lost is read again. Raises LinkError when gaps remain.
+
+        The list is asked for again while a good part of it is missing, then single parameters by index.
+        """
+        listing = _Listing()
+        with self._session.listen(("PARAM_VALUE",)) as inbox:
+            for _ in range(self._asker.tries()):
+                self._list_once(inbox, listing, progress)
+                if not listing.count:
+                    self.again += 1
+                    self._require_link("no answer to the request for all parameters")
+                elif len(listing.gaps) <= _FEW_GAPS * listing.count:
+                    break
+        if not listing.count:
+            raise LinkError(self._session.address, "no answer to the request for all parameters")
+        if gaps := listing.gaps:
+            self.again += len(gaps)
+            self._read_indices(gaps, listing.by_index)
+        values = {v.name: v for _, v in sorted(listing.by_index.items())}
+        strange = next((name for name in values if not is_parameter_name(name)), None)
+        if strange is not None:  # no file holds it, and no autopilot has it
+            raise CheckFailed(
+                f"{self._session.address}: a parameter on board is called '{strange}', which is no name"
+            )
+        if len(values) != listing.count:
+            raise LinkError(
+                self._session.address, "the parameters changed places while they were read: try again"
+            )
+        return Snapshot(values, listing.hash)
+
+    def _list_once(
+        self,
+        inbox: queue.SimpleQueue[Message],
+        listing: _Listing,
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        """One request for the list, heard until it falls quiet for much longer than its own pace."""
+        target = self._session.identity
+        self._session.send(mavlink.MAVLink_param_request_list_message(target.system, target.component))
+        # the list may begin later than a single answer would come, and is long
+        quiet_s = min(3.0 * self._asker.pace.wait_s(0) + 0.1, self._timeout_s + 0.3)
+        heard, started = 0, time.monotonic()
+        while (message := self._session.take(inbox, quiet_s)) is not None:
+            if message.param_id == HASH:
+                listing.hash = struct.unpack("<I", raw_bits(message))[0]
+            elif message.param_index != _NO_INDEX:
+                listing.count = message.param_count
+                listing.by_index[message.param_index] = self.decode(message)
+                heard += 1
+                quiet_s = min(max(40.0 * (time.monotonic() - started) / heard, 0.15), self._timeout_s + 0.3)
+                if progress:
+                    progress(len(listing.by_index), listing.count)
+            if listing.count and not listing.gaps:
+                return
+
+    def read_hash(self) -> int:
+        """The board's own hash of all its parameters, 0 when it has none."""
+        if not self._session.identity.is_px4:
+            return 0
+        found = self.read_many([HASH], missing_ok=True)
+        return struct.unpack("<I", found[HASH].bits)[0] if HASH in found else 0
+
+    def _read_indices(self, gaps: Sequence[int], by_index: dict[int, Value]) -> None:
+        target = self._session.identity
+
+        def request(index: int) -> Callable[[], Message]:
+            return lambda: mavlink.MAVLink_param_request_read_message(
+                target.system, target.component, b"", index
+            )
+
+        def settle(message: Message) -> str | None:
+            if message.get_type() != "PARAM_VALUE" or message.param_index == _NO_INDEX:
+                return None
+            by_index[message.param_index] = self.decode(message)
+            return str(message.param_index)
+
+        left = self._asker.gather({str(i): request(i) for i in gaps}, _ANSWERS, settle)
+        if left:
+            raise LinkError(
+                self._session.address, f"{len(left)} parameters could not be read (index {left[0]})"
+            )
+
+    # -- writing -------------------------------------------------------------------------------------------
+
+    def write(self, name: str, value: Number, kind: int) -> Value:
+        """Set one parameter until its echo agrees bit for bit; the echo. Raises as `write_many`."""
+        return self.write_many([self.encode(name, value, kind)])[name]
+
+    def write_many(
+        self,
+        wanted: Sequence[Value],
+        *,
+        before_each: Callable[[], None] = lambda: None,
+        refused: Callable[[str, str], bool] = lambda name, how: False,
+    ) -> dict[str, Value]:
+        """Set parameters until every echo agrees bit for bit, a window of requests at a time; the echoes.
+
+        `before_each` is called before every request and may raise to stop. Raises CheckFailed when the
+        vehicle refuses or keeps another value, unless `refused(name, how)` passes that over; LinkError on
+        silence.
+        """
+        target = self._session.identity
+        seen: dict[str, Value] = {}
+        by_name = {value.name: value for value in wanted}
+        requests = {}
+        for value in wanted:
+            message = ParamSet(target.system, target.component, value)
+            requests[value.name] = _guarded(before_each, message)
+
+        def settle(message: Message) -> str | None:
+            name = str(message.param_id)
+            if name not in by_name:
+                return None
+            if message.get_type() == "PARAM_ERROR":
+                if refused(name, _error_text(message.error)):
+                    return name
+                raise CheckFailed(f"{name}: the vehicle refused it ({_error_text(message.error)})")
+            seen[name] = self.decode(message)
+            return name if seen[name].same(by_name[name]) else None
+
+        left = self._asker.gather(requests, _ANSWERS, settle)
+        for name in left:
+            if name in seen:
+                if refused(name, f"keeps {seen[name].value:.7g}"):
+                    continue
+                raise CheckFailed(
+                    f"{name}: {by_name[name].value} was sent, the vehicle holds {seen[name].value}"
+                )
+            self._require_link(f"no answer when {name} was set")
+            if refused(name, "no answer"):
+                continue
+            raise CheckFailed(f"{name}: no answer when it was set, though the vehicle is alive")
+        return seen
+
+    # -- inside --------------------------------------------------------------------------------------------
+
+    def _request(self, name: str) -> Message:
+        target = self._session.identity
+        return mavlink.MAVLink_param_request_read_message(
+            target.system, target.component, name.encode("ascii"), -1
+        )
+
+    def _require_answers(self) -> None:
+        """Raise LinkError where silence is no answer: the vehicle answers not even who it is."""
+        session = self._session
+        request = version_request(session.identity)
+        answer, _ = session.exchange(
+            request, ("AUTOPILOT_VERSION",), lambda m: True, tries=self._asker.tries()
+        )
+        if answer is None:
+            what = "it is heard, but answers nothing"
+            raise LinkError(session.address, f"{what} (does it take signed messages only? `signing_key`)")
+
+    def _require_link(self, what: str) -> None:
+        """Raise LinkError when the vehicle is gone; one that beats is only silent about this."""
+        silent_s = self._session.silence_s
+        if silent_s > _BEAT_S and self._session.wait("HEARTBEAT", max(0.0, LOST_S - silent_s)) is None:
+            raise LinkError(
+                self._session.address, f"{what}, and no heartbeat for {self._session.silence_s:.1f} s"
+            )
+
+
+def _guarded(before: Callable[[], None], message: Message) -> Callable[[], Message]:
+    def request() -> Message:
+        before()
+        return message
+
+    return request
+
+
+def _error_text(code: int) -> str:
+    known = mavlink.enums.get("MAV_PARAM_ERROR", {}).get(code)
+    return known.name.removeprefix("MAV_PARAM_ERROR_").lower().replace("_", " ") if known else f"error {code}"

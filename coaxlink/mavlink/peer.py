@@ -1,0 +1,201 @@
+"""The one peer a session believes: an address, a system and component, an autopilot type, a board's uid."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.errors import SafetyRefusal
+from coaxlink.mavlink.identity import Identity, uid_of
+from coaxlink.mavlink.strangers import Stranger, Strangers, address_text
+
+_UNBOUND = 32  # addresses that are listened to before one of them is the vehicle's
+_ASK_S, _ASKED = 0.35, 6  # a candidate is asked so often; then the first that was heard is believed
+_HERE_S = 10.0  # heard within that time
+_TOLD = 8  # addresses that are named; a flood of them is only counted
+_NEWS = 8  # lines that wait to be read
+
+
+@dataclass
+class Candidate:
+    """An address where an autopilot was heard before the session was bound; forgers do not answer."""
+
+    identity: Identity
+    heartbeat: Any
+    first_s: float
+    asked: int = 0
+    asked_s: float = -math.inf
+
+
+class Bound:
+    """Kept on the receiver thread; other threads only look. `peer` is None on a stream, which has one end.
+
+    The vehicle is followed to another address when its own has been silent for LOST_S and its uid, asked
+    again there, is the same; one without a uid of its own (zeros, PX4's SITL) is known by its address alone.
+    """
+
+    def __init__(
+        self, line: str, new_parser: Callable[[], mavlink.MAVLink], genuine: Callable[[bytes], bool] | None
+    ) -> None:
+        self.identity: Identity | None = None
+        self.peer: Any = None
+        self.heard_s = 0.0  # the last heartbeat, monotonic
+        self.bound_s = 0.0
+        self.signs = False  # whether its heartbeats come signed
+        self.strangers = Strangers(genuine)
+        self._line, self._new_parser = line, new_parser
+        self._stream = new_parser()
+        self._parsers: dict[Any, mavlink.MAVLink] = {}  # one an address, until one of them is the vehicle's
+        self._candidates: dict[Any, Candidate] = {}
+        self._news: deque[str] = deque(maxlen=_NEWS)
+        self._told = 0
+        self._other = ""  # who else answers behind the vehicle's own address
+
+    def parser(self, peer: Any) -> mavlink.MAVLink:
+        """Of what comes from there: half a frame of one sender must not swallow another's."""
+        if peer is None or self.identity is not None:
+            return self._stream
+        if peer not in self._parsers:
+            if len(self._parsers) >= _UNBOUND:
+                del self._parsers[next(iter(self._parsers))]
+            self._parsers[peer] = self._new_parser()
+        return self._parsers[peer]
+
+    @property
+    def candidates(self) -> bool:
+        """Whether an autopilot was heard that may still answer."""
+        return bool(self._candidates)
+
+    def candidate(self, peer: Any) -> Candidate | None:
+        """Who was heard there before the session is bound."""
+        return self._candidates.get(peer)
+
+    def suggest(self, identity: Identity, heartbeat: Any, peer: Any) -> None:
+        """An autopilot's heartbeat came from there."""
+        if peer not in self._candidates and len(self._candidates) >= _UNBOUND:
+            del self._candidates[next(iter(self._candidates))]
+        known = self._candidates.setdefault(peer, Candidate(identity, heartbeat, time.monotonic()))
+        if known.identity == identity:
+            known.heartbeat = heartbeat
+
+    def to_ask(self) -> list[tuple[Identity, Any]]:
+        """Candidates whose turn it is to be asked who they are."""
+        now, found = time.monotonic(), []
+        for peer, who in self._candidates.items():
+            if who.asked < _ASKED and now - who.asked_s >= _ASK_S:
+                who.asked, who.asked_s = who.asked + 1, now
+                found.append((who.identity, peer))
+        return found
+
+    def silent_choice(self) -> tuple[Candidate, Any] | None:
+        """The first that was heard, once it was asked often enough and nobody has answered."""
+        patience_s = _ASK_S * _ASKED
+        for peer, who in self._candidates.items():
+            return (who, peer) if time.monotonic() - who.first_s > patience_s else None
+        return None
+
+    def bind(self, identity: Identity, peer: Any) -> None:
+        """This is the vehicle."""
+        self._candidates.clear()
+        self.peer, self.bound_s = peer, time.monotonic()
+        self._stream = self._parsers.pop(peer, self._stream)
+        self._parsers.clear()
+        self.identity = identity
+
+    def elsewhere(self, peer: Any) -> bool:
+        """Whether that is not where our vehicle is."""
+        return peer is not None and peer != self.peer and self.identity is not None
+
+    def look(self, data: bytes, peer: Any) -> bool:
+        """Count a datagram from elsewhere; whether its sender is to be asked who it is."""
+        known, now = self.identity, time.monotonic()
+        assert known is not None
+        new = self.strangers.get(peer) is None
+        stranger = self.strangers.take(data, peer, (known.system, known.component), now)
+        if stranger is not None and new and self._told < _TOLD:
+            self._told += 1
+            ours = f"the vehicle is at {address_text(self.peer)}"
+            self._news.append(
+                f"not believed: heartbeats of system {known.system} from {stranger.name}; {ours}"
+            )
+        heir = self.strangers.heir(known.uid, self.heard_s, now) if known.unique else None
+        if heir is not None:
+            was = address_text(self.peer)
+            self.peer, self._stream, self.heard_s = heir.address, self._new_parser(), now
+            self.strangers.forget(heir.address)
+            self._news.append(
+                f"{was} fell silent; its board {known.uid} answers at {heir.name} and is followed"
+            )
+        return stranger is not None
+
+    def same(self, message: Any) -> bool:
+        """Whether a HEARTBEAT or AUTOPILOT_VERSION from the vehicle's own place is the vehicle's."""
+        known = self.identity
+        assert known is not None
+        if message.get_type() == "HEARTBEAT":
+            if message.autopilot != known.autopilot:
+                self._other = f"an autopilot of type {message.autopilot}"
+                return False
+            self.heard_s = time.monotonic()
+            self.signs = bool(message.get_header().incompat_flags & mavlink.MAVLINK_IFLAG_SIGNED)
+            for second in self.strangers.beat():
+                what = f"a second vehicle answers as system {known.system}"
+                self._news.append(f"{what}: {second.name} (board {second.uid}), beside {self.place}")
+        elif known.uid and uid_of(message) != known.uid:
+            self._other = f"board {uid_of(message)}"
+            return False
+        return True
+
+    def news(self) -> list[str]:
+        """What there is to say about who is on the line, since the last call; one line each."""
+        said = []
+        while self._news:
+            said.append(self._news.popleft())
+        return said
+
+    def standing(self) -> list[str]:
+        """Who else is here now, a line each, for a screen."""
+        now, said = time.monotonic(), []
+        for s in self.strangers:
+            if now - s.heard_s < _HERE_S:
+                what = "another vehicle of its ids" if s.beside else "messages under its ids"
+                said.append(f"{what} at {s.name}: not believed ({s.datagrams}); it is at {self.place}")
+        if self._other:
+            said.append(f"behind {self.place} another answers under the same ids: {self._other}")
+        return said
+
+    def refuse_others(self, *, alone: bool = True) -> None:
+        """Raises SafetyRefusal when another vehicle uses the same ids: what is written must not stray.
+
+        Without `alone` only one that cannot be told apart, behind the same address, is refused.
+        """
+        known = self.identity
+        if known is None:
+            return
+        for stranger in self.strangers:
+            if alone and stranger.beside:
+                raise SafetyRefusal(self._two(known, stranger))
+        if self._other:
+            two = f"board {known.uid or 'unknown'} ({known.name}) and {self._other}"
+            raise SafetyRefusal(f"two answer as system {known.system} at {self.place}: {two}")
+
+    @property
+    def place(self) -> str:
+        """Where the vehicle is: its address, or the line."""
+        return address_text(self.peer) if self.peer else self._line
+
+    def _two(self, known: Identity, second: Stranger) -> str:
+        ours = f"{self.place} (board {known.uid or 'unknown'})"
+        advice = "give one of them another system id, or a line of its own"
+        if second.uid == known.uid and known.unique:
+            advice = f"{advice}; if it is one board with two ways to here, close one"
+        return (
+            f"two vehicles answer as system {known.system} component {known.component}, {ours} and "
+            f"{second.name} (board {second.uid}): {advice}"
+        )

@@ -1,0 +1,366 @@
+"""A MAVLink session with one vehicle: who it is, what it says, what we tell it.
+
+It is bound to one peer (`bound`): what comes from another address under the same ids is not believed.
+
+One thread receives, calls the subscribers and sends our heartbeat; every other call may come from any thread.
+Messages are pymavlink objects of the `common` dialect, plus ESC_STATUS, ESC_INFO and ESC_TELEMETRY_*.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from pymavlink.dialects.v20 import common as mavlink
+
+import firmware_params.ardupilot.messages  # teaches the dialect ESC_TELEMETRY_*
+import firmware_params.px4.messages  # noqa: F401 - and ESC_STATUS and ESC_INFO
+from coaxlink.errors import LinkError, SafetyRefusal
+from coaxlink.mavlink.codec import of_others
+from coaxlink.mavlink.identity import Identity, companion_heartbeat, is_vehicle, version_request, with_version
+from coaxlink.mavlink.line import Outgoing, Tap
+from coaxlink.mavlink.loss import Loss
+from coaxlink.mavlink.peer import Bound, Candidate
+from coaxlink.mavlink.requests import Requests
+from coaxlink.mavlink.tlog import TLog
+from coaxlink.mavlink.transport import Transport
+from coaxlink.mavlink.values import Message
+
+if TYPE_CHECKING:
+    from coaxlink.mavlink.signing import Signer
+
+COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+_TICK_S = 0.05
+
+
+class Session(Requests):
+    """See the module; make one with `opening.connect` and use it as a context manager."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        address: str,
+        source_system: int = COMPANION_SYSTEM,
+        source_component: int = COMPANION_COMPONENT,
+        target_system: int | None = None,
+        record: Path | None = None,
+        signer: Signer | None = None,
+    ) -> None:
+        super().__init__()
+        self.address = address
+        self.armed = False
+        self.answer_s = 0.0  # how long the first answer took, 0 when its request had to be repeated
+        self.reopen: Callable[[], Transport] | None = None  # a line that broke is opened again with it
+        self.tap: Tap | None = None  # gets the bytes ahead of the parser: live mixing
+        self._transport = transport
+        self._target = target_system
+        self._out = Outgoing(source_system, source_component)
+        self._signer = signer
+        if signer:
+            signer.attach(self._out)
+        self.bound = Bound(address, self._new_parser, signer.genuine if signer else None)
+        self._loss = Loss()
+        self._stopping = threading.Event()
+        self._log = TLog(record) if record else None
+        self._thread = threading.Thread(target=self._run, name="coaxlink-link", daemon=True)
+
+    # -- life ----------------------------------------------------------------------------------------------
+
+    def start(self, timeout_s: float) -> None:
+        """Start receiving; return once an autopilot is known. Raises LinkError."""
+        with self.listen(("HEARTBEAT",)) as inbox:
+            self._thread.start()
+            end = time.monotonic() + timeout_s
+            while self.bound.identity is None:
+                self.take(inbox, _TICK_S)
+                # who was heard is given the time to answer
+                lost = time.monotonic() > end and not self.bound.candidates
+                if lost and self.bound.identity is None:
+                    if self._signer and self._signer.refused:
+                        raise SafetyRefusal("the vehicle is heard, but does not sign with this key")
+                    who = f"system {self._target}" if self._target else "autopilot"
+                    raise LinkError(self.address, f"no {who} heard within {timeout_s:g} s")
+        if self.bound.peer is None:
+            self.ask_version()
+
+    def refuse_unheard(self) -> None:
+        """Raises SafetyRefusal when the vehicle signs, we do not, and it has not answered."""
+        if self.bound.signs and not self.signed and self.identity.version is None:
+            raise SafetyRefusal(
+                f"{self.identity.name} at {self.address} signs its messages and answers none that are not "
+                "signed: `signing_key`, the file with its key, is needed"
+            )
+
+    def close(self) -> None:
+        """Stop receiving and let the line go; may be called twice."""
+        self._stopping.set()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(2.0)
+        self._transport.close()
+        if self._signer:
+            self._signer.close()
+        with self._lock:
+            if self._log:
+                self._log.close()
+                self._log = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # -- what is known -------------------------------------------------------------------------------------
+
+    @property
+    def identity(self) -> Identity:
+        """Who answers. Raises LinkError before an autopilot was heard."""
+        if self.bound.identity is None:
+            raise LinkError(self.address, "no autopilot heard yet")
+        return self.bound.identity
+
+    @property
+    def source(self) -> tuple[int, int]:
+        """Our own system and component."""
+        return self._out.srcSystem, self._out.srcComponent
+
+    @property
+    def counter(self) -> bytearray:
+        """(1,) the sequence number of the next frame."""
+        return self._out.counter
+
+    @property
+    def signed(self) -> bool:
+        """Whether this side signs and asks for signatures."""
+        return self._signer is not None
+
+    @property
+    def trouble(self) -> str:
+        """Why signing's timestamps cannot be kept just now, "" while all is well."""
+        return self._signer.trouble if self._signer else ""
+
+    @property
+    def fileno(self) -> int:
+        """Of the line as it is now, to poll; -1 when it has none."""
+        fileno = getattr(self._transport, "fileno", None)
+        return fileno() if fileno else -1
+
+    @property
+    def silence_s(self) -> float:
+        """Seconds since the autopilot's last heartbeat."""
+        return time.monotonic() - self.bound.heard_s
+
+    @property
+    def loss(self) -> float:
+        """Share of the autopilot's messages that did not arrive, from their sequence numbers."""
+        return self._loss.share
+
+    # -- talking -------------------------------------------------------------------------------------------
+
+    def send(self, message: Message) -> None:
+        """Send a message; thread-safe. What a link loses is not sent again here."""
+        self._send(message, None)
+
+    def _send(self, message: Message, peer: Any) -> None:
+        with self._lock:
+            if self._signer:
+                self._signer.tick()
+            frame = bytes(message.pack(self._out))
+            self._out.seq = (self._out.seq + 1) % 256
+            self._record(frame)
+            self._transport.write(frame, peer or self.bound.peer)
+
+    def send_frame(self, pack: Callable[[int, int, int], bytes], seed: bytes) -> None:
+        """Send what `pack(sequence, system, component)` makes; for those who have a codec of their own.
+
+        `pack` makes an unsigned MAVLink 2 frame of a message with that CRC seed; it is signed if the link is.
+        """
+        with self._lock:
+            frame = pack(self._out.seq, self._out.srcSystem, self._out.srcComponent)
+            if self._signer:
+                frame = self._signer.seal(frame, seed)
+            self._out.seq = (self._out.seq + 1) % 256
+            self._record(frame)
+            self._transport.write(frame, self.bound.peer)
+
+    def send_bytes(self, frames: bytes) -> None:
+        """Pass on frames that someone else packed."""
+        with self._lock:
+            self._record(frames)
+            self._transport.write(frames, self.bound.peer)
+
+    @property
+    def keeps_frames(self) -> bool:
+        """Whether `book` has anything to do but count."""
+        return self._log is not None or bool(self._watchers)
+
+    def book(self, heard: bytes, said: bytes, at_us: int) -> None:
+        """Keep a frame of the vehicle and our answer that passed by the parser, at that time of day (us)."""
+        for watcher in self._watchers:
+            watcher(heard)
+        if self._log:
+            with self._lock:
+                self._log.write(heard, at_us)
+                self._log.write(said, at_us)
+
+    # -- inside --------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self._receive()
+            except BaseException as error:
+                if self._stopping.is_set():
+                    return
+                self._failure = error
+                if not isinstance(error, LinkError) or not self._reopened():
+                    return
+
+    def _receive(self) -> None:
+        beat = 0.0
+        while not self._stopping.is_set():
+            if time.monotonic() >= beat:
+                beat = time.monotonic() + 1.0
+                self._heartbeat()
+            if self.bound.candidates:
+                self._choose()
+            for data, peer in self._chunks():
+                for message in self.bound.parser(peer).parse_buffer(data) or ():
+                    self._received(message, peer)
+
+    def _chunks(self) -> Iterator[tuple[bytes, Any]]:
+        """What came from the vehicle and is still to be parsed, after the tap had its look at it."""
+        tap = self.tap
+        if tap is None:
+            data, peer = self._transport.read(_TICK_S)
+            if data and not self._strange(data, peer):
+                yield data, peer
+            return
+        served = tap.serve(self._transport, self.bound.peer)
+        if served is None:
+            served = [self._transport.read(tap.tick_s)]
+        meant = [(data, peer) for data, peer in served if data and not self._strange(data, peer)]
+        for data, peer in meant or [(b"", None)]:
+            tap.take(data)
+            if data:
+                yield data, peer
+
+    def _reopened(self) -> bool:
+        """Try to open the line again until it works or the session ends; waits raise LinkError meanwhile."""
+        while self.reopen and not self._stopping.wait(0.5):
+            try:
+                transport = self.reopen()
+            except LinkError:
+                continue
+            with self._lock:
+                self._transport.close()
+                self._transport, self._failure = transport, None
+            return True
+        return False
+
+    def _heartbeat(self) -> None:
+        self.send(companion_heartbeat())
+
+    def _new_parser(self) -> mavlink.MAVLink:
+        parser = mavlink.MAVLink(None, *self.source)
+        parser.robust_parsing = True
+        if self._signer:
+            self._signer.attach(parser)
+        return parser
+
+    def _strange(self, data: bytes, peer: Any) -> bool:
+        """Whether a datagram is none of our vehicle's.
+
+        From another address it is counted and its sender asked; from the vehicle's own, where a router may
+        bring everybody's, it is passed over when all of it is other systems'.
+        """
+        if not self.bound.elsewhere(peer):
+            known = self.bound.identity
+            return peer is not None and known is not None and of_others(data, known.system)
+        if self.bound.look(data, peer):
+            self._send(version_request(self.identity), peer)
+        return True
+
+    def _received(self, message: Message, peer: Any) -> None:
+        name = message.get_type()
+        if name == "BAD_DATA" or name.startswith("UNKNOWN"):
+            return
+        system, component = _sender(message)
+        known = self.bound.identity
+        if known is None:
+            if name == "AUTOPILOT_VERSION" and (candidate := self.bound.candidate(peer)):
+                self._answered(candidate, message, peer)
+            if name != "HEARTBEAT" or not is_vehicle(message, self._target):
+                return
+            known = Identity(system, component, message.autopilot, message.type)
+            if peer is not None:  # a datagram is easily forged: bound is who answers
+                self.bound.suggest(known, message, peer)
+                return
+            self.bound.bind(known, None)
+        elif system != known.system:
+            return
+        ours = component == known.component
+        if ours:
+            self._loss.heard(message.get_seq())
+        self._believe(name, message, ours)
+
+    def _believe(self, name: str, message: Message, ours: bool) -> None:
+        if ours:
+            if name in ("HEARTBEAT", "AUTOPILOT_VERSION") and not self.bound.same(message):
+                return
+            if name == "HEARTBEAT":
+                self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        with self._lock:
+            self._record(bytes(message.get_msgbuf()))
+        self._tell(name, message, ours)
+
+    def _choose(self) -> None:
+        """Before the session is bound: ask who was heard; where nobody answers, the first is taken."""
+        for identity, peer in self.bound.to_ask():
+            self._send(version_request(identity), peer)
+        choice = self.bound.silent_choice()
+        if choice is not None:
+            candidate, peer = choice
+            self.bound.bind(candidate.identity, peer)
+            self._believe("HEARTBEAT", candidate.heartbeat, True)
+
+    def _answered(self, candidate: Candidate, message: Message, peer: Any) -> None:
+        known = candidate.identity
+        if not candidate.asked or (known.system, known.component) != _sender(message):
+            return
+        self.answer_s = time.monotonic() - candidate.asked_s if candidate.asked == 1 else 0.0
+        self.bound.bind(with_version(known, message), peer)
+        self._believe("HEARTBEAT", candidate.heartbeat, True)
+        self._loss.heard(message.get_seq())
+        self._believe("AUTOPILOT_VERSION", message, True)
+
+    def count(self, sequences: Any) -> None:
+        """Frames of the vehicle passed by the parser with these sequence numbers (n,), an array of uint8."""
+        self._loss.passed(sequences)
+
+    def ask_version(self, tries: int = 6) -> None:
+        """Ask which board it is, if that is not known yet."""
+        if self.identity.uid:
+            return
+        request = version_request(self.identity)
+        started = time.monotonic()
+        answer, again = self.exchange(
+            request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.35, tries=tries
+        )
+        if answer is not None:
+            self.answer_s = 0.0 if again else time.monotonic() - started
+            self.bound.identity = with_version(self.identity, answer)
+
+    def _record(self, frame: bytes) -> None:
+        if self._log:
+            self._log.write(frame)
+
+
+def _sender(message: Message) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()

@@ -1,0 +1,1 @@
+"""A mixing law as an autopilot's table, and what that firmware will make of it. No MAVLink in here."""

@@ -1,0 +1,221 @@
+"""A mixing law as PX4's table, and what PX4 will make of it in the vehicle's own units.
+
+PX4's table is one column a rotor: CT * axis and CT * (position x axis) - CT * KM * axis. The reduced coaxial
+mixer (Berra, Trujillo and Heredia 2024, eq. 7 and 15) fits it exactly: an upper rotor's CT is p~_u = p_0u +
+p_1l, its KM the torque of both rotors of the pair per u_u^2 over that thrust.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.mixer import reduced_coefficients, standard_coefficients
+from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
+from coaxlink.tables.behaviour import TURNS, Behaviour, Speeds, behaviour, solve
+from coaxlink.tables.law_commands import nearest, wanted_mix, worst_relative
+from coaxlink.tables.motor_curve import own_curve
+from coaxlink.vehicle import Vehicle, refuse_live
+from firmware_params import px4
+from firmware_params.errors import Finding, TableError
+
+TABLE_LAWS = ("fitted", "reduced", "standard", "curved")
+ROTOR_MODEL = "rotor model"  # source of an error that its numbers are the cause of
+_AXES = (*TURNS, "thrust")
+_LEAN_SHARE = 0.02
+
+
+@dataclass(frozen=True)
+class PairSplit:
+    """How a coaxial pair shares the work in pure thrust."""
+
+    upper: int  # rotor numbers of the airframe
+    lower: int
+    squared_ratio: float  # lower / upper u^2, before the thrust curve bends it: that of the setpoints
+    hover: tuple[float, float]  # normalised speeds in hover
+
+
+@dataclass(frozen=True)
+class TableReport:
+    """A table, its parameters, and what PX4 and the rotors make of them."""
+
+    law: str
+    table: px4.Px4Table
+    params: dict[str, float | int]  # the table and MPC_THR_HOVER
+    mix: px4.Px4Mix
+    splits: tuple[PairSplit, ...]
+    behaviour: Behaviour  # on the rotor model
+    hover_thrust_table: float  # thrust setpoint of hover if the rotors were what the table says
+    ceiling_N: float  # thrust by the table's own numbers at thrust setpoint 1
+    full_N: float  # thrust by the table's numbers with every rotor at 1
+    findings: tuple[Finding, ...]
+
+    @property
+    def blocking(self) -> tuple[Finding, ...]:
+        """Findings that forbid flying with this table."""
+        return tuple(f for f in self.findings if f.severity == "error")
+
+
+def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
+    """The table of a law, rotors in the airframe's numbering (motor n is CA_ROTOR n-1).
+
+    Raises InputError on an unknown law and on an airframe that PX4 cannot hold.
+    """
+    refuse_live(vehicle)
+    airframe, model = vehicle.airframe, vehicle.model
+    if law not in TABLE_LAWS:
+        raise InputError("`law`", law, f"no table holds this law; expected one of {', '.join(TABLE_LAWS)}")
+    if law == "fitted":
+        return px4_columns(airframe, fit_table(vehicle))
+    if law == "curved":
+        plain = px4_table(vehicle, "standard")
+        return dataclasses.replace(plain, thr_mdl_fac=own_curve(vehicle, plain))
+    count = len(airframe.rotors)
+    ct, torque = np.zeros(count), np.zeros(count)  # N and N m along the axis, per unit setpoint
+    spin = np.array([rotor.yaw_sign for rotor in airframe.rotors], float)
+    f, q = airframe.gains
+    if law == "standard":
+        alone = standard_coefficients(model)
+        ct[:], torque[:] = alone.p * f, alone.q * q * spin
+    else:
+        c = reduced_coefficients(model)
+        for upper, lower in airframe.pairs:
+            ct[upper], ct[lower] = c.p_0u * f[upper] + c.p_1l * f[lower], c.p_0l * f[lower]
+            torque[upper] = spin[upper] * c.q_0u * q[upper] + spin[lower] * c.q_1l * q[lower]
+            torque[lower] = spin[lower] * c.q_0l * q[lower]
+        for single in airframe.singles:
+            ct[single], torque[single] = c.p_0u * f[single], spin[single] * c.q_0u * q[single]
+    if (ct <= 0).any():
+        worst = int(np.argmin(ct))
+        problem = (
+            f"the {law} law gives rotor {worst + 1} {ct[worst]:.4g} N per u^2: a positive thrust is expected"
+        )
+        raise InputError(ROTOR_MODEL, "", problem)
+    rotors = tuple(
+        px4.RotorEntry(rotor.position_m, rotor.axis, float(ct[n]), float(torque[n] / ct[n]))
+        for n, rotor in enumerate(airframe.rotors)
+    )
+    return px4.Px4Table(rotors, 1.0)
+
+
+def report_px4(vehicle: Vehicle, law: str, *, fit: FittedTable | None = None) -> TableReport:
+    """The table of a law with all that is known about its flight. Raises InputError.
+
+    `fit` is a fitted table made already (under limits: `mixer.constrained`).
+    """
+    refuse_live(vehicle)
+    table = px4_columns(vehicle.airframe, fit) if fit else px4_table(vehicle, law)
+    return assess_px4(vehicle, law, table)
+
+
+def assess_px4(vehicle: Vehicle, law: str, table: px4.Px4Table) -> TableReport:
+    """What PX4 makes of `table` on this vehicle. Raises InputError."""
+    refuse_live(vehicle)
+    airframe = vehicle.airframe
+    source = airframe.source or airframe.name
+    try:
+        params = px4.table_to_params(table)
+        mix = px4.realise(table)
+    except (TableError, ValueError) as error:
+        raise InputError(source, "rotors", f"PX4 cannot hold this table: {error}") from error
+    weight = airframe.mass_kg * GRAVITY_M_S2
+    ct = np.array([rotor.ct for rotor in px4.params_to_table(params).rotors])
+    up = -np.array([rotor.axis[2] for rotor in airframe.rotors])
+    findings = list(mix.warnings)
+    flown = behaviour(vehicle, px4_speeds(mix))
+    by_table = solve(lambda t: float(ct * up @ mix.setpoints(_thrust(t))), weight)
+    findings += _hover_findings(flown, weight)
+    findings += _lean_findings(table, mix, law)
+    findings += _reversed_findings(flown, law)
+    limits = px4.PARAMETERS["MPC_THR_HOVER"]
+    hover = limits.maximum if flown.hover is None else flown.hover
+    params["MPC_THR_HOVER"] = px4.as_stored(
+        "MPC_THR_HOVER", round(min(max(hover, limits.minimum), limits.maximum), 3)
+    )
+    speeds = flown.hover_speeds
+    share = -mix.mix[:, 5]
+    splits = tuple(
+        PairSplit(
+            u + 1,
+            w + 1,
+            float(share[w] / share[u]) if share[u] else float("inf"),
+            (speeds[u], speeds[w]),
+        )
+        for u, w in airframe.pairs
+    )
+    return TableReport(
+        law,
+        table,
+        params,
+        mix,
+        splits,
+        flown,
+        1.0 if by_table is None else by_table,
+        float(ct * up @ mix.setpoints(_thrust(1.0))),
+        float(ct @ up),
+        tuple(findings),
+    )
+
+
+def refuse_traps(report: TableReport) -> None:
+    """Raise SafetyRefusal when a finding forbids flying with the table."""
+    if report.blocking:
+        raise SafetyRefusal(str(report.blocking[0]))
+
+
+def px4_speeds(mix: px4.Px4Mix) -> Speeds:
+    """Normalised speeds under a PX4 mix: setpoints, then the thrust curve."""
+
+    def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
+        return mix.throttle(mix.setpoints([roll, pitch, yaw, 0.0, 0.0, -thrust]))
+
+    return speeds
+
+
+def _hover_findings(flown: Behaviour, weight_N: float) -> list[Finding]:
+    limits = px4.PARAMETERS["MPC_THR_HOVER"]
+    if flown.hover is None:
+        text = f"no hover: {flown.ceiling_N:.1f} N at full thrust setpoint, {weight_N:.1f} N are needed"
+        return [Finding("px4.no-hover", "error", text)]
+    if not limits.minimum <= flown.hover <= limits.maximum:
+        text = (
+            f"hover needs thrust setpoint {flown.hover:.3f}, PX4 takes {limits.minimum:g}..{limits.maximum:g}"
+        )
+        return [Finding("px4.hover-range", "warning", text)]
+    return []
+
+
+def _lean_findings(table: px4.Px4Table, mix: px4.Px4Mix, law: str) -> list[Finding]:
+    """PX4's pseudo-inverse holds six axes: where rotors lean, it also forbids every sideways force."""
+    mixed = np.stack([*mix.mix.T[:3], -mix.mix[:, 5]], axis=-1)
+    asked = wanted_mix(table)
+    worst = worst_relative(asked, nearest(mixed, asked))
+    if max(worst) <= _LEAN_SHARE or not np.abs(mix.effectiveness[3:5]).any():
+        return []
+    text = "the table's rotors lean, and PX4 spends them on holding the sideways force at zero as well"
+    if law != "fitted":
+        text += "; `law` fitted makes a table for that"
+    shares = ", ".join(f"{axis} {share:.0%}" for axis, share in zip(_AXES, worst, strict=True))
+    return [Finding("px4.leaning-axes", "warning", text, f"off what the law asks by {shares}")]
+
+
+def _reversed_findings(flown: Behaviour, law: str) -> list[Finding]:
+    """A loop closed over a gain of the wrong sign falls over."""
+    found = []
+    for axis, gain in zip(TURNS, flown.gain_Nm, strict=True):
+        if gain <= 0.0:
+            text = f"a {axis} demand turns the vehicle the other way, or not at all"
+            if law != "fitted":
+                text += "; try `law` fitted"
+            evidence = f"{gain:+.3f} N m per unit demand in hover, on the rotor model"
+            found.append(Finding("px4.reversed-axis", "error", text, evidence))
+    return found
+
+
+def _thrust(setpoint: float) -> list[float]:
+    return [0.0, 0.0, 0.0, 0.0, 0.0, -setpoint]

@@ -1,0 +1,67 @@
+"""What PX4's tables of one vehicle are worth, side by side: defaults, laws, and the exact law mixed live."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coaxlink.airframe import Airframe
+from coaxlink.errors import InputError
+from coaxlink.mixer.exact import ExactLaw
+from coaxlink.mixer.worth import HEAVY, LIGHT, Worth, law_speeds, weigh
+from coaxlink.tables.behaviour import Speeds
+from coaxlink.tables.px4 import px4_speeds, px4_table
+from coaxlink.vehicle import Vehicle
+from firmware_params import px4
+from firmware_params.errors import TableError
+
+DEFAULTS, CURVED, LIVE = "PX4 defaults", "curved", "exact, live"
+DEFAULT_KM = 0.05  # CA_ROTORn_KM as PX4 has it
+
+
+@dataclass(frozen=True)
+class Worths:
+    """One vehicle's tables, weighed."""
+
+    rows: tuple[Worth, ...]
+    left_out: dict[str, str]  # table: why it cannot be made
+    own_curve: float | None  # THR_MDL_FAC of the curved table
+
+    def named(self, name: str) -> Worth | None:
+        """A row, None where it could not be made."""
+        return next((row for row in self.rows if row.name == name), None)
+
+
+def px4_worths(vehicle: Vehicle, *, light: float = LIGHT, heavy: float = HEAVY) -> Worths:
+    """Every table that PX4 could hold for this vehicle, and the exact law as a companion would mix it.
+
+    `light` and `heavy` are shares of the vehicle's mass. What cannot be made is named, not raised.
+    """
+    airframe, model = vehicle.airframe, vehicle.model
+    tables: dict[str, px4.Px4Table] = {DEFAULTS: default_table(airframe)}
+    left_out: dict[str, str] = {}
+    for law in ("standard", CURVED, "reduced", "fitted"):
+        try:
+            tables[law] = px4_table(vehicle, law)
+        except InputError as error:
+            left_out[law] = str(error)
+    speeds: dict[str, Speeds] = {}
+    for name, table in tables.items():
+        try:
+            speeds[name] = px4_speeds(px4.realise(table))
+        except (TableError, ValueError) as error:
+            left_out[name] = str(error)
+    full, torque = airframe.loads(model, np.ones(len(airframe.rotors)))
+    exact = ExactLaw(vehicle)
+    speeds[LIVE] = law_speeds(exact, airframe, float(airframe.wrench(full, torque)[0]))
+    rows = tuple(weigh(vehicle, flown, name, light=light, heavy=heavy) for name, flown in speeds.items())
+    curved = tables.get(CURVED)
+    return Worths(rows, left_out, None if curved is None else curved.thr_mdl_fac)
+
+
+def default_table(airframe: Airframe) -> px4.Px4Table:
+    """What PX4 flies before it was given a thrust model: places and spins, equal rotors, a straight curve."""
+    ct = px4.PARAMETERS["CA_ROTOR0_CT"].default
+    rotors = tuple(px4.RotorEntry(r.position_m, r.axis, ct, DEFAULT_KM * r.yaw_sign) for r in airframe.rotors)
+    return px4.Px4Table(rotors, px4.PARAMETERS["THR_MDL_FAC"].default)

@@ -1,0 +1,103 @@
+"""The script folder of an ArduPilot board: where it is, what a table changes in it."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Iterable, Mapping
+
+from coaxlink.errors import CheckFailed
+from coaxlink.mavlink.ftp import Files
+from coaxlink.mavlink.parameters import Parameters
+from coaxlink.upload.content import BoardFiles
+from firmware_params.ardupilot import scripts
+
+SCRIPT_S = 15.0  # until a script's parameters appear
+_LOOK_S = 0.5
+_OURS = (scripts.MATRIX_NAME, scripts.LOADER_NAME)
+
+
+def is_table(names: Iterable[str]) -> bool:
+    """Whether one of these scripts is a mixer table."""
+    return any(name in _OURS for name in names)
+
+
+def present_folder(board: Files) -> str | None:
+    """Where scripts lie on a board, None where there is no such folder; nothing is made."""
+    return next((folder for folder in scripts.SCRIPT_FOLDERS if board.listing(folder) is not None), None)
+
+
+def await_loader(
+    board: Files, parameters: Parameters, names: Iterable[str] = (), wait_s: float = SCRIPT_S
+) -> bool:
+    """Wait for the loader's parameters on a board that is starting; False where none will come, or did.
+
+    ArduPilot serves MAVLink during its start and runs scripts after it (AP_Vehicle::setup: init_ardupilot,
+    then scripting.init): until then it has no parameter of a script's own, and says so.
+    """
+    wanted = [n for n in names if n.startswith(scripts.PREFIX)] or [scripts.LAST]
+    enabled = parameters.read_many(["SCR_ENABLE"], missing_ok=True)
+    folder = present_folder(board)
+    if not enabled or enabled["SCR_ENABLE"].value != 1 or folder is None:
+        return False
+    if board.crc(f"{folder}/{scripts.LOADER_NAME}") is None:
+        return False
+    end = time.monotonic() + wait_s
+    while len(parameters.read_many(wanted, missing_ok=True)) < len(wanted):
+        if time.monotonic() > end:
+            return False
+        time.sleep(_LOOK_S)
+    return True
+
+
+class ScriptFolder:
+    """The folder on one board; listed once, when it is first needed."""
+
+    def __init__(self, board: Files) -> None:
+        self._board = board
+
+    @functools.cached_property
+    def path(self) -> str:
+        """Where it is; made if it is not there. Raises CheckFailed."""
+        return self._found[0]
+
+    def planned(self, wanted: Mapping[str, bytes], *, table: bool = True) -> BoardFiles:
+        """The scripts that change, as they are to be, by path.
+
+        Of coaxlink's own tables only the wanted one stays: the other would stop with an error at boot. That
+        it is not there is said as well, or an interrupted upload's way back would bring it along. What is no
+        `table` (the bridge) leaves the table alone.
+        """
+        new: dict[str, bytes | None] = {f"{self.path}/{name}": data for name, data in wanted.items()}
+        for name in _OURS:
+            if table and name not in wanted:
+                new[f"{self.path}/{name}"] = None
+        return new
+
+    def checksum(self, changes: BoardFiles) -> int:
+        """SCR_LD_CHECKSUM of the whole folder once `changes` are made."""
+        total = scripts.load_checksum(data for data in changes.values() if data is not None)
+        for path in self._paths:
+            if path not in changes:
+                total ^= (self._board.crc(path) or 0) & 0x7FFFFF
+        return total
+
+    def others(self, known: BoardFiles) -> BoardFiles:
+        """Every script on board by path, but those that are known already."""
+        return {path: self._board.read(path) for path in self._paths if path not in known}
+
+    @property
+    def _paths(self) -> list[str]:
+        folder, names = self._found
+        return [f"{folder}/{name}" for name in names if name.endswith(".lua")]
+
+    @functools.cached_property
+    def _found(self) -> tuple[str, list[str]]:
+        for made in (False, True):
+            for folder in scripts.SCRIPT_FOLDERS:
+                if made:
+                    self._board.make_folder(folder)
+                names = self._board.listing(folder)
+                if names is not None:
+                    return folder, names
+        raise CheckFailed(f"no folder for scripts on board ({' or '.join(scripts.SCRIPT_FOLDERS)})")

@@ -1,0 +1,196 @@
+"""ArduPilot during an upload: scripts first, then parameters, then those of the loader.
+
+A restart comes where one is needed (a new script, another frame class). The loader's own parameters exist
+only once its script runs; until its checksum parameter agrees, the old table flies. A script that does not
+fit its checksum keeps the vehicle from arming.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
+from coaxlink.mavlink.parameters import FLOAT, Snapshot, Value
+from coaxlink.upload.ardupilot_scripts import SCRIPT_S, ScriptFolder, await_loader, is_table
+from coaxlink.upload.ardupilot_table import moved_motors, planned_table, present_table
+from coaxlink.upload.backup import Backup, Note, backup_path, write_backup
+from coaxlink.upload.board import Board, Guard
+from coaxlink.upload.content import BoardFiles, Content
+from coaxlink.upload.plan import Plan, motor_outputs
+from coaxlink.upload.restore_choice import Choice
+from firmware_params import ardupilot
+from firmware_params.ardupilot import packed, scripts
+from firmware_params.errors import TableError
+
+_LIVE = scripts.PREFIX  # names that begin so are the loader's own
+_SUM = f"{scripts.PREFIX}SUM"
+_CHECKSUM = "SCR_LD_CHECKSUM"
+_UNCHECKED = -1  # of SCR_LD_CHECKSUM: any script may run
+
+
+class ArduPilotBoard(Board):
+    """See the module."""
+
+    reboots = frozenset(("FRAME_CLASS", "SCR_ENABLE"))
+    stands = (
+        "ArduCopter flies on with the frame it started with, its motor curve (MOT_*) and a loader's whole "
+        "table act at once: land and disarm before anything else"
+    )
+    holds = frozenset(ardupilot.PARAMETERS)
+
+    def __init__(self, *args: Any, script_s: float = SCRIPT_S, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._folder = ScriptFolder(self.files)
+        self._script_s = script_s  # until a script's parameters appear
+
+    def snapshot(self) -> Snapshot:
+        """The packed file where the board has it, else the list; a loader that is starting is waited for, for
+        its parameters are the table."""
+        found = self._read_all()
+        enabled = found.values.get("SCR_ENABLE")
+        if enabled is None or enabled.value != 1 or scripts.LAST in found.values:
+            return found
+        if not await_loader(self.files, self.parameters, wait_s=self._script_s):
+            return found
+        self._talk.say("the board has just started its scripts: reading it again")
+        return self._read_all()
+
+    def _read_all(self) -> Snapshot:
+        try:
+            data = self.files.read(packed.PATH)
+            if data:
+                found = packed.unpack(data)
+                return Snapshot({n: self.parameters.encode(n, v, kind) for n, (v, kind) in found.items()})
+        except (TableError, CheckFailed, InputError) as error:
+            self._talk.say(f"no packed parameters ({error}); reading them one by one")
+        return super().snapshot()
+
+    def with_hidden(self, snapshot: Snapshot, names: Iterable[str]) -> Snapshot:
+        """The loader's parameters are not hidden: without its script they are not there."""
+        return super().with_hidden(snapshot, [name for name in names if not name.startswith(_LIVE)])
+
+    def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
+        """Raises SafetyRefusal."""
+        now = motor_outputs({n: v.value for n, v in snapshot.values.items()})
+        wanted = plan.rotor_count
+        if wanted and now not in (0, wanted):
+            raise SafetyRefusal(f"another vehicle: the table is for {wanted} motors, the board drives {now}")
+        if not new_geometry and is_table(plan.cargo):
+            self._refuse_other_motors(plan, snapshot)
+        values = self._as_kept(plan.params, snapshot)
+        return Content(values, self._folder.planned(plan.cargo, table=is_table(plan.cargo)))
+
+    def loads(self, name: str) -> bool:
+        """The loader's parameters live and die with its script."""
+        return name.startswith(_LIVE)
+
+    def saved(self, backup: Backup, snapshot: Snapshot, choice: Choice) -> Content:
+        """The scripts of a table, and what the upload was to bring besides; others stay as they are."""
+        known = {
+            n: v
+            for n, v in backup.params.items()
+            if choice.takes(n)
+            and (n in snapshot.values or n.startswith(_LIVE))
+            and v == v
+            and abs(v) != float("inf")
+        }
+        there = {n: d for n, d in backup.files.items() if is_table([n]) or n in choice.files}
+        content = Content(self._as_kept(known, snapshot), self._folder.planned(there))
+        gone = {f"{self._folder.path}/{n}": None for n in choice.files if n not in backup.files}
+        content = content.over(Content(files=gone))
+        checked = content.values.get(_CHECKSUM)
+        if checked is None or checked.value == _UNCHECKED:
+            return content
+        return self.completed(content, snapshot)  # of the scripts that will be there
+
+    def completed(self, content: Content, snapshot: Snapshot) -> Content:
+        """SCR_LD_CHECKSUM counts every script in the folder, also those that are not ours."""
+        there = snapshot.values.get(_CHECKSUM)
+        if there is None or (_CHECKSUM not in content.values and there.value == _UNCHECKED):
+            return content
+        number = self._folder.checksum(content.files)
+        value = self.parameters.encode(_CHECKSUM, number, there.type)
+        return Content({**content.values, _CHECKSUM: value}, content.files)
+
+    def keepable(self, content: Content, snapshot: Snapshot) -> Content:
+        """Also the loader's parameters, which may not be there yet."""
+        values = {n: v for n, v in content.values.items() if n in snapshot.values or n.startswith(_LIVE)}
+        return Content(values, content.files)
+
+    def others(self, snapshot: Snapshot, known: BoardFiles) -> BoardFiles:
+        """Every script in the folder."""
+        return self._folder.others(known)
+
+    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles, note: Note) -> Path:
+        """ArduPilot's own text format, the scripts beside it."""
+        path = backup_path(folder, self.session.identity, ".param")
+        write_backup(path, self.session.identity, snapshot, files, note)
+        return path
+
+    # -- writing -------------------------------------------------------------------------------------------
+
+    def _in_order(self, content: Content) -> tuple[Mapping[str, Value], Mapping[str, Value]]:
+        """Where the loader goes away, its parameters go with it."""
+        gone = any(d is None and p.endswith(scripts.LOADER_NAME) for p, d in content.files.items())
+        fixed = {n: v for n, v in content.values.items() if not n.startswith(_LIVE)}
+        live = {n: v for n, v in content.values.items() if n.startswith(_LIVE)}
+        return fixed, {} if gone else live
+
+    def _make_last(self) -> None:
+        """ArduPilot saves every value as it comes, and has no command for it."""
+
+    def _put_later(self, values: Mapping[str, Value], guard: Guard, settle_s: float) -> None:
+        """The loader's parameters, its checksum last: it takes the table when that agrees."""
+        if not await_loader(self.files, self.parameters, values, self._script_s):
+            raise CheckFailed(
+                f"{_SUM} does not appear: the loader script does not run (see the vehicle's messages)"
+            )
+        guard()
+        if self._put_packed(values, settle_s):
+            return
+        numbers = {n: v for n, v in values.items() if n != _SUM}
+        for group in (numbers, {n: v for n, v in values.items() if n == _SUM}):
+            self._put_values(group, {}, guard, settle_s)
+
+    def _put_packed(self, values: Mapping[str, Value], settle_s: float) -> bool:
+        """The whole table in one small file; False where the board does not take such a file."""
+        try:
+            data = packed.pack({n: (float(v.value), v.type) for n, v in values.items()})
+            self.files.write_plain(packed.PATH, data)
+        except CheckFailed as error:
+            self._talk.say(f"packed parameters are not taken ({error}); writing them one by one")
+            return False
+        time.sleep(settle_s)
+        found = self.parameters.read_many(values, missing_ok=True)
+        return all(n in found and found[n].same(v) for n, v in values.items())
+
+    # -- parts ---------------------------------------------------------------------------------------------
+
+    def _refuse_other_motors(self, plan: Plan, snapshot: Snapshot) -> None:
+        """A frame of ArduPilot's own may number its motors in another way than the table (Y6 does)."""
+        numbers = {n: v.value for n, v in snapshot.values.items()}
+        new = planned_table(plan.params, plan.cargo)
+        old = present_table(numbers, lambda: self.files.read(f"{self._folder.path}/{scripts.MATRIX_NAME}"))
+        if old is None or new is None:
+            frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
+            self._talk.say(f"the motors of {frame} are not known here: check each with `turn_motors`")
+            return
+        moved = moved_motors(old, new)
+        if moved:
+            raise SafetyRefusal(
+                f"another vehicle: {moved[0]} ({len(moved)} motors differ); `new_geometry` to mean it"
+            )
+
+    def _as_kept(self, params: Mapping[str, float | int], snapshot: Snapshot) -> dict[str, Value]:
+        """As the board will keep them. Raises SafetyRefusal for an unknown name."""
+        values = {}
+        for name, value in params.items():
+            there = snapshot.values.get(name)
+            if there is None and not name.startswith(_LIVE):
+                raise SafetyRefusal(f"{self.session.identity.name} has no parameter {name}")
+            kind = there.type if there else FLOAT
+            values[name] = self.parameters.encode(name, ardupilot.as_stored(name, float(value), kind), kind)
+        return values

@@ -1,0 +1,114 @@
+"""PX4 during an upload: parameters, and `mixer.csv` on the research fork that reads one."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.errors import SafetyRefusal
+from coaxlink.mavlink.parameters import Snapshot
+from coaxlink.upload.backup import Backup, Note, backup_path, write_backup
+from coaxlink.upload.board import Board, require_file_service
+from coaxlink.upload.content import BoardFiles, Content
+from coaxlink.upload.limits import Limits, board_limits, refuse_beyond
+from coaxlink.upload.plan import Plan, refuse_table
+from coaxlink.upload.restore_choice import Choice
+from firmware_params.px4 import PARAMETERS, csv_mixer
+
+_AUTOSAVE_S = 2.5  # PX4 v1.16 saves 0.3 s after a change, at most every 2 s (parameters/autosave.cpp)
+_SAVED_S = 5.0
+_KNOWN = (1, 17)  # newest version whose allocation was read and flown
+_OUTPUT, _MOTOR_1 = re.compile(r"_FUNC\d+$"), 101
+
+
+class Px4Board(Board):
+    """See the module."""
+
+    reboots = frozenset(csv_mixer.PARAMETERS)
+    stands = "PX4 flies these numbers as they are, in flight too: land and disarm before anything else"
+    holds = frozenset((*PARAMETERS, *csv_mixer.PARAMETERS))
+
+    def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
+        """Raises SafetyRefusal."""
+        refuse_table(plan, self.session.identity, snapshot.values, new_geometry=new_geometry)
+        limits = self.metadata()
+        if limits is not None:
+            refuse_beyond(plan.params, limits, self.session.identity.name)
+            self._talk.say(f"values held against the {len(limits)} parameters of the board's own list")
+        self._remark(plan, snapshot)
+        params, types = dict(plan.params), dict(plan.types)
+        if not plan.cargo:
+            return Content(self._stored(params, types, snapshot, known_only=False))
+        switch = self._switch(snapshot)
+        if switch is None:
+            raise SafetyRefusal(
+                f"{self.session.identity.name} on this board reads no mixer.csv: it has neither "
+                f"{' nor '.join(csv_mixer.PARAMETERS)}"
+            )
+        require_file_service(self, csv_mixer.BOARD_PATH)
+        params[switch], types[switch] = 1, snapshot.values[switch].type
+        values = self._stored(params, types, snapshot, known_only=False)
+        return Content(values, {csv_mixer.BOARD_PATH: plan.cargo[csv_mixer.FILE_NAME]})
+
+    def _remark(self, plan: Plan, snapshot: Snapshot) -> None:
+        """What the flight engineer should know, though it forbids nothing."""
+        identity = self.session.identity
+        if identity.version and identity.version[:2] > _KNOWN:
+            known = ".".join(map(str, _KNOWN))
+            self._talk.say(
+                f"what {identity.name} drops of a table is only known up to {known}: look at it fly"
+            )
+        outputs = {v.value for n, v in snapshot.values.items() if _OUTPUT.search(n)}
+        bare = [n for n in range(1, (plan.rotor_count or 0) + 1) if _MOTOR_1 + n - 1 not in outputs]
+        if outputs and bare:
+            self._talk.say(
+                f"no output of this board drives motor {', '.join(map(str, bare))} (*_FUNCn = 101..112)"
+            )
+
+    def metadata(self) -> Mapping[str, Limits] | None:
+        """The board's `parameters.json.xz`."""
+        return board_limits(self.files, self.session.identity)
+
+    def saved(self, backup: Backup, snapshot: Snapshot, choice: Choice) -> Content:
+        """A fork's mixer.csv goes back too, or away if there was none."""
+        params = {n: v for n, v in backup.params.items() if choice.takes(n)}
+        values = self._stored(params, backup.types, snapshot, known_only=True)
+        if self._switch(snapshot) is None:
+            return Content(values)
+        return Content(values, {csv_mixer.BOARD_PATH: backup.files.get(csv_mixer.FILE_NAME)})
+
+    def others(self, snapshot: Snapshot, known: BoardFiles) -> BoardFiles:
+        """The fork's mixer.csv."""
+        if self._switch(snapshot) is None or csv_mixer.BOARD_PATH in known:
+            return {}
+        return {csv_mixer.BOARD_PATH: self.files.read(csv_mixer.BOARD_PATH)}
+
+    def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles, note: Note) -> Path:
+        """QGC's format, with the board's own hash."""
+        path = backup_path(folder, self.session.identity, ".params")
+        write_backup(path, self.session.identity, snapshot, files, note)
+        return path
+
+    def _make_last(self) -> None:
+        """PX4 saves late; a power cut before that would leave the old values, or some of each."""
+        for _ in range(2):  # a second request is only taken once the save of the first has ended
+            result = self._save()
+            if result != mavlink.MAV_RESULT_ACCEPTED:
+                self._talk.say(f"it does not save on request (result {result}); waiting until it has")
+                time.sleep(_AUTOSAVE_S)
+                return
+
+    def _save(self) -> int:
+        end = time.monotonic() + _SAVED_S
+        while True:
+            result = self.session.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1.0, timeout_s=0.4, tries=24)
+            if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or time.monotonic() > end:
+                return result
+            time.sleep(0.05)
+
+    def _switch(self, snapshot: Snapshot) -> str | None:
+        return next((name for name in csv_mixer.PARAMETERS if name in snapshot.values), None)

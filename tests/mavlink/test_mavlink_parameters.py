@@ -1,0 +1,101 @@
+"""The parameter protocol, PX4's and ArduPilot's way, on good and bad lines."""
+
+import pytest
+from scripted_autopilot import FLOAT, INT32, ScriptedAutopilot
+
+from coaxlink.errors import CheckFailed, InputError, LinkError
+from coaxlink.mavlink import connect
+from coaxlink.mavlink.parameters import Parameters
+
+MANY = {f"P{i}": ((i, INT32) if i % 3 == 0 else (i + 0.1, FLOAT)) for i in range(100)}
+
+
+@pytest.fixture
+def vehicle():
+    with ScriptedAutopilot(MANY) as scripted:
+        yield scripted
+
+
+def test_int32_travels_bytewise_on_px4_and_as_a_float_on_ardupilot():
+    for px4 in (True, False):
+        with ScriptedAutopilot({"N": (1, INT32)}, px4=px4) as vehicle, connect(vehicle.url) as session:
+            parameters = Parameters(session)
+            assert parameters.bytewise is px4
+            assert parameters.read("N").value == 1
+            assert parameters.write("N", -5, INT32).value == -5
+            assert vehicle.params["N"] == (-5, INT32)
+
+
+def test_an_int32_that_looks_like_a_signalling_nan_arrives_whole():
+    with ScriptedAutopilot({"N": (0, INT32)}) as vehicle, connect(vehicle.url) as session:
+        for value in (0x7F800001, -8388607, 2**31 - 1, -(2**31)):
+            assert Parameters(session).write("N", value, INT32).value == value
+            assert vehicle.params["N"][0] == value
+            assert Parameters(session).read("N").value == value
+
+
+def test_all_with_gaps_read_again(vehicle):
+    vehicle.skip_in_list = {0, 17, 99}
+    with connect(vehicle.url) as session:
+        parameters = Parameters(session)
+        snapshot = parameters.read_all()
+    assert list(snapshot.values) == list(MANY)
+    assert all(snapshot.values[n].value == pytest.approx(v, rel=1e-6) for n, (v, _) in MANY.items())
+    assert snapshot.hash == 0x12345678
+    assert parameters.retries == 3
+
+
+def test_everything_arrives_over_a_bad_line(vehicle):
+    with connect(vehicle.url) as session:
+        vehicle.loss = 0.3
+        parameters = Parameters(session)
+        assert len(parameters.read_all().values) == 100
+        found = parameters.read_many(list(MANY)[:40])
+        assert [v.value for v in found.values()] == pytest.approx([v for v, _ in MANY.values()][:40])
+        assert parameters.write("P1", 7.25, FLOAT).value == 7.25
+        assert parameters.retries > 0
+
+
+def test_an_unknown_name_is_one_clear_error(vehicle):
+    with connect(vehicle.url) as session:
+        with pytest.raises(InputError, match=r"NOT_THERE: the vehicle has no such parameter .*alive"):
+            Parameters(session, timeout_s=0.05).read("NOT_THERE")
+        vehicle.param_errors = True
+        with pytest.raises(InputError, match="does not exist"):
+            Parameters(session).read("NOT_THERE")
+        assert list(Parameters(session).read_many(["P1", "NOPE"], missing_ok=True)) == ["P1"]
+
+
+def test_a_lost_link_is_not_an_unknown_name(vehicle):
+    with connect(vehicle.url) as session:
+        vehicle.deaf = True
+        session.bound.heard_s -= 10.0
+        with pytest.raises(LinkError, match="no heartbeat"):
+            Parameters(session, timeout_s=0.05).read("P1")
+        with pytest.raises(LinkError, match="no answer to the request"):
+            Parameters(session, timeout_s=0.05).read_all()
+
+
+def test_a_value_the_vehicle_does_not_keep_is_found(vehicle):
+    vehicle.keeps["P1"] = 3.0
+    vehicle.refuses.add("P2")
+    with connect(vehicle.url) as session:
+        parameters = Parameters(session, timeout_s=0.05)
+        with pytest.raises(CheckFailed, match=r"P1: 7.0 was sent, the vehicle holds 3.0"):
+            parameters.write("P1", 7.0, FLOAT)
+        with pytest.raises(CheckFailed, match=r"P2: the vehicle refused it .read only"):
+            parameters.write("P2", 7.0, FLOAT)
+
+
+@pytest.mark.parametrize(("value", "kind"), [(float("nan"), FLOAT), (1.5, INT32), (2**31, INT32), (300, 2)])
+def test_what_a_type_cannot_hold_is_never_sent(vehicle, value, kind):
+    with connect(vehicle.url) as session, pytest.raises(InputError):
+        Parameters(session).write("P1", value, kind)
+    assert vehicle.sets == []
+
+
+def test_who_is_heard_and_answers_nothing_is_a_lost_link_and_not_a_board_with_nothing_on_it():
+    with ScriptedAutopilot({"A": (1.0, FLOAT)}) as vehicle, connect(vehicle.url) as session:
+        vehicle._handle = lambda message: None
+        with pytest.raises(LinkError, match=r"answers nothing .*signing_key"):
+            Parameters(session, timeout_s=0.05).read_many(["A"], missing_ok=True)

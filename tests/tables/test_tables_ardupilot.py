@@ -1,0 +1,136 @@
+"""Laws as ArduPilot tables, and tables explained."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coaxlink.airframe import load_airframe
+from coaxlink.errors import InputError
+from coaxlink.rotor import load_rotor_model
+from coaxlink.tables.ardupilot import ap_factors, report_ap
+from coaxlink.tables.px4 import report_px4
+from coaxlink.upload.ardupilot_table import moved_motors, present_table
+from coaxlink.upload.explain import explain_ap, explain_px4
+from coaxlink.vehicle import Vehicle
+from firmware_params.ardupilot import scripts, used_factors
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FRAMES = ["x8_paper", "coax_quad_plus", "y6", "mixed_hexa"]
+
+
+def _load(frame="x8_paper", rotor="rotor_eq15"):
+    return load_airframe(EXAMPLES / f"{frame}.toml"), load_rotor_model(EXAMPLES / f"{rotor}.toml")
+
+
+def test_the_paper_s_normalised_matrix():
+    """The table of eq. 15 as ArduCopter was flown with it."""
+    factors = np.array(ap_factors(Vehicle(*_load()), "reduced"))
+    np.testing.assert_allclose(np.abs(factors[:4]), [[0.336, 0.336, 0.5, 0.672]] * 4, atol=1e-3)
+    np.testing.assert_allclose(np.abs(factors[4:]), [[0.5, 0.5, 0.410, 1.0]] * 4, atol=1e-3)
+    assert (np.sign(factors[0]) == [-1, 1, 1, 1]).all()  # front right, counter-clockwise
+
+
+def test_the_standard_law_is_ardupilot_s_own_x8():
+    from firmware_params.ardupilot import ApTable, used_factors
+
+    factors = np.array(ap_factors(Vehicle(*_load()), "standard"))
+    np.testing.assert_allclose(factors, used_factors(ApTable(4)), atol=1e-6)
+
+
+def test_the_files_carry_one_table():
+    airframe, model = _load()
+    report = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.0)
+    (text,) = report.scripts.values()
+    assert report.params["SCR_LD_CHECKSUM"] == scripts.load_checksum([text.encode()])
+    assert report.params["FRAME_CLASS"] == 15 and report.params["SERVO8_FUNCTION"] == 40
+    hover = 20 * 9.80665 / (4 * (46.98 * 46.98 / 69.89 + 69.89))
+    assert report.params["MOT_THST_HOVER"] == pytest.approx(hover, abs=2e-4)
+    assert report.squared_ratio == pytest.approx([1.487654] * 4, abs=1e-4)
+    kept = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.05)
+    assert kept.params["MOT_THST_EXPO"] == pytest.approx(0.9025 / 0.9975, abs=1e-4)
+    assert kept.squared_ratio == pytest.approx([1.487654] * 4, rel=3e-3)
+    assert "ap.spin-min" not in {f.id for f in kept.findings}
+    bent = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.05, expo=1.0)
+    assert bent.squared_ratio[0] < 1.47 and "ap.spin-min" in {f.id for f in bent.findings}
+    loader = report_ap(Vehicle(airframe, model), "reduced", frame_class=17)
+    assert loader.params["CXL_N"] == 8 and loader.params["FRAME_CLASS"] == 17
+    with pytest.raises(InputError, match="expected 15"):
+        report_ap(Vehicle(airframe, model), "reduced", frame_class=4)
+
+
+@pytest.mark.parametrize(("frame", "law"), [*((f, "reduced") for f in FRAMES), ("x8_paper", "fitted")])
+def test_done_is_asked_where_the_firmware_can(frame, law):
+    airframe, model = _load(frame, "rotor_eq15" if law == "reduced" else "rotor_paper")
+    for explained in (
+        explain_ap(Vehicle(airframe, model), report_ap(Vehicle(airframe, model), law)),
+        explain_px4(Vehicle(airframe, model), report_px4(Vehicle(airframe, model), law)),
+    ):
+        assert max(explained.worst.values()) < 1e-3
+        assert set(explained.to_json()["gain_scale"]) == {"roll", "pitch", "yaw"}
+
+
+def test_a_gain_is_the_slope_that_the_paper_s_numbers_give():
+    """Eq. 15 on its own rotors: roll torque per unit roll demand is the row of A times PX4's column."""
+    airframe, model = _load()
+    report = report_px4(Vehicle(airframe, model), "reduced")
+    roll = 4 * (8.48929 * 0.557875 + 12.62912 * 0.829925)
+    assert report.behaviour.gain_Nm[0] == pytest.approx(roll, rel=1e-3)
+    yaw = 4 * (2.44 * 1.0 + 2.0 * 0.819672)
+    assert report.behaviour.gain_Nm[2] == pytest.approx(yaw, rel=1e-3)
+    explained = explain_px4(Vehicle(airframe, model), report)
+    assert explained.to_json()["gain_scale"]["roll"] == pytest.approx(
+        explained.reference.gain_Nm[0] / roll, rel=1e-3
+    )
+
+
+def test_against_the_board():
+    airframe, model = _load()
+    report = report_px4(Vehicle(airframe, model), "reduced")
+    board = dict(report.params) | {"CA_ROTOR0_CT": 50.0}
+    explained = explain_px4(Vehicle(airframe, model), report, board)
+    assert explained.reference_name == "on board"
+    assert explained.changed == (("CA_ROTOR0_CT", 50.0, pytest.approx(46.98)),)
+    with pytest.raises(InputError, match="holds no multirotor table"):
+        explain_px4(Vehicle(airframe, model), report, {"CA_ROTOR_COUNT": 0})
+    with pytest.raises(InputError, match="6 rotors"):
+        explain_px4(Vehicle(airframe, model), report, board | {"CA_ROTOR_COUNT": 6})
+
+
+def test_an_ardupilot_board_is_known_by_its_frame_its_script_or_its_parameters():
+    airframe, model = _load()
+    matrix = report_ap(Vehicle(airframe, model), "reduced")
+    (text,) = matrix.scripts.values()
+    built_in = present_table({"FRAME_CLASS": 4, "FRAME_TYPE": 1}, lambda: None)
+    scripted = present_table({**matrix.params, "FRAME_TYPE": 0}, text.encode)
+    np.testing.assert_allclose(used_factors(scripted), matrix.mix.factors, atol=1e-6)
+    loader = report_ap(Vehicle(airframe, model), "reduced", frame_class=17)
+    live = present_table(loader.params, lambda: None)
+    np.testing.assert_allclose(used_factors(live), loader.mix.factors, atol=1e-6)
+    assert not moved_motors(built_in, scripted) and not moved_motors(scripted, live)
+    for params, script in (
+        ({"FRAME_CLASS": 3, "FRAME_TYPE": 1}, None),
+        (matrix.params, None),
+        (matrix.params, b"MotorsMatrix:init(8)"),
+        (loader.params | {"CXL_T1": 0.9}, None),
+    ):
+        assert present_table(params, lambda script=script: script) is None
+    explained = explain_ap(
+        Vehicle(airframe, model), matrix, ({"FRAME_CLASS": 4.0, "ATC_RAT_RLL_P": 0.135}, built_in)
+    )
+    assert explained.reference_name == "on board" and explained.gains_now == {"ATC_RAT_RLL_P": 0.135}
+    assert explained.changed == (("FRAME_CLASS", 4.0, 15.0),)
+    with pytest.raises(InputError, match="not known here"):
+        explain_ap(Vehicle(airframe, model), matrix, ({"FRAME_CLASS": 3.0}, None))
+
+
+def test_motors_that_a_frame_numbers_in_another_way_are_found():
+    """ArduPilot's own Y6 layers its motors in another order than our example, its X8 as the paper."""
+    table = report_ap(Vehicle(*_load("y6")), "reduced").table
+    y6 = present_table({"FRAME_CLASS": 5, "FRAME_TYPE": 1}, lambda: None)
+    assert moved_motors(y6, table)[0] == "motor 3 changes left or right and front or rear"
+    x8 = present_table({"FRAME_CLASS": 4, "FRAME_TYPE": 1}, lambda: None)
+    assert moved_motors(x8, table) == ["8 motors now, 6 in the table"]
+    turned = dataclasses.replace(table, factors=tuple((r, p, -y, t) for r, p, y, t in table.factors))
+    assert moved_motors(table, turned)[5] == "motor 6 changes spin"

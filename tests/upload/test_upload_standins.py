@@ -1,0 +1,319 @@
+"""Tables on the stand-ins of `sim`, which share no code with the upload."""
+
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coaxlink.airframe import load_airframe
+from coaxlink.cli import main
+from coaxlink.mavlink import connect
+from coaxlink.mavlink.ftp import FileError, Files
+from coaxlink.mavlink.parameters import Parameters
+from coaxlink.rotor import load_rotor_model
+from coaxlink.tables.ardupilot import report_ap
+from coaxlink.upload.ardupilot_scripts import ScriptFolder
+from coaxlink.upload.backup import read_backup
+from coaxlink.upload.content import Content
+from coaxlink.upload.journal import Entry, Journal
+from coaxlink.upload.outcome import Talk
+from coaxlink.upload.plan import load_plan
+from coaxlink.upload.verify import verify
+from coaxlink.upload.worker import Uploader
+from coaxlink.vehicle import Vehicle
+from firmware_params.ardupilot import packed, scripts
+from sim.testing import standin
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+X8 = EXAMPLES / "x8_paper.toml"
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    """Folders by name, each written by the verb."""
+    place = tmp_path_factory.mktemp("tables")
+    wanted = {
+        "px4": ["--firmware", "px4", "--law", "reduced", "--rotor", str(EXAMPLES / "rotor_eq15.toml")],
+        "matrix": ["--firmware", "ardupilot", "--law", "reduced"],
+        "loader": ["--firmware", "ardupilot", "--law", "reduced", "--frame-class", "17", "--spin-min", "0"],
+        "loader-standard": [
+            "--firmware",
+            "ardupilot",
+            "--frame-class",
+            "17",
+            "--spin-min",
+            "0",
+            "--law",
+            "standard",
+        ],
+    }
+    for name, options in wanted.items():
+        with pytest.raises(SystemExit) as ended:
+            main(["table", str(X8), *options, "--out", str(place / name)])
+        assert ended.value.code == 0
+    return {name: place / name for name in wanted}
+
+
+def test_px4_takes_a_table_over_a_bad_line_and_gives_it_back(tables, tmp_path):
+    wire = "loss=0.05,copies=0.03,disorder=0.05,corruption=0.005,delay=0.003"
+    with standin("--firmware", "px4", "--wire", wire) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        plan = load_plan(tables["px4"])
+        before = Parameters(session).read_many(plan.params)
+        outcome = Uploader(session, backup_folder=tmp_path).upload(plan)
+        assert outcome.result == "verified" and len(outcome.changed) == 18 and outcome.retries > 0
+        assert verify(session, None).holds
+        back = Uploader(session, backup_folder=tmp_path).restore(read_backup(Path(outcome.backup)))
+        assert back.result == "verified"
+        after = Parameters(session).read_many(plan.params)
+        assert all(after[n].same(v) for n, v in before.items())
+
+
+def test_px4_keeps_it_over_a_reboot(tables, tmp_path):
+    with standin("--firmware", "px4") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        said = []
+        worker = Uploader(session, backup_folder=tmp_path, talk=Talk(say=said.append), reboot_s=0.4)
+        assert worker.upload(load_plan(tables["px4"]), reboot=True).result == "verified"
+        assert any("rebooting" in text for text in said) and verify(session, None).holds
+
+
+def test_what_is_verified_survives_a_power_cut(tables, tmp_path):
+    """PX4 saves its parameters up to two seconds late: the word "verified" must not come before."""
+    plan, memory = load_plan(tables["px4"]), ("--memory", str(tmp_path / "flash"))
+    with (
+        standin("--firmware", "px4", *memory) as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        assert Uploader(session, backup_folder=tmp_path).upload(plan).result == "verified"
+    with (
+        standin("--firmware", "px4", *memory) as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        assert verify(session, plan).holds
+
+
+def test_a_reboot_in_the_middle_does_not_leave_a_mixture(tables, tmp_path):
+    with (
+        standin("--firmware", "px4", "--wire", "reboot=7") as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        plan = load_plan(tables["px4"])
+        outcome = Uploader(session, backup_folder=tmp_path).upload(plan)
+        assert outcome.result in ("verified", "rolled_back")
+        found = Parameters(session).read_many(plan.params)
+        changed = {c.name: c for c in outcome.changed}
+        side = "new" if outcome.result == "verified" else "old"
+        assert all(found[n].same(getattr(c, side)) for n, c in changed.items())
+        assert Journal(session.identity).open_entry() is None
+
+
+def _ap(session, folder, **options):
+    return Uploader(session, backup_folder=folder, reboot_s=0.4, script_s=6.0, **options)
+
+
+# what an ArduCopter changes by itself over a restart or a while
+OWN = {"BARO1_GND_PRESS", "COMPASS_DEC", "INS_GYROFFS_X", "INS_GYROFFS_Y", "INS_GYROFFS_Z"}
+
+
+def _of_the_user(session):
+    values = Parameters(session).read_all().values
+    return {n: v.value for n, v in values.items() if n not in OWN and not n.startswith("STAT_")}
+
+
+def _comes(said, text, wait_s=10.0):
+    end = time.monotonic() + wait_s
+    while not any(text in line for line in said):
+        assert time.monotonic() < end, said
+        time.sleep(0.05)
+
+
+def _ardupilot_said(session):
+    said = []
+    session.subscribe(lambda m: said.append(m.text) if m.get_type() == "STATUSTEXT" else None)
+    return said
+
+
+def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables, tmp_path):
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        said = _ardupilot_said(session)
+        before = _of_the_user(session)
+
+        def upload(name):
+            talk = []
+            worker = _ap(session, tmp_path / "b", talk=Talk(say=talk.append))
+            outcome = worker.upload(load_plan(tables[name]))
+            assert outcome.result == "verified", outcome.reason
+            return outcome, talk
+
+        first, talk = upload("matrix")
+        assert "rebooting" in talk and first.scripts == (f"/APM/scripts/{scripts.MATRIX_NAME}",)
+        _comes(said, "matrix of 8 motors")
+        assert Parameters(session).read("FRAME_CLASS").value == 15
+
+        _, talk = upload("loader")
+        assert "rebooting" in talk and Files(session).crc(f"/APM/scripts/{scripts.MATRIX_NAME}") is None
+        said.clear()
+        _, talk = upload("loader-standard")
+        assert "rebooting" not in talk
+        _comes(said, "table of 8 motors live")  # no reboot, no second init
+        assert verify(session, None).holds and verify(session, load_plan(tables["loader-standard"])).holds
+        other = verify(session, load_plan(tables["loader"]))
+        assert {w["name"] for w in other.mismatches} >= {"CXL_SUM", "CXL_T1"}
+        Files(session).write(f"/APM/scripts/{scripts.LOADER_NAME}", b"-- altered")
+        assert [w["name"] for w in verify(session, None).mismatches] == [
+            f"/APM/scripts/{scripts.LOADER_NAME}"
+        ]
+
+        back = _ap(session, tmp_path / "b").restore(read_backup(Path(first.backup)))
+        assert back.result == "verified", back.reason
+        assert _of_the_user(session) == before
+        assert Files(session).listing("/APM/scripts") == []
+
+
+def test_ardupilot_refuses_what_it_must(tables, tmp_path):
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        folder = tmp_path / "t"
+        (folder / "scripts").mkdir(parents=True)
+        text = next(tables["matrix"].glob("*.param")).read_text()
+        (folder / "scripts" / "a.lua").write_text("-- a")
+
+        def upload(change):
+            (folder / "x.param").write_text(re.sub(*change, text))
+            return _ap(session, tmp_path / "b").upload(load_plan(folder))
+
+        for change, why in (
+            ((r"MOT_THST_EXPO,[\d.]+\n", "MOT_THST_EXPO,5\n"), "MOT_THST_EXPO = 5 is outside"),
+            ((r"FRAME_CLASS,15", "FRAME_CLASS,15.5"), "would be kept as 15"),
+            ((r"MOT_SPIN_MIN,0.05", "MOT_SPIN_MIN,nan"), "MOT_SPIN_MIN is nan"),
+            ((r"SERVO[78]_FUNCTION,\d+\n", ""), "for 6 motors, the board drives 8"),
+            ((r"SCR_ENABLE", "SCR_ENABLED"), "has no parameter SCR_ENABLED"),
+        ):
+            outcome = upload(change)
+            assert outcome.result == "refused" and why in outcome.reason and outcome.error.exit_code == 4
+        path = folder / "scripts" / scripts.MATRIX_NAME
+        path.write_text(turned(next((tables["matrix"] / "scripts").iterdir()).read_text()))
+        outcome = upload(("FRAME_CLASS,15", "FRAME_CLASS,15"))
+        assert outcome.result == "refused" and "motor 1 changes spin (8 motors differ)" in outcome.reason
+        outcome = Uploader(session, backup_folder=tmp_path).upload(load_plan(tables["px4"]))
+        assert outcome.result == "refused" and "is for PX4, the vehicle runs ArduPilot" in outcome.reason
+        assert not (tmp_path / "b").exists()
+
+
+def turned(script):
+    """Our matrix script with every yaw factor turned round."""
+    factors = [(r, p, -y, t) for r, p, y, t in scripts.script_factors(script)]
+    return scripts.matrix_script(factors, title="turned")
+
+
+def test_a_script_that_fails_its_own_check_is_rolled_back_or_cannot_arm(tables, tmp_path):
+    """A table that asks for a loader whose checksum parameter never appears goes back whole."""
+    folder = tmp_path / "t"
+    (folder / "scripts").mkdir(parents=True)
+    (folder / "x.param").write_text(next(tables["loader"].glob("*.param")).read_text())
+    (folder / "scripts" / scripts.LOADER_NAME).write_text("error('broken')\n")
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        before = _of_the_user(session)
+        outcome = _ap(session, tmp_path / "b").upload(load_plan(folder))
+        assert outcome.result == "rolled_back" and "CXL_SUM does not appear" in outcome.reason
+        assert _of_the_user(session) == before
+        assert Files(session).listing("/APM/scripts") == []
+
+
+def test_files_over_a_bad_line(tmp_path):
+    data = np.random.default_rng(3).integers(0, 256, 1500, dtype=np.uint8).tobytes()
+    wire = "loss=0.1,copies=0.05,disorder=0.05,corruption=0.01"
+    with (
+        standin("--firmware", "ardupilot", "--wire", wire) as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        files = Files(session, timeout_s=0.15)
+        files.make_folder("/APM/scripts")
+        files.write("/APM/scripts/a.lua", data)
+        assert files.read("/APM/scripts/a.lua") == data and files.crc(
+            "/APM/scripts/a.lua"
+        ) == scripts.file_crc(data)
+        assert files.listing("/APM/scripts") == ["a.lua"] and files.listing("/APM/none") is None
+        assert files.read("/APM/scripts/none") is None and files.crc("/APM/none") is None
+        assert files.remove("/APM/scripts/a.lua") and files.retries > 0
+
+
+def test_a_file_that_an_old_request_spoils_is_written_again(monkeypatch):
+    """A doubled and delayed "remove" comes after the renaming; a restart forgets an open file."""
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        files, other, late = Files(session), Files(session), ["rename", "write"]
+        request, window = files._request, files._window
+
+        def spoil(code, data, **kw):
+            answer = request(code, data, **kw)
+            if code == 13 and "rename" in late:
+                late.remove("rename")
+                other.remove("/APM/a.lua")
+            return answer
+
+        def forget(what, orders):
+            if "write" in late and any(order.code == 7 for order in orders.values()):
+                late.remove("write")
+                other._request(1, b"")  # the board has one session, and it is closed now
+            return window(what, orders)
+
+        monkeypatch.setattr(files, "_request", spoil)
+        monkeypatch.setattr(files, "_window", forget)
+        files.write("/APM/a.lua", b"-- whole")
+        assert other.read("/APM/a.lua") == b"-- whole" and late == []
+        assert other.listing("/APM") == ["a.lua"]
+
+
+def test_a_folder_without_a_parent_is_no_end_of_the_search(monkeypatch):
+    """The real SITL has no /APM: making /APM/scripts there is answered with errno 2."""
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        files, made = Files(session), []
+        request = files._request
+
+        def without_apm(code, data, **kw):
+            if data.startswith(b"/APM"):
+                raise FileError("/APM/scripts", 10)
+            made.append((code, data))
+            return request(code, data, **kw)
+
+        monkeypatch.setattr(files, "_request", without_apm)
+        assert ScriptFolder(files).path == "scripts" and made
+
+
+def test_the_packed_file_is_the_list():
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        found = packed.unpack(Files(session).read(packed.PATH))
+        listed = Parameters(session).read_all().values
+        assert found == {n: (v.value, v.type) for n, v in listed.items()}
+
+
+def test_the_stand_in_mixes_what_realise_says():
+    """One number along the whole way: the factors that went on board are those the report shows."""
+    vehicle = Vehicle(load_airframe(X8), load_rotor_model(EXAMPLES / "rotor_eq15.toml"))
+    report = report_ap(vehicle, "reduced", spin_min=0.0)
+    (text,) = report.scripts.values()
+    rows = np.array(
+        [
+            [int(x) for x in re.findall(r"-?\d+", line)[:4]]
+            for line in text.splitlines()
+            if line.startswith("  {")
+        ]
+    )
+    np.testing.assert_allclose(rows / 1e6, report.mix.factors, atol=1e-6)
+
+
+def test_an_interrupted_change_of_scripts_does_not_bring_the_other_script_back(tables, tmp_path):
+    """Killed when the loader was gone and the matrix there, before the restart that makes it fly."""
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        matrix, loader = (f"/APM/scripts/{n}" for n in (scripts.MATRIX_NAME, scripts.LOADER_NAME))
+        plan = load_plan(tables["matrix"])
+        assert _ap(session, tmp_path / "b").upload(plan).result == "verified"
+        old = Content({}, {matrix: None, loader: b"-- the loader that was there"})
+        new = Content({}, {matrix: plan.cargo[scripts.MATRIX_NAME], loader: None})
+        journal = Journal(session.identity)
+        journal.begin(Entry(journal.board, old, new, "backup", (), "yesterday"))
+        talk = []
+        again = _ap(session, tmp_path / "b", talk=Talk(say=talk.append)).upload(plan)
+        assert again.result == "verified" and "rebooting" in talk
+        assert Files(session).listing("/APM/scripts") == [scripts.MATRIX_NAME]
+        assert journal.open_entry() is None and verify(session, plan).holds

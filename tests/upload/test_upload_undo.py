@@ -1,0 +1,323 @@
+"""The whole story on both stand-ins: upload, fly, verify, restore; arming under way; a board that starts."""
+
+import time
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import common as m
+
+from coaxlink.cli import main
+from coaxlink.errors import CoaxlinkError
+from coaxlink.fly.commands import Vehicle
+from coaxlink.mavlink import connect
+from coaxlink.mavlink.ftp import Files
+from coaxlink.mavlink.parameters import FLOAT, Parameters
+from coaxlink.upload.backup import read_backup
+from coaxlink.upload.journal import Journal
+from coaxlink.upload.outcome import Talk
+from coaxlink.upload.plan import load_plan
+from coaxlink.upload.verify import verify
+from coaxlink.upload.worker import Uploader
+from firmware_params.ardupilot import packed
+from sim.testing import standin
+
+X8 = Path(__file__).parents[2] / "examples" / "x8_paper.toml"
+LAWS = {
+    "px4": ["--firmware", "px4", "--law", "reduced"],
+    "ardupilot": ["--firmware", "ardupilot", "--law", "reduced"],
+    "loader": ["--firmware", "ardupilot", "--law", "reduced", "--frame-class", "17"],
+}
+_READING = (1, 3, 4, 5, 14)  # MAVFTP: close, list, open to read, read, checksum
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    """Folders by name, each written by the verb."""
+    place = tmp_path_factory.mktemp("tables")
+    for name, options in LAWS.items():
+        with pytest.raises(SystemExit) as ended:
+            main(["table", str(X8), *options, "--out", str(place / name)])
+        assert ended.value.code == 0
+    return {name: place / name for name in LAWS}
+
+
+def _firmware(table):
+    return "px4" if table == "px4" else "ardupilot"
+
+
+def _worker(session, tmp_path, said=None):
+    talk = Talk(say=said.append if said is not None else lambda text: None)
+    return Uploader(session, backup_folder=tmp_path / "b", talk=talk, reboot_s=0.4)
+
+
+def _fly(session, seconds):
+    """Up to 3 m and down again; at many times real time."""
+    vehicle, end = Vehicle(session), time.monotonic() + 60.0
+    while True:
+        try:
+            vehicle.arm()
+            break
+        except CoaxlinkError:  # an ArduPilot whose scripts have not run yet
+            assert time.monotonic() < end
+            time.sleep(0.2)
+    vehicle.take_off(3.0)
+    time.sleep(seconds)
+    vehicle.land()
+    while session.armed:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    time.sleep(0.5)
+
+
+@pytest.mark.parametrize("table", LAWS)
+def test_up_flown_verified_undone(tables, tmp_path, table):
+    """What the issue's pilot did on a real ArduCopter, four times in vain."""
+    ardupilot = table != "px4"
+    plan = load_plan(tables[table])
+    with (
+        standin("--firmware", _firmware(table), "--speed", "5") as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        parameters = Parameters(session)
+        listed = parameters.read_all().values
+        hidden = parameters.read_many(plan.params, missing_ok=True)  # SCR_* while scripting is off
+        before = {n: v.value for n, v in {**listed, **hidden}.items()}
+        done = _worker(session, tmp_path).upload(plan)
+        assert done.result == "verified", done.reason
+        _fly(session, 3.0)
+
+        result = verify(session, plan)
+        assert result.holds, result.mismatches
+        assert [row["name"] for row in result.learned] == (["MOT_THST_HOVER"] if ardupilot else [])
+        assert result.to_json()["result"] == "verified"
+        said = []
+        again = _worker(session, tmp_path, said).upload(plan)
+        assert (again.result, again.reason) == ("verified", "the board holds it already")
+        assert not again.changed and [c.name for c in again.learned] == [r["name"] for r in result.learned]
+        assert any("learned in flight" in text for text in said) == ardupilot
+
+        touched = {n for n in before if before[n] != parameters.read(n).value} - set(plan.params)
+        assert touched  # counters and the like: a flight happened
+        back = _worker(session, tmp_path).restore(read_backup(Path(done.backup)))
+        assert back.result == "verified", back.reason
+        held = {n: v.value for n, v in parameters.read_many(plan.params, missing_ok=True).items()}
+        assert held == {n: before[n] for n in held}
+        assert not touched & {c.name for c in back.changed}
+
+        other = "PILOT_SPEED_UP" if ardupilot else "MPC_XY_CRUISE"
+        parameters.write(other, 3.0, parameters.read(other).type)
+        whole = _worker(session, tmp_path).restore(read_backup(Path(done.backup)), whole=True)
+        assert whole.result == "verified", whole.reason
+        assert parameters.read(other).value == before[other]
+        assert set(whole.left_out) >= (
+            {"STAT_FLTTIME", "STAT_BOOTCNT", "BARO1_GND_PRESS"}
+            if ardupilot
+            else {"COM_FLIGHT_UUID", "LND_FLIGHT_T_LO", "CAL_GYRO0_XOFF", "EKF2_MAG_DECL"}
+        )
+
+
+def test_a_refusal_of_the_rest_that_no_list_knows(tables, tmp_path, monkeypatch):
+    """BARO1_GND_PRESS as the firmware of a day to come might flag another: passed over, said, exit 1."""
+    monkeypatch.setattr("coaxlink.upload.owned.ARDUPILOT", ())
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        done = _worker(session, tmp_path).upload(load_plan(tables["ardupilot"]))
+        assert done.result == "verified", done.reason
+        outcome = _worker(session, tmp_path).restore(read_backup(Path(done.backup)), whole=True)
+        assert outcome.result == "incomplete" and outcome.error.exit_code == 1
+        assert outcome.passed_over["BARO1_GND_PRESS"] == "permission denied"
+        assert Parameters(session).read("FRAME_CLASS").value == 4
+        assert Journal(session.identity).open_entry() is None
+
+
+class _Line:
+    """Counts what a session writes; after so many of one `kind` (PARAM_SET, or a MAVFTP opcode) somebody arms
+    the vehicle.
+    """
+
+    def __init__(self, session, *, after, kind):
+        self.session, self.kind, self.left = session, kind, after
+        self.writes_armed = 0
+        self._send = session.send
+        session.send = self.send
+
+    def send(self, message):
+        writes = self._is_write(message)
+        if writes and self.session.armed:
+            self.writes_armed += 1
+        self._send(message)
+        if writes and self.kind == (message.get_type() if isinstance(self.kind, str) else _opcode(message)):
+            self.left -= 1
+            if self.left == 0:
+                self._arm()
+
+    @staticmethod
+    def _is_write(message):
+        if message.get_type() == "FILE_TRANSFER_PROTOCOL":
+            return message.payload[3] not in _READING
+        command = message.get_type() == "COMMAND_LONG" and message.command in (245, 246)
+        return message.get_type() == "PARAM_SET" or command
+
+    def _arm(self):
+        target = self.session.identity
+        end = time.monotonic() + 10.0
+        while not self.session.armed:
+            assert time.monotonic() < end
+            self._send(
+                m.MAVLink_command_long_message(
+                    target.system, target.component, 400, 0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                )
+            )
+            time.sleep(0.1)
+
+
+def _opcode(message):
+    return message.payload[3] if message.get_type() == "FILE_TRANSFER_PROTOCOL" else 0
+
+
+def _disarm(session):
+    session.command(400, 0.0)
+    end = time.monotonic() + 10.0
+    while session.armed:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+_CHUNK, _RENAME = 7, 13  # MAVFTP
+CASES = [("px4", "PARAM_SET", 5), ("ardupilot", "PARAM_SET", 3), ("ardupilot", _RENAME, 1)]
+
+
+def test_half_a_file_beside_the_old_one_is_no_change(tables, tmp_path):
+    """A script goes to a side name first: armed then, the board holds what it held, and the journal ends."""
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        line = _Line(session, after=2, kind=_CHUNK)
+        outcome = _worker(session, tmp_path).upload(load_plan(tables["ardupilot"]))
+        assert session.armed and line.left == 0 and line.writes_armed == 0
+        assert outcome.result == "refused" and outcome.error.exit_code == 4
+        assert "the board holds its old table" in outcome.reason
+        assert Journal(session.identity).open_entry() is None
+        assert Parameters(session).read("FRAME_CLASS").value == 4
+
+
+@pytest.mark.parametrize(("table", "kind", "after"), CASES)
+@pytest.mark.parametrize("verb", ["upload", "restore"])
+def test_nothing_is_written_once_the_vehicle_is_seen_armed(tables, tmp_path, table, kind, after, verb):
+    plan = load_plan(tables[table])
+    with (
+        standin("--firmware", _firmware(table)) as port,
+        connect(f"udpout:127.0.0.1:{port}") as session,
+    ):
+        before = Parameters(session).read_many(plan.params, missing_ok=True)
+        Parameters(session).write("DISARM_DELAY" if table != "px4" else "COM_DISARM_PRFLT", 0, *_kind(table))
+        line, said = _Line(session, after=after, kind=kind), []
+        outcome = _worker(session, tmp_path, said).upload(plan)
+        assert session.armed and line.left == 0 and line.writes_armed == 0
+        assert outcome.result == "failed" and outcome.error.exit_code == 4
+        assert "nothing more was written" in outcome.reason and "disarm" in outcome.reason
+        found = Parameters(session).read_many(before)
+        changed = {n for n, v in found.items() if not v.same(before[n])}
+        stands = outcome.standing
+        assert set(stands["new"]) & set(before) == changed
+        assert (set(stands["new"]) | set(stands["old"]) | set(stands["other"])) == {
+            *(c.name for c in outcome.changed),
+            *outcome.scripts,
+        }
+        assert not stands["unknown"] and any(text.startswith("old: ") for text in said)
+        assert line.writes_armed == 0 and Journal(session.identity).open_entry() is not None
+        refused = _worker(session, tmp_path).upload(plan)
+        assert refused.result == "refused" and line.writes_armed == 0
+
+        _disarm(session)
+        if verb == "upload":
+            assert _worker(session, tmp_path).upload(plan).result == "verified"
+            assert verify(session, plan).holds
+        else:
+            back = _worker(session, tmp_path).restore(read_backup(Path(outcome.backup)))
+            assert back.result == "verified", back.reason
+            held = Parameters(session).read_many(before, missing_ok=True)
+            assert all(held[n].same(before[n]) for n in held)
+        assert Journal(session.identity).open_entry() is None
+
+
+def _kind(table):
+    return (2,) if table != "px4" else (FLOAT,)
+
+
+def test_a_board_that_is_starting_is_waited_for(tables, tmp_path):
+    """MAVLink answers before scripts run: until then the loader's table is not there, for anybody who asks.
+
+    Power is cut; `verify` and the backup of the next upload both come too early.
+    """
+    plan, memory = load_plan(tables["loader"]), ("--memory", str(tmp_path / "memory.json"))
+    with standin("--firmware", "ardupilot", *memory) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        assert _worker(session, tmp_path).upload(plan).result == "verified"
+    with standin("--firmware", "ardupilot", *memory) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        assert "CXL_SUM" not in Parameters(session).read_many(["CXL_SUM"], missing_ok=True)  # early enough
+        result = verify(session, None)
+        assert result.holds, result.mismatches
+    with standin("--firmware", "ardupilot", *memory) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        assert "CXL_SUM" not in packed.unpack(Files(session).read(packed.PATH))
+        again = load_plan(tables["ardupilot"])
+        outcome = _worker(session, tmp_path).upload(again)
+        assert outcome.result == "verified", outcome.reason
+        saved = read_backup(Path(outcome.backup)).params
+        assert {n for n in plan.params if n.startswith("CXL_")} <= set(saved)
+
+
+def test_a_table_that_is_not_there_is_not_waited_for(tables, tmp_path):
+    """Without the loader on its card a board has nothing to wait for."""
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        started = time.monotonic()
+        result = verify(session, load_plan(tables["loader"]), script_s=60.0)
+        assert not result.holds and time.monotonic() - started < 30.0
+        assert {"CXL_SUM", "CXL_T8"} <= {w["name"] for w in result.mismatches}
+
+
+def test_a_loader_s_table_goes_back_live(tables, tmp_path):
+    """Two tables of class 17: the undo of the second is the first, whole, without a restart."""
+    other = tmp_path / "other"
+    with pytest.raises(SystemExit):
+        main(["table", str(X8), *LAWS["loader"][:2], "--frame-class", "17", "--out", str(other)])
+    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        assert _worker(session, tmp_path).upload(load_plan(tables["loader"])).result == "verified"
+        changed = _worker(session, tmp_path).upload(load_plan(other))
+        assert changed.result == "verified" and any(c.name == "CXL_SUM" for c in changed.changed)
+        said = []
+        back = _worker(session, tmp_path, said).restore(read_backup(Path(changed.backup)))
+        assert back.result == "verified" and "rebooting" not in said
+        assert verify(session, load_plan(tables["loader"])).holds
+
+
+class _Pulled(Exception):
+    pass
+
+
+@pytest.mark.parametrize("table", LAWS)
+def test_a_plug_pulled_in_the_middle_of_the_write(tables, tmp_path, table):
+    """Power goes after some writes, later each time; the board starts anew and the same upload ends it."""
+    plan, memory = load_plan(tables[table]), ("--memory", str(tmp_path / "memory.json"))
+    options = ("--firmware", _firmware(table), *memory)
+    for writes in (2, 7):
+        with (
+            pytest.raises(_Pulled),
+            standin(*options) as port,
+            connect(f"udpout:127.0.0.1:{port}") as session,
+        ):
+            send, left = session.send, [writes]
+
+            def until_pulled(message, send=send, left=left):
+                if left[0] <= 0 and _Line._is_write(message):
+                    raise _Pulled
+                left[0] -= message.get_type() == "PARAM_SET"
+                send(message)
+
+            session.send = until_pulled
+            _worker(session, tmp_path).upload(plan)
+        with standin(*options) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+            journal = Journal(session.identity)
+            assert journal.open_entry() is not None
+            assert not verify(session, plan).holds
+            done = _worker(session, tmp_path).upload(plan)
+            assert done.result == "verified", done.reason
+            assert journal.open_entry() is None and verify(session, plan).holds
+            back = _worker(session, tmp_path).restore(read_backup(Path(done.backup)))
+            assert back.result == "verified", back.reason  # so that the next round has as much to write
