@@ -354,7 +354,7 @@ class RefineLog:
         model = self.rotor or frame.rotor_model
         if model is None:
             raise InputError(
-                frame.source or "airframe", "rotor_model", "missing: name a rotor file with --rotor"
+                frame.source or "airframe", "rotor_model", "missing: name a rotor file (`rotor`)"
             )
         answer = refine(read_flight_log(log), frame, load_rotor_model(model))
         found = []

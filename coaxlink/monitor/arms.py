@@ -17,7 +17,6 @@ from coaxlink.mixer.law import Law
 from coaxlink.monitor.escs import Escs
 from coaxlink.monitor.speeds import Speeds
 from coaxlink.monitor.vehicle import finite
-from coaxlink.rotor import RotorModel
 from coaxlink.vehicle import Vehicle
 
 STANDING = 0.005  # normalised speed below which a rotor stands still
@@ -55,8 +54,7 @@ class ArmView:
 
 
 def rotors_of(
-    airframe: Airframe,
-    model: RotorModel,
+    vehicle: Vehicle,
     speeds: Speeds,
     escs: Escs,
     *,
@@ -64,6 +62,8 @@ def rotors_of(
     least: float = 0.0,
 ) -> tuple[RotorView, ...]:
     """(N,) rotors; `least` is the normalised command at which motors run slowest in flight."""
+    airframe = vehicle.airframe
+    model = vehicle.speed_model if speeds.basis == "measured" else vehicle.model
     u = np.array([np.nan if s is None else s for s in speeds.u])
     # an unknown speed makes NaN of just those loads that depend on it
     thrust, torque = airframe.loads(model, u)

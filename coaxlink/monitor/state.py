@@ -110,14 +110,12 @@ def observe(
     link = _link(readings, now_s, address, waiting)
     airframe = vehicle.airframe
     speeds = rotor_speeds(readings, vehicle, now_s, verdict)
-    model = vehicle.speed_model if speeds.basis == "measured" else vehicle.model
     age = None if speeds.received_s is None else now_s - speeds.received_s
     table = boards.describe(readings.parameters, vehicle) if board is None else board
     said = vehicle_of(readings, now_s, energy_Wh=airframe.battery_Wh, trend_min=trend_min)
     escs = escs_of(readings, len(airframe.rotors), now_s)
     rotors = rotors_of(
-        airframe,
-        model,
+        vehicle,
         speeds,
         escs,
         flying=said is not None and said.armed and not on_ground(readings, now_s),
