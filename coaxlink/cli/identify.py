@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coaxlink.cli._from_flights import AirframeOption, PriorOption, identify_from_flights
 from coaxlink.cli._next import after_identify
 from coaxlink.cli._shell import JsonOption, console, say, talk
 from coaxlink.cli._single import (
@@ -98,17 +99,23 @@ def identify(
     pitch: PitchOption = None,
     spacing: SpacingOption = None,
     blades: BladesOption = 2,
+    airframe: AirframeOption = None,
+    rotor: PriorOption = None,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Write pictures (PNG).")] = None,
     report: Annotated[Path | None, typer.Option(metavar="R.html", help="Write one page of it all.")] = None,
 ) -> None:
     """Identify a rotor model from stand logs: terms, intervals and held-out errors.
 
-    Without a stand, --single makes a first model of a pair from a table of one rotor (docs/no_stand.md).
+    Without a stand, --single makes a first model of a pair from a table of one rotor, and flight logs with
+    --airframe and --rotor update it (docs/no_stand.md).
     """
     if single is not None:
         sizes = Sizes(diameter, pitch, spacing, blades)
         how = Reading(columns, upper, poles, diameter, sheet, trust_units)
         prior_of_single(single, logs or [], how, sizes, speed_max_rpm, out, json, plot)
+        return
+    if logs and (airframe is not None or rotor is not None):
+        identify_from_flights(logs, airframe, rotor, out, json)
         return
     from coaxlink import files
     from coaxlink.errors import InputError

@@ -127,17 +127,17 @@ def _about(frame: FlightFrame, channel: int) -> Array:
 
 def reduced(frame: FlightFrame) -> Flight:
     """A frame as the rows of the linear model, whitened."""
-    y = _rows(frame, (frame.measured - frame.predicted)[..., None])[:, :, 0]  # (kept, 4)
+    y = rows_of(frame, (frame.measured - frame.predicted)[..., None])[:, :, 0]  # (kept, 4)
     parts = [list(lasting(frame)), list(passing(frame))]
-    stacked = [_rows(frame, np.stack([c.values for c in part], axis=-1)) for part in parts]
+    stacked = [rows_of(frame, np.stack([c.values for c in part], axis=-1)) for part in parts]
     unit = np.eye(len(frame.airframe.rotors))
     thrust = np.stack([frame.airframe.body_loads(frame.thrust * e, 0 * frame.torque) for e in unit], axis=-1)
     torque = np.stack([frame.airframe.body_loads(0 * frame.thrust, frame.torque * e) for e in unit], axis=-1)
-    rotors = [_rows(frame, thrust), _rows(frame, torque)]
+    rotors = [rows_of(frame, thrust), rows_of(frame, torque)]
     # noise is what not even free rotors and free corrections explain
     everything = np.concatenate([*stacked, *rotors], axis=-1)
     sds = np.concatenate([*[[c.sd for c in part] for part in parts], np.full(2 * len(unit), 0.2)])
-    rest = _left(y, everything, sds)
+    rest = left(y, everything, sds)
     noise = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-6 * frame.reference[list(CHANNELS)])
     scaled = noise[None, :, None]
     lasts, passes, thrusts, torques = (
@@ -146,16 +146,17 @@ def reduced(frame: FlightFrame) -> Flight:
     return Flight(
         np.asarray((y / noise).ravel()), lasts, passes, thrusts, torques,
         np.array([c.sd for c in parts[0]]), np.array([c.sd for c in parts[1]]),
-        tuple(c.name for c in parts[1]), _independent(rest / noise),
+        tuple(c.name for c in parts[1]), independent(rest / noise),
         len(frame.keep) / JUDGED_RATE_HZ, noise,
     )  # fmt: skip
 
 
-def _rows(frame: FlightFrame, columns: Array) -> Array:
+def rows_of(frame: FlightFrame, columns: Array) -> Array:
+    """(kept, 4, ...) judged rows of columns (rows, 6, ...), low-passed, the four channels."""
     return reduce_columns(frame, columns)[:, list(CHANNELS)]
 
 
-def _left(y: Array, X: Array, sd: Array) -> Array:
+def left(y: Array, X: Array, sd: Array) -> Array:
     """(kept, 4) residual of a ridge fit, each channel's noise found as it goes."""
     scale = np.std(y, axis=0) + 1e-12
     rest = y
@@ -168,7 +169,7 @@ def _left(y: Array, X: Array, sd: Array) -> Array:
     return rest
 
 
-def _independent(rest: Array) -> float:
+def independent(rest: Array) -> float:
     """Share of the rows that count: one over the residual's correlation time in rows (Priestley 1981, 5.3.2).
 
     The sum of autocorrelations up to the first that is chance, the largest over the channels.

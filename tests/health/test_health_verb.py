@@ -7,9 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from coaxlink.cli import main
+from coaxlink.rotor import RotorModel, load_rotor_model, save_rotor_model
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "flights"
@@ -79,3 +81,49 @@ def test_real_firmware_without_a_fault_is_sound(tmp_path, capsys):
     (tmp_path / "rotor_paper.toml").write_text((EXAMPLES / "rotor_paper.toml").read_text())
     assert run(SHARED / "px4_null_fitted.ulg", "--airframe", tmp_path / "x8.toml") == 0
     assert "sound" in capsys.readouterr().out
+
+
+def identify(*arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(["identify", *(str(a) for a in arguments)])
+    return int(ended.value.code or 0)
+
+
+def test_a_prior_that_is_off_is_updated_by_a_flight(flights, tmp_path, capsys):
+    true = load_rotor_model(EXAMPLES / "rotor_paper.toml")
+    random = np.random.default_rng(3)
+    terms = {
+        load: {term: c * (1 + 0.15 * random.standard_normal()) for term, c in of_load.items()}
+        for load, of_load in true.terms().items()
+    }
+    prior, after, report = tmp_path / "prior.toml", tmp_path / "after.toml", tmp_path / "i.json"
+    save_rotor_model(prior, RotorModel.from_terms("crm", true.speed_max_rpm, terms))
+    log = flights / "monday.csv"
+    assert identify(log, *VEHICLE, "--rotor", prior, "--out", after, "--json", report) == 0
+    found = json.loads(report.read_text())
+    speeds = np.array([found["hover"]["upper_speed"]]), np.array([found["hover"]["lower_speed"]])
+    pair = true.loads(*speeds)
+    for load, value in found["hover"]["loads"].items():
+        name = load.replace(".", "_").rsplit("_", 1)[0]
+        assert abs(value["value"] - getattr(pair, name)[0]) < 2.6 * value["sd"], load
+        assert value["sd"] < value["prior_sd"]
+    model = load_rotor_model(after)
+    told = model.loads(*speeds)
+    both = told.upper_thrust + told.lower_thrust
+    assert both == pytest.approx(pair.upper_thrust + pair.lower_thrust, rel=0.02)  # the weight tells it
+    assert model.identified["flights"][0]["file"] == "monday.csv"
+    assert {t["verdict"] for t in found["told"]} == {"told", "partly", "not told"}
+    said = capsys.readouterr()
+    assert "not told by these flights" in said.err and "upper against lower" in said.err
+    # the posterior is the next flight's prior
+    assert identify(log, *VEHICLE, "--rotor", after, "--json", report) == 0
+    assert "own covariance" in capsys.readouterr().err
+
+
+def test_identify_says_what_flights_need(flights, tmp_path, capsys):
+    assert identify(flights / "monday.csv", "--rotor", EXAMPLES / "rotor_paper.toml") == 2
+    assert "--airframe" in capsys.readouterr().err
+    stand = tmp_path / "stand.csv"
+    stand.write_text("upper_rpm,upper_thrust_N,upper_torque_Nm\n1000,1,0.1\n")
+    assert identify(stand, *VEHICLE) == 2
+    assert "a flight log is expected" in capsys.readouterr().err

@@ -1,0 +1,326 @@
+"""A rotor model's coefficients updated by flights: Bayesian linear regression on the wrench that was
+measured.
+
+    measured - predicted(prior mean) = sum_k (c_k - prior_k) X_k + nuisances + noise
+
+X_k is what a unit more of a coefficient adds to force and torques, all pairs sharing one model; the
+nuisances are `columns`' (centre of mass, instruments, wind, voltage), without what the coefficients
+themselves are. Speeds are the ESCs' where the log has rpm; else commands stand for them, and a scale between
+both joins the prior. Source: Bishop 2006, *Pattern Recognition and Machine Learning*, section 3.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coaxlink import files
+from coaxlink.airframe import Airframe
+from coaxlink.data import Samples
+from coaxlink.errors import InputError
+from coaxlink.frames import Array, FlightFrame
+from coaxlink.health.columns import CHANNELS, Column, independent, lasting, left, passing, rows_of
+from coaxlink.residual.flight import JUDGED_RATE_HZ, flight_frame
+from coaxlink.rotor.fit import huber_weights, least_squares
+from coaxlink.rotor.model import LOADS, RotorModel
+from coaxlink.rotor.polynomial import design_matrix, parse_term
+
+NORMAL_95 = 1.96
+DRIVE_SCALE = 0.10  # sd of full-throttle speed over the table's, where no speed was measured: sag and set-up
+NO_PRIOR = 0.15  # sd of a load's coefficients where the rotor file has neither intervals nor a covariance
+TURNING, LEAST_ROWS = 0.1, 50  # of full: below, an ESC starts or stops; rows for a line
+WEIGHED = 0.005  # of the mass: a luggage scale
+TOLD, BARELY = 0.5, 0.8  # of the prior's sd: less is told, more is not
+# what the coefficients themselves are, or the weighing
+OWN = ("upper_", "lower_", "single_", "lift_today", "torque_today", "thrust_", "torque_")
+
+
+@dataclass(frozen=True)
+class Told:
+    """One coefficient: what was believed before, and after."""
+
+    load: str
+    term: str
+    prior: float
+    prior_sd: float
+    value: float
+    sd: float
+
+    @property
+    def verdict(self) -> str:
+        """told, partly or not told by these flights."""
+        left = self.sd / max(self.prior_sd, 1e-300)
+        return "told" if left < TOLD else "partly" if left < BARELY else "not told"
+
+
+@dataclass(frozen=True)
+class Update:
+    """A rotor model after flights."""
+
+    model: RotorModel
+    told: tuple[Told, ...]
+    # at hover speeds: prior, its sd, posterior, its sd
+    loads: Mapping[str, tuple[float, float, float, float]]
+    hover: tuple[float, float]  # normalised speeds of upper and lower rotor
+    seconds: float
+    rms: tuple[Array, Array]  # (4,) N, N m of the residual's mean-free rows: before, after
+    measured_speeds: bool
+    notes: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The contract's keys of `identify`, and what flights told."""
+        return {
+            "form": self.model.form,
+            "speed_max_rpm": self.model.speed_max_rpm,
+            "terms": self.model.terms(),
+            "channels": {},
+            "intervals": self.model.identified["intervals"],
+            "told": [{**vars(t), "verdict": t.verdict} for t in self.told],
+            "hover": {
+                "upper_speed": self.hover[0],
+                "lower_speed": self.hover[1],
+                "loads": {
+                    name: {"prior": a, "prior_sd": b, "value": c, "sd": d}
+                    for name, (a, b, c, d) in self.loads.items()
+                },
+            },
+            "seconds": self.seconds,
+            "residual_before": list(map(float, self.rms[0])),
+            "residual_after": list(map(float, self.rms[1])),
+            "measured_speeds": self.measured_speeds,
+            "notes": list(self.notes),
+        }
+
+
+def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior: RotorModel) -> Update:
+    """The prior's coefficients after flights of a weighed vehicle. Raises InputError."""
+    names = [(load, term) for load, terms in prior.terms().items() for term in terms]
+    mean = np.array([prior.terms()[load][term] for load, term in names])
+    covariance, notes = prior_covariance(prior, names, mean)
+    measured = all(log.has(*(f"rpm{r.number}" for r in airframe.rotors)) for log in logs)
+    if measured:
+        logs = [_by_speed(log, airframe, prior.speed_max_rpm) for log in logs]
+        notes += ("what a command means in speed is told by the ESCs' rpm",)
+    else:
+        order = np.array([sum(parse_term(term)) for _, term in names])
+        covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2
+        notes += ("no rotor speeds in the logs: commands stand for them, full throttle within 10 %",)
+    X, y, sds, frames = _system(logs, airframe, prior, names)
+    count = len(names)
+    precision = np.zeros((X.shape[1], X.shape[1]))
+    precision[:count, :count] = np.linalg.inv(covariance + 1e-12 * np.diag(np.diag(covariance)))
+    precision[count:, count:] = np.diag(1 / sds**2)
+    A = X.T @ X + precision
+    posterior = np.asarray(np.linalg.inv(A), float)
+    shift = posterior @ (X.T @ y)
+    found, spread = mean + shift[:count], posterior[:count, :count]
+    terms: dict[str, dict[str, float]] = {load: {} for load in LOADS}
+    for (load, term), value in zip(names, found, strict=True):
+        terms[load][term] = float(value)
+    model = RotorModel.from_terms(prior.form, prior.speed_max_rpm, terms, effects=prior.effects)
+    told = tuple(
+        Told(load, term, float(a), float(np.sqrt(b)), float(c), float(np.sqrt(d)))
+        for (load, term), a, b, c, d in zip(
+            names, mean, np.diag(covariance), found, np.diag(spread), strict=True
+        )
+    )
+    hover = _hover(frames)
+    loads = _at(names, hover, mean, covariance, found, spread)
+    before, after = _rms(frames, model)
+    seconds = sum(len(f.keep) for f in frames) / JUDGED_RATE_HZ
+    model = replace(model, identified=_provenance(prior, logs, names, found, spread, seconds))
+    return Update(model, told, loads, hover, seconds, (before, after), measured, tuple(notes))
+
+
+def prior_covariance(
+    prior: RotorModel, names: Sequence[tuple[str, str]], mean: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """(K, K) covariance of a rotor file's coefficients, and in words where it comes from. Raises
+    InputError."""
+    about = prior.identified.get("prior", {})
+    labels = [f"{load} {term}" for load, term in names]
+    if isinstance(about, Mapping) and list(about.get("coefficients", ())) == labels:
+        try:
+            covariance = np.array(about["covariance"], float)
+        except (KeyError, TypeError, ValueError):  # a list of lists of unequal length, words
+            covariance = np.zeros(0)
+        sound = covariance.shape == (len(names), len(names)) and bool(np.isfinite(covariance).all())
+        if not sound or np.linalg.eigvalsh(covariance).min() < -1e-6 * np.trace(covariance):
+            raise InputError(
+                "--rotor", "identified.prior.covariance", "a covariance of its terms is expected"
+            )
+        return covariance, ("prior: the rotor file's own covariance",)
+    bounds = prior.identified.get("intervals", {})
+    sds = []
+    for (load, term), value in zip(names, mean, strict=True):
+        interval = bounds.get(load, {}).get(term) if isinstance(bounds, Mapping) else None
+        interval = interval if isinstance(interval, list) and len(interval) == 2 else None
+        wide = NO_PRIOR * abs(float(value))
+        sds.append(max((interval[1] - interval[0]) / 2 / NORMAL_95, 1e-9) if interval else wide)
+    where = (
+        "its intervals"
+        if bounds
+        else f"{100 * NO_PRIOR:.0f} % of each coefficient (the file has no intervals)"
+    )
+    return np.diag(np.array(sds) ** 2), (f"prior: {where}",)
+
+
+def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples:
+    """A log whose motor columns are the speeds that its rpm say the commands mean, rotor by rotor.
+
+    A straight line through rpm over command: ESCs tell late and coarsely, and errors of that kind in the
+    speeds themselves would pass for what the coefficients do. Raises InputError for a rotor that tells no
+    speed.
+    """
+    columns = {}
+    for rotor in airframe.rotors:
+        command, speed = log[f"motor{rotor.number}"], log[f"rpm{rotor.number}"] / speed_max_rpm
+        rows = np.isfinite(command) & np.isfinite(speed) & (command > TURNING) & (speed > TURNING)
+        if rows.sum() < LEAST_ROWS:
+            raise InputError(
+                log.source, f"column rpm{rotor.number}", "no speeds while its motor was commanded"
+            )
+        line = np.stack([np.ones(rows.sum()), command[rows]], axis=1)
+        base, slope = least_squares(line, speed[rows], huber_weights(line, speed[rows])[0])
+        columns[f"motor{rotor.number}"] = np.where(command > 0, base + slope * command, 0.0)
+    return log.with_columns(**columns)
+
+
+def _system(
+    logs: Sequence[Samples], airframe: Airframe, prior: RotorModel, names: Sequence[tuple[str, str]]
+) -> tuple[Array, Array, Array, list[FlightFrame]]:
+    """X (n, K + nuisances), y (n,), the nuisances' sds, and the frames; rows whitened and tempered."""
+    blocks: list[tuple[Array, Array, Array]] = []
+    targets, shared, today, frames = [], [], [], []
+    for log in logs:
+        frame = flight_frame([log], airframe, prior)
+        frames.append(frame)
+        own = rows_of(frame, _terms(frame, names))
+        parts = [[c for c in make(frame) if not c.name.startswith(OWN)] for make in (lasting, passing)]
+        none = np.zeros_like(frame.thrust)
+        weight = Column("weighing", WEIGHED, frame.airframe.body_loads(frame.thrust, none))
+        parts[0].append(weight)
+        stacked = [rows_of(frame, np.stack([c.values for c in part], axis=-1)) for part in parts]
+        y = rows_of(frame, (frame.measured - frame.predicted)[..., None])[:, :, 0]
+        usual = np.abs([prior.terms()[load][term] for load, term in names]) * NO_PRIOR + 1e-9
+        sds = np.concatenate([usual, *[[c.sd for c in part] for part in parts]])
+        rest = left(y, np.concatenate([own, *stacked], axis=-1), sds)
+        noise = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-6 * frame.reference[list(CHANNELS)])
+        scale = np.sqrt(independent(rest / noise)) / noise
+        a, b, c = ((block * scale[None, :, None]).reshape(-1, block.shape[-1]) for block in (own, *stacked))
+        blocks.append((a, b, c))
+        targets.append((y * scale).ravel())
+        shared = [column.sd for column in parts[0]]
+        today.append([column.sd for column in parts[1]])
+    sizes = [c.shape[1] for _, _, c in blocks]
+    total = sum(sizes)
+    rows = []
+    start = 0
+    for (a, b, c), size in zip(blocks, sizes, strict=True):
+        wide = np.zeros((len(a), total))
+        wide[:, start : start + size] = c
+        rows.append(np.concatenate([a, b, wide], axis=1))
+        start += size
+    sds = np.concatenate([shared, *today])
+    return np.concatenate(rows), np.concatenate(targets), sds, frames
+
+
+def _terms(frame: FlightFrame, names: Sequence[tuple[str, str]]) -> Array:
+    """(rows, 6, K) what a unit more of each coefficient adds."""
+    body, u = frame.airframe, frame.speeds
+    none = np.zeros_like(u)
+    out = np.zeros((*frame.predicted.shape, len(names)))
+    for k, (load, term) in enumerate(names):
+        side, quantity = load.split(".")
+        values = np.zeros_like(u)
+        for upper, lower in body.pairs:
+            values[:, upper if side == "upper" else lower] = design_matrix([term], u[:, upper], u[:, lower])[
+                :, 0
+            ]
+        for i in body.singles if side == "upper" else ():
+            values[:, i] = design_matrix([term], u[:, i], 0 * u[:, i])[:, 0]
+        thrust_gain, torque_gain = body.gains
+        if quantity == "thrust_N":
+            out[:, :, k] = body.body_loads(values * thrust_gain, none)
+        else:
+            out[:, :, k] = body.body_loads(none, values * torque_gain)
+    return out
+
+
+def _hover(frames: Sequence[FlightFrame]) -> tuple[float, float]:
+    body = frames[0].airframe
+    speeds = np.concatenate([f.speeds[f.keep] for f in frames])
+    middle = np.median(speeds, axis=0)
+    uppers = [u for u, _ in body.pairs] or list(body.singles)
+    lowers = [low for _, low in body.pairs] or list(body.singles)
+    return float(np.mean(middle[uppers])), float(np.mean(middle[lowers]))
+
+
+def _at(
+    names: Sequence[tuple[str, str]],
+    hover: tuple[float, float],
+    mean: Array,
+    covariance: Array,
+    found: Array,
+    spread: Array,
+) -> dict[str, tuple[float, float, float, float]]:
+    u, v = np.array([hover[0]]), np.array([hover[1]])
+    out = {}
+    for load in LOADS:
+        own = np.array([name == load for name, _ in names])
+        x = design_matrix([term for _, term in names], u, v)[0] * own
+        out[load] = (
+            float(x @ mean),
+            float(np.sqrt(x @ covariance @ x)),
+            float(x @ found),
+            float(np.sqrt(x @ spread @ x)),
+        )
+    return out
+
+
+def _rms(frames: Sequence[FlightFrame], model: RotorModel) -> tuple[Array, Array]:
+    pairs = []
+    for frame in frames:
+        after = frame.pulling(*frame.airframe.loads(model, frame.speeds))
+        pairs.append([rows_of(f, (f.measured - f.predicted)[..., None])[:, :, 0] for f in (frame, after)])
+    before, after_rows = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    return np.sqrt(np.mean(before**2, axis=0)), np.sqrt(np.mean(after_rows**2, axis=0))
+
+
+def _provenance(
+    prior: RotorModel,
+    logs: Sequence[Samples],
+    names: Sequence[tuple[str, str]],
+    mean: Array,
+    covariance: Array,
+    seconds: float,
+) -> dict[str, Any]:
+    """The prior's own provenance, with the flights behind it: the posterior is the next flights' prior."""
+    half = NORMAL_95 * np.sqrt(np.diag(covariance))
+    intervals: dict[str, dict[str, list[float]]] = {}
+    for (load, term), m, h in zip(names, mean, half, strict=True):
+        intervals.setdefault(load, {})[term] = [float(m - h), float(m + h)]
+    before = prior.identified.get("prior", {})
+    flights = [
+        {"file": Path(log.source).name, "sha256": files.sha256(Path(log.source))}
+        for log in logs
+        if Path(log.source).is_file()
+    ]
+    return {
+        **{k: v for k, v in prior.identified.items() if k != "prior"},
+        "law": "prior updated by flights: Bayesian linear regression on the measured wrench",
+        "errors": {},
+        "intervals": intervals,
+        "flights": [*prior.identified.get("flights", []), *flights],
+        "flight_seconds": float(prior.identified.get("flight_seconds", 0.0)) + seconds,
+        "prior": {
+            **(dict(before) if isinstance(before, Mapping) else {}),
+            "coefficients": [f"{load} {term}" for load, term in names],
+            "mean": [float(v) for v in mean],
+            "covariance": [[float(v) for v in row] for row in covariance],
+        },
+    }

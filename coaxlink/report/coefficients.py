@@ -1,0 +1,65 @@
+"""A rotor model after flights as tables and words: prior beside posterior, coefficient by coefficient."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from coaxlink.health.coefficients import NORMAL_95, Update
+
+CHANNELS = ("force down, N", "roll, N m", "pitch, N m", "yaw, N m")
+
+
+def told_table(update: Update) -> Any:
+    """Rich table: every coefficient before and after."""
+    from rich.table import Table
+
+    table = Table(title="coefficients: prior and posterior, 95 %", title_justify="left")
+    for heading in ("load", "term"):
+        table.add_column(heading)
+    for heading in ("prior", "after the flights", "these flights"):
+        table.add_column(heading, justify="right")
+    before = ""
+    for t in update.told:
+        if t.load != before:
+            table.add_section()
+        prior, after = (
+            f"{v:.4f} ± {NORMAL_95 * sd:.4f}" for v, sd in ((t.prior, t.prior_sd), (t.value, t.sd))
+        )
+        table.add_row(t.load if t.load != before else "", t.term, prior, after, t.verdict)
+        before = t.load
+    return table
+
+
+def hover_table(update: Update) -> Any:
+    """Rich table: the loads of both rotors at the flights' median speeds."""
+    from rich.table import Table
+
+    u, v = update.hover
+    table = Table(title=f"one pair at {u:.2f} and {v:.2f} of full speed, 95 %", title_justify="left")
+    table.add_column("load")
+    table.add_column("prior", justify="right")
+    table.add_column("after the flights", justify="right")
+    for load, (prior, prior_sd, value, sd) in update.loads.items():
+        cells = (f"{a:.3f} ± {NORMAL_95 * b:.3f}" for a, b in ((prior, prior_sd), (value, sd)))
+        table.add_row(load, *cells)
+    return table
+
+
+def words(update: Update) -> Iterator[str]:
+    """What the flights told, what they did not, and which flight would tell more."""
+    yield from update.notes
+    for name, before, after in zip(CHANNELS, *update.rms, strict=True):
+        yield f"{name}: residual of the model alone {before:.3g} before, {after:.3g} after"
+    open_terms = [f"{t.load} {t.term}" for t in update.told if t.verdict == "not told"]
+    if open_terms:
+        yield f"not told by these flights, as believed before: {', '.join(open_terms)}"
+    thrust = {load: sds for load, (*_, sds) in update.loads.items() if load.endswith("thrust_N")}
+    largest = max(thrust.values())
+    if largest > 0.02 * float(np.sum([update.loads[load][2] for load in thrust])):
+        yield (
+            f"upper against lower thrust stays open by {NORMAL_95 * largest:.2g} N a rotor: all flights had "
+            "much the same split; another table (other split) flown the same way would tell it"
+        )
