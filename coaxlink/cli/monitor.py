@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from coaxlink.cli._shell import JsonOption, console, say
 
 if TYPE_CHECKING:
-    from coaxlink.monitor.watch import Watch
+    from rich.text import Text
 
-DEFAULT_URL = "udpin:0.0.0.0:14550"
+    from coaxlink.monitor.config import Config
+    from coaxlink.monitor.player import Player
+    from coaxlink.monitor.state import View
+    from coaxlink.monitor.watch import Watch
 
 
 def register(app: typer.Typer) -> None:
@@ -23,7 +28,10 @@ def register(app: typer.Typer) -> None:
 
 
 def monitor(
-    connect: Annotated[str, typer.Option("--connect", metavar="URL", help="Where to listen.")] = DEFAULT_URL,
+    connect: Annotated[
+        str | None,
+        typer.Option("--connect", metavar="URL", help="Where to listen (default: udpin:0.0.0.0:14550)."),
+    ] = None,
     airframe: Annotated[
         Path | None,
         typer.Option("--airframe", metavar="FILE", help="Airframe TOML (default: the paper's X8)."),
@@ -32,6 +40,22 @@ def monitor(
         Path | None,
         typer.Option("--rotor", metavar="FILE", help="Rotor model TOML (default: the airframe's)."),
     ] = None,
+    replay: Annotated[
+        Path | None, typer.Option("--replay", metavar="FILE", help="Play a tlog, ULog or .bin instead.")
+    ] = None,
+    speed: Annotated[
+        float, typer.Option("--speed", min=0.02, max=1000.0, help="Of --replay, times real time.")
+    ] = 1.0,
+    start: Annotated[
+        float, typer.Option("--start", min=0.0, metavar="S", help="Where --replay begins, in s.")
+    ] = 0.0,
+    theme: Annotated[
+        str | None, typer.Option("--theme", help="dark, light, or none: without colour (as with NO_COLOR).")
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="FILE", help="Settings (default: ~/.config/coaxlink/monitor.toml)."),
+    ] = None,
     once: Annotated[bool, typer.Option("--once", help="No screen: print one look and leave.")] = False,
     seconds: Annotated[
         float, typer.Option("--seconds", min=0.2, max=3600.0, help="How long --once and --json listen.")
@@ -39,18 +63,48 @@ def monitor(
     json: JsonOption = None,
 ) -> None:
     """Live thrust of upper and lower rotors, split, balance, table on board and link."""
+    from coaxlink.monitor.config import load_config
     from coaxlink.monitor.feed import check_address
+    from coaxlink.monitor.format import replay_words
 
-    watch = _watch(connect, airframe, rotor)
-    check_address(connect)
+    settings = load_config(config)
+    settings = replace(settings, theme=_theme(theme or settings.theme))
+    url = connect or settings.connect
+    watch = _watch(str(replay) if replay else url, airframe or settings.airframe, rotor or settings.rotor)
+    player = None if replay is None else _player(replay, watch, speed, start)
+    if player is None:
+        check_address(url)
     if once or json is not None:
-        _look_once(watch, seconds, json)
+        if player is None:
+            _look_once(watch, seconds, json)
+        else:
+            tape = player.recording
+            where = replay_words(tape.name, player.position_s, tape.length_s, 1.0, False)
+            _show(player.look_once(), json, where)
         return
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         from coaxlink.errors import InputError
 
         raise InputError("monitor", "", "the screen needs a terminal; without one use --once or --json FILE")
-    _screen(watch)
+    _screen(watch, settings, player)
+
+
+def _theme(name: str | None) -> str:
+    from coaxlink.errors import InputError
+    from coaxlink.monitor.themes import PALETTES
+
+    if name is not None and name not in PALETTES:
+        raise InputError("--theme", "", f"one of {', '.join(PALETTES)} is expected, found {name!r}")
+    return name or ("none" if os.environ.get("NO_COLOR") else "dark")
+
+
+def _player(path: Path, watch: Watch, speed: float, start_s: float) -> Player:
+    from coaxlink.monitor.player import Player
+    from coaxlink.monitor.tape import load_tape
+
+    tape = load_tape(path)
+    watch.line = lambda: list(tape.notes)
+    return Player(tape, watch, speed=speed, start_s=start_s)
 
 
 def _watch(connect: str, airframe_path: Path | None, rotor_path: Path | None) -> Watch:
@@ -68,14 +122,23 @@ def _watch(connect: str, airframe_path: Path | None, rotor_path: Path | None) ->
     return Watch(connect, vehicle)
 
 
-def _screen(watch: Watch) -> None:
+def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
     from coaxlink.monitor.feed import Feed
     from coaxlink.monitor.screen import Monitor
 
+    shown: dict[str, Any] = {
+        "folder": settings.snapshots,
+        "plot_span_s": settings.plot_s,
+        "page": settings.page,
+        "palette": settings.theme,
+    }
+    if player is not None:
+        Monitor(player.look, player=player, **shown).run()
+        return
     feed = Feed(watch)
     feed.start()
     try:
-        Monitor(watch.look, trouble=lambda: feed.failure).run()
+        Monitor(watch.look, trouble=lambda: feed.failure, **shown).run()
     finally:
         feed.stop()
     if feed.failure is not None:
@@ -83,14 +146,10 @@ def _screen(watch: Watch) -> None:
 
 
 def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:
-    from coaxlink import files
     from coaxlink.mavlink import connect
     from coaxlink.monitor.feed import COMPONENT, begin
-    from coaxlink.monitor.format import summary
     from coaxlink.monitor.streams import Streams
     from coaxlink.monitor.table_reader import TableReader
-    from coaxlink.monitor.themes import DARK, dress
-    from coaxlink.monitor.watch import to_json
 
     end = time.monotonic() + seconds
     patience_s = max(seconds, 3.0)
@@ -105,6 +164,15 @@ def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:
         while (left := end - time.monotonic()) > 0.0:
             session.wait((), min(left, 0.2))
             view = watch.look(time.monotonic())  # a steady hover is told from several looks
+    _show(view, json)
+
+
+def _show(view: View, json: Path | None, replay: Text | None = None) -> None:
+    from coaxlink import files
+    from coaxlink.monitor.format import summary
+    from coaxlink.monitor.themes import DARK, dress
+    from coaxlink.monitor.watch import to_json
+
     if json is not None:
         files.write_json(json, to_json(view))
-    console().print(dress(summary(view), DARK))
+    console().print(dress(summary(view, replay), DARK))

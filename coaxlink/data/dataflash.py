@@ -71,7 +71,25 @@ def dataflash_parameters(path: Path) -> dict[str, float]:
     return _messages(path, ())[1]
 
 
+def dataflash_texts(path: Path) -> list[tuple[float, str]]:
+    """(time_s, text) of what ArduPilot logged in words, in order. Raises InputError."""
+    found, _ = _read(path, ("MSG",))
+    return [(m.TimeUS / 1e6, str(m.Message)) for m in found.get("MSG", ())]
+
+
 def _messages(path: Path, types: Sequence[str] = TYPES) -> tuple[dict[str, Rows], dict[str, float]]:
+    found, parameters = _read(path, types)
+    rows = {}
+    for name, messages in found.items():
+        fields = [
+            f for f in messages[0].get_fieldnames() if not isinstance(getattr(messages[0], f), (str, bytes))
+        ]
+        rows[name] = {f: np.array([getattr(m, f) for m in messages], float) for f in fields}
+    return rows, parameters
+
+
+def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, float]]:
+    """The messages of these types by name, and the last value of each parameter. Raises InputError."""
     found: dict[str, list[Any]] = {}
     parameters: dict[str, float] = {}
     kind = _reader_class()
@@ -93,13 +111,7 @@ def _messages(path: Path, types: Sequence[str] = TYPES) -> tuple[dict[str, Rows]
         for name in ("data_map", "filehandle"):
             with contextlib.suppress(AttributeError, BufferError):  # not opened; still looked at by an error
                 getattr(reader, name).close()
-    rows = {}
-    for name, messages in found.items():
-        fields = [
-            f for f in messages[0].get_fieldnames() if not isinstance(getattr(messages[0], f), (str, bytes))
-        ]
-        rows[name] = {f: np.array([getattr(m, f) for m in messages], float) for f in fields}
-    return rows, parameters
+    return found, parameters
 
 
 @functools.cache

@@ -51,6 +51,11 @@ def frames(path: Path) -> Iterator[bytes]:
 
     Raises InputError when there is more damage than log.
     """
+    return (frame for _, frame in stamped_frames(path))
+
+
+def stamped_frames(path: Path) -> Iterator[tuple[int, bytes]]:
+    """(recorder's clock in us since 1970, frame) of a tlog in order; as `frames`."""
     data = files.read_bytes(path, bounded.LOG)
     at = skipped = 0
     while at + 16 < len(data):
@@ -58,7 +63,7 @@ def frames(path: Path) -> Iterator[bytes]:
         # a frame is believed when another, or the end, follows it: its first byte alone says little
         if size and (at + 8 + size + 9 > len(data) or _frame_size(data, at + 8 + size + 8)):
             if at + 8 + size <= len(data):
-                yield data[at + 8 : at + 8 + size]
+                yield int.from_bytes(data[at : at + 8], "big"), data[at + 8 : at + 8 + size]
             at += 8 + size
             continue
         if not skipped:

@@ -64,6 +64,12 @@ def ulog_parameters(path: Path) -> dict[str, float | int]:
     return dict(_open(path).initial_parameters)
 
 
+def ulog_texts(path: Path) -> list[tuple[float, int, str]]:
+    """(time_s, severity 0..7, text) of what PX4 logged in words, in order. Raises InputError."""
+    found = [(m.timestamp / 1e6, m.log_level - ord("0"), str(m.message)) for m in _open(path).logged_messages]
+    return sorted(found, key=lambda row: row[0])
+
+
 def _open(path: Path) -> Any:
     from pyulog import ULog
 

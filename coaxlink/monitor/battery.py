@@ -1,8 +1,9 @@
 """The battery: what it reads, in a word, and for how many minutes it lasts.
 
-The word is the autopilot's (MAV_BATTERY_CHARGE_STATE). Where it says none, the remaining charge is held
-against PX4's thresholds: the board's own if they were heard, else their defaults (BAT_LOW_THR 0.15,
-BAT_CRIT_THR 0.07, BAT_EMERGEN_THR 0.05; PX4 v1.14 src/lib/battery/module.yaml).
+The word is the worse of the autopilot's (MAV_BATTERY_CHARGE_STATE) and of what the remaining charge is by
+PX4's thresholds: the board's own if they were heard, else their defaults (BAT_LOW_THR 0.15, BAT_CRIT_THR
+0.07, BAT_EMERGEN_THR 0.05; PX4 v1.14 src/lib/battery/module.yaml). An ArduPilot without failsafes says ok
+to the end.
 
 Minutes: the autopilot's `time_remaining`; else the airframe's `battery_Wh` over the power that is drawn; else
 how fast the remaining charge has been falling, once it fell by three of its whole percents.
@@ -26,6 +27,8 @@ _WORDS = {
     6: "unhealthy",
     7: "charging",
 }
+_DOWN = ("ok", "low", "critical", "emergency")
+THRESHOLDS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")
 _THRESHOLDS = (("BAT_EMERGEN_THR", 0.05, "emergency"), ("BAT_CRIT_THR", 0.07, "critical"))
 _LOW = ("BAT_LOW_THR", 0.15, "low")
 _WINDOW_S = 300.0  # of the fall of the charge: a flight's power changes within minutes
@@ -88,7 +91,9 @@ def battery_of(
             continue
         current = m.current_battery / 100 if m.current_battery >= 0 else None
         remaining = m.battery_remaining / 100 if m.battery_remaining >= 0 else None
-        word = _WORDS.get(int(getattr(m, "charge_state", 0) or 0)) or _judged(remaining, readings.parameters)
+        word = _worse(
+            _WORDS.get(int(getattr(m, "charge_state", 0) or 0), ""), _judged(remaining, readings.parameters)
+        )
         told_s = float(getattr(m, "time_remaining", 0) or 0)
         minutes, by = _minutes(told_s, voltage, current, remaining, energy_Wh, trend_min)
         return Battery(voltage, current, remaining, word, minutes, by, arrival.received_s)
@@ -108,6 +113,13 @@ def _minutes(
     if energy_Wh is not None and remaining is not None and current_A:
         return 60.0 * energy_Wh * remaining / (voltage_V * current_A), "battery_Wh"
     return (trend_min, "trend") if trend_min is not None else (None, "")
+
+
+def _worse(told: str, judged: str) -> str:
+    """A pack that charges, or has failed, is what it says; else the one further down."""
+    if not told or not judged or told not in _DOWN:
+        return told or judged
+    return max(told, judged, key=_DOWN.index)
 
 
 def _judged(remaining: float | None, parameters: Mapping[str, float]) -> str:

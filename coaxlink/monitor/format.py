@@ -166,7 +166,7 @@ def battery_words(view: View) -> Text:
     """`ok, 12 min left`: how the battery is, in a word."""
     v = view.vehicle
     if v is None or not v.battery_word:
-        return Text("battery not told", DIM)
+        return Text("charge not told", DIM)
     old = v.battery_stale or view.link.state == "lost"
     mark = STALE if old else ""
     words = Text(v.battery_word.upper() if v.battery_word not in ("ok", "charging") else v.battery_word)
@@ -221,25 +221,33 @@ def board(view: View) -> Text:
     return Text("\n").join((first, *texts))
 
 
-def head(view: View, width: int, paused: bool = False) -> Text:
-    """One line: firmware, mode, armed on the left; the link on the right."""
+def head(view: View, width: int, paused: bool = False, replay: Text | None = None) -> Text:
+    """One line: firmware, mode, armed on the left; the link on the right, or where a replay is."""
     v, link = view.vehicle, view.link
     left = Text.assemble(("coaxlink ", "bold"))
     if v is not None:
         firmware = f"{v.firmware} {v.version}".strip()
         left.append(f"{firmware}  ", DIM)
-        left.append(f"{v.mode}  ", "bold")
+        left.append(f"{v.mode}  " if v.mode else "", "bold")
         mark = STALE if link.state == "lost" else ""
         left.append(f"{'ARMED' if v.armed else 'disarmed'}{mark}", f"bold {BAD}" if v.armed else GOOD)
     if paused:
         left.append("  PAUSED", f"bold {WARN}")
-    right = link_words(view)
-    if width and left.cell_len + right.cell_len + 2 > width:
+    right = link_words(view) if replay is None else replay
+    if replay is None and width and left.cell_len + right.cell_len + 2 > width:
         right = link_words(view, short=True)
-    if width >= 110:
+    if width >= 110 and replay is None:
         right.append(f"  {link.address}", DIM)
     gap = max(width - left.cell_len - right.cell_len, 2)
     return Text.assemble(left, " " * gap, right)
+
+
+def replay_words(name: str, position_s: float, length_s: float, speed: float, playing: bool) -> Text:
+    """`▶ flight.tlog 1:02.0 / 4:10.0 x2`."""
+    shown = name if len(name) <= 20 else f"{name[:8]}…{name[-11:]}"
+    words = Text(f"{'▶' if playing else '■ stopped'} ", GOOD if playing else WARN)
+    words.append(f"{shown} ", DIM)
+    return words.append(f"{clock(position_s)} / {clock(length_s)} x{speed:g}")
 
 
 def link_words(view: View, *, short: bool = False) -> Text:
@@ -294,9 +302,9 @@ def said(view: View, now: datetime | None) -> Text:
     return Text("\n").join(lines)
 
 
-def summary(view: View) -> Text:
+def summary(view: View, replay: Text | None = None) -> Text:
     """The whole view in lines, for `--once`."""
-    lines = [head(view, 0)]
+    lines = [head(view, 0, replay=replay)]
     width = 60
     old = speeds_old(view)
     for arm in view.arms:

@@ -32,6 +32,11 @@ _KEYS = (
     ("+ -", "plots: shorter, longer time (the mouse wheel too)"),
     ("ctrl+p", "all of this by name"),
 )
+_REPLAY = (
+    ("space  [ ]", "replay: stop or go on, slower, faster"),
+    (", .  < >", "replay: 10 s back, on; 1 min back, on"),
+    ("g", "replay: go to a time"),
+)
 
 
 class Help(ModalScreen[None]):
@@ -39,9 +44,9 @@ class Help(ModalScreen[None]):
 
     BINDINGS: ClassVar[list[BindingType]] = [("escape,question_mark,q,enter,space", "dismiss", "Close")]
 
-    def __init__(self, palette: Palette, more: tuple[tuple[str, str], ...] = ()) -> None:
+    def __init__(self, palette: Palette, *, replay: bool = False) -> None:
         super().__init__()
-        self._palette, self._keys = palette, (*_KEYS, *more)
+        self._palette, self._keys = palette, (*_KEYS, *(_REPLAY if replay else ()))
 
     def compose(self) -> ComposeResult:
         text = Text.assemble(

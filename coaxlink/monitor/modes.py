@@ -7,6 +7,7 @@ the number of the mode (mode.h).
 from __future__ import annotations
 
 FIRMWARE = {3: "ArduPilot", 12: "PX4"}
+NO_MODE = 0xFFFFFFFF  # no autopilot's: the mode is not known
 ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 
 _PX4_MAIN = {
@@ -64,7 +65,9 @@ def firmware_name(autopilot: int) -> str:
 
 
 def mode_name(autopilot: int, custom_mode: int) -> str:
-    """Flight mode in the firmware's own words; an unknown one by its number."""
+    """Flight mode in the firmware's own words; an unknown one by its number, "" where it was not told."""
+    if custom_mode == NO_MODE:
+        return ""
     if autopilot == 12:
         main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
         name = _PX4_AUTO.get(sub) if main == 4 else _PX4_MAIN.get(main)

@@ -163,6 +163,26 @@ class Collector:
                     del self._parameters[name]
             self._parameters.update(values)
 
+    def clear(self) -> None:
+        """Forget everything, also whom to watch: a replay begins elsewhere."""
+        with self._lock:
+            self._target, self._last_s, self._clock_s = None, None, None
+            for kept in (
+                self._others,
+                self._latest,
+                self._parameters,
+                self._sequence,
+                self._bins,
+                self._texts,
+            ):
+                kept.clear()
+
+    def pass_by(self, system: int, component: int, sequence: int, received_s: float) -> None:
+        """Count a message that nobody here can read: it did not get lost."""
+        with self._lock:
+            if self._target is not None and self._target[0] == system:
+                self._count(sequence, component, received_s)
+
     def readings(self, now_s: float) -> Readings:
         """A frozen copy of what is known at `now_s`."""
         with self._lock:

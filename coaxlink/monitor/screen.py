@@ -20,22 +20,35 @@ from textual.widgets import ContentSwitcher, Footer, Static
 from coaxlink import files
 from coaxlink.errors import CoaxlinkError
 from coaxlink.monitor import format as words
+from coaxlink.monitor.go_to import GoTo
 from coaxlink.monitor.help import Help
 from coaxlink.monitor.history import History, Window
 from coaxlink.monitor.marks import DIM, WARN
 from coaxlink.monitor.pages import ErrorPage, MessagesPage, Picture, SplitPage, Zoomed, put
+from coaxlink.monitor.player import Player
 from coaxlink.monitor.state import View
 from coaxlink.monitor.themes import PALETTES, TEXTUAL
 
 REFRESH_S = 0.2
 PAGES = ("split", "error", "messages")
+REPLAY_KEYS: list[BindingType] = [
+    Binding("space", "play", "Play/stop", show=False),
+    Binding("comma", "seek(-10)", "10 s back", show=False),
+    Binding("full_stop", "seek(10)", "10 s on", show=False),
+    Binding("less_than_sign", "seek(-60)", "1 min back", show=False),
+    Binding("greater_than_sign", "seek(60)", "1 min on", show=False),
+    Binding("left_square_bracket", "speed(0.5)", "Slower", show=False),
+    Binding("right_square_bracket", "speed(2.0)", "Faster", show=False),
+    Binding("g", "go_to", "Go to", show=False),
+]
+REPLAY_ACTIONS = ("play", "seek", "speed", "go_to")
 
 
 class Monitor(App[None]):
     """`look(now_s)` gives the view; once `trouble()` is not None the feed is dead and the screen ends.
 
     `folder` is where snapshots go (default: the current one), `page` what is shown first, `palette` a name
-    of `themes.PALETTES`.
+    of `themes.PALETTES`; with `player` it is a replay.
     """
 
     TITLE = "coaxlink monitor"
@@ -56,6 +69,7 @@ class Monitor(App[None]):
         Binding("end", "scroll(-1000)", "Now", show=False),
         Binding("plus,equals_sign", "zoom(0.5)", "Zoom in", show=False),
         Binding("minus", "zoom(2.0)", "Zoom out", show=False),
+        *REPLAY_KEYS,
     ]
     CSS_PATH = "screen.tcss"
 
@@ -68,8 +82,10 @@ class Monitor(App[None]):
         plot_span_s: float = 60.0,
         page: str = "split",
         palette: str = "dark",
+        player: Player | None = None,
     ) -> None:
         super().__init__()
+        self.player = player
         self.look, self.trouble = look, trouble
         self.folder = folder or Path.cwd()
         self.paused = False
@@ -129,7 +145,8 @@ class Monitor(App[None]):
         pages = root.query_one("#pages", ContentSwitcher)
         pages.display = not waiting
         root.query_one("#waiting").display = waiting
-        self._put("head", words.head(view, self.size.width - 2, self.paused))
+        tape = None if self.player is None else self._tape_words(self.player)
+        self._put("head", words.head(view, self.size.width - 2, self.paused, tape))
         if waiting:
             root.query_one("#notes").display = False
             self._put("waiting", _waiting(view))
@@ -142,7 +159,14 @@ class Monitor(App[None]):
         self._put("notes", notes)
 
     def _picture(self, view: View) -> Picture:
-        return Picture(view, self._shown, self.window, PALETTES[self.palette], datetime.now())
+        return Picture(
+            view, self._shown, self.window, PALETTES[self.palette], None if self.player else datetime.now()
+        )
+
+    @staticmethod
+    def _tape_words(player: Player) -> Text:
+        tape = player.recording
+        return words.replay_words(tape.name, player.position_s, tape.length_s, player.speed, player.playing)
 
     # -- what the user does ----------------------------------------------------------------------------------
 
@@ -171,6 +195,38 @@ class Monitor(App[None]):
     def on_zoomed(self, message: Zoomed) -> None:
         self.action_zoom(message.factor)
 
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Keys of a replay do nothing on a live vehicle."""
+        return self.player is not None if action in REPLAY_ACTIONS else True
+
+    def action_play(self) -> None:
+        """Replay: stop, or go on."""
+        if self.player:
+            self.player.toggle()
+            self.tick()
+
+    def action_seek(self, by_s: float) -> None:
+        """Replay: so many seconds on."""
+        if self.player:
+            self.player.seek(self.player.position_s + by_s)
+            self.tick()
+
+    def action_speed(self, factor: float) -> None:
+        """Replay: so many times as fast."""
+        if self.player:
+            self.player.scaled(factor)
+            self.draw()
+
+    def action_go_to(self) -> None:
+        """Replay: ask for a time and go there."""
+
+        def go(to_s: float | None) -> None:
+            if self.player and to_s is not None:
+                self.player.seek(to_s)
+                self.tick()
+
+        self.push_screen(GoTo(), go)
+
     def action_theme(self) -> None:
         """The next theme."""
         names = list(PALETTES)
@@ -185,7 +241,7 @@ class Monitor(App[None]):
 
     def action_help(self) -> None:
         """Show the help."""
-        self.push_screen(Help(PALETTES[self.palette]))
+        self.push_screen(Help(PALETTES[self.palette], replay=self.player is not None))
 
     def action_save(self) -> None:
         """Write the screen as an SVG file beside the user's other files."""

@@ -14,6 +14,7 @@ from coaxlink.mavlink import Session
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import HASH, Parameters
 from coaxlink.monitor import board_ardupilot
+from coaxlink.monitor.battery import THRESHOLDS
 from coaxlink.monitor.board import TABLE_NAMES, rotor_names
 from coaxlink.monitor.watch import Watch
 from firmware_params.ardupilot import scripts
@@ -58,6 +59,7 @@ class TableReader:
         if (self._session.identity.version or (99,)) < (1, 14):
             self._watch.collector.put_parameters(self._read(("SYS_CTRL_ALLOC",)))
         self._watch.collector.put_parameters(table, replace_prefix="CA_")
+        self._watch.collector.put_parameters(self._read(THRESHOLDS))
         self._complete = len(table) == len(TABLE_NAMES) + len(rotors)
         self._hash = current
 

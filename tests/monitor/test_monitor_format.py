@@ -131,7 +131,7 @@ def test_battery_in_a_word_with_minutes() -> None:
     pack.time_remaining, pack.charge_state = 250, 3
     said = words.battery_words(view_of(heartbeat(), pack))
     assert said.plain == "CRITICAL, 4 min left" and "bad" in str(said.style) + str(said.spans)
-    assert words.battery_words(view_of(heartbeat())).plain == "battery not told"
+    assert words.battery_words(view_of(heartbeat())).plain == "charge not told"
 
 
 def test_themes_know_every_style_name_and_none_has_no_colour() -> None:

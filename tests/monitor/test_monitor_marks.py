@@ -92,7 +92,8 @@ def test_current_and_temperature_are_shown_where_they_are_sent() -> None:
         (7, None, 0, "critical"),
         (5, None, 0, "emergency"),
         (25, 0.3, 0, "low"),  # the board's own threshold
-        (5, None, 1, "ok"),  # the autopilot's word
+        (83, None, 3, "critical"),  # the autopilot's word
+        (5, None, 1, "emergency"),  # the worse of the two
         (83, None, 6, "unhealthy"),
         (-1, None, 0, ""),
     ],
