@@ -123,6 +123,7 @@ def _watch(connect: str, airframe_path: Path | None, rotor_path: Path | None) ->
 
 
 def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
+    from coaxlink.monitor.desk import Desk
     from coaxlink.monitor.feed import Feed
     from coaxlink.monitor.screen import Monitor
 
@@ -135,10 +136,11 @@ def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
     if player is not None:
         Monitor(player.look, player=player, **shown).run()
         return
-    feed = Feed(watch)
+    desk = Desk(settings.backups or Path("backups"))
+    feed = Feed(watch, desk=desk)
     feed.start()
     try:
-        Monitor(watch.look, trouble=lambda: feed.failure, **shown).run()
+        Monitor(watch.look, trouble=lambda: feed.failure, desk=desk, table=settings.table, **shown).run()
     finally:
         feed.stop()
     if feed.failure is not None:

@@ -15,6 +15,7 @@ from coaxlink.errors import InputError, LinkError
 from coaxlink.mavlink import Session, connect
 from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.transport import open_transport
+from coaxlink.monitor.desk import Desk
 from coaxlink.monitor.streams import Streams
 from coaxlink.monitor.table_reader import TableReader
 from coaxlink.monitor.watch import Watch
@@ -37,8 +38,8 @@ def check_address(url: str) -> None:
 class Feed:
     """Runs until `stop`; `failure` is what ended it otherwise."""
 
-    def __init__(self, watch: Watch, *, patience_s: float = 3.0) -> None:
-        self.watch = watch
+    def __init__(self, watch: Watch, *, patience_s: float = 3.0, desk: Desk | None = None) -> None:
+        self.watch, self.desk = watch, desk
         self.failure: BaseException | None = None
         self._patience_s = patience_s
         self._stopping = threading.Event()
@@ -71,6 +72,8 @@ class Feed:
         except LinkError as error:
             silent = error.problem.startswith("no autopilot")
             self.watch.wait_for("" if silent else f"{url} ({error.problem})")
+            if self.desk:
+                self.desk.work(None)
             self._stopping.wait(0.2 if silent else 1.0)
         except InputError as error:
             # the address was good at the start: a host name that went away, a device pulled out
@@ -88,9 +91,12 @@ class Feed:
             self._pause(session, TABLE_EVERY_S)
 
     def _pause(self, session: Session, duration_s: float) -> None:
-        """Wait while the session's thread receives. Raises LinkError when the line broke."""
+        """Wait while the session's thread receives, and do what the desk has. Raises LinkError when the line
+        broke."""
         end = time.monotonic() + duration_s
         while not self._stopping.is_set() and time.monotonic() < end:
+            if self.desk:
+                self.desk.work(session)
             session.wait((), 0.2)
 
 

@@ -29,6 +29,8 @@ def parse_time(text: str) -> float | None:
 class GoTo(ModalScreen[float | None]):
     """Gives seconds from the start, None when it was left."""
 
+    AUTO_FOCUS = "#time"
+
     BINDINGS: ClassVar[list[BindingType]] = [("escape", "dismiss", "Close")]
 
     def compose(self) -> ComposeResult:

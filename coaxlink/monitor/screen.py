@@ -20,17 +20,18 @@ from textual.widgets import ContentSwitcher, Footer, Static
 from coaxlink import files
 from coaxlink.errors import CoaxlinkError
 from coaxlink.monitor import format as words
+from coaxlink.monitor.desk import Desk
 from coaxlink.monitor.go_to import GoTo
 from coaxlink.monitor.help import Help
 from coaxlink.monitor.history import History, Window
 from coaxlink.monitor.marks import DIM, WARN
 from coaxlink.monitor.pages import ErrorPage, MessagesPage, Picture, SplitPage, Zoomed, put
+from coaxlink.monitor.parameters_page import ParametersPage
 from coaxlink.monitor.player import Player
 from coaxlink.monitor.state import View
 from coaxlink.monitor.themes import PALETTES, TEXTUAL
 
 REFRESH_S = 0.2
-PAGES = ("split", "error", "messages")
 REPLAY_KEYS: list[BindingType] = [
     Binding("space", "play", "Play/stop", show=False),
     Binding("comma", "seek(-10)", "10 s back", show=False),
@@ -49,14 +50,17 @@ class Monitor(App[None]):
 
     `folder` is where snapshots go (default: the current one), `page` what is shown first, `palette` a name
     of `themes.PALETTES`; with `player` it is a replay.
+    `desk` reads and writes parameters, `table` is what it begins with; without one `why_no_desk` is said.
     """
 
     TITLE = "coaxlink monitor"
+    AUTO_FOCUS = ""  # else keys would go into the file name of a page that is not shown
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual types it
     VERTICAL_BREAKPOINTS = [(0, "-short"), (30, "-tall")]  # noqa: RUF012
     BINDINGS: ClassVar[list[BindingType]] = [
         ("1", "page('split')", "Split"),
         ("2", "page('error')", "Error"),
+        ("3", "page('parameters')", "Parameters"),
         ("4", "page('messages')", "Messages"),
         ("p", "pause", "Pause"),
         ("s", "save", "Save"),
@@ -83,9 +87,13 @@ class Monitor(App[None]):
         page: str = "split",
         palette: str = "dark",
         player: Player | None = None,
+        desk: Desk | None = None,
+        table: Path | None = None,
+        why_no_desk: str = "",
     ) -> None:
         super().__init__()
-        self.player = player
+        self.player, self.desk, self.table = player, desk, table
+        self._why_no_desk = why_no_desk or "a replay has no vehicle to read or write"
         self.look, self.trouble = look, trouble
         self.folder = folder or Path.cwd()
         self.paused = False
@@ -103,6 +111,7 @@ class Monitor(App[None]):
         with ContentSwitcher(initial=self._first, id="pages"):
             yield SplitPage(len(view.arms))
             yield ErrorPage(id="error")
+            yield ParametersPage(self.desk, self.table, self._why_no_desk)
             yield MessagesPage(id="messages")
         yield Static(id="notes")
         yield Footer(show_command_palette=False)
@@ -152,7 +161,7 @@ class Monitor(App[None]):
             self._put("waiting", _waiting(view))
             return
         page = pages.visible_content
-        if isinstance(page, SplitPage | ErrorPage | MessagesPage):
+        if isinstance(page, SplitPage | ErrorPage | MessagesPage | ParametersPage):
             page.draw(self._picture(view))
         notes = words.notes(view)
         root.query_one("#notes").display = bool(notes.plain)
@@ -174,6 +183,10 @@ class Monitor(App[None]):
         """Show another page."""
         root = self.screen_stack[0]
         root.query_one("#pages", ContentSwitcher).current = name
+        if name == "parameters":
+            root.query_one("#report").focus()  # its keys work while something in it has the focus
+        else:
+            root.set_focus(None)
         # a page that was hidden has no size before the layout has run
         self.call_after_refresh(self.draw)
 
@@ -239,6 +252,13 @@ class Monitor(App[None]):
         self.theme = theme.name if isinstance(theme, Theme) else theme
         self.draw()
 
+    async def action_quit(self) -> None:
+        """Leave, but never in the middle of writing to a vehicle."""
+        if self.desk is not None and self.desk.busy == "upload":
+            self.notify("an upload is under way: wait until it has ended", severity="warning")
+            return
+        self.exit()
+
     def action_help(self) -> None:
         """Show the help."""
         self.push_screen(Help(PALETTES[self.palette], replay=self.player is not None))
@@ -259,6 +279,7 @@ class Monitor(App[None]):
         for name, what in (
             ("split", "arms, balance, table"),
             ("error", "the allocation error over time"),
+            ("parameters", "difference to a file, backup, upload"),
             ("messages", "what the autopilot said"),
         ):
             yield SystemCommand(f"Page: {name}", what, lambda name=name: self.action_page(name))

@@ -119,6 +119,13 @@ class Uploader:
         named = backup.note.names if backup.note else ()
         return self._ended(lambda: self._carry_out(first, named, wanted, dry_run, False, complete=False))
 
+    def backup(self) -> Path:
+        """Save every parameter and file of the board; where. Raises SafetyRefusal while armed, LinkError."""
+        self._refuse_armed()
+        board = self._board.snapshot()
+        files = self._board.others(board, {})
+        return self._board.write_backup(self._backup_folder, board, files, Note())
+
     def _chosen(self, backup: Backup, board: Snapshot, whole: bool) -> Choice:
         identity = self._session.identity
         owner = Ownership(identity, board.values, self._board.metadata() if whole else None)
