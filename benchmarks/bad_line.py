@@ -45,9 +45,9 @@ def upload_in_a_child(url: str, source: Path, folder: Path, result: Path) -> int
     code = 70
     try:
         from coaxlink.mavlink import connect
-        from coaxlink.upload.backup import read_backup
-        from coaxlink.upload.plan import load_plan
-        from coaxlink.upload.worker import Uploader
+        from coaxlink.uploading.backup import read_backup
+        from coaxlink.uploading.plan import load_plan
+        from coaxlink.uploading.worker import Uploader
 
         with connect(url, timeout_s=20.0) as session:
             worker = Uploader(session, backup_folder=folder / "backups", reboot_s=2.5)
@@ -70,7 +70,7 @@ def worker(
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the stand-in ends with us
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ["COAXLINK_STATE"] = str(folder / "state")
-    import coaxlink.upload.worker  # noqa: F401 - once, before the forks
+    import coaxlink.uploading.worker  # noqa: F401 - once, before the forks
 
     draw = random.Random(f"{number} {len(losses)}")
     board = Standin(firmware, folder, draw.randrange(2**31))

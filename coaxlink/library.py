@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from coaxlink.mixer.fitted import FittedTable
     from coaxlink.residual import Refinement
     from coaxlink.rotor import Identification, RotorModel
-    from coaxlink.upload.outcome import Outcome
+    from coaxlink.uploading.outcome import Outcome
     from firmware_params.errors import Finding
 
 FIRMWARES = ("px4", "ardupilot")
@@ -175,9 +175,9 @@ def upload(
     `confirm` is asked before the first write. The outcome's `result` says how it ended, its `error` why not
     (also refusals: armed, another vehicle). Raises InputError for files that are none.
     """
-    from coaxlink.upload.outcome import Talk
-    from coaxlink.upload.plan import load_plan
-    from coaxlink.upload.worker import Uploader
+    from coaxlink.uploading.outcome import Talk
+    from coaxlink.uploading.plan import load_plan
+    from coaxlink.uploading.worker import Uploader
 
     worker = Uploader(session, backup_folder=Path(backup_folder), talk=Talk(confirm=confirm))
     if not isinstance(table, Table):

@@ -12,7 +12,7 @@ import pytest
 import coaxlink as cx
 from coaxlink.files import example
 from coaxlink.rotor.model import Effect
-from coaxlink.upload.plan import load_plan
+from coaxlink.uploading.plan import load_plan
 from sim.testing import standin
 
 SCRIPTS = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))

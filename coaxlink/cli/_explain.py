@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.tables.rate_gains import AxisGain
-    from coaxlink.upload.explain import Explanation
+    from coaxlink.uploading.explain import Explanation
 
 _EQUAL = 0.005  # of the axis's largest entry: what differs by less is shown as one number
 _STEM = "ATC_RAT_"

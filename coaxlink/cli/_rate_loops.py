@@ -14,7 +14,7 @@ from firmware_params.keys import unknown_key
 
 if TYPE_CHECKING:
     from coaxlink.tables.behaviour import Behaviour
-    from coaxlink.upload.plan import Plan
+    from coaxlink.uploading.plan import Plan
     from coaxlink.vehicle import Vehicle
 
 FOLDER = "vehicle"  # of a table's folder: what it was made from
@@ -85,7 +85,7 @@ def _flown(
     from coaxlink.tables.ardupilot import ap_speeds
     from coaxlink.tables.behaviour import behaviour
     from coaxlink.tables.px4 import px4_speeds
-    from coaxlink.upload.ardupilot_table import planned_table, present_table
+    from coaxlink.uploading.ardupilot_table import planned_table, present_table
     from firmware_params import ardupilot, px4
     from firmware_params.ardupilot import scripts
     from firmware_params.errors import FirmwareParamsError

@@ -131,9 +131,9 @@ def upload_into(out: Path) -> Callable[[str, Path], dict[str, Any]]:
     def upload(address: str, folder: Path) -> dict[str, Any]:
         from coaxlink.errors import CheckFailed
         from coaxlink.mavlink import connect
-        from coaxlink.upload.journal import Journal
-        from coaxlink.upload.plan import load_plan
-        from coaxlink.upload.worker import Uploader
+        from coaxlink.uploading.journal import Journal
+        from coaxlink.uploading.plan import load_plan
+        from coaxlink.uploading.worker import Uploader
 
         # a simulated board is gone with its flight: nothing of it belongs into the user's own journal
         with tempfile.TemporaryDirectory() as place, connect(address) as session:

@@ -43,8 +43,8 @@ def restore(
     from coaxlink import files
     from coaxlink.errors import InputError
     from coaxlink.mavlink import connect as open_session
-    from coaxlink.upload.backup import read_backup
-    from coaxlink.upload.worker import Uploader
+    from coaxlink.uploading.backup import read_backup
+    from coaxlink.uploading.worker import Uploader
 
     backup, *more = backups
     if more:

@@ -28,7 +28,7 @@ from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.tables.rate_gains import KeptGains
-    from coaxlink.upload.explain import Explanation
+    from coaxlink.uploading.explain import Explanation
     from coaxlink.vehicle import Vehicle
     from firmware_params.errors import Finding
 
@@ -124,7 +124,7 @@ def _naming(model_path: Path) -> Iterator[None]:
 
 def _px4(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
     from coaxlink.tables import px4 as tables
-    from coaxlink.upload.explain import explain_px4, present_px4
+    from coaxlink.uploading.explain import explain_px4, present_px4
 
     frame = vehicle.airframe
     limited = _limits.constrained(vehicle, wish.constrain, wish.law, 0.0)
@@ -153,7 +153,7 @@ def _px4(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
 
 def _ardupilot(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
     from coaxlink.tables.ardupilot import report_ap
-    from coaxlink.upload.explain import explain_ap, present_ap
+    from coaxlink.uploading.explain import explain_ap, present_ap
 
     frame = vehicle.airframe
     limited = _limits.constrained(vehicle, wish.constrain, wish.law, wish.spin_min)

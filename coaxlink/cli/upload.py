@@ -15,7 +15,7 @@ from coaxlink.cli._shell import JsonOption, console, say
 from coaxlink.errors import SafetyRefusal
 
 if TYPE_CHECKING:
-    from coaxlink.upload.outcome import Change, Outcome, Talk
+    from coaxlink.uploading.outcome import Change, Outcome, Talk
 
 ConnectOption = Annotated[
     str, typer.Option(metavar="URL", help="Where the vehicle is, udpin:0.0.0.0:14550 ...")
@@ -53,9 +53,9 @@ def upload(
     from coaxlink import files
     from coaxlink.cli._rate_loops import said_first
     from coaxlink.mavlink import connect as open_session
-    from coaxlink.upload.outcome import REFUSED, VERIFIED, Outcome
-    from coaxlink.upload.plan import load_plan, refuse_values
-    from coaxlink.upload.worker import Uploader
+    from coaxlink.uploading.outcome import REFUSED, VERIFIED, Outcome
+    from coaxlink.uploading.plan import load_plan, refuse_values
+    from coaxlink.uploading.worker import Uploader
 
     files.refuse_unwritable(json_file)
     plan = load_plan(source)
@@ -77,7 +77,7 @@ def upload(
 
 def conversation(yes: bool) -> Talk:
     """Differences on stdout, talk on stderr, and a question unless `yes`."""
-    from coaxlink.upload.outcome import Talk
+    from coaxlink.uploading.outcome import Talk
 
     def ask() -> bool:
         if yes:

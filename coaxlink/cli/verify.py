@@ -27,8 +27,8 @@ def verify(
     """Read the table back from the board and compare it bit for bit; exit 1 when it differs."""
     from coaxlink import files
     from coaxlink.mavlink import connect as open_session
-    from coaxlink.upload.plan import load_plan
-    from coaxlink.upload.verify import verify as check
+    from coaxlink.uploading.plan import load_plan
+    from coaxlink.uploading.verify import verify as check
 
     files.refuse_unwritable(json_file)
     plan = load_plan(source) if source else None

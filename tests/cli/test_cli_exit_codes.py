@@ -1,7 +1,7 @@
 """Every no of upload, restore and verify as a user meets it: exit code, one line, the board as it was.
 
 The rows are the table "Exit codes" of docs/tables.md. Faults that need a file system on board, or a restart,
-are in tests/link (test_upload_fork.py, test_upload_standins.py).
+are in tests/uploading (test_uploading_fork.py, test_uploading_standins.py).
 """
 
 import json
@@ -22,7 +22,7 @@ from scripted_autopilot import INT32, ScriptedAutopilot
 
 from coaxlink.cli import main
 from coaxlink.mavlink.parameters import Parameters
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.worker import Uploader
 
 KEY = bytes(range(32))
 

@@ -51,10 +51,10 @@ def readers() -> dict[str, Callable[[Path], object]]:
     from coaxlink.mavlink.signing import Signer, load_key
     from coaxlink.rotor import load_rotor_model, save_rotor_model
     from coaxlink.tables.px4 import report_px4
-    from coaxlink.upload.backup import read_backup
-    from coaxlink.upload.journal import Journal
-    from coaxlink.upload.limits import board_limits
-    from coaxlink.upload.plan import load_plan, refuse_values
+    from coaxlink.uploading.backup import read_backup
+    from coaxlink.uploading.journal import Journal
+    from coaxlink.uploading.limits import board_limits
+    from coaxlink.uploading.plan import load_plan, refuse_values
     from firmware_params import px4
     from firmware_params.ardupilot import packed
     from firmware_params.ardupilot.scripts import script_factors

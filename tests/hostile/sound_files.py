@@ -14,9 +14,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.live.record import LiveRecord
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Snapshot, Value
-from coaxlink.upload.backup import write_backup
-from coaxlink.upload.content import Content
-from coaxlink.upload.journal import Entry, Journal
+from coaxlink.uploading.backup import write_backup
+from coaxlink.uploading.content import Content
+from coaxlink.uploading.journal import Entry, Journal
 from firmware_params import ardupilot, px4
 from firmware_params.ardupilot import packed
 from firmware_params.ardupilot.scripts import matrix_script

@@ -18,7 +18,7 @@ from coaxlink.errors import CheckFailed, LinkError
 from coaxlink.mavlink import connect, ftp
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import Parameters
-from coaxlink.upload.limits import board_limits
+from coaxlink.uploading.limits import board_limits
 
 ACK, NAK, EOF = 128, 129, 6
 LIST, OPEN, READ, CRC, TERMINATE = 3, 4, 5, 14, 1

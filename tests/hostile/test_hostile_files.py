@@ -283,7 +283,7 @@ def test_a_journal_5000_deep_is_refused(tmp_path):
     from sound_files import PX4
 
     from coaxlink.errors import InputError
-    from coaxlink.upload.journal import Journal
+    from coaxlink.uploading.journal import Journal
 
     for content in (
         "[" * 5000 + "]" * 5000,

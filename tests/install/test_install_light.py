@@ -101,9 +101,9 @@ def test_help_loads_nothing_heavy():
 
 def test_the_live_path_loads_nothing_heavy():
     rooms = (
-        "link.mixing",
-        "link.upload",
-        "link.live_effects",
+        "live.mixer",
+        "uploading.worker",
+        "live.effects",
         "mixer",
         "monitor.screen",
         "library",

@@ -146,7 +146,7 @@ class Thief:
 
 
 @pytest.mark.parametrize("stolen", [False, True])
-@pytest.mark.flaky(reruns=2)
+@real_time
 def test_the_bridge_counts_what_it_took_and_the_rest_never_arrived(copter: Any, stolen: bool) -> None:
     companion, thief = Companion(copter), Thief()
     live = LiveMixer(companion.session, Vehicle(X8, CRM), "exact")
@@ -172,7 +172,7 @@ def test_the_bridge_counts_what_it_took_and_the_rest_never_arrived(copter: Any, 
 
 
 @pytest.mark.parametrize("native", [False, True], ids=["plain", "compiled"])
-@pytest.mark.flaky(reruns=2)
+@real_time
 def test_a_second_companion_drives_nothing_and_lets_go_at_once(copter: Any, native: bool) -> None:
     from coaxlink.live import hot_build
 
@@ -210,7 +210,7 @@ def test_a_second_companion_drives_nothing_and_lets_go_at_once(copter: Any, nati
     assert not copter.autopilot.landed
 
 
-@pytest.mark.flaky(reruns=2)
+@real_time
 def test_the_demand_goes_where_a_companion_asks_for_it_and_nowhere_else(copter: Any) -> None:
     station, companion = Companion(copter, component=190), Companion(copter, link=1)
     heard: list[str] = []

@@ -22,7 +22,7 @@ from coaxlink.mixer.exact.lua import SINGLE
 from coaxlink.mixer.exact.onboard import settle
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.tables.ardupilot import report_ap
-from coaxlink.upload.ardupilot_scripts import ScriptFolder, is_table
+from coaxlink.uploading.ardupilot_scripts import ScriptFolder, is_table
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import scripts
 from firmware_params.ardupilot.table import ApTable, used_factors

@@ -15,9 +15,9 @@ from coaxlink.mavlink import connect, strangers
 from coaxlink.mavlink.confirm import confirm
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Parameters
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.verify import verify
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.verify import verify
+from coaxlink.uploading.worker import Uploader
 
 
 def table(folder):

@@ -15,10 +15,10 @@ from scripted_autopilot import ScriptedAutopilot
 
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
-from coaxlink.upload.journal import Journal
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.verify import verify
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.journal import Journal
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.verify import verify
+from coaxlink.uploading.worker import Uploader
 
 KEY = bytes(range(32))
 PIECE = 11  # bytes at a time: a stream knows no frames

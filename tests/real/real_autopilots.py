@@ -30,8 +30,8 @@ from coaxlink.fly.trajectory import Hold, Plan, table_4_flight
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.mavlink.session import Session
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.worker import Uploader
 
 ROOT = Path(__file__).parents[2]
 AIRFRAME = ROOT / "examples" / "x8_demo.toml"

@@ -18,7 +18,7 @@ from real_autopilots import (
 )
 
 from coaxlink.mavlink import connect
-from coaxlink.upload.plan import load_plan
+from coaxlink.uploading.plan import load_plan
 
 BINARY = os.environ.get("ARDUCOPTER_SITL", "")
 pytestmark = [

@@ -21,7 +21,7 @@ from real_autopilots import (
 
 from coaxlink.fly.trajectory import paper_flight
 from coaxlink.mavlink import connect
-from coaxlink.upload.plan import load_plan
+from coaxlink.uploading.plan import load_plan
 from firmware_params import px4 as firmware
 
 BINARY = os.environ.get("PX4_SITL", "")

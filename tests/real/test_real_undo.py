@@ -1,7 +1,7 @@
 """Undo on the real autopilots: verify and restore after a flight, and a plug pulled in the middle of a write.
 
 PX4_SITL and ARDUCOPTER_SITL name the binaries; the stand-ins hold the same in
-tests/upload/test_upload_undo.py.
+tests/uploading/test_uploading_undo.py.
 """
 
 import os
@@ -29,7 +29,7 @@ from test_real_ardupilot import FACTORY
 from test_real_px4 import factory
 
 from coaxlink.mavlink import connect
-from coaxlink.upload.plan import load_plan
+from coaxlink.uploading.plan import load_plan
 
 PULLS = 10
 # a table of class 15 is a script of some 15 requests and a few parameters, a loader's one packed file

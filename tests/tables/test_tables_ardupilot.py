@@ -11,8 +11,8 @@ from coaxlink.errors import InputError
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.ardupilot import ap_factors, report_ap
 from coaxlink.tables.px4 import report_px4
-from coaxlink.upload.ardupilot_table import moved_motors, present_table
-from coaxlink.upload.explain import explain_ap, explain_px4
+from coaxlink.uploading.ardupilot_table import moved_motors, present_table
+from coaxlink.uploading.explain import explain_ap, explain_px4
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import scripts, used_factors
 

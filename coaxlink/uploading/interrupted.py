@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from coaxlink.errors import CheckFailed, LinkError
-from coaxlink.upload.board import Board
-from coaxlink.upload.content import Content
+from coaxlink.uploading.board import Board
+from coaxlink.uploading.content import Content
 from firmware_params.ardupilot.scripts import file_crc
 
 

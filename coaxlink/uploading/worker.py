@@ -15,14 +15,14 @@ from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
 from coaxlink.mavlink.confirm import confirm
 from coaxlink.mavlink.parameters import Parameters, Snapshot, Value
 from coaxlink.mavlink.session import Session
-from coaxlink.upload.backup import Backup, Note
-from coaxlink.upload.board import Board
-from coaxlink.upload.board_ardupilot import ArduPilotBoard
-from coaxlink.upload.board_px4 import Px4Board
-from coaxlink.upload.content import Content
-from coaxlink.upload.interrupted import what_stands
-from coaxlink.upload.journal import Entry, Journal
-from coaxlink.upload.outcome import (
+from coaxlink.uploading.backup import Backup, Note
+from coaxlink.uploading.board import Board
+from coaxlink.uploading.board_ardupilot import ArduPilotBoard
+from coaxlink.uploading.board_px4 import Px4Board
+from coaxlink.uploading.content import Content
+from coaxlink.uploading.interrupted import what_stands
+from coaxlink.uploading.journal import Entry, Journal
+from coaxlink.uploading.outcome import (
     DRY_RUN,
     FAILED,
     INCOMPLETE,
@@ -36,9 +36,9 @@ from coaxlink.upload.outcome import (
     Talk,
     Unfinished,
 )
-from coaxlink.upload.owned import Ownership, learned_since
-from coaxlink.upload.plan import Plan, refuse_values, refuse_vehicle
-from coaxlink.upload.restore_choice import Choice, choose, differing
+from coaxlink.uploading.owned import Ownership, learned_since
+from coaxlink.uploading.plan import Plan, refuse_values, refuse_vehicle
+from coaxlink.uploading.restore_choice import Choice, choose, differing
 from firmware_params.ardupilot.scripts import file_crc
 
 _ABSENT = b""  # bits of a parameter that the board does not have yet

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Snapshot, Value
-from coaxlink.upload.content import Content
-from coaxlink.upload.limits import Limits
+from coaxlink.uploading.content import Content
+from coaxlink.uploading.limits import Limits
 from firmware_params.ardupilot.owned import OWNED as ARDUPILOT
 from firmware_params.owned import LEARNED, Owned, kind_of
 from firmware_params.px4.owned import OWNED as PX4

@@ -19,7 +19,7 @@ from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.locks import lock
 from coaxlink.mavlink.parameters import Value
-from coaxlink.upload.content import Content
+from coaxlink.uploading.content import Content
 from firmware_params.bounded import STRING
 from firmware_params.plain import is_parameter_name, name_problem
 

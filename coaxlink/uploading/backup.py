@@ -17,7 +17,7 @@ from coaxlink.errors import InputError
 from coaxlink.files import read_bytes, write_atomic
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Number, Snapshot
-from coaxlink.upload.content import BoardFiles
+from coaxlink.uploading.content import BoardFiles
 from firmware_params import ardupilot, px4
 from firmware_params.errors import ParamsFileError, TableError
 

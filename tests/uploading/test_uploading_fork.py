@@ -10,10 +10,10 @@ from scripted_autopilot import ScriptedAutopilot
 
 from coaxlink.cli import main
 from coaxlink.mavlink import connect
-from coaxlink.upload.backup import read_backup
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.verify import verify
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.backup import read_backup
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.verify import verify
+from coaxlink.uploading.worker import Uploader
 
 
 @pytest.fixture

@@ -14,14 +14,14 @@ from coaxlink.mavlink.ftp import FileError, Files
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.ardupilot import report_ap
-from coaxlink.upload.ardupilot_scripts import ScriptFolder
-from coaxlink.upload.backup import read_backup
-from coaxlink.upload.content import Content
-from coaxlink.upload.journal import Entry, Journal
-from coaxlink.upload.outcome import Talk
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.verify import verify
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.ardupilot_scripts import ScriptFolder
+from coaxlink.uploading.backup import read_backup
+from coaxlink.uploading.content import Content
+from coaxlink.uploading.journal import Entry, Journal
+from coaxlink.uploading.outcome import Talk
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.verify import verify
+from coaxlink.uploading.worker import Uploader
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import packed, scripts
 from sim.testing import standin

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from coaxlink.errors import CheckFailed
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import Parameters
-from coaxlink.upload.content import BoardFiles
+from coaxlink.uploading.content import BoardFiles
 from firmware_params.ardupilot import scripts
 
 SCRIPT_S = 15.0  # until a script's parameters appear

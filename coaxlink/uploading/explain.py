@@ -25,8 +25,8 @@ from coaxlink.tables.ardupilot import ApReport, ap_speeds, report_ap
 from coaxlink.tables.behaviour import TURNS, Behaviour, behaviour
 from coaxlink.tables.law_commands import nearest, wanted_mix, worst_relative
 from coaxlink.tables.px4 import TableReport, px4_speeds, report_px4
-from coaxlink.upload.ardupilot_scripts import await_loader
-from coaxlink.upload.ardupilot_table import present_table
+from coaxlink.uploading.ardupilot_scripts import await_loader
+from coaxlink.uploading.ardupilot_table import present_table
 from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot as ap
 from firmware_params import px4

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from coaxlink.mavlink.parameters import Number, Snapshot
-from coaxlink.upload.backup import Backup
+from coaxlink.uploading.backup import Backup
 
 
 @dataclass(frozen=True)

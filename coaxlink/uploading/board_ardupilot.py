@@ -14,13 +14,13 @@ from typing import Any
 
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from coaxlink.mavlink.parameters import FLOAT, Snapshot, Value
-from coaxlink.upload.ardupilot_scripts import SCRIPT_S, ScriptFolder, await_loader, is_table
-from coaxlink.upload.ardupilot_table import moved_motors, planned_table, present_table
-from coaxlink.upload.backup import Backup, Note, backup_path, write_backup
-from coaxlink.upload.board import Board, Guard
-from coaxlink.upload.content import BoardFiles, Content
-from coaxlink.upload.plan import Plan, motor_outputs
-from coaxlink.upload.restore_choice import Choice
+from coaxlink.uploading.ardupilot_scripts import SCRIPT_S, ScriptFolder, await_loader, is_table
+from coaxlink.uploading.ardupilot_table import moved_motors, planned_table, present_table
+from coaxlink.uploading.backup import Backup, Note, backup_path, write_backup
+from coaxlink.uploading.board import Board, Guard
+from coaxlink.uploading.content import BoardFiles, Content
+from coaxlink.uploading.plan import Plan, motor_outputs
+from coaxlink.uploading.restore_choice import Choice
 from firmware_params import ardupilot
 from firmware_params.ardupilot import packed, scripts
 from firmware_params.errors import TableError

@@ -18,12 +18,12 @@ from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import Parameters, Snapshot, Value
 from coaxlink.mavlink.reboot import reboot
 from coaxlink.mavlink.session import Session
-from coaxlink.upload.backup import Backup, Note
-from coaxlink.upload.content import BoardFiles, Content
-from coaxlink.upload.limits import Limits
-from coaxlink.upload.outcome import Mismatch, Talk, mismatch
-from coaxlink.upload.plan import Plan
-from coaxlink.upload.restore_choice import Choice
+from coaxlink.uploading.backup import Backup, Note
+from coaxlink.uploading.content import BoardFiles, Content
+from coaxlink.uploading.limits import Limits
+from coaxlink.uploading.outcome import Mismatch, Talk, mismatch
+from coaxlink.uploading.plan import Plan
+from coaxlink.uploading.restore_choice import Choice
 from firmware_params.ardupilot.scripts import file_crc
 
 ROUNDS = 3  # write, read back, and mend what another writer or a late packet changed

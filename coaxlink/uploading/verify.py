@@ -11,10 +11,10 @@ from coaxlink.mavlink.confirm import confirm
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import FLOAT, Parameters, Value
 from coaxlink.mavlink.session import Session
-from coaxlink.upload.ardupilot_scripts import SCRIPT_S, await_loader, present_folder
-from coaxlink.upload.journal import Journal
-from coaxlink.upload.owned import Ownership, switches
-from coaxlink.upload.plan import Plan
+from coaxlink.uploading.ardupilot_scripts import SCRIPT_S, await_loader, present_folder
+from coaxlink.uploading.journal import Journal
+from coaxlink.uploading.owned import Ownership, switches
+from coaxlink.uploading.plan import Plan
 from firmware_params import ardupilot, px4
 from firmware_params.ardupilot import scripts
 

@@ -8,9 +8,9 @@ from px4_board import params_text
 
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.ftp import Files
-from coaxlink.upload.limits import PATH, Limits, board_limits, parse_limits
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.limits import PATH, Limits, board_limits, parse_limits
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.worker import Uploader
 
 LIST = {
     "version": 1,

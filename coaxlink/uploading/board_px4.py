@@ -11,12 +11,12 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import SafetyRefusal
 from coaxlink.mavlink.parameters import Snapshot
-from coaxlink.upload.backup import Backup, Note, backup_path, write_backup
-from coaxlink.upload.board import Board, require_file_service
-from coaxlink.upload.content import BoardFiles, Content
-from coaxlink.upload.limits import Limits, board_limits, refuse_beyond
-from coaxlink.upload.plan import Plan, refuse_table
-from coaxlink.upload.restore_choice import Choice
+from coaxlink.uploading.backup import Backup, Note, backup_path, write_backup
+from coaxlink.uploading.board import Board, require_file_service
+from coaxlink.uploading.content import BoardFiles, Content
+from coaxlink.uploading.limits import Limits, board_limits, refuse_beyond
+from coaxlink.uploading.plan import Plan, refuse_table
+from coaxlink.uploading.restore_choice import Choice
 from firmware_params.px4 import PARAMETERS, csv_mixer
 
 _AUTOSAVE_S = 2.5  # PX4 v1.16 saves 0.3 s after a change, at most every 2 s (parameters/autosave.cpp)

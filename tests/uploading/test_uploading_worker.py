@@ -13,11 +13,11 @@ from scripted_autopilot import ScriptedAutopilot
 from coaxlink.errors import InputError, LinkError
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
-from coaxlink.upload.backup import read_backup
-from coaxlink.upload.journal import Journal
-from coaxlink.upload.outcome import Talk
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.backup import read_backup
+from coaxlink.uploading.journal import Journal
+from coaxlink.uploading.outcome import Talk
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.worker import Uploader
 
 
 @pytest.fixture
@@ -340,7 +340,7 @@ def test_power_lost_before_the_board_saved_is_seen(board, tmp_path):
 def test_a_board_that_is_busy_saving_is_asked_again_and_one_that_cannot_is_waited_for(
     board, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("coaxlink.upload.board_px4._AUTOSAVE_S", 0.3)
+    monkeypatch.setattr("coaxlink.uploading.board_px4._AUTOSAVE_S", 0.3)
     answers = [m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_TEMPORARILY_REJECTED, m.MAV_RESULT_ACCEPTED]
     board.storage = lambda: answers.pop(0)
     assert _upload(board, _plan(tmp_path), tmp_path).result == "verified" and answers == []

@@ -10,12 +10,12 @@ from scripted_autopilot import FLOAT, INT32, ScriptedAutopilot
 from coaxlink.errors import InputError
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
-from coaxlink.upload.backup import read_backup
-from coaxlink.upload.journal import Journal
-from coaxlink.upload.outcome import Talk
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.verify import verify
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.backup import read_backup
+from coaxlink.uploading.journal import Journal
+from coaxlink.uploading.outcome import Talk
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.verify import verify
+from coaxlink.uploading.worker import Uploader
 
 OTHERS = {
     "CAL_GYRO0_XOFF": (0.001, FLOAT),
@@ -91,7 +91,7 @@ def test_what_a_later_upload_wrote_besides_goes_back_with_it(board, tmp_path):
 
 
 def test_a_backup_that_notes_nothing_puts_back_what_a_table_can_hold(board, tmp_path, monkeypatch):
-    monkeypatch.setattr("coaxlink.upload.backup.Note.lines", lambda note: [])  # as older ones were written
+    monkeypatch.setattr("coaxlink.uploading.backup.Note.lines", lambda note: [])  # as older ones were written
     path = _upload(board, tmp_path)
     monkeypatch.undo()
     assert "Table:" not in path.read_text()

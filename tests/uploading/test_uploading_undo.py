@@ -12,12 +12,12 @@ from coaxlink.fly.commands import Vehicle
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import FLOAT, Parameters
-from coaxlink.upload.backup import read_backup
-from coaxlink.upload.journal import Journal
-from coaxlink.upload.outcome import Talk
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.verify import verify
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.backup import read_backup
+from coaxlink.uploading.journal import Journal
+from coaxlink.uploading.outcome import Talk
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.verify import verify
+from coaxlink.uploading.worker import Uploader
 from firmware_params.ardupilot import packed
 from sim.testing import standin
 
@@ -118,7 +118,7 @@ def test_up_flown_verified_undone(tables, tmp_path, table):
 
 def test_a_refusal_of_the_rest_that_no_list_knows(tables, tmp_path, monkeypatch):
     """BARO1_GND_PRESS as the firmware of a day to come might flag another: passed over, said, exit 1."""
-    monkeypatch.setattr("coaxlink.upload.owned.ARDUPILOT", ())
+    monkeypatch.setattr("coaxlink.uploading.owned.ARDUPILOT", ())
     with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
         done = _worker(session, tmp_path).upload(load_plan(tables["ardupilot"]))
         assert done.result == "verified", done.reason
