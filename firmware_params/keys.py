@@ -25,3 +25,8 @@ def problem_of(key: str, known: Iterable[str]) -> str:
     by_case = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(key.casefold(), list(by_case), 1, NEAR)
     return f"unknown; {by_case[near[0]]}?" if near else f"unknown; one of {', '.join(names)} is expected"
+
+
+def is_near(key: str, names: Iterable[str]) -> bool:
+    """Whether `key` may be one of `names`, misspelt."""
+    return bool(difflib.get_close_matches(key.casefold(), [n.casefold() for n in names], 1, NEAR))

@@ -20,7 +20,7 @@ from coaxlink import files
 from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.rotor.polynomial import Polynomial
-from firmware_params.keys import problem_of
+from firmware_params.keys import is_near, problem_of
 from firmware_params.plain import name_problem, plain
 
 LOADS = tuple(load.key for load in Load)  # as files spell them
@@ -182,18 +182,21 @@ def save_rotor_model(path: Path, model: RotorModel) -> None:
 def input_error(path: Path, error: ValidationError, *tables: type[BaseModel]) -> InputError:
     """Our one-line error for the first thing pydantic refuses in a file that is made of `tables`.
 
-    An unknown key goes before a missing one: it often is that one, misspelt.
+    An unknown key goes before a missing one that it may be, misspelt; a missing one before the others, since
+    it tells a file of another kind.
     """
-    unknown = [e for e in error.errors() if e["type"] == "extra_forbidden"]
-    if unknown and tables:
-        loc = unknown[0]["loc"]
+    found = error.errors()
+    unknown = next((e for e in found if e["type"] == "extra_forbidden"), None)
+    missing = [str(e["loc"][-1]) for e in found if e["type"] == "missing"]
+    if unknown and tables and (not missing or is_near(str(unknown["loc"][-1]), missing)):
+        loc = unknown["loc"]
         depth = sum(isinstance(part, str) for part in loc) - 1
-        known = [name for table in tables[min(depth, 1) :] for name in table.model_fields]
+        known = [name for table in (tables[1:] if depth else tables[:1]) for name in table.model_fields]
         return InputError(path, _key(loc), problem_of(str(loc[-1]), known))
-    first = error.errors()[0]
+    first = next((e for e in found if e["type"] == "missing"), found[0])
     key = _key(first["loc"])
-    found = first.get("input")
-    shown = f" (found {plain(repr(found), 80)})" if not isinstance(found, (dict, list)) else ""
+    value = first.get("input")
+    shown = f" (found {plain(repr(value), 80)})" if not isinstance(value, (dict, list)) else ""
     return InputError(path, key, f"{first['msg'].removeprefix('Value error, ')}{shown}")
 
 
