@@ -13,9 +13,9 @@ from pathlib import Path
 
 from coaxlink.errors import CoaxlinkError
 from coaxlink.mavlink.session import Session
-from coaxlink.upload.outcome import VERIFIED, Change, Talk
-from coaxlink.upload.plan import load_plan
-from coaxlink.upload.worker import Uploader
+from coaxlink.uploading.outcome import VERIFIED, Change, Talk
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.worker import Uploader
 
 Ask = Callable[[tuple[Change, ...]], bool]
 Done = Callable[["Report"], None]

@@ -17,7 +17,7 @@ from coaxlink.monitor.desk import Desk, Report
 from coaxlink.monitor.marks import BAD, DIM, GOOD, WARN
 from coaxlink.monitor.pages import Picture, put
 from coaxlink.monitor.themes import Palette, dress
-from coaxlink.upload.outcome import Change
+from coaxlink.uploading.outcome import Change
 
 _HINT = "what coaxlink table wrote: a folder, or a .params or .param file"
 

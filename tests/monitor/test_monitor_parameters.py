@@ -20,7 +20,7 @@ from coaxlink.monitor.desk import Desk, Report
 from coaxlink.monitor.feed import Feed
 from coaxlink.monitor.screen import Monitor
 from coaxlink.monitor.watch import Watch
-from coaxlink.upload.backup import read_backup
+from coaxlink.uploading.backup import read_backup
 from coaxlink.vehicle import load_vehicle
 from sim.testing import standin
 
