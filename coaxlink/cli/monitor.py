@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shlex
+import socket
 import sys
 import time
 from dataclasses import replace
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
     from coaxlink.monitor.player import Player
     from coaxlink.monitor.state import View
     from coaxlink.monitor.watch import Watch
+
+
+_SERVED = "TEXTUAL_DRIVER" in os.environ  # by textual-serve, to a browser
 
 
 def register(app: typer.Typer) -> None:
@@ -56,6 +61,12 @@ def monitor(
         Path | None,
         typer.Option("--config", metavar="FILE", help="Settings (default: ~/.config/coaxlink/monitor.toml)."),
     ] = None,
+    web: Annotated[
+        bool, typer.Option("--web", help="Show the screen in a browser of this machine (coaxlink[web]).")
+    ] = False,
+    port: Annotated[
+        int, typer.Option("--port", min=1, max=65535, help="Of --web, on 127.0.0.1 only.")
+    ] = 8000,
     once: Annotated[bool, typer.Option("--once", help="No screen: print one look and leave.")] = False,
     seconds: Annotated[
         float, typer.Option("--seconds", min=0.2, max=3600.0, help="How long --once and --json listen.")
@@ -82,11 +93,35 @@ def monitor(
             where = replay_words(tape.name, player.position_s, tape.length_s, 1.0, False)
             _show(player.look_once(), json, where)
         return
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+    if web:
+        _serve(port)
+        return
+    if not _SERVED and not (sys.stdin.isatty() and sys.stdout.isatty()):
         from coaxlink.errors import InputError
 
         raise InputError("monitor", "", "the screen needs a terminal; without one use --once or --json FILE")
     _screen(watch, settings, player)
+
+
+def _serve(port: int) -> None:
+    """This very command line without --web, once for every browser that comes; Ctrl-C ends it."""
+    from coaxlink.errors import InputError
+
+    try:
+        from textual_serve.server import Server
+    except ImportError as error:
+        problem = "textual-serve is needed, which is not installed: pip install 'coaxlink[web]'"
+        raise InputError("--web", "", problem) from error
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise InputError("--port", "", f"{port} cannot be had ({error.strerror})") from error
+    arguments = [a for a in sys.argv[1:] if a != "--web"]
+    # without a shell between, so that the monitor sees its server go
+    command = "exec " + shlex.join([sys.executable, "-m", "coaxlink", *arguments])
+    Server(command, host="127.0.0.1", port=port, title="coaxlink monitor").serve()
 
 
 def _theme(name: str | None) -> str:
@@ -136,11 +171,19 @@ def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
     if player is not None:
         Monitor(player.look, player=player, **shown).run()
         return
-    desk = Desk(settings.backups or Path("backups"))
+    # who opens a page of this machine has not sat down at the terminal: a browser writes nothing
+    desk = None if _SERVED else Desk(settings.backups or Path("backups"))
+    shown["why_no_desk"] = "in a browser the monitor only watches: use it in a terminal"
     feed = Feed(watch, desk=desk)
+    server = os.getppid()
+
+    def trouble() -> BaseException | None:
+        gone = _SERVED and os.getppid() != server
+        return feed.failure or (SystemExit() if gone else None)
+
     feed.start()
     try:
-        Monitor(watch.look, trouble=lambda: feed.failure, desk=desk, table=settings.table, **shown).run()
+        Monitor(watch.look, trouble=trouble, desk=desk, table=settings.table, **shown).run()
     finally:
         feed.stop()
     if feed.failure is not None:

@@ -20,6 +20,8 @@ from coaxlink.monitor.marks import STALE, clock, seconds
 from coaxlink.monitor.state import ArmView, View
 from coaxlink.monitor.themes import Palette, dress
 
+_FEW = 10  # points of a plot that is drawn at every look
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -92,6 +94,7 @@ class SplitPage(Vertical):
     def __init__(self, arms: int) -> None:
         super().__init__(id="split")
         self._count = arms
+        self._drawn: object = None  # what the plot was last drawn for
 
     def compose(self) -> ComposeResult:
         yield Grid(*(ArmPanel(id=f"arm{k}") for k in range(self._count)), id="arms")
@@ -125,6 +128,13 @@ class SplitPage(Vertical):
         plot.border_subtitle = picture.content(picture.plot_range)
         size = plot.content_size
         mark = STALE if stale else ""
+        # a minute is 300 looks: the plot needs no new drawing for each of them, and it is the dearest part
+        points = len(picture.history.points)
+        end_s = int(2.0 * picture.history.points[-1].time_s) if points else 0
+        drawn = (size, picture.window, mark, end_s, points < _FEW and points, id(picture.palette))
+        if drawn == self._drawn:
+            return
+        self._drawn = drawn
         text = plots.split_plot(
             picture.history, view.arms, picture.window, size.width, size.height, mark=mark
         )

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
+from coaxlink.cli import main
 from coaxlink.errors import InputError
 from coaxlink.monitor import config
 from coaxlink.monitor.config import Config, load_config
@@ -49,3 +51,15 @@ def test_the_usual_file_is_taken_when_it_is_there(tmp_path: Path, monkeypatch: p
     assert load_config(None).theme == "light"
     with pytest.raises(InputError, match="cannot be read"):
         load_config(tmp_path / "absent.toml")
+
+
+def test_a_browser_needs_textual_serve(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "textual_serve.server", None)
+    with pytest.raises(SystemExit, match="2"):
+        main(["monitor", "--web", "--connect", "tcp:127.0.0.1:9"])
+    said = capsys.readouterr().err
+    assert said == (
+        "coaxlink: --web: textual-serve is needed, which is not installed: pip install 'coaxlink[web]'\n"
+    )
