@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,6 +20,13 @@ from coaxlink.cli._shell import JsonOption, console, say
 
 NOTHING = 1e-6  # N, N m: what the solvers leave of an error that is none
 
+if TYPE_CHECKING:
+    from coaxlink.mixer.comparison import Row
+
+LAW_HEADS = (
+    "law", "thrust N", "roll N m", "pitch N m", "yaw N m", "power", "N/W", "most N", "most yaw N m"
+)  # fmt: skip
+
 
 def compare(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
@@ -28,7 +35,12 @@ def compare(
         bool, typer.Option("--printed", help="Also the standard and reduced mixers with the paper's numbers.")
     ] = False,
     rows: Annotated[int, typer.Option(min=10, help="Wrenches in the envelope.")] = 400,
-    out: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the comparison here.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Draw the comparison here (.png, .svg or .pdf).")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="R.html", help="Write one self-contained page.")
+    ] = None,
     light: Annotated[
         float | None, typer.Option(metavar="KG", help="Without payload; else 3/4 of the mass.")
     ] = None,
@@ -60,6 +72,8 @@ def compare(
     from coaxlink.tables.curved_law import curved_law
     from coaxlink.vehicle import Vehicle
 
+    for place in (out, report, json_file):
+        files.refuse_unwritable(place)
     vehicle, _ = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
     frame = vehicle.airframe
@@ -76,43 +90,40 @@ def compare(
     wrenches = envelope(frame, rows, seed=2)
     result = weigh(vehicle, laws, wrenches)
     low, high = wrenches.min(axis=0), wrenches.max(axis=0)
-    table = Table(
-        "law",
-        "thrust N",
-        "roll N m",
-        "pitch N m",
-        "yaw N m",
-        "power",
-        "N/W",
-        "most N",
-        "most yaw N m",
-        box=None,
-    )
-    for row in result:
-        errors = [f"{e:.3g}" if e >= NOTHING else "0" for e in row.mean_error]
-        rest = (
-            f"{row.power:.4f}",
-            f"{row.efficiency_N_W:.4f}",
-            f"{row.most_thrust_N:.0f}",
-            f"{row.most_yaw_Nm:.2f}",
-        )
-        table.add_row(row.label, *errors, *rest)
+    table = Table(*LAW_HEADS, box=None)
+    law_rows = [_law_row(row) for row in result]
+    for cells in law_rows:
+        table.add_row(*cells)
     screen = console()
     worths = _worth.weigh_tables(vehicle, load)
     battery_wh = frame.battery_Wh if battery_wh is None else battery_wh
     _worth.show(screen, frame, worths, battery_wh, drive_efficiency)
-    screen.print(
-        f"\n{frame.name}, before any integrator: mean |error| over {rows} wrenches, "
+    said = (
+        f"{frame.name}, before any integrator: mean |error| over {rows} wrenches, "
         f"{low[0]:.0f}..{high[0]:.0f} N, "
         f"roll and pitch to {high[1]:.1f} N m, yaw to {high[3]:.1f} N m "
         "(most of curved's is a constant gain, which the learnt hover thrust takes off)"
     )
+    screen.print(f"\n{said}")
     screen.print(table)
-    if out:
+    if out or report:
+        from coaxlink.report.compare_page import compare_page
+        from coaxlink.report.figures import write_figure
+        from coaxlink.report.made import Made
         from coaxlink.report.mixers import draw_comparison
 
-        draw_comparison(out, frame.name, frame.mass_kg * GRAVITY_M_S2, result, fitted.table)
-        say(f"wrote {out}")
+        made = Made.now([f for f in (airframe, rotor or frame.rotor_model) if f is not None], frame.name)
+        weight_N = frame.mass_kg * GRAVITY_M_S2
+        figure = draw_comparison(frame.name, weight_N, result, fitted.table, made.line())
+        if out:
+            write_figure(out, figure)
+            say(f"wrote {out}")
+        if report:
+            table_of_laws, battery = (LAW_HEADS, law_rows), (battery_wh, drive_efficiency)
+            files.write_atomic(
+                report, compare_page(frame.name, figure, worths, table_of_laws, said, made, battery)
+            )
+            say(f"wrote {report}")
     if json_file:
         envelope_json = {"rows": rows, "low": low.tolist(), "high": high.tolist()}
         laws_json = [row.to_json() for row in result]
@@ -122,6 +133,16 @@ def compare(
         document = {"envelope": envelope_json, "laws": laws_json, "worth": worth_json}
         files.write_json(json_file, document | vehicle.to_json())
     say(after_compare(airframe))
+
+
+def _law_row(row: Row) -> list[str]:
+    """A law's cells under LAW_HEADS."""
+    errors = [f"{e:.3g}" if e >= NOTHING else "0" for e in row.mean_error]
+    power, reach = (
+        (f"{row.power:.4f}", f"{row.efficiency_N_W:.4f}"),
+        (f"{row.most_thrust_N:.0f}", f"{row.most_yaw_Nm:.2f}"),
+    )
+    return [row.label, *errors, *power, *reach]
 
 
 def register(app: typer.Typer) -> None:

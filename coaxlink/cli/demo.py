@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from coaxlink.tables.px4 import TableReport
 
 LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog", "hidden.tlog")
-MADE = ("rotor.toml", "rotor_refined.toml", "tables", "backups", "report.html", "residual.png", *LOGS)
+RESIDUAL = ("residual.png", "residual.svg", "residual.pdf")
+MADE = ("rotor.toml", "rotor_refined.toml", "tables", "backups", "report.html", *RESIDUAL, *LOGS)
 STEPS = 8  # of the progress bar, beside the flights' own seconds
 
 
@@ -42,10 +43,12 @@ def demo(
     files.refuse_unwritable(json_file)
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
     from coaxlink.report.demo_page import write_report
+    from coaxlink.report.made import Made
 
     with terminated_as_interrupted(), whole_or_before(out, MADE):
         result = run_demo(chosen, out, speed)
-        page = write_report(out, result)
+        made = Made.now((*(out / name for name in LOGS), out / "rotor.toml"), "demo-x8")
+        page = write_report(out, result, made)
     _show(result)
     if json_file:
         files.write_json(json_file, result.to_json())

@@ -101,7 +101,7 @@ def identify(
     blades: BladesOption = 2,
     airframe: AirframeOption = None,
     rotor: PriorOption = None,
-    plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Write pictures (PNG).")] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Write pictures (PNG, SVG, PDF).")] = None,
     report: Annotated[Path | None, typer.Option(metavar="R.html", help="Write one page of it all.")] = None,
 ) -> None:
     """Identify a rotor model from stand logs: terms, intervals and held-out errors.
@@ -224,19 +224,21 @@ def _plan(results: list[Identification], path: Path) -> list[dict[str, Any]]:
 def _draw(results: list[Identification], plot: Path | None, report: Path | None) -> None:
     """Pictures into a folder (one a log when there are several), and pages."""
     from coaxlink import files
+    from coaxlink.report.figures import write_figures
     from coaxlink.report.identify_page import identify_page
-    from coaxlink.report.identify_plots import pictures
+    from coaxlink.report.identify_plots import figures
+    from coaxlink.report.made import Made
 
     pages = _places(report, len(results)) if report else [None] * len(results)
     for result, page in zip(results, pages, strict=True):
-        drawn = pictures(result)
+        made = Made.now([result.bench.samples.source])
         if plot:
+            drawn = figures(result, made.line())
             folder = plot if len(results) == 1 else plot / Path(result.bench.samples.source).stem
-            for name, png in drawn.items():
-                files.write_atomic(folder / name, png)
-            say(f"wrote {', '.join(drawn)} to {folder}")
+            write_figures(folder, drawn)
+            say(f"wrote {', '.join(drawn)} (.png, .svg, .pdf) to {folder}")
         if page:
-            files.write_atomic(page, identify_page(result, drawn))
+            files.write_atomic(page, identify_page(result, made))
             say(f"wrote {page}")
 
 

@@ -53,6 +53,7 @@ def loop(
     from coaxlink import files
     from coaxlink.cli._loop import Wishes, run_loop
     from coaxlink.report.loop import write_report
+    from coaxlink.report.made import Made
 
     files.refuse_unwritable(json)
     if truth is not None:
@@ -61,7 +62,9 @@ def loop(
     with terminated_as_interrupted(), whole_or_before(out, MADE), _progress() as (tell, watch):
         result = run_loop(truth, chosen, out, speed, Wishes(live, separate, lead), tell, watch)
         tell("drawing the report")
-        write_report(out / "report.html", result)
+        flown = [log for log in (result.log_before, result.log_after, result.log_separating) if log]
+        world = [truth] if truth is not None else []
+        write_report(out / "report.html", result, Made.now([*world, *flown, out / "rotor.toml"], "demo-x8"))
     if json is not None:
         files.write_json(json, result.to_json())
     _show(result)

@@ -14,6 +14,8 @@ from coaxlink.cli._shell import JsonOption, console, say, talk
 from coaxlink.cli._stand import ColumnsOption, PolesOption, Reading, SheetOption, UpperOption, read_stand
 
 if TYPE_CHECKING:
+    from coaxlink.airframe import Airframe
+    from coaxlink.report.made import Made
     from coaxlink.residual import Refinement
 
 
@@ -39,6 +41,9 @@ def refine(
     ] = None,
     report: Annotated[
         Path | None, typer.Option(metavar="R.html", help="Write one self-contained page.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write the pictures as PNG, SVG and PDF.")
     ] = None,
     plan: Annotated[
         Path | None,
@@ -94,14 +99,27 @@ def refine(
             result = run(samples, body, model, progress=status.update)
         else:
             result = run_stand(samples, model, progress=status.update)
-        drawn = None
+        drawn, figures = None, {}
+        if report is not None or plot is not None:
+            status.update("drawing")
+            made = _made([*logs, airframe, model_file], body)
         if report is not None:
             from coaxlink.report.page import page
 
-            status.update("drawing")
-            drawn = page(result)
+            drawn = page(result, made=made)
+        if plot is not None and result.series is not None:
+            from coaxlink.report.residual_plots import errors_figure, overview_figure
+
+            figures = {
+                "residual": overview_figure(result, made.line()),
+                "errors": errors_figure(result, made.line()),
+            }
     if report is not None and drawn is not None:
         files.write_atomic(report, drawn)
+    if plot is not None:
+        from coaxlink.report.figures import write_figures
+
+        write_figures(plot, figures)
     if out is not None and result.model is not None:
         save_rotor_model(out, result.model)
     if plan is not None:
@@ -115,6 +133,13 @@ def refine(
     for remark in remarks(result):
         say(remark)
     say(after_refine(result, out, flight))
+
+
+def _made(sources: list[Path | None], body: Airframe | None) -> Made:
+    """How the page is made: this command line, its files, the vehicle of a flight."""
+    from coaxlink.report.made import Made
+
+    return Made.now([path for path in sources if path is not None], body.name if body else "")
 
 
 def _fleet(

@@ -26,6 +26,9 @@ def reproduce(
     markdown: Annotated[
         Path | None, typer.Option(metavar="FILE.md", help="Write the ledger as a page (docs/paper.md).")
     ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="R.html", help="Write one self-contained page.")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Recompute what the paper prints, and each place where it disagrees with itself."""
@@ -35,11 +38,26 @@ def reproduce(
 
     files.refuse_unwritable(json_file)
     files.refuse_unwritable(markdown)
+    files.refuse_unwritable(report)
     ledger = build(fly_table_4=not no_fly, pair=pair)
     for table in tables(ledger):
         console().print(table)
     if markdown:
         files.write_atomic(markdown, page(ledger))
+    if report:
+        from coaxlink.report.made import Made
+        from coaxlink.report.paper_page import paper_page
+
+        names = (
+            "x8_paper.toml",
+            "rotor_paper.toml",
+            "rotor_eq15.toml",
+            "rotor_srm_paper.toml",
+            "stand_eq17.csv",
+        )
+        sources = [*map(files.example, names), *([pair] if pair else [])]
+        files.write_atomic(report, paper_page(ledger, Made.now(sources, "paper-x8")))
+        say(f"wrote {report}")
     if json_file:
         files.write_json(json_file, ledger.to_json())
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from coaxlink.campaign.summary import FIGURES, Paired, Spread, Summary
+from coaxlink.report.document import document, html_table
 from coaxlink.report.html import escape
-from coaxlink.report.page import document, html_table
 
 
 def number(x: float) -> str:

@@ -8,10 +8,13 @@ from pathlib import Path
 from coaxlink import files
 from coaxlink.report.demo import FLIGHT_HEADINGS, DemoResult, flight_rows, split_headings, split_rows
 from coaxlink.report.demo_words import TERMS, flown, story
+from coaxlink.report.document import answer, document, how_made, html_table
+from coaxlink.report.figures import write_figures
 from coaxlink.report.html import escape
 from coaxlink.report.identify import error_rows
-from coaxlink.report.page import document, found, html_table, provenance, tried
-from coaxlink.report.residual_plots import save_overview
+from coaxlink.report.made import Made
+from coaxlink.report.page import found, provenance, tried
+from coaxlink.report.residual_plots import overview_figure
 from coaxlink.rotor.identification import COAXIAL
 
 HOW = (
@@ -21,17 +24,18 @@ HOW = (
 )
 
 
-def write_report(out: Path, result: DemoResult) -> Path:
-    """Write OUT/report.html (self-contained) and OUT/residual.png; returns the page's path."""
-    save_overview(result.refinement, out / "residual.png")
+def write_report(out: Path, result: DemoResult, made: Made | None = None) -> Path:
+    """Write OUT/report.html (self-contained) and OUT/residual (.png, .svg, .pdf); returns the page's path."""
+    made = made or Made()
+    write_figures(out, {"residual": overview_figure(result.refinement, made.line())})
     path = out / "report.html"
-    files.write_atomic(path, document(f"coaxlink demo, seed {result.seed}", _parts(result)))
+    files.write_atomic(path, document(f"coaxlink demo, seed {result.seed}", _parts(result, made)))
     return path
 
 
-def _parts(result: DemoResult) -> Iterator[str]:
+def _parts(result: DemoResult, made: Made) -> Iterator[str]:
     first, *more = flown(result.flights)
-    yield f'<p class="lead">{escape(first)}</p>'
+    yield answer(first)
     yield from _paragraphs(more)
     yield "<h2>The mixers, where nothing is hidden</h2>"
     yield html_table(FLIGHT_HEADINGS, flight_rows(result.flights))
@@ -42,11 +46,12 @@ def _parts(result: DemoResult) -> Iterator[str]:
     yield "<h2>Something is hidden: found from one flight</h2>"
     yield from _paragraphs(story(result))
     yield provenance(result.refinement)
-    yield from found(result.refinement)
+    yield from found(result.refinement, made)
     yield from tried(result.refinement)
     yield from _rotor(result)
     yield '<h2 id="words">The words</h2>'
     yield f"<dl>{''.join(f'<dt>{escape(k)}</dt><dd>{escape(v)}</dd>' for k, v in TERMS.items())}</dl>"
+    yield from how_made(made)
 
 
 def _worth(result: DemoResult) -> Iterator[str]:
@@ -78,4 +83,4 @@ def _rotor(result: DemoResult) -> Iterator[str]:
 
 def _paragraphs(lines: Iterable[str]) -> Iterator[str]:
     for line in lines:
-        yield f"<p>{escape(line)}</p>"
+        yield f"<p>{escape(line.replace('`', ''))}</p>"

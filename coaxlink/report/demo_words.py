@@ -26,8 +26,8 @@ TERMS = {
     "that they cannot take away.",
     "power": "Mean of voltage times current of the battery over the flight, as the vehicle reports them.",
     "height": "Mean |height wanted - height flown|, m.",
-    "force_x, force_y, force_z": "Forward, rightward and downward force; torque_x, torque_y, torque_z: the "
-    "torques in roll, pitch and yaw.",
+    "forward, rightward, downward force": "Forces on the body in its own axes, N; roll, pitch and yaw "
+    "torque, N m. In the JSON they are force_x, force_y, force_z and torque_x, torque_y, torque_z.",
     "residual": "What was measured less what the model says: what the model does not explain.",
     "effect": "A cause with known physics that the rotor model lacks: drag, ground effect, a weak rotor.",
     "held out": "Judged on stretches of data that the fit has not seen, so that more terms alone cannot make "

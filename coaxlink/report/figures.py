@@ -1,8 +1,9 @@
-"""Figures as files: PNG, SVG or PDF by the name's ending, whole or not there."""
+"""Figures as files and bytes: PNG, SVG or PDF, whole or not there, stamped with how they were made."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,24 @@ from coaxlink import files
 from coaxlink.errors import InputError
 
 FORMATS = ("png", "svg", "pdf")
+DPI = 130
+STAMP = "#6b7280"
+
+
+def stamped(figure: Any, stamp: str) -> Any:
+    """The figure with one small line below it: vehicle, file, date, commit. Nothing where there is none."""
+    from coaxlink.report.label import label
+
+    if stamp:
+        figure.supxlabel(label(stamp, 200), x=0.995, ha="right", fontsize=6.5, color=STAMP)
+    return figure
+
+
+def drawn(figure: Any, kind: str = "png") -> bytes:
+    """A matplotlib figure as bytes."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format=kind, dpi=DPI)
+    return stream.getvalue()
 
 
 def write_figure(path: Path, figure: Any) -> None:
@@ -17,6 +36,11 @@ def write_figure(path: Path, figure: Any) -> None:
     kind = path.suffix.lower().lstrip(".")
     if kind not in FORMATS:
         raise InputError(path, "", f"a name that ends in .{', .'.join(FORMATS)} is expected")
-    stream = io.BytesIO()
-    figure.savefig(stream, format=kind, dpi=110)
-    files.write_atomic(path, stream.getvalue())
+    files.write_atomic(path, drawn(figure, kind))
+
+
+def write_figures(folder: Path, figures: Mapping[str, Any]) -> None:
+    """Every figure by its name, as PNG, SVG and PDF. Raises InputError for a place that cannot be written."""
+    for name, figure in figures.items():
+        for kind in FORMATS:
+            write_figure(folder / f"{name}.{kind}", figure)

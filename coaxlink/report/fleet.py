@@ -10,8 +10,8 @@ import numpy as np
 
 from coaxlink.campaign.fleet import Course, Fleet
 from coaxlink.report.campaign import image, number
+from coaxlink.report.document import document, html_table
 from coaxlink.report.html import escape
-from coaxlink.report.page import document, html_table
 
 HEADS = ("vehicle", "found", "where", "logs", "first", "last", "size then", "size now", "a week, 95 %", "p")
 MOST_DRAWN = 60  # vehicles in the picture; those with findings first

@@ -1,78 +1,80 @@
-"""An identification as one self-contained HTML page: tables, remarks and pictures, no other file."""
+"""An identification as one self-contained HTML page: the answer, pictures, tables, remarks."""
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
-from coaxlink.report.html import escape
+from coaxlink.report.document import answer, document, folded, how_made, html_table, listed, picture
+from coaxlink.report.figures import drawn
 from coaxlink.report.identify import NAMES, remarks
+from coaxlink.report.identify_plots import figures
+from coaxlink.report.label import channel_words
+from coaxlink.report.made import Made
 from coaxlink.rotor.identification import Identification
 
-_STYLE = """
-:root{color-scheme:light dark}
-body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem}
-h1{font-size:1.4rem}h2{font-size:1.05rem;margin:2rem 0 .5rem}
-.wide{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.9rem}
-th,td{padding:.25rem .7rem;border-bottom:1px solid #8a8f9866;text-align:right;white-space:nowrap}
-th:first-child,td:first-child,th:nth-child(2),td:nth-child(2){text-align:left}
-img{max-width:100%;height:auto;background:#fff;border-radius:4px}
-"""
 CAPTIONS = {
-    "surfaces.png": "Data and model",
-    "residuals.png": "What the model misses on rows it has not seen",
-    "tolerance.png": "What a wider tolerance leaves of the dictionary",
-    "efficiency.png": "Efficiency over coaxial thrust",
+    "surfaces": "Data (dots) and model (line, mesh)",
+    "residuals": "What the model misses on rows it has not seen",
+    "tolerance": "What a wider tolerance leaves of the dictionary (the paper's Fig. 4)",
+    "efficiency": "Efficiency over the thrust of the pair (the paper's Fig. 5)",
 }
+FIRST = ("surfaces", "residuals")
+FEW = 6  # remarks that stand open
 
 
-def identify_page(result: Identification, pictures: Mapping[str, bytes]) -> str:
-    """The page; `pictures` are PNG bytes by file name."""
-    source = escape(result.bench.samples.source)
-    parts = [
-        f"<h1>{NAMES[result.form]} of {source}</h1>",
-        f"<p>{result.bench.samples.rows} rows; all errors on blocks the fit has not seen.</p>",
-        "<h2>Errors</h2>",
-        _table(("channel", "form", "RMSE", "NRMSE", "R", "rows"), _errors(result)),
-        "<h2>Terms</h2>",
-        _table(("load", "term", "value", "95 % interval"), _terms(result)),
-        "<h2>Remarks</h2><ul>",
-        *(f"<li>{escape(remark)}</li>" for remark in remarks(result)),
-        "</ul>",
-    ]
-    for name, png in pictures.items():
-        caption = escape(CAPTIONS.get(name, name))
-        data = base64.b64encode(png).decode()
-        parts.append(f'<h2>{caption}</h2><img alt="{caption}" src="data:image/png;base64,{data}">')
-    body = "\n".join(parts)
-    return (
-        '<!doctype html><html lang="en"><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width">'
-        f"<title>coaxlink identify: {source}</title><style>{_STYLE}</style>\n<body>{body}</body></html>\n"
+def identify_page(result: Identification, made: Made | None = None) -> str:
+    """The page. Raises what drawing raises."""
+    made = made or Made()
+    shown = {
+        name: picture(drawn(figure), CAPTIONS[name]) for name, figure in figures(result, made.line()).items()
+    }
+    said = list(remarks(result))
+    more = said[FEW:]
+    return document(
+        f"{NAMES[result.form]} of {result.bench.samples.source}",
+        [
+            answer(sentence(result)),
+            f"<p>{result.bench.samples.rows} rows; all errors on blocks the fit has not seen.</p>",
+            *(shown[name] for name in FIRST if name in shown),
+            "<h2>Errors of every form</h2>",
+            html_table(("channel", "form", "RMSE", "of the range", "R", "rows"), list(_errors(result))),
+            "<h2>Terms of the model</h2>",
+            '<p class="dim">u_u and u_l: speed of the upper and of the lower rotor, share of full.</p>',
+            html_table(("load", "term", "value", "95 % interval"), list(_terms(result))),
+            "<h2>Remarks</h2>" + listed(said[:FEW]) if said else "",
+            folded(f"{len(more)} more remarks", listed(more)) if more else "",
+            *(shown[name] for name in shown if name not in FIRST),
+            *how_made(made),
+        ],
     )
 
 
-def _table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    head = "".join(f"<th>{escape(h)}</th>" for h in headings)
-    body = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
-    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+def sentence(result: Identification) -> str:
+    """The answer in one sentence: which form, and how well it predicts what it has not seen."""
+    name = next((c for c in ("coaxial_thrust", "upper_thrust") if c in result.channels), None)
+    name = name or next(iter(result.channels))
+    e = result.channels[name]
+    unit = "N" if name.endswith("thrust") else "N m"
+    floor = result.noise_floor.get(name)
+    noise = f" (noise alone {floor:.2g} {unit})" if floor else ""
+    others = {f: c[name].rmse for f, c in result.comparison.items() if f != result.form and name in c}
+    usual = f"; the usual u² law misses {others['srm']:.3g} {unit}" if "srm" in others else ""
+    return (
+        f"The {NAMES[result.form]} predicts the {channel_words(name)} at speeds it was not fitted to within "
+        f"{e.rmse:.3g} {unit} rms{noise}{usual}."
+    )
 
 
 def _errors(result: Identification) -> Iterable[tuple[str, ...]]:
     for channel in result.channels:
         unit = "N" if channel.endswith("thrust") else "N m"
+        words = channel_words(channel)
         for form, channels in result.comparison.items():
             e = channels[channel]
-            yield (
-                channel,
-                NAMES[form],
-                f"{e.rmse:.4g} {unit}",
-                f"{e.nrmse:.4f}",
-                f"{e.r:.5f}",
-                str(e.held_out_rows),
-            )
+            share = f"{100 * e.nrmse:.2f} %"
+            yield words, NAMES[form], f"{e.rmse:.3g} {unit}", share, f"{e.r:.5f}", str(e.held_out_rows)
         if channel in result.noise_floor:
-            yield channel, "noise floor", f"{result.noise_floor[channel]:.4g} {unit}", "", "", ""
+            yield words, "noise floor", f"{result.noise_floor[channel]:.3g} {unit}", "", "", ""
 
 
 def _terms(result: Identification) -> Iterable[tuple[str, ...]]:

@@ -1,11 +1,10 @@
 """Pictures of an identification, after the paper's Fig. 2 to 5: surfaces with data, residuals, tolerances,
-efficiency. PNG bytes; nothing is fitted here but what a picture itself sweeps.
+efficiency. Nothing is fitted here but what a picture itself sweeps.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,8 @@ from numpy.typing import NDArray
 
 from coaxlink.errors import InputError
 from coaxlink.load import Load
+from coaxlink.report.figures import DPI, stamped
+from coaxlink.report.label import channel_words, label
 from coaxlink.rotor.efficiency import measured_efficiency, split_curves
 from coaxlink.rotor.fit import least_squares
 from coaxlink.rotor.forms import load_terms
@@ -25,22 +26,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DATA, MODEL, SECOND, GRID = "#c4703f", "#1f5f8b", "#5c8a3a", "#8a8f98"
-DPI = 130
 TITLES = {load.key: load.label for load in Load}
 
 
-def pictures(result: Identification) -> dict[str, bytes]:
-    """File name: PNG, of all that this identification has the data for."""
-    drawn = {"surfaces.png": surfaces(result), "residuals.png": residuals(result)}
+def figures(result: Identification, stamp: str = "") -> dict[str, Figure]:
+    """Name: figure, of all that this identification has the data for; `stamp` below each."""
+    made = {"surfaces": surfaces(result), "residuals": residuals(result)}
     if {Load.LOWER_THRUST.key, Load.UPPER_THRUST.key} <= set(result.bench.measured):
-        drawn["tolerance.png"] = tolerance_sweep(result)
+        made["tolerance"] = tolerance_sweep(result)
     if all(load in result.bench.measured for pair in COAXIAL.values() for load in pair):
         with contextlib.suppress(InputError):  # no rpm: speeds came from the throttle
-            drawn["efficiency.png"] = efficiency(result)
-    return drawn
+            made["efficiency"] = efficiency(result)
+    return {name: stamped(figure, stamp) for name, figure in made.items()}
 
 
-def surfaces(result: Identification) -> bytes:
+def surfaces(result: Identification) -> Figure:
     """Fig. 2: each load's data over the speeds, and the model through them."""
     loads = result.bench.measured
     figure = _figure(11.0, 4.4 * ((len(loads) + 1) // 2))
@@ -53,7 +53,7 @@ def surfaces(result: Identification) -> bytes:
             line = np.linspace(0, max(u.max(), 1e-9), 100)
             axis.plot(u, y, "o", color=DATA, ms=3, alpha=0.7, label="measured")
             axis.plot(line, polynomial(line, float(np.median(v))), color=MODEL, label="model")
-            axis.set_xlabel("upper speed")
+            axis.set_xlabel("speed of the upper rotor, share of full")
             axis.legend(frameon=False, fontsize=8)
             _plain(axis)
         else:
@@ -61,14 +61,14 @@ def surfaces(result: Identification) -> bytes:
             a, b = np.meshgrid(np.linspace(0, u.max(), 25), np.linspace(0, v.max(), 25))
             axis.plot_wireframe(a, b, polynomial(a, b), color=MODEL, lw=0.5)
             axis.scatter(u, v, y, color=DATA, s=8, depthshade=False)
-            axis.set_xlabel("upper speed")
-            axis.set_ylabel("lower speed")
+            axis.set_xlabel("upper speed, of full", fontsize=8)
+            axis.set_ylabel("lower speed, of full", fontsize=8)
             axis.view_init(22, -125)
         axis.set_title(TITLES[load], loc="left", fontsize=10)
-    return _png(figure)
+    return figure
 
 
-def residuals(result: Identification) -> bytes:
+def residuals(result: Identification) -> Figure:
     """Fig. 3: what the model has not seen and misses, over the rows of the log, beside the noise floor."""
     channels = [c for c in COAXIAL if c in result.channels] or list(result.channels)[:2]
     figure = _figure(11.0, 2.7 * len(channels))
@@ -86,21 +86,21 @@ def residuals(result: Identification) -> bytes:
         for edge in np.flatnonzero(np.diff(result.bench.fold)) + 1.5:
             axis.axvline(edge, color=GRID, lw=0.4)
         unit = "N" if "thrust" in channel else "N m"
-        axis.set_ylabel(f"{channel.replace('_', ' ')}, {unit}")
+        axis.set_ylabel(label(f"{channel_words(channel)}, {unit}"))
         _plain(axis)
     axes[-1].set_xlabel("row; lines part the blocks that were left out one at a time")
     figure.suptitle("measured less predicted, held out", x=0.01, ha="left", fontsize=11)
-    return _png(figure)
+    return figure
 
 
-def tolerance_sweep(result: Identification, points: int = 14) -> bytes:
+def tolerance_sweep(result: Identification, points: int = 14) -> Figure:
     """Fig. 4: terms of the lower thrust that the paper's tolerance form keeps, and the error they leave."""
     figure = _figure(11.0, 4.2)
     left, right = figure.subplots(1, 2)
-    for label, standardised, colour in (("standardised terms", True, MODEL), ("raw terms", False, DATA)):
+    for kind, standardised, colour in (("standardised terms", True, MODEL), ("raw terms", False, DATA)):
         eps, sizes, errors = _sweep(result, standardised, points)
-        left.step(eps, sizes, where="mid", color=colour, label=label)
-        right.plot(eps, errors, "o-", color=colour, ms=3, label=f"{label}, refitted")
+        left.step(eps, sizes, where="mid", color=colour, label=kind)
+        right.plot(eps, errors, "o-", color=colour, ms=3, label=f"{kind}, refitted")
     right.plot(eps, eps, color=GRID, lw=0.8, ls="--", label="the l1 problem's own")
     left.set_ylabel("terms kept of 9")
     left.yaxis.get_major_locator().set_params(integer=True)
@@ -111,7 +111,7 @@ def tolerance_sweep(result: Identification, points: int = 14) -> bytes:
         axis.set_xlabel("tolerance, N")
         axis.legend(frameon=False, fontsize=8)
         _plain(axis)
-    return _png(figure)
+    return figure
 
 
 def _sweep(
@@ -136,7 +136,7 @@ def _sweep(
     return eps, sizes, errors
 
 
-def efficiency(result: Identification) -> bytes:
+def efficiency(result: Identification) -> Figure:
     """Fig. 5: efficiencies of eq. 5 over the coaxial thrust. Raises InputError without measured speeds."""
     found = measured_efficiency(result.bench.samples)
     columns = [("propeller, N/W", found.propeller)]
@@ -154,7 +154,7 @@ def efficiency(result: Identification) -> bytes:
     for split, colour in zip(split_curves(result.model, thrust), (GRID, SECOND, MODEL), strict=True):
         axes[0].plot(thrust, split.propeller, color=colour, label=f"model, {split.name}")
     axes[0].legend(frameon=False, fontsize=8, loc="lower left")
-    return _png(figure)
+    return figure
 
 
 def _polynomials(result: Identification) -> tuple[Any, ...]:
@@ -171,9 +171,3 @@ def _plain(axis: Axes) -> None:
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(color=GRID, alpha=0.25, lw=0.5)
     axis.tick_params(labelsize=8)
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()

@@ -13,6 +13,14 @@ CHANNELS = {
     "torque_x": "roll torque",
     "torque_y": "pitch torque",
     "torque_z": "yaw torque",
+    "upper_thrust": "thrust of the upper rotor",
+    "upper_torque": "torque of the upper rotor",
+    "lower_thrust": "thrust of the lower rotor",
+    "lower_torque": "torque of the lower rotor",
+    "upper_speed": "speed of the upper rotor",
+    "lower_speed": "speed of the lower rotor",
+    "coaxial_thrust": "thrust of the pair",
+    "coaxial_torque": "torque of the pair",
 }
 CAUSES = {  # what an effect depends on: a column's name in words, with its unit
     "vel_x_body_m_s": "speed forward, m/s",
@@ -37,9 +45,9 @@ CAUSES = {  # what an effect depends on: a column's name in words, with its unit
 LONGEST = 120  # characters that a figure has room for
 
 
-def label(text: str) -> str:
+def label(text: str, longest: int = LONGEST) -> str:
     """Text that matplotlib draws as it stands: no formulas, no character that its font lacks."""
-    shown = "".join(c if _drawn(c) else "?" for c in plain(text, LONGEST))
+    shown = "".join(c if _drawn(c) else "?" for c in plain(text, longest))
     return shown.replace("$", r"\$")
 
 

@@ -12,6 +12,7 @@ from coaxlink.report.refine import number
 
 if TYPE_CHECKING:
     from coaxlink.report.demo import FlightErrors
+    from coaxlink.report.made import Made
     from coaxlink.residual.result import Refinement
 
 HEADINGS = ("mean |meant - delivered|", "before (95 %)", "after (95 %)", "ratio", "noise")
@@ -148,13 +149,23 @@ def table(result: LoopResult) -> Any:
     return made
 
 
-def write_report(path: Path, result: LoopResult) -> None:
-    """Write the page (self-contained)."""
-    from coaxlink.report.html import escape
-    from coaxlink.report.page import html_table, page
+def sentence(result: LoopResult) -> str:
+    """The answer in one sentence: what was done, and what became of the flight's error."""
+    before, after = result.before.delivered, result.after.delivered
+    done = OUTCOMES[result.outcome].format(done=", ".join(result.compensated))
+    was, now, noise = (number(x) for x in (before.thrust_error_N, after.thrust_error_N, after.floor[0]))
+    return (
+        f"{done[:1].upper()}{done[1:]}; the thrust error of the flight was {was} N and is {now} N in the "
+        f"second one, of which the sensors' noise makes {noise} N."
+    )
 
-    said = "".join(f"<li>{escape(line)}</li>" for line in lines(result))
+
+def write_report(path: Path, result: LoopResult, made: Made | None = None) -> None:
+    """Write the page (self-contained)."""
+    from coaxlink.report.document import html_table, listed
+    from coaxlink.report.page import page
+
     title = "The flight's allocation error: mean |meant - delivered| over the whole plan"
-    opening = ((title, html_table(HEADINGS, rows(result)) + f"<ul>{said}</ul>"),)
-    whole = page(result.refinement, f"coaxlink loop, seed {result.seed}", opening=opening)
-    files.write_atomic(path, whole)
+    opening = ((title, html_table(HEADINGS, rows(result)) + listed(lines(result))),)
+    name = f"coaxlink loop, seed {result.seed}"
+    files.write_atomic(path, page(result.refinement, name, opening, lead=sentence(result), made=made))

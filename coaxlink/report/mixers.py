@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from coaxlink.mixer.comparison import THRUSTS, Row
 from coaxlink.mixer.fitted import FittedTable
-from coaxlink.report.figures import write_figure
+from coaxlink.report.figures import stamped
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLOURS = ("#4477aa", "#66ccee", "#228833", "#ccbb44", "#ee6677", "#aa3377", "#777777", "#222222", "#bb8866")
 FLOOR = 1e-4  # N, N m: what is drawn for an error that is none
 
 
-def draw_comparison(path: Path, name: str, weight_N: float, rows: Sequence[Row], table: FittedTable) -> None:
-    """Write three panels: thrust error over thrust, mean errors, the fitted table's trade."""
+def draw_comparison(
+    name: str, weight_N: float, rows: Sequence[Row], table: FittedTable, stamp: str = ""
+) -> Figure:
+    """Three panels: thrust error over thrust, mean errors, the fitted table's trade; `stamp` below them."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(15, 5.2), layout="constrained")
@@ -31,9 +36,9 @@ def draw_comparison(path: Path, name: str, weight_N: float, rows: Sequence[Row],
         bars.bar(at, [max(float(e), FLOOR) for e in row.mean_error], width, color=colour)
     bars.set_yscale("log")
     bars.set_xticks(range(4), ["thrust, N", "roll, N m", "pitch, N m", "yaw, N m"])
-    bars.set(ylabel="mean |error|", title=f"over the envelope (bars at {FLOOR:g}: none)")
+    bars.set(ylabel="mean |error|, N or N m", title=f"over the envelope (bars at {FLOOR:g}: none)")
     _draw_trade(trade, table)
-    write_figure(path, figure)
+    return stamped(figure, stamp)
 
 
 def _draw_trade(axes: object, table: FittedTable) -> None:

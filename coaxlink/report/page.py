@@ -2,60 +2,66 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Sequence
 
+from coaxlink.report.document import answer, document, folded, how_made, html_table, listed, picture
 from coaxlink.report.html import escape
+from coaxlink.report.label import channel_words
+from coaxlink.report.made import Made
 from coaxlink.report.refine import number, remarks, verdict
-from coaxlink.residual.result import Refinement
+from coaxlink.residual.result import FoundEffect, Refinement
 
-_STYLE = """
-:root{color-scheme:light dark;--ink:#1c2430;--dim:#5c6675;--line:#d8dde5;--paper:#fff;--mark:#1f5f8b}
-@media(prefers-color-scheme:dark){:root{
---ink:#e6eaf0;--dim:#9aa5b5;--line:#39424f;--paper:#161b22;
---mark:#79b8e8}}
-body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);
-max-width:62rem;margin:2rem auto;
-padding:0 1rem}
-h1{font-size:1.4rem;margin:0 0 .2rem}h2{font-size:1.15rem;margin:2.2rem 0 .5rem}
-h3{font-size:1rem;margin:1.4rem 0 .4rem}
-a{color:var(--mark)}
-.lead{font-size:1.15rem}dt{font-weight:600}dd{margin:0 0 .5rem 1.2rem;color:var(--dim)}
-p.dim,td.dim{color:var(--dim)}.verdict{font-size:1.15rem;color:var(--mark);margin:.3rem 0 1rem}
-.wide{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.9rem}
-th,td{padding:.25rem .7rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
-th:first-child,td:first-child,td.text{text-align:left}td.why{text-align:left;white-space:normal}
-th{color:var(--dim);font-weight:600}img{max-width:100%;height:auto;background:#fff;border-radius:4px}
-li{margin:.2rem 0}p,li,dd{overflow-wrap:anywhere}
-@media(max-width:40rem){th:first-child,td:first-child{white-space:normal;min-width:6rem}
-th,td{padding:.25rem .4rem}}
-"""
+FEW = 4  # remarks of one kind; more are one line and a fold
+LEAST_P = 1e-6  # nobody needs to know how much less
 
 
 def page(
-    result: Refinement, title: str = "What the model lacks", opening: Sequence[tuple[str, str]] = ()
+    result: Refinement,
+    title: str = "What the model lacks",
+    opening: Sequence[tuple[str, str]] = (),
+    *,
+    lead: str = "",
+    made: Made | None = None,
 ) -> str:
-    """The whole report as HTML; `opening` (heading, HTML) stands before the pictures."""
+    """The whole report as HTML; `opening` (heading, HTML) stands before the pictures, `lead` before all."""
+    made = made or Made()
     return document(
         title,
         [
-            f'<p class="verdict">{escape(verdict(result))}</p>',
+            answer(lead or sentence(result)),
             provenance(result),
             *(f"<h2>{escape(heading)}</h2>{html}" for heading, html in opening),
-            *found(result),
+            *found(result, made),
             *tried(result),
+            *how_made(made),
         ],
     )
 
 
-def document(title: str, parts: Iterable[str]) -> str:
-    """A page of these HTML parts under its title."""
-    body = "\n".join((f"<h1>{escape(title)}</h1>", *parts))
+def sentence(result: Refinement) -> str:
+    """The answer in one sentence: what was found, where it shows most, and what is left of that."""
+    said = verdict(result)
+    if not result.effects:
+        return f"{said[:1].upper()}{said[1:]}."
+    named = "; ".join(_named(e) for e in result.effects)
+    errors = {n: c for n, c in result.channels.items() if c.rmse_after > 0.0}
+    if not errors:
+        return f"Found: {named}."
+    name = max(errors, key=lambda n: errors[n].rmse_before / errors[n].rmse_after)
+    c = errors[name]
     return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
+        f"Found: {named}; the error of the {channel_words(name)} falls from {number(c.rmse_before)} to "
+        f"{number(c.rmse_after)} {c.unit}, of which noise alone makes {number(c.noise_floor)}."
     )
+
+
+def _named(effect: FoundEffect) -> str:
+    """An effect in words with its first numbers."""
+    shown = ", ".join(
+        f"{p.name.replace('_', ' ')} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}"
+        for p in effect.parameters[:2]
+    )
+    return effect.name.replace("_", " ") + (f" ({shown})" if shown else "")
 
 
 def provenance(result: Refinement) -> str:
@@ -66,46 +72,73 @@ def provenance(result: Refinement) -> str:
     )
 
 
-def found(result: Refinement) -> list[str]:
+def found(result: Refinement, made: Made) -> list[str]:
     """The pictures, the errors before and after, the effects and the remarks."""
-    parts = [*_pictures(result), "<h2>Residual of the model before and after</h2>", _errors(result)]
+    parts = [*_pictures(result, made), "<h2>Residual of the model before and after</h2>", _errors(result)]
     if result.effects:
         parts += ["<h2>Effects</h2>", _effects(result)]
-    listed = list(remarks(result))
-    if listed:
-        parts += ["<h2>Remarks</h2><ul>", *(f"<li>{escape(r)}</li>" for r in listed), "</ul>"]
+    said = list(remarks(result))
+    if said:
+        parts += ["<h2>Remarks</h2>", *_remarks(said)]
     return parts
 
 
 def tried(result: Refinement) -> list[str]:
     """Every step of the selection, and the small corrections of the base."""
-    parts = ["<h2>What was tried, and why it lost</h2>", _trace(result)]
+    parts = [folded(f"What was tried, and why it lost ({len(result.trace)} steps)", _trace(result))]
     if result.corrections:
-        parts += [
-            "<h2>Small corrections of the base</h2>",
-            '<p class="dim">Fitted with every candidate, inside bounds; none of them is an effect.</p>',
-            html_table(("correction", "value"), [(n, number(v)) for n, v in result.corrections.items()]),
-        ]
+        said = '<p class="dim">Fitted with every candidate, inside bounds; none of them is an effect.</p>'
+        rows = [(n, number(v)) for n, v in result.corrections.items()]
+        parts.append(
+            folded("Small corrections of the base", said + html_table(("correction", "value"), rows))
+        )
     return parts
 
 
-def _pictures(result: Refinement) -> Iterable[str]:
+def count(value: float) -> str:
+    """A number that a person reads at once: 8648779 is 8.6 million."""
+    if abs(value) >= 1e6:
+        return f"{value / 1e6:.3g} million"
+    return f"{value:,.0f}" if abs(value) >= 1e4 else number(value)
+
+
+def chance(p: float) -> str:
+    """A probability as one reads it: never 0."""
+    return "below 1 in a million" if p < LEAST_P else f"{p:.1g}"
+
+
+def _remarks(said: Sequence[str]) -> Iterable[str]:
+    """Remarks that say the same of several things are one line; long ones are folded away."""
+    same: dict[str, list[str]] = {}
+    for line in said:
+        what, between, why = line.partition(": ")
+        same.setdefault(why if between else line, []).append(what if between else "")
+    merged = [
+        f"{', '.join(dict.fromkeys(names))}: {why}" if any(names) else why for why, names in same.items()
+    ]
+    judged = [line for line in merged if "cannot be judged" not in line]
+    left = [line for line in merged if line not in judged]
+    yield listed(judged) if judged else ""
+    if len(left) > FEW:
+        yield folded(f"{len(left)} effects that these data cannot judge", listed(left))
+    elif left:
+        yield listed(left)
+
+
+def _pictures(result: Refinement, made: Made) -> Iterable[str]:
     if result.series is None:
         return
     from coaxlink.report.residual_plots import errors, overview
 
-    for data, text in (
-        (overview(result), "residual before and after, over time and over its cause"),
-        (errors(result), "error of every channel before and after, in units of its noise floor"),
-    ):
-        image = base64.b64encode(data).decode()
-        yield f'<p><img alt="{escape(text)}" src="data:image/png;base64,{image}"></p>'
+    yield picture(overview(result, made.line()), "Residual before and after, over time and over its cause")
+    said = "Error of every channel before and after, in units of its noise floor"
+    yield picture(errors(result, made.line()), said)
 
 
 def _errors(result: Refinement) -> str:
     rows = [
         (
-            name,
+            channel_words(name),
             c.unit,
             number(c.rmse_as_given),
             number(c.rmse_before),
@@ -117,7 +150,17 @@ def _errors(result: Refinement) -> str:
         )
         for name, c in result.channels.items()
     ]
-    heads = ("channel", "unit", "as given", "before", "95 %", "after", "95 %", "noise floor", "rows")
+    heads = (
+        "channel",
+        "unit",
+        "as given",
+        "before",
+        "before, 95 %",
+        "after",
+        "after, 95 %",
+        "noise floor",
+        "rows",
+    )
     return html_table(heads, rows)
 
 
@@ -133,25 +176,10 @@ def _effects(result: Refinement) -> str:
 
 def _trace(result: Refinement) -> str:
     rows = [
-        (str(s.number), s.action, s.name, number(s.gain), f"{s.p_value:.1g}", f"{100 * s.size:.2f} %",
+        (str(s.number), s.action, s.name, count(s.gain), chance(s.p_value), f"{100 * s.size:.2f} %",
          "yes" if s.kept else "no", s.why)
         for s in result.trace
     ]  # fmt: skip
     rows += [("", "", r.name, "", "", "", "no", r.why) for r in result.rejected if "cannot" in r.why]
-    heads = ("step", "action", "effect", "gain", "p", "size", "kept", "why")
+    heads = ("step", "action", "effect", "gain, noise variances", "by chance", "size", "kept", "why")
     return html_table(heads, rows, wide=(7,))
-
-
-def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]], wide: Sequence[int] = ()) -> str:
-    """An HTML table; the columns in `wide` may wrap."""
-    head = "".join(f"<th>{escape(h)}</th>" for h in heads)
-    body = "\n".join(
-        "<tr>"
-        + "".join(
-            f'<td class="why">{escape(cell)}</td>' if i in wide else f"<td>{escape(cell)}</td>"
-            for i, cell in enumerate(row)
-        )
-        + "</tr>"
-        for row in rows
-    )
-    return f'<div class="wide"><table><tr>{head}</tr>\n{body}</table></div>'

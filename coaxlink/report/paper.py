@@ -42,8 +42,8 @@ def tables(ledger: Ledger) -> Iterator[Any]:
         for heading in ("printed", "computed"):
             rows.add_column(heading, justify="right")
         rows.add_column("unit")
-        for line in entry.lines:
-            rows.add_row(line.what, _number(line.printed), _number(line.computed), line.unit)
+        for cells in line_rows(entry):
+            rows.add_row(*cells)
         yield rows
 
 
@@ -63,6 +63,12 @@ def _section(entry: Entry) -> Iterator[str]:
         yield "\n| | printed | computed | |\n|---|---:|---:|---|"
         for line in entry.lines:
             yield f"| {line.what} | {_number(line.printed)} | {_number(line.computed)} | {line.unit} |"
+
+
+def line_rows(entry: Entry) -> Iterator[tuple[str, str, str, str]]:
+    """A row a number: what it is, printed, computed, unit."""
+    for line in entry.lines:
+        yield line.what, _number(line.printed), _number(line.computed), line.unit
 
 
 def _number(value: float | None) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coaxlink import files
+from coaxlink.report.figures import drawn, stamped, write_figure
 from coaxlink.report.label import cause_words, channel_words
 from coaxlink.report.label import label as words
 from coaxlink.residual.result import Refinement, Series
@@ -17,12 +16,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BEFORE, AFTER, FLOOR = "#c4703f", "#1f5f8b", "#8a8f98"
-DPI = 130
 LOG_GAP_S = 2.0  # drawn between logs and pieces of a log, which stand one after another
 
 
-def overview(result: Refinement) -> bytes:
-    """PNG: each touched channel's residual over time and over the cause of its effect."""
+def overview(result: Refinement, stamp: str = "") -> bytes:
+    """PNG: each touched channel's residual over time and over the cause of its effect; `stamp` below it."""
+    return drawn(overview_figure(result, stamp))
+
+
+def errors(result: Refinement, stamp: str = "") -> bytes:
+    """PNG: the error of every channel before and after in units of its noise floor; `stamp` below it."""
+    return drawn(errors_figure(result, stamp))
+
+
+def overview_figure(result: Refinement, stamp: str = "") -> Any:
+    """The figure of `overview`, for any format."""
     series = _series(result)
     shown = _rows(result)
     figure = _figure(11.0, 1.0 + 2.3 * len(shown))
@@ -33,11 +41,11 @@ def overview(result: Refinement) -> bytes:
     axes[0, 0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8)
     axes[-1, 0].set_xlabel("time in the log, pauses shortened, s", fontsize=9)
     figure.suptitle(words(_title(result)), x=0.01, ha="left", fontsize=11)
-    return _png(figure)
+    return stamped(figure, stamp)
 
 
-def errors(result: Refinement) -> bytes:
-    """PNG: the error of every channel before and after in units of its noise floor."""
+def errors_figure(result: Refinement, stamp: str = "") -> Any:
+    """The figure of `errors`, for any format."""
     figure = _figure(7.0, 0.9 + 0.42 * len(result.channels))
     axis = figure.subplots()
     names = list(result.channels)
@@ -55,15 +63,21 @@ def errors(result: Refinement) -> bytes:
     axis.axvline(1.0, color=FLOOR, lw=1, ls="--")
     axis.set_xscale("log")
     axis.set_yticks(range(len(names)), [words(channel_words(name)) for name in names])
-    axis.set_xlabel("RMS error on rows the fit has not seen, in noise floors (1: nothing left to explain)")
+    axis.set_xlabel(
+        "RMS error on rows the fit has not seen, in noise floors (1: nothing left to explain)", fontsize=9
+    )
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter(
+        "{x:g}" if max(axis.get_xlim()) < 10 * max(min(axis.get_xlim()), 1e-9) else ""
+    )
     axis.legend(frameon=False, fontsize=8)
     _plain(axis)
-    return _png(figure)
+    return stamped(figure, stamp)
 
 
-def save_overview(result: Refinement, path: Path) -> None:
-    """Write the overview as a PNG, atomically. Raises InputError when it cannot be written."""
-    files.write_atomic(path, overview(result))
+def save_overview(result: Refinement, path: Path, stamp: str = "") -> None:
+    """Write the overview, PNG, SVG or PDF by its ending. Raises InputError when it cannot be written."""
+    write_figure(path, overview_figure(result, stamp))
 
 
 def _series(result: Refinement) -> Series:
@@ -123,21 +137,21 @@ def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, ef
         return
     label, cause = series.causes[effect, channel]
     for values, colour in ((series.before[:, c], BEFORE), (series.after[:, c], AFTER)):
-        axis.plot(cause, values, ".", ms=2, alpha=0.35, color=colour)
+        axis.plot(cause, values, ".", ms=2, alpha=0.35, color=colour, rasterized=True)
         edges = np.unique(np.quantile(cause, np.linspace(0, 1, 13)))
         at = np.clip(np.searchsorted(edges, cause, side="right") - 1, 0, max(len(edges) - 2, 0))
         middles = [(np.mean(cause[at == k]), np.mean(values[at == k])) for k in np.unique(at)]
         axis.plot(*zip(*middles, strict=True), "-o", ms=3, lw=1.4, color=colour)
     axis.axhline(0.0, color=FLOOR, lw=0.8)
     axis.set_xlabel(words(cause_words(label)), fontsize=9)
-    axis.set_title(words(effect), fontsize=9, loc="left")
+    axis.set_title(words(effect.replace("_", " ")), fontsize=9, loc="left")
     _plain(axis)
 
 
 def _title(result: Refinement) -> str:
     if not result.effects:
         return "residual: no effect found"
-    return "residual before and after: " + ", ".join(e.name for e in result.effects)
+    return "residual before and after: " + ", ".join(e.name.replace("_", " ") for e in result.effects)
 
 
 def _plain(axis: Axes) -> None:
@@ -153,9 +167,3 @@ def _figure(width: float, height: float) -> Any:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
-
-
-def _png(figure: Any) -> bytes:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=DPI)
-    return stream.getvalue()

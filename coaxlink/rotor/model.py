@@ -129,9 +129,7 @@ class _RotorFile(BaseModel):
     )
     upper: _Loads = Field(description="The upper rotor's loads.")
     lower: _Loads = Field(description="The lower rotor's loads, in the upper one's wake.")
-    effects: list[_Effect] = Field(
-        default_factory=list, description="What `refine` added to the polynomials."
-    )
+    effects: list[_Effect] = Field(default_factory=list, description="What refine added to the polynomials.")
     identified: dict[str, Any] = Field(
         default_factory=dict, description="From what: file, hash, rows, held-out errors, intervals."
     )

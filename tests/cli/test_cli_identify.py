@@ -91,11 +91,12 @@ def test_pictures_and_page(tmp_path: Path) -> None:
     page = tmp_path / "r.html"
     assert coaxlink("identify", "example", "--plot", tmp_path / "png", "--report", page) == 0
     names = {p.name for p in (tmp_path / "png").iterdir()}
-    assert names == {"surfaces.png", "residuals.png", "tolerance.png", "efficiency.png"}
-    assert all(p.read_bytes().startswith(b"\x89PNG") for p in (tmp_path / "png").iterdir())
+    drawn = ("surfaces", "residuals", "tolerance", "efficiency")
+    assert names == {f"{name}.{kind}" for name in drawn for kind in ("png", "svg", "pdf")}
+    assert all(p.read_bytes().startswith(b"\x89PNG") for p in (tmp_path / "png").glob("*.png"))
     text = page.read_text()
     assert text.count("data:image/png;base64,") == 4 and "http" not in text.replace("http-equiv", "")
-    assert "u_l^2" in text and "coaxial_thrust" in text
+    assert "u_l^2" in text and "thrust of the pair" in text
 
 
 def test_tolerance_form(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,7 +50,7 @@ def test_everything_is_written(folder, capsys):
     better = tomllib.loads((folder / "better.toml").read_text())
     assert better["effects"][0]["name"] == "air_density" and better["upper"]["thrust_N"]["u_u^2"] == 55.9517
     page = (folder / "r.html").read_text()
-    assert "found: air_density" in page and page.count("data:image/png;base64,") == 2
+    assert "Found: air density" in page and page.count("data:image/png;base64,") == 2
     assert "http" not in page  # self-contained
     code = run("refine", folder / "stand.csv", "--rotor", folder / "better.toml")
     assert code == 0 and "nothing to explain" in capsys.readouterr().out

@@ -1,0 +1,100 @@
+"""What every report page must have: the answer first, stamped figures, cards on a phone, how it was made."""
+
+import hashlib
+import re
+import sys
+from dataclasses import replace
+
+import pytest
+
+from coaxlink.files import example
+from coaxlink.paper import Ledger
+from coaxlink.paper.ledger import CONTRADICTED, REPRODUCED, Entry, Line
+from coaxlink.report.document import html_table
+from coaxlink.report.made import Made
+from coaxlink.report.page import chance, count, page, sentence
+from coaxlink.report.paper_page import paper_page
+from coaxlink.residual.result import ChannelError, FoundEffect, ParameterValue, Refinement, Rejected, Step
+
+ERROR = ChannelError("N m", 0.0034, 0.647, 0.0034, (0.64, 0.65), (0.003, 0.004), 639, 0.66)
+WEAK = FoundEffect(
+    "degraded_rotor",
+    ("torque_x",),
+    (ParameterValue("rotor", 6.0, (6.0, 6.0), "1"),),
+    {"torque_x": (0.647, 0.0034)},
+    {},
+    "a source",
+)
+FOUND = Refinement(
+    "flight",
+    {"torque_x": ERROR},
+    (WEAK,),
+    (),
+    (),
+    (),
+    tuple(Rejected(name, "cannot be judged: never above 3 m") for name in "abcdef"),
+    None,
+    trace=(Step(1, "add", "degraded_rotor", 8648779.0, 0.0, 0.03, True, "kept"),),
+    source="flight.csv",
+)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["/bin/coaxlink", "refine", "a flight.csv"])
+    return Made.now([example("x8_paper.toml"), "/no/such/file"], "paper-x8")
+
+
+def test_made_names_command_vehicle_file_and_its_hash(made):
+    assert made.command == "coaxlink refine 'a flight.csv'"
+    digest = hashlib.sha256(example("x8_paper.toml").read_bytes()).hexdigest()
+    assert made.files == (("x8_paper.toml", digest),)
+    assert re.fullmatch(
+        r"paper-x8 · x8_paper\.toml · \d{4}-\d\d-\d\d \d\d:\d\d UTC · coaxlink \S+.*", made.line()
+    )
+    assert "numpy" in made.versions()
+
+
+def test_the_answer_stands_first_and_every_number_can_be_read(made):
+    shown = page(FOUND, made=made)
+    first = re.search(r"<p[^>]*>(.*?)</p>", shown)[1]
+    assert first.startswith("Found: degraded rotor (rotor 6); the error of the roll torque falls from 0.647")
+    assert "8.65 million" in shown and "8648779" not in shown
+    assert "below 1 in a million" in shown and "<td>0</td>" not in shown
+    assert "roll torque" in shown and "torque_x" not in shown
+    said = shown[shown.index("<h2>Remarks") : shown.index("What was tried")]
+    assert said.count("never above 3 m") == 1 and "a, b, c, d, e, f: cannot be judged" in said
+    assert made.files[0][1] in shown and "http" not in shown
+
+
+def test_nothing_found_is_a_sentence_too():
+    nothing = replace(FOUND, effects=(), trace=())
+    assert sentence(nothing).startswith("Nothing to explain") and sentence(nothing).endswith(".")
+
+
+def test_numbers_and_chances():
+    assert [count(x) for x in (0.0123, 123.0, 45678.0, 8648779.0)] == [
+        "0.0123",
+        "123",
+        "45,678",
+        "8.65 million",
+    ]
+    assert [chance(p) for p in (0.0, 0.03)] == ["below 1 in a million", "0.03"]
+
+
+def test_a_table_of_many_columns_is_cards_on_a_phone_and_one_of_few_is_not():
+    wide = html_table(tuple("abcde"), [tuple("12345")])
+    assert 'class="cards"' in wide and '<td data-label="c">3</td>' in wide
+    assert "data-label" not in html_table(("a", "b"), [("1", "2")])
+
+
+def test_the_ledger_counts_its_verdicts(made):
+    entries = (
+        Entry("table-1", "a table", REPRODUCED, "why", (Line("k", 2.0, 2.0, "N"), Line("none", None, 1.0))),
+        Entry("eq-18", "an equation", CONTRADICTED, "why not", (Line("k", 0.0, 1.0),)),
+    )
+    shown = paper_page(Ledger(entries), made)
+    assert (
+        "Of 2 tables, figures, equations and statements of the paper: 1 reproduced, 1 contradicted." in shown
+    )
+    assert shown.count("data:image/png;base64,") == 1
