@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from coaxlink.link.worth import Worths
 from coaxlink.report.document import answer, document, how_made, html_table, picture
 from coaxlink.report.figures import drawn
 from coaxlink.report.html import escape
 from coaxlink.report.made import Made
 from coaxlink.report.worth import rows, sentences, terms
+from coaxlink.tables.worth import Worths
 
 CAPTION = (
     "Left: thrust delivered minus asked, over the thrust asked for, in level flight. Middle: mean error of "
