@@ -90,6 +90,7 @@ def main() -> None:
         told[name] = value
         print(f"{text}   (load {os.getloadavg()[0]:.1f})", flush=True)
 
+    engine_cost(2)  # imports what this process needs once
     start_up = engine_cost(2)
     own = (engine_cost(CELLS) - start_up) / (CELLS * CELL_S)
     tell(

@@ -21,6 +21,7 @@ from typing import Any
 from coaxlink.errors import CheckFailed, InputError, LinkError
 
 TASK_S = 1.0  # of work in one task
+TASKS_HZ = 50.0  # given out at most, whatever the cluster: a Dask scheduler has some hundreds a second
 MOST_CELLS = 2000  # of a task
 AHEAD = 3  # tasks a worker, under way or waiting
 DEATHS = 4  # of workers in a row, without one task done between, before it is given up
@@ -69,6 +70,7 @@ def run(
     deaths = 0
     while True:
         with _executor(machine) as (executor, workers):
+            todo.task_s = max(TASK_S, workers / TASKS_HZ)
             underway: dict[Future[Done], tuple[int, ...]] = {}
             try:
                 while True:
@@ -116,11 +118,11 @@ class _Todo:
     """Cells not yet given out, cut into tasks by what the ones before cost."""
 
     def __init__(self, cells: Iterator[int], group: int) -> None:
-        self._cells, self._group, self._size = cells, group, group
+        self._cells, self._group, self._size, self.task_s = cells, group, group, TASK_S
 
     def learn(self, done: Done) -> None:
         """Size tasks by the last one's cost; never more than twice as many cells as it had."""
-        wanted = TASK_S * len(done.cells) / max(done.seconds, 1e-6)
+        wanted = self.task_s * len(done.cells) / max(done.seconds, 1e-6)
         size = min(wanted, 2.0 * max(len(done.cells), self._group), MOST_CELLS)
         self._size = max(int(size) // self._group, 1) * self._group
 

@@ -19,7 +19,7 @@ from coaxlink.campaign.cells import Cell, cell
 from coaxlink.campaign.dataset import NUMBER, TEXT, WHOLE, YES
 from coaxlink.campaign.engine import Rows
 from coaxlink.campaign.spec import Known, Spec
-from coaxlink.errors import CheckFailed, InputError
+from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from firmware_params.bounded import parse_toml
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def code_hash() -> str:
 
     digest = hashlib.sha256()
     here, world = Path(str(coaxlink.__file__)).parent, Path(str(sim.__file__)).parent
-    parts = ("mixer", "vehicle", "rotor", "residual", "effects", "data")
+    parts = ("mixer", "tables", "vehicle", "rotor", "residual", "effects", "data")
     places = [p for folder in (world, *(here / part for part in parts)) for p in sorted(folder.rglob("*.py"))]
     for path in (Path(__file__), here / "campaign" / "cells.py", here / "campaign" / "spec.py", *places):
         digest.update(path.read_bytes())
@@ -127,7 +127,7 @@ def fly_cell(spec: Spec, one: Cell, log: Path | None = None, out: Path | None = 
                 from sim.truth import Truth, truth_text
 
                 (out / "truth.toml").write_text(truth_text(Truth(world.effects)))
-    except (InputError, SimError) as error:
+    except (InputError, SafetyRefusal, SimError) as error:
         row["problem"] = str(error).replace(str(Path(tempfile.gettempdir())), "")
     return row
 
@@ -182,10 +182,12 @@ def _mixer(vehicle: Vehicle, law: str) -> Any:
         from coaxlink.mixer.exact.native import NativeExact
 
         return NativeExact(vehicle)
-    from coaxlink.tables.px4 import px4_table
-    from firmware_params import px4
+    from coaxlink.tables.px4 import report_px4
 
-    return px4.table_to_params(px4_table(vehicle, law))
+    report = report_px4(vehicle, law)
+    for finding in report.blocking:  # what `table` and `upload` refuse is not flown here either
+        raise SafetyRefusal(f"{finding.id}: {finding.text}")
+    return report.params
 
 
 def write_vehicle(spec: Spec, values: Mapping[str, float | str], folder: Path) -> tuple[Path, Path, Path]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,7 +14,7 @@ from campaign_work import COLUMNS, work
 from coaxlink.campaign import dataset as data
 from coaxlink.campaign.dataset import Dataset, columns_of
 from coaxlink.campaign.engine import AHEAD, Done, Machine, _Todo, run
-from coaxlink.errors import CheckFailed, InputError, LinkError
+from coaxlink.errors import CheckFailed, InputError
 
 CELLS = 230
 
@@ -103,26 +106,30 @@ def test_a_cell_that_kills_every_worker_ends_with_its_place(tmp_path) -> None:
 
 
 def test_on_dask_the_rows_are_the_same_and_a_killed_worker_costs_none(tmp_path) -> None:
-    distributed = pytest.importorskip("distributed")
+    pytest.importorskip("distributed")
     _here(tmp_path / "plain")
-    payload = {"flag": str(tmp_path / "flag"), "dies": 60}
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1",
-        local_directory=str(tmp_path),
-    ) as cluster, Dataset(tmp_path / "dask", COLUMNS, CELLS, {"digest": "x"}) as rows:  # fmt: skip
-        seen = []
-        for done in run(work, payload, rows.missing(), Machine(scheduler=cluster.scheduler_address)):
-            seen += done.cells
-            rows.add(done.rows)
-    assert (tmp_path / "flag").exists() and sorted(seen) == list(range(CELLS))
+    command = [
+        sys.executable,
+        str(Path(__file__).with_name("dask_process.py")),
+        str(tmp_path),
+        str(CELLS),
+        "60",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "flag").exists() and sorted(json.loads(done.stdout)) == list(range(CELLS))
     assert _hashes(tmp_path / "plain") == _hashes(tmp_path / "dask")
 
 
-def test_no_scheduler_is_one_line(monkeypatch) -> None:
+def test_no_scheduler_is_one_line() -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("coaxlink.campaign.engine.CONNECT_S", 0.5)
-    with pytest.raises(LinkError, match="no Dask scheduler"):
-        list(run(work, {}, iter(range(3)), Machine(scheduler="tcp://127.0.0.1:9")))
+    program = (
+        "from coaxlink.campaign import engine\nengine.CONNECT_S = 0.5\n"
+        "try:\n    list(engine.run(print, {}, iter(range(3)), engine.Machine(scheduler='tcp://127.0.0.1:9')))\n"
+        "except engine.LinkError as error:\n    print(error)\n"
+    )
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert said.stdout == "tcp://127.0.0.1:9: no Dask scheduler answers there\n", said.stderr
 
 
 def test_tasks_grow_to_a_second_of_work_and_keep_groups_whole() -> None:

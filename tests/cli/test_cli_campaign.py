@@ -82,7 +82,6 @@ def test_what_is_wrong_is_one_line(spec, tmp_path) -> None:
     for arguments, code, said in (
         (("campaign", "none.toml"), 2, "none.toml: cannot be read"),
         (("campaign", spec, "--replay", "24"), 2, "--replay: 24: a cell from 0 to 23 is expected"),
-        (("campaign", spec, "--scheduler", "nonsense"), 3, "nonsense: no Dask scheduler answers there"),
         (("campaign", spec, "--out", "/proc/none"), 2, "/proc/none: cannot be written"),
     ):
         ended = coaxlink(*arguments)
