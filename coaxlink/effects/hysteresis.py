@@ -8,6 +8,8 @@ the way that was gone since, whatever it was (Dahl 1968, Aerospace Corporation T
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from coaxlink.constants import SIGMA_PER_MAD
@@ -55,8 +57,15 @@ def moving(frame: StandFrame, side: int) -> Array:
 def slipping(course: Array, ways: Array) -> Array:
     """(rows, K) states -1..1 of elements that follow the course (rows,) and slip after the ways (K,).
 
-    Two levels: pieces of the course are composed into one map each, side by side, then run from their starts.
+    Read-only: a search asks for the same states again and again.
     """
+    return _slipping(np.asarray(course, float).tobytes(), np.asarray(ways, float).tobytes())
+
+
+@lru_cache(maxsize=64)
+def _slipping(course_of: bytes, ways_of: bytes) -> Array:
+    """Two levels: pieces of the course become one map each, side by side, then run from their starts."""
+    course, ways = np.frombuffer(course_of), np.frombuffer(ways_of)
     move = np.diff(course, prepend=course[0])[:, None] * (2.0 / ways)
     rows = len(move)
     length = max(1, int(np.sqrt(rows)))
@@ -77,7 +86,9 @@ def slipping(course: Array, ways: Array) -> Array:
     state = start
     for k, step in enumerate(by_step):
         state = _slip(state, step, -1.0, 1.0, out[k])
-    return np.asarray(out.transpose(1, 0, 2).reshape(pieces * length, -1)[:rows])
+    states = np.ascontiguousarray(out.transpose(1, 0, 2).reshape(pieces * length, -1)[:rows])
+    states.setflags(write=False)
+    return states
 
 
 def _slip(state: Array, step: Array, low: Array | float, high: Array | float, out: Array) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
 from coaxlink.effects.tracing import Array, Shape, Tracing
@@ -17,17 +18,35 @@ MEMORIES = (0.1, 0.3)  # of the run: time constants of a drift that settles
 FREE = {"memory": (0.01, 4.0), "since": (0.02, 0.9), "power": (0.2, 3.0)}
 BEGINNINGS = (0.2, 0.5)  # of the run
 DRIFT = ("per_minute", "zero", "settling_per_minute")
-ALSO = "also_"
+ALSO, SPAN = "also_", "span_per_minute"
+PAUSE, PAUSE_S = 20.0, 30.0  # times the usual step, and seconds: a stand that is started anew is tared
 
 
 def _drift_shapes(frame: StandFrame) -> Sequence[Shape]:
     forms: list[dict[str, float]] = [{}, *({"memory": m} for m in MEMORIES)]
+    if np.any(_pauses(frame)):
+        forms += [{**form, "tared": 1.0} for form in forms]
     return [{"channel": float(c), **form} for c in frame.present if c < 4 for form in forms]
 
 
+def _pauses(frame: StandFrame) -> NDArray[np.bool_]:
+    """(rows,) where a run begins anew behind a pause: there cells are tared."""
+    step = np.diff(frame.time_s, prepend=frame.time_s[0])
+    usual = max(float(np.median(step)), 1e-9)
+    return np.asarray(step > np.maximum(PAUSE * usual, PAUSE_S))
+
+
+def _elapsed(frame: StandFrame, shape: Shape) -> Array:
+    """(rows,) seconds since the cells' zeros were set."""
+    if "tared" not in shape:
+        return frame.time_s - frame.time_s[0]
+    rows = np.arange(len(frame.time_s))
+    return frame.time_s - frame.time_s[np.maximum.accumulate(np.where(_pauses(frame), rows, 0))]
+
+
 def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
-    elapsed = frame.time_s - frame.time_s[0]
-    span = max(float(elapsed[-1]), 1e-9)
+    elapsed = _elapsed(frame, shape)
+    span = max(float(np.max(elapsed)), 1e-9)
     began = np.maximum(elapsed - shape.get("since", 0.0) * span, 0.0)
     courses = [span / 60.0 * (began / span) ** shape.get("power", 1.0)]
     if "memory" in shape:
@@ -37,26 +56,33 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
     # the base may hold no constant: the zero at the start comes with the drift
     cells = [int(shape[name]) for name in ("channel", "also") if name in shape]
     courses = [courses[0], np.ones(len(elapsed)), *courses[1:]]
-    out = np.zeros((len(elapsed), 6, len(courses) * len(cells)))
+    each = len(courses) + ("span" in shape)
+    out = np.zeros((len(elapsed), 6, each * len(cells)))
     for n, cell in enumerate(cells):
         for k, course in enumerate(courses):
-            out[:, cell, n * len(courses) + k] = course
+            out[:, cell, n * each + k] = course
+        if "span" in shape:  # a gauge that warms up changes its factor with its zero
+            out[:, cell, n * each + each - 1] = (
+                courses[-1 if "creep" in shape else 0] * frame.predicted[:, cell]
+            )
     return out
 
 
 def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     """A zero that drifts later, by a power of time, settles, or settles and creeps on; also in two cells."""
     forms: list[tuple[Shape, Array]] = []
-    if not {"creep", "since", "power"} & set(shape):
+    cells = np.reshape(c, (2 if "also" in shape else 1, -1))
+    if not {"creep", "since", "power", "span"} & set(shape):
         steady = {k: v for k, v in shape.items() if k != "memory"}
         forms += [({**steady, "since": s}, c) for s in BEGINNINGS]
         forms.append(({**steady, "power": 0.6}, c))
         memory = shape.get("memory", 0.3)
         if "memory" not in shape:
             forms.append(({**shape, "memory": memory}, c))
-        cells = np.reshape(c, (-1, 2))
         first = np.column_stack([0.5 * cells[:, 0], cells[:, 1], 0.5 * cells[:, 0]]).ravel()
         forms += [({**shape, "memory": m, "creep": 1.0}, first) for m in (memory, 0.1)]
+    if "span" not in shape:
+        forms.append(({**shape, "span": 1.0}, np.column_stack([cells, np.zeros(len(cells))]).ravel()))
     if "also" not in shape:
         others = [k for k in frame.present if k < 4 and k != int(shape["channel"])]
         both = [(shape, c), *forms[-1:]]
@@ -68,11 +94,12 @@ def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Sh
 
 def _drift_names(shape: Shape) -> tuple[str, ...]:
     names = DRIFT if "creep" in shape else DRIFT[:2]
+    names = (*names, SPAN) if "span" in shape else names
     return (*names, *(ALSO + n for n in names)) if "also" in shape else names
 
 
 def _drift_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k.removeprefix(ALSO) not in DRIFT}
+    shape = {k: v for k, v in p.items() if k.removeprefix(ALSO) not in (*DRIFT, SPAN)}
     return shape, np.array([p[name] for name in _drift_names(shape)])
 
 
@@ -89,11 +116,22 @@ def _no_clock(frame: StandFrame) -> str | None:
 STAND: Tracing[StandFrame] = Tracing(
     name="sensor_drift",
     stage=8,
-    physics="a load cell's zero wanders with time",
+    physics="a load cell's zero wanders with time, its factor may with it",
     source="creep (a power of time, Findley 1944) and warm-up of strain gauges",
     needs=("time_s",),
     channels=STAND_LOADS,
-    units={"channel": "1", "also": "1", "memory": "1", "creep": "1", "since": "1", "power": "1"}
+    units={
+        "channel": "1",
+        "also": "1",
+        "memory": "1",
+        "creep": "1",
+        "since": "1",
+        "power": "1",
+        "tared": "1",
+        "span": "1",
+        SPAN: "1/min",
+        ALSO + SPAN: "1/min",
+    }
     | {before + name: "N or N m" for name in DRIFT for before in ("", ALSO)},
     missing=_no_clock,
     shapes=_drift_shapes,
@@ -133,6 +171,13 @@ EFFECT = PhysicalEffect(
         Parameter("power", "1", *FREE["power"],
             source="wide: any value between the bounds; creep goes with a power of time (Findley 1944), "
                    "warm-up steeper at first"),
+        *(
+            Parameter(before + SPAN, "1/min", -10.0, 10.0,
+                source="wide: any value between the bounds; a cell's factor warms up with its zero")
+            for before in ("", ALSO)
+        ),
+        Parameter("tared", "1", 0.0, 1.0, source="a switch, 0 or 1: its zero is set at every start"),
+        Parameter("span", "1", 0.0, 1.0, source="a switch, 0 or 1: its factor drifts with its zero"),
     ),
     stand=STAND,
     no_static=_OF_THE_STAND,

@@ -35,6 +35,9 @@ def verdict(result: Refinement) -> str:
 
 def remarks(result: Refinement) -> Iterator[str]:
     """What a reader must know besides the tables."""
+    for e in result.effects:
+        if "probability" in e.evidence:
+            yield f"{e.name}: probability {e.evidence['probability']:.3f}"
     for a in result.ambiguous:
         yield f"ambiguous: {' or '.join(a.names)}" + (
             f"; to separate: {a.separate_by}" if a.separate_by else ""

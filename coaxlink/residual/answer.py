@@ -53,6 +53,8 @@ class Judged:
     notes: tuple[str, ...] = ()
     labelled: bool = True  # False: the labels are wrong as a whole, nothing is claimed
     doubts: tuple[Ambiguous, ...] = ()  # beside those of the selection
+    open_ends: tuple[Unexplained, ...] | None = None  # what is unexplained, where that is known already
+    impossible: tuple[tuple[str, str], ...] = ()  # effects that cannot be tried beside the problem's, and why
 
     @property
     def claimed(self) -> list[Option]:
@@ -73,17 +75,20 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     named = [_found(j, k, final, draws, squares_after) for k in range(len(members))]
     effects = tuple(e for e, m in zip(named, members, strict=True) if not m.effect.accused)
     accused = [_accuse(e, m) for e, m in zip(named, members, strict=True) if m.effect.accused]
-    # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
-    doubted = held_out_residual(q, held_out(q.blocks, columns_of(q, list(q.options)))[1])
-    fold = q.blocks.fold[q.block]
-    floor = _told_apart(p.frame, j.floor)
-    open_ends = dependences(doubted, j.variables, q.block, fold, q.reference, floor) if j.labelled else []
-    unexplained = _unexplained(p, open_ends)
+    unexplained = j.open_ends
+    if unexplained is None:
+        # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
+        doubted = held_out_residual(q, held_out(q.blocks, columns_of(q, list(q.options)))[1])
+        fold = q.blocks.fold[q.block]
+        floor = _told_apart(p.frame, j.floor)
+        found = dependences(doubted, j.variables, q.block, fold, q.reference, floor) if j.labelled else []
+        told = _unexplained(p, found)
+        unexplained = (*told, *_silent(j, told, squares_after))
     return Refinement(
         kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
         channels=_channels(j, squares_before, squares_after),
         effects=effects,
-        unexplained=(*unexplained, *_silent(j, unexplained, squares_after)),
+        unexplained=unexplained,
         ambiguous=(
             *(
                 _separable(j.selection.problem or p, j.selection, a, j.variables)
@@ -92,7 +97,10 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
             *j.doubts,
         ),
         suspect_data=(*j.suspects, *accused),
-        rejected=_rejected(p, j.selection, {o.name for o in q.options}),
+        rejected=(
+            *_rejected(p, j.selection, {o.name for o in q.options}),
+            *(Rejected(name, f"cannot be judged: {why}") for name, why in j.impossible),
+        ),
         model=_with_effects(_rebased(q, final, bool(effects)), effects),
         corrections={name: float(final[i]) for i, name in enumerate(q.base_names)},
         trace=tuple(j.selection.trace),

@@ -154,8 +154,18 @@ def _spread(blocks: Blocks, use: Index, values: Array) -> Array:
 def _bounded(gram: Array, moment: Array, bounds: Array) -> Array:
     """Ridge least squares (k,) of normal equations, bounded columns shrunk and kept inside."""
     scale, gram, moment, limit = scaled(gram, moment, bounds)
-    value = np.asarray(np.linalg.solve(gram, moment), float)
+    value = solved(gram, moment[:, None])[:, 0]
     return np.asarray(_inside(gram, moment, limit, value) / scale)
+
+
+def solved(gram: Array, moment: Array) -> Array:
+    """Solutions (..., k, m) of normal equations (..., k, k); the shortest where columns say the same."""
+    try:
+        return np.asarray(np.linalg.solve(gram, moment), float)
+    except (
+        np.linalg.LinAlgError
+    ):  # a column that stands still, or two that are one, in a part of a damaged log
+        return np.asarray(np.linalg.pinv(gram, rcond=1e-12, hermitian=True) @ moment, float)
 
 
 def scaled(gram: Array, moment: Array, bounds: Array) -> tuple[Array, Array, Array, Array]:
@@ -183,7 +193,7 @@ def _inside(gram: Array, moment: Array, limit: Array, value: Array) -> Array:
         value[worst] = np.sign(value[worst]) * limit[worst]
         free = ~fixed
         known = gram[np.ix_(free, fixed)] @ value[fixed]
-        value[free] = np.linalg.solve(gram[np.ix_(free, free)], moment[free] - known)
+        value[free] = solved(gram[np.ix_(free, free)], (moment[free] - known)[:, None])[:, 0]
     return value
 
 
@@ -223,7 +233,7 @@ def _fold_fits(blocks: Blocks, use: Index) -> Array:
     grams, moments = blocks.trains
     grams, moments, bounds = grams[:, use[:, None], use], moments[:, use], blocks.bounds[use]
     scale, gram, moment, limit = scaled(grams, moments, bounds)
-    values = np.asarray(np.linalg.solve(gram, moment[..., None])[..., 0], float)
+    values = solved(gram, moment[..., None])[..., 0]
     for f in np.flatnonzero(np.any(np.abs(values) > limit * BEYOND, axis=1)):
         values[f] = _inside(gram[f], moment[f], limit[f], values[f])
     return np.asarray(values / scale)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coaxlink.residual.blocks import BEYOND, Array, Blocks, Index, held_out_sum, scaled
+from coaxlink.residual.blocks import BEYOND, Array, Blocks, Index, held_out_sum, scaled, solved
 
 
 class Eliminated:
@@ -25,7 +25,7 @@ class Eliminated:
         # of what a fold is fitted to: the base is stands - moves @ values of the others
         scale, gram, moment, self._limit = scaled(*blocks.trains, blocks.bounds)
         inner, mixed = gram[:, base[:, None], base], gram[:, base[:, None], others]
-        both = np.linalg.solve(inner, np.concatenate([mixed, moment[:, base, None]], axis=-1))
+        both = solved(inner, np.concatenate([mixed, moment[:, base, None]], axis=-1))
         self._moves, self._stands = np.asarray(both[..., :-1]), np.asarray(both[..., -1])  # (F, b, o), (F, b)
         self._gram = gram[:, others[:, None], others] - mixed.swapaxes(1, 2) @ self._moves
         self._moment = moment[:, others] - (mixed.swapaxes(1, 2) @ self._stands[..., None])[..., 0]
@@ -49,7 +49,7 @@ class Eliminated:
     def held_out_sum(self, beside: Index) -> Array:
         """(B,) held-out square sums of a fit of the base and the columns `beside` it."""
         use = self._place[beside]
-        fit = np.asarray(np.linalg.solve(self._gram[:, use[:, None], use], self._moment[:, use, None]))
+        fit = solved(self._gram[:, use[:, None], use], self._moment[:, use, None])
         moved = (self._moves[:, :, use] @ fit)[..., 0]  # (F, b)
         if np.any(np.abs(self._stands - moved) > self._limit * BEYOND):
             return held_out_sum(self.blocks, np.concatenate([self.base, beside]))

@@ -6,18 +6,22 @@ machine take five times as long.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
+from coaxlink.errors import InputError
 from coaxlink.residual.judge_flight import judge_flight
 from coaxlink.residual.judge_stand import judge_stand
 from coaxlink.residual.result import Refinement
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
+LARGEST = 1e17  # microseconds of a clock reach 1e16; nothing on a vehicle is larger in SI units
 
 
 def refine(
@@ -33,8 +37,16 @@ def refine(
     demands other numbers. `progress` is told each stage.
     Raises InputError when a log lacks what every flight needs.
     """
-    with threadpool_limits(limits=1, user_api="blas"):
-        return judge_flight(_several(logs), airframe, model, progress)
+    several = _several(logs)
+
+    def run() -> Refinement:
+        if by_evidence():
+            from coaxlink.diagnosis.judge import diagnose_flight
+
+            return diagnose_flight(several, airframe, model, progress)
+        return judge_flight(several, airframe, model, progress)
+
+    return _answered(several, run)
 
 
 def refine_stand(
@@ -45,11 +57,41 @@ def refine_stand(
 ) -> Refinement:
     """Hold stand logs against a rotor model, or without one against the coaxial model fitted to themselves.
 
-    Raises InputError when speeds or loads are missing.
+    Raises InputError when speeds or loads are missing, or no fit can be made of the numbers.
     """
-    with threadpool_limits(limits=1, user_api="blas"):
-        return judge_stand(_several(logs), model, progress)
+    several = _several(logs)
+
+    def run() -> Refinement:
+        if by_evidence():
+            from coaxlink.diagnosis.judge import diagnose_stand
+
+            return diagnose_stand(several, model, progress)
+        return judge_stand(several, model, progress)
+
+    return _answered(several, run)
 
 
 def _several(logs: Samples | Sequence[Samples]) -> list[Samples]:
     return [logs] if isinstance(logs, Samples) else list(logs)
+
+
+def _answered(logs: Sequence[Samples], run: Callable[[], Refinement]) -> Refinement:
+    """The answer to logs whose numbers can be numbers of a measurement; else InputError."""
+    for log in logs:
+        for name, values in log.columns.items():
+            most = float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+            if most > LARGEST:
+                raise InputError(log.source, name, f"{most:.3g} is no measured value: mend or drop its rows")
+    try:
+        with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
+            return run()
+    except np.linalg.LinAlgError as error:
+        source = logs[0].source if logs else ""
+        raise InputError(
+            source, "", f"no fit can be made of these numbers ({error}): are columns damaged?"
+        ) from error
+
+
+def by_evidence() -> bool:
+    """Whether the engine in the making (`coaxlink.diagnosis`) answers; not for users."""
+    return os.environ.get("COAXLINK_ENGINE", "") == "evidence"

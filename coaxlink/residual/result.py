@@ -145,7 +145,13 @@ class Refinement:
         return not (self.effects or self.unexplained or self.ambiguous or self.suspect_data)
 
     def to_json(self) -> dict[str, Any]:
-        """The JSON object of `refine` in the contract (extra keys: corrections, trace, notes, source)."""
+        """The JSON object of `refine` in the contract (extra keys: corrections, trace, notes, source).
+
+        A number that could not be computed is null: JSON knows neither nan nor infinity.
+        """
+        return dict(_finite(self._object()))
+
+    def _object(self) -> dict[str, Any]:
         return {
             "kind": self.kind,
             "source": self.source,
@@ -203,3 +209,14 @@ class Refinement:
             ],
             "notes": list(self.notes),
         }
+
+
+def _finite(thing: Any) -> Any:
+    """The same with None for numbers that are none."""
+    if isinstance(thing, dict):
+        return {key: _finite(value) for key, value in thing.items()}
+    if isinstance(thing, list | tuple):
+        return [_finite(value) for value in thing]
+    if isinstance(thing, float | np.floating):
+        return float(thing) if np.isfinite(thing) else None
+    return thing

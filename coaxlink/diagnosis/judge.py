@@ -1,0 +1,118 @@
+"""From a log to its answer: faults first, then the posterior over sets of explanations, then what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from coaxlink.airframe import Airframe
+from coaxlink.data.samples import Samples
+from coaxlink.diagnosis.answer import answered
+from coaxlink.diagnosis.channels import Channels
+from coaxlink.diagnosis.flight import flight_channels
+from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer
+from coaxlink.diagnosis.noise import Colour, colour_of, white
+from coaxlink.diagnosis.posterior import Posterior, posterior
+from coaxlink.diagnosis.search import Search
+from coaxlink.diagnosis.stand import stand_channels
+from coaxlink.residual.flight import flight_frame, reduce_columns
+from coaxlink.residual.flight_problem import flight_floor
+from coaxlink.residual.flight_suspects import flight_suspects
+from coaxlink.residual.result import Refinement
+from coaxlink.residual.stand import LEAST_ROWS, joined, stand_frame
+from coaxlink.residual.suspects import find_suspects
+from coaxlink.rotor import RotorModel
+
+Progress = Callable[[str], None]
+ROUNDS = 2  # of colour: what is left of the best set says what the noise is
+SAME_COLOUR = 0.05  # of a coefficient
+STARTS = 4  # sets that the next round begins with
+LEAST_FLIGHT_ROWS = 80
+ALL_ROWS = 20_000  # of the last fit
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The posterior over sets, and the colour of the noise it was found under."""
+
+    posterior: Posterior
+    colour: Colour
+
+
+def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
+    """Search under white noise, then under the colour of what the best set leaves, until that stays."""
+    colour = white(ch.count)
+    starts: list[Hypothesis] = []
+    for number in range(ROUNDS):
+        scorer = Scorer(ch, colour)
+        visited = Search(scorer, lambda said: progress(f"weighing {said}")).run(starts)
+        starts = visited.ranked()[:STARTS]
+        seen = colour_of(visited.best.left)
+        if number and _same(seen, colour):
+            break
+        if number < ROUNDS - 1:
+            colour = seen
+    return Diagnosis(posterior(ch, scorer.colour, visited.ranked()), scorer.colour)
+
+
+def diagnose_flight(
+    several: Sequence[Samples], airframe: Airframe, model: RotorModel, progress: Progress
+) -> Refinement:
+    """What these flights say of the model. Raises InputError when a log lacks what every flight needs."""
+    progress("aligning")
+    bare = flight_frame(several, airframe, model)
+    suspects, bad, silent = flight_suspects(bare, several)
+    if bad.any() and np.sum(~bad[bare.keep]) > LEAST_FLIGHT_ROWS:
+        bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
+    ch = flight_channels(bare)
+    found = None if silent else diagnosed(ch, progress)
+    progress("judging")
+    every = flight_channels(bare, most=ALL_ROWS)
+    members = found.posterior.best.members if found else ()
+    left = bare.measured - Scorer(every, white(every.count)).predict(members)
+    floor = flight_floor(bare, left, reduce_columns(bare, left))
+    return answered(
+        every, found.posterior if found else None, suspects, _flight_notes(ch), several, floor=floor
+    )
+
+
+def _flight_notes(ch: Channels) -> list[str]:
+    notes = list(ch.notes)
+    if ch.bare.voltage is None:
+        notes.append("voltage_V is not in the log: a sagging supply would look like a change of thrust")
+    if ch.bare.airframe.motor_lag_s == 0.0:
+        notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
+    return notes
+
+
+def _same(a: Colour, b: Colour) -> bool:
+    pairs = zip(a.ahead, b.ahead, strict=True)
+    return all(len(x) == len(y) and bool(np.allclose(x, y, atol=SAME_COLOUR)) for x, y in pairs)
+
+
+def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progress: Progress) -> Refinement:
+    """What these stand logs say of the model, or of their own fit.
+
+    Raises InputError when speeds or loads are missing.
+    """
+    progress("reading the stand")
+    samples = joined(several)
+    wrong = find_suspects(stand_frame(samples, model))
+    silent = wrong.mislabelled
+    if not silent:
+        samples = samples.without(*wrong.columns)
+    trusted = np.flatnonzero(np.logical_not(wrong.bad))
+    if silent and len(trusted) < LEAST_ROWS:
+        trusted = np.arange(samples.rows)
+    ch = stand_channels(samples, model, trusted)
+    found = None
+    notes = list(ch.notes)
+    if len(trusted) < LEAST_ROWS:
+        notes.append(f"{len(trusted)} rows: held against the model; too few to identify any effect")
+    elif not silent:
+        found = diagnosed(ch, progress)
+    progress("judging")
+    every = stand_channels(samples, model, trusted, most=ALL_ROWS)
+    return answered(every, found.posterior if found else None, wrong.suspects, notes, several)

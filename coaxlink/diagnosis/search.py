@@ -1,0 +1,232 @@
+"""A beam over sets of explanations: add, swap, drop; every set that was visited keeps its score."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
+from coaxlink.effects.tracing import Array, Shape, Tracing
+from coaxlink.residual.joint import Member
+
+BEAM = 2
+TRIED = 4  # effects of a screening that are fitted
+TRIED_FORMS = 2
+MOST = 5
+HOPELESS = 100.0  # nats behind at its first point, and a share of all that is explained
+LEAST_FORM_GAIN = 5.0  # nats: a free form's odds take ten
+LEAST_GAIN = 1.0  # nats in a shape of the grid; its odds take four
+FAR = 30.0  # nats below the best: not worth another look
+
+
+@dataclass
+class Visited:
+    """The best score of every set of names."""
+
+    by_names: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
+
+    def add(self, h: Hypothesis) -> None:
+        """Keep the better one."""
+        old = self.by_names.get(h.names)
+        if old is None or h.score > old.score:
+            self.by_names[h.names] = h
+
+    @property
+    def best(self) -> Hypothesis:
+        """Of all."""
+        return max(self.by_names.values(), key=lambda h: h.score)
+
+    def ranked(self) -> list[Hypothesis]:
+        """Best first."""
+        return sorted(self.by_names.values(), key=lambda h: -h.score)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect in a shape of its grid, whitened."""
+
+    effect: Tracing[Any]
+    shape: Shape
+    white: Array  # (rows, C, K)
+    deviation: Array
+
+
+class Search:
+    """Of one log under one colour."""
+
+    def __init__(self, scorer: Scorer, progress: Callable[[str], None] = lambda _: None) -> None:
+        self.scorer, self.channels = scorer, scorer.channels
+        self.progress = progress
+        self.visited = Visited()
+        self.candidates = candidates(scorer)
+        self.barred: set[str] = set()
+
+    def run(self, starts: Sequence[Hypothesis] = ()) -> Visited:
+        """From nothing, and from given members, until nothing better comes."""
+        seen: set[frozenset[str]] = set()
+        self.visited.add(self.scorer.empty)
+        for h in starts:
+            self.visited.add(self.scorer.score(h.members, h.forms, h.fit.noise))
+        while True:
+            ranked = self.visited.ranked()
+            best = ranked[0].score
+            front = {h.names: h for h in ranked[:BEAM] if h.score > best - FAR}
+            # a free form must not keep an effect from being tried
+            front |= {h.names: h for h in [h for h in ranked if not h.forms][:1]}
+            front = {names: h for names, h in front.items() if names not in seen}
+            if not front:
+                return self.visited
+            for h in front.values():
+                seen.add(h.names)
+                self.progress(" + ".join(sorted(h.names)) or "nothing")
+                self._around(h)
+
+    def _around(self, h: Hypothesis) -> None:
+        if len(h.names) > 1:
+            for name in h.names:
+                self._try(
+                    [m for m in h.members if m.name != name], [f for f in h.forms if form_name(f) != name], h
+                )
+        if len(h.names) < MOST:
+            for effect, shape in self.screened(h):
+                self._grown(h, effect, shape)
+            for form in self.screened_forms(h):
+                self._try(h.members, [*h.forms, form], h)
+        if h.members and (h.names == self.visited.best.names or not h.forms):
+            self._refined(h)
+
+    def _try(self, members: Sequence[Member], forms: Sequence[str], h: Hypothesis) -> Hypothesis:
+        new = self.scorer.score(tuple(members), tuple(forms), h.fit.noise)
+        self.visited.add(new)
+        return new
+
+    def _grown(self, h: Hypothesis, effect: Tracing[Any], candidate: Candidate) -> None:
+        start = self.started(h, candidate)
+        self._try([*h.members, start], h.forms, h)
+
+    def started(self, h: Hypothesis, c: Candidate) -> Member:
+        """The candidate with the coefficients that fit beside a hypothesis."""
+        left = self.scorer.colour.whiten(h.left)
+        weight = 1.0 / h.fit.noise**2
+        gram = np.einsum("rck,rcl,c->kl", c.white, c.white, weight, optimize=True)
+        moment = np.einsum("rck,rc,c->k", c.white, left, weight, optimize=True)
+        values = np.linalg.solve(gram + np.diag(1.0 / c.deviation**2), moment)
+        first = begun(self.channels, c.effect, c.shape, values)
+        if (
+            len(values) == 1
+            and c.effect.refuse(first.parameters(self.channels.bare))
+            and "share" in c.effect.units
+        ):
+            return begun(
+                self.channels, c.effect, c.shape, np.ones(1)
+            )  # all of it: its shape is not right yet
+        return begun(self.channels, c.effect, c.shape, values)
+
+    def _refined(self, h: Hypothesis) -> None:
+        """Other forms of each member, and other beginnings."""
+        for k, m in enumerate(h.members):
+            if "onset_s" in m.shape:
+                self._begun_anew(h, k)
+            for shape, coefficients in m.effect.finer(self.channels.bare, m.shape, m.coefficients):
+                other = begun(self.channels, m.effect, shape, np.asarray(coefficients, float))
+                changed = [other if i == k else o for i, o in enumerate(h.members)]
+                first, _ = self.scorer.linearised(changed, h.forms, h.fit.noise)
+                if first.score > h.score - HOPELESS * (1.0 + 0.01 * abs(h.score - self.scorer.empty.score)):
+                    self._try(changed, h.forms, h)
+
+    def _begun_anew(self, h: Hypothesis, k: int) -> None:
+        """Member k from the best of all beginnings on, beside the others."""
+        name, others = h.members[k].name, [m for i, m in enumerate(h.members) if i != k]
+        mine = [c for c in self.candidates if c.effect.name == name and "onset_s" in c.shape]
+        if not mine:
+            return
+        without = self._try(others, h.forms, h)
+        gains = self._gains(without, [(c.white, c.deviation) for c in mine])
+        best = self._timed(without, mine[int(np.argmax(gains))])
+        self._try([*others, self.started(without, best)], h.forms, h)
+
+    def screened(self, h: Hypothesis) -> list[tuple[Tracing[Any], Candidate]]:
+        """The most promising effects beside a hypothesis, each in its best shape of the grid."""
+        gains = self._gains(h, [(c.white, c.deviation) for c in self.candidates])
+        ranked = sorted(zip(gains, range(len(gains)), strict=True), reverse=True)
+        out: dict[str, tuple[Tracing[Any], Candidate]] = {}
+        for gain, k in ranked:
+            c = self.candidates[k]
+            if gain < LEAST_GAIN or len(out) == TRIED:
+                break
+            if c.effect.name in h.names or c.effect.name in self.barred or c.effect.name in out:
+                continue
+            if "onset_s" in c.shape:
+                c = self._timed(h, c)
+            start = self.started(h, c)
+            if c.effect.refuse(start.parameters(self.channels.bare)) is None:
+                out[c.effect.name] = c.effect, c
+        return list(out.values())
+
+    def _timed(self, h: Hypothesis, c: Candidate) -> Candidate:
+        """The candidate with its beginning found to a tenth of the distance between those of the grid."""
+        times = sorted(
+            {t.shape["onset_s"] for t in self.candidates if "onset_s" in t.shape and t.effect is c.effect}
+        )
+        reach = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+        for _ in range(2):
+            times = [c.shape["onset_s"] + reach * x for x in np.linspace(-1.0, 1.0, 11)]
+            low, high = c.effect.free(self.channels.frame, c.shape)["onset_s"]
+            shapes = [{**c.shape, "onset_s": float(np.clip(t, low, high))} for t in times]
+            tried = [self._candidate(c.effect, shape) for shape in shapes]
+            gains = self._gains(h, [(t.white, t.deviation) for t in tried])
+            c = tried[int(np.argmax(gains))]
+            reach *= 0.2
+        return c
+
+    def _candidate(self, effect: Tracing[Any], shape: Shape) -> Candidate:
+        ch = self.channels
+        columns = ch.reduce(effect.columns(ch.frame, shape))
+        return Candidate(effect, shape, self.scorer.colour.whiten(columns), ch.usual(columns))
+
+    def screened_forms(self, h: Hypothesis) -> list[str]:
+        """The most promising free forms beside a hypothesis."""
+        names = [f for f in self.channels.forms if form_name(f) not in h.names]
+        pieces = [self.scorer.form(f) for f in names]
+        gains = self._gains(h, [(w, b.deviation) for b, w in pieces])
+        ranked = sorted(zip(gains, names, strict=True), reverse=True)
+        out, had = [], set()
+        for gain, name in ranked:
+            if gain > LEAST_FORM_GAIN and form_name(name) not in had:
+                had.add(form_name(name))
+                out.append(name)
+            if len(out) == TRIED_FORMS:
+                break
+        return out
+
+    def _gains(self, h: Hypothesis, pieces: Sequence[tuple[Array, Array]]) -> list[float]:
+        """Log evidence that each of (whitened columns, deviations) would add beside a hypothesis."""
+        white, left = h.white, self.scorer.colour.whiten(h.left)
+        touched = [np.flatnonzero(x.any(axis=0)) for x in white.swapaxes(0, 1)]
+        base = [np.ascontiguousarray(white[:, c, use].T) for c, use in enumerate(touched)]
+        out = []
+        for columns, deviation in pieces:
+            count, width = columns.shape[1:]
+            own, moment = np.zeros((count, width, width)), np.zeros((count, width))
+            cross = np.zeros((count, white.shape[2], width))
+            for c in np.flatnonzero(columns.any(axis=(0, 2))):
+                x = columns[:, c]
+                own[c], moment[c] = x.T @ x, x.T @ left[:, c]
+                cross[c, touched[c]] = base[c] @ x
+            out.append(h.fit.gain(own, cross, moment, deviation))
+        return out
+
+
+def candidates(scorer: Scorer) -> list[Candidate]:
+    """Every effect in every shape of its grid."""
+    ch = scorer.channels
+    if not ch.grid:  # the same for every colour
+        for effect in ch.effects:
+            for shape in [*effect.shapes(ch.frame), *ch.more_shapes(ch.frame, effect)]:
+                columns = ch.reduce(effect.columns(ch.frame, shape))
+                if columns.any() and np.all(np.isfinite(columns)):
+                    ch.grid.append((effect, shape, columns))
+    return [Candidate(e, shape, scorer.colour.whiten(x), ch.usual(x)) for e, shape, x in ch.grid]

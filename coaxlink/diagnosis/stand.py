@@ -1,0 +1,195 @@
+"""The channels of a stand log: loads of both rotors, and the speeds that throttles gave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from coaxlink.data.samples import Samples
+from coaxlink.diagnosis.channels import Channels, possible
+from coaxlink.diagnosis.parts import Block, in_channel, products, waves
+from coaxlink.effects import stand_effects
+from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
+from coaxlink.residual.joint import composed
+from coaxlink.residual.stand import base_corrections, stand_frame
+from coaxlink.residual.stand_problem import known_parts, reducing, stand_variables
+from coaxlink.rotor import RotorModel
+
+ORDER = 4  # of a base fitted to the log itself
+WIDE = 3.0  # of the reference load: prior of the terms of such a base
+MANY_ROWS, STRETCH = 1500, 64  # of a longer log, one stretch of rows in so many is searched
+RESOLUTION = 2e-4  # of the reference load
+# the smooth part of a rotor map that no polynomial follows: size over the load, correlation length in ranges
+# of the speed (momentum theory against polynomials of fourth order: 1 to 2 %, bending once or twice)
+MAP_SIZE, MAP_LENGTH = 0.02, 0.35
+GIVEN_MAP_SIZE = 0.01  # of a given model, beside its level and tilt
+DRIVE_MAP_SIZE = 0.01
+# free forms: size over the reference load; lengths in ranges of the variable
+FORM_SIZES = (0.01, 0.04)
+FORM_LENGTHS = (0.15, 0.5)
+NARROW_LENGTHS, NARROW_SIZE = (0.04, 0.08), 0.03  # over the speeds: narrower than a rotor map bends
+WITHIN_SPECIFICATION = (
+    0.0007  # of the reference load: what a sound cell's zero wanders (class C3: 0.02 % + creep)
+)
+
+
+def stand_channels(
+    samples: Samples, model: RotorModel | None, trusted: np.ndarray | None = None, most: int = MANY_ROWS
+) -> Channels:
+    """Channels of a stand log. Raises InputError as `stand_frame` does."""
+    bare = stand_frame(samples, model, ORDER if model is None else None, None, trusted)
+    known, notes = known_parts(bare)
+    if len(bare.keep) > most:  # stretches whole: noise has neighbours, and what lags sees every row
+        share = -(-len(bare.keep) // most)
+        bare = replace(bare, keep=bare.keep[(bare.keep // STRETCH) % share == 0])
+    frame = composed(bare, known)
+    reduce, present, keep = reducing(frame), list(frame.present), frame.keep
+    reference = frame.reference[present]
+    names = tuple(STAND_CHANNELS[c] for c in present)
+    able, unable = possible(frame, stand_effects())
+    able = [e for e in able if not e.accused]
+    weights = np.abs(reduce(frame.predicted))
+    u = frame.speeds[keep]
+    drive = u if frame.throttles is None else frame.throttles[keep]
+    speeds = {
+        k: (drive[:, c - 4], drive[:, 5 - c]) if c > 3 else (u[:, c // 2], u[:, 1 - c // 2])
+        for k, c in enumerate(present)
+    }
+    variables = {n: v for n, v in stand_variables(frame).items() if np.ptp(v) > 0}
+    target = reduce(frame.measured - frame.predicted)
+    return Channels(
+        kind="stand",
+        frame=frame,
+        bare=bare,
+        known=tuple(known),
+        names=names,
+        units=tuple(STAND_UNITS[c] for c in present),
+        reference=reference,
+        target=target,
+        block=_blocks(frame),
+        least_noise=RESOLUTION * reference,
+        variables=variables,
+        speeds=speeds,
+        weights=weights,
+        base=tuple(_base(frame, reduce, reference)),
+        surface=tuple(_surface(frame, present, weights, u, drive)),
+        forms=_forms(names, variables, weights, reference, present, u, drive, frame.throttles is not None),
+        effects=tuple(able),
+        reduce=reduce,
+        notes=(*frame.notes, *notes),
+        impossible=tuple(unable),
+    )
+
+
+def _blocks(frame: StandFrame) -> np.ndarray:
+    rows = len(frame.keep)
+    return np.asarray(np.arange(rows) * min(40, max(6, rows // 8)) // rows, np.intp)
+
+
+def _base(frame: StandFrame, reduce: Callable[[Array], Array], reference: Array) -> list[Block]:
+    out = []
+    for name, bound, columns in base_corrections(frame):
+        if " level " in name or " surface " in name:
+            continue
+        x = reduce(columns)[..., None]
+        if np.isfinite(bound):
+            deviation = abs(bound) / 2.0
+        else:
+            size = np.sqrt(np.mean(x[..., 0] ** 2, axis=0)) / reference
+            deviation = WIDE / max(float(size.max()), 1e-12)
+        out.append(Block(name, x, np.array([deviation])))
+    time = frame.time_s[frame.keep]
+    if np.ptp(time) > 0:
+        for k, c in enumerate(frame.present):
+            if c < 4:
+                f, d = waves(time, 0.5)
+                out.append(
+                    in_channel(
+                        f"{STAND_CHANNELS[c]} creep",
+                        (f, d * WITHIN_SPECIFICATION * reference[k]),
+                        np.ones(len(time)),
+                        k,
+                        len(frame.present),
+                    )
+                )
+    return out
+
+
+def _surface(
+    frame: StandFrame, present: Sequence[int], weights: Array, u: Array, drive: Array
+) -> list[Block]:
+    """The smooth part of the map: over a rotor's own speed, of the lower one over both."""
+    out = []
+    for k, c in enumerate(present):
+        own, other = (drive[:, c - 4], drive[:, 5 - c]) if c > 3 else (u[:, c // 2], u[:, 1 - c // 2])
+        size = DRIVE_MAP_SIZE if c > 3 else MAP_SIZE if frame.free_base else GIVEN_MAP_SIZE
+        if np.ptp(own) <= 0.0:
+            continue
+        process = waves(own, MAP_LENGTH)
+        if c in (2, 3, 4, 5) and np.ptp(other) > 0.0:
+            process = products(process, waves(other, MAP_LENGTH))
+        process = process[0], process[1] * size
+        weight = weights[:, k]
+        out.append(in_channel(f"{STAND_CHANNELS[c]} map", process, weight, k, len(present)))
+    return out
+
+
+def _forms(
+    names: Sequence[str],
+    variables: dict[str, Array],
+    weights: Array,
+    reference: Array,
+    present: Sequence[int],
+    u: Array,
+    drive: Array,
+    both: bool,
+) -> dict[str, Callable[[], Block]]:
+    """Free forms of one channel over one recorded variable, with a share of the load; over speeds, narrow."""
+    count = len(names)
+    out: dict[str, Callable[[], Block]] = {}
+    for k, name in enumerate(names):
+        loads = present[k] < 4
+        for variable, values in variables.items():
+            if variable in ("upper_speed", "lower_speed"):
+                continue
+            for length in FORM_LENGTHS:
+                for size in FORM_SIZES:
+                    out[f"{variable}|{name}|{length}|{size}"] = partial(
+                        _form, name, values, length, size, weights[:, k], reference[k], k, count
+                    )
+        ways = (
+            {
+                "upper_speed": u[:, 0],
+                "lower_speed": u[:, 1],
+                "upper_speed + lower_speed": u.sum(axis=1),
+                "upper_speed - lower_speed": u[:, 0] - u[:, 1],
+            }
+            if loads
+            else {"upper_speed": drive[:, 0], "lower_speed": drive[:, 1]}
+        )
+        for variable, values in ways.items():
+            if np.ptp(values) < 0.1 or len(np.unique(np.round(values, 3))) < 8:
+                continue
+            for length in (*NARROW_LENGTHS, *FORM_LENGTHS):
+                out[f"{variable}|{name}|{length}|{NARROW_SIZE}"] = partial(
+                    _form, name, values, length, NARROW_SIZE, weights[:, k], reference[k], k, count
+                )
+    return out
+
+
+def _form(
+    name: str,
+    values: Array,
+    length: float,
+    size: float,
+    weight: Array,
+    reference: float,
+    channel: int,
+    count: int,
+) -> Block:
+    f, d = waves(values, length)
+    both = np.concatenate([f * weight[:, None], f * reference], axis=1), np.concatenate([d, 0.5 * d]) * size
+    return in_channel(name, both, np.ones(len(weight)), channel, count)

@@ -1,0 +1,69 @@
+"""Stand logs through the switch: what is there is named, a clean log says nothing, odds are told.
+
+The rig is that of tests/residual and shares nothing with coaxlink.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "residual"))
+from residual_rig import run
+
+from coaxlink import files
+from coaxlink.data import Samples
+from coaxlink.errors import InputError
+from coaxlink.residual import refine_stand
+from coaxlink.rotor import load_rotor_model
+
+
+@pytest.fixture(autouse=True)
+def switched(monkeypatch):
+    monkeypatch.setenv("COAXLINK_ENGINE", "evidence")
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return load_rotor_model(files.example("rotor_paper.toml"))
+
+
+@pytest.mark.parametrize(
+    ("true", "names"),
+    [
+        ({}, []),
+        ({"battery": 0.7, "rpm": False}, ["battery_voltage"]),
+        ({"interference": 5.0}, ["lower_on_upper_interference"]),
+    ],
+)
+def test_what_is_there_is_named_with_its_probability(true, names, paper):
+    answer = refine_stand(Samples(run(seed=3, **true), "rig.csv"), paper)
+    assert sorted(e.name for e in answer.effects) == names
+    assert answer.ambiguous == () and answer.suspect_data == ()
+    for effect in answer.effects:
+        assert 0.99 < effect.evidence["probability"] <= 1.0
+        for channel in effect.channels:
+            c = answer.channels[channel]
+            assert c.rmse_after < c.rmse_before
+    json.dumps(answer.to_json(), allow_nan=False)
+
+
+def test_mass_over_sets_is_a_probability():
+    answer = refine_stand(Samples(run(seed=4, air=1.0), "rig.csv"))
+    mass = [s.p_value for s in answer.trace]
+    assert 0.99 < sum(mass) <= 1.0 + 1e-9
+    kept = [s for s in answer.trace if s.kept]
+    assert len(kept) == 1 and kept[0].name == "air_density"
+
+
+@pytest.mark.parametrize("engine", ["", "evidence"])
+def test_what_was_never_measured_is_one_line(engine, monkeypatch):
+    monkeypatch.setenv("COAXLINK_ENGINE", engine)
+    columns = run(seed=5)
+    columns["upper_thrust_N"] = np.where(np.arange(len(columns["upper_thrust_N"])) == 7, 1e30, 1.0)
+    with pytest.raises(InputError, match=r"upper_thrust_N.*no measured value"):
+        refine_stand(Samples(columns, "rig.csv"))
