@@ -289,10 +289,14 @@ class Session(Requests):
 
     def _received(self, message: Message, peer: Any) -> None:
         name = message.get_type()
+        known = self.bound.identity
         if name == "BAD_DATA" or name.startswith("UNKNOWN"):
+            if known is not None and name != "BAD_DATA":  # of another dialect, but it was not lost
+                sequence, *sender = _raw_header(bytes(message.get_msgbuf()))
+                if sender == [known.system, known.component]:
+                    self._loss.heard(sequence)
             return
         system, component = _sender(message)
-        known = self.bound.identity
         if known is None:
             if name == "AUTOPILOT_VERSION" and (candidate := self.bound.candidate(peer)):
                 self._answered(candidate, message, peer)
@@ -364,3 +368,9 @@ class Session(Requests):
 
 def _sender(message: Message) -> tuple[int, int]:
     return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _raw_header(frame: bytes) -> tuple[int, int, int]:
+    """(sequence, system, component) of a frame whose message pymavlink does not know."""
+    at = 4 if frame[0] == mavlink.PROTOCOL_MARKER_V2 else 2
+    return frame[at], frame[at + 1], frame[at + 2]

@@ -9,6 +9,7 @@ import time
 import types
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega
 from pymavlink.dialects.v20 import common as m
 from scripted_autopilot import ScriptedAutopilot
 
@@ -232,6 +233,18 @@ def test_loss_is_measured_from_the_sequence():
             vehicle.send(m.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0))
         time.sleep(0.5)
         assert 0.2 < session.loss < 0.4
+
+
+def test_messages_of_another_dialect_are_not_counted_as_lost():
+    with ScriptedAutopilot({}, seed=4) as vehicle, connect(vehicle.url) as session:
+        for k in range(100):
+            own = ardupilotmega.MAVLink_ahrs_message(0, 0, 0, 0, 0, 0, 0)
+            vehicle.send(own if k % 2 else m.MAVLink_attitude_message(k, 0, 0, 0, 0, 0, 0))
+        end = time.monotonic() + 30.0
+        while (last := session.latest("ATTITUDE")) is None or last.time_boot_ms != 98:
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        assert session.loss < 0.05
 
 
 class _Rebooting:
