@@ -106,7 +106,9 @@ def worlds() -> list[str]:
             counts["a degraded rotor" if broken else "none", verdict] += 1
             if broken:
                 rotor = (
-                    int(t["parameters"]["degraded_rotor"][0]) if "degraded_rotor" in t["parameters"] else 0
+                    1 + int(t["parameters"]["degraded_rotor"][0])
+                    if "degraded_rotor" in t["parameters"]
+                    else 0
                 )
                 first = found["suspects"][0] if found else {}
                 called += verdict in ("watch", "ground it")

@@ -35,7 +35,6 @@ OPTIONS = {
     "plan": "--plan",
     "poles": "--poles",
     "record": "coaxlink mix --record",
-    "refine": "coaxlink refine",
     "restore": "coaxlink restore",
     "rotor": "--rotor",
     "scheduler": "--scheduler",

@@ -150,9 +150,7 @@ def prior_covariance(
             covariance = np.zeros(0)
         sound = covariance.shape == (len(names), len(names)) and bool(np.isfinite(covariance).all())
         if not sound or np.linalg.eigvalsh(covariance).min() < -1e-6 * np.trace(covariance):
-            raise InputError(
-                "--rotor", "identified.prior.covariance", "a covariance of its terms is expected"
-            )
+            raise InputError("rotor", "identified.prior.covariance", "a covariance of its terms is expected")
         return covariance, ("prior: the rotor file's own covariance",)
     bounds = prior.identified.get("intervals", {})
     sds = []

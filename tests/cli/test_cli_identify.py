@@ -187,7 +187,7 @@ def test_what_to_measure_next_is_written(tmp_path: Path, capsys: pytest.CaptureF
     said = capsys.readouterr().err
     assert "error over a table" in said and "of a 5 x 5 map" in said
     found = json.loads(report.read_text())
-    assert [line[:21] for line in found["oddities"]] == ["no speed was measured"]
+    assert [line[:21] for line in found["oddities"]] == ["with thrust in kgf, l", "no speed was measured"]
     assert found["coverage"]["cells"] == 1.0
     assert found["next"]["share"] < 0.51 and found["next"]["seconds"] > 0
     assert plan.read_text().startswith("# ")
