@@ -1,10 +1,14 @@
 """What all rooms share: no property is judged by how long a busy machine took to try it."""
 
+import signal
+
 import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+# where the tests run in a shell's background Ctrl-C is ignored, and children would inherit that
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 KEY = bytes(range(32))
 

@@ -72,7 +72,10 @@ def test_ctrl_c_keeps_what_is_done(spec, tmp_path) -> None:
         if " a second" in line:
             break
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the workers get it, too
-    said = process.communicate(timeout=60)[1]
+    try:
+        said = process.communicate(timeout=120)[1]
+    finally:
+        process.kill()
     assert process.returncode == 130, said
     assert "of 200000; the same command goes on from there" in said and "Traceback" not in said
     assert any((tmp_path / "c" / "rows").glob("*.parquet"))

@@ -72,8 +72,6 @@ def test_an_interrupted_loop_leaves_the_folder_and_no_child(tmp_path, stop):
     out = tmp_path / "out"
     out.mkdir()
     (out / "report.html").write_text("the one before")
-    # where the tests run in a shell's background Ctrl-C is ignored, and children would inherit that
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     verb = [sys.executable, "-m", "coaxlink", "loop", "--seed", "1", "--out", str(out)]
     process = subprocess.Popen(verb, stderr=subprocess.PIPE, text=True, start_new_session=True)
     end = time.monotonic() + 60.0

@@ -91,8 +91,6 @@ def test_an_interrupted_refine_leaves_the_files_of_before(tmp_path, stage):
     names = ("b.toml", "r.html", "r.json")
     for name in names:
         (folder / name).write_text("the one before")
-    # where the tests run in a shell's background Ctrl-C is ignored, and children would inherit that
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     places = [str(folder / name) for name in names]
     verb = [sys.executable, "-c", STOPPING, stage, str(reached), "refine", str(folder / "s.csv")]
     verb += ["--out", places[0], "--report", places[1], "--json", places[2]]
