@@ -38,7 +38,6 @@ OPTIONS = {
     "restore": "coaxlink restore",
     "rotor": "--rotor",
     "scheduler": "--scheduler",
-    "separate": "coaxlink loop --separate",
     "sheet": "--sheet",
     "signing_key": "--signing-key",
     "spacing": "--at-spacing",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from coaxlink.load import Load
 from coaxlink.report.document import answer, document, folded, how_made, html_table, listed, picture
 from coaxlink.report.figures import drawn
 from coaxlink.report.identify import NAMES, remarks
@@ -51,7 +52,7 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
 
 def sentence(result: Identification) -> str:
     """The answer in one sentence: which form, and how well it predicts what it has not seen."""
-    name = next((c for c in ("coaxial_thrust", "upper_thrust") if c in result.channels), None)
+    name = next((c for c in ("coaxial_thrust", Load.UPPER_THRUST.channel) if c in result.channels), None)
     name = name or next(iter(result.channels))
     e = result.channels[name]
     unit = "N" if name.endswith("thrust") else "N m"

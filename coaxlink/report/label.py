@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 
+from coaxlink.load import Load
 from firmware_params.plain import plain
 
 CHANNELS = {
@@ -13,10 +14,7 @@ CHANNELS = {
     "torque_x": "roll torque",
     "torque_y": "pitch torque",
     "torque_z": "yaw torque",
-    "upper_thrust": "thrust of the upper rotor",
-    "upper_torque": "torque of the upper rotor",
-    "lower_thrust": "thrust of the lower rotor",
-    "lower_torque": "torque of the lower rotor",
+    **{load.channel: f"{load.quantity} of the {load.side} rotor" for load in Load},
     "upper_speed": "speed of the upper rotor",
     "lower_speed": "speed of the lower rotor",
     "coaxial_thrust": "thrust of the pair",

@@ -128,7 +128,7 @@ def _doubts(result: LoopResult) -> Iterator[str]:
     for a in found.ambiguous:
         said = f"ambiguous: {' or '.join(a.names)}"
         tell_apart = f"; to separate: {a.separate_by}" if a.separate_by else ""
-        ask = "; `separate` flies that" if a.experiment and not result.log_separating else ""
+        ask = "; coaxlink loop --separate flies that" if a.experiment and not result.log_separating else ""
         yield f"{said}{tell_apart}{ask}"
     for u in found.unexplained:
         yield f"unexplained: {u.channel} still follows {', '.join(u.depends_on)} ({u.where})"

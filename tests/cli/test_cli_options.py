@@ -15,7 +15,7 @@ ROOT = Path(coaxlink.__file__).parent
 OPTION = re.compile(r"(?<![\w<!-])--[a-z][a-z-]*(?![\w-]*:)")
 NAMED = re.compile(r"`([a-z]\w*)`")
 # no library: a stylesheet, the terminal program's own screen, a document that says which verb makes it
-NOT_LIBRARY = {"report/document.py", "monitor/screen.py", "report/paper.py"}
+NOT_LIBRARY = {"report/document.py", "monitor/screen.py", "report/paper.py", "report/loop.py"}
 
 
 def texts(path):

@@ -99,6 +99,8 @@ TAKE_BOTH = {
     "coaxlink.frames.FlightFrame.__init__",
     "coaxlink.residual.flight.flight_frame",  # tracing: effects are part of the prediction
     "coaxlink.residual.judge_flight.judge_flight",
+    "coaxlink.diagnosis.judge.diagnose_flight",
+    "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
     "coaxlink.residual.refine.refine",
     "coaxlink.vehicle.vehicle.usual_lift",  # in a Vehicle that is being made
     "coaxlink.setup.checks.check_airframe",  # full thrust against the weight, as the two files have it
