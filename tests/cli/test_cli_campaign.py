@@ -52,7 +52,11 @@ def test_a_campaign_is_flown_told_taken_up_and_replayed(spec, tmp_path) -> None:
     alone = coaxlink("campaign", spec, "--replay", "5", "--json", "row.json")
     assert alone.code == 0, alone.err
     row = json.loads((tmp_path / "row.json").read_text())
-    assert row == {name: column[5] for name, column in table.items()}
+    kept = {name: column[5] for name, column in table.items()}
+    assert row.keys() == kept.keys()
+    for name, value in kept.items():  # freshly compiled or from the cache: the last bit may differ
+        same = pytest.approx(value, rel=1e-12, nan_ok=True) if isinstance(value, float) else value
+        assert row[name] == same, name
     assert (folder / "cell-000000005" / "truth.toml").read_text().startswith('[[effects]]\nname = "wind"')
     from coaxlink.data import read_flight_log
 
