@@ -74,7 +74,8 @@ class Airframe:
         """Thrust (..., N) in N and torque (..., N) in N m of every rotor at normalised speeds (..., N)."""
         u = np.asarray(speeds, float)
         thrust, torque = np.zeros(u.shape), np.zeros(u.shape)
-        for upper, lower in self.pairs:
+        if self.pairs:
+            upper, lower = (list(level) for level in zip(*self.pairs, strict=True))
             pair = model.loads(u[..., upper], u[..., lower])
             thrust[..., upper], torque[..., upper] = pair.upper_thrust, pair.upper_torque
             thrust[..., lower], torque[..., lower] = pair.lower_thrust, pair.lower_torque

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +25,19 @@ def low_pass(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Zero-phase second-order Butterworth run both ways along axis 0; (rows, ...) in and out."""
     if cutoff_hz >= 0.45 * rate_hz:
         return np.asarray(values, float)
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    sos = butter(2, cutoff_hz, fs=rate_hz, output="sos")
     pad = min(len(values) - 1, int(2 * rate_hz / cutoff_hz))
-    out: Array = sosfiltfilt(sos, values, axis=0, padlen=max(pad, 0))
+    out: Array = sosfiltfilt(_butterworth(rate_hz, cutoff_hz), values, axis=0, padlen=max(pad, 0))
     return out
+
+
+@cache
+def _butterworth(rate_hz: float, cutoff_hz: float) -> Array:
+    """Second-order sections; designing them takes longer than running them over a short log."""
+    from scipy.signal import butter
+
+    return np.asarray(butter(2, cutoff_hz, fs=rate_hz, output="sos"))
 
 
 def derivative(values: Array, rate_hz: float) -> Array:

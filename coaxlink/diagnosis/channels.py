@@ -40,6 +40,7 @@ class Channels:
     effects: tuple[Tracing[Any], ...]
     reduce: Callable[[Array], Array]
     notes: tuple[str, ...] = ()
+    behind: NDArray[np.intp] | None = None  # (rows,) rows before each without a gap; None: all of them
     # of the reference load: less is within what a sound model and a sound stand are off by
     least_size: float = 0.005
     more_shapes: Callable[[Any, Tracing[Any]], Sequence[Shape]] = (

@@ -34,7 +34,9 @@ def discrepancy(ch: Channels, m: Member, mine: Array) -> Block | None:
         if np.ptp(z) > 0.0:
             low, high = np.quantile(z, [0.005, 0.995])
             if high > low:
-                process = products(waves(np.clip(z, low, high), OVER_CAUSE), process)
+                over = waves(np.clip(z, low, high), OVER_CAUSE)
+                # a vehicle's loads depend on many speeds: their mean says nothing that the cause does not
+                process = over if ch.kind == "flight" else products(over, process)
         if (
             m.effect.stage == 0
         ):  # of what is late, how late: what a second lag, or another form of it, would change

@@ -10,10 +10,10 @@ import numpy as np
 
 from coaxlink.diagnosis.channels import Channels, possible
 from coaxlink.diagnosis.parts import Block, in_channel, waves
+from coaxlink.diagnosis.reducing import reducing
 from coaxlink.effects import flight_effects
 from coaxlink.effects.tracing import Shape, Tracing
 from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
-from coaxlink.residual.flight import reduce_columns
 from coaxlink.residual.flight_base import flight_corrections
 from coaxlink.residual.flight_problem import flight_variables, known_parts, runs_of
 from coaxlink.residual.joint import composed
@@ -24,7 +24,7 @@ RESOLUTION = 2e-4  # of the reference load
 LEAST_SIZE = 0.0025  # of the reference load: what a sound vehicle's model is off by
 BLOCKS, LEAST_BLOCK_S = 40, 2.0
 MANY_BEGINNINGS = 160  # of one effect in all its forms; the best is then found to a tenth of the grid
-FORM_SIZES, FORM_LENGTHS = (0.01, 0.04), (0.1, 0.4)
+FORM_SIZES, FORM_LENGTHS = (0.02,), (0.1, 0.4)
 
 
 def flight_channels(bare: FlightFrame, most: int = MANY_ROWS) -> Channels:
@@ -35,10 +35,7 @@ def flight_channels(bare: FlightFrame, most: int = MANY_ROWS) -> Channels:
         bare = replace(bare, keep=bare.keep[block % share == 0])
     known, notes = known_parts(bare)
     frame = composed(bare, known)
-
-    def reduce(columns: Array) -> Array:
-        return reduce_columns(frame, columns)
-
+    reduce = reducing(frame)
     able, unable = possible(frame, flight_effects())
     names, reference = tuple(FLIGHT_CHANNELS), frame.reference
     target = reduce(frame.measured - frame.predicted)
@@ -70,6 +67,7 @@ def flight_channels(bare: FlightFrame, most: int = MANY_ROWS) -> Channels:
         reduce=reduce,
         notes=(*frame.notes, *notes),
         impossible=tuple(unable),
+        behind=_behind(frame),
         least_size=LEAST_SIZE,
         more_shapes=_begun_later,
     )
@@ -79,6 +77,13 @@ def _blocks(frame: FlightFrame) -> np.ndarray:
     return np.asarray(
         contiguous_blocks(frame.time_s[frame.keep], runs_of(frame), least_s=LEAST_BLOCK_S, count=BLOCKS)
     )
+
+
+def _behind(frame: FlightFrame) -> np.ndarray:
+    """(kept,) judged rows right before each."""
+    runs = runs_of(frame)
+    first = np.flatnonzero(np.diff(runs, prepend=-1))
+    return np.asarray(np.arange(len(runs)) - first[np.cumsum(np.diff(runs, prepend=-1) != 0) - 1], np.intp)
 
 
 def _begun_later(frame: FlightFrame, effect: Tracing[FlightFrame]) -> list[Shape]:

@@ -21,10 +21,11 @@ from coaxlink.residual.joint import Member, composed, member
 ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it
 STEPS = 5
 HALVINGS = (1.0, 0.5, 0.2)
-SETTLED = 0.02  # nats
-CONSISTENT = 2  # rounds
+SETTLED = 0.2  # nats
+CONSISTENT = 1  # rounds
 REFUSED = -1e6
 LARGE = 0.99  # quantile of the rows: what acts at few speeds acts
+REMEMBERED = 60  # linearisations
 WHOLE = 0.02  # what an effect that is there as a whole may differ from that, by its form
 
 
@@ -63,6 +64,15 @@ def form_name(form: str) -> str:
     return f"{variable}|{channel}"
 
 
+@dataclass(frozen=True)
+class Slopes:
+    """What members add, (rows, C), and its derivatives by their numbers, (rows, C, K), also whitened."""
+
+    added: Array
+    columns: Array
+    white: Array
+
+
 class Scorer:
     """Scores hypotheses about one log under one colour of its noise."""
 
@@ -78,6 +88,7 @@ class Scorer:
             np.ascontiguousarray(self.white[:, c, use].T) for c, use in enumerate(self._touched)
         ]
         self._forms: dict[str, tuple[Block, Array]] = {}
+        self._slopes: dict[object, Slopes] = {}
 
     def form(self, name: str) -> tuple[Block, Array]:
         """A free form, and its columns whitened."""
@@ -125,42 +136,65 @@ class Scorer:
     def _nothing(self) -> Array:
         return np.asarray(composed(self.channels.bare, self.channels.known).predicted)
 
-    def linearised(
-        self, members: Sequence[Member], forms: Sequence[str], noise: Array | None
-    ) -> tuple[Hypothesis, Array]:
-        """The model about these members, and (K,) where it would have their numbers instead."""
-        ch = self.channels
-        frame = ch.bare
+    def slopes(self, members: Sequence[Member]) -> Slopes:
+        """What the members add, and how that changes with each of their numbers, beside one another."""
+        key = tuple((m.name, tuple(sorted(m.shape.items())), tuple(m.coefficients)) for m in members)
+        if key not in self._slopes:
+            if len(self._slopes) > REMEMBERED:
+                self._slopes.clear()
+            self._slopes[key] = self._slopes_of(members)
+        return self._slopes[key]
+
+    def _slopes_of(self, members: Sequence[Member]) -> Slopes:
+        ch, frame = self.channels, self.channels.bare
         here = self.predict(members)
-        added = ch.reduce(here - self._nothing)
-        blocks: list[tuple[Array, Array, Array]] = []
-        target = ch.target - added
-        origin: list[float] = []
+        moves = [here - self._nothing]
         for k, m in enumerate(members):
             point = m.point
-            slopes = []
             for j in range(len(point)):
                 step = _step(frame, m, j)
                 moved = point.copy()
                 moved[j] += step
                 others = [m.at(moved) if i == k else o for i, o in enumerate(members)]
-                slopes.append((self.predict(others) - here) / step)
-            columns = ch.reduce(np.stack(slopes, axis=-1))
+                moves.append((self.predict(others) - here) / step)
+        reduced = ch.reduce(np.stack(moves, axis=-1))
+        columns = reduced[..., 1:]
+        return Slopes(reduced[..., 0], columns, self.colour.whiten(columns))
+
+    def linearised(
+        self,
+        members: Sequence[Member],
+        forms: Sequence[str],
+        noise: Array | None,
+        near: Slopes | None = None,
+    ) -> tuple[Hypothesis, Array]:
+        """The model about these members, and (K,) where it would have their numbers instead.
+
+        `near` are slopes taken near these numbers, to be used instead of those at them.
+        """
+        ch, frame = self.channels, self.channels.bare
+        slopes = self.slopes(members) if near is None else near
+        added = slopes.added if near is None else ch.reduce(self.predict(members) - self._nothing)
+        blocks: list[tuple[Array, Array, Array]] = []
+        target = ch.target - added
+        origin: list[float] = []
+        further = []
+        small, at = 0, 0
+        for m in members:
+            point = m.point
+            columns = slopes.columns[..., at : at + len(point)]
+            white = slopes.white[..., at : at + len(point)]
+            at += len(point)
             mean, deviation = _prior(ch, frame, m, columns)
             target = target + columns @ (point - mean)
-            blocks.append((columns, self.colour.whiten(columns), deviation))
+            blocks.append((columns, white, deviation))
             origin += list(mean)
-        small = 0
-        for m in members:
-            mine = (
-                added
-                if len(members) == 1
-                else ch.reduce(here - self.predict([o for o in members if o is not m]))
-            )
+            mine = added if len(members) == 1 else columns[..., : len(m.coefficients)] @ m.coefficients
             small += bool(np.all(np.quantile(np.abs(mine), LARGE, axis=0) < ch.least_size * ch.reference))
             block = discrepancy(ch, m, mine)
             if block is not None:
-                blocks.append((block.columns, self.colour.whiten(block.columns), block.deviation))
+                further.append((block.columns, self.colour.whiten(block.columns), block.deviation))
+        blocks += further
         for name in forms:
             form, white = self.form(name)
             blocks.append((form.columns, white, form.deviation))
@@ -180,12 +214,20 @@ class Scorer:
         return Hypothesis(tuple(members), tuple(forms), fit, float(prior), left, added, width, white), values
 
     def score(
-        self, members: Sequence[Member], forms: Sequence[str], noise: Array | None = None
+        self,
+        members: Sequence[Member],
+        forms: Sequence[str],
+        noise: Array | None = None,
+        hopeless: float = -np.inf,
     ) -> Hypothesis:
-        """The members moved to their best by Gauss-Newton steps, and the score there."""
+        """The members moved to their best by Gauss-Newton steps, and the score there.
+
+        What scores less than `hopeless` where it begins is not moved.
+        """
         best, values = self.linearised(members, forms, noise)
-        if not members:
+        if not members or best.score < hopeless:
             return best
+        slopes = self.slopes(members)
         for _ in range(STEPS):
             for share in HALVINGS:
                 moved, at = [], 0
@@ -193,12 +235,16 @@ class Scorer:
                     count = len(m.point)
                     moved.append(_moved(self.channels.bare, m, values[at : at + count], share))
                     at += count
-                now, further = self.linearised(moved, forms, best.fit.noise)
+                now, further = self.linearised(moved, forms, best.fit.noise, slopes)
                 if now.score > best.score:
                     break
             else:
                 break
             done = now.score < best.score + SETTLED
+            if not done:  # slopes that were taken elsewhere have served
+                now, further = self.linearised(moved, forms, now.fit.noise)
+                done = now.score < best.score + SETTLED
+                slopes = self.slopes(moved)
             best, values = now, further
             if done:
                 break
@@ -215,7 +261,7 @@ class Scorer:
 
     def recoloured(self, h: Hypothesis) -> Colour:
         """The colour of what a hypothesis leaves."""
-        return colour_of(h.left)
+        return colour_of(h.left, self.channels.behind)
 
 
 def _step(frame: Any, m: Member, j: int) -> float:

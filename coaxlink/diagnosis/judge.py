@@ -49,7 +49,7 @@ def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
         scorer = Scorer(ch, colour)
         visited = Search(scorer, lambda said: progress(f"weighing {said}")).run(starts)
         starts = visited.ranked()[:STARTS]
-        seen = colour_of(visited.best.left)
+        seen = colour_of(visited.best.left, ch.behind)
         if number and _same(seen, colour):
             break
         if number < ROUNDS - 1:

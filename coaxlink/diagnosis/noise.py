@@ -9,10 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 from coaxlink.frames import Array
+
+Index = NDArray[np.intp]
 
 MOST_ORDER = 6
 LEAST_ROWS_PER_ORDER = 25
@@ -21,16 +23,22 @@ STABLE = 0.98  # of the reflection coefficient: noise that never forgets is a dr
 
 @dataclass(frozen=True)
 class Colour:
-    """(order,) coefficients of each channel's prediction from the rows before."""
+    """(order,) coefficients of each channel's prediction from the rows before.
+
+    `behind` (rows,) counts the rows before each that follow one another without a gap; None: all of them.
+    """
 
     ahead: tuple[Array, ...]
+    behind: Index | None = None
 
     def whiten(self, columns: Array) -> Array:
-        """What the prediction leaves of (rows, C, ...)."""
-        out = np.empty(columns.shape)
+        """What the prediction leaves of (rows, C, ...); nil where too few rows lie before."""
+        out = np.array(columns, float)
         for c, a in enumerate(self.ahead):
-            taps = np.concatenate([[1.0], -a])
-            out[:, c] = lfilter(taps, [1.0], columns[:, c], axis=0) if len(a) else columns[:, c]
+            for k, weight in enumerate(a, start=1):
+                out[k:, c] -= weight * columns[:-k, c]
+            if self.behind is not None:
+                out[self.behind < len(a), c] = 0.0
         return out
 
 
@@ -39,15 +47,21 @@ def white(channels: int) -> Colour:
     return Colour(tuple(np.zeros(0) for _ in range(channels)))
 
 
-def colour_of(left: Array) -> Colour:
+def colour_of(left: Array, behind: Index | None = None) -> Colour:
     """The models of residuals (rows, C) in the order of time; the order is chosen by the evidence (BIC)."""
-    return Colour(tuple(_predictor(left[:, c] - np.mean(left[:, c])) for c in range(left.shape[1])))
+    models = (_predictor(left[:, c] - np.mean(left[:, c]), behind) for c in range(left.shape[1]))
+    return Colour(tuple(models), behind)
 
 
-def _predictor(values: Array) -> Array:
+def _predictor(values: Array, behind: Index | None) -> Array:
     rows = len(values)
     most = min(MOST_ORDER, rows // LEAST_ROWS_PER_ORDER)
-    covariance = np.array([values[: rows - k] @ values[k:] for k in range(most + 1)]) / rows
+    near = np.arange(rows) if behind is None else behind
+    covariance = np.zeros(most + 1)
+    for k in range(most + 1):
+        pairs = near[k:] >= k  # without a gap between them
+        share = (rows - k) / max(int(pairs.sum()), 1)
+        covariance[k] = share * (values[: rows - k] @ (values[k:] * pairs)) / rows
     if covariance[0] <= 0.0 or most < 1:
         return np.zeros(0)
     best, least = np.zeros(0), rows * np.log(covariance[0])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
+from coaxlink.diagnosis.screening import Stack
 from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.joint import Member
 
@@ -62,6 +63,9 @@ class Search:
         self.progress = progress
         self.visited = Visited()
         self.candidates = candidates(scorer)
+        self.grid = Stack([(c.white, c.deviation) for c in self.candidates])
+        self.forms = tuple(self.channels.forms)
+        self.free = Stack([(w, b.deviation) for b, w in map(scorer.form, self.forms)])
         self.barred: set[str] = set()
 
     def run(self, starts: Sequence[Hypothesis] = ()) -> Visited:
@@ -88,7 +92,10 @@ class Search:
         if len(h.names) > 1:
             for name in h.names:
                 self._try(
-                    [m for m in h.members if m.name != name], [f for f in h.forms if form_name(f) != name], h
+                    [m for m in h.members if m.name != name],
+                    [f for f in h.forms if form_name(f) != name],
+                    h,
+                    anew=False,
                 )
         if len(h.names) < MOST:
             for effect, shape in self.screened(h):
@@ -98,8 +105,17 @@ class Search:
         if h.members and (h.names == self.visited.best.names or not h.forms):
             self._refined(h)
 
-    def _try(self, members: Sequence[Member], forms: Sequence[str], h: Hypothesis) -> Hypothesis:
-        new = self.scorer.score(tuple(members), tuple(forms), h.fit.noise)
+    def _try(
+        self, members: Sequence[Member], forms: Sequence[str], h: Hypothesis, *, anew: bool = True
+    ) -> Hypothesis:
+        """The set scored; where not `anew`, as it was scored before if it was."""
+        old = self.visited.by_names.get(
+            frozenset([m.name for m in members]) | frozenset(map(form_name, forms))
+        )
+        if old is not None and not anew:
+            return old
+        hopeless = self.visited.best.score - FAR - HOPELESS if old is None else old.score - FAR
+        new = self.scorer.score(tuple(members), tuple(forms), h.fit.noise, hopeless)
         self.visited.add(new)
         return new
 
@@ -143,14 +159,14 @@ class Search:
         mine = [c for c in self.candidates if c.effect.name == name and "onset_s" in c.shape]
         if not mine:
             return
-        without = self._try(others, h.forms, h)
-        gains = self._gains(without, [(c.white, c.deviation) for c in mine])
-        best = self._timed(without, mine[int(np.argmax(gains))])
+        without = self._try(others, h.forms, h, anew=False)
+        gains = dict(zip(map(id, self.candidates), self._gains(without, self.grid), strict=True))
+        best = self._timed(without, max(mine, key=lambda c: gains[id(c)]))
         self._try([*others, self.started(without, best)], h.forms, h)
 
     def screened(self, h: Hypothesis) -> list[tuple[Tracing[Any], Candidate]]:
         """The most promising effects beside a hypothesis, each in its best shape of the grid."""
-        gains = self._gains(h, [(c.white, c.deviation) for c in self.candidates])
+        gains = self._gains(h, self.grid)
         ranked = sorted(zip(gains, range(len(gains)), strict=True), reverse=True)
         out: dict[str, tuple[Tracing[Any], Candidate]] = {}
         for gain, k in ranked:
@@ -177,7 +193,7 @@ class Search:
             low, high = c.effect.free(self.channels.frame, c.shape)["onset_s"]
             shapes = [{**c.shape, "onset_s": float(np.clip(t, low, high))} for t in times]
             tried = [self._candidate(c.effect, shape) for shape in shapes]
-            gains = self._gains(h, [(t.white, t.deviation) for t in tried])
+            gains = self._gains(h, Stack([(t.white, t.deviation) for t in tried]))
             c = tried[int(np.argmax(gains))]
             reach *= 0.2
         return c
@@ -189,11 +205,8 @@ class Search:
 
     def screened_forms(self, h: Hypothesis) -> list[str]:
         """The most promising free forms beside a hypothesis."""
-        names = [f for f in self.channels.forms if form_name(f) not in h.names]
-        pieces = [self.scorer.form(f) for f in names]
-        gains = self._gains(h, [(w, b.deviation) for b, w in pieces])
-        ranked = sorted(zip(gains, names, strict=True), reverse=True)
-        out, had = [], set()
+        ranked = sorted(zip(self._gains(h, self.free), self.forms, strict=True), reverse=True)
+        out, had = [], set(h.names)
         for gain, name in ranked:
             if gain > LEAST_FORM_GAIN and form_name(name) not in had:
                 had.add(form_name(name))
@@ -202,22 +215,9 @@ class Search:
                 break
         return out
 
-    def _gains(self, h: Hypothesis, pieces: Sequence[tuple[Array, Array]]) -> list[float]:
-        """Log evidence that each of (whitened columns, deviations) would add beside a hypothesis."""
-        white, left = h.white, self.scorer.colour.whiten(h.left)
-        touched = [np.flatnonzero(x.any(axis=0)) for x in white.swapaxes(0, 1)]
-        base = [np.ascontiguousarray(white[:, c, use].T) for c, use in enumerate(touched)]
-        out = []
-        for columns, deviation in pieces:
-            count, width = columns.shape[1:]
-            own, moment = np.zeros((count, width, width)), np.zeros((count, width))
-            cross = np.zeros((count, white.shape[2], width))
-            for c in np.flatnonzero(columns.any(axis=(0, 2))):
-                x = columns[:, c]
-                own[c], moment[c] = x.T @ x, x.T @ left[:, c]
-                cross[c, touched[c]] = base[c] @ x
-            out.append(h.fit.gain(own, cross, moment, deviation))
-        return out
+    def _gains(self, h: Hypothesis, stack: Stack) -> list[float]:
+        """Log evidence that each piece of a stack would add beside a hypothesis."""
+        return stack.gains(h, self.scorer.colour.whiten(h.left))
 
 
 def candidates(scorer: Scorer) -> list[Candidate]:
