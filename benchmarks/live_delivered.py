@@ -4,8 +4,8 @@
 
 Desired is the demand the autopilot sent (its wrench by the reference table); delivered is what the plant's
 own rotors did in the same 4 ms, read off its state, no sensor in between. No hidden effect. `low-passed` is
-the same through the 4 Hz filter of `coaxlink.residual.delivered`; motors with a lag deliver a moving demand
-late. The world waits for each answer, so that a busy machine does not look like a bad mixer.
+the same through the 4 Hz filter of `coaxlink.residual.allocation_error`; motors with a lag deliver a moving
+demand late. The world waits for each answer, so that a busy machine does not look like a bad mixer.
 """
 
 from __future__ import annotations

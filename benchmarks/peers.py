@@ -32,7 +32,7 @@ from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 from coaxlink.residual import refine_stand
-from coaxlink.residual.stand import stand_frame
+from coaxlink.residual.channels.stand import stand_frame
 from coaxlink.rotor import load_rotor_model
 
 Array = NDArray[np.float64]

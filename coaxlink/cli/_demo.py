@@ -17,7 +17,7 @@ from coaxlink.cli._simulator import simulator
 from coaxlink.fly.trajectory import Plan
 from coaxlink.live.guard import Timing
 from coaxlink.report.demo import FlightErrors
-from coaxlink.residual.delivered import delivered
+from coaxlink.residual.allocation_error import delivered
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -32,7 +32,7 @@ def health(
     from coaxlink.health import judge
     from coaxlink.health.columns import reduced
     from coaxlink.report.health import health_table, picture, remarks, verdict_line
-    from coaxlink.residual.flight import flight_frame
+    from coaxlink.residual.channels.flight import flight_frame
     from coaxlink.vehicle import load_vehicle
 
     for place in (plot, json):

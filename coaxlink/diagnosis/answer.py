@@ -13,13 +13,13 @@ from coaxlink.diagnosis.hypotheses import Hypothesis, form_name
 from coaxlink.diagnosis.parts import Block
 from coaxlink.diagnosis.posterior import CLAIMED, RIVAL, Posterior
 from coaxlink.frames import Array, StandFrame
-from coaxlink.residual.answer import Judged, answer
-from coaxlink.residual.experiment import Rival, stand_experiment
-from coaxlink.residual.flight_experiment import flight_experiment
-from coaxlink.residual.joint import ONSET, Fitter, straight
-from coaxlink.residual.problem import Problem, build
+from coaxlink.residual.answer.assemble import Judged, answer
+from coaxlink.residual.experiments.manoeuvres import flight_experiment
+from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
+from coaxlink.residual.regression.joint_model import ONSET, Fitter, straight
+from coaxlink.residual.regression.problem import Problem, build
 from coaxlink.residual.result import Ambiguous, Refinement, Rejected, Step, Suspect, Unexplained
-from coaxlink.residual.select import Selection
+from coaxlink.residual.search.select import Selection
 from coaxlink.signals import noise_floor
 
 OPEN = 0.9  # probability of a free form that is said

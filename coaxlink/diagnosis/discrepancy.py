@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from coaxlink.diagnosis.channels import Channels
 from coaxlink.diagnosis.parts import Block, products, waves
 from coaxlink.effects.tracing import Array
-from coaxlink.residual.joint import Member
+from coaxlink.residual.regression.joint_model import Member
 
 SHARE = 0.2  # of the effect, one standard deviation
 OVER_CAUSE, OVER_SPEED = 0.3, 0.6  # correlation lengths, in ranges

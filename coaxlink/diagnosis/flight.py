@@ -14,10 +14,10 @@ from coaxlink.diagnosis.reducing import reducing
 from coaxlink.effects import flight_effects
 from coaxlink.effects.tracing import Shape, Tracing
 from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
-from coaxlink.residual.flight_base import flight_corrections
-from coaxlink.residual.flight_problem import flight_variables, known_parts, runs_of
-from coaxlink.residual.joint import composed
-from coaxlink.residual.problem import contiguous_blocks
+from coaxlink.residual.base.flight_corrections import flight_corrections
+from coaxlink.residual.channels.flight_problem import flight_variables, known_parts, runs_of
+from coaxlink.residual.regression.joint_model import composed
+from coaxlink.residual.regression.problem import contiguous_blocks
 
 MANY_ROWS = 1500  # of a longer flight, one block in so many is searched
 RESOLUTION = 2e-4  # of the reference load

@@ -16,7 +16,7 @@ from coaxlink.diagnosis.noise import Colour, colour_of
 from coaxlink.diagnosis.parts import Block, joined
 from coaxlink.effects import effect as effect_named
 from coaxlink.effects.tracing import Array
-from coaxlink.residual.joint import Member, composed, member
+from coaxlink.residual.regression.joint_model import Member, composed, member
 
 ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it
 STEPS = 5

@@ -17,12 +17,12 @@ from coaxlink.diagnosis.noise import Colour, colour_of, white
 from coaxlink.diagnosis.posterior import Posterior, posterior
 from coaxlink.diagnosis.search import Search
 from coaxlink.diagnosis.stand import stand_channels
-from coaxlink.residual.flight import flight_frame, reduce_columns
-from coaxlink.residual.flight_problem import flight_floor
-from coaxlink.residual.flight_suspects import flight_suspects
+from coaxlink.residual.channels.flight import flight_frame, reduce_columns
+from coaxlink.residual.channels.flight_problem import flight_floor
+from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
+from coaxlink.residual.faults.flight_faults import flight_suspects
+from coaxlink.residual.faults.stand_faults import find_suspects
 from coaxlink.residual.result import Refinement
-from coaxlink.residual.stand import LEAST_ROWS, joined, stand_frame
-from coaxlink.residual.suspects import find_suspects
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]

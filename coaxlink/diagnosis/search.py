@@ -11,7 +11,7 @@ import numpy as np
 from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
 from coaxlink.diagnosis.screening import Stack
 from coaxlink.effects.tracing import Array, Shape, Tracing
-from coaxlink.residual.joint import Member
+from coaxlink.residual.regression.joint_model import Member
 
 BEAM = 2
 TRIED = 4  # effects of a screening that are fitted

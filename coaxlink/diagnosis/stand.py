@@ -13,9 +13,9 @@ from coaxlink.diagnosis.channels import Channels, possible
 from coaxlink.diagnosis.parts import Block, in_channel, products, waves
 from coaxlink.effects import stand_effects
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
-from coaxlink.residual.joint import composed
-from coaxlink.residual.stand import base_corrections, stand_frame
-from coaxlink.residual.stand_problem import known_parts, reducing, stand_variables
+from coaxlink.residual.channels.stand import base_corrections, stand_frame
+from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
+from coaxlink.residual.regression.joint_model import composed
 from coaxlink.rotor import RotorModel
 
 ORDER = 4  # of a base fitted to the log itself

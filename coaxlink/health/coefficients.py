@@ -24,7 +24,7 @@ from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.columns import CHANNELS, Column, independent, lasting, left, passing, rows_of
-from coaxlink.residual.flight import JUDGED_RATE_HZ, flight_frame
+from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
 from coaxlink.rotor.fit import huber_weights, least_squares
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.polynomial import design_matrix, parse_term

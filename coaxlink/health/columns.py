@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.frames import Array, FlightFrame
-from coaxlink.residual.flight import JUDGED_RATE_HZ, reduce_columns
-from coaxlink.residual.flight_base import flight_corrections
+from coaxlink.residual.base.flight_corrections import flight_corrections
+from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, reduce_columns
 
 CHANNELS = (2, 3, 4, 5)  # force down, roll, pitch, yaw
 BOUND_SDS = 2.0  # a correction's largest believable size, in standard deviations

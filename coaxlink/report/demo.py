@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from coaxlink.residual.delivered import Delivered
+    from coaxlink.residual.allocation_error import Delivered
     from coaxlink.residual.result import Refinement
     from coaxlink.rotor.identification import Identification
     from coaxlink.tables.worth import Worths

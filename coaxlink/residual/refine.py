@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
-from coaxlink.residual.judge_flight import judge_flight
-from coaxlink.residual.judge_stand import judge_stand
+from coaxlink.residual.answer.flight import judge_flight
+from coaxlink.residual.answer.stand import judge_stand
 from coaxlink.residual.result import Refinement
 from coaxlink.rotor import RotorModel
 

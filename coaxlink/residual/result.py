@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
-    from coaxlink.residual.experiment import Experiment
+    from coaxlink.residual.experiments.stand_run import Experiment
 
 Interval = tuple[float, float]
 

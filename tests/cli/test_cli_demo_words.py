@@ -8,7 +8,7 @@ import pytest
 from coaxlink.cli._flights import Pack
 from coaxlink.report.demo import FlightErrors
 from coaxlink.report.demo_words import flown, story
-from coaxlink.residual.delivered import ArmSplit, Delivered
+from coaxlink.residual.allocation_error import ArmSplit, Delivered
 from coaxlink.residual.result import ChannelError, FoundEffect, Refinement
 
 CHANNELS = {

@@ -9,9 +9,9 @@ from coaxlink import data, residual
 from coaxlink.cli import _demo, _loop, build_app
 from coaxlink.cli._shell import run
 from coaxlink.report.demo import FlightErrors
-from coaxlink.residual.delivered import Delivered
-from coaxlink.residual.experiment import Experiment
-from coaxlink.residual.flight_experiment import Manoeuvre
+from coaxlink.residual.allocation_error import Delivered
+from coaxlink.residual.experiments.manoeuvres import Manoeuvre
+from coaxlink.residual.experiments.stand_run import Experiment
 from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Suspect, Unexplained
 from coaxlink.rotor import load_rotor_model
 from coaxlink.rotor.model import Effect

@@ -8,16 +8,13 @@ import subprocess
 import sys
 import time
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+import residual_rig
 
 from coaxlink import files
 from coaxlink.cli import main
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "residual"))
-import residual_rig
 
 
 @pytest.fixture(scope="module")

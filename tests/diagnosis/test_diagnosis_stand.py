@@ -1,18 +1,14 @@
 """Stand logs through the switch: what is there is named, a clean log says nothing, odds are told.
 
-The rig is that of tests/residual and shares nothing with coaxlink.
+The rig is that of tests/helpers and shares nothing with coaxlink.
 """
 
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "residual"))
 from residual_rig import run
 
 from coaxlink import files

@@ -97,8 +97,8 @@ TAKE_BOTH = {
     "coaxlink.vehicle.vehicle.Vehicle.__init__",
     "coaxlink.effects.static.StaticBench.__init__",  # a Vehicle that is being made
     "coaxlink.frames.FlightFrame.__init__",
-    "coaxlink.residual.flight.flight_frame",  # tracing: effects are part of the prediction
-    "coaxlink.residual.judge_flight.judge_flight",
+    "coaxlink.residual.channels.flight.flight_frame",  # tracing: effects are part of the prediction
+    "coaxlink.residual.answer.flight.judge_flight",
     "coaxlink.diagnosis.judge.diagnose_flight",
     "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
     "coaxlink.residual.refine.refine",

@@ -1,0 +1,339 @@
+"""Numbers, intervals and doubts put on a selection: from what was chosen to the answer that is reported."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from coaxlink.data.samples import Samples
+from coaxlink.frames import Array, FlightFrame, StandFrame
+from coaxlink.residual.base.rebased_model import rebased_flight
+from coaxlink.residual.experiments.manoeuvres import flight_experiment
+from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
+from coaxlink.residual.regression.blocks import bootstrap, error_interval, held_out, solve
+from coaxlink.residual.regression.dependence import dependences
+from coaxlink.residual.regression.joint_model import ONSET, Joint, Part
+from coaxlink.residual.regression.problem import Option, Problem
+from coaxlink.residual.result import (
+    Ambiguous,
+    ChannelError,
+    FoundEffect,
+    ParameterValue,
+    Refinement,
+    Rejected,
+    Series,
+    Suspect,
+    Unexplained,
+)
+from coaxlink.residual.search.select import Selection
+from coaxlink.residual.search.trial import columns_of
+from coaxlink.rotor import Effect as ModelEffect
+from coaxlink.rotor import RotorModel
+
+DRAWS = 200
+SERIES_ROWS = 4000
+# times the noise, share of the reference load: more is said to be unexplained; no wind is without gusts
+SILENT, SILENT_SIZE, GUSTS = 1.3, 0.004, 0.0008
+
+
+@dataclass(frozen=True)
+class Judged:
+    """All that an answer is made of; `joint` holds the members and the doubtful ones."""
+
+    problem: Problem  # before: the model as it came
+    selection: Selection
+    joint: Joint
+    floor: Array  # (C,) noise floor
+    variables: Mapping[str, Array]
+    known: tuple[Part, ...]  # effects that the model carried already
+    suspects: tuple[Suspect, ...] = ()
+    notes: tuple[str, ...] = ()
+    labelled: bool = True  # False: the labels are wrong as a whole, nothing is claimed
+    doubts: tuple[Ambiguous, ...] = ()  # beside those of the selection
+    open_ends: tuple[Unexplained, ...] | None = None  # what is unexplained, where that is known already
+    impossible: tuple[tuple[str, str], ...] = ()  # effects that cannot be tried beside the problem's, and why
+
+    @property
+    def claimed(self) -> list[Option]:
+        """Options of the joint problem that are claimed."""
+        chosen = {m.name for m in self.selection.members}
+        return [o for o in self.joint.problem.options if o.name in chosen]
+
+
+def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
+    """The whole answer."""
+    p, q, members = j.problem, j.joint.problem, j.claimed
+    use = columns_of(q, members)
+    squares_before, fits_before = held_out(p.blocks, columns_of(p, []))
+    squares_after, fits_after = held_out(q.blocks, use)
+    before, after = held_out_residual(p, fits_before), held_out_residual(q, fits_after)
+    final = solve(q.blocks, use, np.ones(q.blocks.count))
+    draws = bootstrap(q.blocks, use, DRAWS) if members else np.zeros((0, len(q.blocks.bounds)))
+    named = [_found(j, k, final, draws, squares_after) for k in range(len(members))]
+    effects = tuple(e for e, m in zip(named, members, strict=True) if not m.effect.accused)
+    accused = [_accuse(e, m) for e, m in zip(named, members, strict=True) if m.effect.accused]
+    unexplained = j.open_ends
+    if unexplained is None:
+        # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
+        doubted = held_out_residual(q, held_out(q.blocks, columns_of(q, list(q.options)))[1])
+        fold = q.blocks.fold[q.block]
+        floor = _told_apart(p.frame, j.floor)
+        found = dependences(doubted, j.variables, q.block, fold, q.reference, floor) if j.labelled else []
+        told = _unexplained(p, found)
+        unexplained = (*told, *_silent(j, told, squares_after))
+    return Refinement(
+        kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
+        channels=_channels(j, squares_before, squares_after),
+        effects=effects,
+        unexplained=unexplained,
+        ambiguous=(
+            *(
+                _separable(j.selection.problem or p, j.selection, a, j.variables)
+                for a in j.selection.ambiguous
+            ),
+            *j.doubts,
+        ),
+        suspect_data=(*j.suspects, *accused),
+        rejected=(
+            *_rejected(p, j.selection, {o.name for o in q.options}),
+            *(Rejected(name, f"cannot be judged: {why}") for name, why in j.impossible),
+        ),
+        model=_with_effects(_rebased(q, final, bool(effects)), effects),
+        corrections={name: float(final[i]) for i, name in enumerate(q.base_names)},
+        trace=tuple(j.selection.trace),
+        notes=(*p.frame.notes, *j.notes, *(note for log in logs for note in log.notes)),
+        series=_series(j, before, after),
+        source="; ".join(log.source for log in logs),
+    )
+
+
+def _told_apart(frame: StandFrame | FlightFrame, floor: Array) -> Array:
+    """(C,) noise that a dependence is held against: half of it is the least that counts.
+
+    Where most of its power is what commands did between slow rows, that is no noise but follows the
+    manoeuvre, as all does that is recorded of it: nothing smaller is told apart.
+    """
+    if not isinstance(frame, FlightFrame):
+        return floor
+    return np.asarray(np.where(frame.sampling**2 > 0.5 * floor**2, 2.0 * frame.sampling, floor))
+
+
+def _channels(j: Judged, before: Array, after: Array) -> dict[str, ChannelError]:
+    """Errors by channel from held-out square sums (B, C)."""
+    p, rows = j.problem, j.problem.blocks.rows
+    was, now = p.sigma, j.joint.problem.sigma
+    out = {}
+    for c, name in enumerate(p.channels):
+        low_b, high_b = error_interval(before[:, c], rows)
+        low_a, high_a = error_interval(after[:, c], rows)
+        out[name] = ChannelError(
+            unit=p.units[c],
+            noise_floor=float(j.floor[c]),
+            rmse_before=float(was[c]) * _rms(before[:, c], rows),
+            rmse_after=float(now[c]) * _rms(after[:, c], rows),
+            ci_before=(float(was[c]) * low_b, float(was[c]) * high_b),
+            ci_after=(float(now[c]) * low_a, float(now[c]) * high_a),
+            held_out_rows=int(rows.sum()),
+            rmse_as_given=float(was[c] * np.sqrt(np.mean(p.residual[:, c] ** 2))),
+        )
+    return out
+
+
+def _rms(squares: Array, rows: Array) -> float:
+    return float(np.sqrt(squares.sum() / rows.sum()))
+
+
+def held_out_residual(p: Problem, fits: Array) -> Array:
+    """(rows, C) residual of every row under the fit that did not see it, in the channels' units."""
+    out = np.empty_like(p.residual)
+    folds = np.unique(p.blocks.fold)
+    for k, fold in enumerate(folds):
+        rows = p.blocks.fold[p.block] == fold
+        used = np.flatnonzero(fits[k])
+        out[rows] = p.residual[rows] - p.design[rows][:, :, used] @ fits[k][used]
+    return out * p.sigma
+
+
+def _found(j: Judged, k: int, final: Array, draws: Array, squares_after: Array) -> FoundEffect:
+    """Member k with its numbers, their 95 % intervals over blocks drawn again, and its worth."""
+    q, option = j.joint.problem, j.claimed[k]
+    effect = option.effect
+    place = q.options.index(option)
+    named = j.joint.named(place, final)
+    sampled = [j.joint.named(place, d) for d in draws]
+    parameters = []
+    for name, value in named.items():
+        values = np.array([s[name] for s in sampled])
+        low, high = np.quantile(values, [0.025, 0.975]) if len(values) else (value, value)
+        row = 1.0 / q.frame.rate_hz if name == ONSET else 0.0  # a beginning is known to a row
+        interval = (min(float(low), value - row), max(float(high), value + row))
+        parameters.append(ParameterValue(name, value, interval, effect.units.get(name, "1")))
+    rest = [m for m in j.claimed if m is not option]
+    without = held_out(q.blocks, columns_of(q, rest))[0].sum(axis=0)
+    rows = q.blocks.rows.sum()
+    rmse = {
+        name: tuple(float(q.sigma[c] * np.sqrt(x[c] / rows)) for x in (without, squares_after.sum(axis=0)))
+        for c, name in enumerate(q.channels)
+    }
+    touched = tuple(n for n, (a, b) in rmse.items() if n in effect.channels and b < 0.98 * a)
+    touched = touched or tuple(n for n in q.channels if n in effect.channels)
+    return FoundEffect(
+        option.name,
+        touched,
+        tuple(parameters),
+        {n: (rmse[n][0], rmse[n][1]) for n in touched},
+        _evidence(j, option.name),
+        f"{effect.physics}; {effect.source}",
+        effect.needs,
+    )
+
+
+def _evidence(j: Judged, name: str) -> dict[str, Any]:
+    """Why it was chosen; for an effect that the model had, what its numbers were."""
+    steps = [s for s in j.selection.trace if s.kept and s.name.endswith(name)]
+    out: dict[str, Any] = {}
+    if steps:
+        last = steps[-1]
+        out = {"p_value": last.p_value, "gain_in_noise_variances": last.gain, "size_of_reference": last.size}
+    was = [dict(parameters) for effect, parameters in j.known if effect.name == name]
+    return out | ({"was": was[0]} if was else {})
+
+
+def _accuse(found: FoundEffect, member: Option) -> Suspect:
+    """An instrument that lies, in words."""
+    numbers = ", ".join(f"{q.name} {q.value:.3g}" for q in found.parameters)
+    return Suspect(member.effect.accused, "all", f"{member.effect.physics} ({numbers})")
+
+
+def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:
+    """The model, with its polynomials as fitted beside the effects where the base was free."""
+    model: RotorModel = p.frame.model
+    if isinstance(p.frame, FlightFrame):
+        fitted = {name: float(final[i]) for i, name in enumerate(p.base_names)}
+        return rebased_flight(p.frame, fitted) if found else model
+    if not (isinstance(p.frame, StandFrame) and p.frame.free_base):
+        return model
+    terms = {load: dict(named) for load, named in model.terms().items()}
+    for i, name in enumerate(p.base_names):
+        load, _, term = name.partition(" ")
+        if term in terms.get(load, {}):
+            terms[load][term] += float(final[i])
+    return replace(
+        RotorModel.from_terms(model.form, model.speed_max_rpm, terms),
+        effects=model.effects,
+        identified=model.identified,
+    )
+
+
+def _separable(
+    p: Problem, selection: Selection, doubt: Ambiguous, variables: Mapping[str, Array]
+) -> Ambiguous:
+    """The doubt with the place where its explanations, each as fitted to these data, differ most."""
+    ones = np.ones(p.blocks.count)
+    guesses, rivals = [], []
+    for name in doubt.names:
+        trial = selection.last.get(name)
+        option = next((m for m in selection.doubtful if m.name == name), trial.option if trial else None)
+        if option is not None:
+            fit = solve(p.blocks, columns_of(p, [*selection.members, option]), ones)
+            guesses.append(p.design @ fit * p.sigma)
+            named = option.numbers(p.frame, fit[option.columns])
+            rivals.append(Rival(option.effect, named))
+    if len(guesses) < 2:
+        return doubt
+    proposed = stand_experiment if isinstance(p.frame, StandFrame) else flight_experiment
+    plan = proposed(p.frame, p.sigma, rivals)
+    if plan is not None:
+        return replace(doubt, separate_by=plan.text, experiment=plan)
+    apart = np.abs(guesses[0] - guesses[1])  # (rows, C)
+    c = int(np.argmax(np.quantile(apart, 0.98, axis=0) / (p.sigma + 1e-12)))
+    rows = np.argsort(-apart[:, c])[: max(5, len(apart) // 50)]
+    places = []
+    for name, values in variables.items():
+        spread = float(np.std(values))
+        if spread > 0 and name != "time_s" and float(np.std(values[rows])) < 0.4 * spread:
+            places.append((float(np.std(values[rows])) / spread, f"{name} {np.median(values[rows]):.3g}"))
+    where = ", ".join(text for _, text in sorted(places)[:3]) or "no single place"
+    size = float(np.median(apart[rows, c]))
+    repeats = int(np.ceil((6.0 * float(p.sigma[c]) / max(size, 1e-12)) ** 2))
+    text = (
+        f"they differ most in {p.channels[c]}, by {size:.2g} {p.units[c]}, at {where}: "
+        f"about {repeats} independent readings there and as many far from there would tell"
+    )
+    return replace(doubt, separate_by=text)
+
+
+def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
+    out = []
+    for c, name in enumerate(p.channels):
+        mine = [d for d in found if d.channel == c]
+        if mine:
+            strongest = mine[0]
+            related = tuple(dict.fromkeys(d.variable for d in mine if d.share > 0.5 * strongest.share))[:3]
+            out.append(Unexplained(name, related, strongest.rms, f"{strongest.variable}: {strongest.where}"))
+    return out
+
+
+def _silent(j: Judged, told: Sequence[Unexplained], squares: Array) -> list[Unexplained]:
+    """Channels far above their noise though nothing recorded was found that they follow."""
+    q, rows, out = j.joint.problem, j.problem.blocks.rows, []
+    if not j.labelled:
+        return []
+    gusty = any(o.name == "wind" for o in j.claimed)
+    for c, name in enumerate(q.channels):
+        low, _ = error_interval(squares[:, c], rows)
+        rms = float(q.sigma[c]) * _rms(squares[:, c], rows)
+        excess = float(np.sqrt(max(rms**2 - j.floor[c] ** 2, 0.0)))
+        if name in {u.channel for u in told} or float(q.sigma[c]) * low < SILENT * j.floor[c]:
+            continue
+        if excess > (GUSTS if gusty else SILENT_SIZE) * q.reference[c]:
+            where = f"{rms / j.floor[c]:.1f} times the noise between neighbouring rows, by nothing recorded"
+            where += ": the wind is not steady" if gusty else ""
+            out.append(Unexplained(name, ("time_s",), excess, where))
+    return out
+
+
+def _rejected(p: Problem, selection: Selection, kept: set[str]) -> tuple[Rejected, ...]:
+    chosen = {m.name for m in selection.members}
+    last = {s.name: s for s in selection.trace if s.action == "drop" and s.name in chosen}
+    out = [Rejected(name, s.why) for name, s in last.items() if name not in kept]
+    out += [Rejected(name, f"cannot be judged: {why}") for name, why in p.impossible]
+    for name, trial in selection.last.items():
+        if name not in chosen:
+            out.append(Rejected(name, trial.why_not or "adds nothing to what was chosen"))
+    return tuple(out)
+
+
+def _with_effects(model: RotorModel, effects: Sequence[FoundEffect]) -> RotorModel:
+    """The model with the effects added; one it had under the same name is replaced.
+
+    It is the vehicle as it landed: what began in mid-flight is there from now on.
+    """
+    added = tuple(
+        ModelEffect(e.name, {q.name: q.value for q in e.parameters if q.name != "onset_s"}, tuple(e.needs))
+        for e in effects
+    )
+    names = {e.name for e in added}
+    return replace(model, effects=(*(e for e in model.effects if e.name not in names), *added))
+
+
+def _series(j: Judged, before: Array, after: Array) -> Series:
+    p = j.problem
+    step = max(1, len(before) // SERIES_ROWS)
+    causes = {}
+    for m in j.claimed:
+        for channel in m.effect.channels:
+            shape = next(x.shape for x in j.joint.members if x.name == m.name)
+            label, values = m.effect.cause(p.frame, shape, channel)
+            causes[m.name, channel] = label, values[p.frame.keep][::step]
+    return Series(
+        time_s=j.variables["time_s"][::step],
+        channels=p.channels,
+        before=before[::step],
+        after=after[::step],
+        causes=causes,
+        noise={name: float(j.floor[c]) for c, name in enumerate(p.channels)},
+    )

@@ -1,0 +1,101 @@
+"""An own fit judged beside a base that follows the pair wherever the log tells what it does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
+from coaxlink.residual.answer.assemble import Judged, held_out_residual
+from coaxlink.residual.base.gaussian_process import Process, find_process
+from coaxlink.residual.channels.stand import POLYNOMIALS, predict
+from coaxlink.residual.channels.stand_problem import reducing, stand_floor, stand_problem, stand_variables
+from coaxlink.residual.checks.posterior_check import undone
+from coaxlink.residual.regression.blocks import held_out
+from coaxlink.residual.regression.irls import channel_errors
+from coaxlink.residual.regression.joint_model import Joint, composed
+from coaxlink.residual.result import Step
+from coaxlink.residual.search.joint_fit import together
+from coaxlink.residual.search.trial import ALPHA, Judge, columns_of
+from coaxlink.rotor.model import LOADS
+
+KNOWN = 1.0  # times the noise: a base less well known than that is none to hold a row against
+MOST_UNKNOWN = 0.3  # of the rows
+LEAST_NOISE = 2e-4  # of the reference load
+LESS = 0.005  # of the error: by how much it must follow better than the polynomials
+
+
+def own_floor(frame: StandFrame, joint: Joint) -> Array:
+    """(C,) noise of what the joint fit leaves."""
+    q = joint.problem
+    return stand_floor(frame, held_out_residual(q, held_out(q.blocks, columns_of(q, list(q.options)))[1]))
+
+
+def log_error(joint: Joint) -> float:
+    """Mean over channels of the logarithm of the held-out error, in the channels' units."""
+    q = joint.problem
+    return float(np.mean(np.log(np.maximum(channel_errors(q, q.options), 1e-12))))
+
+
+def followed(j: Judged) -> Judged:
+    """The same effects beside Gaussian processes of every load, if these leave less; else as it was.
+
+    What had stood in for a misfit of the polynomials goes. Rows at speeds of which no other block tells
+    enough are not judged.
+    """
+    bare, q = j.problem.frame, j.joint.problem
+    if j.selection.ambiguous or j.selection.doubtful:
+        return j
+    acting = composed(bare, [(m.effect, m.parameters(bare)) for m in j.joint.members])
+    loads = bare.measured - (acting.predicted - bare.predicted)
+    u, fold = bare.speeds[bare.keep], q.blocks.fold[q.block]
+    processes: dict[int, Process] = {}
+    unknown = np.zeros(len(u))
+    for k, c in enumerate(bare.present):
+        if c < 4:
+            terms, reference = tuple(bare.model.terms()[LOADS[c]]), float(bare.reference[c])
+            noise = max(float(j.floor[k]), LEAST_NOISE * reference)
+            found = find_process(u, loads[bare.keep, c], fold, noise, reference, terms, c > 1)
+            processes[c] = found[0]
+            unknown = np.maximum(unknown, found[1])
+    judged = unknown <= max(KNOWN, float(np.quantile(unknown, 1.0 - MOST_UNKNOWN)))
+    notes = _notes(bare, processes, int(np.sum(~judged)))
+    rich = predict(replace(bare, surfaces=processes, keep=bare.keep[judged], notes=notes))
+    problem = stand_problem(rich, [m.effect for m in j.joint.members])
+    problem = replace(problem, impossible=j.problem.impossible)
+    settled = {m.name: m for m in j.joint.members}
+    reduce = reducing(rich)
+    selection, (joint, _) = j.selection, together(problem, j.selection, rich, (), reduce, settled)
+    stood_in = _needless(joint)
+    if stood_in:
+        selection = undone(selection, stood_in)
+        why = "needless beside a base that follows the pair"
+        selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(stood_in)]
+        joint, _ = together(problem, selection, rich, (), reduce, settled)
+    more = log_error(joint) - log_error(j.joint)
+    if {m.name for m in joint.members} != set(settled) - stood_in or more > (LESS if stood_in else -LESS):
+        return j
+    floor, variables = own_floor(rich, joint), stand_variables(rich)
+    return replace(j, problem=problem, selection=selection, joint=joint, floor=floor, variables=variables)
+
+
+def _needless(joint: Joint) -> set[str]:
+    """Names of members without which the other blocks are predicted as well."""
+    judge, options = Judge(joint.problem), list(joint.problem.options)
+    trials = {o.name: judge.trial([other for other in options if other is not o], o) for o in options}
+    return {name for name, trial in trials.items() if trial.gain <= 0.0 or trial.p_value > ALPHA}
+
+
+def _notes(bare: StandFrame, processes: Mapping[int, Process], unknown: int) -> tuple[str, ...]:
+    """What was said before, but of curves that the processes take the place of."""
+    names = ", ".join(STAND_CHANNELS[c] for c in processes)
+    notes = [note for note in bare.notes if POLYNOMIALS not in note]
+    notes.append(
+        f"{names}: {POLYNOMIALS}; errors are beside a Gaussian process over the speeds, which a rotor file"
+        " does not hold"
+    )
+    if unknown:
+        notes.append(f"{unknown} rows at speeds of which no other part of the log tells enough: not judged")
+    return tuple(notes)

@@ -1,0 +1,207 @@
+"""Flight logs against a model: what is chosen, doubted, and said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from coaxlink.airframe import Airframe
+from coaxlink.data.samples import Samples
+from coaxlink.frames import Array, FlightFrame
+from coaxlink.residual.answer.assemble import Judged, answer
+from coaxlink.residual.channels.flight import flight_frame, reduce_columns
+from coaxlink.residual.channels.flight_problem import (
+    base_columns,
+    flight_problem,
+    flight_variables,
+    floor_behind,
+    known_parts,
+)
+from coaxlink.residual.channels.velocity_noise import felt_noise
+from coaxlink.residual.checks.drag_in_wind import drag_beside
+from coaxlink.residual.checks.mass_or_thrust import Scales, behind_voltage, doubt, scales, whole_mass
+from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled_lift, undone, without
+from coaxlink.residual.faults.flight_faults import flight_suspects
+from coaxlink.residual.regression.blocks import solve
+from coaxlink.residual.regression.irls import channel_errors, reweighed, settled_base
+from coaxlink.residual.regression.joint_model import SHORT, Joint, Part, composed
+from coaxlink.residual.regression.problem import Problem
+from coaxlink.residual.result import Ambiguous, Refinement, Step
+from coaxlink.residual.search.change_point import with_onsets
+from coaxlink.residual.search.joint_fit import fitter_of, together
+from coaxlink.residual.search.select import Selection, select
+from coaxlink.residual.search.trial import columns_of
+from coaxlink.rotor import RotorModel
+
+Progress = Callable[[str], None]
+LEAST_ROWS = 80  # judged rows of a flight
+SCRUTINIES = 4  # of a flight's choice; of one longer than five minutes, one
+DOUBTED = 1.5  # of the floor: a flight's choice that leaves more in a channel is judged once more
+CLEARLY = 0.1  # of the logarithm of errors, channels together, that another choice must leave less
+
+
+@dataclass(frozen=True)
+class _Flight:
+    """What stays as it is while the choice changes: the log, and what the model knows of it already."""
+
+    bare: FlightFrame  # without what is known
+    frame: FlightFrame  # with it
+    known: Sequence[Part]
+
+    def reduce(self, columns: Array) -> Array:
+        """What an effect adds on the frame's rows, on judged rows."""
+        return reduce_columns(self.frame, columns)
+
+    def fitted(self, problem: Problem, selection: Selection, *, all_of: bool = False) -> _Choice:
+        """A selection with its joint fit."""
+        bare, known, reduce = self.bare, self.known, self.reduce
+        fit = together(problem, selection, bare, known, reduce, base=base_columns, all_of=all_of)
+        return _Choice(problem, selection, *fit)
+
+    @property
+    def knows(self) -> set[str]:
+        """Names of what the model knows."""
+        return {effect.name for effect, _ in self.known}
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """What was chosen, and its joint fit."""
+
+    problem: Problem
+    selection: Selection
+    joint: Joint
+    acting: FlightFrame  # with everything found
+
+    @property
+    def floor(self) -> Array:
+        """(C,) noise behind the fit."""
+        return floor_behind(self.acting, self.joint)
+
+    @property
+    def names(self) -> set[str]:
+        """Of its members."""
+        return {m.name for m in self.joint.members}
+
+
+def judge_flight(
+    several: Sequence[Samples],
+    airframe: Airframe,
+    model: RotorModel,
+    progress: Progress,
+) -> Refinement:
+    """What these flights say of the model. Raises InputError when a log lacks what every flight needs."""
+    progress("aligning")
+    bare = flight_frame(several, airframe, model)
+    suspects, bad, mislabelled = flight_suspects(bare, several)
+    if bad.any() and np.sum(~bad[bare.keep]) > LEAST_ROWS:
+        bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
+    known, notes = known_parts(bare)
+    f = _Flight(bare, composed(bare, known), known)
+    progress("fitting candidates")
+    c = _chosen(f, flight_problem(f.frame), mislabelled, progress)
+    lifted = settled_lift(c.joint, c.floor)
+    doubts: tuple[Ambiguous, ...] = ()
+    if lifted and not mislabelled:
+        c, doubts = _weighed(f, c)
+    c = _dragged(f, c)
+    progress("judging")
+    act = [part for part in known if part[0].name not in c.names]
+    act += [(m.effect, m.parameters(bare)) for m in c.joint.members]
+    floor = np.hypot(c.floor, felt_noise(bare, act))
+    if not lifted and f.frame.voltage is None:
+        notes.append("voltage_V is not in the log: a sagging supply would look like this change of thrust")
+    if airframe.motor_lag_s == 0.0:
+        notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
+    variables = flight_variables(f.frame)
+    parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled, doubts)
+    judged = Judged(settled_base(c.problem), c.selection, c.joint, floor, variables, *parts)
+    return answer(judged, several)
+
+
+def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress) -> _Choice:
+    """The choice, made again without what its own numbers deny, until they deny nothing."""
+    struck: list[Doubt] = []
+    for number in range(1, SCRUTINIES + 1):
+        progress("selecting")
+        began = {d.name for d in struck if d.onset}
+        problem = with_onsets(problem, [], f.reduce, barred=began)
+        selection = Selection() if mislabelled else select(problem)
+        # a beginning that another effect hid is looked for once more beside it
+        further = with_onsets(problem, selection.members, f.reduce, barred=began)
+        if selection.members and further is not problem:
+            problem, selection = further, select(further)
+        selection.trace[:0] = [Step(0, "drop", d.name, 0.0, 1.0, 0.0, True, d.why) for d in struck]
+        progress("fitting what was chosen together")
+        c = _doubted(f, f.fitted(problem, selection))
+        again = disbelieved(problem, c.joint, c.floor, f.knows)
+        if not again:
+            return c
+        struck += again  # at most every effect once, and its beginning
+        problem = without(problem, again)
+        if number == SCRUTINIES or problem.residual.size > SHORT // 2:
+            break
+    return f.fitted(problem, undone(c.selection, {d.name for d in again}))
+
+
+def _weighed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Ambiguous, ...]]:
+    """With a mass where lift and torques ask for one; or whether it is one or the level of thrust."""
+    if "mass_change" in c.names or f.knows & {"mass_change", "battery_voltage"}:
+        return c, ()
+    seen = _scales(c, f)
+    mass = next((o for o in c.problem.options if o.name == "mass_change" and not o.shape), None)
+    why = behind_voltage(seen) if "battery_voltage" in c.names else whole_mass(seen)
+    if not why or mass is None:
+        return c, () if "battery_voltage" in c.names else tuple(doubt(f.frame, seen))
+    beside = replace(c.selection, members=[*c.selection.members, mass])
+    trial = f.fitted(c.problem, beside, all_of=True)
+    if disbelieved(c.problem, trial.joint, trial.floor):
+        return c, ()
+    size = max(abs(seen.lift), float(np.max(np.abs(seen.torque))))
+    beside.trace.append(Step(9, "add", mass.name, 0.0, 0.0, size, True, why))
+    return trial, ()
+
+
+def _dragged(f: _Flight, c: _Choice) -> _Choice:
+    """With the rotors' drag where it blew and what the wind was taken for damps yaw as that drag does."""
+    drag = next((o for o in c.problem.options if o.name == "rotor_drag"), None)
+    if f.known or c.selection.doubtful or drag is None:
+        return c
+    fitter = fitter_of(c.problem, f.bare, f.known, c.names, f.reduce)
+    both = drag_beside(fitter, c.joint, base_columns)
+    if both is None:
+        return c
+    selection = replace(c.selection, members=[*c.selection.members, drag])
+    why = "what drags in the wind damps yaw as the rotors' drag does"
+    selection.trace.append(Step(9, "add", drag.name, 0.0, 0.0, 0.0, True, why))
+    return replace(c, selection=selection, joint=both, acting=fitter.acting(both.members))
+
+
+def _doubted(f: _Flight, c: _Choice) -> _Choice:
+    """The choice judged once more, torques counting in full, where a channel is left far above its noise.
+
+    Another one (a mass and a centre for a failing rotor) is taken only if it leaves little but noise.
+    """
+    q = c.joint.problem
+    if not c.names or c.selection.doubtful or c.problem.residual.size > SHORT or q.frame is not f.bare:
+        return c
+    errors, floor = channel_errors(q, q.options), c.floor
+    if np.max(errors / floor) < DOUBTED:
+        return c
+    again = select(reweighed(c.problem, floor))
+    if again.ambiguous or not again.members or {m.name for m in again.members} == c.names:
+        return c
+    again.trace = [*c.selection.trace, *again.trace]
+    other = f.fitted(c.problem, again)
+    now = channel_errors(other.joint.problem, other.joint.problem.options)
+    less, left = float(np.sum(np.log(errors / now))), now / other.floor
+    return other if less > CLEARLY and np.max(left) < DOUBTED else c
+
+
+def _scales(c: _Choice, f: _Flight) -> Scales:
+    q = c.joint.problem  # everything found acts in `c.acting`
+    final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
+    named = dict(zip(q.base_names, final[q.base], strict=True))
+    return scales(c.acting, named, q.block, f.reduce)

@@ -1,0 +1,165 @@
+"""Stand logs against a model or their own fit: what is chosen, judged again, and said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from coaxlink.data.samples import Samples
+from coaxlink.frames import Array
+from coaxlink.residual.answer.assemble import Judged, answer
+from coaxlink.residual.answer.discrepancy_model import followed, log_error, own_floor
+from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
+from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_problem, stand_variables
+from coaxlink.residual.checks.posterior_check import undone
+from coaxlink.residual.checks.residual_check import minor
+from coaxlink.residual.faults.stand_faults import find_suspects
+from coaxlink.residual.faults.tachometer_gain import wrong_gain
+from coaxlink.residual.regression.irls import channel_errors
+from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed
+from coaxlink.residual.regression.problem import Problem
+from coaxlink.residual.result import Refinement, Step
+from coaxlink.residual.search.form_error import within_forms
+from coaxlink.residual.search.joint_fit import fitter_of, together
+from coaxlink.residual.search.select import Selection, select
+from coaxlink.residual.search.time_trend import outrun
+from coaxlink.rotor import RotorModel
+
+Progress = Callable[[str], None]
+ROUNDS = 3  # of judging again
+PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
+MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
+# order of a fitted base; whose share is taken off first (all effects, all but a drift); from what excess on
+TRIES = ((None, "", 0.0), (2, "", 0.0), (None, "all", 1.05), (None, "all", 1.25), (None, "steady", 1.05))
+
+
+def judge_stand(
+    several: Sequence[Samples],
+    model: RotorModel | None,
+    progress: Progress,
+) -> Refinement:
+    """What these stand logs say of the model, or of their own fit.
+
+    Raises InputError when speeds or loads are missing.
+    """
+    progress("reading the stand")
+    samples = joined(several)
+    wrong = find_suspects(stand_frame(samples, model))
+    suspects, mislabelled = wrong.suspects, wrong.mislabelled
+    if not mislabelled:
+        samples = samples.without(*wrong.columns)
+    trusted = np.flatnonzero(np.logical_not(wrong.bad))
+    if mislabelled and len(trusted) < LEAST_ROWS:  # nothing is claimed of them; what they leave is shown
+        trusted = np.arange(samples.rows)
+    thinned = max(1, round(len(trusted) / MANY_ROWS))
+    if thinned > 1:  # stretches whole: neighbours tell the noise, and what lags or remembers sees every row
+        trusted = trusted[(trusted // STRETCH) % thinned == 0]
+    best: tuple[float, Judged] | None = None
+    shed: dict[str, Array] = {}  # what effects make of the loads: all of them, and all but a drift
+    tried: list[tuple[str, dict[str, set[str]]]] = []
+    # a base of high order may swallow an effect that a plain one leaves to be named; and how rich a base must
+    # be is seen better once the effects are known
+    for order, again, bar in TRIES[:1] if model is not None else TRIES:
+        if again and (again not in shed or best is None or not _far_off(best[1], bar)):
+            continue
+        progress("fitting candidates")
+        bare = stand_frame(samples, model, order, shed.get(again), trusted)
+        base = again, {load: set(named) for load, named in bare.model.terms().items()}
+        if base in tried:
+            continue
+        tried.append(base)
+        known, notes = known_parts(bare)
+        if thinned > 1:
+            notes.append(f"a long log: one stretch of {STRETCH} rows in {thinned} is judged")
+        problem = stand_problem(composed(bare, known))
+        progress("selecting")
+        few = len(trusted) < LEAST_ROWS
+        if few:
+            notes.append(f"{len(trusted)} rows: held against the model; too few to identify any effect")
+        gain = None if mislabelled or few else wrong_gain(problem)
+        if gain is not None:
+            suspects, mislabelled = (*suspects, gain), True
+        selection = Selection() if mislabelled or few else select(problem)
+        reduce = reducing(bare)
+        selection, start, fitted = _again(problem, selection, bare, known, reduce)
+        joint, acting = fitted or together(problem, selection, bare, known, reduce, start)
+        gone = outrun(joint, acting, reduce)
+        why = "needless beside something that changes over time and was not logged"
+        if not gone:
+            gone, why = within_forms(joint, bare), "no more than the form of a larger one misses"
+        anew = False
+        if not gone:
+            gone, why = minor(joint, own_floor(bare, joint)), "leaves most of what is there"
+            anew = bool(gone)  # and may have kept out what made it
+        if gone:
+            selection = undone(selection, gone)
+            selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(gone)]
+            if anew:
+                selection, start, _ = _again(problem, selection, bare, known, reduce, gone)
+            joint, acting = together(problem, selection, bare, known, reduce, start)
+        error = log_error(joint)
+        if best is None or error <= best[0] + PLAINER:
+            shed = {"all": acting.predicted - problem.frame.predicted} if selection.members else {}
+            steady = [(m.effect, m.parameters(bare)) for m in joint.members if m.name != "sensor_drift"]
+            if 0 < len(steady) < len(joint.members):  # the drift may stand in for what the base lacks
+                shed["steady"] = composed(bare, [*known, *steady]).predicted - problem.frame.predicted
+            floor = own_floor(bare, joint)
+            parts = (tuple(known), suspects, tuple(notes), not mislabelled)
+            best = error, Judged(problem, selection, joint, floor, stand_variables(bare), *parts)
+    assert best is not None
+    progress("judging")
+    judged = best[1]
+    if judged.problem.frame.free_base and judged.labelled and len(judged.problem.frame.keep) >= LEAST_ROWS:
+        judged = followed(judged)
+    return answer(judged, several)
+
+
+def _far_off(j: Judged, bar: float) -> bool:
+    """Whether a load is left with more than so many times its noise."""
+    q = j.joint.problem
+    return bool(np.max(channel_errors(q, q.options) / np.maximum(j.floor, 1e-12)) > bar)
+
+
+def _again(
+    problem: Problem,
+    selection: Selection,
+    bare: Any,
+    known: Sequence[Part],
+    reduce: Callable[[Array], Array],
+    barred: Collection[str] = (),
+) -> tuple[Selection, dict[str, Member], tuple[Joint, Any] | None]:
+    """The selection judged again about its own joint fit, until it stands; its members there; that fit.
+
+    A first choice is made in shapes of a grid. Once these have found their best form, some are needless (they
+    had stood in for a misfit of another's form), and what the misfit hid may show. No fit comes back where
+    another from there may still find a better form.
+    """
+    settled: dict[str, Member] = {}
+    barred = {*barred}
+    rounds = ROUNDS if problem.residual.size < SHORT else 1
+    for number in range(1, rounds + 1):
+        if not selection.members:
+            break
+        claimed = Selection(members=selection.members)
+        began = {
+            o.name: set(settled[o.name].shape if o.name in settled else o.shape) for o in claimed.members
+        }
+        joint, acting = together(problem, claimed, bare, known, reduce, settled)
+        if len(joint.members) != len(selection.members) or joint.problem.frame is not bare:
+            break  # the plain sum was better
+        fitter = fitter_of(problem, bare, known, {m.name for m in joint.members}, reduce)
+        about = fitter.beside(joint)
+        had = {m.name for m in joint.members}
+        again = select(about, about.options[: len(had)], barred=barred, on_trial=number < rounds)
+        same = {m.name for m in again.members} == had
+        barred |= had - {m.name for m in again.members}
+        settled = {m.name: m for m in joint.members}
+        selection = replace(again, trace=[*selection.trace, *again.trace])
+        if same:
+            # from a better form there may be a better one still
+            stands = not again.doubtful and all(set(m.shape) == began[m.name] for m in joint.members)
+            return selection, settled, (joint, acting) if stands else None
+    return selection, settled, None

@@ -1,0 +1,393 @@
+"""From flight samples to measured and predicted body force and torque.
+
+Measured: mass times specific force, and I dw/dt + w x I w (rigid body, Euler). Predicted: the rotor model at
+the commanded speeds after the declared first-order lag. Both sides go through the same zero-phase 4 Hz
+low-pass; what an effect adds goes through it too. Rows on the ground are not judged: the ground pushes back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.data.samples import Samples
+from coaxlink.errors import InputError
+from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
+from coaxlink.residual.channels.rounding_noise import rounding_noise
+from coaxlink.residual.channels.strapdown import smoothed_attitude, smoothed_height, smoothed_velocity
+from coaxlink.rotor import RotorModel
+from coaxlink.signals import derivative, difference_gain, lagged, low_pass, noise_floor
+
+CUTOFF_HZ = 4.0
+BAND = 0.2  # of the rows' rate: as much again lies above, where noise shows, and below half the rate
+TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 4 Hz is judged
+LONG_ROWS, LONG_RATE_HZ = 100_000, 30.0  # beyond, half the rate does
+MANY_ROWS, STRETCH_S = 300_000, 120.0  # of hours of flight: beyond, one stretch in so many is judged
+LEAST_S = 4.0  # of a gapless stretch
+JUDGED_RATE_HZ = 10.0
+JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
+AFTER_S = 0.4  # not judged behind a jump
+LIMIT, LIMIT_S, MOST_LIMITED = 0.002, 0.3, 0.15  # of full command; about it; of the time in the air
+MATTERS = 1.0  # times the noise
+COARSER = (2, 4)  # rows a row, to see what fewer rows cost
+# of logs up to a rate (Hz): what halving the rows costs beside halving them twice, and the share of it that
+# the rows as they are cost already
+SHARES = (
+    (45.0, (0.0,), (0.9,)),
+    (90.0, (0.53, 0.65), (0.82, 0.53)),
+    (np.inf, (0.0, 0.39, 0.57), (0.0, 0.38, 0.68)),
+)
+EDGE_S = 0.4  # the low-pass still feels what happened outside
+NEEDED = (
+    "time_s",
+    *IMU_COLUMNS,
+    "roll_rad",
+    "pitch_rad",
+    "yaw_rad",
+    *(f"vel_{a}_m_s" for a in "ned"),
+)
+OPTIONAL = ("height_m", "voltage_V")
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """A gapless piece of one log on a uniform grid."""
+
+    log: int
+    rate_hz: float
+    step_s: float
+    columns: dict[str, Array]
+
+
+def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel) -> FlightFrame:
+    """Bring logs onto uniform time bases and compute both sides of the residual.
+
+    Raises InputError: a column is missing, time does not run, or less than 8 s were flown.
+    """
+    motors = [f"motor{r.number}" for r in airframe.rotors]
+    stretches: list[_Stretch] = []
+    for number, log in enumerate(logs):
+        log.require(*NEEDED, *motors)
+        stretches += _uniform(number, log, [*NEEDED[1:], *motors], airframe.motor_lag_s, motors)
+    source = logs[0].source if logs else ""
+    if not stretches:
+        raise InputError(source, "time_s", "no gapless stretch of 4 s or more")
+    rate = min(s.rate_hz for s in stretches)
+    if sum(len(s.columns["time_s"]) for s in stretches) > LONG_ROWS:
+        stretches = [_thin(s, LONG_RATE_HZ) for s in stretches]
+        rate = min(s.rate_hz for s in stretches)
+    stretches = [_at_rate(s, rate) for s in stretches]
+    stretches, share = _some(stretches, rate)
+    parts = [_side(i, s, airframe, motors) for i, s in enumerate(stretches)]
+    shared = [name for name in parts[0] if all(name in p for p in parts)]
+    whole = {name: np.concatenate([p[name] for p in parts]) for name in shared}
+    thrust, torque = airframe.loads(model, whole["speeds"])
+    predicted = airframe.body_loads(thrust, torque)
+    keep, notes = _judged(whole, parts, stretches, -predicted[:, 2], airframe)
+    if share > 1:
+        notes.append(f"a long log: one stretch of {STRETCH_S:.0f} s in {share} is judged")
+    jumps = airframe.body_loads(*airframe.loads(model, np.clip(whole["commands"], 0.0, None)))
+    cutoff = min(CUTOFF_HZ, BAND * rate)
+    keep = _steady(keep, (jumps, whole["measured"] - predicted), whole["stretch"], rate, cutoff, notes)
+    if len(keep) < 8 * JUDGED_RATE_HZ:
+        raise InputError(
+            source,
+            "height_m" if "height" in whole else "motor1",
+            f"{len(keep) / JUDGED_RATE_HZ:.0f} s in the air; 8 s are needed",
+        )
+    frame = FlightFrame(
+        airframe=airframe,
+        model=model,
+        rate_hz=rate,
+        time_s=whole["time"],
+        stretch=whole["stretch"],
+        log=whole["log"],
+        commands=whole["commands"],
+        speeds=whole["speeds"],
+        thrust=thrust,
+        torque=torque,
+        rates=whole["rates"],
+        angular_acceleration=whole["turning"],
+        specific_force=whole["specific_force"],
+        attitude=whole["attitude"],
+        velocity=whole["velocity"],
+        north=whole["north"],
+        east=whole["east"],
+        height=whole.get("height"),
+        voltage=whole.get("voltage"),
+        predicted=predicted,
+        measured=whole["measured"],
+        keep=keep,
+        cutoff_hz=cutoff,
+        step_s=max(s.step_s for s in stretches),
+        notes=tuple(notes),
+        extra={name: values for name, values in whole.items() if name.endswith("_noise") or "told" in name},
+    )
+    mass_and_inertia = np.array([airframe.mass_kg] * 3 + list(airframe.inertia_kg_m2))
+    rounding = rounding_noise(logs, mass_and_inertia, 1.0 / frame.step_s, cutoff)
+    return replace(frame, sampling=_between_rows(frame, whole), rounding=rounding)
+
+
+def _between_rows(frame: FlightFrame, whole: dict[str, Array]) -> Array:
+    """(6,) error, low-passed, of loads whose commands are known at the log's rows only.
+
+    With every second and every fourth row alone it is known. How it goes on depends on what moves commands:
+    what comes from position and attitude grows by 1.6 for every doubled interval, what comes from the gyro
+    ends at the loops' own filters (30 to 40 Hz). The ratio of the two tells which it is; the shares are
+    those of flights without sensor noise, and with much of it, at every rate.
+    """
+    if any(f"every_{e}" not in whole for e in COARSER):
+        return np.zeros(6)
+    errors = []
+    for every in COARSER:
+        speeds = np.clip(frame.speeds + whole[f"every_{every}"], 0.0, None)
+        changed = frame.airframe.body_loads(*frame.airframe.loads(frame.model, speeds)) - frame.predicted
+        errors.append(np.sqrt(np.mean(reduce_columns(frame, changed) ** 2, axis=0)))
+    second, fourth = errors
+    ratios, shares = next((r, s) for rate, r, s in SHARES if 1.0 / frame.step_s < rate)
+    return np.asarray(second * np.interp(second / np.maximum(fourth, 1e-12), ratios, shares))
+
+
+def reduce_columns(frame: FlightFrame, columns: Array) -> Array:
+    """Low-pass (rows, ...) stretch by stretch and keep the judged rows: (kept, ...)."""
+    out = np.empty((len(frame.keep), *columns.shape[1:]))
+    position = 0
+    for number in np.unique(frame.stretch):
+        rows = np.flatnonzero(frame.stretch == number)
+        kept = frame.keep[(frame.keep >= rows[0]) & (frame.keep <= rows[-1])]
+        if len(kept):
+            piece = columns[rows[0] : rows[-1] + 1]
+            if np.any(piece):
+                piece = low_pass(piece, frame.rate_hz, frame.cutoff_hz)
+            out[position : position + len(kept)] = piece[kept - rows[0]]
+        position += len(kept)
+    return out
+
+
+def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: list[str]) -> list[_Stretch]:
+    wanted = [*names, *(name for name in OPTIONAL if log.has(name))]
+    time = log["time_s"]
+    order = np.argsort(time, kind="stable")
+    finite = np.isfinite(time)
+    for name in names:
+        finite &= np.isfinite(log[name])
+    order = order[finite[order]]
+    order = order[np.concatenate([[True], np.diff(time[order]) > 0])] if len(order) else order
+    t = time[order]
+    if len(t) < 40:
+        raise InputError(log.source, "time_s", f"{len(t)} usable rows with increasing time; 40 are needed")
+    step = float(np.median(np.diff(t)))
+    cuts = np.flatnonzero(np.diff(t) > max(6.0 * step, 0.25)) + 1
+    pieces: list[_Stretch] = []
+    for rows in np.split(np.arange(len(t)), cuts):
+        if len(rows) < 40 or t[rows[-1]] - t[rows[0]] < LEAST_S:
+            continue
+        grid = np.arange(t[rows[0]], t[rows[-1]], step)
+        columns = {"time_s": grid}
+        for name in wanted:
+            values = log[name][order][rows]
+            good = np.isfinite(values)
+            if not good.any():
+                continue
+            values = np.unwrap(values) if name in ("roll_rad", "yaw_rad") else values
+            columns[name] = np.interp(grid, t[rows][good], values[good])
+        commands = np.stack([columns.pop(m) for m in motors], axis=1)
+        columns["commands"] = np.clip(commands, 0.0, 1.0)
+        columns["speeds"] = lagged(columns["commands"], step, lag_s)
+        for every in COARSER:
+            # what runs smoothly is no error of fewer rows: a spline passes it
+            coarse = CubicSpline(grid[::every], columns["commands"][::every])(
+                np.minimum(grid, grid[::every][-1])
+            )
+            columns[f"every_{every}"] = lagged(coarse, step, lag_s) - columns["speeds"]
+        pieces.append(_thin(_Stretch(number, 1.0 / step, step, columns)))
+    return pieces
+
+
+def _thin(piece: _Stretch, top_hz: float = TOP_RATE_HZ) -> _Stretch:
+    """At most about this rate, by an integer factor after a zero-phase anti-alias filter."""
+    factor = int(piece.rate_hz // top_hz)
+    if factor < 2:
+        return piece
+    rate = piece.rate_hz / factor
+    columns = {
+        name: (values if name == "time_s" else low_pass(values, piece.rate_hz, 0.4 * rate))[::factor]
+        for name, values in piece.columns.items()
+    }
+    return _Stretch(piece.log, rate, piece.step_s, columns)
+
+
+def _some(stretches: list[_Stretch], rate_hz: float) -> tuple[list[_Stretch], int]:
+    """One piece in so many that what is judged stays within MANY_ROWS, and this number."""
+    share = -(-sum(len(s.columns["time_s"]) for s in stretches) // MANY_ROWS)
+    if share < 2:
+        return stretches, 1
+    size = int(STRETCH_S * rate_hz)
+    firsts = [(s, a) for s in stretches for a in range(0, len(s.columns["time_s"]), size)][::share]
+    return [
+        replace(s, columns={name: values[a : a + size].copy() for name, values in s.columns.items()})
+        for s, a in firsts
+        if a == 0 or len(s.columns["time_s"]) - a > LEAST_S * rate_hz
+    ], share
+
+
+def _at_rate(piece: _Stretch, rate_hz: float) -> _Stretch:
+    """The same piece on a grid of another, slower rate (several logs share one)."""
+    if abs(piece.rate_hz / rate_hz - 1.0) < 1e-3:
+        return piece
+    t = piece.columns["time_s"]
+    grid = np.arange(t[0], t[-1], 1.0 / rate_hz)
+    columns = {}
+    for name, values in piece.columns.items():
+        flat = values.reshape(len(t), -1)
+        columns[name] = np.stack([np.interp(grid, t, v) for v in flat.T], axis=-1).reshape(
+            len(grid), *values.shape[1:]
+        )
+    columns["time_s"] = grid
+    return _Stretch(piece.log, rate_hz, piece.step_s, columns)
+
+
+def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -> dict[str, Array]:
+    c = piece.columns
+    rows = len(c["time_s"])
+    rates = np.stack([c[f"gyro_{a}_rad_s"] for a in "xyz"], axis=1)
+    smooth = low_pass(rates, piece.rate_hz, 3.0 * CUTOFF_HZ)
+    turning = derivative(rates, piece.rate_hz)
+    force = np.stack([c[f"accel_{a}_m_s2"] for a in "xyz"], axis=1)
+    told = np.stack([c["roll_rad"], c["pitch_rad"], c["yaw_rad"]], axis=1)
+    attitude, attitude_noise = smoothed_attitude(told, rates, piece.rate_hz)
+    world_to_body = _world_to_body(*attitude.T)
+    velocity = np.stack([c[f"vel_{a}_m_s"] for a in "ned"], axis=1)
+    to_world = world_to_body.transpose(0, 2, 1)
+    velocity, velocity_noise = smoothed_velocity(velocity, force, to_world, piece.rate_hz)
+    inertia = np.asarray(airframe.inertia_kg_m2)
+    moment = inertia * turning + np.cross(smooth, inertia * smooth)
+    out = {
+        "time": c["time_s"],
+        "stretch": np.full(rows, float(number)),
+        "log": np.full(rows, float(piece.log)),
+        "commands": c["commands"],
+        "speeds": np.clip(c["speeds"], 0.0, None),
+        "rates": smooth,
+        "turning": turning,
+        "specific_force": force,
+        "attitude": attitude,
+        "velocity": np.einsum("rij,rj->ri", world_to_body, velocity),
+        "told_attitude": told,
+        "attitude_noise": np.tile(attitude_noise, (rows, 1)),
+        "velocity_noise": np.tile(velocity_noise, (rows, 1)),
+        "north": world_to_body[:, :, 0],
+        "east": world_to_body[:, :, 1],
+        "measured": np.concatenate([airframe.mass_kg * force, moment], axis=1),
+    }
+    out |= {name: values for name, values in c.items() if name.startswith("every_")}
+    for name, key in (("height_m", "height"), ("voltage_V", "voltage")):
+        if name in c:
+            out[key] = c[name]
+    if "height" in out:
+        out["height"], noise = smoothed_height(out["height"], velocity[:, 2], piece.rate_hz)
+        out["height_noise"] = np.full(rows, noise)
+    return out
+
+
+def _steady(
+    keep: np.ndarray, sides: tuple[Array, Array], stretch: Array, rate: float, cutoff: float, notes: list[str]
+) -> np.ndarray:
+    """Judged rows without those where commands jump so fast that the log's rows do not show what they did.
+
+    A jump of D at an unknown time between two rows h apart is an impulse of D h / sqrt(12), one standard
+    deviation; its two second differences tell of it. `sides` are loads (rows, 6) of the bare commands, and
+    the residual, whose noise a doubt must match to count.
+    """
+    loads, residual = sides
+    doubt, reduced = np.zeros(loads.shape), np.zeros(loads.shape)
+    impulse = np.zeros((2 * int(EDGE_S * rate) + 1, 1))
+    impulse[len(impulse) // 2] = 1.0
+    reach = low_pass(impulse, rate, cutoff)[:, 0] ** 2
+    for number in np.unique(stretch):
+        rows = np.flatnonzero(stretch == number)
+        bend = np.zeros((len(rows), loads.shape[1]))
+        bend[1:-1] = np.diff(loads[rows], 2, axis=0) / np.sqrt(24.0)
+        reduced[rows] = low_pass(residual[rows], rate, cutoff)
+        for c in range(loads.shape[1]):
+            doubt[rows, c] = np.convolve(bend[:, c] ** 2, reach, mode="same")[: len(rows)]
+    doubt = doubt[keep]
+    every = max(1, round(rate / JUDGED_RATE_HZ))
+    runs = np.cumsum(np.diff(keep, prepend=keep[:1]) != every).astype(float)
+    gain = [difference_gain(rate, cutoff, every, differentiated=c > 2) for c in range(loads.shape[1])]
+    noise = noise_floor(reduced[keep], runs, np.array(gain))
+    usual = np.maximum(JUMP * np.median(doubt, axis=0), (MATTERS * noise) ** 2)
+    excess = np.max(doubt / np.maximum(usual, 1e-30), axis=1)
+    sound = excess <= max(1.0, float(np.quantile(excess, 1.0 - MOST_JUMPS)))
+    # behind a step of the commands the motors are on their way, by a law that no lag follows exactly
+    steps = keep[excess > 1.0]
+    last = steps[np.maximum(np.searchsorted(steps, keep, side="right") - 1, 0)] if len(steps) else keep + 1
+    after = (keep >= last) & (keep - last <= AFTER_S * rate)
+    if np.mean(after) < MOST_JUMPS:
+        sound &= ~after
+    out = keep[sound]
+    if len(out) < len(keep):
+        seconds = (len(keep) - len(out)) / JUDGED_RATE_HZ
+        notes.append(f"{seconds:.1f} s not judged: commands jump there between two rows of the log")
+    return out
+
+
+def _world_to_body(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """(rows, 3, 3) rotation from NED to FRD for the angles yaw, pitch, roll (z, y, x)."""
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
+    return np.stack(
+        [
+            np.stack([cp * cy, cp * sy, -sp], axis=-1),
+            np.stack([sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp], axis=-1),
+            np.stack([cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp], axis=-1),
+        ],
+        axis=-2,
+    )
+
+
+def _judged(
+    whole: dict[str, Array],
+    parts: list[dict[str, Array]],
+    stretches: list[_Stretch],
+    lift: Array,
+    airframe: Airframe,
+) -> tuple[np.ndarray, list[str]]:
+    """Rows in the air and away from every edge, thinned to about JUDGED_RATE_HZ."""
+    flying = lift > 0.4 * airframe.mass_kg * GRAVITY_M_S2
+    notes: list[str] = []
+    if "height" in whole:
+        idle = lift < 0.3 * airframe.mass_kg * GRAVITY_M_S2
+        ground = (
+            float(np.median(whole["height"][idle])) if idle.sum() > 5 else min(0.0, whole["height"].min())
+        )
+        moving = np.abs(whole["velocity"]).max(axis=1) > 0.05
+        flying &= (whole["height"] > ground + 0.2) | (moving & (whole["height"] > ground + 0.15))
+    else:
+        notes.append("height_m is not in the log: rows on the ground are told by thrust alone")
+    # when a command comes off its limit between two rows, the log does not say
+    limited = ((whole["commands"] <= LIMIT) | (whole["commands"] >= 1.0 - LIMIT)).any(axis=1)
+    near = np.convolve(limited, np.ones(2 * int(LIMIT_S * stretches[0].rate_hz) + 1), mode="same") > 0.5
+    if 0 < np.sum(near & flying) < MOST_LIMITED * np.sum(flying):
+        seconds = float(np.sum(near & flying)) / stretches[0].rate_hz
+        notes.append(f"{seconds:.1f} s not judged: a command is at its limit")
+    else:
+        near = np.zeros_like(flying)
+    keep: list[np.ndarray] = []
+    start = 0
+    for part, piece in zip(parts, stretches, strict=True):
+        rows = len(part["time"])
+        edge = int(np.ceil(EDGE_S * piece.rate_hz))
+        every = max(1, round(piece.rate_hz / JUDGED_RATE_HZ))
+        inside = flying[start : start + rows].copy()
+        inside[:1] = inside[-1:] = False
+        # shrink every run of flying rows by the edge
+        blocked = np.convolve(~inside, np.ones(2 * edge + 1), mode="same") > 0.5
+        blocked |= near[start : start + rows]
+        keep.append(start + np.flatnonzero(~blocked & (np.arange(rows) % every == 0)))
+        start += rows
+    return np.concatenate(keep), notes

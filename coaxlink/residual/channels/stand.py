@@ -1,0 +1,365 @@
+"""From stand samples to measured and predicted loads of both rotors.
+
+With a rotor model given, the base may be off by the few per cent that another day on the stand costs.
+Without one, the polynomials of the coaxial rotor model (Berra, Trujillo and Heredia 2024, eq. 1-3) are fitted
+to the log itself, all their terms free beside every candidate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.data.samples import Samples
+from coaxlink.errors import InputError
+from coaxlink.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
+from coaxlink.load import Load
+from coaxlink.residual.base.speed_ratio_surface import FINER, GAIN, Surface, find_surface
+from coaxlink.residual.regression.blocks import folds_of
+from coaxlink.rotor import RotorModel
+from coaxlink.rotor.model import LOADS
+from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.speeds import normalised_speeds
+
+COLUMN_OF = {load.channel: load.column for load in Load}
+ORDERS = (2, 3, 4)
+RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
+LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
+LEAST_ROWS = 24
+APART, MOST_LEVELS = 0.02, 16  # of normalised speed; a speed with more levels than that runs
+MISSED = 0.015  # of the reference load, at one level, by a fitted polynomial
+SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
+IDLE = 0.04  # of full speed
+UNFOLLOWED = 3.0  # times the error elsewhere: rows with an idle lower rotor
+DRAGGED = 0.1  # of the upper speed: a slower lower rotor stalls in its wake
+# of normalised speed with next to no throttle (more is a dead band), of the other's throttle with none
+JUMP, WINDMILL = 0.01, 0.1
+POLYNOMIALS = "polynomials do not follow this pair"
+FEW_ROWS = 8  # enough to hold a given model against, not to find anything
+DELAY_S, FAST_S = (
+    0.06,
+    0.3,
+)  # of load cells behind tachometers (filters, clocks); rows slower than that are settled
+Base = list[tuple[str, float, Array]]  # name, bound, (rows, 6)
+
+
+def joined(logs: Sequence[Samples]) -> Samples:
+    """Logs one after the other; a column stays if all have it. Times run on."""
+    if len(logs) == 1:
+        return logs[0]
+    names = [n for n in logs[0].columns if all(log.has(n) for log in logs)]
+    columns = {n: np.concatenate([log[n] for log in logs]) for n in names}
+    if "time_s" in columns:
+        parts, end = [], 0.0
+        for log in logs:
+            own = log["time_s"] - log["time_s"][0]
+            parts.append(end + own)
+            end += float(own[-1]) + 60.0
+        columns["time_s"] = np.concatenate(parts)
+    columns["log"] = np.concatenate([np.full(log.rows, float(i)) for i, log in enumerate(logs)])
+    notes = tuple(note for log in logs for note in log.notes)
+    return Samples(columns, "; ".join(log.source for log in logs), notes)
+
+
+def stand_frame(
+    samples: Samples,
+    model: RotorModel | None,
+    order: int | None = None,
+    shed: Array | None = None,
+    trusted: NDArray[np.intp] | None = None,
+) -> StandFrame:
+    """Both sides of a stand log; without a model, one of this order, or of the order the log supports.
+
+    `shed` (rows, 6) is what effects add that are known of already: how rich a base the log asks for is seen
+    best without them. `trusted` rows alone are asked for the base, and judged.
+    Raises InputError: nothing measured, no speeds, too few rows.
+    """
+    names = [c for c in STAND_LOADS if samples.has(COLUMN_OF[c])]
+    if not names:
+        samples.require(*COLUMN_OF.values())
+    if samples.rows < (LEAST_ROWS if model is None else FEW_ROWS):
+        need = f"{LEAST_ROWS} are needed to find an effect, {FEW_ROWS} to hold a given rotor model against"
+        raise InputError(samples.source, "", f"{samples.rows} rows; {need}")
+    speeds = normalised_speeds(samples, model.speed_max_rpm if model else None)
+    u = np.stack([speeds.upper, speeds.lower], axis=1)
+    measured = np.zeros((samples.rows, 6))
+    for c, name in enumerate(STAND_LOADS):
+        if name in names:
+            measured[:, c] = samples[COLUMN_OF[name]]
+    present = [c for c, name in enumerate(STAND_LOADS) if name in names]
+    throttles = None
+    turning = [side for side, column in enumerate(u.T) if np.ptp(column) > 0.0]
+    names_of = {0: "upper_throttle", 1: "lower_throttle"}
+    if not speeds.from_throttle and turning and all(samples.has(names_of[s]) for s in turning):
+        throttles = np.zeros((samples.rows, 2))
+        for side in turning:
+            throttles[:, side] = samples[names_of[side]]
+            if np.ptp(throttles[:, side]) > 0.05:
+                present.append(4 + side)
+                measured[:, 4 + side] = u[:, side]
+    time = samples["time_s"] if samples.has("time_s") else np.arange(float(samples.rows))
+    if np.any(np.diff(time) < 0):
+        time = np.arange(float(samples.rows))
+    free = model is None
+    orders = ORDERS if order is None else (order,)
+    plain = measured if shed is None else measured - shed
+    keep = np.arange(samples.rows) if trusted is None else trusted
+    surfaces: dict[int, Surface] = {}
+    notes = [f"speeds: {speeds.source}"]
+    if model is None:
+        base, keep = _own_base(u, plain, keep, present, speeds.speed_max_rpm, orders, notes)
+    else:
+        base = model
+    commanded = not speeds.from_throttle and throttles is None and _set_points(u)
+    if commanded:
+        notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
+    if model is not None and not speeds.from_throttle and not commanded:
+        awake = keep[~_idle(u, 0.0)[keep]]
+        if LEAST_ROWS < len(awake) < len(keep):
+            asleep = len(keep) - len(awake)
+            notes.append(f"{asleep} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged")
+            keep = awake
+    if free and order is None:
+        turning_rows = keep[~_idle(u, DRAGGED)[keep]]
+        if len(turning_rows) < LEAST_ROWS:
+            turning_rows = keep
+        gain = GAIN if shed is None else FINER
+        base, surfaces = _with_surfaces(base, u[turning_rows], plain[turning_rows], present, gain)
+    if surfaces:
+        if len(turning_rows) < len(keep):
+            idle = len(keep) - len(turning_rows)
+            notes.append(f"{idle} rows, lower rotor below a tenth of the upper speed: not judged")
+        keep = turning_rows
+        names_of_loads = " and ".join(STAND_CHANNELS[c] for c in surfaces)
+        notes.append(
+            f"{names_of_loads}: {POLYNOMIALS}; errors are beside a free curve over the ratio of the speeds,"
+            " which a rotor file does not hold"
+        )
+    frame = StandFrame(
+        model=base,
+        time_s=time,
+        speeds=u,
+        throttles=throttles,
+        driven=speeds.from_throttle or commanded,
+        predicted=np.zeros((samples.rows, 6)),
+        measured=measured,
+        present=tuple(present),
+        slope=np.zeros((samples.rows, 4, 2)),
+        reference=np.ones(6),
+        free_base=free,
+        columns=samples.columns,
+        block=_blocks(u if throttles is None else throttles, time),
+        keep=keep,
+        notes=tuple(notes),
+        surfaces=surfaces,
+    )
+    return predict(frame)
+
+
+def _set_points(u: Array) -> bool:
+    """Whether speeds (rows, 2) are what somebody asked for: tachometers do not repeat to the last digit."""
+    for column in u.T:
+        turning = column[column > 0.0]
+        if len(np.unique(turning)) > SETTINGS * len(turning):
+            return False
+    return len(u) > LEAST_ROWS
+
+
+def _idle(u: Array, dragged: float) -> NDArray[np.bool_]:
+    """(rows,) where the lower rotor barely turns in a wake: it stalls and windmills; no surface follows.
+
+    At rest for longer than a row it is not idle: what the upper rotor does alone is seen there.
+    """
+    rest = u[:, 1] <= 0.0
+    lasting = rest & np.roll(rest, 1) & np.roll(rest, -1)
+    return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < np.maximum(IDLE, dragged * u[:, 0])) & ~lasting)
+
+
+def _own_base(
+    u: Array,
+    measured: Array,
+    keep: NDArray[np.intp],
+    present: Sequence[int],
+    speed_max_rpm: float,
+    orders: Sequence[int],
+    notes: list[str],
+) -> tuple[RotorModel, NDArray[np.intp]]:
+    """The polynomials of these rows, and the rows: none with an idle lower rotor if they are not followed."""
+    base = own_model(u[keep], measured[keep], present, speed_max_rpm, orders)
+    idle = _idle(u[keep], 0.0)
+    lower = [c for c in present if c in (2, 3)]
+    if not lower or not idle.any() or np.sum(~idle) <= LEAST_ROWS:
+        return base, keep
+    pair = base.loads(*u[keep].T)
+    own = np.stack([pair.lower_thrust, pair.lower_torque], axis=1)[:, [c - 2 for c in lower]]
+    left = measured[keep][:, lower] - own
+    among, rest = (np.sqrt(np.mean(left[rows] ** 2, axis=0)) for rows in (idle, ~idle))
+    if np.all(among < UNFOLLOWED * rest):
+        return base, keep
+    notes.append(
+        f"{idle.sum()} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not followed, not judged"
+    )
+    awake = keep[~idle]
+    turning = own_model(u[awake], measured[awake], lower, speed_max_rpm, orders).terms()
+    terms = {**base.terms(), **{LOADS[c]: turning[LOADS[c]] for c in lower}}
+    return RotorModel.from_terms(base.form, speed_max_rpm, terms), awake
+
+
+def _with_surfaces(
+    base: RotorModel, u: Array, measured: Array, present: Sequence[int], gain: float
+) -> tuple[RotorModel, dict[int, Surface]]:
+    """A fitted base with the surfaces over the speeds' ratio that the lower loads ask for beside it."""
+    terms = {load: dict(named) for load, named in base.terms().items()}
+    richest = tuple(dictionary_of(LOADS[2], ORDERS[-1]))
+    surfaces = {}
+    for c in (2, 3):
+        if c in present and min(np.ptp(u, axis=0)) > 0.2:
+            surface = find_surface(u, measured[:, c], richest, gain)
+            if surface is not None:
+                surfaces[c] = surface
+                x = design_matrix(richest, u[:, 0], u[:, 1])
+                fit = np.linalg.lstsq(x, measured[:, c], rcond=1e-10)[0]
+                terms[LOADS[c]] = dict(zip(richest, map(float, fit), strict=True))
+    if not surfaces:
+        return base, surfaces
+    return RotorModel.from_terms(base.form, base.speed_max_rpm, terms), surfaces
+
+
+def predict(frame: StandFrame) -> StandFrame:
+    """The frame with loads, slopes and references of its model at its speeds."""
+    u, step = frame.speeds, 1e-4
+    predicted = np.zeros((len(u), 6))
+    predicted[:, :4] = frame.loads_at(u)
+    if frame.throttles is not None:
+        predicted[:, 4:] = frame.throttles
+    ahead = [frame.loads_at(u + step * np.eye(2)[s]) for s in (0, 1)]
+    behind = [frame.loads_at(u - step * np.eye(2)[s]) for s in (0, 1)]
+    slope = np.stack([(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)], axis=-1)
+    reference = np.ones(6)
+    reference[:4] = np.maximum(np.quantile(np.abs(predicted[:, :4]), 0.95, axis=0), 1e-9)
+    # thrust grows with the square: a per cent of speed is two of thrust
+    reference[4:] = max(0.5 * float(np.quantile(u, 0.95)), 1e-9)
+    return replace(frame, predicted=predicted, slope=slope, reference=reference)
+
+
+def dictionary_of(load: str, order: int) -> list[str]:
+    """Terms of one load's polynomial: the upper rotor's own speed, or both (eq. 1-3)."""
+    from coaxlink.rotor.polynomial import term_name
+
+    if load.startswith("upper"):
+        return [term_name(a, 0) for a in range(order + 1)]
+    return [term_name(a, b) for a in range(order + 1) for b in range(order + 1) if a + b <= max(order, 4)]
+
+
+def own_model(
+    u: Array, measured: Array, present: Sequence[int], speed_max_rpm: float, orders: Sequence[int] = ORDERS
+) -> RotorModel:
+    """The polynomials that this log itself asks for, of the lowest order that held-out rows support."""
+    terms: dict[str, dict[str, float]] = {load: {"u_u" if "upper" in load else "u_l": 0.0} for load in LOADS}
+    fold = folds_of(20, 5)[np.arange(len(u)) * 20 // len(u)]
+    for c in present:
+        if c > 3:
+            continue
+        load, best = LOADS[c], np.inf
+        for order in orders:
+            names = dictionary_of(load, order)
+            if len(names) > len(u) // 4:
+                break
+            x = design_matrix(names, u[:, 0], u[:, 1])
+            left = 0.0
+            for f in range(5):
+                fit = np.linalg.lstsq(x[fold != f], measured[fold != f, c], rcond=1e-10)[0]
+                left += float(np.sum((measured[fold == f, c] - x[fold == f] @ fit) ** 2))
+            if left < RICHER * best:
+                best = left
+                fit = np.linalg.lstsq(x, measured[:, c], rcond=1e-10)[0]
+                terms[load] = dict(zip(names, map(float, fit), strict=True))
+    return RotorModel.from_terms("crm", speed_max_rpm, terms)
+
+
+def base_corrections(frame: StandFrame) -> Base:
+    """What the base may be off by: its own terms, free or bounded, and the throttles' curves."""
+    out: Base = []
+    rows = len(frame.time_s)
+
+    def column(name: str, bound: float, channel: int, values: Array) -> None:
+        if channel in frame.present:
+            full = np.zeros((rows, 6))
+            full[:, channel] = values
+            out.append((name, bound, full))
+
+    terms = frame.model.terms()
+    for c, load in enumerate(LOADS):
+        if frame.free_base:
+            for term in terms[load]:
+                values = design_matrix([term], frame.speeds[:, 0], frame.speeds[:, 1])[:, 0]
+                column(f"{load} {term}", np.inf, c, values)
+            if c < 2:
+                # the polynomial need not meet each of a few levels: between them it is no witness
+                level = held_levels(frame.speeds[:, 0])
+                for k in np.unique(level) if level is not None else ():
+                    column(f"{load} level {k}", MISSED * frame.reference[c], c, 1.0 * (level == k))
+            if c in frame.surfaces:
+                for k, values in enumerate(frame.surfaces[c].columns(frame.speeds).T):
+                    column(f"{load} surface {k}", frame.surfaces[c].scale, c, values)
+            continue
+        own, other = (0, 1) if c < 2 else (1, 0)
+        base = frame.predicted[:, c]
+        column(f"{STAND_CHANNELS[c]}_level", LEVEL, c, base)
+        column(f"{STAND_CHANNELS[c]}_tilt", TILT, c, base * (2.0 * frame.speeds[:, own] - 1.0))
+        column(f"{STAND_CHANNELS[c]}_offset", OFFSET * frame.reference[c], c, np.ones(rows))
+        if c > 1:
+            column(f"{STAND_CHANNELS[c]}_wake", WAKE, c, base * (2.0 * frame.speeds[:, other] - 1.0))
+    step = float(np.median(np.diff(frame.time_s))) if rows > 2 else np.inf
+    if not frame.driven and 0.0 < step < FAST_S:
+        rate = np.gradient(frame.speeds, step, axis=0)
+        late = -np.einsum("rcs,rs->rc", frame.slope, rate)
+        for c in range(4):
+            column(f"{STAND_CHANNELS[c]}_delay_s", DELAY_S, c, late[:, c])
+    if frame.throttles is not None:
+        for side in (0, 1):
+            mine, rival = frame.throttles[:, side], frame.throttles[:, 1 - side]
+            # a motor's speed bends with its load, and the load of a pair with both rotors
+            curves = {
+                "1": mine**0,
+                "t": mine,
+                "t^2": mine**2,
+                "t^3": mine**3,
+                "t o": mine * rival,
+                "o": rival,
+            }
+            turns = np.where(mine > 0.0, 1.0, 0.0)
+            rest = 1.0 - turns  # it stands, or the other's wake turns it
+            resting = bool(rest[frame.keep].any())
+            for name, values in curves.items():
+                # a log that shows a rotor at rest shows where its curve ends
+                bound = JUMP if resting and name == "1" else np.inf
+                column(f"{STAND_CHANNELS[4 + side]}_throttle {name}", bound, 4 + side, turns * values)
+            if resting:
+                for name, bound, values in (("1", JUMP, rest), ("o", WINDMILL, rest * rival)):
+                    column(f"{STAND_CHANNELS[4 + side]}_at_rest {name}", bound, 4 + side, values)
+    return out
+
+
+def held_levels(u: Array) -> NDArray[np.intp] | None:
+    """(rows,) numbers of the levels at which a speed was held; None where it ran."""
+    _, level = np.unique(np.round(u / APART).astype(int), return_inverse=True)
+    return np.asarray(level, np.intp) if 2 < level.max() + 1 <= MOST_LEVELS else None
+
+
+def _blocks(u: Array, time: Array) -> np.ndarray:
+    """(rows,) held-out blocks: sweeps of a slow axis, cut to about two dozen contiguous pieces."""
+    rows = len(u)
+    jumps = np.zeros(rows, bool)
+    for side in (0, 1):
+        step = np.abs(np.diff(u[:, side], prepend=u[0, side]))
+        jumps |= step > 0.3  # a new sweep starts where a speed jumps back
+    sweep = np.cumsum(jumps)
+    if not 6 <= sweep[-1] + 1 <= rows // 5:
+        return np.asarray(np.arange(rows) * min(24, max(6, rows // 8)) // rows, np.intp)
+    if sweep[-1] + 1 > 40:
+        sweep = sweep * 24 // (sweep[-1] + 1)
+    return np.asarray(sweep, np.intp)

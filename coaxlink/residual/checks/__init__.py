@@ -1,0 +1,1 @@
+"""What was chosen, held to its own numbers and to its rivals."""

@@ -1,0 +1,120 @@
+"""A flight that lifts a few per cent more or less than model and mass say: the mass, or the thrust's level?
+
+The force alone cannot tell, for a stand may be off by as much. The torques can: what scales the rotors'
+thrust scales the roll and the pitch that they make by the same share, while a mass on the centre leaves both
+alone. Only if both declared moments of inertia were off by that very share as well would a level of thrust
+look like a mass; drawings err by 5 %, so that both lie within a fifth of a share of 3 % once in a hundred. A
+mass that hangs below adds inertia and lies between the two: then the answer stays open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from coaxlink.effects.tracing import Array
+from coaxlink.frames import FlightFrame
+from coaxlink.residual.base.flight_corrections import lift_share
+from coaxlink.residual.regression.problem import Index
+from coaxlink.residual.result import Ambiguous
+from coaxlink.signals import derivative
+
+DOUBTFUL_LIFT = 0.022  # of the weight: less is a stand's own
+LIKE = 0.2  # of the lift's share: torques this near to nothing, or to the lift, side with it
+SURE = 2.0  # standard deviations
+LEAST_SD = 0.0005  # what blocks of one flight do not show
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Measured over predicted, less one: of the lift, and (2,) of roll and pitch torque with their sigma."""
+
+    lift: float
+    torque: Array
+    sigma: Array
+
+    @property
+    def verdict(self) -> str:
+        """mass, level, or open."""
+        if abs(self.lift) < DOUBTFUL_LIFT:
+            return "none"
+        reach = SURE * self.sigma
+        room = LIKE * abs(self.lift)
+        if np.all(np.abs(self.torque) + reach < 1.5 * room) and np.all(np.abs(self.torque) < room):
+            return "mass"
+        off = np.abs(self.torque - self.lift)
+        if np.all(off + reach < 1.5 * room) and np.all(off < room):
+            return "level"
+        return "open"
+
+
+def scales(
+    acting: FlightFrame, corrections: Mapping[str, float], block: Index, reduce: Callable[[Array], Array]
+) -> Scales:
+    """Of a flight with its effects acting; `corrections` are the base's, `block` (kept,) the judged rows'."""
+    late = derivative(acting.predicted, acting.rate_hz)
+    left, predicted, slope = (
+        reduce(values[:, 3:5]) for values in (acting.measured - acting.predicted, acting.predicted, late)
+    )
+    torque, sigma = np.zeros(2), np.zeros(2)
+    for k in range(2):
+        columns = np.stack([predicted[:, k], slope[:, k], np.ones(len(left))], axis=1)
+        torque[k], sigma[k] = _first(columns, left[:, k], block)
+    return Scales(lift_share(acting, corrections), torque, np.hypot(sigma, LEAST_SD))
+
+
+def _first(columns: Array, values: Array, block: Index) -> tuple[float, float]:
+    """First coefficient of a least-squares fit, and its sigma with whole blocks left out in turn."""
+    count = int(block.max()) + 1
+    grams = np.stack([columns[block == b].T @ columns[block == b] for b in range(count)])
+    moments = np.stack([columns[block == b].T @ values[block == b] for b in range(count)])
+    gram, moment = grams.sum(axis=0), moments.sum(axis=0)
+    ridge = 1e-12 * np.diag(np.diag(gram)) + 1e-30 * np.eye(len(gram))
+    whole = float(np.linalg.solve(gram + ridge, moment)[0])
+    without = np.array(
+        [np.linalg.solve(gram - g + ridge, moment - m)[0] for g, m in zip(grams, moments, strict=True)]
+    )
+    return whole, float(np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2)))
+
+
+def whole_mass(s: Scales) -> str:
+    """Why what is off is the mass, or nothing."""
+    return "the lift is off, roll and pitch torque are not" if s.verdict == "mass" else ""
+
+
+def behind_voltage(s: Scales) -> str:
+    """Why a mass hides behind the reference voltage that a sagging battery was fitted with, or nothing.
+
+    That voltage scales thrust and torques alike, so that it takes a mass's lift, but roll and pitch are then
+    off by one share that both declared moments of inertia would have to be off by.
+    """
+    share = float(np.mean(s.torque))
+    apart = np.abs(s.torque - share) + SURE * s.sigma
+    if abs(share) < DOUBTFUL_LIFT or np.any(apart > 1.5 * LIKE * abs(share)):
+        return ""
+    return f"the reference voltage took the lift, and roll and pitch torque are off by {100 * share:+.1f} %"
+
+
+def doubt(frame: FlightFrame, s: Scales) -> list[Ambiguous]:
+    """What is said where the lift is off and the torques do not side with a mass."""
+    if s.verdict in ("none", "mass"):
+        return []
+    mass, way = frame.airframe.mass_kg, "more" if s.lift > 0 else "less"
+    low, high = 100.0 * (s.torque - SURE * s.sigma), 100.0 * (s.torque + SURE * s.sigma)
+    seen = f"roll torque {low[0]:+.1f} to {high[0]:+.1f} %, pitch torque {low[1]:+.1f} to {high[1]:+.1f} %"
+    if s.verdict == "level":
+        seen = f"the torques are off alike ({seen}): a level of thrust is likelier"
+    elif np.any(SURE * s.sigma > LIKE * abs(s.lift)):
+        seen = (
+            f"too calm a flight to see whether the torques are off alike ({seen}): roll and pitch it briskly"
+        )
+    else:
+        seen = f"the torques side with neither ({seen}): inertia differs from the declared one as well"
+    text = (
+        f"the vehicle lifts {100 * abs(s.lift):.1f} % {way} than model and mass say, within what a stand may "
+        f"be wrong by; {seen}. To be sure: weigh it. {mass / (1.0 + s.lift):.2f} kg on the scales instead of "
+        f"{mass:.2f} is mass_change, {mass:.2f} kg a level of thrust"
+    )
+    return [Ambiguous(("mass_change", "thrust_level"), text)]

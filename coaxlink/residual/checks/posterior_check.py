@@ -1,0 +1,181 @@
+"""A flight's answer held to its own numbers: what is nil within its interval, what never really began.
+
+A member is chosen by how much it explains, in a shape from a grid. Fitted freely beside the others it may
+turn out to be nothing (its main number's interval includes none), with a second number grown absurd that
+follows some misfit. And a beginning in mid-flight takes up any slow force, for a step explains half a ramp.
+A step is believed if a smooth course of the same effect over the flight, straight between knots, does clearly
+worse. Mass, centre of mass and a failing rotor are constant but for their beginning: what leaves its own
+channel far above the noise, or running a course of its own over the flight, took up a part of something slow.
+And what lowers one channel's large residual a little while others, near their noise, rise is no gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from coaxlink.effects.tracing import Array
+from coaxlink.residual.regression.blocks import Blocks, accumulate, bootstrap, held_out
+from coaxlink.residual.regression.dependence import hats
+from coaxlink.residual.regression.irls import channel_errors
+from coaxlink.residual.regression.joint_model import Joint, Member, columns_of
+from coaxlink.residual.regression.problem import Index, Option, Problem
+from coaxlink.residual.search.select import LITTLE, Selection
+
+DRAWS = 200
+KNOTS = (2, 3, 5, 8, 12)  # of smooth courses over the flight
+KNOT_BLOCKS = 2.5  # from knot to knot, at least: held-out blocks lie between them
+MUCH_LEFT = 2.5  # of the floor, in the channel that the member explains best
+MOST_OF_IT = 0.95  # of that channel's squared error: what takes this much may leave more
+SPOILT = 0.05  # of the logarithm of errors, channels together
+BENDS, LEFT = 0.5, 2.0  # share that a smooth course takes of what was left; times the floor
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A member that is not believed, or only its beginning is not."""
+
+    name: str
+    onset: bool
+    why: str
+
+
+def disbelieved(p: Problem, joint: Joint, floor: Array, had: Collection[str] = ()) -> list[Doubt]:
+    """Members of a flight's joint fit that their own numbers deny; `p` is the problem they were chosen in.
+
+    `had` are names that the model carries already: those are not struck out.
+    """
+    q = joint.problem
+    draws = bootstrap(q.blocks, columns_of(q), DRAWS)
+    out = []
+    for k, m in enumerate(joint.members):
+        if m.name in had:
+            continue
+        onset = "onset_s" in m.shape
+        why = nil(joint, k, draws) or spoils(joint, k)
+        if why is None and m.effect.sudden:
+            why = _no_cause(p, joint, k, floor)
+        if why is not None:
+            out.append(Doubt(m.name, onset, why))
+    return out
+
+
+def without(p: Problem, doubts: Sequence[Doubt]) -> Problem:
+    """The problem with what is doubted no longer offered: the effect, or its beginnings in mid-flight."""
+    gone = {(d.name, d.onset) for d in doubts}
+
+    def stays(o: Option) -> bool:
+        return (o.name, False) not in gone and ((o.name, True) not in gone or "onset_s" not in o.shape)
+
+    return replace(p, options=tuple(o for o in p.options if stays(o)))
+
+
+def undone(selection: Selection, names: Collection[str]) -> Selection:
+    """The selection with these not chosen."""
+    kept, doubtful = (
+        [o for o in part if o.name not in names] for part in (selection.members, selection.doubtful)
+    )
+    doubts = [a for a in selection.ambiguous if not {*a.names} & {*names}]
+    return replace(selection, members=kept, doubtful=doubtful, ambiguous=doubts)
+
+
+def nil(joint: Joint, k: int, draws: Array) -> str | None:
+    """Why member k is nothing by its own numbers; `draws` (n, P) are coefficients with blocks drawn again."""
+    m, q = joint.members[k], joint.problem
+    sampled = [joint.named(k, d) for d in draws]
+    none = {n: v for n, v in m.effect.nil(q.frame).items() if n in m.parameters(q.frame)}
+    said = []
+    for name, value in none.items():
+        low, high = np.quantile([s[name] for s in sampled], [0.025, 0.975])
+        if not low <= value <= high:
+            return None
+        said.append(f"{name} {low:.2g} .. {high:.2g}")
+    return f"nothing by its own numbers: {', '.join(said)}" if said else None
+
+
+def spoils(joint: Joint, k: int) -> str | None:
+    """Why member k is worth nothing: each channel by what it is left with, they are left with more."""
+    q = joint.problem
+    rest = [o for i, o in enumerate(q.options) if i != k]
+    after, before = (float(np.sum(np.log(channel_errors(q, options)))) for options in (q.options, rest))
+    return "what it takes from one channel it adds to others" if after > before + SPOILT else None
+
+
+def _seconds(p: Problem) -> float:
+    """Length of a block."""
+    time = p.frame.time_s[p.frame.keep]
+    return float(np.median([np.ptp(time[p.block == b]) for b in range(p.blocks.count)]))
+
+
+class _Courses:
+    """Held-out errors with a smooth course of a member's columns beside or instead of its step."""
+
+    def __init__(self, p: Problem, joint: Joint, k: int, plain: Option) -> None:
+        q, m = joint.problem, joint.members[k]
+        own = q.options[k].columns
+        steady = p.design[:, :, plain.columns] * (p.sigma / q.sigma)[:, None]
+        time = q.frame.time_s[q.frame.keep]
+        pieces: list[Array] = [q.design]
+        at = q.design.shape[-1]
+        self.courses: list[Index] = []
+        most = np.ptp(time) / max(KNOT_BLOCKS * _seconds(q), 1e-9)
+        for count in [n for n in KNOTS if n == 2 or n - 1 <= most]:
+            bumps = hats(time, np.linspace(time[0], time[-1], count))
+            course = (steady[..., None] * bumps[:, None, None, :]).reshape(*steady.shape[:2], -1)
+            pieces.append(course.astype(q.design.dtype))
+            self.courses.append(np.arange(at, at + course.shape[-1]))
+            at += course.shape[-1]
+        design = np.concatenate(pieces, axis=-1)
+        bounds = np.concatenate([q.blocks.bounds, np.full(at - q.design.shape[-1], np.inf)])
+        self.blocks: Blocks = accumulate(design, q.residual, q.block, q.blocks.fold, bounds)
+        others = [o.columns for i, o in enumerate(q.options) if i != k]
+        self.rest = np.concatenate([q.base, *others]).astype(np.intp)
+        self.step = own[: len(m.coefficients)]
+
+    def squares(self, *columns: Index) -> Array:
+        """(C,) held-out square sums of the base, the other members and these columns."""
+        return held_out(self.blocks, np.concatenate([self.rest, *columns]).astype(np.intp))[0].sum(axis=0)
+
+
+def _no_cause(p: Problem, joint: Joint, k: int, floor: Array) -> str | None:
+    """Why member k, constant from its beginning on, does not explain what it takes up, or did not begin."""
+    q, m = joint.problem, joint.members[k]
+    plain = _steady_option(p, m)
+    if plain is None:
+        return None
+    c = _Courses(p, joint, k, plain)
+    mine = np.array([name in m.effect.channels for name in q.channels])
+    before, after = c.squares(), c.squares(c.step)
+    share = np.where(mine, 1.0 - after / np.maximum(before, 1e-12), -np.inf)
+    best = int(np.argmax(share))
+    over = float(channel_errors(q, q.options)[best] / floor[best])
+    if over > MUCH_LEFT and share[best] < MOST_OF_IT:
+        return f"leaves {q.channels[best]} at {over:.1f} times the noise: not its cause"
+    rows, begins = float(q.blocks.rows.sum()), "onset_s" in m.shape
+    for course in c.courses:
+        lead = 0.5 * rows * float(np.sum(np.log(c.squares(course) / after)[mine])) if begins else np.inf
+        if lead < LITTLE:
+            return "a smooth course over the flight does as well as a sudden beginning"
+        if (
+            over > LEFT
+            and share[best] < MOST_OF_IT
+            and 1.0 - c.squares(c.step, course)[best] / after[best] > BENDS
+        ):
+            return f"{q.channels[best]} still runs its own course over the flight: no constant is its cause"
+    return None
+
+
+def _steady_option(p: Problem, m: Member) -> Option | None:
+    """The effect in the member's shape, there from the start."""
+    shape: dict[str, Any] = {key: v for key, v in m.shape.items() if key != "onset_s"}
+    return next((o for o in p.options if o.name == m.name and dict(o.shape) == shape), None)
+
+
+def settled_lift(joint: Joint, floor: Array) -> bool:
+    """Whether the lift is explained well enough for its level to mean anything."""
+    q = joint.problem
+    c = q.channels.index("force_z")
+    return bool(channel_errors(q, q.options)[c] < MUCH_LEFT * floor[c])

@@ -1,0 +1,1 @@
+"""The run or flight that would tell rival explanations apart."""

@@ -1,0 +1,1 @@
+"""Instruments and labels that cannot be what the log says, found before anything is fitted."""

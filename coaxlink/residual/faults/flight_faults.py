@@ -1,0 +1,192 @@
+"""Flight data that cannot be what their labels say: stuck or reversed sensors, repeats, swapped motors.
+
+Found before anything is fitted; the rows are left out, or, where every row is concerned, nothing is claimed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.data.samples import Samples
+from coaxlink.frames import Array, FlightFrame
+from coaxlink.residual.channels.flight import EDGE_S, reduce_columns
+from coaxlink.residual.faults.repeated_readings import DEAD, copied, stuck
+from coaxlink.residual.faults.stand_faults import rows_text
+from coaxlink.residual.result import Suspect
+from coaxlink.signals import derivative, low_pass
+
+Mask = NDArray[np.bool_]
+SWAP = 0.1  # of the torque's squares left with two motors exchanged
+# times what the exchange leaves: one failing rotor, or a centre of mass, that leaves less explains as much
+FAILS = 3.0
+REVERSED = -0.7  # correlation of a gyro with the attitude's own rate
+# a sound gyro's scale is off by less; what a filter or slow rows do falls with frequency, a scale does not
+SCALE, SCALE_HZ, PIECES = 0.05, (1.2, 0.6), 8
+
+
+def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[Suspect], Mask, bool]:
+    """Suspects, (frame rows,) mask of rows to leave out, and whether the log as a whole is wrong.
+
+    It is where a label is, a gyro's sign or scale, or where a sensor was dead for most of the flight.
+    """
+    out: list[Suspect] = []
+    bad, dead = np.zeros(len(frame.time_s), bool), False
+    for number, log in enumerate(logs):
+        for column, rows, why in [*stuck(log), *copied(log)]:
+            out.append(Suspect(column, rows_text(rows), why))
+            mine = frame.log == number
+            bad |= mine & _around(frame.time_s, log["time_s"], rows)
+            dead |= rows.mean() > DEAD
+    wrong = [*_reversed(frame), *_swapped(frame)]
+    return [*out, *wrong], bad, bool(wrong) or dead
+
+
+def _around(frame_time: Array, time: Array, rows: Mask) -> Mask:
+    """(frame rows,) whether a frame's row lies in a run of the log's rows, or so near that it is felt."""
+    out = np.zeros(len(frame_time), bool)
+    at = np.flatnonzero(rows)
+    for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
+        first, last = float(np.nanmin(time[run])), float(np.nanmax(time[run]))
+        out |= (frame_time >= first - EDGE_S) & (frame_time <= last + EDGE_S)
+    return out
+
+
+def _reversed(frame: FlightFrame) -> list[Suspect]:
+    """A gyro that turns against the attitude that the same log tells, or by another factor than one."""
+    out = []
+    slow, slower = (_turning(frame, hz) for hz in SCALE_HZ)
+    for k, axis in enumerate("xyz"):
+        told, seen = (x[frame.keep, k] for x in _turning(frame, frame.cutoff_hz))
+        if np.std(seen) < 0.02 or np.std(told) < 0.02:
+            continue
+        agreement = float(np.corrcoef(told, seen)[0, 1])
+        if agreement < REVERSED:
+            why = f"its sign is reversed: against the attitude's own rate the correlation is {agreement:.2f}"
+            out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
+            continue
+        scales = [_scale(frame, told[:, k], seen[:, k]) for told, seen in (slow, slower)]
+        if all(low > 1.0 + SCALE for low, _ in scales) or all(high < 1.0 - SCALE for _, high in scales):
+            why = f"it reads {np.mean(scales[-1]):.2f} times the attitude's own rate: its scale is wrong"
+            out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
+    return out
+
+
+def _turning(frame: FlightFrame, cutoff_hz: float) -> tuple[Array, Array]:
+    """(rows, 3) body rates below a frequency, as the gyro tells them and as the logged attitude turns."""
+    attitude = frame.extra.get("told_attitude", frame.attitude)  # as logged: nothing of the gyro in it
+    rate, told = np.zeros_like(attitude), np.zeros_like(frame.rates)
+    for number in np.unique(frame.stretch):
+        rows = np.flatnonzero(frame.stretch == number)
+        smooth = np.unwrap(attitude[rows], axis=0)
+        told[rows] = frame.rates[rows]
+        rate[rows] = derivative(low_pass(smooth, frame.rate_hz, frame.cutoff_hz), frame.rate_hz)
+    roll, pitch = attitude[:, 0], attitude[:, 1]
+    body = np.stack(
+        [
+            rate[:, 0] - rate[:, 2] * np.sin(pitch),
+            rate[:, 1] * np.cos(roll) + rate[:, 2] * np.sin(roll) * np.cos(pitch),
+            -rate[:, 1] * np.sin(roll) + rate[:, 2] * np.cos(roll) * np.cos(pitch),
+        ],
+        axis=1,
+    )
+    if cutoff_hz < frame.cutoff_hz:
+        for number in np.unique(frame.stretch):
+            rows = np.flatnonzero(frame.stretch == number)
+            body[rows] = low_pass(body[rows], frame.rate_hz, cutoff_hz)
+            told[rows] = low_pass(told[rows], frame.rate_hz, cutoff_hz)
+    return told, body
+
+
+def _scale(frame: FlightFrame, told: Array, seen: Array) -> tuple[float, float]:
+    """Between what gyro over attitude's rate (rows,) lies: four sigma, pieces of the flight left out in turn.
+
+    A delay between the two is fitted beside. With the gyro on the right side its noise makes the factor seem
+    larger, with the attitude's rate there that one's noise makes it seem smaller: it lies between the two.
+    """
+    late = np.zeros_like(told)
+    for number in np.unique(frame.stretch):
+        rows = np.flatnonzero(frame.stretch == number)
+        late[rows] = derivative(told[rows], frame.rate_hz)
+    columns = np.stack([told, late, np.ones(len(told))], axis=1)[frame.keep]
+    pieces = np.array_split(np.arange(len(frame.keep)), PIECES)
+    grams = np.stack([columns[p].T @ columns[p] for p in pieces])
+    moments = np.stack([columns[p].T @ seen[frame.keep][p] for p in pieces])
+    whole, ridge = grams.sum(axis=0), 1e-12 * np.trace(grams.sum(axis=0)) * np.eye(3)
+
+    def factor(gram: Array, moment: Array) -> float:
+        return 1.0 / max(float(np.linalg.solve(gram + ridge, moment)[0]), 1e-3)
+
+    parts = np.array(
+        [factor(whole - g, moments.sum(axis=0) - m) for g, m in zip(grams, moments, strict=True)]
+    )
+    reach = 4.0 * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
+    high = factor(whole, moments.sum(axis=0))
+    fit = columns @ np.linalg.solve(whole + ridge, moments.sum(axis=0))
+    like = float(np.var(fit) / max(float(np.var(seen[frame.keep])), 1e-12))
+    return (high * like - reach, high + reach) if like > 0.5 else (-np.inf, np.inf)
+
+
+def _one_fails(frame: FlightFrame, measured: Array, scale: Array) -> float:
+    """What is left of the torques (kept, 3), over `scale`, if one rotor lost some of its loads."""
+    at = replace(frame, keep=np.arange(len(measured))).turning_at(
+        np.clip(reduce_columns(frame, frame.speeds), 0.0, None)
+    )
+    told = measured - at.predicted[:, 3:] / scale
+    least = np.inf
+    for k in range(at.thrust.shape[1]):
+        only = np.eye(at.thrust.shape[1])[k]
+        none = np.zeros_like(at.thrust)
+        lost = [
+            at.airframe.body_loads(at.thrust * only, none),
+            at.airframe.body_loads(none, at.torque * only),
+        ]
+        columns = np.stack([(x[:, 3:] / scale).ravel() for x in lost], axis=1)
+        fit = np.linalg.lstsq(columns, told.ravel(), rcond=None)[0]
+        least = min(least, float(np.mean((told.ravel() - columns @ fit) ** 2)))
+    return least
+
+
+def off_centre(frame: FlightFrame, measured: Array, scale: Array) -> float:
+    """What is left of the torques (kept, 3), over `scale`, with the centre of mass at its best."""
+    loads = reduce_columns(frame, frame.predicted)
+    none = np.zeros(len(loads))
+    along = np.stack([none, -loads[:, 2], loads[:, 1]], axis=1)  # e_x x F
+    aside = np.stack([loads[:, 2], none, -loads[:, 0]], axis=1)  # e_y x F
+    columns = np.stack([(x / scale).ravel() for x in (along, aside)], axis=1)
+    told = (measured - loads[:, 3:] / scale).ravel()
+    fit = np.linalg.lstsq(columns, told, rcond=None)[0]
+    return float(np.mean((told - columns @ fit) ** 2))
+
+
+def _swapped(frame: FlightFrame) -> list[Suspect]:
+    """Two motors whose commands explain the torques only when exchanged."""
+    speeds = np.clip(reduce_columns(frame, frame.speeds), 0.0, None)
+    measured = reduce_columns(frame, frame.measured)[:, 3:]
+    scale = np.std(measured, axis=0) + 1e-9
+
+    def left(order: list[int]) -> float:
+        loads = frame.airframe.body_loads(*frame.airframe.loads(frame.model, speeds[:, order]))
+        return float(np.mean(((measured - loads[:, 3:]) / scale) ** 2))
+
+    count = speeds.shape[1]
+    as_told = left(list(range(count)))
+    best, pair = as_told, (0, 0)
+    for i, j in combinations(range(count), 2):
+        order = list(range(count))
+        order[i], order[j] = j, i
+        now = left(order)
+        if now < best:
+            best, pair = now, (i, j)
+    if best > SWAP * as_told or as_told < 0.05:
+        return []
+    if min(rival(frame, measured / scale, scale) for rival in (_one_fails, off_centre)) < FAILS * best:
+        return []
+    why = (
+        f"with the two exchanged the torques fit {np.sqrt(as_told / best):.0f} times closer: they are swapped"
+    )
+    return [Suspect(f"motor{pair[0] + 1}, motor{pair[1] + 1}", "all", why)]

@@ -1,0 +1,112 @@
+"""Load cells that stand still, repeat themselves, run into a limit, or show what no rotor could give."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.frames import STAND_CHANNELS, StandFrame
+from coaxlink.load import Load
+from coaxlink.residual.channels.stand import COLUMN_OF, own_model
+from coaxlink.residual.faults.row_ranges import Mask
+
+STUCK_ROWS = 4
+REPEATED_ROWS = 3
+CLIPPED_ROWS = 6
+MARGIN = 0.02  # of the reference load: this near a limit the noise is cut off on one side
+ARM = (0.002, 0.5)  # m: torque over thrust of any rotor between a hand's width and 4 m
+USUAL_ARM = 0.03
+
+
+def stuck_rows(frame: StandFrame, channel: int) -> Mask:
+    """(rows,) where one reading repeats exactly although it should not."""
+    values = frame.measured[:, channel]
+    same = np.concatenate([[False], np.diff(values) == 0.0])
+    start = np.flatnonzero(~same)
+    out = np.zeros(len(values), bool)
+    need = max(STUCK_ROWS, len(values) // 100)
+    # a cell that else never shows one reading twice is stuck even where the load should stand still
+    noisy = float(np.mean(same)) < 0.2 and len(values) > 50
+    long = max(3 * STUCK_ROWS, len(values) // 50)
+    for first, end in zip(start, np.append(start[1:], len(values)), strict=True):
+        expected = np.ptp(frame.predicted[first:end, channel])
+        level = np.max(np.abs(frame.predicted[first:end, channel]))
+        still = noisy and end - first >= long and level > 0.05 * frame.reference[channel]
+        moved = end - first >= need and expected > 0.02 * frame.reference[channel]
+        if values[first] != 0.0 and (moved or still):
+            out[first:end] = True
+    return out
+
+
+def repeated_rows(frame: StandFrame) -> Mask:
+    """(rows,) whose loads stand in the log before, all of them digit by digit."""
+    loads = [c for c in frame.present if c < 4]
+    values = frame.measured[:, loads]
+    out = np.zeros(len(values), bool)
+    if len(loads) < 2:
+        return out
+    _, first, inverse = np.unique(values, axis=0, return_index=True, return_inverse=True)
+    turning = np.any(np.abs(values) > 1e-9, axis=1)
+    twin = (first[inverse.ravel()] != np.arange(len(values))) & turning
+    rows = np.flatnonzero(twin)
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+        if len(run) >= REPEATED_ROWS:
+            out[run] = True
+    return out
+
+
+def clipped_rows(frame: StandFrame, channel: int) -> tuple[Mask, float] | None:
+    """(rows,) at a limit or so near it that it cuts the noise, and the limit; None for a cell without one."""
+    values = frame.measured[:, channel]
+    seen, counts = np.unique(values, return_counts=True)
+    if len(seen) < 10:
+        return None
+    for limit, count, sign in ((seen[-1], counts[-1], 1.0), (seen[0], counts[0], -1.0)):
+        usual = float(np.quantile(counts, 0.95))
+        if limit == 0.0 or count < max(CLIPPED_ROWS, len(values) // 100, 5.0 * usual):
+            continue
+        at = values == limit
+        loads = frame.loads_at(frame.speeds)[:, channel]
+        if frame.free_base:
+            own = own_model(frame.speeds[~at], frame.measured[~at], [channel], frame.model.speed_max_rpm)
+            pair = own.loads(frame.speeds[:, 0], frame.speeds[:, 1])
+            loads = pair[Load(channel)]
+        size = float(frame.reference[channel])
+        beyond = sign * (loads - limit)
+        if np.ptp(loads[at]) > 0.05 * size and np.mean(beyond[at] > -MARGIN * size) > 0.8:
+            return at | (beyond > -MARGIN * size), float(limit)
+    return None
+
+
+def odd_arms(frame: StandFrame, usable: Mask) -> list[tuple[tuple[int, ...], str]]:
+    """Load channels of rotors whose torque over thrust no rotor has, with what they may be instead."""
+    arms: dict[int, float] = {}
+    for side in (0, 1):
+        if {2 * side, 2 * side + 1} <= set(frame.present):
+            thrust, torque = np.quantile(
+                np.abs(frame.measured[usable][:, 2 * side : 2 * side + 2]), 0.95, axis=0
+            )
+            if min(thrust, torque) > 0.0:
+                arms[side] = float(torque / thrust)
+    sound = [arm for arm in arms.values() if ARM[0] < arm < ARM[1]]
+    usual = sound[0] if sound else USUAL_ARM
+    out: list[tuple[tuple[int, ...], str]] = []
+    for side, arm in arms.items():
+        if ARM[0] < arm < ARM[1]:
+            continue
+        t, q = 2 * side, 2 * side + 1
+        guesses: dict[str, tuple[float, tuple[int, ...]]] = {
+            "torque and thrust exchanged?": (1.0 / arm, (t, q)),
+            "torque in N cm?": (arm / 100.0, (q,)),
+            "torque in N mm?": (arm / 1000.0, (q,)),
+            "thrust in gf?": (arm * 1000.0 / GRAVITY_M_S2, (t,)),
+        }
+        guess = min(guesses, key=lambda name: abs(np.log(guesses[name][0] / usual)))
+        channels = guesses[guess][1]
+        out.append((channels, f"torque over thrust is {arm:.3g} m, which no rotor has: {guess}"))
+    return out
+
+
+def names_of(channels: tuple[int, ...]) -> str:
+    """Columns of load channels."""
+    return ", ".join(COLUMN_OF[STAND_CHANNELS[c]] for c in channels)

@@ -1,0 +1,224 @@
+"""A tachometer that begins to lie: in a stretch of rows it reads another speed than throttle and loads show.
+
+A slipping marker, a second reflection or a changed pole count multiplies the reading from one moment on.
+Where the log has throttle and speed, the stretch shows as a step in speed over throttle; the loads then say
+whether the rotor or its reading changed. (One that lies above some speed is an option of the fit, in
+`effects.stand_rig`.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.frames import Array, StandFrame
+from coaxlink.load import Load
+from coaxlink.residual.channels.stand import own_model
+
+Mask = NDArray[np.bool_]
+LEAST_SHARE, MOST_SHARE = 0.04, 0.5  # of the rows: more than half of them cannot be told from the other half
+LEAST_ROWS = 12
+MOST_ABOVE, PLACES = 0.75, 24  # of the rows; thresholds of throttle
+LEAST_LIE, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
+SURE = 8.0  # standard errors of the step
+CLEARED = 0.25  # of the squares that the loads leave, once the reading is mended
+RARE, MOVES = 0.1, 0.15  # of the runs of equal readings; of the reference load
+AMONG = 0.7  # of the rows that lie: at speeds that a base fitted to the other rows has seen
+COARSE = 0.02  # of the speed
+ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Lie:
+    """What one tachometer says in some rows."""
+
+    side: int  # 0 upper, 1 lower
+    rows: Mask
+    reads_high_by: float  # share of the speed
+
+    @property
+    def why(self) -> str:
+        """In words."""
+        return (
+            f"reads {100 * self.reads_high_by:+.1f} % here: throttle and loads agree on what it shows in the"
+            " other rows"
+        )
+
+
+def lies(frame: StandFrame) -> list[Lie]:
+    """Stretches in which a tachometer contradicts throttle and loads alike, at most one a side."""
+    found = []
+    for side in (0, 1):
+        if frame.driven or frame.throttles is None or np.ptp(frame.throttles[:, side]) < 0.05:
+            continue
+        # a stretch of time or of throttle; a sagging supply may hide a step, and stand in for one
+        ways = [(order, supply) for order in _orders(frame, side) for supply in (False, True)]
+        steps = [step for way in ways if (step := _step(frame, side, *way)) is not None]
+        steps += [step for supply in (False, True) for step in _beyond(frame, side, supply)]
+        for lie in sorted(steps, key=lambda lie: _left(frame, lie)):
+            if _loads_clear(frame, lie):
+                found.append(lie)
+                break
+    return found
+
+
+def _left(frame: StandFrame, lie: Lie) -> float:
+    """Squares that the curves of throttle leave of the speed, once the reading is mended."""
+    x = _curves(frame, lie.side, True)
+    speed = np.where(lie.rows, 1.0 / (1.0 + lie.reads_high_by), 1.0) * frame.speeds[:, lie.side]
+    return float(np.sum((speed - x @ np.linalg.lstsq(x, speed, rcond=1e-10)[0]) ** 2))
+
+
+def coarse_step(frame: StandFrame, side: int) -> float | None:
+    """The step, as a share of full speed, in which a tachometer reads where the throttle moves far finer."""
+    if frame.driven or frame.throttles is None:
+        return None
+    read = np.unique(frame.speeds[:, side])
+    told = np.unique(np.round(frame.throttles[:, side], 3))
+    if len(read) < 3 or len(told) < 2 * len(read) + 4:
+        return None
+    step = float(np.min(np.diff(read)))
+    return step if step > COARSE * float(read[-1]) else None
+
+
+def stuck_readings(frame: StandFrame, side: int) -> Mask:
+    """(rows,) where a tachometer that else never repeats itself does, while the rotor's load moves."""
+    read, out = frame.speeds[:, side], np.zeros(len(frame.time_s), bool)
+    load = next((c for c in (2 * side, 2 * side + 1) if c in frame.present), None)
+    if frame.driven or load is None:
+        return out
+    start = np.flatnonzero(np.concatenate([[True], np.diff(read) != 0.0]))
+    least = max(LEAST_ROWS, len(read) // 50)
+    runs = list(zip(start, np.append(start[1:], len(read)), strict=True))
+    if sum(1 for first, end in runs if 1 < end - first < least) > RARE * len(runs):
+        return out
+    due = frame.loads_at(frame.speeds)[:, load]
+    for first, end in runs:
+        if end - first < least or read[first] <= 0.0:
+            continue
+        seen, told = (
+            float(np.ptp(np.quantile(x[first:end], [0.05, 0.95]))) for x in (frame.measured[:, load], due)
+        )
+        if seen > max(MOVES * frame.reference[load], 2.0 * told):
+            out[first:end] = True
+    return out
+
+
+def _orders(frame: StandFrame, side: int) -> list[NDArray[np.intp]]:
+    assert frame.throttles is not None
+    return [np.arange(len(frame.time_s)), np.argsort(frame.throttles[:, side], kind="stable")]
+
+
+def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -> Lie | None:
+    """The stretch of rows, in that order, whose speed is furthest from what the throttle gives elsewhere."""
+    speed = frame.speeds[order, side]
+    x = _curves(frame, side, supply)[order]
+    rows = len(speed)
+    inside = np.zeros(rows, bool)
+    for number in range(ROUNDS):
+        usual = x @ np.linalg.lstsq(x[~inside], speed[~inside], rcond=1e-10)[0]
+        off = speed - usual
+        now = np.zeros(rows, bool)
+        if number == 0:
+            path = np.cumsum(off - np.mean(off))
+            first, last = sorted((int(np.argmin(path)), int(np.argmax(path))))
+            now[first + 1 : last + 1] = True
+            if now.mean() > MOST_SHARE:  # the step seen from its other end
+                now = ~now
+        else:  # the stretch whose squares the step lowers most
+            step = float(np.sum(off[inside] * usual[inside]) / np.sum(usual[inside] ** 2))
+            path = np.concatenate([[0.0], np.cumsum(off**2 - (off - step * usual) ** 2)])
+            low = np.minimum.accumulate(path)
+            last = int(np.argmax(path - low))
+            now[int(np.argmin(path[: last + 1])) : last] = True
+        if not LEAST_SHARE * rows <= now.sum() >= LEAST_ROWS or now.mean() > MOST_SHARE:
+            return None
+        if np.array_equal(now, inside):
+            break
+        inside = now
+    usual = x @ np.linalg.lstsq(x[~inside], speed[~inside], rcond=1e-10)[0]
+    lie = float(np.sum(speed[inside] * usual[inside]) / np.sum(usual[inside] ** 2)) - 1.0
+    noise = float(np.std(speed[~inside] - usual[~inside]))
+    shift = abs(lie) * float(np.mean(np.abs(usual[inside])))
+    if abs(lie) < LEAST_LIE or lie < LOWEST or shift * np.sqrt(inside.sum()) < SURE * noise:
+        return None
+    rows_of = np.zeros(rows, bool)
+    rows_of[order[inside]] = True
+    return Lie(side, rows_of, lie)
+
+
+def _beyond(frame: StandFrame, side: int, supply: bool) -> list[Lie]:
+    """A share that comes in above some throttle, fitted beside the curves, which would else bend to it.
+
+    Which of the two parts of the rows lies, where neither is clearly the smaller, the loads must say.
+    """
+    assert frame.throttles is not None
+    speed, throttle = frame.speeds[:, side], frame.throttles[:, side]
+    curves = _curves(frame, side, supply)
+    best: tuple[float, float, Mask] | None = None
+    plain = float(np.sum((speed - curves @ np.linalg.lstsq(curves, speed, rcond=1e-10)[0]) ** 2))
+    for edge in np.unique(np.quantile(throttle, np.linspace(LEAST_SHARE, 1.0 - LEAST_SHARE, PLACES))):
+        above = throttle > edge
+        if not LEAST_SHARE * len(speed) <= above.sum() >= LEAST_ROWS or (~above).sum() < LEAST_ROWS:
+            continue
+        x = np.concatenate([curves, (speed * above)[:, None]], axis=1)
+        fit = np.linalg.lstsq(x, speed, rcond=1e-10)[0]
+        left = float(np.sum((speed - x @ fit) ** 2))
+        if best is None or left < best[0]:
+            best = left, float(fit[-1]), above
+    if best is None:
+        return []
+    left, part, above = best  # part of the reading that the curves do not give
+    noise = left / max(len(speed) - curves.shape[1] - 1, 1)
+    if plain - left < (SURE**2) * noise or abs(part) > 0.9:
+        return []
+    lie = part / (1.0 - part)
+    parts = ((above, lie), (~above, -lie / (1.0 + lie)))
+    return [Lie(side, r, by) for r, by in parts if r.mean() <= MOST_ABOVE and abs(by) >= LEAST_LIE]
+
+
+def _curves(frame: StandFrame, side: int, supply: bool) -> Array:
+    """(rows, K) what a motor's speed may follow: its throttle, its load, the other's load, its supply."""
+    assert frame.throttles is not None
+    mine, rival = frame.throttles[:, side], frame.throttles[:, 1 - side]
+    columns = [mine**0, mine, mine**2, mine**3, mine * rival, rival]
+    for name in ("voltage_V", f"{('upper', 'lower')[side]}_voltage_V") if supply else ():
+        volts = frame.context(name)
+        if volts is not None and np.all(np.isfinite(volts)) and np.ptp(volts) > 0.0:
+            columns.append(mine * (volts / np.mean(volts) - 1.0))
+    return np.stack(columns, axis=1)
+
+
+def _between(speed: Array, lie: Lie) -> bool:
+    """Whether the mended speeds lie among those of the other rows."""
+    low, high = np.quantile(speed[~lie.rows], [0.02, 0.98])
+    mended = speed[lie.rows] / (1.0 + lie.reads_high_by)
+    return bool(np.mean((mended > low) & (mended < high)) > AMONG)
+
+
+def _loads_clear(frame: StandFrame, lie: Lie) -> bool:
+    """Whether the rotor's own loads fit clearly better with the reading mended than as it stands."""
+    loads = [c for c in (2 * lie.side, 2 * lie.side + 1) if c in frame.present]
+    if not loads:
+        return False
+    model = frame.model
+    if frame.free_base:
+        rest = ~lie.rows
+        if not _between(frame.speeds[:, lie.side], lie):
+            return False  # polynomials fitted to slow rows tell nothing of fast ones
+        model = own_model(frame.speeds[rest], frame.measured[rest], loads, frame.model.speed_max_rpm)
+    left = []
+    for factor in (1.0, 1.0 / (1.0 + lie.reads_high_by)):
+        u = frame.speeds.copy()
+        u[lie.rows, lie.side] *= factor
+        pair = model.loads(u[:, 0], u[:, 1])
+        predicted = [pair[load] for load in Load]
+        squares = 0.0
+        for c in loads:
+            p, m, rest = predicted[c], frame.measured[:, c], ~lie.rows
+            level = float(p[rest] @ m[rest]) / max(float(p[rest] @ p[rest]), 1e-12)  # another day's level
+            squares += float(np.mean((m[lie.rows] - level * p[lie.rows]) ** 2)) / frame.reference[c] ** 2
+        left.append(squares)
+    return left[1] < CLEARED * left[0]

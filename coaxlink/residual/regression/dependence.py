@@ -1,0 +1,170 @@
+"""What is left after the effects: does it still depend on anything that was recorded?
+
+Each channel's residual is held against each variable through a smooth of eight hats; a dependence counts
+when it is found again on held-out blocks, stands far outside coloured noise over all looks, and is large
+enough to matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from coaxlink.residual.regression.gates import autocorrelation_time
+
+Array = NDArray[np.float64]
+COMBINED = (16, 32)
+TURNING = 0.05  # of full speed: a rotor at rest makes no beat
+HATS = 8
+FINE_S = 1.2  # between the knots of a flight's fine smooth of time
+FINE_MOST = 20_000_000  # rows times knots: a longer flight is not looked at that finely
+FINE_ROWS = 4  # rows a hat of a fine smooth, at least
+ALPHA = 1e-4
+SHARE = 0.12  # of the residual's variance, held out
+SIZE = 0.006  # of the reference load, 95th percentile
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """A residual channel that follows a variable."""
+
+    channel: int
+    variable: str
+    share: float  # of the held-out variance
+    size: float  # 95th percentile of the smooth over the reference load
+    rms: float  # of the smooth, in the channel's unit
+    where: str
+
+
+def hats(values: Array, knots: Array) -> Array:
+    """(rows, K) piecewise linear basis on increasing knots (K,)."""
+    at = np.clip(np.searchsorted(knots, values) - 1, 0, len(knots) - 2)
+    share = np.clip((values - knots[at]) / (knots[at + 1] - knots[at]), 0.0, 1.0)
+    out = np.zeros((len(values), len(knots)))
+    rows = np.arange(len(values))
+    out[rows, at], out[rows, at + 1] = 1.0 - share, share
+    return out
+
+
+def knots_of(values: Array, count: int = HATS) -> Array | None:
+    """Knots at quantiles, or None where the variable does not vary."""
+    knots = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count)))
+    if len(knots) < 3 or knots[-1] - knots[0] < 1e-9 * max(1.0, abs(float(knots[-1]))):
+        return None
+    return knots
+
+
+def grid_hats(first: Array, second: Array, count: int = 7) -> Array | None:
+    """(rows, K) tensor basis over two variables, cells without data left out; None if either stands still."""
+    knots = [np.linspace(v.min(), v.max(), count) for v in (first, second)]
+    if any(k[-1] - k[0] < 1e-6 for k in knots):
+        return None
+    a, b = (hats(v, k) for v, k in zip((first, second), knots, strict=True))
+    whole = (a[:, :, None] * b[:, None, :]).reshape(len(first), -1)
+    return whole[:, whole.sum(axis=0) > 1.0]
+
+
+def dependences(
+    residual: Array,
+    variables: Mapping[str, Array],
+    block: NDArray[np.intp],
+    fold: NDArray[np.intp],
+    reference: Array,
+    floor: Array,
+) -> list[Dependence]:
+    """Significant dependences of residual (rows, C) on variables (rows,), strongest of each channel first.
+
+    `fold` (rows,) says in which fold a row is held out; `floor` (C,) is the noise floor in the channels'
+    unit.
+    """
+    out: list[Dependence] = []
+    looks = max(1, len(variables) * residual.shape[1])
+    inflation = autocorrelation_time(residual, block)
+    for name, values, basis, folding in _bases(variables, fold):
+        for c in range(residual.shape[1]):
+            scale = float(inflation[c]) if folding is fold else 1.0
+            found = _one(residual[:, c], basis, folding, scale)
+            if found is None:
+                continue
+            share, statistic, smooth, width = found
+            size = float(np.quantile(np.abs(smooth), 0.95) / reference[c])
+            p_value = min(1.0, looks * float(chi2.sf(statistic, width)))
+            rms = float(np.sqrt(np.mean(smooth**2)))
+            if share > SHARE and p_value < ALPHA and size > SIZE and rms > 0.5 * floor[c]:
+                out.append(Dependence(c, name, share, size, rms, _where(values, smooth)))
+    return sorted(out, key=lambda d: (d.channel, -d.share))
+
+
+def _bases(
+    variables: Mapping[str, Array], fold: NDArray[np.intp]
+) -> Iterator[tuple[str, Array, Array, NDArray[np.intp]]]:
+    """(name, values, basis, folds): smooths of every variable, fine ones of time, the map of both speeds.
+
+    What comes and goes faster than a held-out block can only be found between its neighbours: the folds of
+    the fine smooths are every fifth row.
+    """
+    for name, values in variables.items():
+        knots = knots_of(values)
+        if knots is not None:
+            yield name, values, hats(values, knots), fold
+    near = np.arange(len(fold)) % 5
+    on_stand = "upper_speed" in variables
+    # a flight is low-passed: neighbours share their noise up to half a second
+    seconds = float(np.ptp(variables["time_s"])) if "time_s" in variables else 0.0
+    counts = (25, 75) if on_stand else (int(seconds / FINE_S),)
+    if "time_s" in variables:
+        for count in counts:
+            if len(fold) * count > FINE_MOST or count < HATS:
+                continue
+            if FINE_ROWS * count < len(fold):
+                time = np.arange(len(fold), dtype=float)
+                yield "time_s", variables["time_s"], hats(time, np.linspace(0, time[-1], count)), near
+    if {"upper_speed", "lower_speed"} <= set(variables):
+        upper, lower = variables["upper_speed"], variables["lower_speed"]
+        # a beat is a thing of the difference, a resonance of the rig one of both
+        both_of = {"upper_speed - lower_speed": upper - lower, "upper_speed + lower_speed": upper + lower}
+        turning = min(np.ptp(upper), np.ptp(lower)) > TURNING
+        for name, values in both_of.items() if turning else ():
+            for count in COMBINED:
+                if np.ptp(values) > TURNING and len(fold) > FINE_ROWS * count:
+                    yield name, values, hats(values, np.linspace(values.min(), values.max(), count)), near
+        both = grid_hats(upper, lower)
+        if both is not None and both.shape[1] * 2 < len(fold):
+            yield "upper_speed x lower_speed", variables["lower_speed"], both, near
+
+
+def _one(
+    r: Array, basis: Array, fold: NDArray[np.intp], inflation: float
+) -> tuple[float, float, Array, int] | None:
+    """Held-out share, chi-square, in-sample smooth and width of one residual on one basis."""
+    width = basis.shape[1]
+    ridge = 1e-6 * np.eye(width) * len(r)
+    left = np.zeros_like(r)
+    for f in np.unique(fold):
+        test = fold == f
+        gram = basis[~test].T @ basis[~test] + ridge
+        left[test] = r[test] - basis[test] @ np.linalg.solve(gram, basis[~test].T @ r[~test])
+    power = float(np.sum((r - r.mean()) ** 2))
+    if power <= 0:
+        return None
+    share = 1.0 - float(np.sum(left**2)) / power
+    if share <= SHARE:
+        return None
+    smooth = basis @ np.linalg.solve(basis.T @ basis + ridge, basis.T @ r)
+    smooth = smooth - smooth.mean()
+    rest = r - r.mean() - smooth
+    statistic = float((power - np.sum(rest**2)) / (np.mean(rest**2) * inflation))
+    return share, statistic, smooth, width
+
+
+def _where(values: Array, smooth: Array) -> str:
+    """Where the smooth is largest, in words."""
+    peak = int(np.argmax(np.abs(smooth)))
+    low, high = float(values.min()), float(values.max())
+    place = (values[peak] - low) / max(high - low, 1e-12)
+    region = "at the low end" if place < 0.25 else "at the high end" if place > 0.75 else "in the middle"
+    return f"{smooth[peak]:+.3g} near {values[peak]:.3g} ({region} of {low:.3g} .. {high:.3g})"

@@ -1,0 +1,1 @@
+"""Which effects the residual demands: trials, change points, time trends, and the joint fit."""

@@ -1,0 +1,229 @@
+"""One effect tried on top of others: what it takes on held-out blocks, and the gates that it must pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from coaxlink.residual.regression.blocks import held_out, solve, squares
+from coaxlink.residual.regression.gates import (
+    FEW_LEVELS,
+    GAIN,
+    alone,
+    autocorrelation_time,
+    carried_by_few,
+    witnesses,
+)
+from coaxlink.residual.regression.problem import Option, Problem
+from coaxlink.residual.regression.schur_complement import Eliminated
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+ALPHA = 1e-3  # over all looks of one step
+SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
+CLEAR = 0.6  # of the squared error of a channel: what explains that much of what is left may be smaller
+# an effect of which the base corrections take back most is believed by what is left of it, if only noise
+# remains then: nothing else that is wrong would leave that
+EXACT_ALPHA, EXACT_LEFT, EXACT_SIZE, EXACT_GAIN, EXACT_WORTH = 1e-9, 1.2, 0.001, 0.03, 0.01
+FAR, MOST_OF_IT = 25.0, 0.4  # variances of the noise left, share of the squared error taken away
+ENOUGH = 150_000  # rows times channels that a trial looks at one by one
+# of what a member adds to a load: its form may err by that much, so less beside it is no effect
+FORM = 0.05
+BEYOND_FORM = 0.9  # of a channel's squared error: no misfit of another's form is mended so by chance
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One option judged against a set of members."""
+
+    option: Option
+    gain: float  # drop of the held-out square sum, in variances of the remaining error
+    share: float  # largest relative drop of any channel's held-out square sum
+    p_value: float  # corrected for all looks
+    size: float
+    refused: str | None
+    total: float  # held-out square sum left
+    worth: float  # as size, with what the base corrections took back
+    left: float  # variance that is left over the noise's, of the worst channel that it changes
+    least: float = SIZE  # size that counts
+
+    @property
+    def real(self) -> bool:
+        """Whether the data demand it and physics allows it, however small it is."""
+        return self.gain > 0 and self.p_value <= ALPHA and self.refused is None
+
+    @property
+    def exact(self) -> bool:
+        """Whether it is beyond doubt and leaves a load nothing but noise, or little of what it had."""
+        sure = self.p_value < EXACT_ALPHA and self.worth > EXACT_WORTH and self.size > EXACT_SIZE
+        return sure and ((self.left < EXACT_LEFT and self.share > EXACT_GAIN) or self.share > CLEAR)
+
+    @property
+    def promising(self) -> bool:
+        """Whether it could stand once its shape is right."""
+        return self.real and self.p_value < 1e-6 and self.size > 0.5 * SIZE and self.share > 0.3 * GAIN
+
+    @property
+    def hidden(self) -> bool:
+        """Whether it would stand but for what errs together over whole blocks, which another may be."""
+        sure = self.gain > 0 and self.p_value < 1e-6 and self.size > SIZE and self.share > GAIN
+        return sure and self.refused == FEW_LEVELS
+
+    @property
+    def why_not(self) -> str | None:
+        """The first gate it fails, or None."""
+        if self.gain <= 0:
+            return "no better on held-out blocks"
+        if self.p_value > ALPHA:
+            return f"within noise (p = {self.p_value:.2g} over all looks)"
+        if self.exact:
+            return self.refused
+        if self.size < self.least:
+            return (
+                f"adds {100 * self.size:.2f} % of the reference load beyond what the base corrections absorb"
+            )
+        if self.left > FAR and self.share < MOST_OF_IT:
+            over = np.sqrt(self.left)
+            return f"leaves {over:.0f} times the noise: this takes too little of it to be its cause"
+        if self.share < GAIN:
+            return f"lowers no channel's held-out squared error by more than {100 * self.share:.1f} %"
+        return self.refused
+
+
+def columns_of(problem: Problem, members: list[Option]) -> Index:
+    """Design columns of the base and the members."""
+    return np.concatenate([problem.base, *(m.columns for m in members)]).astype(np.intp)
+
+
+class Judge:
+    """Tries options against sets of members; remembers the held-out errors of sets."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.looks = len(problem.options)
+        self._known: dict[tuple[int, ...], Array] = {}
+        self._sums: dict[tuple[int, ...], Array] = {}
+        # how large and how coloured things are, a part of a long log tells as well: whole blocks of it
+        every = max(1, problem.residual.size // ENOUGH)
+        self._rows: Any = slice(None) if every == 1 else np.flatnonzero(problem.block % every == 0)
+        self._design, self._residual = problem.design[self._rows], problem.residual[self._rows]
+        self._block = problem.block[self._rows]
+        self._base = np.ascontiguousarray(self._design[:, :, problem.base], dtype=float)
+
+    def held_out(self, use: Index) -> Array:
+        """(B, C) held-out square sums of a fit of these columns."""
+        key = tuple(use)
+        if key not in self._known:
+            self._known[key] = held_out(self.problem.blocks, use)[0]
+        return self._known[key]
+
+    def left(self, members: list[Option]) -> float:
+        """Held-out square sum of a set."""
+        return float(self.sums(members).sum())
+
+    def sums(self, members: list[Option]) -> Array:
+        """(B,) held-out square sums of a set over all channels."""
+        beside = columns_of(self.problem, members)[len(self.problem.base) :]
+        key = tuple(beside)
+        if key not in self._sums:
+            self._sums[key] = self._sets.held_out_sum(beside)
+        return self._sums[key]
+
+    @cached_property
+    def _sets(self) -> Eliminated:
+        return Eliminated(self.problem.blocks, self.problem.base)
+
+    def trial(self, members: list[Option], option: Option) -> Trial:
+        """`option` on top of `members`."""
+        p = self.problem
+        without = np.concatenate([columns_of(p, members), option.carried])
+        whole = columns_of(p, [*members, option])
+        before, after = self.held_out(without), self.held_out(whole)
+        ones = np.ones(p.blocks.count)
+        null, full = solve(p.blocks, without, ones), solve(p.blocks, whole, ones)
+        rows = p.blocks.rows.sum()
+        beyond = whole[len(p.base) :]
+        added = self._design[:, :, beyond].astype(float)
+        left = self._residual - self._base @ full[p.base] - added @ full[beyond]
+        variance = np.maximum(np.mean(left**2, axis=0), 1e-12)
+        inflation = autocorrelation_time(left, self._block)
+        drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0) / (variance * inflation)
+        statistic = float(np.sum(drop))
+        p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(whole) - len(without))))
+        change = self._base @ (full - null)[p.base] + added @ (full - null)[beyond]
+        size = float(np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0).max())
+        mine = self.worth_of(np.setdiff1d(option.columns, option.carried), full)
+        held_before, held_after = before.sum(axis=0), after.sum(axis=0)
+        shares = (held_before - held_after) / np.maximum(held_before, 1e-12)
+        share = float(np.max(shares))
+        gain = float(np.sum((held_before - held_after) / np.maximum(held_after / rows, 1e-12)))
+        total = float(after.sum())
+        named = option.numbers(p.frame, full[option.columns])
+        refused = option.effect.refuse(named)
+        if option.effect.accused and refused is None:
+            refused = witnesses(p.channels, shares)
+        if refused is None and share < BEYOND_FORM:
+            refused = self._within_form(members, full, mine)
+        if p.own_fit and refused is None:
+            touched = np.any(self._design[:, :, option.columns] != 0.0, axis=(0, 2))
+            refused = alone(drop, rows * np.mean(change**2, axis=0) / (variance * inflation), touched)
+        if p.together is not None and refused is None:
+            refused = carried_by_few(change, left, variance, p.together[self._rows])
+        remains = 0.0
+        if p.noise_known:
+            remains = (
+                float(np.max(variance, where=shares > 0.3 * share, initial=0.0)) if share > 0 else np.inf
+            )
+        return Trial(
+            option,
+            gain if total < before.sum() else -1.0,
+            share,
+            p_value,
+            size,
+            refused,
+            total,
+            float(mine.max()) if p.noise_known else 0.0,
+            remains,
+            p.clear_size if share > CLEAR else SIZE,
+        )
+
+    def worth_of(self, columns: Index, fit: Array) -> Array:
+        """(C,) what columns add under a fit (P,), 95th percentile over the reference load."""
+        added = self._design[:, :, columns].astype(float) @ fit[columns]
+        scale = self.problem.sigma / self.problem.reference
+        return np.asarray(np.quantile(np.abs(added), 0.95, axis=0) * scale)
+
+    def _within_form(self, members: list[Option], fit: Array, mine: Array) -> str | None:
+        """Whether what is added, `mine` (C,), is no more anywhere than the form of a member may err by."""
+        c = int(np.argmax(mine))
+        for m in members:
+            if mine[c] < FORM * float(self.worth_of(m.columns, fit)[c]):
+                return f"no more than the form of {m.name} may err by"
+        return None
+
+    def _refused(self, members: list[Option], option: Option) -> str | None:
+        """Why physics does not allow the option's coefficients beside the others'."""
+        p = self.problem
+        full = solve(p.blocks, columns_of(p, members), np.ones(p.blocks.count))
+        return option.effect.refuse(option.numbers(p.frame, full[option.columns]))
+
+    def best_of_each(self, members: list[Option], allowed: set[str] | None = None) -> list[Trial]:
+        """The best shape of every effect that is not a member, best first."""
+        taken = {m.name for m in members}
+        shapes: dict[str, list[Option]] = {}
+        for option in self.problem.options:
+            if option.name not in taken and (allowed is None or option.name in allowed):
+                shapes.setdefault(option.name, []).append(option)
+        best = []
+        for mine in shapes.values():
+            ranked = sorted(mine, key=lambda option: float(self.sums([*members, option]).sum()))
+            sound = (o for o in ranked if self._refused([*members, o], o) is None)
+            best.append(next(sound, ranked[0]))
+        trials = [self.trial(members, option) for option in best]
+        return sorted(trials, key=lambda t: t.total)

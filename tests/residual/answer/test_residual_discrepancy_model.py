@@ -1,0 +1,110 @@
+"""Own fits of pairs that polynomials do not follow, and rows that no other row tells of."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from residual_rig import steady_loads
+from residual_stand_logs import log_of, names, over, ramps
+
+from coaxlink.residual import refine_stand
+from coaxlink.residual.answer import stand as judge_stand
+from coaxlink.residual.answer.discrepancy_model import followed
+from coaxlink.residual.base.gaussian_process import find_process
+from coaxlink.residual.channels.stand_problem import reducing
+from coaxlink.residual.regression.blocks import folds_of
+from coaxlink.residual.search.joint_fit import together
+from coaxlink.rotor.polynomial import design_matrix
+
+TERMS = ("1", "u_u", "u_l", "u_u^2", "u_l^2", "u_u u_l")
+
+
+def rough(a, b):
+    """Loads of a pair whose blades stall at a ratio of the speeds, the earlier the slower they are."""
+    loads = steady_loads(a, b)
+    ratio = np.arctan2(b, a + 1e-9)
+    loads[2] -= 3.0 * (a**2 + b**2) * np.tanh((ratio - 0.5 - 0.1 * a) / 0.09)
+    loads[3] -= 0.12 * (a**2 + b**2) * np.tanh((ratio - 0.4 + 0.1 * a) / 0.06)
+    loads[1] += 0.04 * np.tanh((a - 0.45) / 0.09)
+    return loads
+
+
+def test_a_process_says_how_well_it_knows_a_row():
+    rng = np.random.default_rng(4)
+    u = rng.uniform(0.15, 0.95, (600, 2))
+    u[580:, 1] = 0.02 * u[580:, 0]  # one piece of the log alone shows a lower rotor this slow
+    fold = folds_of(30)[np.arange(600) // 20]
+    load = rough(*u.T)[3] + 0.006 * rng.standard_normal(600)
+    process, deviation = find_process(u, load, fold, 0.006, 1.5, TERMS, True)
+    assert np.median(deviation[:580]) < 0.6
+    assert np.median(deviation[580:]) > 1.0
+    share = design_matrix(TERMS, *u.T).T @ process.columns(u)
+    assert np.max(np.abs(share)) < 1e-6 * len(u)
+
+
+def test_an_own_fit_follows_a_pair_that_polynomials_do_not():
+    t, a, b = ramps(2000)
+    calm = refine_stand(log_of(t, a, b, rough(a, b)))
+    assert names(calm) == [] and not calm.unexplained
+    assert over(calm) < 1.1
+    assert any("Gaussian process" in note for note in calm.notes)
+    celsius = 15.0 + 18.0 * np.tanh(6.0 * (t / t[-1] - 0.5))
+    thin = rough(a, b) * 288.15 / (celsius + 273.15)
+    warm = refine_stand(log_of(t, a, b, thin, air_temperature_C=celsius))
+    assert names(warm) == ["air_density"] and not warm.unexplained
+    assert over(warm) < 1.1
+
+
+def test_speeds_that_the_log_shows_once_are_not_judged():
+    t, a, b = ramps(1500)
+    b = np.where((t > 60.0) & (t < 64.0), 0.05 + 0.03 * np.sin(t), np.maximum(b, 0.25))
+    loads = rough(a, b)
+    loads[3] += 0.4 * a**2 * np.exp(-(((b - 0.05) / 0.03) ** 2))
+    answer = refine_stand(log_of(t, a, b, loads))
+    assert names(answer) == []
+    assert over(answer) < 1.1
+    assert any("no other part of the log" in note for note in answer.notes)
+
+
+def test_an_own_fit_that_polynomials_follow_stays_one():
+    t, a, b = ramps(900)
+    answer = refine_stand(log_of(t, a, b, steady_loads(a, b)))
+    assert names(answer) == [] and over(answer) < 1.1
+    assert not any("Gaussian process" in note for note in answer.notes)
+
+
+def test_throttles_that_are_alike_for_a_while_are_no_copy_where_nothing_contradicts():
+    t, a, b = ramps(1300)
+    b = np.where((t > 60.0) & (t < 82.0), a, np.maximum(b, 0.3))
+    loads = steady_loads(a, b)
+    loads[3] += 0.6 * (a**2 + b**2) * np.exp(-(((np.arctan2(b, a) - 0.785) / 0.02) ** 2))
+    log = log_of(t, a, b, loads, upper_throttle=a, lower_throttle=b)
+    answer = refine_stand(log.without("upper_rpm", "lower_rpm"))
+    assert names(answer) == [] and not answer.suspect_data
+
+
+def test_a_short_log_whose_every_speed_repeats_itself_ends_in_a_suspect():
+    a = np.random.default_rng(0).uniform(0.1, 0.95, 24)
+    answer = refine_stand(log_of(2.0 * np.arange(24.0), a, 0.0 * a + 0.5, rough(a, 0.0 * a + 0.5)))
+    assert names(answer) == [] and [s.column for s in answer.suspect_data] == ["lower_rpm"]
+
+
+def test_what_stood_in_for_the_polynomials_goes(monkeypatch):
+    """A friction of the rig, claimed beside thin air, that a base which follows the pair has no need of."""
+    seen = []
+    monkeypatch.setattr(judge_stand, "followed", lambda j: seen.append(j) or j)
+    t, a, b = ramps(2000)
+    celsius = 15.0 + 18.0 * np.tanh(6.0 * (t / t[-1] - 0.5))
+    thin = rough(a, b) * 288.15 / (celsius + 273.15)
+    refine_stand(log_of(t, a, b, thin, air_temperature_C=celsius))
+    (j,) = seen
+    friction = next(o for o in j.problem.options if o.name == "hysteresis" and "upper" in o.shape)
+    more = dataclasses.replace(j.selection, members=[*j.selection.members, friction])
+    bare = j.problem.frame
+    joint, _ = together(j.problem, more, bare, (), reducing(bare))
+    assert {m.name for m in joint.members} == {"air_density", "hysteresis"}
+    after = followed(dataclasses.replace(j, selection=more, joint=joint))
+    assert [m.name for m in after.joint.members] == ["air_density"]
+    assert [m.name for m in after.selection.members] == ["air_density"]
+    assert any(s.name == "hysteresis" and "needless" in s.why for s in after.selection.trace)

@@ -1,0 +1,119 @@
+"""An ambiguous answer comes with a run that settles it: proposed, run on the virtual stand, and settled."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+
+from coaxlink.cli import build_app
+from coaxlink.cli._shell import run
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+TRUTHS = {"battery_voltage": 0.5, "motor_heating": 0.12}
+
+
+def coaxlink(*arguments: object) -> None:
+    assert run(build_app(), [str(a) for a in arguments]) == 0
+
+
+def measured(folder: Path, truth: str, schedule: Path, seed: int) -> Path:
+    told = folder / f"{truth}.toml"
+    told.write_text(f'[stand]\ndrive = "throttle"\n[[effects]]\nname = "{truth}"\nsize = {TRUTHS[truth]}\n')
+    log = folder / f"{truth}-{seed}.csv"
+    coaxlink("sim", "--stand", log, "--truth", told, "--schedule", schedule, "--seed", seed)
+    return log
+
+
+def refined(log: Path, *more: object) -> dict:
+    answer = log.with_suffix(".json")
+    coaxlink("refine", log, "--rotor", EXAMPLES / "rotor_paper.toml", "--json", answer, *more)
+    return json.loads(answer.read_text())
+
+
+@pytest.fixture(scope="module")
+def doubt(tmp_path_factory):
+    """A poor log, its answer, and the proposed run."""
+    folder = tmp_path_factory.mktemp("doubt")
+    log = measured(folder, "battery_voltage", EXAMPLES / "schedule_poor.toml", 2)
+    plan = folder / "plan.toml"
+    return refined(log, "--plan", plan), plan
+
+
+def test_a_poor_log_is_ambiguous_and_says_what_to_run(doubt):
+    answer, plan = doubt
+    assert not answer["effects"]
+    (ambiguous,) = answer["ambiguous"]
+    assert {"battery_voltage", "motor_heating"} <= set(ambiguous["names"])
+    assert "standard deviations" in ambiguous["separate_by"]
+    assert len({p.get("supply_V") for p in ambiguous["plan"]["pieces"]}) > 1  # the supply has to be moved
+    assert plan.read_text().count("[[pieces]]") == len(ambiguous["plan"]["pieces"])
+
+
+@pytest.mark.parametrize("truth", TRUTHS)
+def test_the_run_names_whichever_is_true(doubt, tmp_path, truth):
+    answer = refined(measured(tmp_path, truth, doubt[1], 11))
+    assert [e["name"] for e in answer["effects"]] == [truth]
+    assert not answer["ambiguous"]
+
+
+def test_nothing_ambiguous_writes_no_plan(tmp_path):
+    log, calm = tmp_path / "clean.csv", tmp_path / "calm.toml"
+    calm.write_text('[stand]\npattern = "grid"\n')
+    coaxlink("sim", "--stand", log, "--truth", calm, "--seed", 5)
+    refined(log, "--plan", tmp_path / "none.toml")
+    assert not (tmp_path / "none.toml").exists()
+
+
+def test_a_hover_cannot_weigh_but_the_proposed_flight_can(tmp_path):
+    """Mass and supply change the thrust of a hover alike; manoeuvres tell, for a mass turns no slower."""
+    from coaxlink.airframe import load_airframe
+    from coaxlink.data import read_flight_log
+    from coaxlink.effects import flight_effects
+    from coaxlink.residual.channels.flight import flight_frame
+    from coaxlink.residual.experiments.manoeuvres import flight_experiment
+    from coaxlink.residual.experiments.stand_run import Rival
+    from coaxlink.rotor import load_rotor_model
+
+    hover, heavy, log = (tmp_path / n for n in ("hover.toml", "heavy.toml", "hover.csv"))
+    hover.write_text("[[pieces]]\nseconds = 14\n")
+    heavy.write_text('[[effects]]\nname = "mass_change"\nsize = 1.4\n')
+    coaxlink("sim", "--fly", hover, "--truth", heavy, "--log", log, "--seed", 2)
+    body = load_airframe(EXAMPLES / "x8_demo.toml")
+    frame = flight_frame([read_flight_log(log)], body, load_rotor_model(EXAMPLES / "rotor_paper.toml"))
+    known = {e.name: e for e in flight_effects()}
+    mass = Rival(known["mass_change"], {"mass_kg": 21.4})
+    supply = Rival(known["battery_voltage"], {"speed_exponent": 0.4, "reference_voltage_V": 35.5})
+    sigma = np.array([0.2, 0.2, 0.2, 0.02, 0.02, 0.02])
+    found = flight_experiment(frame, sigma, [mass, supply])
+    assert found is not None and found.distance > 5.0, found
+    assert any("hover" not in p.what for p in found.pieces)
+    plan, second = tmp_path / "plan.toml", tmp_path / "second.csv"
+    plan.write_text(tomli_w.dumps(found.document()))
+    coaxlink("sim", "--fly", plan, "--truth", heavy, "--log", second, "--seed", 3)
+    answer = tmp_path / "second.json"
+    coaxlink("refine", second, "--airframe", EXAMPLES / "x8_demo.toml", "--json", answer)
+    assert [e["name"] for e in json.loads(answer.read_text())["effects"]] == ["mass_change"]
+
+
+def test_a_log_with_rpm_gets_a_plan_too():
+    """No rotor turns in a rest alone, and a plan's exact rpm are no commands."""
+    from residual_rig import run as rig
+
+    from coaxlink.data import Samples
+    from coaxlink.effects import stand_effects
+    from coaxlink.residual.channels.stand import stand_frame
+    from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
+
+    columns = rig(seed=2)
+    frame = stand_frame(Samples(columns, "stand"), None)
+    known = {e.name: e for e in stand_effects()}
+    drift = Rival(known["sensor_drift"], {"channel": 0.0, "per_minute": 0.3, "zero": 0.0})
+    loss = {"thrust_loss_N": 3.0, "torque_loss_Nm": 0.0, "lower_power": 2.0, "upper_power": 1.0}
+    found = stand_experiment(
+        frame, np.full(6, 0.1), [drift, Rival(known["lower_on_upper_interference"], loss)]
+    )
+    assert found is not None and found.distance > 3.0 and found.channel == "upper_thrust"

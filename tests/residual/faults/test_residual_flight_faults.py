@@ -1,0 +1,84 @@
+"""Flight logs with a fault in them: the column is accused, nothing is claimed instead."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from residual_world import fly
+
+from coaxlink import files
+from coaxlink.airframe import load_airframe
+from coaxlink.data import Samples
+from coaxlink.residual import refine
+from coaxlink.residual.channels.flight import flight_frame, reduce_columns
+from coaxlink.residual.faults.flight_faults import off_centre
+from coaxlink.rotor import load_rotor_model
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return dict(fly([{}])[0])
+
+
+def ask(columns):
+    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+    return refine(Samples(columns, "fault"), airframe, load_rotor_model(files.example("rotor_paper.toml")))
+
+
+def test_a_sound_log_is_not_accused(clean):
+    assert ask(clean).suspect_data == ()
+
+
+def test_two_motors_exchanged_are_named(clean):
+    answer = ask(clean | {"motor2": clean["motor7"], "motor7": clean["motor2"]})
+    assert [s.column for s in answer.suspect_data] == ["motor2, motor7"]
+    assert answer.effects == ()
+
+
+def test_a_centre_of_mass_is_the_rival_of_an_exchange(clean):
+    """A steady torque that goes with the force is as well explained by where it acts; an exchange is not."""
+    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+    model = load_rotor_model(files.example("rotor_paper.toml"))
+
+    def left(columns, arm):
+        frame = flight_frame([Samples(columns, "fault")], airframe, model)
+        measured = frame.measured.copy()
+        measured[:, 3:] += np.cross(arm, frame.measured[:, :3])
+        torques = reduce_columns(frame, measured)[:, 3:]
+        scale = np.std(torques, axis=0)
+        return off_centre(frame, torques / scale, scale) / np.mean((torques / scale) ** 2)
+
+    assert left(clean, (0.02, -0.03, 0.0)) < 0.02
+    assert left(clean | {"motor2": clean["motor7"], "motor7": clean["motor2"]}, (0.0, 0.0, 0.0)) > 0.3
+
+
+def test_a_reversed_gyro_is_named(clean):
+    answer = ask(clean | {"gyro_y_rad_s": -clean["gyro_y_rad_s"]})
+    assert [s.column for s in answer.suspect_data] == ["gyro_y_rad_s"]
+    assert answer.effects == ()
+
+
+def test_a_stuck_axis_is_named_with_its_rows(clean):
+    values = clean["accel_z_m_s2"].copy()
+    values[1200:1300] = values[1200]
+    answer = ask(clean | {"accel_z_m_s2": values})
+    assert [(s.column, s.rows) for s in answer.suspect_data] == [("accel_z_m_s2", "1201-1300")]
+    assert answer.effects == ()
+
+
+def test_a_repeated_stretch_is_named(clean):
+    log = {k: v.copy() for k, v in clean.items()}
+    for name in log:
+        if name.startswith(("accel", "gyro")):
+            log[name][1500:1700] = log[name][900:1100]
+    answer = ask(log)
+    assert [(s.column, s.rows) for s in answer.suspect_data] == [("accel_*, gyro_*", "1501-1700")]
+
+
+def test_a_force_that_comes_and_goes_with_nothing_is_unexplained(clean):
+    time = clean["time_s"]
+    answer = ask(clean | {"accel_x_m_s2": clean["accel_x_m_s2"] + 0.3 * np.sin(2 * np.pi * time / 6.3)})
+    assert answer.effects == ()
+    assert "force_x" in [u.channel for u in answer.unexplained]

@@ -1,0 +1,48 @@
+"""The joint fit about its members, and what it says of each of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from residual_rig import steady_loads
+from residual_stand_logs import log_of, model, ramps
+
+from coaxlink.effects.hysteresis import STAND as HYSTERESIS
+from coaxlink.residual.channels.stand import stand_frame
+from coaxlink.residual.channels.stand_problem import reducing, stand_problem
+from coaxlink.residual.checks.residual_check import minor
+from coaxlink.residual.regression.irls import channel_errors
+from coaxlink.residual.regression.joint_model import Fitter, member
+
+NOISE = np.array([0.3, 0.006, 0.3, 0.006])
+WORN = {"both": 1.0, "reach": 0.1, "spread": 1.8}
+
+
+def worn_in(size, strange):
+    """A rig's friction of `size` of the load, and `strange` N that no friction makes, on the upper rotor."""
+    t, a, b = ramps(1260)
+    loads = steady_loads(a, b)
+    way = np.sign(np.gradient(a))
+    loads[0] += strange * np.sin(0.7 * loads[0]) - 0.5 * size * loads[0] * way
+    frame = stand_frame(log_of(t, a, b, loads), model())
+    return frame, stand_problem(frame, [HYSTERESIS])
+
+
+@pytest.mark.parametrize("shape", [WORN, {**WORN, "fading": 0.4}, {"both": 1.0}])
+def test_without_a_members_columns_the_problem_is_the_one_before_it(shape):
+    frame, problem = worn_in(0.03, 0.0)
+    fitter = Fitter(problem, frame, (), reducing(frame))
+    joint, _ = fitter.settle([member(frame, HYSTERESIS, shape, np.array([0.04, 0.01]))])
+    assert len(joint.problem.options[0].columns) == 2 + len({"reach", "spread", "fading"} & set(shape))
+    assert channel_errors(joint.problem, []) == pytest.approx(channel_errors(problem, []), rel=1e-6)
+    assert channel_errors(joint.problem, joint.problem.options)[0] < 0.95 * channel_errors(problem, [])[0]
+
+
+@pytest.mark.parametrize(("size", "strange", "gone"), [(0.03, 0.0, False), (0.03, 0.7, True)])
+def test_an_effect_that_leaves_most_of_what_is_there_goes(size, strange, gone):
+    frame, problem = worn_in(size, strange)
+    fitter = Fitter(problem, frame, (), reducing(frame))
+    joint, _ = fitter.settle([member(frame, HYSTERESIS, WORN, np.array([0.01, 0.01]))])
+    over = channel_errors(joint.problem, joint.problem.options)[0] / NOISE[0]
+    assert (1.2 < over < 3.0) == gone
+    assert (minor(joint, NOISE[: len(joint.problem.channels)]) == {"hysteresis"}) == gone

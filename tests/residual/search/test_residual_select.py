@@ -1,0 +1,59 @@
+"""What the selection lets in: one effect, hand-made columns, hand-made residuals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coaxlink.effects.tracing import Tracing, one_shape, present
+from coaxlink.residual.regression.problem import build
+from coaxlink.residual.search.select import select
+
+ROWS = 400
+
+
+def effect(name, columns):
+    """An effect of these columns (rows, channels, 1) whatever the frame."""
+    return Tracing(
+        name, "", "", (), ("one", "two"), {}, present, one_shape, lambda _, __: columns,
+        lambda _, __, c: {"size": float(c[0])}, lambda _, p: ({}, np.array([p["size"]])), lambda _: None,
+        lambda *_: ("", np.zeros(ROWS)),
+    )  # fmt: skip
+
+
+def problem(residual, *effects):
+    """Two channels of noise 1, a constant as base, 20 blocks."""
+    constants = [(f"c{k}", np.inf, np.ones((ROWS, 1)) * np.eye(2)[k]) for k in (0, 1)]
+    return build(
+        frame=None, channels=("one", "two"), units=("N", "N"), reference=np.full(2, 100.0), residual=residual,
+        sigma=np.ones(2), corrections=constants, effects=effects, reduce=lambda c: c,
+        block=np.arange(ROWS) // 20,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def noise():
+    return np.random.default_rng(3).standard_normal((ROWS, 2))
+
+
+def names(selection):
+    return [m.name for m in selection.members]
+
+
+@pytest.mark.parametrize("own_fit", [False, True])
+@pytest.mark.parametrize("second", [1.0, 0.0])
+def test_beside_an_own_fit_the_other_loads_must_bear_an_effect_out(noise, own_fit, second):
+    wave = np.sin(np.arange(ROWS) / 7.0)[:, None, None]
+    both = effect("both", wave * np.array([4.0, 0.6])[:, None])
+    residual = noise + wave[:, :, 0] * np.array([4.0, 0.6 * second])
+    said = names(select(replace(problem(residual, both), own_fit=own_fit)))
+    assert said == ([] if own_fit and not second else ["both"])
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.03, ["big"]), (0.3, ["big", "small"])])
+def test_less_than_a_form_may_err_by_is_no_second_effect(noise, share, said):
+    waves = [np.sin(k * np.arange(ROWS) / 7.0)[:, None] * [1.0, 1.0] for k in (1, 3)]
+    big, small = (effect(n, w[:, :, None]) for n, w in zip(("big", "small"), waves, strict=True))
+    assert names(select(problem(noise + 30.0 * (waves[0] + share * waves[1]), big, small))) == said
