@@ -9,13 +9,20 @@ from typing import Annotated, Any
 
 import typer
 
-from coaxlink.cli._absent import absent
+from coaxlink.absent import absent
 from coaxlink.cli._options import by_option
 from coaxlink.errors import CoaxlinkError
 from firmware_params.plain import plain_lines
 
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as one JSON object.")
+]
+WorkersOption = Annotated[
+    int, typer.Option("--workers", min=0, help="Processes on this machine; 0: one a processor.")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, as tcp://HOST:8786, instead."),
 ]
 
 INTERRUPTED = 130

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import typer
 
-from coaxlink.cli._absent import absent
+from coaxlink.absent import absent
 from coaxlink.cli._shell import say
 from coaxlink.errors import CoaxlinkError, InputError
 

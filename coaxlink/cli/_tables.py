@@ -1,59 +1,33 @@
-"""What `coaxlink table` writes and shows, one pair of functions a firmware."""
+"""How tables look: their mix, traps and worth, on the screen and as JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coaxlink.cli._shell import console
+from coaxlink.cli._shell import console, say
+from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.tables.ardupilot import ApReport
     from coaxlink.tables.behaviour import Behaviour
     from coaxlink.tables.px4 import TableReport
+    from coaxlink.tables.worth import Worths
+    from coaxlink.vehicle import Vehicle
     from firmware_params.errors import Finding
-
-
-def write_px4(folder: Path, frame: Airframe, model_path: Path, report: TableReport) -> list[str]:
-    """Write DIR/NAME.params. Raises InputError when the place cannot be written."""
-    from coaxlink.tables.files import px4_files
-
-    return _write(folder, px4_files(frame, report, _made_from(model_path)))
-
-
-def _made_from(model_path: Path) -> str:
-    from coaxlink import files
-
-    return f"{model_path.name} sha256 {files.sha256(model_path)}"
-
-
-def _write(folder: Path, contents: Mapping[str, str]) -> list[str]:
-    from coaxlink import files
-
-    for name, text in contents.items():
-        files.write_atomic(folder / name, text)
-    return [str(folder / name) for name in contents]
 
 
 def write_csv(folder: Path, report: TableReport) -> str:
     """Write DIR/mixer.csv, the same mix for PX4's research fork. Raises InputError."""
     from coaxlink import files
-    from coaxlink.cli._shell import say
     from firmware_params.px4 import csv_mixer
 
     path = folder / csv_mixer.FILE_NAME
     files.write_atomic(path, csv_mixer.mixer_csv(report.mix.mix))
     say(f"mixer.csv goes to {csv_mixer.BOARD_PATH}; {csv_mixer.PARAMETERS[0]} = 1 and a reboot make it fly")
     return str(path)
-
-
-def write_ap(folder: Path, frame: Airframe, model_path: Path, report: ApReport) -> list[str]:
-    """Write DIR/NAME.param and DIR/scripts/*.lua. Raises InputError when the place cannot be written."""
-    from coaxlink.tables.files import ap_files
-
-    return _write(folder, ap_files(frame, report, _made_from(model_path)))
 
 
 def px4_json(frame: Airframe, report: TableReport, written: list[str]) -> dict[str, Any]:
@@ -191,3 +165,49 @@ def show_findings(findings: tuple[Finding, ...], none: str) -> None:
         out.print(f"{finding.severity}: {finding}")
     if not findings:
         out.print(none)
+
+
+def load_shares(frame: Airframe, light: float | None, heavy: float | None) -> tuple[float, float]:
+    """--light and --heavy (kg) as shares of the vehicle's mass. Raises InputError."""
+    from coaxlink.mixer.worth import HEAVY, LIGHT
+
+    low = LIGHT if light is None else light / frame.mass_kg
+    high = HEAVY if heavy is None else heavy / frame.mass_kg
+    for name, share in (("--light", low), ("--heavy", high)):
+        if not (math.isfinite(share) and 0.0 < share <= 10.0):
+            raise InputError(
+                name, f"{share * frame.mass_kg:g}", f"a mass near {frame.mass_kg:g} kg is expected"
+            )
+    if low >= high:
+        raise InputError(
+            "--light", f"{low * frame.mass_kg:g}", f"less than {high * frame.mass_kg:g} kg is expected"
+        )
+    return low, high
+
+
+def weigh_tables(vehicle: Vehicle, load: tuple[float, float]) -> Worths:
+    """All tables of a vehicle; what cannot be made is said on stderr."""
+    from coaxlink.tables.worth import px4_worths
+
+    worths = px4_worths(vehicle, light=load[0], heavy=load[1])
+    for name, why in worths.left_out.items():
+        say(f"left out: {name}: {why}")
+    return worths
+
+
+def show_worths(
+    screen: Any, frame: Airframe, worths: Worths, battery_Wh: float | None, drive_efficiency: float
+) -> None:
+    """The sentence first, then a column a table, and what its words mean."""
+    from rich.table import Table
+
+    from coaxlink.report import worth
+
+    for line in worth.sentences(worths):
+        screen.print(line)
+    screen.print(f"\n{frame.name}: what a table is worth, by the rotor model")
+    shown = Table("", *(t.name for t in worths.rows), box=None)
+    for row in worth.rows(worths.rows, battery_Wh, drive_efficiency):
+        shown.add_row(*row)
+    screen.print(shown)
+    screen.print(worth.terms())

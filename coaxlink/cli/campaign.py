@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._machine import SchedulerOption, WorkersOption
-from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.cli._shell import JsonOption, SchedulerOption, WorkersOption, console, say
 
 if TYPE_CHECKING:
     from coaxlink.campaign.spec import Spec
@@ -30,10 +29,10 @@ def campaign(
 ) -> None:
     """Fly a campaign in the simulated world; stopped, it goes on where it was."""
     from coaxlink import files
+    from coaxlink.absent import refuse_windows
     from coaxlink.campaign.spec import read_spec
-    from coaxlink.cli._absent import refuse_windows
-    from coaxlink.cli._campaign_flight import known_effects
     from coaxlink.errors import InputError
+    from coaxlink.simulated.campaign_cells import known_effects
 
     refuse_windows("campaign")
     files.refuse_unwritable(json)
@@ -59,7 +58,7 @@ def _fly(spec: Spec, folder: Path, workers: int, scheduler: str | None) -> None:
     from coaxlink.campaign.dataset import Dataset
     from coaxlink.campaign.engine import Machine, run
     from coaxlink.campaign.progress import Progress
-    from coaxlink.cli._campaign_flight import Payload, code_hash, columns, fly_cells
+    from coaxlink.simulated.campaign_cells import Payload, code_hash, columns, fly_cells
 
     payload = Payload(spec, code_hash())
     decides = {"campaign": spec.name, "digest": spec.digest, "seed": spec.seed, "code": payload.code}
@@ -117,7 +116,7 @@ def _replay(spec: Spec, number: int, folder: Path, json: Path | None) -> None:
     """One cell again: its row on the screen, its flight log and what it flew as files."""
     from coaxlink import files
     from coaxlink.campaign.cells import cell
-    from coaxlink.cli._campaign_flight import Payload, code_hash, columns, fly_cell, fly_cells
+    from coaxlink.simulated.campaign_cells import Payload, code_hash, columns, fly_cell, fly_cells
 
     place = folder / f"cell-{number:09d}"
     files.refuse_unwritable(place / "flight.csv")

@@ -63,7 +63,7 @@ def compare(
     from rich.table import Table
 
     from coaxlink import files
-    from coaxlink.cli import _worth
+    from coaxlink.cli import _tables
     from coaxlink.constants import GRAVITY_M_S2
     from coaxlink.mixer import make_law
     from coaxlink.mixer.comparison import compare as weigh
@@ -77,7 +77,7 @@ def compare(
     vehicle, _ = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
     frame = vehicle.airframe
-    load = _worth.load_shares(frame, light, heavy)
+    load = _tables.load_shares(frame, light, heavy)
     fitted = FittedLaw(vehicle)
     names = ("standard", "reduced", "coaxial-printed", "coaxial", "exact")
     laws = [(name, make_law(name, vehicle)) for name in names]
@@ -95,9 +95,9 @@ def compare(
     for cells in law_rows:
         table.add_row(*cells)
     screen = console()
-    worths = _worth.weigh_tables(vehicle, load)
+    worths = _tables.weigh_tables(vehicle, load)
     battery_wh = frame.battery_Wh if battery_wh is None else battery_wh
-    _worth.show(screen, frame, worths, battery_wh, drive_efficiency)
+    _tables.show_worths(screen, frame, worths, battery_wh, drive_efficiency)
     said = (
         f"{frame.name}, before any integrator: mean |error| over {rows} wrenches, "
         f"{low[0]:.0f}..{high[0]:.0f} N, "

@@ -155,7 +155,7 @@ def _confirm(yes: bool, name: str) -> None:
 
 def _record(session: Session, all_of_it: bool) -> None:
     """Where the autopilot serves no log the telemetry is the log: ask for all that refine needs."""
-    from coaxlink.cli._flights import STREAMS
+    from coaxlink.simulated.flight import STREAMS
 
     if not all_of_it:
         return

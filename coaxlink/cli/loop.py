@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coaxlink.cli._shell import JsonOption, console, say, talk
-from coaxlink.cli._whole import terminated_as_interrupted, whole_or_before
+from coaxlink.simulated.result_folder import complete_or_unchanged, terminated_as_interrupted
 
 if TYPE_CHECKING:
     from coaxlink.report.loop import LoopResult
@@ -51,15 +51,15 @@ def loop(
     then nothing changes, and that is said. How to do the same with an aircraft: docs/loop.md.
     """
     from coaxlink import files
-    from coaxlink.cli._loop import Wishes, run_loop
     from coaxlink.report.loop import write_report
     from coaxlink.report.made import Made
+    from coaxlink.simulated.loop import Wishes, run_loop
 
     files.refuse_unwritable(json)
     if truth is not None:
         _refuse_untrue(truth)
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
-    with terminated_as_interrupted(), whole_or_before(out, MADE), _progress() as (tell, watch):
+    with terminated_as_interrupted(), complete_or_unchanged(out, MADE), _progress() as (tell, watch):
         result = run_loop(truth, chosen, out, speed, Wishes(live, separate, lead), tell, watch)
         tell("drawing the report")
         flown = [log for log in (result.log_before, result.log_after, result.log_separating) if log]

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coaxlink.cli._fleet import folder_of
-from coaxlink.cli._machine import SchedulerOption, WorkersOption
 from coaxlink.cli._next import after_refine
-from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli._shell import JsonOption, SchedulerOption, WorkersOption, console, say, talk
 from coaxlink.cli._stand import ColumnsOption, PolesOption, Reading, SheetOption, UpperOption, read_stand
 
 if TYPE_CHECKING:

@@ -97,36 +97,37 @@ def _fly() -> dict[str, Flown]:
     """The paper's mixers and the mended ones on the eq. 17 plant, by the names of Table 4's columns."""
     from coaxlink import files
     from coaxlink.airframe import load_airframe
-    from coaxlink.cli import _demo as steps
-    from coaxlink.cli.demo import upload_into, write_table
     from coaxlink.fly.trajectory import table_4_flight
     from coaxlink.paper.tables import Flown
     from coaxlink.rotor import load_rotor_model
+    from coaxlink.simulated import flights
+    from coaxlink.simulated.allocation import errors_of_live, errors_of_table
     from coaxlink.tables import px4 as tables
     from coaxlink.vehicle import Vehicle
 
     airframe_file = files.example("x8_demo.toml")
     airframe, plan, world = load_airframe(airframe_file), table_4_flight(), ["--airframe", str(airframe_file)]
     vehicle = Vehicle(airframe, load_rotor_model(files.example("rotor_paper.toml")))
-    asked = {"standard": ("standard", "srm_paper"), "reduced": ("reduced", "eq15")}
+    columns = {"standard": ("standard", "srm_paper"), "reduced": ("reduced", "eq15")}
     if "fitted" in tables.TABLE_LAWS:
-        asked["fitted table"] = ("fitted", "paper")
+        columns["fitted table"] = ("fitted", "paper")
     errors = {}
     with tempfile.TemporaryDirectory() as name:
         out = Path(name)
         reports, folders = {}, {}
-        for title, (law, rotor) in asked.items():
+        for title, (law, rotor) in columns.items():
             file = files.example(f"rotor_{rotor}.toml")
             reports[title] = tables.report_px4(Vehicle(airframe, load_rotor_model(file)), law)
-            folders[title] = write_table(out, airframe, title, reports[title], file)
-        say(f"flying {', '.join(asked)} as PX4 tables")
-        flown, _ = steps.fly_tables(world, SPEED, folders, upload_into(out), plan, out, lambda *_: None)
+            folders[title] = flights.write_table(out, airframe, title, reports[title], file)
+        say(f"flying {', '.join(columns)} as PX4 tables")
+        sim = flights.Simulation(world, SPEED, out, tell=say)
+        flown, _ = flights.fly_tables(sim, folders, plan)
         for title, flight in flown.items():
-            errors[title] = steps.errors_of_table(flight, vehicle, reports[title].params)
+            errors[title] = errors_of_table(flight, vehicle, reports[title].params, as_paper=True)
         for title, law in (("coaxial", "coaxial-printed"), ("exact, live", "exact")):
             say(f"flying {law} live")
-            live, demands, _ = steps.fly_live(world, SPEED, vehicle, plan, out, lambda *_: None, law)
-            errors[title] = steps.errors_of_live(live, vehicle, demands)
+            live, demands, _ = flights.fly_live(sim, vehicle, plan, law)
+            errors[title] = errors_of_live(live, vehicle, demands, as_paper=True)
     return {
         title: Flown(title, e.position_error_m, e.delivered.torque_error_Nm, e.delivered.thrust_error_N)
         for title, e in errors.items()

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from coaxlink import files
-from coaxlink.cli._absent import refuse_windows
+from coaxlink.absent import refuse_windows
 from coaxlink.cli._next import on_simulator
 from coaxlink.cli._shell import say
 from coaxlink.errors import InputError, LinkError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,10 +23,11 @@ from coaxlink.cli._effects import (
 from coaxlink.cli._limits import ConstrainOption
 from coaxlink.cli._rate_loops import forget_vehicle, keep_vehicle
 from coaxlink.cli._shell import JsonOption, console, say
-from coaxlink.cli._tables import write_px4
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
+    from coaxlink.airframe import Airframe
+    from coaxlink.mixer.fitted import FittedTable
     from coaxlink.tables.rate_gains import KeptGains
     from coaxlink.uploading.explain import Explanation
     from coaxlink.vehicle import Vehicle
@@ -76,7 +77,7 @@ def table(
     say_effects(vehicle)
     wish = _Wish(law, out, explain, connect, csv, frame_class, spin_min, keep_gains, constrain, json_file)
     with _naming(path):
-        (_px4 if firmware == "px4" else _ardupilot)(vehicle, path, wish)
+        _make(firmware, _px4() if firmware == "px4" else _ardupilot(), vehicle, path, wish)
 
 
 @dataclass(frozen=True)
@@ -122,60 +123,83 @@ def _naming(model_path: Path) -> Iterator[None]:
         raise InputError(model_path, error.where, error.problem) from error
 
 
-def _px4(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
-    from coaxlink.tables import px4 as tables
+@dataclass(frozen=True)
+class _Firmware:
+    """What differs from one firmware to the other."""
+
+    title: str
+    spin_min: Callable[[_Wish], float]  # least motor command of a fitted table
+    report: Callable[[Vehicle, _Wish, FittedTable | None], Any]
+    on_board: Callable[[str], Any]  # what a board at an address has, as `explain` takes it
+    parameters: Callable[[Any], Mapping[str, float | int]]  # of that
+    explain: Callable[[Vehicle, Any, Any], Explanation]
+    write: Callable[[Path, Airframe, Path, Any], list[str]]
+    to_json: Callable[[Airframe, Any, list[str]], dict[str, Any]]
+    show: Callable[[Airframe, Any, str], None]
+
+
+def _px4() -> _Firmware:
+    from coaxlink.tables import files as table_files
+    from coaxlink.tables import px4
     from coaxlink.uploading.explain import explain_px4, present_px4
 
-    frame = vehicle.airframe
-    limited = _limits.constrained(vehicle, wish.constrain, wish.law, 0.0)
-    report = tables.report_px4(vehicle, wish.law, fit=limited.table if limited else None)
-    board = present_px4(wish.connect) if wish.connect else None
-    explained = explain_px4(vehicle, report, board)
-    gains = wish.gains("px4", explained, board)
-    report = replace(report, params={**report.params, **gains.written})
-    written = []
-    if wish.out and not report.blocking:
-        forget_vehicle(wish.out)
-        written = write_px4(wish.out, frame, model_path, report)
-        keep_vehicle(wish.out, vehicle, model_path)
-        if wish.csv:
-            written.append(_tables.write_csv(wish.out, report))
-    document = _tables.px4_json(frame, report, written) | vehicle.to_json() | gains.to_json()
-    document |= _limits.as_json(limited)
-    _save(wish, document, explained)
-    _tables.show_px4(frame, report, gains.line)
-    if limited:
-        _limits.show(limited, vehicle.model.speed_max_rpm)
-    if wish.explain:
-        _explain.show(console(), frame, explained, "PX4", gains.axes)
-    _end(wish, written, report.blocking)
+    return _Firmware(
+        title="PX4",
+        spin_min=lambda _: 0.0,
+        report=lambda vehicle, wish, fit: px4.report_px4(vehicle, wish.law, fit=fit),
+        on_board=present_px4,
+        parameters=lambda board: board,
+        explain=explain_px4,
+        write=table_files.write_px4,
+        to_json=_tables.px4_json,
+        show=_tables.show_px4,
+    )
 
 
-def _ardupilot(vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
+def _ardupilot() -> _Firmware:
+    from coaxlink.tables import files as table_files
     from coaxlink.tables.ardupilot import report_ap
     from coaxlink.uploading.explain import explain_ap, present_ap
 
+    return _Firmware(
+        title="ArduPilot",
+        spin_min=lambda wish: wish.spin_min,
+        report=lambda vehicle, wish, fit: report_ap(
+            vehicle, wish.law, frame_class=wish.frame_class, spin_min=wish.spin_min, fit=fit
+        ),
+        on_board=present_ap,
+        parameters=lambda board: board[0],
+        explain=explain_ap,
+        write=table_files.write_ap,
+        to_json=_tables.ap_json,
+        show=_tables.show_ap,
+    )
+
+
+def _make(name: str, of: _Firmware, vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
+    """Fit the table, hold it against a board, write it, show it."""
     frame = vehicle.airframe
-    limited = _limits.constrained(vehicle, wish.constrain, wish.law, wish.spin_min)
-    chosen = limited.table if limited else None
-    report = report_ap(vehicle, wish.law, frame_class=wish.frame_class, spin_min=wish.spin_min, fit=chosen)
-    board = present_ap(wish.connect) if wish.connect else None
-    explained = explain_ap(vehicle, report, board)
-    gains = wish.gains("ardupilot", explained, board[0] if board else None)
+    limited = _limits.constrained(vehicle, wish.constrain, wish.law, of.spin_min(wish))
+    report = of.report(vehicle, wish, limited.table if limited else None)
+    board = of.on_board(wish.connect) if wish.connect else None
+    explained = of.explain(vehicle, report, board)
+    gains = wish.gains(name, explained, of.parameters(board) if board else None)
     report = replace(report, params={**report.params, **gains.written})
     written = []
     if wish.out and not report.blocking:
         forget_vehicle(wish.out)
-        written = _tables.write_ap(wish.out, frame, model_path, report)
+        written = of.write(wish.out, frame, model_path, report)
         keep_vehicle(wish.out, vehicle, model_path)
-    document = _tables.ap_json(frame, report, written) | vehicle.to_json() | gains.to_json()
+        if wish.csv and name == "px4":
+            written.append(_tables.write_csv(wish.out, report))
+    document = of.to_json(frame, report, written) | vehicle.to_json() | gains.to_json()
     document |= _limits.as_json(limited)
     _save(wish, document, explained)
-    _tables.show_ap(frame, report, gains.line)
+    of.show(frame, report, gains.line)
     if limited:
         _limits.show(limited, vehicle.model.speed_max_rpm)
     if wish.explain:
-        _explain.show(console(), frame, explained, "ArduPilot", gains.axes)
+        _explain.show(console(), frame, explained, of.title, gains.axes)
     _end(wish, written, report.blocking)
 
 

@@ -1,7 +1,11 @@
-"""A table as the files of its firmware: names and contents, no disk."""
+"""A table as the files of its firmware: names, contents, and their writing."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
+from coaxlink import files
 from coaxlink._version import __version__
 from coaxlink.airframe import Airframe
 from coaxlink.tables.ardupilot import ApReport
@@ -28,6 +32,29 @@ def ap_files(frame: Airframe, report: ApReport, made_from: str) -> dict[str, str
     text = ardupilot.param_text(report.params, lines)
     scripts = {f"scripts/{name}": script for name, script in report.scripts.items()}
     return {f"{file_name(frame.name)}.param": text, **scripts}
+
+
+def write_px4(folder: Path, frame: Airframe, rotor_file: Path, report: TableReport) -> list[str]:
+    """Write DIR/NAME.params and return its path. Raises InputError when the folder cannot be written."""
+    return _write(folder, px4_files(frame, report, _made_from(rotor_file)))
+
+
+def write_ap(folder: Path, frame: Airframe, rotor_file: Path, report: ApReport) -> list[str]:
+    """Write DIR/NAME.param and DIR/scripts/*.lua, and return their paths.
+
+    Raises InputError when the folder cannot be written.
+    """
+    return _write(folder, ap_files(frame, report, _made_from(rotor_file)))
+
+
+def _made_from(rotor_file: Path) -> str:
+    return f"{rotor_file.name} sha256 {files.sha256(rotor_file)}"
+
+
+def _write(folder: Path, contents: Mapping[str, str]) -> list[str]:
+    for name, text in contents.items():
+        files.write_atomic(folder / name, text)
+    return [str(folder / name) for name in contents]
 
 
 def _header(frame: Airframe, made_from: str, law: str, firmware: str) -> list[str]:

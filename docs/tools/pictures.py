@@ -19,9 +19,9 @@ import termios
 import threading
 from pathlib import Path
 
-from coaxlink.cli._flights import fly
 from coaxlink.files import example
 from coaxlink.fly.trajectory import mixer_flight
+from coaxlink.simulated.flight import fly
 from sim.testing import standins
 
 PICTURES = Path(__file__).parents[1] / "pictures"

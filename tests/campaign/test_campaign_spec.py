@@ -9,8 +9,8 @@ import pytest
 
 from coaxlink.campaign.cells import cell
 from coaxlink.campaign.spec import read_spec
-from coaxlink.cli._campaign_flight import known_effects
 from coaxlink.errors import InputError
+from coaxlink.simulated.campaign_cells import known_effects
 
 GOOD = """
 seed = 3

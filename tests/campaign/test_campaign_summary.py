@@ -9,9 +9,9 @@ import pytest
 
 from coaxlink.campaign.spec import read_spec
 from coaxlink.campaign.summary import FIGURES, mean_interval, summarise
-from coaxlink.cli._campaign_flight import known_effects
 from coaxlink.errors import InputError
 from coaxlink.report import campaign as report
+from coaxlink.simulated.campaign_cells import known_effects
 
 DRAWS = 300
 

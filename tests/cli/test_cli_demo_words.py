@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from coaxlink.cli._flights import Pack
 from coaxlink.report.demo import FlightErrors
 from coaxlink.report.demo_words import flown, story
 from coaxlink.residual.allocation_error import ArmSplit, Delivered
 from coaxlink.residual.result import ChannelError, FoundEffect, Refinement
+from coaxlink.simulated.flight import Pack
 
 CHANNELS = {
     "force_x": ChannelError("N", 0.2, 0.2, 0.2, (0.1, 0.3), (0.1, 0.3), 500, 0.2),

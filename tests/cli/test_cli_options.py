@@ -15,6 +15,7 @@ ROOT = Path(coaxlink.__file__).parent
 OPTION = re.compile(r"(?<![\w<!-])--[a-z][a-z-]*(?![\w-]*:)")
 NAMED = re.compile(r"`([a-z]\w*)`")
 # no library: a stylesheet, the terminal program's own screen, a document that says which verb makes it
+VERBS = ("cli/", "simulated/")  # the second is what demo, loop and campaign run: it starts `coaxlink sim`
 NOT_LIBRARY = {"report/document.py", "monitor/screen.py", "report/paper.py", "report/loop.py"}
 
 
@@ -32,7 +33,7 @@ def texts(path):
 def library():
     for path in sorted(ROOT.rglob("*.py")):
         name = path.relative_to(ROOT).as_posix()
-        if not name.startswith("cli/") and name not in NOT_LIBRARY:
+        if not name.startswith(VERBS) and name not in NOT_LIBRARY:
             yield name, path
 
 

@@ -7,11 +7,12 @@ import pytest
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.cli import _demo, _loop
 from coaxlink.errors import CheckFailed
 from coaxlink.fly.trajectory import Hold, Plan, Swing
 from coaxlink.rotor import load_rotor_model
 from coaxlink.rotor.model import Effect
+from coaxlink.simulated import allocation, flights
+from coaxlink.simulated import loop as closed_loop
 from coaxlink.vehicle import Vehicle
 
 AIRFRAME = load_airframe(files.example("x8_demo.toml"))
@@ -30,13 +31,13 @@ def fly(tmp_path, model, watch=lambda *_: None):
     truth = tmp_path / "truth.toml"
     truth.write_text('[[effects]]\nname = "axial_inflow"\nsize = 4.0\n')
     hidden = ["--airframe", str(files.example("x8_demo.toml")), "--truth", str(truth)]
-    world = _loop.World(hidden, 1, 30.0, tmp_path, PLAN)
-    return _loop._fly_live(world, 1, Vehicle(AIRFRAME, model, measured_live=True), "live", watch)
+    world = closed_loop.World(hidden, 1, 30.0, tmp_path, PLAN, watch=watch)
+    return closed_loop._fly_live(world, 1, Vehicle(AIRFRAME, model, measured_live=True), "live")
 
 
 def errors(flown):
     flight, demands = flown
-    d = _demo.errors_of_live(flight, VEHICLE, demands, whole=True).delivered
+    d = allocation.errors_of_live(flight, VEHICLE, demands).delivered
     return [d.thrust_error_N, *d.torque_error_Nm]
 
 
@@ -57,13 +58,13 @@ def test_an_inflow_is_taken_out_live_though_the_companion_sleeps_a_second(tmp_pa
 
 
 def test_a_flight_that_was_not_the_mixers_is_not_weighed(monkeypatch, tmp_path):
-    world = _loop.World([], 1, 10.0, tmp_path, PLAN)
+    world = closed_loop.World([], 1, 10.0, tmp_path, PLAN)
     whole = round(250 * PLAN.duration_s)
     for cycles, hand_overs in ((0.6 * whole, 1), (whole, 5)):
         account = {"cycles": cycles, "hand_overs": hand_overs}
-        monkeypatch.setattr(_demo, "fly_live", lambda *_, a=account, **__: ("flown", _demo.Demands(), a))
+        monkeypatch.setattr(flights, "fly_live", lambda *_, a=account, **__: ("flown", flights.Demands(), a))
         with pytest.raises(CheckFailed, match="not the mixer's flight"):
-            _loop._fly_live(world, 1, VEHICLE, "before", lambda *_: None)
+            closed_loop._fly_live(world, 1, VEHICLE, "before")
     account = {"cycles": whole, "hand_overs": 1}
-    monkeypatch.setattr(_demo, "fly_live", lambda *_, **__: ("flown", _demo.Demands(), account))
-    assert _loop._fly_live(world, 1, VEHICLE, "before", lambda *_: None)[0] == "flown"
+    monkeypatch.setattr(flights, "fly_live", lambda *_, **__: ("flown", flights.Demands(), account))
+    assert closed_loop._fly_live(world, 1, VEHICLE, "before")[0] == "flown"

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from coaxlink import data, residual
-from coaxlink.cli import _demo, _loop, build_app
+from coaxlink.cli import build_app
 from coaxlink.cli._shell import run
 from coaxlink.report.demo import FlightErrors
 from coaxlink.residual.allocation_error import Delivered
@@ -15,6 +15,8 @@ from coaxlink.residual.experiments.stand_run import Experiment
 from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Suspect, Unexplained
 from coaxlink.rotor import load_rotor_model
 from coaxlink.rotor.model import Effect
+from coaxlink.simulated import allocation
+from coaxlink.simulated import loop as closed_loop
 
 CHANNELS = {"force_z": ChannelError("N", 0.2, 0.2, 0.2, (0.1, 0.3), (0.1, 0.3), 500, 0.3)}
 WEAK = Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.2})
@@ -35,14 +37,14 @@ class Flights:
 
     def __init__(self, monkeypatch, answers):
         self.flown, self.refined, self.answers = [], [], list(answers)
-        monkeypatch.setattr(_loop, "_fly_table", self.fly)
-        monkeypatch.setattr(_demo, "errors_of_table", self.errors)
+        monkeypatch.setattr(closed_loop, "_fly_table", self.fly)
+        monkeypatch.setattr(allocation, "errors_of_table", self.errors)
         monkeypatch.setattr(
             data, "read_flight_log", lambda path: SimpleNamespace(has=lambda *_: False, path=path)
         )
         monkeypatch.setattr(residual, "refine", self.refine)
 
-    def fly(self, world, flight, airframe, name, report, rotor, watch):
+    def fly(self, world, flight, airframe, name, report, rotor):
         self.flown.append((name, flight, dict(report.params), world.plan.duration_s, rotor.name))
         return SimpleNamespace(log=world.out / f"{name}.tlog")
 

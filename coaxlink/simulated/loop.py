@@ -1,18 +1,17 @@
-"""The loop's steps: fly, refine, compensate, fly again; `loop.py` shows them."""
+"""The closed loop: fly, refine, compensate, fly again."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coaxlink.airframe import Airframe
-from coaxlink.cli import _demo as steps
-from coaxlink.cli._demo import Watch
 from coaxlink.report.demo import FlightErrors
 from coaxlink.report.loop import LoopResult, outcome_of
+from coaxlink.simulated import allocation, flights
+from coaxlink.simulated.flight import Tell, Watch, silent
 
 if TYPE_CHECKING:
     from coaxlink.data import Samples
@@ -21,13 +20,12 @@ if TYPE_CHECKING:
     from coaxlink.rotor import RotorModel
     from coaxlink.vehicle import Vehicle
 
-LAW, LIVE_LAW = "fitted", "exact"
+LAW = "fitted"
 DEMANDS_HZ = 250.0  # of the vehicle's own time
 ENOUGH = 0.99  # of them answered, for a flight to be that of the mixer
 OTHER_NOISE = 100_003  # added to the seed for each further flight
 LED = "coaxlink loop --lead and coaxlink mix --lead lead slow motors, with livelier commands"
 SAGS = "coaxlink loop --live and coaxlink mix follow it as it sags"
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -39,10 +37,13 @@ class World:
     speed: float
     out: Path
     plan: Plan
+    tell: Tell = silent
+    watch: Watch = silent
 
-    def arguments(self, flight: int) -> list[str]:
-        """Of the simulator: the same world, and noise of its own for every flight (from 0)."""
-        return [*self.hidden, "--seed", str(self.seed + OTHER_NOISE * flight)]
+    def simulation(self, flight: int) -> flights.Simulation:
+        """The same world, and noise of its own for every flight (from 0)."""
+        arguments = [*self.hidden, "--seed", str(self.seed + OTHER_NOISE * flight)]
+        return flights.Simulation(arguments, self.speed, self.out, self.watch, self.tell)
 
 
 @dataclass(frozen=True)
@@ -94,25 +95,25 @@ def run_loop(
     airframe_file = files.example("x8_demo.toml")
     airframe = load_airframe(airframe_file)
     hidden = ["--truth", str(truth.resolve())] if truth is not None else ["--hidden-seed", str(seed)]
-    world = World(["--airframe", str(airframe_file), *hidden], seed, speed, out, paper_flight())
+    world = World(["--airframe", str(airframe_file), *hidden], seed, speed, out, paper_flight(), tell, watch)
     tell("identifying the rotor pair")
     model = identify(read_stand_log(files.example("stand_eq17.csv")), "crm").model
     save_rotor_model(out / "rotor.toml", model)
     vehicle = Vehicle(airframe, model)
     start = _Start(vehicle, tables.report_px4(vehicle, LAW))
     tell("first flight")
-    flown = _fly_table(world, 0, airframe, "before", start.table, out / "rotor.toml", watch)
-    by_table = steps.errors_of_table(flown, vehicle, start.table.params, whole=True)
+    flown = _fly_table(world, 0, airframe, "before", start.table, out / "rotor.toml")
+    by_table = allocation.errors_of_table(flown, vehicle, start.table.params)
     log = read_flight_log(flown.log)
     tell("tracing the residual")
     refinement = refine(log, airframe, model)
     separated = None
     if wishes.separate and refinement.ambiguous and not refinement.suspect_data:
-        separated = _separate(world, start, refinement, tell, watch)
+        separated = _separate(world, start, refinement)
         if separated is not None:
             tell("tracing the residual of both flights")
             refinement = refine([log, read_flight_log(separated)], airframe, model)
-    way, pair = _second_flight(world, start, refinement, log, wishes, (flown, by_table), tell, watch)
+    way, pair = _second_flight(world, start, refinement, log, wishes, (flown, by_table))
     return LoopResult(
         seed, way, pair.before, pair.after, *pair.logs, refinement, pair.done, pair.cannot, by_table,
         time.monotonic() - began, outcome_of(refinement, pair.done),
@@ -127,8 +128,6 @@ def _second_flight(
     log: Samples,
     wishes: Wishes,
     first: tuple[Any, FlightErrors],
-    tell: Tell,
-    watch: Watch,
 ) -> tuple[str, _Pair]:
     """How was mixed (table or live), and both flights."""
     from coaxlink.effects import effect
@@ -140,42 +139,44 @@ def _second_flight(
     found = refinement.model if usable and refinement.model is not None else model
     if usable:
         save_rotor_model(world.out / "rotor_refined.toml", found)
-    seen = Vehicle(airframe, found, Conditions(voltage_V=mean_voltage(log)))
+    corrected = Vehicle(airframe, found, Conditions(voltage_V=mean_voltage(log)))
     leads = wishes.lead and any(e.name == "rotor_lag" for e in found.effects)
     live = wishes.live
     if live is None:
-        live = leads or any(e.is_live for e in map(effect, seen.left_out) if e)
+        live = leads or any(e.is_live for e in map(effect, corrected.left_out) if e)
     if live:
-        return "live", _live_pair(world, start, found, seen.airframe.mass_kg, leads, tell, watch)
+        return "live", _live_pair(world, start, found, corrected.airframe.mass_kg, leads)
     table, rotor_file = start.table, world.out / "rotor.toml"
     if usable:
         from coaxlink.tables import px4 as tables
 
-        table = tables.report_px4(seen, LAW)
+        table = tables.report_px4(corrected, LAW)
         rotor_file = world.out / "rotor_refined.toml"
-    tell("second flight" if usable else "second flight, nothing changed")
-    again = _fly_table(world, 1, seen.airframe, "after", table, rotor_file, watch)
-    after = steps.errors_of_table(again, seen, table.params, whole=True)
+    world.tell("second flight" if usable else "second flight, nothing changed")
+    again = _fly_table(world, 1, corrected.airframe, "after", table, rotor_file)
+    after = allocation.errors_of_table(again, corrected, table.params)
     done = {
         name: f"{what}; {SAGS}" if name == "battery_voltage" else what
-        for name, what in seen.compensated.items()
+        for name, what in corrected.compensated.items()
     }
-    cannot = {name: f"{why}; {LED}" if name == "rotor_lag" else why for name, why in seen.left_out.items()}
+    cannot = {
+        name: f"{why}; {LED}" if name == "rotor_lag" else why for name, why in corrected.left_out.items()
+    }
     flown, before = first
     return "table", _Pair(before, after, (str(flown.log), str(again.log)), done, cannot)
 
 
-def _separate(world: World, start: _Start, refinement: Refinement, tell: Tell, watch: Watch) -> Path | None:
+def _separate(world: World, start: _Start, refinement: Refinement) -> Path | None:
     """Fly what would tell rivals apart, by the first table; its log, None where no such flight is known."""
     from coaxlink.fly.trajectory import planned_flight
 
     experiments = [a.experiment for a in refinement.ambiguous if a.experiment is not None]
     if not experiments:
         return None
-    tell(f"flying what would tell apart {' or '.join(experiments[0].names)}")
+    world.tell(f"flying what would tell apart {' or '.join(experiments[0].names)}")
     there = replace(world, plan=planned_flight(experiments[0].document()))
     rotor = world.out / "rotor.toml"
-    return Path(_fly_table(there, 2, start.vehicle.airframe, "separating", start.table, rotor, watch).log)
+    return Path(_fly_table(there, 2, start.vehicle.airframe, "separating", start.table, rotor).log)
 
 
 def mean_voltage(log: Samples) -> float | None:
@@ -186,31 +187,22 @@ def mean_voltage(log: Samples) -> float | None:
     return float(volts.mean()) if len(volts) else None
 
 
-def _fly_table(
-    world: World, flight: int, airframe: Airframe, name: str, report: Any, rotor: Path, watch: Watch
-) -> Any:
-    from coaxlink.cli.demo import upload_into, write_table
+def _fly_table(world: World, flight: int, airframe: Airframe, name: str, report: Any, rotor: Path) -> Any:
     from coaxlink.tables.px4 import refuse_traps
 
     refuse_traps(report)
-    folder = write_table(world.out, airframe, name, report, rotor)
-    flown, _ = steps.fly_tables(
-        world.arguments(flight), world.speed, {name: folder}, upload_into(world.out), world.plan, world.out,
-        watch,
-    )  # fmt: skip
-    return flown[name]
+    folder = flights.write_table(world.out, airframe, name, report, rotor)
+    return flights.fly_table(world.simulation(flight), name, folder, world.plan)[0]
 
 
 def _fly_live(
-    world: World, flight: int, vehicle: Vehicle, name: str, watch: Watch, **how: Any
-) -> tuple[Any, steps.Demands]:
+    world: World, flight: int, vehicle: Vehicle, name: str, **how: Any
+) -> tuple[Any, flights.Demands]:
     """One flight mixed live. Raises CheckFailed when not nearly every demand was answered."""
     from coaxlink.errors import CheckFailed
 
-    flown, demands, account = steps.fly_live(
-        world.arguments(flight), world.speed, vehicle, world.plan, world.out, watch,
-        law=LIVE_LAW, name=name, **how,
-    )  # fmt: skip
+    sim = world.simulation(flight)
+    flown, demands, account = flights.fly_live(sim, vehicle, world.plan, name=name, **how)
     answered = account["cycles"] / (DEMANDS_HZ * world.plan.duration_s)
     # one hand-over belongs to the end of the flight
     if answered < ENOUGH or account["hand_overs"] > 1:
@@ -221,9 +213,7 @@ def _fly_live(
     return flown, demands
 
 
-def _live_pair(
-    world: World, start: _Start, found: RotorModel, mass_kg: float, leads: bool, tell: Tell, watch: Watch
-) -> _Pair:
+def _live_pair(world: World, start: _Start, found: RotorModel, mass_kg: float, leads: bool) -> _Pair:
     """Both flights with the companion mixing, by the stand's model, then by `found` with its effects.
 
     `mass_kg` is what the effects make the vehicle weigh.
@@ -234,14 +224,14 @@ def _live_pair(
     airframe = start.vehicle.declared
     lag = next((e.parameters["lag_s"] for e in found.effects if e.name == "rotor_lag"), 0.0)
     lead_s = (lag, airframe.motor_lag_s) if leads and lag > airframe.motor_lag_s else (0.0, 0.0)
-    tell("mixing live without the effects")
-    flown, demands = _fly_live(world, 1, start.vehicle, "live_before", watch)
-    before = steps.errors_of_live(flown, start.vehicle, demands, whole=True)
-    tell("mixing live with the effects")
+    world.tell("mixing live without the effects")
+    flown, demands = _fly_live(world, 1, start.vehicle, "live_before")
+    before = allocation.errors_of_live(flown, start.vehicle, demands)
+    world.tell("mixing live with the effects")
     vehicle = Vehicle(airframe, found, measured_live=True)
-    again, demands = _fly_live(world, 2, vehicle, "live_after", watch, lead_s=lead_s)
+    again, demands = _fly_live(world, 2, vehicle, "live_after", lead_s=lead_s)
     weighed = Vehicle(replace(airframe, mass_kg=mass_kg), found, measured_live=True)
-    after = steps.errors_of_live(again, weighed, demands, whole=True)
+    after = allocation.errors_of_live(again, weighed, demands)
     account = LiveEffects(None, vehicle)
     done = dict.fromkeys(account.names, "taken out of the commands live, from telemetry")
     cannot = dict(account.left_out)

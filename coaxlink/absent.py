@@ -1,4 +1,4 @@
-"""What this install or this system has not, in one line instead of an ImportError."""
+"""What this install or this system lacks, in one line instead of an ImportError."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One flight of the demo and the loop: connect, fly the plan, keep the tlog and the track."""
+"""One flight of the demo and the loop: connect, fly the plan, record the tlog and the track."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from coaxlink.cli._shell import say
 from coaxlink.fly.commands import PlanAbandoned, Track, Vehicle
 from coaxlink.fly.trajectory import Plan
 from coaxlink.mavlink import Session, connect
@@ -27,9 +26,14 @@ STREAMS = {
     291: 50.0,  # ESC_STATUS
 }
 
-
 ATTEMPTS = 2
 FLOAT = 9  # MAV_PARAM_TYPE_REAL32
+Watch = Callable[[str, float], None]  # segment, seconds into it
+Tell = Callable[[str], None]  # a line for the user
+
+
+def silent(*_: object) -> None:
+    """Nobody watches, nobody is told."""
 
 
 @dataclass
@@ -45,7 +49,7 @@ class Pack:
             self.watts.append(volts * message.current_battery / 100.0)
 
     def mean(self) -> float | None:
-        """Power over the plan, W; None where it was not told."""
+        """Power over the plan, W; None where the vehicle did not report it."""
         return sum(self.watts) / len(self.watts) if self.watts else None
 
 
@@ -65,7 +69,8 @@ def fly(
     plan: Plan,
     log: Path,
     *,
-    watch: Callable[[str, float], None] | None = None,
+    watch: Watch = silent,
+    tell: Tell = silent,
     mixing: Callable[[Session], AbstractContextManager[object]] = lambda session: nullcontext(),
     parameters: Mapping[str, float] = MappingProxyType({}),
 ) -> Flight:
@@ -82,7 +87,7 @@ def fly(
         except PlanAbandoned as error:
             if not left:
                 raise PlanAbandoned(f"{error}; try a lower --speed") from error
-            say(f"{name}: {error}; flying it again")
+            tell(f"{name}: {error}; flying it again")
     raise AssertionError("unreachable")
 
 
@@ -91,7 +96,7 @@ def _fly_once(
     address: str,
     plan: Plan,
     log: Path,
-    watch: Callable[[str, float], None] | None,
+    watch: Watch,
     mixing: Callable[[Session], AbstractContextManager[object]],
     parameters: Mapping[str, float],
 ) -> Flight:
@@ -107,7 +112,7 @@ def _fly_once(
         try:
             with mixing(session):
                 forget = session.subscribe(pack.hear)
-                track = vehicle.follow(plan, watch and (lambda segment, t: watch(f"{name}: {segment}", t)))
+                track = vehicle.follow(plan, lambda segment, t: watch(f"{name}: {segment}", t))
                 forget()
         except PlanAbandoned:
             vehicle.land()

@@ -2,8 +2,8 @@
 
 import pytest
 
-from coaxlink.cli._whole import whole_or_before
 from coaxlink.errors import InputError
+from coaxlink.simulated.result_folder import complete_or_unchanged
 
 NAMES = ("report.html", "tables", "log.tlog")
 
@@ -18,7 +18,7 @@ def fill(out, text):
 def test_what_stood_there_comes_back(tmp_path, failure):
     fill(tmp_path, "old")
     (tmp_path / "mine.txt").write_text("not yours")
-    with pytest.raises((KeyboardInterrupt, InputError)), whole_or_before(tmp_path, NAMES):
+    with pytest.raises((KeyboardInterrupt, InputError)), complete_or_unchanged(tmp_path, NAMES):
         fill(tmp_path, "half")
         (tmp_path / "log.tlog").write_text("half")
         raise failure
@@ -28,7 +28,7 @@ def test_what_stood_there_comes_back(tmp_path, failure):
 
 
 def test_a_folder_that_was_not_there_goes_again(tmp_path):
-    with pytest.raises(KeyboardInterrupt), whole_or_before(tmp_path / "new", NAMES):
+    with pytest.raises(KeyboardInterrupt), complete_or_unchanged(tmp_path / "new", NAMES):
         fill(tmp_path / "new", "half")
         raise KeyboardInterrupt
     assert not (tmp_path / "new").exists()
@@ -36,7 +36,7 @@ def test_a_folder_that_was_not_there_goes_again(tmp_path):
 
 def test_what_ends_well_stays_and_replaces(tmp_path):
     fill(tmp_path, "old")
-    with whole_or_before(tmp_path, NAMES):
+    with complete_or_unchanged(tmp_path, NAMES):
         fill(tmp_path, "new")
     assert (tmp_path / "tables" / "a.params").read_text() == "new"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "tables"]

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import IO
 
-from coaxlink.cli._absent import refuse_windows
+from coaxlink.absent import refuse_windows
 from coaxlink.errors import LinkError
 
 READY_S = 60.0  # a first start compiles the plant

@@ -2,9 +2,9 @@
 
 import pytest
 
-from coaxlink.cli._simulator import simulator
 from coaxlink.errors import LinkError
 from coaxlink.mavlink import connect
+from coaxlink.simulated.simulator import simulator
 
 
 def test_it_answers_and_goes_with_the_block():

@@ -1,4 +1,4 @@
-"""A folder of results that is whole or as it was before: Ctrl-C and errors leave no half of one."""
+"""A folder of results that is complete or as it was before: Ctrl-C and errors leave no half of one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def terminated_as_interrupted() -> Iterator[None]:
 
 
 @contextmanager
-def whole_or_before(out: Path, names: Sequence[str]) -> Iterator[None]:
+def complete_or_unchanged(out: Path, names: Sequence[str]) -> Iterator[None]:
     """Files and folders `names` of `out` may be made inside the block; when it fails they are as before.
 
     Earlier ones are put aside meanwhile. Other files in `out` are not touched, and a folder that was not

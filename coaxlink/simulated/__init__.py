@@ -1,0 +1,1 @@
+"""Flights in the simulated world: the demo, the closed loop, and the cells of a campaign."""
