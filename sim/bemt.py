@@ -22,30 +22,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim.blade_numbers import Blades, constants, lift_slope, profile_drag
+from sim.documents import read_number, refuse_unknown
 from sim.errors import WorldError
-from sim.layout import FASTEST, SLOWEST, SOUND_M_S
-from sim.rotors import Pair, read_number, refuse_unknown
-
-RHO = 1.225
+from sim.layout import FASTEST, SLOWEST
+from sim.pair import Pair
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Blades:
-    """What the equations need of one rotor type; meanings as in `pairs/*.toml`."""
-
-    radius_m: float
-    spacing_m: float
-    lift: float
-    pitch_rad: float
-    drag: float
-    induced: float = 1.0
-    reynolds: float = 0.0
-    feedback: float = 0.0
-    bluff: float = 1.0
-    wake: float = 1.0
-    mach: float = 1.0
 
 
 def pair_loads(
@@ -72,22 +55,10 @@ def pair_air(
 
     The very functions of the compiled plant, at the blades' own lift and drag instead of their fits.
     """
-    from sim.stand_blades import pair_rows
+    from sim.stand_blades import pair_rows  # numba takes its time
 
     u, v = (np.asarray(x, float) for x in np.broadcast_arrays(u_upper, u_lower))
     return pair_rows(blades, tip_m_s, u.ravel(), v.ravel(), climb_m_s, edge_m_s).reshape(6, *u.shape)
-
-
-def lift_slope(b: Blades, tip_m_s: float, u: Floats) -> Floats:
-    """Solidity times lift slope: Reynolds number, and Mach number by Prandtl and Glauert."""
-    x = np.clip(u, SLOWEST, FASTEST)
-    mach = b.mach * (0.75 * tip_m_s * x / SOUND_M_S) ** 2
-    return b.lift * x**b.reynolds / np.sqrt(1.0 - np.minimum(mach, 0.8))
-
-
-def profile_drag(b: Blades, u: Floats) -> Floats:
-    """Solidity times profile drag coefficient, over 4."""
-    return 0.25 * b.drag * np.clip(u, SLOWEST, FASTEST) ** (-0.5 * abs(b.reynolds))
 
 
 @dataclass(frozen=True)
@@ -120,30 +91,6 @@ class BemtPair(Pair):
             for f in (lift_slope(b, tip, root**2), profile_drag(b, root**2))
         ]
         return None, None, (constants(b, tip), *fits)
-
-
-def constants(b: Blades, tip_m_s: float) -> tuple[float, ...]:
-    """What the compiled equations want to know: see `blades.blow`."""
-    x = b.spacing_m / b.radius_m
-    reach = x / math.sqrt(1.0 + x * x)
-    square = 1.0 / (1.0 + reach)
-    mass = 3.0 * math.pi / (8.0 * b.radius_m)
-    numbers = (
-        tip_m_s,
-        b.pitch_rad,
-        RHO * math.pi * b.radius_m**2,
-        b.radius_m,
-        x,
-        math.sqrt(square),
-        b.wake * (1.0 + reach),
-        b.feedback * (1.0 - reach),
-        b.induced,
-        b.bluff,
-        mass,
-        mass / square,
-        mass / (1.0 - square),
-    )
-    return tuple(float(n) for n in numbers)
 
 
 def bemt_pair(path: Path, document: dict[str, Any], speed_max_rpm: float) -> BemtPair:

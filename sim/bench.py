@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import bench_laws as laws
+from sim.documents import read_document, read_number, refuse_unknown
 from sim.errors import WorldError
-from sim.rotors import Pair, read_document, read_number, refuse_unknown
+from sim.pair import Pair
 from sim.schedule import Schedule
 from sim.stand import GRID, SUPPLY_V, THRUST_NOISE_N, TORQUE_NOISE_NM
 

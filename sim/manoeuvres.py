@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sim.documents import read_document, read_number, refuse_unknown
 from sim.errors import WorldError
 from sim.px4.cascade import Goal
-from sim.rotors import read_document, read_number, refuse_unknown
 
 KEYS = ("north_m", "east_m", "height_m", "yaw_deg")
 LIMITS = {"north_m": 100.0, "east_m": 100.0, "height_m": 100.0, "yaw_deg": 720.0}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import layout
-from sim.rotors import Pair
+from sim.pair import Pair
 from sim.vehicle import SINGLE, UPPER, Vehicle
 
 STEP_S = 0.001

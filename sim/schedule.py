@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.documents import read_document, read_number, refuse_unknown
 from sim.errors import WorldError
-from sim.rotors import read_document, read_number, refuse_unknown
 
 KEYS = ("seconds", "upper", "lower", "supply_V", "spacing_m", "shape", "what")
 STEP_S = 1.0

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import WorldError
-from sim.rotors import Pair
+from sim.pair import Pair
 
 GRID = tuple(round(0.09 * i, 2) for i in range(11))
 THRUST_NOISE_N = 0.5

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.bemt import Blades, constants, lift_slope, profile_drag
+from sim.blade_numbers import Blades, constants, lift_slope, profile_drag
 from sim.blades import OPTIONS, blown, spun
 from sim.kept import kept
 from sim.lanes import both, lower, read, write

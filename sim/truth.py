@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sim.documents import read_document, read_number, refuse_unknown
 from sim.effects import FORMS, GUST_SEED, Effect, Gusts
 from sim.errors import WorldError
-from sim.rotors import read_document, read_number, refuse_unknown
 
 if TYPE_CHECKING:
     from sim.plant import Plant

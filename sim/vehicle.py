@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_params.plain import name_problem
+from sim.documents import read_document, read_number, refuse_unknown
 from sim.errors import WorldError
-from sim.rotors import read_document, read_number, refuse_unknown
 
 UPPER, LOWER, SINGLE = 0, 1, 2
 LEVELS = {"upper": UPPER, "lower": LOWER, "single": SINGLE}

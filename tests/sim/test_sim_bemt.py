@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from sim.bemt import RHO, BemtPair, Blades, pair_air, pair_loads
+from sim.bemt import BemtPair, pair_air, pair_loads
+from sim.blade_numbers import RHO, Blades
 from sim.errors import WorldError
 from sim.flights import fly
 from sim.plant import Plant

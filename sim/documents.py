@@ -1,0 +1,36 @@
+"""The world's own reading of TOML files: a document, its numbers, and keys that nobody knows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from firmware_params import bounded
+from firmware_params.keys import unknown_key
+from firmware_params.plain import plain
+from sim.errors import WorldError
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """A TOML file as a dict. Raises WorldError."""
+    try:
+        return bounded.parse_toml(bounded.read_text(path, bounded.SETTINGS))
+    except OSError as error:
+        raise WorldError(path, "", f"cannot be read ({error.strerror})") from error
+    except bounded.Unreadable as error:
+        raise WorldError(path, error.where, error.problem) from error
+
+
+def refuse_unknown(path: Path, where: str, table: dict[str, Any], known: Iterable[str]) -> None:
+    """Raises WorldError for a key that is not in `known`, naming the nearest one that is."""
+    if odd := unknown_key(table, known):
+        raise WorldError(path, f"{where}.{odd[0]}" if where else odd[0], odd[1])
+
+
+def read_number(path: Path, where: str, value: object) -> float:
+    """`value` as a finite float. Raises WorldError naming the key."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise WorldError(path, where, f"a finite number is expected, found {plain(repr(value), 80)}")
+    return float(value)
