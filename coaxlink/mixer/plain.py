@@ -55,6 +55,11 @@ class PlainRotors:
 
     def plain_wrench(self, speeds: Sequence[float] | NDArray[np.float64]) -> list[float]:
         """`wrench` as a list, without an array made."""
+        loads = self.loads(speeds)
+        return [sum(map(mul, row, loads)) for row in self.rows]
+
+    def loads(self, speeds: Sequence[float] | NDArray[np.float64]) -> list[float]:
+        """(2N,) thrusts, then torques, by the model: without the rotors' own gains, which `per_load` has."""
         n = self.per_load.shape[1] // 2
         loads = [0.0] * (2 * n)
         for a, b in self.pairs:
@@ -70,4 +75,4 @@ class PlainRotors:
         for i in self.singles:
             u = float(speeds[i])
             loads[i], loads[n + i] = self.upper_thrust.value(u, 0.0), self.upper_torque.value(u, 0.0)
-        return [sum(map(mul, row, loads)) for row in self.rows]
+        return loads
