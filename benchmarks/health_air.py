@@ -2,10 +2,11 @@
 
     python benchmarks/health_air.py [--hours 100] [--losses 1000] [--loss 0.1] [--seed S] [--json F]
 
-Flights of 60 s in the compiled plant (as `coaxlink campaign` flies): vehicles drawn around the paper's X8 and the
-example hexa (mass, inertia and arms that the model does not know to 3, 5 and 1 %, centre of mass, slower motors),
-wind up to 8 m/s with gusts, sag, rotor drag, inflow in climbs; hovers, circles, wandering, steps;
-fitted table and exact law. The test is told what telemetry tells at 50 Hz: commands, rates, acceleration.
+Flights of 60 s in the compiled plant (as `coaxlink campaign` flies): vehicles drawn around the paper's X8
+and the example hexa (mass, inertia and arms that the model does not know to 3, 5 and 1 %, centre of mass,
+slower motors), wind up to 8 m/s with gusts, sag, rotor drag, inflow in climbs; hovers, circles, wandering,
+steps; fitted table and exact law. The test is told what telemetry tells at 50 Hz: commands, rates,
+acceleration.
 Clean flights: every call is a false alarm. Others: one rotor loses thrust at a drawn time by a drawn law.
 Also the curve of both: the same flights at other mean times between false alarms.
 """
@@ -28,7 +29,12 @@ EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 SECONDS, RATE, EVERY = 60.0, 400, 8
 PLANS = ("hover", "circle", "wander", "steps")
 LAWS = ("share", "tip", "weak_motor")
-VEHICLES = (("x8_demo.toml", "fitted"), ("x8_demo.toml", "exact"), ("y6.toml", "fitted"), ("y6.toml", "exact"))
+VEHICLES = (
+    ("x8_demo.toml", "fitted"),
+    ("x8_demo.toml", "exact"),
+    ("y6.toml", "fitted"),
+    ("y6.toml", "exact"),
+)
 HOURS = (0.1, 1.0, 10.0, 100.0, 1000.0, 1e4)
 CHUNK = 20
 
@@ -117,10 +123,12 @@ def flights(job: tuple[int, int, float, bool, tuple[float, ...]]) -> list[tuple[
     return rows
 
 
-def run(first: int, count: int, loss: float, steps: bool, hours: tuple[float, ...], workers: int) -> list[Any]:
-    """All flights, two processes."""
+def run(
+    first: int, count: int, loss: float, steps: bool, hours: tuple[float, ...], cpus: int
+) -> list[Any]:
+    """All flights."""
     jobs = [(first + k, min(CHUNK, count - k), loss, steps, hours) for k in range(0, count, CHUNK)]
-    with ProcessPoolExecutor(workers) as pool:
+    with ProcessPoolExecutor(cpus) as pool:
         return [row for rows in pool.map(flights, jobs) for row in rows]
 
 

@@ -9,9 +9,9 @@ the one that predicted best of late, with forgetting, speaks (Raftery, Karny and
 
 A rotor that lost thrust at block k shifts every later innovation by a known signature (Willsky and Jones
 1976). Its likelihood ratio, the loss integrated over its prior, is summed over the last WINDOW onsets
-(Shiryaev 1963, Roberts 1966); with nothing wrong the sum less the number of blocks is a martingale at most, so
-that the mean time to a false alarm is no less than the threshold (Pollak 1987, Basseville and Nikiforov
-1993, section 2.2 and 4.3). So the threshold is the mean time wanted, in blocks: no number is tuned. A sudden
+(Shiryaev 1963, Roberts 1966). With nothing wrong the sum less the number of blocks is a martingale at most:
+the mean time to a false alarm is no less than the threshold (Pollak 1987; Basseville and Nikiforov 1993,
+sections 2.2 and 4.3; Lorden 1971). So the threshold is the mean time wanted, in blocks. A sudden
 disturbance of any direction (a gust's edge, a contact, a load let go) is a hypothesis beside the rotors,
 and takes away what fits no rotor.
 """
@@ -22,10 +22,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.frames import Array
 from coaxlink.health.columns import CG_DRAWN_M, DELAY_TODAY_S, LIFT_TODAY, TILT_ARM_M
 from coaxlink.health.judge import LOSS_SD, MATTERS
-from coaxlink.health.stream import BLOCK_S, Block, weight_N
+from coaxlink.health.stream import BLOCK_S, Block
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.vehicle import Vehicle
 
@@ -95,7 +96,7 @@ class SequentialTest:
 
     def __init__(self, vehicle: Vehicle, hours: float = HOURS) -> None:
         frame = vehicle.airframe
-        weight = weight_N(vehicle)
+        weight = frame.mass_kg * GRAVITY_M_S2
         arm = max(float(np.hypot(*r.position_m[:2])) for r in frame.rotors)
         self.numbers = tuple(r.number for r in frame.rotors)
         self.limit = hours * 3600.0 / BLOCK_S
@@ -155,7 +156,9 @@ class SequentialTest:
     def _filter(self, block: Block, lift: float) -> None:
         """Predict and update all filters, and the signatures of all onsets."""
         known = np.isfinite(block.measured)
-        common = np.ones(4)  # what all rotors have in common (pack, air) is no rotor's, and moments scale with it
+        common = np.ones(
+            4
+        )  # what all rotors have in common (pack, air) is no rotor's, and moments scale with it
         if known[0]:
             common[1:] = np.clip(block.measured[0] / block.predicted[0], *COMMON)
         wrench, slope = (common * a / self._reference for a in (block.predicted, block.slope))
@@ -193,7 +196,15 @@ class SequentialTest:
         self._noise = np.where(known[:, None], np.maximum(learnt, FLOOR**2), self._noise)
 
     def _onset(
-        self, H: Array, K: Array, S: Array, innovation: Array, best: Array, keep: float, shape: Array, known: Array
+        self,
+        H: Array,
+        K: Array,
+        S: Array,
+        innovation: Array,
+        best: Array,
+        keep: float,
+        shape: Array,
+        known: Array,
     ) -> None:
         if self._onsets == WINDOW:
             for a in (self._shift, self._told, self._seen):
@@ -219,7 +230,7 @@ class SequentialTest:
         if self._onsets <= LASTING:
             return Verdict(block.time_s, True, (), 0.0)
         most = float((0.5 * seen**2 / np.maximum(told, 1e-12)).sum(axis=1).max())
-        if most < np.log(0.1 * WATCH * self.limit / WINDOW):  # no rotor fits better than a free step in each channel
+        if most < np.log(0.1 * WATCH * self.limit / WINDOW):  # even a step free in each channel
             return Verdict(block.time_s, True, (), 0.0)
         F = fault_shapes(self.vehicle, self._plain, block.speeds) / (self._reference * lift)
         logs, means, sds = self._rotors(F, told, seen)  # (K, T, N) each
@@ -263,8 +274,8 @@ class SequentialTest:
 def fault_shapes(vehicle: Vehicle, rotors: PlainRotors, speeds: Array) -> Array:
     """(K, N, 4) added to the wrench by the loss of each rotor's whole thrust, for each kind of loss.
 
-    Blades lose TORQUES as much torque; a motor that turns slower unloads its own and the rotor under it as the
-    model says, at the slope that the loss begins with.
+    Blades lose TORQUES as much torque; a motor that turns slower unloads its own and the rotor under it as
+    the model says, at the slope that the loss begins with.
     """
     frame = vehicle.airframe
     per_thrust, per_torque = (a.T for a in np.split(rotors.per_load, 2, axis=1))  # (N, 4)
@@ -274,9 +285,13 @@ def fault_shapes(vehicle: Vehicle, rotors: PlainRotors, speeds: Array) -> Array:
     for a, b in pairs:
         u, v = float(speeds[a]), float(speeds[b]) if b >= 0 else 0.0
         loads = [
-            s.at(u, v) for s in (rotors.upper_thrust, rotors.upper_torque, rotors.lower_thrust, rotors.lower_torque)
+            s.at(u, v)
+            for s in (rotors.upper_thrust, rotors.upper_torque, rotors.lower_thrust, rotors.lower_torque)
         ]
-        effect = [[per_thrust[a], per_torque[a]], [per_thrust[b], per_torque[b]] if b >= 0 else [np.zeros(4)] * 2]
+        effect = [
+            [per_thrust[a], per_torque[a]],
+            [per_thrust[b], per_torque[b]] if b >= 0 else [np.zeros(4)] * 2,
+        ]
         columns = [*effect[0], *effect[1]]
         thrust[a], torque[a] = loads[0][0], loads[1][0]
         slow[a] = -u * sum(load[1] * c for load, c in zip(loads, columns, strict=True))

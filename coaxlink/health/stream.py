@@ -1,11 +1,11 @@
-"""Live telemetry as blocks of a tenth of a second: what the vehicle did, and what its rotors should have done.
+"""Telemetry as blocks of a tenth of a second: what the vehicle did, and what its rotors should have done.
 
 Commands and inertial readings come one by one, each with the vehicle's own stamp; speeds follow commands by
-the airframe's lag. A block's angular acceleration is the difference of two
-readings of the gyro, its predicted wrench the model's at the mean speeds between them (Euler's and Newton's
-equations in the body frame, FRD, thrust up). Commands run straight from one to the next: telemetry tells a
-few of the many that the motors get, and held they would be late by half a period. Where either side is silent for STALE_S the block is lost, and
-whoever reads the blocks is told of the gap.
+the airframe's lag. A block's angular acceleration is the difference of two readings of the gyro, its
+predicted wrench the model's at the mean speeds between them (Euler's and Newton's equations in the body
+frame, FRD, thrust up). Commands run straight from one to the next: telemetry tells a few of the many that the
+motors get, and held they would be late by half a period. Where either side is silent for STALE_S the block is
+lost, and whoever reads the blocks is told of the gap.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.frames import Array
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.vehicle import Vehicle
@@ -81,7 +80,7 @@ class Stream:
         self._before: tuple[float, Array] | None = None
 
     def command(self, time_s: float, commands: Sequence[float]) -> None:
-        """Normalised commands (N,) in 0..1 that hold from then on. What is not finite or no time is passed over."""
+        """Normalised commands (N,) in 0..1 at that time. What is not finite is passed over."""
         values = np.asarray(commands, float)[: self.count]
         if len(values) < self.count or not (math.isfinite(time_s) and np.isfinite(values).all()):
             return
@@ -118,7 +117,7 @@ class Stream:
             self._begin_at(time_s, rates)
             self._last, self._before = self._rotors.wrench(self._speeds), None
             return None
-        # reading by reading: loads go with the square of a speed, and a mean over a whole block would miss that
+        # reading by reading: loads go with the square of a speed, which a mean over a whole block would miss
         now = self._rotors.wrench(self._sum / since)
         self._wrench, self._travel = self._wrench + since * now, self._travel + np.abs(now - self._last)
         self._last = now
@@ -156,7 +155,9 @@ class Stream:
         if dt <= 0 or asked is None:
             return
         ramp = (towards - asked) / (at - self._asked_s)
-        now = asked + ramp * (self._now_s - self._asked_s) - ramp * self._lag  # where the speeds are when settled
+        now = (
+            asked + ramp * (self._now_s - self._asked_s) - ramp * self._lag
+        )  # where the speeds are when settled
         behind = self._speeds - now
         keep = math.exp(-dt / self._lag) if self._lag > 0 else 0.0
         self._sum = self._sum + now * dt + 0.5 * ramp * dt * dt + behind * (1.0 - keep) * self._lag
@@ -172,9 +173,6 @@ class Stream:
         linked = self._before is not None
         then, before = self._before or (time_s, predicted)
         slope = (predicted - before) / (time_s - then) if linked else np.zeros(4)
-        return Block(time_s, seconds, measured, predicted, slope, self._travel, self._total / seconds, not linked)
-
-
-def weight_N(vehicle: Vehicle) -> float:
-    """Of the vehicle, N."""
-    return vehicle.airframe.mass_kg * GRAVITY_M_S2
+        return Block(
+            time_s, seconds, measured, predicted, slope, self._travel, self._total / seconds, not linked
+        )
