@@ -123,9 +123,7 @@ def flights(job: tuple[int, int, float, bool, tuple[float, ...]]) -> list[tuple[
     return rows
 
 
-def run(
-    first: int, count: int, loss: float, steps: bool, hours: tuple[float, ...], cpus: int
-) -> list[Any]:
+def run(first: int, count: int, loss: float, steps: bool, hours: tuple[float, ...], cpus: int) -> list[Any]:
     """All flights."""
     jobs = [(first + k, min(CHUNK, count - k), loss, steps, hours) for k in range(0, count, CHUNK)]
     with ProcessPoolExecutor(cpus) as pool:
