@@ -39,6 +39,7 @@ class RotorView:
     bound: str = ""  # max, or (in the air) min, when its command is at that end of its range
     current_A: float | None = None
     temperature_C: float | None = None
+    health: str = ""  # x: lost thrust in the air, ?: may have
 
 
 @dataclass(frozen=True)

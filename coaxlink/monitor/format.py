@@ -44,7 +44,7 @@ def rotor_line(rotor: RotorView, width: int, stale: bool) -> Text:
         values = f"{thrust:>6} N {rpm:>6} rpm {throttle:>6}"
     if width >= 54:
         values += f" {number(rotor.torque_Nm, 2, stale=stale):>6} N m"
-    label = f"{mark}{rotor.number}{'!' if rotor.bound else ''}".ljust(4)
+    label = f"{mark}{rotor.number}{'!' if rotor.bound else ''}{rotor.health}".ljust(4)
     fraction = None if rotor.thrust_N is None else rotor.thrust_N / max(rotor.full_N, 1e-9)
     room = max(width - len(label) - len(values), 3)
     shown = bar(fraction, room, style)
@@ -278,11 +278,34 @@ def notes(view: View) -> Text:
         lines.append(Text(f"autopilot: {view.vehicle.text}"))
     if view.link.state == "live" and view.speeds_stale:
         lines.append(Text(f"speeds{STALE} are {seconds(view.speeds_age_s or 0.0)} old", WARN))
+    lines += _health_notes(view)
     lines += [Text(note, WARN) for note in view.notes]
     lines += [Text(f"table: {note}", WARN) for note in view.board.notes]
     if view.balance.error_note and view.speeds.source:
         lines.append(Text(f"no allocation error: {view.balance.error_note}", DIM))
     return Text("\n").join(lines)
+
+
+def _health_notes(view: View) -> list[Text]:
+    """Rotors that lost thrust, and one that may have."""
+    lines = []
+    for c in view.health.calls:
+        size = f"{100 * c.loss:.0f} +/- {196 * c.loss_sd:.0f} % of its thrust at the commanded speed"
+        words = (
+            f"rotor {c.rotor} (x) lost {size}, at {clock(c.time_s)}, probability {c.probability:.2f}: land"
+        )
+        lines.append(Text(words, f"bold {BAD}"))
+    if view.health.word == "watch":
+        s = view.health.suspicions[0]
+        words = f"rotor {s.rotor} (?) may have lost {100 * s.loss:.0f} % of its thrust"
+        lines.append(Text(f"{words}, probability {s.probability:.2f}", WARN))
+    return lines
+
+
+def health_words(view: View) -> Text:
+    """`rotors: sound`, or why there is no word."""
+    h = view.health
+    return Text(f"rotors: {h.word}" if h.word else f"rotors: not judged ({h.why})", "" if h.word else DIM)
 
 
 def said(view: View, now: datetime | None) -> Text:
@@ -315,5 +338,6 @@ def summary(view: View, replay: Text | None = None) -> Text:
     lines.append(Text(f"thrust {number(b.thrust_N)} N, {number(b.of_weight, 2)} of the weight{share}"))
     lines += [balance(view), Text.assemble("speeds by ", speeds_source(view)), vehicle(view)]
     lines.append(Text.assemble("table on board: ", Text(", ").join(board(view).split("\n"))))
+    lines.append(health_words(view))
     words = notes(view)
     return Text("\n").join([*lines, words] if words.plain else lines)

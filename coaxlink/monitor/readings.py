@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from threading import Lock
 from types import MappingProxyType
@@ -109,6 +109,7 @@ class Collector:
         self._last_s: float | None = None
         self._clock_s: float | None = None
         self._texts = Texts()
+        self.listener: Callable[[Any], None] | None = None  # of every message of the target, once folded in
 
     def take(self, message: Any, received_s: float, *, counted: bool = True) -> None:
         """Fold one message in; `counted` is False for one of before we listened to all of them."""
@@ -141,6 +142,8 @@ class Collector:
                 name = str(message.param_id)
                 if is_parameter_name(name) and len(self._parameters) < MOST_PARAMETERS:
                     self._parameters[name] = parameter_value(message, bytewise)
+        if self.listener is not None:
+            self.listener(message)
 
     def follow(self, system: int, component: int) -> None:
         """Watch this autopilot from now on; what another one said is forgotten."""

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.live.in_air import NOTHING_HEARD, RotorsInAir
 from coaxlink.live.mixer import DemandScale
 from coaxlink.mixer.coefficients import standard_coefficients
 from coaxlink.mixer.law import Law
@@ -86,6 +87,7 @@ class View:
     escs_stale: bool = False
     texts: tuple[Said, ...] = ()  # what the autopilot said, oldest first
     now_s: float = 0.0  # of the clock of `texts`
+    health: RotorsInAir = NOTHING_HEARD
 
 
 def observe(
@@ -100,12 +102,13 @@ def observe(
     line: Sequence[str] = (),
     law: Law | None = None,
     trend_min: float | None = None,
+    health: RotorsInAir = NOTHING_HEARD,
 ) -> View:
     """The view at `now_s` (the clock of `Arrival.received_s`); `waiting` says what the link waits for.
 
     `board` spares describing an unchanged table again; `verdict` is what a steady hover said of the ESCs,
     `line` what the session says of others there, `law` gives the ideal split, `trend_min` are the minutes
-    of battery by its own fall.
+    of battery by its own fall, `health` what the test in the air believes.
     """
     link = _link(readings, now_s, address, waiting)
     airframe = vehicle.airframe
@@ -121,6 +124,7 @@ def observe(
         flying=said is not None and said.armed and not on_ground(readings, now_s),
         least=_least(readings.parameters),
     )
+    rotors = tuple(replace(r, health=health.mark(r.number)) for r in rotors)
     balance = _balance(vehicle, rotors, readings, table, now_s)
     arms = arms_of(airframe, rotors, ideal_shares(law, vehicle, balance.wrench))
     notes = list(speeds.notes)
@@ -149,6 +153,7 @@ def observe(
         escs.stale,
         readings.texts,
         now_s,
+        health,
     )
 
 

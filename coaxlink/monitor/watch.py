@@ -9,6 +9,7 @@ from threading import Lock
 from typing import Any
 
 from coaxlink.errors import CoaxlinkError
+from coaxlink.live.in_air import InAir
 from coaxlink.mixer import Law, make_law
 from coaxlink.monitor import board_ardupilot
 from coaxlink.monitor.battery import Drain, battery_of
@@ -16,8 +17,11 @@ from coaxlink.monitor.board import describe, table_parameters
 from coaxlink.monitor.board_view import Board
 from coaxlink.monitor.hover import Hover
 from coaxlink.monitor.readings import Collector
+from coaxlink.monitor.sources import commanded_speeds
 from coaxlink.monitor.state import View, observe
 from coaxlink.vehicle import Vehicle
+
+OUTPUTS = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS")  # the first is taken where both come
 
 
 class Watch:
@@ -35,6 +39,9 @@ class Watch:
         self._drain = Drain()
         self._law = _exact(vehicle)
         self._target: tuple[int, int] | None = None
+        self._in_air = InAir(vehicle)
+        self._outputs = ""  # the kind of message that tells the commands
+        self.collector.listener = self._hear
 
     def wait_for(self, what: str) -> None:
         """Say what the link is waiting for (any thread)."""
@@ -63,6 +70,8 @@ class Watch:
             self.judge_table()  # the reduced coefficients are a fit: not five times a second
             board = self._board
         if readings.target != self._target:
+            if self._target is not None:
+                self._in_air = InAir(self.vehicle)
             self._target, self._hover, self._drain = readings.target, Hover(), Drain()
         self._hover = self._hover.extended(readings, self.vehicle, now_s)
         self._drain = self._drain.extended(readings.clock_s, battery_of(readings).remaining)
@@ -77,7 +86,20 @@ class Watch:
             line=self.line(),
             law=self._law,
             trend_min=self._drain.minutes,
+            health=self._in_air.now,
         )
+
+    def _hear(self, message: Any) -> None:
+        """Every message of the vehicle, on the link's thread: what its rotors' health is judged by."""
+        kind = message.get_type()
+        if kind in OUTPUTS and self._outputs in ("", kind, OUTPUTS[1]) and not getattr(message, "port", 0):
+            self._outputs = kind
+            stamp_s, now_s = message.time_usec * 1e-6, math.inf
+            readings = self.collector.readings(0.0)
+            self._in_air.commanded(
+                stamp_s, commanded_speeds(readings, len(self.vehicle.airframe.rotors), now_s).u
+            )
+        self._in_air.heard(message)
 
 
 def _exact(vehicle: Vehicle) -> Law | None:

@@ -1,0 +1,185 @@
+"""Rotors' health in the air, from the messages of one vehicle: who listens, and what is called.
+
+Rates and acceleration come as HIGHRES_IMU, else as ATTITUDE or ATTITUDE_QUATERNION with the newest of RAW_IMU
+and SCALED_IMU; commands from whoever knows them, stamped with the vehicle's clock. Judged is flight only:
+armed and in the air by the vehicle's own word (EXTENDED_SYS_STATE); on the ground, where legs push too, all
+but the calls is forgotten. A call is never taken back; after REFINED_S, when its size is settled, the test
+goes on with that loss in the model and looks for the next one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.health.judge import TORQUE_WITH_THRUST
+from coaxlink.health.sequential import HOURS, SequentialTest, Suspicion, Verdict
+from coaxlink.health.stream import Stream
+from coaxlink.vehicle import Vehicle
+
+REFINED_S = 1.0  # from a call until its size is taken over: the first blocks hold a part of the loss
+RIVAL_S = 1.0  # a better source that was heard within this is the one that counts
+ACCEL_S = 0.2  # an acceleration older than this is not the rates'
+WRAP_S = 2**32 / 1e6  # of 32 bit microseconds
+APART_S = 2.0  # commands further than this from the rates have another clock
+NEEDS = "needs ATTITUDE or HIGHRES_IMU, the motor commands and EXTENDED_SYS_STATE"
+
+
+@dataclass(frozen=True)
+class Call:
+    """A rotor that lost thrust in the air."""
+
+    rotor: int  # number
+    time_s: float  # the vehicle's clock
+    probability: float
+    loss: float  # share of its thrust at the commanded speed
+    loss_sd: float
+    slower: bool  # its motor turns slower, by how the wake under it changed
+
+    @property
+    def text(self) -> str:
+        """At most 50 bytes, for STATUSTEXT."""
+        return f"rotor {self.rotor} lost {100 * self.loss:.0f}% thrust, p {self.probability:.2f}: land"
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class RotorsInAir:
+    """What is believed now."""
+
+    word: str  # sound, watch, called, "" while nothing can be said
+    why: str  # there is no word
+    suspicions: tuple[Suspicion, ...] = ()
+    calls: tuple[Call, ...] = ()
+
+    def mark(self, rotor: int) -> str:
+        """`x` for a rotor that was called, `?` for one to be watched, else nothing."""
+        if any(c.rotor == rotor for c in self.calls):
+            return "x"
+        watched = self.word == "watch" and self.suspicions and self.suspicions[0].rotor == rotor
+        return "?" if watched else ""
+
+
+NOTHING_HEARD = RotorsInAir("", NEEDS)
+
+
+class InAir:
+    """Fed by one thread: `heard` with every message, `commanded` with the motors' commands."""
+
+    def __init__(self, vehicle: Vehicle, hours: float = HOURS) -> None:
+        self._declared, self._hours = vehicle, hours
+        self.calls: tuple[Call, ...] = ()
+        self._made_for = vehicle
+        self._stream, self._test = Stream(vehicle), SequentialTest(vehicle, hours)
+        self._armed = self._flying = False
+        self._verdict: Verdict | None = None
+        self._time_s = 0.0  # of the newest rates
+        self._imu_s = -RIVAL_S
+        self._kind = ""
+        self._accel = (-ACCEL_S, float("nan"))
+        self._settling: Call | None = None
+
+    @property
+    def now(self) -> RotorsInAir:
+        """As of the last block."""
+        if not self._flying:
+            return RotorsInAir("", "judged in the air only", (), self.calls)
+        if self._verdict is None:
+            return RotorsInAir("", NEEDS, (), self.calls)
+        if not self._verdict.ready:
+            return RotorsInAir("", "not enough flown", (), self.calls)
+        word = "called" if self.calls else self._verdict.word
+        return RotorsInAir(word, "", self._verdict.suspicions, self.calls)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle with what its rotors lost."""
+        return self._made_for
+
+    def heard(self, message: Any) -> Call | None:
+        """A message of the autopilot; a call that it brought, and the same again once its size is settled."""
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            self._fly(bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED), self._flying)
+        elif kind == "EXTENDED_SYS_STATE":
+            self._fly(self._armed, message.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR)
+        elif kind in ("RAW_IMU", "SCALED_IMU"):
+            self._accel = self._time_s, message.zacc * 1e-3 * GRAVITY_M_S2
+        elif kind == "HIGHRES_IMU":
+            self._imu_s = message.time_usec * 1e-6
+            return self._read(self._imu_s, (message.xgyro, message.ygyro, message.zgyro), message.zacc)
+        elif kind in ("ATTITUDE", "ATTITUDE_QUATERNION"):
+            time_s = message.time_boot_ms * 1e-3
+            if abs(time_s - self._imu_s) < RIVAL_S or (self._kind and kind != self._kind):
+                return None
+            self._kind = kind
+            at, accel = self._accel
+            accel = accel if abs(time_s - at) < ACCEL_S else float("nan")
+            return self._read(time_s, (message.rollspeed, message.pitchspeed, message.yawspeed), accel)
+        return None
+
+    def commanded(self, time_s: float, commands: Sequence[float | None]) -> None:
+        """Normalised commands (N,) at that time of the vehicle's clock (a 32 bit one may have wrapped)."""
+        turns = round((self._time_s - time_s) / WRAP_S)
+        time_s += turns * WRAP_S
+        known = [u for u in commands if u is not None]
+        if self._flying and len(known) == len(commands) and abs(time_s - self._time_s) < APART_S:
+            self._stream.command(time_s, known)
+
+    def _fly(self, armed: bool, flying: bool) -> None:
+        if self._armed and self._flying and not (armed and flying):
+            self._begin(self._made_for)  # landed
+        self._armed, self._flying = armed, flying and armed
+
+    def _begin(self, vehicle: Vehicle) -> None:
+        self._made_for = vehicle
+        self._stream, self._test = Stream(vehicle), SequentialTest(vehicle, self._hours)
+        self._verdict = None
+
+    def _read(self, time_s: float, rates: Sequence[float], accel_z: float) -> Call | None:
+        self._time_s = time_s
+        if not self._flying:
+            return None
+        new = None
+        for block in self._stream.reading(time_s, rates, accel_z):
+            self._verdict = self._test.step(block)
+            new = self._judged(self._verdict) or new
+        return new
+
+    def _judged(self, verdict: Verdict) -> Call | None:
+        settling = self._settling
+        if settling is None:
+            if verdict.called is None:
+                return None
+            s = verdict.called
+            call = Call(s.rotor, verdict.time_s, s.probability, s.loss, s.loss_sd, s.slower)
+            self._settling, self.calls = call, (*self.calls, call)
+            return call
+        for s in verdict.suspicions:
+            if s.rotor == settling.rotor and s.probability >= 0.5:
+                settling = replace(settling, loss=s.loss, loss_sd=s.loss_sd, slower=s.slower)
+        self._settling, self.calls = settling, (*self.calls[:-1], settling)
+        if verdict.time_s - settling.time_s < REFINED_S:
+            return None
+        self._settling = None
+        self._begin(weakened(self._made_for, settling.rotor, settling.loss))
+        return settling
+
+
+def weakened(vehicle: Vehicle, rotor: int, loss: float) -> Vehicle:
+    """The vehicle with that share of one rotor's thrust gone, and of its torque in the usual proportion."""
+    kept = max(1.0 - loss, 0.0), max(1.0 - TORQUE_WITH_THRUST * loss, 0.0)
+    rotors = tuple(
+        replace(r, thrust_gain=r.thrust_gain * kept[0], torque_gain=r.torque_gain * kept[1])
+        if r.number == rotor
+        else r
+        for r in vehicle.declared.rotors
+    )
+    return replace(vehicle, declared=replace(vehicle.declared, rotors=rotors))

@@ -1,0 +1,72 @@
+"""A rotor that loses thrust in the air, on the screen: messages made of the simulated world's flight."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from monitor_messages import Sender, heartbeat
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.files import example
+from coaxlink.monitor import format as words
+from coaxlink.monitor.watch import Watch, to_json
+from coaxlink.tables.px4 import report_px4
+from coaxlink.vehicle import load_vehicle
+from sim.effects import Effect
+from sim.quick.flight import World, fly_quick, make_design
+from sim.rotors import read_pair
+from sim.vehicle import read_vehicle
+
+FRAME, ROTORS = Path(example("x8_demo.toml")), Path(example("rotor_paper.toml"))
+ONSET_S, ROTOR = 12.0, 6
+
+
+@pytest.fixture(scope="module")
+def flight():
+    vehicle = load_vehicle(FRAME, ROTORS)
+    made = make_design(read_vehicle(FRAME), read_pair(ROTORS), report_px4(vehicle, "fitted").params)
+    wind = Effect("wind", 4.0, 0.0, {"direction_deg": 40.0}, "dryden")
+    weak = Effect("degraded_rotor", 0.1, ONSET_S, {"rotor": float(ROTOR)})
+    return vehicle, fly_quick(made, World((wind, weak), 2, "wander", 12.0), 8)[1]
+
+
+def played(vehicle, log, *, landed=2, armed=True, boot_s=5.0, to_s=99.0):
+    """A watch that heard the flight: rates at 50 Hz, outputs at 10 Hz with 32 bit stamps."""
+    watch, send = Watch("", vehicle), Sender()
+    watch.collector.take(send(heartbeat(armed)), 0.0)
+    watch.collector.take(send(mavlink.MAVLink_extended_sys_state_message(0, landed)), 0.0)
+    for k, t in enumerate(log["time_s"].tolist()):
+        stamp = round(1e6 * (t + boot_s))
+        if t > to_s:
+            break
+        if k % 5 == 0:
+            pulses = [round(1000 + 1000 * log[f"motor{i + 1}"][k]) for i in range(8)] + [0] * 8
+            watch.collector.take(send(mavlink.MAVLink_servo_output_raw_message(stamp % 2**32, 0, *pulses)), t)
+        gyro = [float(log[f"gyro_{a}_rad_s"][k]) for a in "xyz"]
+        accel = [float(log[f"accel_{a}_m_s2"][k]) for a in "xyz"]
+        imu = mavlink.MAVLink_highres_imu_message(stamp, *accel, *gyro, *[0.0] * 7, 0x3F, 0)
+        watch.collector.take(send(imu), t)
+    return watch.look(float(log["time_s"][-1]))
+
+
+@pytest.mark.parametrize("boot_s", [5.0, 4290.0])  # the outputs' clock wraps in the second flight
+def test_the_rotor_is_marked_and_said(flight, boot_s):
+    view = played(*flight, boot_s=boot_s)
+    assert view.health.word == "called" and [c.rotor for c in view.health.calls] == [ROTOR]
+    call = view.health.calls[0]
+    assert 0.0 < call.time_s - boot_s - ONSET_S < 2.0 and 0.05 < call.loss < 0.15
+    marks = {r.number: r.health for arm in view.arms for r in (arm.upper, arm.lower)}
+    assert marks == {n: "x" if n == ROTOR else "" for n in range(1, 9)}
+    assert f"rotor {ROTOR} (x) lost" in words.notes(view).plain
+    assert "rotors: called" in words.summary(view).plain and f"{ROTOR}x" in words.summary(view).plain
+    assert to_json(view)["health"]["calls"][0]["rotor"] == ROTOR
+    assert len(call.text.encode()) <= 50
+
+
+def test_before_it_and_on_the_ground_nothing_is_said(flight):
+    assert played(*flight, to_s=ONSET_S - 0.2).health.word == "sound"
+    for landed, armed in ((1, True), (2, False), (0, True)):
+        view = played(*flight, landed=landed, armed=armed)
+        assert view.health.word == "" and not view.health.calls
+        assert "not judged" in words.summary(view).plain
