@@ -141,6 +141,7 @@ class SequentialTest:
         if block.after_gap:
             self._forget_onsets()
         if not RANGE[0] <= block.speeds.min() <= block.speeds.max() <= RANGE[1]:
+            self._forget_onsets()  # what changed meanwhile is not told from what changed because of it
             return Verdict(block.time_s, self.blocks > SETTLING, (), 0.0)
         self._filter(block, lift)
         self.blocks += 1
