@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from sim.blades import inlined, plain
-from sim.lanes import above, below, rising, root, total
 from sim.layout import (
     CAPACITY,
     CELLS,
@@ -31,6 +30,7 @@ from sim.layout import (
     VOLTAGE,
     WINDING,
 )
+from sim.simd import above, below, rising, root, total
 
 COPPER_1_K = 0.00393
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sim.plant import Plant
 from sim.px4.autopilot import RATE_HZ, Autopilot, Mode
 from sim.px4.cascade import Goal, euler
-from sim.stand import write_whole
+from sim.stand import write_atomic
 
 LOG_EVERY = 2  # steps of the autopilot a row: 125 Hz
 
@@ -140,4 +140,4 @@ def write_flight(path: Path, log: dict[str, NDArray[np.float64]]) -> None:
     form = [f"%.{1 if name.startswith('rpm') else digits.get(name, 6)}f" for name in log]
     line = ",".join(form)
     rows = np.column_stack(list(log.values())).tolist()
-    write_whole(path, "\n".join([",".join(log), *[line % tuple(row) for row in rows]]) + "\n")
+    write_atomic(path, "\n".join([",".join(log), *[line % tuple(row) for row in rows]]) + "\n")

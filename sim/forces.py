@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 from sim.blades import blown, falling, inlined, plain, turned
-from sim.lanes import above, below, both, lower, root, total, upper
 from sim.layout import (
     BODY_DRAG,
     BODY_LINEAR,
@@ -39,6 +38,7 @@ from sim.layout import (
     TOP_RATE,
     WIND,
 )
+from sim.simd import above, below, both, lower, root, total, upper
 
 ROOF_M = 0.12  # of the body's top above its origin
 

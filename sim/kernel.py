@@ -23,10 +23,9 @@ import numpy as np
 from numba import prange
 
 from sim.blades import OPTIONS, inlined, plain
+from sim.compile_cache import cached
 from sim.drive import follow, lag_of, rates, retarget, supply
 from sim.forces import moving, still, turn
-from sim.kept import kept
-from sim.lanes import both, lower, read, write
 from sim.layout import (
     AIR,
     BODY_DRAG,
@@ -82,6 +81,7 @@ from sim.layout import (
     W_Y,
     W_Z,
 )
+from sim.simd import both, lower, read, write
 
 SUPPLY_EVERY = 4  # steps between two looks at the battery: its own time constant is 20 ms
 
@@ -331,7 +331,7 @@ def run(state, command, p, places, slots, lanes, tilted, quad, poly, blades, h, 
     written_back(state, out, slots, w, n, len(command))
 
 
-@kept(**OPTIONS)
+@cached(**OPTIONS)
 def advance(state, command, p, geo, slots, lanes, tilted, quad, poly, blades, h, steps, out):  # type: ignore[no-untyped-def]
     """`run` for one vehicle.
 
@@ -343,7 +343,7 @@ def advance(state, command, p, geo, slots, lanes, tilted, quad, poly, blades, h,
     run(state, command, p, geo, slots, lanes, tilted, quad, poly, blades, h, steps, out)
 
 
-@kept(parallel=True, **OPTIONS)
+@cached(parallel=True, **OPTIONS)
 def advance_many(  # type: ignore[no-untyped-def]
     states, commands, p, geo, slots, lanes, tilted, quad, poly, blades, h, steps, outs
 ):

@@ -16,7 +16,7 @@ from typing import Any
 from firmware_params import bounded
 from sim.errors import WorldError
 from sim.ftp import LOGS
-from sim.stand import write_whole
+from sim.stand import write_atomic
 
 PX4_WAIT_S, PX4_APART_S = 0.3, 2.0
 
@@ -93,4 +93,4 @@ class Memory:
             "files": {path: data.hex() for path, data in self._card["files"].items()},
             "folders": sorted(self._card["folders"]),
         }
-        write_whole(self._path, json.dumps(document))
+        write_atomic(self._path, json.dumps(document))

@@ -62,10 +62,10 @@ def write_stand(path: Path, rows: NDArray[np.float64], columns: Sequence[str] = 
         ",".join(f"{value:.{digits.get(name, 4)}f}" for name, value in zip(columns, row, strict=True))
         for row in rows
     ]
-    write_whole(path, "\n".join(lines) + "\n")
+    write_atomic(path, "\n".join(lines) + "\n")
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomic(path: Path, text: str) -> None:
     """Replace `path` by `text` in one step. Raises WorldError."""
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from sim.blade_numbers import Blades, constants, lift_slope, profile_drag
 from sim.blades import OPTIONS, blown, spun
-from sim.kept import kept
-from sim.lanes import both, lower, read, write
+from sim.compile_cache import cached
+from sim.simd import both, lower, read, write
 
 Floats = NDArray[np.float64]
 STEPS, ROUNDS = 0.8, 4000
@@ -25,7 +25,7 @@ def pair_rows(b: Blades, tip_m_s: float, u: Floats, v: Floats, climb_m_s: float,
     return out
 
 
-@kept(**OPTIONS)
+@cached(**OPTIONS)
 def _rows(speed: Any, slope: Any, thin: Any, numbers: Any, climb: float, edge: float, out: Any) -> None:
     w, lanes, tip = np.empty(6), (0,), numbers[0]
     for r in range(speed.shape[1]):

@@ -19,7 +19,7 @@ from sim.memory import Memory
 from sim.place import HOME
 from sim.plant import Plant
 from sim.rotors import read_pair
-from sim.stand import write_whole
+from sim.stand import write_atomic
 from sim.standin import Standin
 from sim.truth import Truth, hidden_truth, read_truth, truth_text
 from sim.vehicle import read_vehicle
@@ -193,7 +193,7 @@ def build_plant(world: World) -> tuple[Plant, Truth]:
     elif world.hidden_seed is not None:
         truth = hidden_truth(world.hidden_seed, vehicle.rotors)
     if world.truth_out is not None:
-        write_whole(world.truth_out, truth_text(truth))
+        write_atomic(world.truth_out, truth_text(truth))
     return Plant(vehicle, read_pair(rotor)), truth
 
 

@@ -38,7 +38,7 @@ def under(reference_name: str) -> str:
 def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) -> None:
     from rich.table import Table
 
-    out.print(f"\nWhat the law asks of each motor, and what {firmware} does")
+    out.print(f"\nWhat the law demands of each motor, and what {firmware} does")
     out.print("thousandths of squared speed, for 1 N m of roll, pitch or yaw and for 1 N of thrust")
     rows = Table("rotor", *explained.axes, box=None)
     largest = abs(explained.asked).max(axis=0)
@@ -51,9 +51,13 @@ def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) 
     out.print(rows)
     axis, worst = max(explained.worst.items(), key=lambda item: item[1])
     if worst <= _EQUAL:
-        out.print(f"{firmware} does what the law asks, to {max(worst, 1e-4):.2%} of an axis's largest entry")
+        out.print(
+            f"{firmware} does what the law demands, to {max(worst, 1e-4):.2%} of an axis's largest entry"
+        )
     else:
-        out.print(f"asked -> done where they differ: by {worst:.1%} of the largest entry at most, on {axis}")
+        out.print(
+            f"demanded -> done where they differ: by {worst:.1%} of the largest entry at most, on {axis}"
+        )
 
 
 def _show_worth(out: Any, explained: Explanation) -> None:

@@ -45,7 +45,7 @@ def show(made: ConstrainedTable, speed_max_rpm: float) -> None:
     if len(made.kept) > 1:
         rows.add_row("all", "", "", *_change(made.fitted.chosen, made.table.chosen, speed_max_rpm))
     out = console()
-    out.print("limits kept; what each costs (this table less the one without it, power over the envelope):")
+    out.print("limits hold; what each costs (this table less the one without it, power over the envelope):")
     out.print(rows)
 
 

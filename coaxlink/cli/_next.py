@@ -28,7 +28,7 @@ def after_refine(result: Refinement, out: Path | None, flight: bool) -> str:
     if result.ambiguous:
         names = list(result.ambiguous[0].names)
         if result.ambiguous[0].experiment is not None:
-            return f"next: --plan PLAN.toml writes the run that tells {' from '.join(names)}"
+            return f"next: --plan PLAN.toml writes the run that separates {' from '.join(names)}"
         return f"next: {result.ambiguous[0].separate_by or 'more data'}; no model was changed"
     if result.unexplained:
         first = result.unexplained[0]

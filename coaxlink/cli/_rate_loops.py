@@ -46,7 +46,7 @@ def said_first(source: Path, plan: Plan) -> Present:
     folder = (source if source.is_dir() else source.parent) / FOLDER
 
     def present(board: Mapping[str, float | int], on_board: Mapping[str, bytes | None]) -> None:
-        from coaxlink.tables.rate_gains import kept_gains
+        from coaxlink.tables.rate_gains import preserved_gains
 
         if not (folder / _AIRFRAME).is_file():
             return
@@ -56,7 +56,7 @@ def said_first(source: Path, plan: Plan) -> Present:
         except CoaxlinkError as error:
             say(f"what this does to the rate loops is not known: {error}")
             return
-        gains = kept_gains(plan.firmware, new, old, board, "on board", write=False)
+        gains = preserved_gains(plan.firmware, new, old, board, "on board", write=False)
         kept = any(name in plan.params for gain in gains.axes for name in gain.names)
         line = gains.line.partition(";")[0] if kept else gains.line
         console().print(

@@ -140,7 +140,7 @@ def show_ap(frame: Airframe, report: ApReport, gains: str) -> None:
         f"MOT_THST_EXPO {p.thst_expo:g}, MOT_SPIN_MIN {p.spin_min:g}"
     )
     out.print(gains, soft_wrap=True)
-    rows = Table("motor", "roll", "pitch", "yaw", "throttle", "hover u", box=None)
+    rows = Table("rotor", "roll", "pitch", "yaw", "throttle", "hover u", box=None)
     for n, rotor in enumerate(frame.rotors):
         numbers = [f"{x:+.4f}" for x in report.mix.factors[n]]
         rows.add_row(f"{rotor.number} {rotor.level}", *numbers, f"{report.behaviour.hover_speeds[n]:.4f}")

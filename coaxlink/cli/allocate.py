@@ -64,7 +64,7 @@ def allocate(
         row = f"{result.speeds[i]:.4f}", f"{result.thrust_N[i]:.3f}", f"{result.torque_Nm[i]:.4f}"
         table.add_row(f"{placed.number} {placed.level}", *row, at)
     out.print(table)
-    table = Table("axis", "asked", "delivered", "error", box=None)
+    table = Table("axis", "demanded", "delivered", "error", box=None)
     for k, axis in enumerate(AXES):
         gave_up = " (given up)" if axis in result.dropped else ""
         error = result.error[k] if abs(result.error[k]) >= NOTHING else 0.0

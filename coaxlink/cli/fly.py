@@ -147,8 +147,8 @@ def _confirm(yes: bool, name: str) -> None:
     if yes:
         return
     if not at_a_terminal():
-        raise SafetyRefusal("nobody is at the terminal to say that the place is clear (--yes says it)")
-    question = f"{name}: props on, place clear, a pilot at the sticks? Arms and takes off"
+        raise SafetyRefusal("nobody is at the terminal to say that the area is clear (--yes says it)")
+    question = f"{name}: props on, area clear, a pilot at the sticks? Arms and takes off"
     if not typer.confirm(question, err=True):
         raise SafetyRefusal("not confirmed, nothing was armed")
 

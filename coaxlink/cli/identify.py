@@ -189,7 +189,7 @@ def _checks(result: Identification, diameter_m: float | None) -> dict[str, Any]:
     meant = sizes(samples, diameter_m)
     turns, units = electrical_turns(samples, diameter_m), other_units(samples, diameter_m)
     open_units = (
-        f"with {units} these readings are propellers' as well: --diameter M tells, a map states it"
+        f"with {units} these readings are propellers' as well: --diameter M decides, a map states it"
         if units
         else ""
     )

@@ -43,14 +43,14 @@ def init(
     connect: Annotated[str, typer.Option(metavar="URL", help="Read it from this board.")] = "",
     timeout: TimeoutOption = WAIT_S,
     arm: Annotated[
-        float | None, typer.Option(metavar="M", help="Centre to rotor, where the source tells no lengths.")
+        float | None, typer.Option(metavar="M", help="Centre to rotor, where the source holds no lengths.")
     ] = None,
     spacing: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Between the rotors of a pair, if it tells no heights."),
+        typer.Option(metavar="M", help="Between the rotors of a pair, if it holds no heights."),
     ] = None,
     upper: Annotated[
-        str, typer.Option(metavar="1,2,..", help="The upper rotors, where the source does not tell.")
+        str, typer.Option(metavar="1,2,..", help="The upper rotors, where the source does not say.")
     ] = "",
     inertia: Annotated[
         str, typer.Option(metavar="X,Y,Z", help="Moments of inertia, kg m^2; estimated if not given.")
@@ -81,7 +81,7 @@ def init(
         frame = completed(layout, body)
     except MissingError as error:
         asked = ", ".join(f"{_OPTIONS[field]} ({what})" for field, what in error.fields.items())
-        raise InputError(layout.source, "", f"does not tell all of the vehicle; give {asked}") from error
+        raise InputError(layout.source, "", f"does not hold all of the vehicle; give {asked}") from error
     text = airframe_toml(
         frame,
         f"coaxlink init from {layout.source}",

@@ -38,7 +38,8 @@ def loop(
         typer.Option("--live/--table", help="How both flights are mixed; else by what the effects need."),
     ] = None,
     separate: Annotated[
-        bool, typer.Option("--separate", help="Where it is ambiguous, fly what would tell it apart first.")
+        bool,
+        typer.Option("--separate", help="Where it is ambiguous, first fly what would separate the rivals."),
     ] = False,
     lead: Annotated[
         bool, typer.Option("--lead", help="Lead motors found slow, live: noisier commands are its price.")

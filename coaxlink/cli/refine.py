@@ -32,7 +32,7 @@ def refine(
         Path | None,
         typer.Option(
             metavar="ROTOR.toml",
-            help="Model to hold against (default: the airframe's; of a stand log its own fit).",
+            help="Model to hold against (default: the airframe's; for a stand log a model fitted to it).",
         ),
     ] = None,
     out: Annotated[
@@ -46,7 +46,7 @@ def refine(
     ] = None,
     plan: Annotated[
         Path | None,
-        typer.Option(metavar="PLAN.toml", help="Write the run that would tell ambiguous effects apart."),
+        typer.Option(metavar="PLAN.toml", help="Write the run that would separate ambiguous effects."),
     ] = None,
     columns: ColumnsOption = None,
     upper: UpperOption = None,

@@ -129,7 +129,7 @@ def _fly() -> dict[str, Flown]:
             live, demands, _ = flights.fly_live(sim, vehicle, plan, law)
             errors[title] = errors_of_live(live, vehicle, demands, as_paper=True)
     return {
-        title: Flown(title, e.position_error_m, e.delivered.torque_error_Nm, e.delivered.thrust_error_N)
+        title: Flown(title, e.position_error_m, e.allocation.torque_error_Nm, e.allocation.thrust_error_N)
         for title, e in errors.items()
     }
 

@@ -48,7 +48,7 @@ def sim(
         str, typer.Option(metavar="HEX", help="The board's id, 0: none; the next vehicle's is one more.")
     ] = "",
     esc: Annotated[
-        str, typer.Option(help="What ESCs tell: measured, sitl (as the real simulations) or none.")
+        str, typer.Option(help="What ESCs report: measured, sitl (as the real simulations) or none.")
     ] = "measured",
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
     flight: Annotated[

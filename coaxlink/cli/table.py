@@ -28,7 +28,7 @@ from coaxlink.errors import InputError, SafetyRefusal
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.mixer.fitted import FittedTable
-    from coaxlink.tables.rate_gains import KeptGains
+    from coaxlink.tables.rate_gains import PreservedGains
     from coaxlink.uploading.explain import Explanation
     from coaxlink.vehicle import Vehicle
     from firmware_params.errors import Finding
@@ -43,7 +43,7 @@ def table(
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write the files here.")] = None,
     explain: Annotated[
-        bool, typer.Option("--explain", help="Also what was asked, what is done, gains and authority.")
+        bool, typer.Option("--explain", help="Also what is demanded, what is done, gains and authority.")
     ] = False,
     connect: Annotated[
         str, typer.Option(metavar="URL", help="Hold it against the table on this board.")
@@ -97,12 +97,12 @@ class _Wish:
 
     def gains(
         self, firmware: str, explained: Explanation, board: Mapping[str, float | int] | None
-    ) -> KeptGains:
+    ) -> PreservedGains:
         """What becomes of the rate loops, and what is written about it."""
-        from coaxlink.tables.rate_gains import kept_gains
+        from coaxlink.tables.rate_gains import preserved_gains
 
         against = _explain.under(explained.reference_name)
-        gains = kept_gains(
+        gains = preserved_gains(
             firmware, explained.flown, explained.reference, board or {}, against, write=self.keep_gains
         )
         if gains.problem:

@@ -55,7 +55,7 @@ class RotorsUnclear(InputError):
 
     def __init__(self, source: object, labels: tuple[str, str], evidence: tuple[str, ...]) -> None:
         self.labels, self.evidence = labels, evidence
-        found = "; ".join(evidence) or "the rows do not tell"
+        found = "; ".join(evidence) or "the rows do not show it"
         super().__init__(
             str(source),
             f"rotors {labels[0]} and {labels[1]}",
@@ -96,7 +96,7 @@ def lower_rotor(first: Rotor, second: Rotor) -> Verdict:
             votes.append(lower)
             said.append(f"{text}, and {100 * (1 - worse):.0f} % less for its torque")
         elif not votes:
-            said.append(f"{text}: too near to tell")
+            said.append(f"{text}: too near to decide")
     if not votes and all(s is None for s in shares) and quality is None:
         said.append("no rows in which the speeds vary apart, none at equal speeds with torque or power")
     agreed = votes[0] if votes and len(set(votes)) == 1 else None

@@ -66,7 +66,7 @@ def _told_by_data(samples: Samples, first: Found, second: Found) -> tuple[dict[s
     if verdict.lower is None:
         raise RotorsUnclear(samples.source, names, evidence)
     upper, lower = (first, second) if verdict.lower == 1 else (second, first)
-    note = f"'{_called(upper)}' is the upper rotor, told by the data: {'; '.join(evidence)}"
+    note = f"'{_called(upper)}' is the upper rotor, by the data: {'; '.join(evidence)}"
     return {"upper": upper, "lower": lower}, (note,)
 
 

@@ -169,7 +169,7 @@ def electrical_turns(samples: Samples, diameter_m: float | None = None) -> str:
             return (
                 "the speeds may be electrical turns (ERPM): with a motor of "
                 f"{poles} poles these readings are propellers' as well, of {shown} in diameter; "
-                "`diameter_m` M tells, a map states it (unit erpm, with `poles`)"
+                "`diameter_m` M decides, a map states it (unit erpm, with `poles`)"
             )
     return ""
 

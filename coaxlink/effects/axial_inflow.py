@@ -71,7 +71,7 @@ def _loss(frame: FlightFrame, shape: Shape) -> Array:
         share = frame.thrust / u**2
         share = share / max(float(np.median(share[frame.keep])), 1e-9)
     first, second = slopes(shape, climb, u, share)
-    return np.stack([first, second] if "bent" in shape else [first], axis=-1)
+    return np.stack([first, second] if "quadratic" in shape else [first], axis=-1)
 
 
 def _columns(frame: FlightFrame, shape: Shape) -> Array:
@@ -82,8 +82,8 @@ def _columns(frame: FlightFrame, shape: Shape) -> Array:
 
 
 def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
-    bend = {"thrust_per_climb_squared_N_s2_m2": float(c[1])} if "bent" in shape else {}
-    rest = {k: v for k, v in shape.items() if k != "bent"}
+    bend = {"thrust_per_climb_squared_N_s2_m2": float(c[1])} if "quadratic" in shape else {}
+    rest = {k: v for k, v in shape.items() if k != "quadratic"}
     return {"thrust_per_climb_N_s_m": float(c[0]), **bend, **rest}
 
 
@@ -91,7 +91,7 @@ def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
     shape = {k: v for k, v in p.items() if k in ("by_thrust", "levelling_s_m")}
     c = [p["thrust_per_climb_N_s_m"]]
     if "thrust_per_climb_squared_N_s2_m2" in p:
-        shape["bent"] = 1.0
+        shape["quadratic"] = 1.0
         c.append(p["thrust_per_climb_squared_N_s2_m2"])
     return shape, np.array(c)
 
@@ -102,13 +102,13 @@ def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
 
 
 def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    bent = np.array([c[0], 0.0])
+    start = np.array([c[0], 0.0])
     mine: Shape = {k: v for k, v in shape.items() if k == "by_thrust"}
     other: Shape = {} if mine else {"by_thrust": 1.0}
     forms = [mine, other]
     return [
         (other, c[:1]),
-        *(({**form, "bent": 1.0}, bent) for form in forms),
+        *(({**form, "quadratic": 1.0}, start) for form in forms),
         *(({**form, "levelling_s_m": 0.03}, c[:1]) for form in forms),
     ]
 

@@ -57,7 +57,9 @@ def _centre(frame: FlightFrame) -> float:
 
 def _missing(frame: FlightFrame) -> str | None:
     if frame.voltage is None:
-        return "voltage_V is not in the log: a sagging battery cannot be told from a change of thrust"
+        return (
+            "voltage_V is not in the log: a sagging battery cannot be distinguished from a change of thrust"
+        )
     spread = np.ptp(frame.voltage[frame.keep]) / max(_centre(frame), 1e-6)
     return None if spread > 0.01 else f"voltage_V moves by only {100 * spread:.1f} %"
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.drive import bent_by, drivable, drive
+from coaxlink.effects.drive import changed_by, drivable, drive
 from coaxlink.effects.static import LeftOut, StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_CHANNELS, StandFrame
@@ -126,7 +126,7 @@ STAND: Tracing[StandFrame] = Tracing(
     units={"band": "1", "share": "1", "stretched": "1", "bend": "1", "start": "1"},
     missing=drivable,
     shapes=_dead_shapes,
-    columns=lambda frame, shape: bent_by(frame, _dead(frame, shape))[..., None],
+    columns=lambda frame, shape: changed_by(frame, _dead(frame, shape))[..., None],
     parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
     inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
     refuse=lambda p: outside("share", p["share"], 0.6, 1.5),

@@ -37,7 +37,7 @@ def load_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, A
     return [] if "load" in shape else [({**shape, "load": 0.2}, c)]
 
 
-def bent_by(frame: StandFrame, speeds: Array) -> Array:
+def changed_by(frame: StandFrame, speeds: Array) -> Array:
     """(rows, 6) what other speeds than the throttles' do, in full."""
     out = np.zeros((len(speeds), 6))
     u = drive(frame)

@@ -102,7 +102,7 @@ def _static(bench: StaticBench, p: Numbers) -> str:
     return f"commands for windings at {degrees:.0f} C, where rotors turn at {factor:.3f} of them"
 
 
-_NOT_TOLD = "speed follows the winding's temperature, which no mixer is told"
+_NOT_TOLD = "speed follows the winding's temperature, which no mixer knows"
 EFFECT = PhysicalEffect(
     name="motor_heating",
     stage=Stage.DRIVE,

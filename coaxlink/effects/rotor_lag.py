@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
-from coaxlink.effects.drive import bent_by, drivable, drive
+from coaxlink.effects.drive import changed_by, drivable, drive
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
 from coaxlink.signals import lagged
@@ -174,7 +174,7 @@ STAND: Tracing[StandFrame] = Tracing(
     units={"lag_s": "s", "share": "1", "second_s": "s", "down": "1", "stepped": "1"},
     missing=_no_time,
     shapes=lambda _: [{"lag_s": s, **form} for s in STAND_LAGS_S for form in ({}, {"stepped": 1.0})],
-    columns=lambda frame, shape: bent_by(frame, _late(frame, shape))[..., None],
+    columns=lambda frame, shape: changed_by(frame, _late(frame, shape))[..., None],
     parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
     inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
     refuse=lambda p: outside("share", p["share"], 0.7, 1.4),

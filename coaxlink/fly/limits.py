@@ -63,11 +63,11 @@ def breach(state: State, limits: Limits) -> str | None:
     """The first limit that a vehicle in flight is beyond, in words; None while all is well.
 
     >>> breach(State(0.0, 31.0, 3.0, 0.2, 4.0, 0.8), Limits())
-    '31.0 m from the place of take-off, 30 is the limit'
+    '31.0 m from the take-off point, 30 is the limit'
     """
     away = math.hypot(state.north_m, state.east_m)
     if away > limits.radius_m:
-        return f"{away:.1f} m from the place of take-off, {limits.radius_m:g} is the limit"
+        return f"{away:.1f} m from the take-off point, {limits.radius_m:g} is the limit"
     if state.height_m > limits.ceiling_m:
         return f"{state.height_m:.1f} m high, {limits.ceiling_m:g} is the limit"
     if state.off_plan_m > limits.off_plan_m:

@@ -25,7 +25,7 @@ def confirm(session: Session, *, alone: bool = True) -> None:
     """
     wanted = session.identity
     if not wanted.uid:
-        raise SafetyRefusal("the vehicle does not say which board it is: it could not be told from another")
+        raise SafetyRefusal("the vehicle does not say which board it is: it could be mistaken for another")
     _listen(session)
     session.bound.refuse_others(alone=alone)
     answer, _ = session.exchange(

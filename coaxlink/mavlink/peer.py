@@ -130,7 +130,7 @@ class Bound:
             self.peer, self._stream, self.heard_s = heir.address, self._new_parser(), now
             self.strangers.forget(heir.address)
             self._news.append(
-                f"{was} fell silent; its board {known.uid} answers at {heir.name} and is followed"
+                f"{was} fell silent; its board {known.uid} answers at {heir.name}: the session goes on there"
             )
         return stranger is not None
 

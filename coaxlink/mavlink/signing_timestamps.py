@@ -97,7 +97,7 @@ class Book:
                     total = max(most[0], there[0])
                     files.write_json(self._path, _document(total, whole))
             except InputError as error:
-                self.trouble = f"signing's timestamps cannot be kept: {error.problem}"
+                self.trouble = f"signing's timestamps cannot be stored: {error.problem}"
                 return
             self.sent, self.heard, self.trouble = total, whole, ""
 
@@ -119,7 +119,7 @@ class Book:
                 raise ValueError
             return sent, found
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-            problem = f"damaged ({type(error).__name__}); without it replays cannot be told"
+            problem = f"damaged ({type(error).__name__}); without it replays cannot be detected"
             raise InputError(self._path, "", problem) from error
 
     def _open(self, ending: str) -> int:

@@ -77,7 +77,7 @@ def constrained_table(
         if search.missed(x, limit) > MET:
             value = search.worst(x, limit)
             got = "" if value is None else f": the nearest gets to {limit.shown(value)}"
-            with_others = ", the other limits kept" if len(limits) > 1 else ""
+            with_others = ", the other limits holding" if len(limits) > 1 else ""
             raise CheckFailed(f"no table near the fitted one keeps: {limit}{got}{with_others}")
     kept = []
     for n, limit in enumerate(limits):

@@ -22,7 +22,7 @@ from coaxlink.mixer.fitted import envelope
 from coaxlink.mixer.law import Law
 from coaxlink.rotor import RotorModel
 from coaxlink.vehicle import Vehicle
-from coaxlink.vehicle.bent import scaled_speed
+from coaxlink.vehicle.changed_model import scaled_speed
 
 # (roll, pitch, yaw, thrust up 0..1) -> normalised speeds (N,)
 Speeds = Callable[[float, float, float, float], NDArray[np.float64]]

@@ -55,11 +55,11 @@ def words(update: Update) -> Iterator[str]:
         yield f"{name}: residual of the model alone {before:.3g} before, {after:.3g} after"
     open_terms = [f"{t.load} {t.term}" for t in update.told if t.verdict == "not told"]
     if open_terms:
-        yield f"not told by these flights, as believed before: {', '.join(open_terms)}"
+        yield f"not determined by these flights, as believed before: {', '.join(open_terms)}"
     thrust = {load: sds for load, (*_, sds) in update.loads.items() if load.endswith("thrust_N")}
     largest = max(thrust.values())
     if largest > 0.02 * float(np.sum([update.loads[load][2] for load in thrust])):
         yield (
             f"upper against lower thrust stays open by {NORMAL_95 * largest:.2g} N a rotor: all flights had "
-            "much the same split; another table (other split) flown the same way would tell it"
+            "much the same split; another table (other split) flown the same way would determine it"
         )

@@ -13,7 +13,7 @@ from coaxlink.report.worth import rows, sentences, terms
 from coaxlink.tables.worth import Worths
 
 CAPTION = (
-    "Left: thrust delivered minus asked, over the thrust asked for, in level flight. Middle: mean error of "
+    "Left: thrust delivered minus demanded, over the thrust demanded, in level flight. Middle: mean error of "
     "each law over the envelope. Right: what the fitted table trades as its upper rotors carry more"
 )
 

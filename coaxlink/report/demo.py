@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from coaxlink.residual.allocation_error import Delivered
+    from coaxlink.residual.allocation_error import AllocationErrors
     from coaxlink.residual.result import Refinement
     from coaxlink.rotor.identification import Identification
     from coaxlink.tables.worth import Worths
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 class FlightErrors:
     """One flight against what was meant: the paper's Table 4, who carried the weight, and what it cost."""
 
-    delivered: Delivered
+    allocation: AllocationErrors
     position_error_m: tuple[float, float, float]  # mean |wanted - flown| north, east, down
     power_W: float | None = None  # mean from the battery, None where the vehicle did not tell
 
     def to_json(self) -> dict[str, Any]:
         """As `demo --json` writes it."""
-        d = self.delivered
+        d = self.allocation
         return {
             "thrust_error_N": d.thrust_error_N,
             "torque_error_Nm": list(d.torque_error_Nm),
@@ -93,11 +93,11 @@ def flight_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
     """A row a flight: power, height error, gain of thrust, allocation error without and with best gains."""
     rows = []
     for name, flight in flights.items():
-        d = flight.delivered
+        d = flight.allocation
         rows.append(
             [
                 name,
-                "not told" if flight.power_W is None else f"{flight.power_W:.0f}",
+                "not reported" if flight.power_W is None else f"{flight.power_W:.0f}",
                 f"{flight.position_error_m[2]:.3f}",
                 f"{d.gain[0]:.3f}",
                 f"{d.thrust_error_N:.2f}",
@@ -110,14 +110,14 @@ def flight_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
 
 def split_headings(flights: Mapping[str, FlightErrors]) -> tuple[str, ...]:
     """Of `split_rows`: an arm a column."""
-    first = next(iter(flights.values())).delivered.split
+    first = next(iter(flights.values())).allocation.split
     return "flight", *(f"{s.upper} over {s.lower}, N" for s in first)
 
 
 def split_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
     """A row a flight: each arm's upper and lower thrust, and the lower rotor's share of both."""
     return [
-        [name] + [f"{s.upper_N:.1f} + {s.lower_N:.1f} ({s.lower_share:.0%})" for s in flight.delivered.split]
+        [name] + [f"{s.upper_N:.1f} + {s.lower_N:.1f} ({s.lower_share:.0%})" for s in flight.allocation.split]
         for name, flight in flights.items()
     ]
 

@@ -53,7 +53,7 @@ def flown(flights: Mapping[str, FlightErrors]) -> list[str]:
 
 def story(result: DemoResult) -> list[str]:
     """The flight in the world that hides something: what was seen, what was found, what it explains."""
-    there, here = result.hidden.delivered, result.flights[FITTED].delivered
+    there, here = result.hidden.allocation, result.flights[FITTED].allocation
     found = result.refinement
     lines = [
         "Then the same fitted table flew where one thing is true that the rotor model does not know: "
@@ -85,7 +85,7 @@ def _answer(found: Refinement) -> str:
 def _power(fitted: FlightErrors, standard: FlightErrors) -> str:
     start = f"On these flights ({PATH}; simulated) the fitted table"
     if fitted.power_W is None or standard.power_W is None:
-        return f"{start} was not weighed against the standard one: the vehicle did not tell its power."
+        return f"{start} was not weighed against the standard one: the vehicle did not report its power."
     ratio = fitted.power_W / standard.power_W
     watts = f"({fitted.power_W:.0f} W instead of {standard.power_W:.0f} W)"
     if abs(1.0 - ratio) < 5e-4:  # a figure that is shown as 0.0 %
@@ -107,7 +107,7 @@ def _height(fitted: FlightErrors, standard: FlightErrors) -> str:
 
 
 def _left(fitted: FlightErrors, standard: FlightErrors) -> str:
-    ours, theirs = fitted.delivered, standard.delivered
+    ours, theirs = fitted.allocation, standard.allocation
     return (
         f"Thrust came out at {theirs.gain[0]:.2f} of what the standard table means and at "
         f"{ours.gain[0]:.2f} of what the fitted one does. Integrators learn such a constant gain; after the "
@@ -117,5 +117,5 @@ def _left(fitted: FlightErrors, standard: FlightErrors) -> str:
 
 
 def _lower_share(flight: FlightErrors) -> float:
-    split = flight.delivered.split
+    split = flight.allocation.split
     return sum(s.lower_N for s in split) / sum(s.lower_N + s.upper_N for s in split)

@@ -27,7 +27,7 @@ def sentences(fleet: Fleet) -> Iterator[str]:
     doubtful = [c for c in fleet.courses if not c.believed]
     if doubtful:
         few = ", ".join(f"{c.vehicle} {c.name} {c.part}".strip() for c in doubtful[:5])
-        yield f"seen too rarely to be believed: {few}" + (" ..." if len(doubtful) > 5 else "")
+        yield f"found in too few logs to be believed: {few}" + (" ..." if len(doubtful) > 5 else "")
 
 
 def rows(courses: tuple[Course, ...]) -> list[tuple[str, ...]]:

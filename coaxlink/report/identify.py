@@ -34,13 +34,13 @@ def remarks(result: Identification) -> Iterator[str]:
                 if len(group) <= 6
                 else f"{len(group)} of the dictionary's {len(intervals.bounds)}"
             )
-            yield f"{load}: the data cannot tell these terms apart: {shown}"
+            yield f"{load}: the data cannot separate these terms: {shown}"
         if intervals.indistinct:
             yield f"{load}: {for_the_table(result, load)}"
-    for row in result.wild:
+    for row in result.outliers:
         yield (
-            f"wild: {row.place}, {row.load} = {row.measured:.4g} where {row.expected:.4g} is expected "
-            f"({row.deviations:.0f} standard deviations); kept with less weight"
+            f"outlier: {row.place}, {row.load} = {row.measured:.4g} where {row.expected:.4g} is expected "
+            f"({row.deviations:.0f} standard deviations); weighted down"
         )
 
 

@@ -86,7 +86,7 @@ class LoopResult:
 def rows(result: LoopResult) -> list[list[str]]:
     """A row a channel, then the height that was held."""
     out = []
-    before, after = result.before.delivered, result.after.delivered
+    before, after = result.before.allocation, result.after.allocation
     pairs = zip(
         CHANNELS,
         (before.thrust_error_N, *before.torque_error_Nm),
@@ -124,7 +124,7 @@ def lines(result: LoopResult) -> Iterator[str]:
 def _doubts(result: LoopResult) -> Iterator[str]:
     found = result.refinement
     if result.log_separating is not None:
-        yield f"flown to tell rivals apart: {result.log_separating}"
+        yield f"flown to separate rivals: {result.log_separating}"
     for a in found.ambiguous:
         said = f"ambiguous: {' or '.join(a.names)}"
         tell_apart = f"; to separate: {a.separate_by}" if a.separate_by else ""
@@ -151,7 +151,7 @@ def table(result: LoopResult) -> Any:
 
 def sentence(result: LoopResult) -> str:
     """The answer in one sentence: what was done, and what became of the flight's error."""
-    before, after = result.before.delivered, result.after.delivered
+    before, after = result.before.allocation, result.after.allocation
     done = OUTCOMES[result.outcome].format(done=", ".join(result.compensated))
     was, now, noise = (number(x) for x in (before.thrust_error_N, after.thrust_error_N, after.floor[0]))
     return (

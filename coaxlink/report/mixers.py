@@ -28,7 +28,7 @@ def draw_comparison(
         over.plot(THRUSTS * weight_N, row.thrust_error_N, color=colour, label=row.label, lw=1.8)
     over.axvline(weight_N, color="#bbbbbb", lw=1, ls=":")
     over.annotate("hover", (weight_N, 0.96), xycoords=("data", "axes fraction"), fontsize=8, color="#777777")
-    over.set(xlabel="thrust asked for, N", ylabel="delivered minus asked, N", title=f"{name}: level flight")
+    over.set(xlabel="thrust demanded, N", ylabel="delivered minus demanded, N", title=f"{name}: level flight")
     over.legend(fontsize=8)
     width = 0.8 / len(rows)
     for k, (row, colour) in enumerate(zip(rows, COLOURS, strict=False)):

@@ -1,4 +1,4 @@
-"""How far a flight delivered what its mixer meant: the paper's Table 4 rows, from a log.
+"""The allocation error of a flight, wrench meant less wrench delivered: the paper's Table 4 rows, from a log.
 
 Most of that error is a constant gain, which an autopilot's integrators learn: what is left after the best one
 is given beside it.
@@ -44,7 +44,7 @@ class ArmSplit:
 
 
 @dataclass(frozen=True)
-class Delivered:
+class AllocationErrors:
     """Mean |meant - delivered| of a flight, as the paper's Table 4 gives it, and the split per arm."""
 
     thrust_error_N: float
@@ -58,13 +58,13 @@ class Delivered:
     after_gain: tuple[float, ...] = ()  # mean |gain x meant - delivered|
 
 
-def delivered(
+def allocation_errors(
     samples: Samples,
     vehicle: Vehicle,
     meant: Callable[[Array, Array], Array],
     *,
     lagged: bool = False,
-) -> Delivered:
+) -> AllocationErrors:
     """Hold a flight of `vehicle` against `meant(time_s (rows,), motor (rows, N)) -> wrench (rows, 4)`.
 
     `lagged` hands `meant` the commands after the declared motor lag, which is no matter of allocation.
@@ -73,11 +73,11 @@ def delivered(
     airframe = vehicle.airframe
     frame = flight_frame([samples], airframe, vehicle.model)
     wanted = meant(frame.time_s, frame.speeds if lagged else frame.commands)
-    got = np.concatenate([-frame.measured[:, 2:3], frame.measured[:, 3:6]], axis=1)
-    asked, given = reduce_columns(frame, wanted), reduce_columns(frame, got)
-    signed = asked - given
-    gain = (asked * given).sum(axis=0) / np.maximum((asked**2).sum(axis=0), np.finfo(float).tiny)
-    left = np.abs(gain * asked - given).mean(axis=0)
+    delivered = np.concatenate([-frame.measured[:, 2:3], frame.measured[:, 3:6]], axis=1)
+    wanted_at, given = reduce_columns(frame, wanted), reduce_columns(frame, delivered)
+    signed = wanted_at - given
+    gain = (wanted_at * given).sum(axis=0) / np.maximum((wanted_at**2).sum(axis=0), np.finfo(float).tiny)
+    left = np.abs(gain * wanted_at - given).mean(axis=0)
     error = np.abs(signed).mean(axis=0)
     intervals, floor = _doubt(frame, signed)
     thrust = reduce_columns(frame, frame.thrust).mean(axis=0)
@@ -87,7 +87,7 @@ def delivered(
     )
     seconds = len(frame.keep) * float(np.median(np.diff(frame.time_s[frame.keep])))
     torque = (float(error[1]), float(error[2]), float(error[3]))
-    return Delivered(
+    return AllocationErrors(
         float(error[0]), torque, split, seconds, intervals, floor, tuple(gain.tolist()), tuple(left.tolist())
     )
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.rotor.identification import CHANNELS, TOGETHER, Identification, together
+from coaxlink.rotor.identification import CHANNELS, CORRELATED, Identification, speed_correlation
 from coaxlink.rotor.polynomial import design_matrix
 
 CELLS = 5  # a side: levels of each speed that a map wants (the paper has 11)
@@ -65,7 +65,8 @@ def coverage(result: Identification) -> Coverage:
         if len(difference):
             repeatability[CHANNELS[load]] = float(np.sqrt(np.mean(difference**2)))
     return Coverage(
-        _range(u), _range(v), _cells(u, v), together(data.speeds), len(set(first.tolist())), repeatability,
+        _range(u), _range(v), _cells(u, v), speed_correlation(data.speeds), len(set(first.tolist())),
+        repeatability,
         {CHANNELS[load]: result.noise_floor[CHANNELS[load]] for load in data.measured},
         {CHANNELS[load]: float(known_to(result, load).max()) for load in result.fits},
     )  # fmt: skip
@@ -89,7 +90,7 @@ def for_the_table(result: Identification, load: str) -> str:
     sure = (
         f"the sum of them is known to {float(known_to(result, load).max()):.2g} {unit} where it was measured"
     )
-    if together(result.bench.speeds) > TOGETHER:
+    if speed_correlation(result.bench.speeds) > CORRELATED:
         both = (u > 0) & (v > 0)
         ratio = v[both] / u[both]
         return (

@@ -1,4 +1,4 @@
-"""What a fit is told (Options), what it gives back (LoadFit), and least squares no wild row can bend."""
+"""What a fit is told (Options), what it gives back (LoadFit), and least squares that outliers cannot bend."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from coaxlink.rotor.polynomial import Polynomial, design_matrix
 HUBER = 2.5  # standard deviations within which a row counts in full
 ONE_IN_A_THOUSAND = 10.83  # of chi squared with one degree of freedom
 LEAST_VARIANCE = 0.05  # of the mean: a row at rest must not rule the fit
-WILD = 6.0  # standard deviations beyond which a row is reported
+OUTLYING = 6.0  # standard deviations beyond which a row is reported
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from coaxlink.data.averaging import shortened
 from coaxlink.errors import InputError
 from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import forms
-from coaxlink.rotor.fit import WILD, LoadFit, Options, huber_weights, least_squares, orders, row_weights
+from coaxlink.rotor.fit import OUTLYING, LoadFit, Options, huber_weights, least_squares, orders, row_weights
 from coaxlink.rotor.folds import blocks, folds
 from coaxlink.rotor.intervals import Intervals, term_intervals
 from coaxlink.rotor.metrics import NORMALISER, ChannelError, channel_error
@@ -32,12 +32,12 @@ COAXIAL = {
     "coaxial_thrust": (Load.UPPER_THRUST.key, Load.LOWER_THRUST.key),
     "coaxial_torque": (Load.UPPER_TORQUE.key, Load.LOWER_TORQUE.key),
 }
-TOGETHER = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
+CORRELATED = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
 Values = dict[str, NDArray[np.float64]]  # load: (rows,), NaN where not measured
 
 
 @dataclass(frozen=True)
-class WildRow:
+class Outlier:
     """A row that the robust fit does not believe: down-weighted, reported, kept."""
 
     place: str
@@ -74,7 +74,7 @@ class Identification:
     fits: Mapping[str, LoadFit]
     intervals: Mapping[str, Intervals]  # of the coefficients, whatever terms there may be
     given: Mapping[str, Intervals]  # of the model's values, were its terms the only ones there can be
-    wild: tuple[WildRow, ...]
+    outliers: tuple[Outlier, ...]
     bench: Bench
     predicted: Values  # held-out predictions of the chosen form
     notes: tuple[str, ...] = field(default=())
@@ -107,7 +107,7 @@ class Identification:
                 for load, fit in self.fits.items()
                 if fit.history
             },
-            "wild_rows": [vars(row) for row in self.wild],
+            "wild_rows": [vars(row) for row in self.outliers],
             "notes": list(self.notes),
             **({"physical": self._physical()} if self.without else {}),
         }
@@ -181,13 +181,13 @@ def identify(
     fits = fit_form(chosen, data, np.ones(data.samples.rows, bool), options)
     intervals = {load: fit.intervals for load, fit in fits.items()}
     rich = _scatter(data, options)
-    wild = _wild(data, rich)
+    outliers = _outliers(data, rich)
     terms = {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS}
     model = RotorModel.from_terms(chosen, data.speeds.speed_max_rpm, terms)
     notes = (*data.samples.notes, *_notes(data, form, chosen, _reason(chosen, comparison)))
     result = Identification(
         chosen, model, comparison[chosen], comparison, _floors(data, rich), fits, intervals,
-        _given(data, fits, options), wild, data,
+        _given(data, fits, options), outliers, data,
         predicted[chosen], notes, without,
     )  # fmt: skip
     return replace(result, model=replace(model, identified=_provenance(result)))
@@ -271,7 +271,7 @@ def _simplest(data: Bench, predicted: Mapping[str, Values]) -> str:
 
 
 def _scatter(data: Bench, options: Options) -> Values:
-    """Residuals of the richest fit of each load (rows,): what is left is noise, or a wild row."""
+    """Residuals of the richest fit of each load (rows,): what is left is noise, or an outlier."""
     residuals = {}
     for load in data.measured:
         mask = np.isfinite(data.loads[load])
@@ -312,18 +312,18 @@ def _floors(data: Bench, residuals: Values) -> dict[str, float]:
     return floors
 
 
-def _wild(data: Bench, residuals: Values) -> tuple[WildRow, ...]:
+def _outliers(data: Bench, residuals: Values) -> tuple[Outlier, ...]:
     found = []
     for load, residual in residuals.items():
         scale = SIGMA_PER_MAD * float(np.nanmedian(np.abs(residual)))
-        for row in np.flatnonzero(np.abs(np.nan_to_num(residual)) > WILD * max(scale, 1e-12)):
+        for row in np.flatnonzero(np.abs(np.nan_to_num(residual)) > OUTLYING * max(scale, 1e-12)):
             value = float(data.loads[load][row])
             off = float(residual[row])
-            found.append(WildRow(data.samples.place(int(row)), load, value, value - off, abs(off) / scale))
+            found.append(Outlier(data.samples.place(int(row)), load, value, value - off, abs(off) / scale))
     return tuple(found)
 
 
-def together(speeds: Speeds) -> float:
+def speed_correlation(speeds: Speeds) -> float:
     """Correlation of the two speeds where both turn; 0 when a rotor also turns without the other."""
     upper, lower = speeds.upper > 0, speeds.lower > 0
     both = upper & lower
@@ -358,11 +358,11 @@ def _notes(data: Bench, asked: str, chosen: str, reason: str) -> Sequence[str]:
     ]
     if asked == "auto":
         said.append(reason)
-    alike = together(data.speeds)
-    if alike > TOGETHER:
+    alike = speed_correlation(data.speeds)
+    if alike > CORRELATED:
         said.append(
             f"both speeds move together (correlation {alike:.5f}): the model holds along them only, "
-            "what each rotor does to the other cannot be told apart"
+            "what each rotor does to the other cannot be separated"
         )
     missing = [load for load in LOADS if load not in data.measured]
     if missing:

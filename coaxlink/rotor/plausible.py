@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.rotor import forms
-from coaxlink.rotor.identification import COAXIAL, TOGETHER, Bench, Identification
+from coaxlink.rotor.identification import COAXIAL, CORRELATED, Bench, Identification
 
 OVER = 1.02  # of the speed that u = 1 means: rpm sensors agree within 2 per cent
 SHORT = 0.6  # of it: a table is used up to 1, and squares extrapolated from here are off by their square
@@ -83,7 +83,7 @@ def _stalled(data: Bench) -> Iterator[str]:
         if top.sum() < 6 or np.ptp(u[top]) < 0.05 * u.max():
             continue
         X = np.stack([np.ones(top.sum()), u[top], other[top]], axis=1)
-        apart = np.ptp(other[top]) > 0 and abs(np.corrcoef(u[top], other[top])[0, 1]) < TOGETHER
+        apart = np.ptp(other[top]) > 0 and abs(np.corrcoef(u[top], other[top])[0, 1]) < CORRELATED
         X = X if apart else X[:, :2]
         b = np.linalg.lstsq(X, load[top], rcond=None)[0]
         left = load[top] - X @ b

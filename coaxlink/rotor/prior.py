@@ -148,7 +148,7 @@ def _level(rng: np.random.Generator, sd: float) -> Array:
 def _of_speed(u: Array, load: Array, rng: np.random.Generator) -> Array:
     """(S, 2) draws of the coefficients of u^2 and u through a table's column.
 
-    Least squares no wild row can bend, with a prior on the part that goes with u.
+    Least squares that outliers cannot bend, with a prior on the part that goes with u.
     """
     X = np.stack([u**2, u], axis=1)
     weights, scale = huber_weights(X, load)

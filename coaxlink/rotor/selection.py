@@ -2,7 +2,7 @@
 
 Berra, Trujillo and Heredia 2024, eq. 4, with what their own numbers ask for: terms standardised, because on
 raw speeds the l1 norm keeps linear terms and drops squares; and least squares on the chosen support, because
-l1 shrinks. Wild rows get Huber weights. A support is taken only if each of its values lies in the interval
+l1 shrinks. Outliers get Huber weights. A support is taken only if each of its values lies in the interval
 that the whole dictionary gives it: a value that its own data contradict is an artefact of what was left out.
 """
 

@@ -31,7 +31,7 @@ class MissingError(InputError):
     def __init__(self, source: str, fields: Mapping[str, str]) -> None:
         self.fields = dict(fields)
         told = ", ".join(f"`{name}` ({what})" for name, what in fields.items())
-        super().__init__(source, "", f"does not tell all of the vehicle: {told} expected")
+        super().__init__(source, "", f"does not hold all of the vehicle: {told} expected")
 
 
 def missing(layout: Layout, body: Body) -> dict[str, str]:

@@ -63,7 +63,7 @@ def _scripted(
     places = []
     for n, (roll, pitch, yaw, _) in enumerate(factors, start=1):
         if yaw == 0.0:
-            raise InputError(source, f"motor {n}", "no yaw factor: which way it turns cannot be told")
+            raise InputError(source, f"rotor {n}", "no yaw factor: which way it turns is not known")
         x, y = pitch / top[1], -roll / top[0]
         length = math.hypot(x, y) or 1.0
         places.append(Place(x / length, y / length, None, "ccw" if yaw > 0 else "cw"))

@@ -31,7 +31,7 @@ def px4_layout(params: Mapping[str, float | int], source: str) -> Layout:
     places = []
     for n, rotor in enumerate(table.rotors, start=1):
         if rotor.km == 0.0:
-            raise InputError(source, f"CA_ROTOR{n - 1}_KM", "0: which way the rotor turns cannot be told")
+            raise InputError(source, f"CA_ROTOR{n - 1}_KM", "0: which way the rotor turns is not known")
         x, y, z = rotor.position_m
         spin = "ccw" if rotor.km > 0 else "cw"
         places.append(

@@ -53,7 +53,7 @@ class Layout:
             if len(stack) > 2:
                 numbers = ", ".join(str(n + 1) for n in stack)
                 raise InputError(
-                    self.source, "", f"rotors {numbers} share one place: one or two are expected"
+                    self.source, "", f"rotors {numbers} share one position: one or two are expected"
                 )
             found.append(stack)
             left = [n for n in left if n not in stack]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.report.demo import FlightErrors
-from coaxlink.residual.allocation_error import delivered
+from coaxlink.residual.allocation_error import allocation_errors
 from coaxlink.simulated.flight import Flight
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _errors(flight: Flight, vehicle: Vehicle, meant: Meant, as_paper: bool) -> F
     stamps, time_s = np.array(flight.track.time_s)[judged], samples["time_s"]
     inside = (time_s >= stamps.min()) & (time_s <= stamps.max())
     return FlightErrors(
-        delivered(samples.take(inside), vehicle, meant, lagged=not as_paper),
+        allocation_errors(samples.take(inside), vehicle, meant, lagged=not as_paper),
         (float(miss[0]), float(miss[1]), float(miss[2])),
         flight.pack.mean(),
     )

@@ -80,7 +80,7 @@ def code_hash() -> str:
 def fly_cells(payload: Payload, cells: Sequence[int]) -> Rows:
     """Rows of these cells. Raises CheckFailed where this worker is of another version."""
     if payload.code != code_hash():
-        raise CheckFailed("a worker has another coaxlink than the one that asks: install the same on both")
+        raise CheckFailed("a worker has another version of coaxlink: install the same on both machines")
     kinds = columns(payload.spec)
     rows: Rows = {name: [] for name in kinds}
     for number in cells:

@@ -173,7 +173,7 @@ def _separate(world: World, start: _Start, refinement: Refinement) -> Path | Non
     experiments = [a.experiment for a in refinement.ambiguous if a.experiment is not None]
     if not experiments:
         return None
-    world.tell(f"flying what would tell apart {' or '.join(experiments[0].names)}")
+    world.tell(f"flying what would separate {' or '.join(experiments[0].names)}")
     there = replace(world, plan=planned_flight(experiments[0].document()))
     rotor = world.out / "rotor.toml"
     return Path(_fly_table(there, 2, start.vehicle.airframe, "separating", start.table, rotor).log)

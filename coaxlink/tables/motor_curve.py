@@ -25,7 +25,7 @@ def own_curve(vehicle: Vehicle, table: px4.Px4Table) -> float:
     share = -px4.realise(table).mix[:, 5]
     weight = vehicle.airframe.mass_kg * GRAVITY_M_S2
 
-    def bent(curve: float) -> float:
+    def misfit(curve: float) -> float:
         mix = px4.realise(dataclasses.replace(table, thr_mdl_fac=curve))
         demand = np.linspace(0.02, 1.0 / max(float(share.max()), 1e-6), 80)
         lift = _lift(vehicle, mix.throttle(demand[:, None] * share))
@@ -36,7 +36,7 @@ def own_curve(vehicle: Vehicle, table: px4.Px4Table) -> float:
         gain = float(wanted @ at) / float(at @ at)
         return float(np.mean((wanted - gain * at) ** 2))
 
-    found = minimize_scalar(bent, bounds=(0.01, 1.0), method="bounded", options={"xatol": 1e-3})
+    found = minimize_scalar(misfit, bounds=(0.01, 1.0), method="bounded", options={"xatol": 1e-3})
     return round(float(found.x), 2)
 
 

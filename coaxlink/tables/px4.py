@@ -201,7 +201,7 @@ def _lean_findings(table: px4.Px4Table, mix: px4.Px4Mix, law: str) -> list[Findi
     if law != "fitted":
         text += "; `law` fitted makes a table for that"
     shares = ", ".join(f"{axis} {share:.0%}" for axis, share in zip(_AXES, worst, strict=True))
-    return [Finding("px4.leaning-axes", "warning", text, f"off what the law asks by {shares}")]
+    return [Finding("px4.leaning-axes", "warning", text, f"off what the law demands by {shares}")]
 
 
 def _reversed_findings(flown: Behaviour, law: str) -> list[Finding]:

@@ -55,7 +55,7 @@ def axis_gains(
 
 
 @dataclass(frozen=True)
-class KeptGains:
+class PreservedGains:
     """What a table does to the rate loops, in a line, and the gains that go with it."""
 
     axes: tuple[AxisGain, ...]  # (3,)
@@ -77,7 +77,7 @@ class KeptGains:
         return {"rate_gains": rows}
 
 
-def kept_gains(
+def preserved_gains(
     firmware: str,
     flown: Behaviour,
     reference: Behaviour,
@@ -85,7 +85,7 @@ def kept_gains(
     against: str,
     *,
     write: bool,
-) -> KeptGains:
+) -> PreservedGains:
     """Hold a table's gains against another's on the same rotors; with `write`, also those to set."""
     axes = axis_gains(firmware, flown, reference, board)
     written, problem = wanted_gains(firmware, axes) if write else ({}, "")
@@ -96,7 +96,7 @@ def kept_gains(
             if written
             else "; `keep_gains` writes gains for it"
         )
-    return KeptGains(axes, line, written, problem)
+    return PreservedGains(axes, line, written, problem)
 
 
 def gains_line(gains: tuple[AxisGain, ...], against: str) -> str:

@@ -47,16 +47,16 @@ def planned_table(params: Mapping[str, Number], cargo: Mapping[str, bytes]) -> A
     return present_table(params, lambda: cargo.get(scripts.MATRIX_NAME))
 
 
-def moved_motors(old: ApTable, new: ApTable) -> list[str]:
-    """Motors that would change their quadrant or their spin, in words."""
+def moved_rotors(old: ApTable, new: ApTable) -> list[str]:
+    """Rotors that would change their quadrant or their spin, in words."""
     before, after = _signs(old), _signs(new)
     if len(before) != len(after):
-        return [f"{len(before)} motors now, {len(after)} in the table"]
+        return [f"{len(before)} rotors now, {len(after)} in the table"]
     moved = []
     for n, (was, is_) in enumerate(zip(before, after, strict=True), start=1):
         changed = [word for word, a, b in zip(_WORDS, was, is_, strict=True) if a * b < 0]
         if changed:
-            moved.append(f"motor {n} changes {' and '.join(changed)}")
+            moved.append(f"rotor {n} changes {' and '.join(changed)}")
     return moved
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from coaxlink.mavlink.parameters import FLOAT, Snapshot, Value
 from coaxlink.uploading.ardupilot_scripts import SCRIPT_S, ScriptFolder, await_loader, is_table
-from coaxlink.uploading.ardupilot_table import moved_motors, planned_table, present_table
+from coaxlink.uploading.ardupilot_table import moved_rotors, planned_table, present_table
 from coaxlink.uploading.backup import Backup, Note, backup_path, write_backup
 from coaxlink.uploading.board import Board, Guard
 from coaxlink.uploading.content import BoardFiles, Content
@@ -178,10 +178,10 @@ class ArduPilotBoard(Board):
             frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
             self._talk.say(f"the motors of {frame} are not known here: check each with `turn_motors`")
             return
-        moved = moved_motors(old, new)
+        moved = moved_rotors(old, new)
         if moved:
             raise SafetyRefusal(
-                f"another vehicle: {moved[0]} ({len(moved)} motors differ); `new_geometry` to mean it"
+                f"another vehicle: {moved[0]} ({len(moved)} rotors differ); `new_geometry` to mean it"
             )
 
     def _as_kept(self, params: Mapping[str, float | int], snapshot: Snapshot) -> dict[str, Value]:

@@ -20,7 +20,7 @@ from coaxlink.effects.static import Conditions, LeftOut, StaticBench
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import Effect
-from coaxlink.vehicle.bent import bent, scaled_speed
+from coaxlink.vehicle.changed_model import changed_model, scaled_speed
 
 NOT_STATED = Conditions()
 
@@ -72,9 +72,9 @@ class Vehicle:
                 compensated[named.name] = known.static(bench, named.parameters)
             except LeftOut as reason:
                 left_out[named.name] = str(reason)
-        model = bent(bench.model, bench.changes) if bench.changes else bench.model
+        model = changed_model(bench.model, bench.changes) if bench.changes else bench.model
         turned = [change for change in bench.changes if change not in bench.drive]
-        by_speed = model if not bench.drive else bent(bench.model, turned) if turned else bench.model
+        by_speed = model if not bench.drive else changed_model(bench.model, turned) if turned else bench.model
         for name, value in (
             ("airframe", _airframe(bench)),
             ("model", replace(scaled_speed(model, bench.speed), effects=())),

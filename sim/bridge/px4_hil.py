@@ -82,7 +82,7 @@ class Px4Bridge:
         """One line of counts."""
         return (
             f"{self.steps} steps on {self.links} link{'' if self.links == 1 else 's'}, "
-            f"{self.timeouts} by the lock-step time-out of {self.patience_s:g} s, {self.stale} stale controls"
+            f"{self.timeouts} by the lock-step time-out of {self.patience_s:g} s, {self.stale} old controls"
         )
 
     def run(self, stop: Callable[[], bool]) -> None:

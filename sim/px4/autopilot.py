@@ -164,7 +164,7 @@ class Autopilot(Navigator):
     def go_to(self, position: Three, yaw: float) -> None:
         """Hold somewhere else (NaN keeps). Raises Refused on what is no place."""
         if any(map(math.isinf, (*position, yaw))):
-            raise Refused("Reposition: not a place")
+            raise Refused("Reposition: not a position")
         self._enter(Mode.HOLD)
         here = self._position()
         n, e, d = (h if math.isnan(p) else p for p, h in zip(position, here, strict=True))

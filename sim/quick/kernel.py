@@ -14,7 +14,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from sim.blades import OPTIONS, plain
-from sim.kept import kept
+from sim.compile_cache import cached
 from sim.kernel import advance
 from sim.layout import CURRENT, O_FORCE, SPEED, VOLTAGE, WIND
 from sim.px4 import loops
@@ -165,7 +165,7 @@ def log_row(time, r, command, n, top, row):
     row[at + 12], row[at + 13] = r[R_HEIGHT], r[R_VOLT]
 
 
-@kept(**OPTIONS)
+@cached(**OPTIONS)
 def fly(
     first, last, judged, rate, h, state, p, geo, slots, lanes, tilted, quad, poly, blades, out, top, ground,
     goals, noise, kicks, ring, s, turns, w, g, m, columns, curve, address, book, demand, sp, command, a, thin,

@@ -7,7 +7,7 @@ import pytest
 
 from coaxlink.report.demo import FlightErrors
 from coaxlink.report.demo_words import flown, story
-from coaxlink.residual.allocation_error import ArmSplit, Delivered
+from coaxlink.residual.allocation_error import AllocationErrors, ArmSplit
 from coaxlink.residual.result import ChannelError, FoundEffect, Refinement
 from coaxlink.simulated.flight import Pack
 
@@ -18,7 +18,7 @@ CHANNELS = {
 
 
 def flight(power_W, height_m=0.02, gain=1.0, left=0.2, upper=30.0, lower=20.0):
-    d = Delivered(
+    d = AllocationErrors(
         40.0, (0.1, 0.2, 0.3), (ArmSplit(1, 2, upper, lower),), 30.0, floor=(0.15, 0.0, 0.0, 0.0),
         gain=(gain, 1.0, 1.0, 1.0), after_gain=(left, 0.0, 0.0, 0.0),
     )  # fmt: skip
@@ -35,7 +35,7 @@ MORE = "took 5.0% more power from the battery than the standard one (2100 W inst
         (1900.0, 2000.0, LESS),
         (2100.0, 2000.0, MORE),
         (2000.0, 2000.4, "took the same power"),
-        (None, 2000.0, "the vehicle did not tell its power"),
+        (None, 2000.0, "the vehicle did not report its power"),
     ],
 )
 def test_the_first_sentence_says_what_it_is_worth_whichever_way_it_goes(ours, theirs, said):
@@ -52,7 +52,7 @@ def test_height_share_and_what_no_gain_takes_off_are_those_of_the_flights():
 
 def told(refinement):
     off = flight(1900.0)
-    off = replace(off, delivered=replace(off.delivered, thrust_error_N=18.0))
+    off = replace(off, allocation=replace(off.allocation, thrust_error_N=18.0))
     return " ".join(
         story(SimpleNamespace(hidden=off, flights={"fitted": flight(1900.0)}, refinement=refinement))
     )

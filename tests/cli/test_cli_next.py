@@ -46,7 +46,7 @@ def test_what_a_table_can_hold_names_the_file_and_the_condition():
         ),
         (
             answer(ambiguous=[SimpleNamespace(names=("a", "b"), experiment=object(), separate_by="")]),
-            "--plan PLAN.toml writes the run that tells a from b",
+            "--plan PLAN.toml writes the run that separates a from b",
         ),
         (answer(unexplained=[SimpleNamespace(depends_on=("yaw_rad",))]), "yaw_rad"),
     ],

@@ -36,7 +36,7 @@ GOOD = {"north_m": 1.0, "east_m": 1.0, "height_m": 4.0, "off_plan_m": 0.2, "tilt
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"east_m": -31.0}, "from the place of take-off"),
+        ({"east_m": -31.0}, "from the take-off point"),
         ({"height_m": 15.5}, "high"),
         ({"off_plan_m": 3.5}, "off its set-point"),
         ({"tilt_deg": 61.0}, "tilted"),

@@ -6,7 +6,7 @@ import pytest
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
-from coaxlink.residual.allocation_error import delivered
+from coaxlink.residual.allocation_error import allocation_errors
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle
 
@@ -39,7 +39,7 @@ def test_the_shortfall_and_the_split_are_what_was_put_in(shortfall_N):
     airframe = load_airframe(files.example("x8_paper.toml"))
     model = load_rotor_model(airframe.rotor_model)
     full = 4 * (UPPER_N + LOWER_N)
-    result = delivered(
+    result = allocation_errors(
         hover(shortfall_N), Vehicle(airframe, model), lambda t, u: np.tile([full, 0.0, 0.0, 0.3], (len(t), 1))
     )
     assert result.thrust_error_N == pytest.approx(shortfall_N, abs=0.1)
@@ -55,7 +55,7 @@ def test_the_best_constant_gain_takes_off_what_is_constant_and_no_more():
     full = 4 * (UPPER_N + LOWER_N)
 
     def flown(meant):
-        return delivered(
+        return allocation_errors(
             hover(0.0), Vehicle(airframe, model), lambda t, u: np.tile(meant(t)[:, None], (1, 4))
         )
 

@@ -117,14 +117,14 @@ def test_a_wild_row_is_reported_and_does_not_bend_the_model() -> None:
     thrust[60] += 40.0
     bent = clean.with_columns(lower_thrust_N=thrust)
     result = identify(bent, "crm", compare=False)
-    assert [(w.place, w.load) for w in result.wild] == [("row 61", "lower.thrust_N")]
+    assert [(w.place, w.load) for w in result.outliers] == [("row 61", "lower.thrust_N")]
     u, v = grid()
     off = result.model.lower_thrust(u, v) - eq17(u, v)[2]
     assert np.sqrt(np.mean(off**2)) < 0.4
     plain = identify(bent, "crm", options=Options(robust=False), compare=False)
     worse = plain.model.lower_thrust(u, v) - eq17(u, v)[2]
     assert np.sqrt(np.mean(off**2)) < np.sqrt(np.mean(worse**2))
-    assert not identify(clean, "crm", compare=False).wild
+    assert not identify(clean, "crm", compare=False).outliers
 
 
 def test_noise_floor_is_the_noise(crm_result) -> None:

@@ -9,7 +9,7 @@ from coaxlink import data, residual
 from coaxlink.cli import build_app
 from coaxlink.cli._shell import run
 from coaxlink.report.demo import FlightErrors
-from coaxlink.residual.allocation_error import Delivered
+from coaxlink.residual.allocation_error import AllocationErrors
 from coaxlink.residual.experiments.manoeuvres import Manoeuvre
 from coaxlink.residual.experiments.stand_run import Experiment
 from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Suspect, Unexplained
@@ -49,7 +49,7 @@ class Flights:
         return SimpleNamespace(log=world.out / f"{name}.tlog")
 
     def errors(self, *_, **__):
-        d = Delivered(
+        d = AllocationErrors(
             1.0, (0.1, 0.1, 0.1), (), 60.0, ((0.9, 1.1), *[(0.09, 0.11)] * 3), (0.2, 0.01, 0.01, 0.01)
         )
         return FlightErrors(d, (0.1, 0.1, 0.1))

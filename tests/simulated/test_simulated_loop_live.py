@@ -37,7 +37,7 @@ def fly(tmp_path, model, watch=lambda *_: None):
 
 def errors(flown):
     flight, demands = flown
-    d = allocation.errors_of_live(flight, VEHICLE, demands).delivered
+    d = allocation.errors_of_live(flight, VEHICLE, demands).allocation
     return [d.thrust_error_N, *d.torque_error_Nm]
 
 

@@ -11,7 +11,7 @@ from coaxlink.errors import InputError
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.ardupilot import ap_factors, report_ap
 from coaxlink.tables.px4 import report_px4
-from coaxlink.uploading.ardupilot_table import moved_motors, present_table
+from coaxlink.uploading.ardupilot_table import moved_rotors, present_table
 from coaxlink.uploading.explain import explain_ap, explain_px4
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import scripts, used_factors
@@ -108,7 +108,7 @@ def test_an_ardupilot_board_is_known_by_its_frame_its_script_or_its_parameters()
     loader = report_ap(Vehicle(airframe, model), "reduced", frame_class=17)
     live = present_table(loader.params, lambda: None)
     np.testing.assert_allclose(used_factors(live), loader.mix.factors, atol=1e-6)
-    assert not moved_motors(built_in, scripted) and not moved_motors(scripted, live)
+    assert not moved_rotors(built_in, scripted) and not moved_rotors(scripted, live)
     for params, script in (
         ({"FRAME_CLASS": 3, "FRAME_TYPE": 1}, None),
         (matrix.params, None),
@@ -129,8 +129,8 @@ def test_motors_that_a_frame_numbers_in_another_way_are_found():
     """ArduPilot's own Y6 layers its motors in another order than our example, its X8 as the paper."""
     table = report_ap(Vehicle(*_load("y6")), "reduced").table
     y6 = present_table({"FRAME_CLASS": 5, "FRAME_TYPE": 1}, lambda: None)
-    assert moved_motors(y6, table)[0] == "motor 3 changes left or right and front or rear"
+    assert moved_rotors(y6, table)[0] == "rotor 3 changes left or right and front or rear"
     x8 = present_table({"FRAME_CLASS": 4, "FRAME_TYPE": 1}, lambda: None)
-    assert moved_motors(x8, table) == ["8 motors now, 6 in the table"]
+    assert moved_rotors(x8, table) == ["8 rotors now, 6 in the table"]
     turned = dataclasses.replace(table, factors=tuple((r, p, -y, t) for r, p, y, t in table.factors))
-    assert moved_motors(table, turned)[5] == "motor 6 changes spin"
+    assert moved_rotors(table, turned)[5] == "rotor 6 changes spin"

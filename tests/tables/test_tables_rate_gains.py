@@ -12,7 +12,7 @@ from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.behaviour import Behaviour
-from coaxlink.tables.rate_gains import axis_gains, gains_line, kept_gains, wanted_gains
+from coaxlink.tables.rate_gains import axis_gains, gains_line, preserved_gains, wanted_gains
 from firmware_params import px4
 from sim.testing import standin
 
@@ -36,7 +36,7 @@ def test_scales_are_old_over_new_and_only_held_gains_are_written():
 
 def test_ardupilots_p_i_and_d_are_scaled_each():
     board = {f"ATC_RAT_{a}_{k}": 0.1 for a in ("RLL", "PIT", "YAW") for k in "PID"}
-    kept = kept_gains(
+    kept = preserved_gains(
         "ardupilot", flown(20.0, 30.0, 1.0), flown(10.0, 30.0, 1.0), board, "on board", write=True
     )
     assert kept.written["ATC_RAT_RLL_D"] == 0.05 and kept.written["ATC_RAT_YAW_I"] == 0.1

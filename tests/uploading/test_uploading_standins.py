@@ -194,7 +194,7 @@ def test_ardupilot_refuses_what_it_must(tables, tmp_path):
         path = folder / "scripts" / scripts.MATRIX_NAME
         path.write_text(turned(next((tables["matrix"] / "scripts").iterdir()).read_text()))
         outcome = upload(("FRAME_CLASS,15", "FRAME_CLASS,15"))
-        assert outcome.result == "refused" and "motor 1 changes spin (8 motors differ)" in outcome.reason
+        assert outcome.result == "refused" and "rotor 1 changes spin (8 rotors differ)" in outcome.reason
         outcome = Uploader(session, backup_folder=tmp_path).upload(load_plan(tables["px4"]))
         assert outcome.result == "refused" and "is for PX4, the vehicle runs ArduPilot" in outcome.reason
         assert not (tmp_path / "b").exists()

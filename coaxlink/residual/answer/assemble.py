@@ -80,7 +80,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
         doubted = held_out_residual(q, held_out(q.blocks, columns_of(q, list(q.options)))[1])
         fold = q.blocks.fold[q.block]
-        floor = _told_apart(p.frame, j.floor)
+        floor = _separated(p.frame, j.floor)
         found = dependences(doubted, j.variables, q.block, fold, q.reference, floor) if j.labelled else []
         told = _unexplained(p, found)
         unexplained = (*told, *_silent(j, told, squares_after))
@@ -110,7 +110,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     )
 
 
-def _told_apart(frame: StandFrame | FlightFrame, floor: Array) -> Array:
+def _separated(frame: StandFrame | FlightFrame, floor: Array) -> Array:
     """(C,) noise that a dependence is held against: half of it is the least that counts.
 
     Where most of its power is what commands did between slow rows, that is no noise but follows the
@@ -251,17 +251,17 @@ def _separable(
     apart = np.abs(guesses[0] - guesses[1])  # (rows, C)
     c = int(np.argmax(np.quantile(apart, 0.98, axis=0) / (p.sigma + 1e-12)))
     rows = np.argsort(-apart[:, c])[: max(5, len(apart) // 50)]
-    places = []
+    conditions = []
     for name, values in variables.items():
         spread = float(np.std(values))
         if spread > 0 and name != "time_s" and float(np.std(values[rows])) < 0.4 * spread:
-            places.append((float(np.std(values[rows])) / spread, f"{name} {np.median(values[rows]):.3g}"))
-    where = ", ".join(text for _, text in sorted(places)[:3]) or "no single place"
+            conditions.append((float(np.std(values[rows])) / spread, f"{name} {np.median(values[rows]):.3g}"))
+    where = ", ".join(text for _, text in sorted(conditions)[:3]) or "no single condition"
     size = float(np.median(apart[rows, c]))
     repeats = int(np.ceil((6.0 * float(p.sigma[c]) / max(size, 1e-12)) ** 2))
     text = (
         f"they differ most in {p.channels[c]}, by {size:.2g} {p.units[c]}, at {where}: "
-        f"about {repeats} independent readings there and as many far from there would tell"
+        f"about {repeats} independent readings there and as many far from there would decide"
     )
     return replace(doubt, separate_by=text)
 

@@ -1,4 +1,7 @@
-"""An own fit judged beside a base that follows the pair wherever the log tells what it does."""
+"""A discrepancy model: what polynomials of a fitted base miss, as a Gaussian process of every load.
+
+Kennedy and O'Hagan, Bayesian calibration of computer models (2001): the effects are judged beside it.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from coaxlink.residual.regression.blocks import held_out
 from coaxlink.residual.regression.irls import channel_errors
 from coaxlink.residual.regression.joint_model import Joint, composed
 from coaxlink.residual.result import Step
-from coaxlink.residual.search.joint_fit import together
+from coaxlink.residual.search.joint_fit import fit_jointly
 from coaxlink.residual.search.trial import ALPHA, Judge, columns_of
 from coaxlink.rotor.model import LOADS
 
@@ -27,7 +30,7 @@ LEAST_NOISE = 2e-4  # of the reference load
 LESS = 0.005  # of the error: by how much it must follow better than the polynomials
 
 
-def own_floor(frame: StandFrame, joint: Joint) -> Array:
+def floor_beside(frame: StandFrame, joint: Joint) -> Array:
     """(C,) noise of what the joint fit leaves."""
     q = joint.problem
     return stand_floor(frame, held_out_residual(q, held_out(q.blocks, columns_of(q, list(q.options)))[1]))
@@ -39,11 +42,11 @@ def log_error(joint: Joint) -> float:
     return float(np.mean(np.log(np.maximum(channel_errors(q, q.options), 1e-12))))
 
 
-def followed(j: Judged) -> Judged:
+def with_discrepancy_model(j: Judged) -> Judged:
     """The same effects beside Gaussian processes of every load, if these leave less; else as it was.
 
-    What had stood in for a misfit of the polynomials goes. Rows at speeds of which no other block tells
-    enough are not judged.
+    What had stood in for a misfit of the polynomials goes. Rows at speeds that no other block
+    covers are not judged.
     """
     bare, q = j.problem.frame, j.joint.problem
     if j.selection.ambiguous or j.selection.doubtful:
@@ -67,17 +70,17 @@ def followed(j: Judged) -> Judged:
     problem = replace(problem, impossible=j.problem.impossible)
     settled = {m.name: m for m in j.joint.members}
     reduce = reducing(rich)
-    selection, (joint, _) = j.selection, together(problem, j.selection, rich, (), reduce, settled)
+    selection, (joint, _) = j.selection, fit_jointly(problem, j.selection, rich, (), reduce, settled)
     stood_in = _needless(joint)
     if stood_in:
         selection = undone(selection, stood_in)
-        why = "needless beside a base that follows the pair"
+        why = "needless beside the discrepancy model"
         selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(stood_in)]
-        joint, _ = together(problem, selection, rich, (), reduce, settled)
+        joint, _ = fit_jointly(problem, selection, rich, (), reduce, settled)
     more = log_error(joint) - log_error(j.joint)
     if {m.name for m in joint.members} != set(settled) - stood_in or more > (LESS if stood_in else -LESS):
         return j
-    floor, variables = own_floor(rich, joint), stand_variables(rich)
+    floor, variables = floor_beside(rich, joint), stand_variables(rich)
     return replace(j, problem=problem, selection=selection, joint=joint, floor=floor, variables=variables)
 
 
@@ -97,5 +100,5 @@ def _notes(bare: StandFrame, processes: Mapping[int, Process], unknown: int) -> 
         " does not hold"
     )
     if unknown:
-        notes.append(f"{unknown} rows at speeds of which no other part of the log tells enough: not judged")
+        notes.append(f"{unknown} rows at speeds that no other part of the log covers: not judged")
     return tuple(notes)

@@ -21,16 +21,16 @@ from coaxlink.residual.channels.flight_problem import (
 )
 from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.checks.drag_in_wind import drag_beside
-from coaxlink.residual.checks.mass_or_thrust import Scales, behind_voltage, doubt, scales, whole_mass
+from coaxlink.residual.checks.mass_or_thrust import Scales, behind_voltage, doubt, scales, why_mass
 from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled_lift, undone, without
 from coaxlink.residual.faults.flight_faults import flight_suspects
 from coaxlink.residual.regression.blocks import solve
-from coaxlink.residual.regression.irls import channel_errors, reweighed, settled_base
+from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_base
 from coaxlink.residual.regression.joint_model import SHORT, Joint, Part, composed
 from coaxlink.residual.regression.problem import Problem
 from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.search.change_point import with_onsets
-from coaxlink.residual.search.joint_fit import fitter_of, together
+from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
 from coaxlink.residual.search.select import Selection, select
 from coaxlink.residual.search.trial import columns_of
 from coaxlink.rotor import RotorModel
@@ -57,7 +57,7 @@ class _Flight:
     def fitted(self, problem: Problem, selection: Selection, *, all_of: bool = False) -> _Choice:
         """A selection with its joint fit."""
         bare, known, reduce = self.bare, self.known, self.reduce
-        fit = together(problem, selection, bare, known, reduce, base=base_columns, all_of=all_of)
+        fit = fit_jointly(problem, selection, bare, known, reduce, base=base_columns, all_of=all_of)
         return _Choice(problem, selection, *fit)
 
     @property
@@ -134,7 +134,7 @@ def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress)
         if selection.members and further is not problem:
             problem, selection = further, select(further)
         selection.trace[:0] = [Step(0, "drop", d.name, 0.0, 1.0, 0.0, True, d.why) for d in struck]
-        progress("fitting what was chosen together")
+        progress("fitting all effects jointly")
         c = _doubted(f, f.fitted(problem, selection))
         again = disbelieved(problem, c.joint, c.floor, f.knows)
         if not again:
@@ -152,7 +152,7 @@ def _weighed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Ambiguous, ...]]:
         return c, ()
     seen = _scales(c, f)
     mass = next((o for o in c.problem.options if o.name == "mass_change" and not o.shape), None)
-    why = behind_voltage(seen) if "battery_voltage" in c.names else whole_mass(seen)
+    why = behind_voltage(seen) if "battery_voltage" in c.names else why_mass(seen)
     if not why or mass is None:
         return c, () if "battery_voltage" in c.names else tuple(doubt(f.frame, seen))
     beside = replace(c.selection, members=[*c.selection.members, mass])
@@ -190,7 +190,7 @@ def _doubted(f: _Flight, c: _Choice) -> _Choice:
     errors, floor = channel_errors(q, q.options), c.floor
     if np.max(errors / floor) < DOUBTED:
         return c
-    again = select(reweighed(c.problem, floor))
+    again = select(reweighted(c.problem, floor))
     if again.ambiguous or not again.members or {m.name for m in again.members} == c.names:
         return c
     again.trace = [*c.selection.trace, *again.trace]

@@ -1,4 +1,4 @@
-"""Stand logs against a model or their own fit: what is chosen, judged again, and said."""
+"""Stand logs against a given model or one fitted to them: what is chosen, judged again, and said."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, answer
-from coaxlink.residual.answer.discrepancy_model import followed, log_error, own_floor
+from coaxlink.residual.answer.discrepancy_model import floor_beside, log_error, with_discrepancy_model
 from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_problem, stand_variables
 from coaxlink.residual.checks.posterior_check import undone
@@ -23,9 +23,9 @@ from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part,
 from coaxlink.residual.regression.problem import Problem
 from coaxlink.residual.result import Refinement, Step
 from coaxlink.residual.search.form_error import within_forms
-from coaxlink.residual.search.joint_fit import fitter_of, together
+from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
 from coaxlink.residual.search.select import Selection, select
-from coaxlink.residual.search.time_trend import outrun
+from coaxlink.residual.search.time_trend import explained_by_time
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
@@ -41,7 +41,7 @@ def judge_stand(
     model: RotorModel | None,
     progress: Progress,
 ) -> Refinement:
-    """What these stand logs say of the model, or of their own fit.
+    """What these stand logs say of the given model, or of one fitted to them.
 
     Raises InputError when speeds or loads are missing.
     """
@@ -85,35 +85,35 @@ def judge_stand(
         selection = Selection() if mislabelled or few else select(problem)
         reduce = reducing(bare)
         selection, start, fitted = _again(problem, selection, bare, known, reduce)
-        joint, acting = fitted or together(problem, selection, bare, known, reduce, start)
-        gone = outrun(joint, acting, reduce)
+        joint, acting = fitted or fit_jointly(problem, selection, bare, known, reduce, start)
+        gone = explained_by_time(joint, acting, reduce)
         why = "needless beside something that changes over time and was not logged"
         if not gone:
             gone, why = within_forms(joint, bare), "no more than the form of a larger one misses"
         anew = False
         if not gone:
-            gone, why = minor(joint, own_floor(bare, joint)), "leaves most of what is there"
+            gone, why = minor(joint, floor_beside(bare, joint)), "leaves most of what is there"
             anew = bool(gone)  # and may have kept out what made it
         if gone:
             selection = undone(selection, gone)
             selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(gone)]
             if anew:
                 selection, start, _ = _again(problem, selection, bare, known, reduce, gone)
-            joint, acting = together(problem, selection, bare, known, reduce, start)
+            joint, acting = fit_jointly(problem, selection, bare, known, reduce, start)
         error = log_error(joint)
         if best is None or error <= best[0] + PLAINER:
             shed = {"all": acting.predicted - problem.frame.predicted} if selection.members else {}
             steady = [(m.effect, m.parameters(bare)) for m in joint.members if m.name != "sensor_drift"]
             if 0 < len(steady) < len(joint.members):  # the drift may stand in for what the base lacks
                 shed["steady"] = composed(bare, [*known, *steady]).predicted - problem.frame.predicted
-            floor = own_floor(bare, joint)
+            floor = floor_beside(bare, joint)
             parts = (tuple(known), suspects, tuple(notes), not mislabelled)
             best = error, Judged(problem, selection, joint, floor, stand_variables(bare), *parts)
     assert best is not None
     progress("judging")
     judged = best[1]
     if judged.problem.frame.free_base and judged.labelled and len(judged.problem.frame.keep) >= LEAST_ROWS:
-        judged = followed(judged)
+        judged = with_discrepancy_model(judged)
     return answer(judged, several)
 
 
@@ -147,7 +147,7 @@ def _again(
         began = {
             o.name: set(settled[o.name].shape if o.name in settled else o.shape) for o in claimed.members
         }
-        joint, acting = together(problem, claimed, bare, known, reduce, settled)
+        joint, acting = fit_jointly(problem, claimed, bare, known, reduce, settled)
         if len(joint.members) != len(selection.members) or joint.problem.frame is not bare:
             break  # the plain sum was better
         fitter = fitter_of(problem, bare, known, {m.name for m in joint.members}, reduce)

@@ -1,4 +1,4 @@
-"""The loads of a pair as a Gaussian process over both speeds: what the polynomials of an own fit leave.
+"""The loads of a pair as a Gaussian process over both speeds: what the polynomials of a fitted base leave.
 
 A log without a rotor model is judged beside a base that was fitted to it. Where polynomials do not follow the
 pair, what they miss is no effect, and the error that is left is not the effects' fault. Here it is a random

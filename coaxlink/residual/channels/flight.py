@@ -85,55 +85,55 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
     stretches, share = _some(stretches, rate)
     parts = [_side(i, s, airframe, motors) for i, s in enumerate(stretches)]
     shared = [name for name in parts[0] if all(name in p for p in parts)]
-    whole = {name: np.concatenate([p[name] for p in parts]) for name in shared}
-    thrust, torque = airframe.loads(model, whole["speeds"])
+    joined = {name: np.concatenate([p[name] for p in parts]) for name in shared}
+    thrust, torque = airframe.loads(model, joined["speeds"])
     predicted = airframe.body_loads(thrust, torque)
-    keep, notes = _judged(whole, parts, stretches, -predicted[:, 2], airframe)
+    keep, notes = _judged(joined, parts, stretches, -predicted[:, 2], airframe)
     if share > 1:
         notes.append(f"a long log: one stretch of {STRETCH_S:.0f} s in {share} is judged")
-    jumps = airframe.body_loads(*airframe.loads(model, np.clip(whole["commands"], 0.0, None)))
+    jumps = airframe.body_loads(*airframe.loads(model, np.clip(joined["commands"], 0.0, None)))
     cutoff = min(CUTOFF_HZ, BAND * rate)
-    keep = _steady(keep, (jumps, whole["measured"] - predicted), whole["stretch"], rate, cutoff, notes)
+    keep = _steady(keep, (jumps, joined["measured"] - predicted), joined["stretch"], rate, cutoff, notes)
     if len(keep) < 8 * JUDGED_RATE_HZ:
         raise InputError(
             source,
-            "height_m" if "height" in whole else "motor1",
+            "height_m" if "height" in joined else "motor1",
             f"{len(keep) / JUDGED_RATE_HZ:.0f} s in the air; 8 s are needed",
         )
     frame = FlightFrame(
         airframe=airframe,
         model=model,
         rate_hz=rate,
-        time_s=whole["time"],
-        stretch=whole["stretch"],
-        log=whole["log"],
-        commands=whole["commands"],
-        speeds=whole["speeds"],
+        time_s=joined["time"],
+        stretch=joined["stretch"],
+        log=joined["log"],
+        commands=joined["commands"],
+        speeds=joined["speeds"],
         thrust=thrust,
         torque=torque,
-        rates=whole["rates"],
-        angular_acceleration=whole["turning"],
-        specific_force=whole["specific_force"],
-        attitude=whole["attitude"],
-        velocity=whole["velocity"],
-        north=whole["north"],
-        east=whole["east"],
-        height=whole.get("height"),
-        voltage=whole.get("voltage"),
+        rates=joined["rates"],
+        angular_acceleration=joined["turning"],
+        specific_force=joined["specific_force"],
+        attitude=joined["attitude"],
+        velocity=joined["velocity"],
+        north=joined["north"],
+        east=joined["east"],
+        height=joined.get("height"),
+        voltage=joined.get("voltage"),
         predicted=predicted,
-        measured=whole["measured"],
+        measured=joined["measured"],
         keep=keep,
         cutoff_hz=cutoff,
         step_s=max(s.step_s for s in stretches),
         notes=tuple(notes),
-        extra={name: values for name, values in whole.items() if name.endswith("_noise") or "told" in name},
+        extra={name: values for name, values in joined.items() if name.endswith("_noise") or "told" in name},
     )
     mass_and_inertia = np.array([airframe.mass_kg] * 3 + list(airframe.inertia_kg_m2))
     rounding = rounding_noise(logs, mass_and_inertia, 1.0 / frame.step_s, cutoff)
-    return replace(frame, sampling=_between_rows(frame, whole), rounding=rounding)
+    return replace(frame, sampling=_between_rows(frame, joined), rounding=rounding)
 
 
-def _between_rows(frame: FlightFrame, whole: dict[str, Array]) -> Array:
+def _between_rows(frame: FlightFrame, joined: dict[str, Array]) -> Array:
     """(6,) error, low-passed, of loads whose commands are known at the log's rows only.
 
     With every second and every fourth row alone it is known. How it goes on depends on what moves commands:
@@ -141,11 +141,11 @@ def _between_rows(frame: FlightFrame, whole: dict[str, Array]) -> Array:
     ends at the loops' own filters (30 to 40 Hz). The ratio of the two tells which it is; the shares are
     those of flights without sensor noise, and with much of it, at every rate.
     """
-    if any(f"every_{e}" not in whole for e in COARSER):
+    if any(f"every_{e}" not in joined for e in COARSER):
         return np.zeros(6)
     errors = []
     for every in COARSER:
-        speeds = np.clip(frame.speeds + whole[f"every_{every}"], 0.0, None)
+        speeds = np.clip(frame.speeds + joined[f"every_{every}"], 0.0, None)
         changed = frame.airframe.body_loads(*frame.airframe.loads(frame.model, speeds)) - frame.predicted
         errors.append(np.sqrt(np.mean(reduce_columns(frame, changed) ** 2, axis=0)))
     second, fourth = errors
@@ -351,7 +351,7 @@ def _world_to_body(roll: Array, pitch: Array, yaw: Array) -> Array:
 
 
 def _judged(
-    whole: dict[str, Array],
+    joined: dict[str, Array],
     parts: list[dict[str, Array]],
     stretches: list[_Stretch],
     lift: Array,
@@ -360,17 +360,17 @@ def _judged(
     """Rows in the air and away from every edge, thinned to about JUDGED_RATE_HZ."""
     flying = lift > 0.4 * airframe.mass_kg * GRAVITY_M_S2
     notes: list[str] = []
-    if "height" in whole:
+    if "height" in joined:
         idle = lift < 0.3 * airframe.mass_kg * GRAVITY_M_S2
         ground = (
-            float(np.median(whole["height"][idle])) if idle.sum() > 5 else min(0.0, whole["height"].min())
+            float(np.median(joined["height"][idle])) if idle.sum() > 5 else min(0.0, joined["height"].min())
         )
-        moving = np.abs(whole["velocity"]).max(axis=1) > 0.05
-        flying &= (whole["height"] > ground + 0.2) | (moving & (whole["height"] > ground + 0.15))
+        moving = np.abs(joined["velocity"]).max(axis=1) > 0.05
+        flying &= (joined["height"] > ground + 0.2) | (moving & (joined["height"] > ground + 0.15))
     else:
-        notes.append("height_m is not in the log: rows on the ground are told by thrust alone")
+        notes.append("height_m is not in the log: rows on the ground are recognised by thrust alone")
     # when a command comes off its limit between two rows, the log does not say
-    limited = ((whole["commands"] <= LIMIT) | (whole["commands"] >= 1.0 - LIMIT)).any(axis=1)
+    limited = ((joined["commands"] <= LIMIT) | (joined["commands"] >= 1.0 - LIMIT)).any(axis=1)
     near = np.convolve(limited, np.ones(2 * int(LIMIT_S * stretches[0].rate_hz) + 1), mode="same") > 0.5
     if 0 < np.sum(near & flying) < MOST_LIMITED * np.sum(flying):
         seconds = float(np.sum(near & flying)) / stretches[0].rate_hz

@@ -110,7 +110,7 @@ def stand_frame(
     surfaces: dict[int, Surface] = {}
     notes = [f"speeds: {speeds.source}"]
     if model is None:
-        base, keep = _own_base(u, plain, keep, present, speeds.speed_max_rpm, orders, notes)
+        base, keep = _fitted_base(u, plain, keep, present, speeds.speed_max_rpm, orders, notes)
     else:
         base = model
     commanded = not speeds.from_throttle and throttles is None and _set_points(u)
@@ -178,7 +178,7 @@ def _idle(u: Array, dragged: float) -> NDArray[np.bool_]:
     return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < np.maximum(IDLE, dragged * u[:, 0])) & ~lasting)
 
 
-def _own_base(
+def _fitted_base(
     u: Array,
     measured: Array,
     keep: NDArray[np.intp],
@@ -188,7 +188,7 @@ def _own_base(
     notes: list[str],
 ) -> tuple[RotorModel, NDArray[np.intp]]:
     """The polynomials of these rows, and the rows: none with an idle lower rotor if they are not followed."""
-    base = own_model(u[keep], measured[keep], present, speed_max_rpm, orders)
+    base = fitted_model(u[keep], measured[keep], present, speed_max_rpm, orders)
     idle = _idle(u[keep], 0.0)
     lower = [c for c in present if c in (2, 3)]
     if not lower or not idle.any() or np.sum(~idle) <= LEAST_ROWS:
@@ -199,11 +199,9 @@ def _own_base(
     among, rest = (np.sqrt(np.mean(left[rows] ** 2, axis=0)) for rows in (idle, ~idle))
     if np.all(among < UNFOLLOWED * rest):
         return base, keep
-    notes.append(
-        f"{idle.sum()} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not followed, not judged"
-    )
+    notes.append(f"{idle.sum()} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged")
     awake = keep[~idle]
-    turning = own_model(u[awake], measured[awake], lower, speed_max_rpm, orders).terms()
+    turning = fitted_model(u[awake], measured[awake], lower, speed_max_rpm, orders).terms()
     terms = {**base.terms(), **{LOADS[c]: turning[LOADS[c]] for c in lower}}
     return RotorModel.from_terms(base.form, speed_max_rpm, terms), awake
 
@@ -254,7 +252,7 @@ def dictionary_of(load: str, order: int) -> list[str]:
     return [term_name(a, b) for a in range(order + 1) for b in range(order + 1) if a + b <= max(order, 4)]
 
 
-def own_model(
+def fitted_model(
     u: Array, measured: Array, present: Sequence[int], speed_max_rpm: float, orders: Sequence[int] = ORDERS
 ) -> RotorModel:
     """The polynomials that this log itself asks for, of the lowest order that held-out rows support."""

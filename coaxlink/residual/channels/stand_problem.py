@@ -59,11 +59,11 @@ def stand_problem(frame: StandFrame, effects: Sequence[Tracing[StandFrame]] | No
         reduce=reduce,
         block=block.astype(np.intp),
     )
-    together = _together(frame, problem.block) if frame.free_base else None
-    return replace(problem, noise_known=True, own_fit=frame.free_base, together=together)
+    clusters = _clusters(frame, problem.block) if frame.free_base else None
+    return replace(problem, noise_known=True, fitted_base=frame.free_base, clusters=clusters)
 
 
-def _together(frame: StandFrame, block: Index) -> Index:
+def _clusters(frame: StandFrame, block: Index) -> Index:
     """(kept, C) what a fitted base may miss together: a level of speed that was held, or a block."""
     out = np.zeros((len(block), len(frame.present)), np.intp)
     for k, c in enumerate(frame.present):

@@ -16,7 +16,7 @@ from coaxlink.effects import rotor_drag
 from coaxlink.effects.tracing import Array
 from coaxlink.effects.wind import apart
 from coaxlink.residual.regression.blocks import bootstrap
-from coaxlink.residual.regression.irls import channel_errors, weighed_again
+from coaxlink.residual.regression.irls import channel_errors, reweighted_fit
 from coaxlink.residual.regression.joint_model import Fitter, Joint, Member, columns_of, member
 
 DRAWS = 200
@@ -36,7 +36,7 @@ def drag_beside(
         return None
     first, _ = fitter.settle(members)
     rest = (fitter.problem, fitter.bare, fitter.fixed, fitter.reduce)
-    trial = weighed_again(first, *rest, base, alternatives=False)
+    trial = reweighted_fit(first, *rest, base, alternatives=False)
     before, after = (
         float(np.sum(np.log(channel_errors(j.problem, j.problem.options)))) for j in (joint, trial)
     )

@@ -79,7 +79,7 @@ def _first(columns: Array, values: Array, block: Index) -> tuple[float, float]:
     return whole, float(np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2)))
 
 
-def whole_mass(s: Scales) -> str:
+def why_mass(s: Scales) -> str:
     """Why what is off is the mass, or nothing."""
     return "the lift is off, roll and pitch torque are not" if s.verdict == "mass" else ""
 

@@ -158,13 +158,13 @@ def _no_cause(p: Problem, joint: Joint, k: int, floor: Array) -> str | None:
     for course in c.courses:
         lead = 0.5 * rows * float(np.sum(np.log(c.squares(course) / after)[mine])) if begins else np.inf
         if lead < LITTLE:
-            return "a smooth course over the flight does as well as a sudden beginning"
+            return "a smooth trend over the flight does as well as a sudden beginning"
         if (
             over > LEFT
             and share[best] < MOST_OF_IT
             and 1.0 - c.squares(c.step, course)[best] / after[best] > BENDS
         ):
-            return f"{q.channels[best]} still runs its own course over the flight: no constant is its cause"
+            return f"{q.channels[best]} still has a trend over the flight: no constant is its cause"
     return None
 
 

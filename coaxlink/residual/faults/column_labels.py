@@ -82,8 +82,8 @@ class Mislabel:
     times: float  # closer
 
     @property
-    def whole(self) -> bool:
-        """Whether it concerns the log as a whole."""
+    def of_all_rows(self) -> bool:
+        """Whether it concerns every row of the log."""
         return float(np.mean(self.rows)) > WHOLE
 
     @property

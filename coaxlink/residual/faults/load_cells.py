@@ -7,7 +7,7 @@ import numpy as np
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 from coaxlink.load import Load
-from coaxlink.residual.channels.stand import COLUMN_OF, own_model
+from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
 from coaxlink.residual.faults.row_ranges import Mask
 
 STUCK_ROWS = 4
@@ -68,7 +68,7 @@ def clipped_rows(frame: StandFrame, channel: int) -> tuple[Mask, float] | None:
         at = values == limit
         loads = frame.loads_at(frame.speeds)[:, channel]
         if frame.free_base:
-            own = own_model(frame.speeds[~at], frame.measured[~at], [channel], frame.model.speed_max_rpm)
+            own = fitted_model(frame.speeds[~at], frame.measured[~at], [channel], frame.model.speed_max_rpm)
             pair = own.loads(frame.speeds[:, 0], frame.speeds[:, 1])
             loads = pair[Load(channel)]
         size = float(frame.reference[channel])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame, rows_of
-from coaxlink.residual.channels.stand import COLUMN_OF, own_model
+from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
 from coaxlink.residual.faults.column_labels import mislabels
 from coaxlink.residual.faults.load_cells import clipped_rows, names_of, odd_arms, repeated_rows, stuck_rows
 from coaxlink.residual.faults.row_ranges import Mask
@@ -49,7 +49,7 @@ class _Finding:
         self.bad |= rows
         self.suspects.append(Suspect(column, rows_text(rows), why))
 
-    def whole(self, column: str, why: str, *leave_out: str) -> None:
+    def throughout(self, column: str, why: str, *leave_out: str) -> None:
         """Accuse a column throughout."""
         self.suspects.append(Suspect(column, "all", why))
         self.columns += leave_out
@@ -95,26 +95,26 @@ def _look_at_labels(found: _Finding) -> None:
     if found.silent:
         return
     for wrong in mislabels(frame, ~found.bad):
-        if not wrong.whole:
+        if not wrong.of_all_rows:
             found.rows(wrong.way.columns, wrong.rows, wrong.why)
             continue
         names = [] if wrong.way.speeds else [COLUMN_OF[STAND_CHANNELS[c]] for c in wrong.way.channels]
-        found.whole(wrong.way.columns, wrong.why, *names)
+        found.throughout(wrong.way.columns, wrong.why, *names)
         found.swapped |= wrong.way.speeds
     for channels, why in odd_arms(frame, ~found.bad) if frame.free_base else ():
-        found.whole(names_of(channels), why, *names_of(channels).split(", "))
+        found.throughout(names_of(channels), why, *names_of(channels).split(", "))
     if not found.silent and not found.columns:
         said = _swapped(rows_of(frame, np.flatnonzero(~found.bad)))
         if said is not None:
-            found.whole("upper_*, lower_* speeds", said)
+            found.throughout("upper_*, lower_* speeds", said)
             found.swapped = True
 
 
 def _look_at_drives(found: _Finding) -> None:
     names = ("upper_throttle", "lower_throttle")
     crossed = crossed_throttles(found.frame, ~found.bad)
-    if crossed is not None and crossed.whole:
-        found.whole(", ".join(names), crossed.why, *names)
+    if crossed is not None and crossed.of_all_rows:
+        found.throughout(", ".join(names), crossed.why, *names)
         return
     if crossed is not None:
         found.rows(", ".join(names), crossed.rows, crossed.why)
@@ -122,7 +122,7 @@ def _look_at_drives(found: _Finding) -> None:
         step = coarse_step(found.frame, side)
         if step is not None:  # loads of speeds that nobody knows
             why = f"reads in steps of {100 * step:.1f} % of full speed, while the throttle moves far finer"
-            found.whole(f"{('upper', 'lower')[side]}_rpm", why)
+            found.throughout(f"{('upper', 'lower')[side]}_rpm", why)
             found.swapped = True
     if found.silent:
         return
@@ -147,7 +147,7 @@ def _swapped(frame: StandFrame) -> str | None:
         return None
     left = []
     for u in (frame.speeds, frame.speeds[:, ::-1]):
-        model = own_model(u, frame.measured, [0, 2], frame.model.speed_max_rpm)
+        model = fitted_model(u, frame.measured, [0, 2], frame.model.speed_max_rpm)
         pair = model.loads(u[:, 0], u[:, 1])
         misses = (frame.measured[:, 0] - pair.upper_thrust, frame.measured[:, 2] - pair.lower_thrust)
         left.append(sum(float(np.mean(m**2)) / max(float(np.var(frame.measured[:, c])), 1e-12)

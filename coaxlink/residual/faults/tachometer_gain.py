@@ -79,7 +79,7 @@ class _Bench:
 def wrong_gain(problem: Problem) -> Suspect | None:
     """The tachometer that reads another speed throughout than the loads of the given model are of."""
     frame = problem.frame
-    if problem.own_fit or frame.driven or min(np.ptp(frame.speeds, axis=0)) < 0.1:
+    if problem.fitted_base or frame.driven or min(np.ptp(frame.speeds, axis=0)) < 0.1:
         return None
     loads = [c for c in frame.present if c < 4]
     touched = np.any(problem.design[:, : len(loads), problem.base] != 0.0, axis=(0, 1))

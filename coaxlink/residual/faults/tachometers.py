@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from coaxlink.frames import Array, StandFrame
 from coaxlink.load import Load
-from coaxlink.residual.channels.stand import own_model
+from coaxlink.residual.channels.stand import fitted_model
 
 Mask = NDArray[np.bool_]
 LEAST_SHARE, MOST_SHARE = 0.04, 0.5  # of the rows: more than half of them cannot be told from the other half
@@ -208,7 +208,7 @@ def _loads_clear(frame: StandFrame, lie: Lie) -> bool:
         rest = ~lie.rows
         if not _between(frame.speeds[:, lie.side], lie):
             return False  # polynomials fitted to slow rows tell nothing of fast ones
-        model = own_model(frame.speeds[rest], frame.measured[rest], loads, frame.model.speed_max_rpm)
+        model = fitted_model(frame.speeds[rest], frame.measured[rest], loads, frame.model.speed_max_rpm)
     left = []
     for factor in (1.0, 1.0 / (1.0 + lie.reads_high_by)):
         u = frame.speeds.copy()

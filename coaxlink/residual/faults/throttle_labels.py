@@ -31,8 +31,8 @@ class Crossed:
     rows: Mask
 
     @property
-    def whole(self) -> bool:
-        """Whether it concerns the log as a whole."""
+    def of_all_rows(self) -> bool:
+        """Whether it concerns every row of the log."""
         return float(np.mean(self.rows)) > WHOLE
 
     why = "each rotor's measured speed follows the other's throttle: the commands are swapped"

@@ -59,14 +59,14 @@ class Blocks:
     bounds: Array
 
     @cached_property
-    def whole(self) -> tuple[Array, Array]:
+    def summed(self) -> tuple[Array, Array]:
         """(B, P, P) Gram matrices and (B, P) moments summed over the channels: all that a fit needs."""
         return self.gram.sum(axis=1), self.moment.sum(axis=1)
 
     @cached_property
     def total(self) -> tuple[Array, Array]:
         """(P, P) and (P,) of all blocks."""
-        grams, moments = self.whole
+        grams, moments = self.summed
         return grams.sum(axis=0), moments.sum(axis=0)
 
     @cached_property
@@ -78,7 +78,7 @@ class Blocks:
     @cached_property
     def trains(self) -> tuple[Array, Array]:
         """(folds, P, P) and (folds, P) of the blocks that each fold is fitted to."""
-        grams, moments = self.whole
+        grams, moments = self.summed
         rest = [self.fold != f for f in np.unique(self.fold)]
         return np.stack([grams[r].sum(axis=0) for r in rest]), np.stack(
             [moments[r].sum(axis=0) for r in rest]
@@ -132,7 +132,7 @@ def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
         grams, moments = blocks.total
         gram, moment = grams[use[:, None], use], moments[use]
     else:
-        grams, moments = blocks.whole
+        grams, moments = blocks.summed
         gram = np.tensordot(weights, grams[:, use[:, None], use], axes=1)
         moment = weights @ moments[:, use]
     return _spread(blocks, use, _bounded(gram, moment, blocks.bounds[use]))
@@ -221,7 +221,7 @@ def held_out(blocks: Blocks, use: Index) -> tuple[Array, Array]:
 
 def held_out_sum(blocks: Blocks, use: Index) -> Array:
     """(B,) squared errors as `held_out` gives them, summed over the channels, at a fraction of the cost."""
-    grams, moments = blocks.whole
+    grams, moments = blocks.summed
     gram, moment = grams[:, use[:, None], use], moments[:, use]
     fit = _fold_fits(blocks, use)[np.unique(blocks.fold, return_inverse=True)[1]]  # (B, k)
     square = np.sum((gram @ fit[..., None])[..., 0] * fit, axis=1)

@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 GAIN = 0.15  # of the squared error of the channel that gains most
-# beside a base fitted to the log: what the other loads must be due to be asked, and how much they must show
+# beside a base fitted to the log: what the other loads must be due to be added, and how much they must show
 SHOWN, BORNE_OUT = 9.0, 0.3
 BY_FEW = 1e-3  # chance that levels which err together carry it
 FEW_LEVELS = "a few levels carry it, where the fitted base may miss as much"
@@ -41,27 +41,27 @@ def witnesses(channels: tuple[str, ...], shares: Array) -> str | None:
     return None if min(loads, speeds) > GAIN else "the loads and the throttle do not both contradict it"
 
 
-def alone(drops: Array, asked: Array, touched: NDArray[np.bool_]) -> str | None:
-    """An effect that one load alone asks for, while the others, which it must change as well, deny it.
+def alone(drops: Array, added: Array, touched: NDArray[np.bool_]) -> str | None:
+    """An effect that one load alone demands, while the others, which it must change as well, deny it.
 
     Falls of the square sums (C,) and what the effect as fitted adds to each channel, both in its variances;
     `touched` (C,) are the channels it acts on: another changes only as what is fitted beside it gives way. A
     base fitted to the log follows some loads worse than others, and a misfit of one is no cause of it.
     """
     others = touched & (np.arange(len(drops)) != int(np.argmax(drops)))
-    due, had = float(asked[others].sum()), float(drops[others].sum())
+    due, had = float(added[others].sum()), float(drops[others].sum())
     if due < SHOWN or had >= BORNE_OUT * due:
         return None
-    return "one load asks for it, and the others, which must show it, do not"
+    return "one load demands it, and the others, which must show it, do not"
 
 
-def carried_by_few(change: Array, left: Array, variance: Array, together: Index) -> str | None:
+def carried_by_few(change: Array, left: Array, variance: Array, clusters: Index) -> str | None:
     """An effect whose size is no surer than chance, where what errs together counts once.
 
     What it adds (rows, C), what is left beside it, both with `variance` (C,): the sandwich variance of its
-    size over clusters `together` (Liang and Zeger 1986), and Student's t of as many degrees of freedom.
+    size over `clusters` (Liang and Zeger 1986), and Student's t of as many degrees of freedom.
     """
-    number = together.ravel()
+    number = clusters.ravel()
     score = np.bincount(number, (change * left / variance).ravel())
     weight = np.bincount(number, (change**2 / variance).ravel())
     whole = float(weight.sum())

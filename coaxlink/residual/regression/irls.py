@@ -33,7 +33,7 @@ def channel_errors(p: Problem, options: Sequence[Option]) -> Array:
     return np.asarray(np.sqrt(squares / p.blocks.rows.sum()) * p.sigma)
 
 
-def reweighed(p: Problem, sigma: Array) -> Problem:
+def reweighted(p: Problem, sigma: Array) -> Problem:
     """The problem whitened by other scales (C,)."""
     ratio = p.sigma / sigma
     square = (ratio**2)[:, None]
@@ -52,11 +52,11 @@ def settled_base(p: Problem) -> Problem:
     out = _base_of(p, p.sigma)
     for _ in range(ROUNDS):
         sigma = np.maximum(channel_errors(out, ()), LEAST * p.sigma)
-        out = reweighed(out, sigma)
+        out = reweighted(out, sigma)
     return out
 
 
-def weighed_again(
+def reweighted_fit(
     joint: Joint,
     problem: Problem,
     bare: Any,
@@ -99,4 +99,4 @@ def _base_of(p: Problem, sigma: Array, rough: float = 1.0) -> Problem:
         bounds=p.blocks.bounds[p.base] * wider,
     )
     only = replace(p, design=p.design[:, :, p.base], blocks=small, base=np.arange(len(p.base)), options=())
-    return reweighed(only, sigma)
+    return reweighted(only, sigma)

@@ -129,7 +129,7 @@ class Fitter:
     ):
         self.problem, self.bare, self.fixed, self.reduce = problem, bare, fixed, reduce
         self._base = problem.design[:, :, problem.base] if base is None else base
-        self._own_base = base is not None
+        self._fitted_base = base is not None
 
     def acting(self, members: Sequence[Member]) -> Any:
         """The frame with the members acting."""
@@ -238,9 +238,9 @@ class Fitter:
     def _gram(self) -> Array:
         """(B, B) of the base columns."""
         p, base = self.problem, self._base
-        if self._own_base:
+        if self._fitted_base:
             return np.einsum("rci,rcj->ij", base, base, optimize=True)
-        return np.asarray(p.blocks.whole[0].sum(axis=0)[p.base[:, None], p.base])
+        return np.asarray(p.blocks.summed[0].sum(axis=0)[p.base[:, None], p.base])
 
     def _moved(self, m: Member, values: Array, share: float) -> Member:
         """The member on its way to other values (K + keys,), no further than its limits."""

@@ -64,8 +64,8 @@ class Problem:
     options: tuple[Option, ...]
     impossible: tuple[tuple[str, str], ...]  # effects that cannot be tried, and why
     noise_known: bool = False  # `sigma` is the noise of a row: what is left can be held against it
-    own_fit: bool = False  # the base was fitted to this log: it may follow one channel worse
-    together: Index | None = None  # (rows, C) numbers of what a fitted base misses together
+    fitted_base: bool = False  # the base was fitted to this log: it may follow one channel worse
+    clusters: Index | None = None  # (rows, C) numbers of what a fitted base misses together
     clear_size: float = 0.005  # of the reference: how small an effect may be that clearly explains a channel
 
 

@@ -1,4 +1,4 @@
-"""Held-out square sums of a base and a few columns beside it, the base eliminated once for all of them.
+"""Held-out square sums of a base and a few columns beside it, by the Schur complement of the base.
 
 A choice asks for hundreds of such sets, and most of each is the base. Its normal equations are solved once a
 fold, which leaves their Schur complement in the other columns: a set then costs what its own columns cost. A
@@ -12,7 +12,7 @@ import numpy as np
 from coaxlink.residual.regression.blocks import BEYOND, Array, Blocks, Index, held_out_sum, scaled, solved
 
 
-class Eliminated:
+class SchurComplement:
     """What `held_out_sum` says of `base` and other columns, at a fraction of the cost from the second on."""
 
     def __init__(self, blocks: Blocks, base: Index) -> None:
@@ -34,7 +34,7 @@ class Eliminated:
         # of what it is held against: power, moments and Gram matrices once the base follows the others
         self._fold = np.unique(blocks.fold, return_inverse=True)[1]
         scale = scale[self._fold]
-        grams, moments = blocks.whole
+        grams, moments = blocks.summed
         grams, moments = grams / (scale[:, :, None] * scale[:, None, :]), moments / scale
         inner, mixed = grams[:, base[:, None], base], grams[:, base[:, None], others]
         follows, stands = self._moves[self._fold], self._stands[self._fold]

@@ -58,7 +58,7 @@ class _Scan:
 
     def __init__(self, p: Problem, members: list[Option]) -> None:
         self.p, self.use = p, columns_of(p, members)
-        self.grams, self.moments = p.blocks.whole
+        self.grams, self.moments = p.blocks.summed
         bounds = p.blocks.bounds[self.use]
         ridge = np.where(np.isfinite(bounds), (2.0 / np.maximum(np.abs(bounds), 1e-300)) ** 2, 1e-9)
         gram = self.grams[:, self.use[:, None], self.use].sum(axis=0) + np.diag(ridge)

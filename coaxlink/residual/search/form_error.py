@@ -15,12 +15,12 @@ from coaxlink.frames import Array, StandFrame
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.joint_model import Joint
 from coaxlink.residual.regression.problem import Option, from_design
-from coaxlink.residual.search.time_trend import nameless
+from coaxlink.residual.search.time_trend import free_trend
 from coaxlink.residual.search.trial import ALPHA, Judge, columns_of
 
 SMALL = 0.25  # of what the other adds to the load that the smaller one changes most
 MISSED = 0.1  # of the reference load, a deviation
-LEVELS = 8  # a cause with more of them is a course: its first two powers
+LEVELS = 8  # a cause with more of them is continuous: its first two powers
 
 
 def within_forms(joint: Joint, frame: StandFrame) -> set[str]:
@@ -40,7 +40,7 @@ def within_forms(joint: Joint, frame: StandFrame) -> set[str]:
                 continue
             added = _freely(joint, large, frame)
             at = q.design.shape[-1]
-            free = Option(nameless, {}, np.arange(at, at + added.shape[-1]))
+            free = Option(free_trend, {}, np.arange(at, at + added.shape[-1]))
             design = np.concatenate([q.design, added.astype(q.design.dtype)], axis=-1)
             beside = from_design(q, design, q.residual, [*q.options, free], frame=q.frame)
             bounds = beside.blocks.bounds.copy()
@@ -64,8 +64,8 @@ def _freely(joint: Joint, large: Option, frame: StandFrame) -> Array:
         z = (cause - np.mean(cause)) / max(float(np.std(cause)), 1e-12)
         level = np.unique(np.round(z, 2), return_inverse=True)[1]
         few = level.max() < LEVELS
-        courses = np.eye(level.max() + 1)[level][:, 1:] if few else np.stack([z, z**2 - 1.0], axis=1)
-        mine = (courses[:, :, None] * loads[:, None, :]).reshape(len(u), -1)
+        powers = np.eye(level.max() + 1)[level][:, 1:] if few else np.stack([z, z**2 - 1.0], axis=1)
+        mine = (powers[:, :, None] * loads[:, None, :]).reshape(len(u), -1)
         out = np.zeros((len(u), len(q.channels), mine.shape[1]))
         out[:, c] = mine * q.reference[c] / q.sigma[c]
         pieces.append(out)

@@ -1,4 +1,4 @@
-"""What was chosen, fitted together: from the selection's grid to the joint fit."""
+"""The joint fit: the chosen effects and the base at once, from the selection's grid to free shapes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from coaxlink.frames import Array
 from coaxlink.residual.regression.blocks import held_out
-from coaxlink.residual.regression.irls import channel_errors, settled_base, weighed_again
+from coaxlink.residual.regression.irls import channel_errors, reweighted_fit, settled_base
 from coaxlink.residual.regression.joint_model import (
     Fitter,
     Joint,
@@ -36,7 +36,7 @@ def fitter_of(
     return Fitter(problem, bare, [part for part in known if part[0].name not in names], reduce)
 
 
-def together(
+def fit_jointly(
     problem: Problem,
     selection: Selection,
     bare: Any,
@@ -47,7 +47,7 @@ def together(
     base: Callable[[Any, Callable[[Array], Array]], Array] | None = None,
     all_of: bool = False,
 ) -> tuple[Joint, Any]:
-    """Members and doubtful ones fitted together, and the frame with them acting.
+    """Members and doubtful ones fitted jointly, and the frame with them acting.
 
     `settled` are members as an earlier fit left them: they start from there. `base(frame, reduce)` gives the
     base corrections of a frame, (rows, C, B): with effects in it they are others than without. `all_of`: none
@@ -85,7 +85,7 @@ def together(
             columns = base(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
             again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
             joint = again if squares_of(again.problem) < squares_of(joint.problem) else joint
-            exact = weighed_again(
+            exact = reweighted_fit(
                 joint, problem, bare, fitter.fixed, reduce, base, alternatives=problem.residual.size < LONG
             )
     except np.linalg.LinAlgError:  # numbers that no column tells apart
@@ -103,7 +103,7 @@ def together(
 def _dropped(chosen: Sequence[Option], joint: Joint) -> list[Step]:
     """A line of the trace for each that the joint fit does not need."""
     kept = {m.name for m in joint.members}
-    why = "not needed when the others act together"
+    why = "not needed in the joint fit"
     return [Step(9, "drop", o.name, 0.0, 1.0, 0.0, True, why) for o in chosen if o.name not in kept]
 
 

@@ -2,7 +2,7 @@
 
 A supply that sags, a battery that was changed, weather: where voltage or air were not logged, speeds or loads
 still change with them, and an effect whose own column happens to run alike would take their place. A free
-course over time, the same for both rotors, has no name, nor has a recorded column that no effect knows. What
+time trend, the same for both rotors, has no name, nor has a recorded column that no effect knows. What
 is needless beside one of these is not claimed.
 """
 
@@ -22,34 +22,34 @@ from coaxlink.residual.search.trial import Judge
 KNOTS = 8
 FEW_VALUES = 6
 KNOWN = ("_rpm", "_throttle", "_thrust_N", "_torque_Nm", "_V", "_A", "_W", "_C", "_Pa", "_pwm")
-CLEAR_P, CLEAR_SHARE = 1e-6, 0.3  # a course counts that takes this share of a load's squared error
+CLEAR_P, CLEAR_SHARE = 1e-6, 0.3  # a trend counts that takes this share of a load's squared error
 BESIDE = 0.25  # and this share of what the effect takes
 
 
-def outrun(joint: Joint, frame: StandFrame, reduce: Callable[[Array], Array]) -> set[str]:
-    """Names of members that are needless beside a course over time which the log clearly asks for."""
+def explained_by_time(joint: Joint, frame: StandFrame, reduce: Callable[[Array], Array]) -> set[str]:
+    """Names of members that are needless beside a time trend which the log clearly demands."""
     q, found = joint.problem, set()
-    for columns in (*_courses(frame), *_strangers(frame)) if joint.members else ():
+    for columns in (*_time_trends(frame), *_unknown_columns(frame)) if joint.members else ():
         added = (reduce(columns) / q.sigma[:, None]).astype(q.design.dtype)
         at = q.design.shape[-1]
-        course = Option(nameless, {}, np.arange(at, at + added.shape[-1]))
+        trend = Option(free_trend, {}, np.arange(at, at + added.shape[-1]))
         design = np.concatenate([q.design, added], axis=-1)
-        judge = Judge(from_design(q, design, q.residual, [*q.options, course], frame=frame))
+        judge = Judge(from_design(q, design, q.residual, [*q.options, trend], frame=frame))
         members = list(q.options)
-        there = judge.trial(members, course)
+        there = judge.trial(members, trend)
         if there.gain <= 0.0 or there.p_value > CLEAR_P or there.share < CLEAR_SHARE:
             continue
-        taken = judge.left(members) - judge.left([*members, course])
+        taken = judge.left(members) - judge.left([*members, trend])
         for m in members:
             rest = [o for o in members if o is not m]
             if taken < BESIDE * (judge.left(rest) - judge.left(members)):
                 continue  # the effect is what mostly changes over time here
-            if judge.trial([*rest, course], m).why_not is not None:
+            if judge.trial([*rest, trend], m).why_not is not None:
                 found.add(m.name)
     return found
 
 
-def _strangers(frame: StandFrame) -> list[Array]:
+def _unknown_columns(frame: StandFrame) -> list[Array]:
     """(rows, 6, K) of every recorded column that no effect knows, added to each load and to its scale."""
     out = []
     for name, values in frame.columns.items():
@@ -65,7 +65,7 @@ def _strangers(frame: StandFrame) -> list[Array]:
     return out
 
 
-def _courses(frame: StandFrame) -> list[Array]:
+def _time_trends(frame: StandFrame) -> list[Array]:
     """(rows, 6, KNOTS) of speeds against the throttles, and of all loads, by hats over the time."""
     time, rows = frame.time_s, len(frame.time_s)
     if rows < 8 * KNOTS or not time[-1] > time[0]:
@@ -78,8 +78,8 @@ def _courses(frame: StandFrame) -> list[Array]:
     return [slowed, loads] if frame.driven or frame.throttles is not None else [loads]
 
 
-nameless: Tracing[StandFrame] = Tracing(
-    name="course",
+free_trend: Tracing[StandFrame] = Tracing(
+    name="time_trend",
     physics="something changes over time",
     source="",
     needs=("time_s",),
@@ -87,7 +87,7 @@ nameless: Tracing[StandFrame] = Tracing(
     units={},
     missing=present,
     shapes=one_shape,
-    columns=lambda frame, _: _courses(frame)[0],
+    columns=lambda frame, _: _time_trends(frame)[0],
     parameters=lambda _, __, c: {f"knot_{k}": float(x) for k, x in enumerate(c)},
     inverse=lambda _, p: ({}, np.array(list(p.values()))),
     refuse=lambda _: None,

@@ -20,7 +20,7 @@ from coaxlink.residual.regression.gates import (
     witnesses,
 )
 from coaxlink.residual.regression.problem import Option, Problem
-from coaxlink.residual.regression.schur_complement import Eliminated
+from coaxlink.residual.regression.schur_complement import SchurComplement
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -136,8 +136,8 @@ class Judge:
         return self._sums[key]
 
     @cached_property
-    def _sets(self) -> Eliminated:
-        return Eliminated(self.problem.blocks, self.problem.base)
+    def _sets(self) -> SchurComplement:
+        return SchurComplement(self.problem.blocks, self.problem.base)
 
     def trial(self, members: list[Option], option: Option) -> Trial:
         """`option` on top of `members`."""
@@ -170,11 +170,11 @@ class Judge:
             refused = witnesses(p.channels, shares)
         if refused is None and share < BEYOND_FORM:
             refused = self._within_form(members, full, mine)
-        if p.own_fit and refused is None:
+        if p.fitted_base and refused is None:
             touched = np.any(self._design[:, :, option.columns] != 0.0, axis=(0, 2))
             refused = alone(drop, rows * np.mean(change**2, axis=0) / (variance * inflation), touched)
-        if p.together is not None and refused is None:
-            refused = carried_by_few(change, left, variance, p.together[self._rows])
+        if p.clusters is not None and refused is None:
+            refused = carried_by_few(change, left, variance, p.clusters[self._rows])
         remains = 0.0
         if p.noise_known:
             remains = (

@@ -10,11 +10,11 @@ from residual_stand_logs import log_of, names, over, ramps
 
 from coaxlink.residual import refine_stand
 from coaxlink.residual.answer import stand as judge_stand
-from coaxlink.residual.answer.discrepancy_model import followed
+from coaxlink.residual.answer.discrepancy_model import with_discrepancy_model
 from coaxlink.residual.base.gaussian_process import find_process
 from coaxlink.residual.channels.stand_problem import reducing
 from coaxlink.residual.regression.blocks import folds_of
-from coaxlink.residual.search.joint_fit import together
+from coaxlink.residual.search.joint_fit import fit_jointly
 from coaxlink.rotor.polynomial import design_matrix
 
 TERMS = ("1", "u_u", "u_l", "u_u^2", "u_l^2", "u_u u_l")
@@ -43,7 +43,7 @@ def test_a_process_says_how_well_it_knows_a_row():
     assert np.max(np.abs(share)) < 1e-6 * len(u)
 
 
-def test_an_own_fit_follows_a_pair_that_polynomials_do_not():
+def test_a_fitted_base_follows_a_pair_that_polynomials_do_not():
     t, a, b = ramps(2000)
     calm = refine_stand(log_of(t, a, b, rough(a, b)))
     assert names(calm) == [] and not calm.unexplained
@@ -67,7 +67,7 @@ def test_speeds_that_the_log_shows_once_are_not_judged():
     assert any("no other part of the log" in note for note in answer.notes)
 
 
-def test_an_own_fit_that_polynomials_follow_stays_one():
+def test_a_fitted_base_that_polynomials_follow_stays_one():
     t, a, b = ramps(900)
     answer = refine_stand(log_of(t, a, b, steady_loads(a, b)))
     assert names(answer) == [] and over(answer) < 1.1
@@ -92,19 +92,19 @@ def test_a_short_log_whose_every_speed_repeats_itself_ends_in_a_suspect():
 
 def test_what_stood_in_for_the_polynomials_goes(monkeypatch):
     """A friction of the rig, claimed beside thin air, that a base which follows the pair has no need of."""
-    seen = []
-    monkeypatch.setattr(judge_stand, "followed", lambda j: seen.append(j) or j)
+    judged = []
+    monkeypatch.setattr(judge_stand, "with_discrepancy_model", lambda j: judged.append(j) or j)
     t, a, b = ramps(2000)
     celsius = 15.0 + 18.0 * np.tanh(6.0 * (t / t[-1] - 0.5))
     thin = rough(a, b) * 288.15 / (celsius + 273.15)
     refine_stand(log_of(t, a, b, thin, air_temperature_C=celsius))
-    (j,) = seen
+    (j,) = judged
     friction = next(o for o in j.problem.options if o.name == "hysteresis" and "upper" in o.shape)
     more = dataclasses.replace(j.selection, members=[*j.selection.members, friction])
     bare = j.problem.frame
-    joint, _ = together(j.problem, more, bare, (), reducing(bare))
+    joint, _ = fit_jointly(j.problem, more, bare, (), reducing(bare))
     assert {m.name for m in joint.members} == {"air_density", "hysteresis"}
-    after = followed(dataclasses.replace(j, selection=more, joint=joint))
+    after = with_discrepancy_model(dataclasses.replace(j, selection=more, joint=joint))
     assert [m.name for m in after.joint.members] == ["air_density"]
     assert [m.name for m in after.selection.members] == ["air_density"]
     assert any(s.name == "hysteresis" and "needless" in s.why for s in after.selection.trace)

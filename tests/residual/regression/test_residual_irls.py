@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coaxlink.residual.regression.blocks import accumulate, solve
-from coaxlink.residual.regression.irls import channel_errors, reweighed, settled_base
+from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_base
 from coaxlink.residual.regression.problem import Problem
 
 ROWS, BLOCKS = 2400, 24
@@ -35,7 +35,7 @@ def value(p):
 
 def test_errors_are_in_the_channels_units_whatever_the_whitening():
     p = two_channels()
-    q = reweighed(p, p.sigma * 2.0)  # both alike: the same fit
+    q = reweighted(p, p.sigma * 2.0)  # both alike: the same fit
     assert channel_errors(q, ()) == pytest.approx(channel_errors(p, ()), rel=1e-4)
     assert channel_errors(p, ()) == pytest.approx([0.3, 0.004], rel=0.05)
 

@@ -15,7 +15,7 @@ from coaxlink.residual.regression.blocks import (
 )
 from coaxlink.residual.regression.dependence import dependences
 from coaxlink.residual.regression.problem import contiguous_blocks
-from coaxlink.residual.regression.schur_complement import Eliminated
+from coaxlink.residual.regression.schur_complement import SchurComplement
 from coaxlink.signals import (
     derivative,
     difference_gain,
@@ -172,7 +172,7 @@ def test_an_eliminated_base_leaves_the_same_held_out_errors(bound):
     bounds = np.where(np.arange(9) < 5, bound, np.inf)
     blocks = accumulate(design, residual, block, rng.permutation(18) % 6, bounds)
     base = np.arange(5)
-    sets = Eliminated(blocks, base)
+    sets = SchurComplement(blocks, base)
     for beside in ([], [6], [7, 5], [8, 6, 7, 5]):
         want = held_out_sum(blocks, np.array([*base, *beside]))
         assert sets.held_out_sum(np.array(beside, int)) == pytest.approx(want, rel=1e-6)

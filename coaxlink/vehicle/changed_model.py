@@ -1,6 +1,6 @@
-"""A rotor model bent by what effects do to its surfaces, as polynomials again.
+"""A rotor model changed by what effects do to its surfaces, as polynomials again.
 
-Effects may hold powers that are no whole numbers; laws want polynomials. What an effect *changes* is fitted
+Effects may hold powers that are no integers; laws want polynomials. What an effect *changes* is fitted
 over the speeds that fly and added to the base terms, so that a model without effects stays what it was.
 """
 
@@ -23,7 +23,7 @@ LOWEST, POINTS, ORDER = 0.1, 31, 4  # normalised speeds of the fit; total order 
 SMALL = 1e-9
 
 
-def bent(model: RotorModel, changes: Sequence[Change]) -> RotorModel:
+def changed_model(model: RotorModel, changes: Sequence[Change]) -> RotorModel:
     """The model with `changes` (each from the base model and the loads so far to new loads) in its terms."""
     axis = np.linspace(LOWEST, 1.0, POINTS)
     upper, lower = (x.ravel() for x in np.meshgrid(axis, axis, indexing="ij"))

@@ -1,4 +1,4 @@
-"""Compiled functions kept on disk by the source they were made of.
+"""Compiled functions cached on disk by the source they were made of.
 
 numba looks at the file of the function alone, and would run an old plant after an upgrade of another module.
 """
@@ -15,13 +15,13 @@ from typing import Any
 import numba
 
 MODULES = (
-    "layout", "lanes", "blades", "drive", "forces", "kernel", "stand_blades", "kept", "px4/loops",
+    "layout", "simd", "blades", "drive", "forces", "kernel", "stand_blades", "compile_cache", "px4/loops",
     "quick/mix", "quick/kernel",
 )  # fmt: skip
 
 
 def folder() -> Path:
-    """Where this very source's code is kept."""
+    """Where this very source's code is cached."""
     here = Path(__file__).parent
     text = b"".join((here / f"{name}.py").read_bytes() for name in MODULES)
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
@@ -44,8 +44,8 @@ def private(place: Path) -> bool:
     return ours and not any(mode & 0o002 and not mode & stat.S_ISVTX for mode in above)
 
 
-def kept(**options: Any) -> Callable[[Callable[..., None]], Any]:
-    """`numba.njit`, compiled once for this source; every time, where others could change what is kept."""
+def cached(**options: Any) -> Callable[[Callable[..., None]], Any]:
+    """`numba.njit`, compiled once for this source; every time, where others could change the cache."""
 
     def decorate(function: Callable[..., None]) -> Any:
         place = folder()
