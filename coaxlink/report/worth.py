@@ -130,7 +130,7 @@ def terms() -> str:
     return (
         "Curved: the standard columns with a THR_MDL_FAC of their own. Vertical gain: percent of thrust for "
         "a percent of demand; 1 is what the height loop counts on, and a constant one is trimmed by "
-        "MPC_Z_VEL_*_ACC. Thrust off: delivered less carried while one axis alone is asked for "
+        "MPC_Z_VEL_*_ACC. Thrust off: delivered less carried while one axis alone is demanded at "
         f"{HARD:g} times the envelope's moment. Left by the best constant gain: mean |error| over 0.77 to "
         "1.33 of the weight with moments, after what integrators and learnt hover thrust take off."
     )
