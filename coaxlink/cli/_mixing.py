@@ -18,6 +18,7 @@ from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
+    from coaxlink.live.health_watch import HealthWatch
     from coaxlink.live.mixer import LiveMixer
     from coaxlink.mavlink import Session
     from coaxlink.mixer import Law
@@ -98,7 +99,7 @@ def fly(
         _warn_of_hand_over(live, frame)
     lost = None
     try:
-        with _sharing(session, o.forward) as ground, live:
+        with _sharing(session, o.forward) as ground, live, _health(live, ground) as health:
             try:
                 lost = _watch(live, o, ground)
             except KeyboardInterrupt:
@@ -106,7 +107,7 @@ def fly(
     finally:
         if kept:
             kept.close()
-    summary = live.summary()
+    summary = {**live.summary(), "health": health.account()}
     if o.json_file:
         files.write_json(o.json_file, summary)
     sys.stdout.write(_line(summary) + "\n")
@@ -170,6 +171,13 @@ def _sharing(session: Session, where: str | None) -> Any:
             "commands the vehicle through this line; leave the host out to listen on this machine only"
         )
     return sharing
+
+
+def _health(live: LiveMixer, ground: Any) -> HealthWatch:
+    """Beside the loop: rotors that lose thrust are said here, on the line and to the ground station."""
+    from coaxlink.live.health_watch import HealthWatch
+
+    return HealthWatch(live, lambda call: say(call.text), ground)
 
 
 def _watch(live: LiveMixer, o: Options, ground: Any) -> str | None:

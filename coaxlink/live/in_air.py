@@ -39,11 +39,14 @@ class Call:
     loss: float  # share of its thrust at the commanded speed
     loss_sd: float
     slower: bool  # its motor turns slower, by how the wake under it changed
+    settled: bool = False  # its size is that of REFINED_S, not of the first blocks
 
     @property
     def text(self) -> str:
         """At most 50 bytes, for STATUSTEXT."""
-        return f"rotor {self.rotor} lost {100 * self.loss:.0f}% thrust, p {self.probability:.2f}: land"
+        if self.settled:
+            return f"rotor {self.rotor} lost {100 * self.loss:.0f}% of its thrust: land"
+        return f"rotor {self.rotor} loses thrust, p {self.probability:.2f}: land"
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers."""
@@ -165,8 +168,10 @@ class InAir:
         for s in verdict.suspicions:
             if s.rotor == settling.rotor and s.probability >= 0.5:
                 settling = replace(settling, loss=s.loss, loss_sd=s.loss_sd, slower=s.slower)
+        done = verdict.time_s - settling.time_s >= REFINED_S
+        settling = replace(settling, settled=done)
         self._settling, self.calls = settling, (*self.calls[:-1], settling)
-        if verdict.time_s - settling.time_s < REFINED_S:
+        if not done:
             return None
         self._settling = None
         self._begin(weakened(self._made_for, settling.rotor, settling.loss))

@@ -1,0 +1,120 @@
+"""Rotors' health beside the live mixer: a thread of its own that tells, and commands nothing.
+
+The session's receiver only puts the messages and the commands of that moment into a queue (bounded: what is not
+fetched in time is lost, and the test sees a gap); the test runs in this thread, twenty times a second. Judged is
+what our own commands did: while the autopilot's mixer flies, in a fade and in a dry run nothing is judged.
+The law, the guard and their states are not touched.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from coaxlink.errors import CoaxlinkError
+from coaxlink.live.guard import LIVE
+from coaxlink.live.in_air import Call, InAir
+
+if TYPE_CHECKING:
+    from coaxlink.live.mixer import LiveMixer
+
+POLL_S = 0.05
+WAITING = 512  # messages: some seconds of them
+HEARD = frozenset(
+    {
+        "HEARTBEAT",
+        "EXTENDED_SYS_STATE",
+        "RAW_IMU",
+        "SCALED_IMU",
+        "HIGHRES_IMU",
+        "ATTITUDE",
+        "ATTITUDE_QUATERNION",
+    }
+)
+RATE_HZ = 50.0
+
+
+class HealthWatch:
+    """Started and ended with the mixer; `told` is called with every call and once its size is settled, on that thread."""
+
+    def __init__(self, live: LiveMixer, told: Callable[[Call], None], ground: Any = None) -> None:
+        """`ground`: whoever else is told (`Forwarder`)."""
+        self._live, self._told, self._ground = live, told, ground
+        self.in_air = InAir(live.core.vehicle)
+        self.problem = ""  # why it watches no longer
+        self._queue: deque[tuple[Any, int, tuple[float, ...]]] = deque(maxlen=WAITING)
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="coaxlink-health", daemon=True)
+        self._unsubscribe: Callable[[], None] | None = None
+
+    def __enter__(self) -> HealthWatch:
+        self._unsubscribe = self._live.session.subscribe(self._hear)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+        self._stopping.set()
+        self._thread.join(1.0)
+
+    def _hear(self, message: Any) -> None:
+        """On the receiver's thread: nothing but an append."""
+        if message.get_type() in HEARD:
+            live = self._live
+            flown = live.guard.state == LIVE and not live.dry_run
+            stamp = (live.core.last_us or 0) if flown else 0
+            self._queue.append((message, stamp, tuple(live.core.told[: live.core.count]) if stamp else ()))
+
+    def _run(self) -> None:
+        try:
+            self._ask()
+            while not self._stopping.wait(POLL_S):
+                while self._queue:
+                    self._one(*self._queue.popleft())
+        except Exception as error:  # whatever it is, the vehicle flies on
+            self.problem = str(error) or type(error).__name__
+
+    def _one(self, message: Any, stamp_us: int, commands: tuple[float, ...]) -> None:
+        if stamp_us:
+            self.in_air.commanded(stamp_us * 1e-6, commands)
+        call = self.in_air.heard(message)
+        if call is not None:
+            self.tell(call)
+
+    def _ask(self) -> None:
+        """For rates where none come by themselves (an ArduPilot sends nothing unasked)."""
+        if self._stopping.wait(2.0):
+            return
+        session = self._live.session
+        wanted = {"EXTENDED_SYS_STATE": 2.0}
+        rates = ("HIGHRES_IMU", "ATTITUDE", "ATTITUDE_QUATERNION")
+        if not any(session.latest(name) for name in rates):
+            wanted |= {"ATTITUDE": RATE_HZ, "RAW_IMU": RATE_HZ}
+        for name, rate_hz in wanted.items():
+            if session.latest(name) is None:
+                try:
+                    session.request_stream(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"), rate_hz)
+                except CoaxlinkError:
+                    return
+
+    def tell(self, call: Call) -> None:
+        """STATUSTEXT to the vehicle, which passes it on and keeps it in its log, and to the ground station."""
+        text = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, call.text.encode()[:50])
+        for line in (self._live.session, self._ground):
+            if line is not None:
+                line.send(text)
+        self._told(call)
+
+    def account(self) -> dict[str, Any]:
+        """For the JSON of `coaxlink mix`."""
+        now = self.in_air.now
+        return {
+            "word": now.word or None,
+            "why": self.problem or now.why,
+            "calls": [call.to_json() for call in now.calls],
+        }
