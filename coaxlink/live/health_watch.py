@@ -1,8 +1,8 @@
 """Rotors' health beside the live mixer: a thread of its own that tells, and commands nothing.
 
-The session's receiver only puts the messages and the commands of that moment into a queue (bounded: what is not
-fetched in time is lost, and the test sees a gap); the test runs in this thread, twenty times a second. Judged is
-what our own commands did: while the autopilot's mixer flies, in a fade and in a dry run nothing is judged.
+The session's receiver only puts messages and the commands of that moment into a queue (bounded: what is not
+fetched in time is lost, and the test sees a gap); the test runs in this thread, twenty times a second. Judged
+is what our own commands did: while the autopilot's mixer flies, in a fade and in a dry run nothing is judged.
 The law, the guard and their states are not touched.
 """
 
@@ -39,7 +39,7 @@ RATE_HZ = 50.0
 
 
 class HealthWatch:
-    """Started and ended with the mixer; `told` is called with every call and once its size is settled, on that thread."""
+    """Around a mixer's flight; `told` is called, on that thread, with every call and once its size is settled."""
 
     def __init__(self, live: LiveMixer, told: Callable[[Call], None], ground: Any = None) -> None:
         """`ground`: whoever else is told (`Forwarder`)."""
@@ -103,7 +103,7 @@ class HealthWatch:
                     return
 
     def tell(self, call: Call) -> None:
-        """STATUSTEXT to the vehicle, which passes it on and keeps it in its log, and to the ground station."""
+        """STATUSTEXT to the vehicle, for its log and those it forwards to, and to the ground station."""
         text = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, call.text.encode()[:50])
         for line in (self._live.session, self._ground):
             if line is not None:

@@ -113,8 +113,7 @@ def test_what_our_commands_did_not_do_is_not_judged(flight, dry_run, state):
 
 
 def test_an_error_in_the_test_ends_the_test_alone(flight, monkeypatch):
-    vehicle, log = flight
-    live = mixer(vehicle)
+    live = mixer(flight[0])
     monkeypatch.setattr(InAir, "heard", lambda *_: 1 / 0)
     with HealthWatch(live, lambda _: None) as watch:
         live.session.callbacks[0](mavlink.MAVLink_heartbeat_message(14, 12, 128, 0, 4, 3))
