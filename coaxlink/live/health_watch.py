@@ -39,7 +39,7 @@ RATE_HZ = 50.0
 
 
 class HealthWatch:
-    """Around a mixer's flight; `told` is called, on that thread, with every call and once its size is settled."""
+    """Around a mixer's flight; `told` is called there with every call and once its size is settled."""
 
     def __init__(self, live: LiveMixer, told: Callable[[Call], None], ground: Any = None) -> None:
         """`ground`: whoever else is told (`Forwarder`)."""
