@@ -22,12 +22,12 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "link"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "helpers"))
 
 from live_flight import EXAMPLES, HEIGHT_M, Companion, Flight, demand
 
 from coaxlink.airframe import load_airframe
-from coaxlink.live import hot_build
+from coaxlink.live import compiled
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.mixer import make_law
 from coaxlink.rotor.model import load_rotor_model
@@ -50,7 +50,7 @@ class Own:
         flight.fly(3.0, until=lambda: not starting.is_alive())
         flight.fly(3.0, until=lambda: self.mixer.state == "live")
         flight.fly(1.0)
-        if native is not None and (self.mixer._hot is None or self.mixer._hot.answers < 100):
+        if native is not None and (self.mixer.exchange is None or self.mixer.exchange.answers < 100):
             sys.exit("the compiled loop did not take over")
 
     def close(self) -> None:
@@ -79,8 +79,8 @@ def break_law(own: Own) -> None:
     own.mixer.core.law = type(
         "Broken", (), {"name": "broken", "dropped": (), "speeds": staticmethod(broken)}
     )()
-    if own.mixer._hot is not None:
-        for numbers in own.mixer._hot._loop._arrays[18:]:
+    if own.mixer.exchange is not None:
+        for numbers in own.mixer.exchange.law:
             if numbers.dtype == float:
                 numbers.fill(math.nan)
 
@@ -150,7 +150,7 @@ def main() -> None:
     parser.add_argument("--curve", type=float, default=1.0, help="THR_MDL_FAC on board")
     parser.add_argument("--way", choices=("compiled", "plain"), default="compiled")
     o = parser.parse_args()
-    native = hot_build.load() if o.way == "compiled" else None
+    native = compiled.load() if o.way == "compiled" else None
     runs: dict[str, Callable[[], tuple[float, float, float, float]]] = {
         name: (lambda name=name: in_process(name, o.curve, native)) for name in FAULTS
     }

@@ -14,7 +14,8 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "link"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "helpers"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "live"))
 
 from pymavlink.dialects.v20 import common as mavlink
 from test_live_fuzz import CRM, X8, Sink, hostile  # type: ignore[import-not-found]
@@ -54,9 +55,9 @@ def on_a_socket(frames: int, seed: int) -> None:
     """The hostile frames in datagrams to a session, good demands between them to keep the loop flying."""
     from test_live_hot import Rig, demand  # type: ignore[import-not-found]
 
-    from coaxlink.live import hot_build
+    from coaxlink.live import compiled
 
-    rig = Rig(hot_build.load())
+    rig = Rig(compiled.load())
     rig.live.guard.timing = Timing(settle=1, fade_s=0.0, hold_after_s=5.0, ramp_after_s=10.0)
     rig.socket.settimeout(0.02)
     parser = mavlink.MAVLink(None)

@@ -8,11 +8,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from coaxlink import files
-from coaxlink.live import hot_build
+from coaxlink.live import compiled as code
 from sim.compile_cache import private
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners on this system")
@@ -94,17 +95,17 @@ def test_a_place_that_cannot_be_looked_into_is_not(trusts: Callable[[Path], bool
 def test_the_compiled_loop_of_a_folder_open_to_others_is_not_loaded_and_mix_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if not hot_build.available():
+    if not code.available():
         pytest.skip("the compiled loop runs on 64-bit Linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert not hot_build.kept() and hot_build.refused() == ""
-    planted = hot_build.object_path()
-    planted.parent.mkdir(parents=True, exist_ok=True)
-    planted.write_bytes(b"not what we compiled")
-    planted.parent.chmod(0o700)
-    assert hot_build.kept()
-    planted.parent.chmod(0o777)
-    assert not hot_build.kept()
+    assert not code.kept() and code.refused() == ""
+    folder = code.code_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "planted.nbc").write_bytes(b"not what we compiled")
+    folder.chmod(0o700)
+    assert code.kept()
+    folder.chmod(0o777)
+    assert not code.kept()
     examples = Path(__file__).parents[1] / "examples"
     command = [
         sys.executable,
@@ -119,12 +120,12 @@ def test_the_compiled_loop_of_a_folder_open_to_others_is_not_loaded_and_mix_says
     assert "can be written by others" in done.stderr
     assert "Traceback" not in done.stderr
 
-    class Compiling(Exception):
-        pass
+    asked: dict[str, Any] = {}
 
-    def compile_object() -> bytes:
-        raise Compiling
+    def njit(signature: Any, **options: Any) -> Any:
+        asked.update(options)
+        return lambda function: function
 
-    monkeypatch.setattr(hot_build, "compile_object", compile_object)
-    with pytest.raises(Compiling):  # anew, instead of what lies there
-        hot_build.load.__wrapped__()
+    monkeypatch.setattr("numba.njit", njit)
+    code.load.__wrapped__()
+    assert asked["cache"] is False  # anew, instead of what lies there, and not kept

@@ -147,20 +147,20 @@ def _mix(o: Options) -> None:
 
 def _native(compiled: bool | None) -> Any:
     """The compiled loop if it is asked for, or there and not unwanted."""
-    from coaxlink.live import hot_build
+    from coaxlink.live import compiled as code
 
-    if compiled is False or (compiled is None and not hot_build.kept()):
-        if compiled is None and (why := hot_build.refused()):
+    if compiled is False or (compiled is None and not code.kept()):
+        if compiled is None and (why := code.refused()):
             say(f"the compiled loop that is kept is not run: {why}; --compiled makes one for this run")
         return None
-    if not hot_build.available():
+    if not code.available():
         raise InputError("--compiled", "", "the compiled loop runs on 64-bit Linux only")
-    if not hot_build.kept():
-        why = hot_build.distrusted()
+    if not code.kept():
+        why = code.distrusted()
         kept = f"for this run alone ({why})" if why else "once for this processor and version"
         say(f"compiling the live loop, {kept}: 15 s or more")
     try:
-        return hot_build.load()
+        return code.load()
     except ImportError as error:
         raise InputError("--compiled", "", "numba is not installed") from error
 

@@ -27,17 +27,6 @@ class Histogram:
         if seconds > self.largest_s:
             self.largest_s = seconds
 
-    def add_many(self, seconds: Any) -> None:
-        """Count an array of times."""
-        import numpy as np
-
-        raised = np.log10(np.maximum(seconds, LOWEST_S) / LOWEST_S)
-        places = np.minimum(PER_DECADE * raised, len(self.bins) - 1).astype(int)
-        for place, count in zip(*map(np.ndarray.tolist, np.unique(places, return_counts=True)), strict=True):
-            self.bins[place] += count
-        self.total += len(places)
-        self.largest_s = max(self.largest_s, float(seconds.max()))
-
     def percentile(self, percent: float) -> float:
         """The time (s) below which `percent` of all lie; 0 when nothing was counted."""
         wanted, seen = self.total * percent / 100.0, 0
@@ -80,15 +69,6 @@ class Counters:
             total[k] += m
             if m > worst[k]:
                 worst[k] = m
-
-    def many(self, seconds: Any, misses: Any) -> None:
-        """Book latencies (n,) and allocation errors (n, 4), arrays."""
-        self.latency.add_many(seconds)
-        sizes = abs(misses)
-        sums, most = sizes.sum(axis=0).tolist(), sizes.max(axis=0).tolist()
-        for k in range(4):
-            self.error_sum[k] += sums[k]
-            self.error_max[k] = max(self.error_max[k], most[k])
 
     def account(self, seconds: float) -> dict[str, Any]:
         """All of it as `coaxlink mix --json` writes it, after so many seconds."""

@@ -89,10 +89,6 @@ class Guard:
         """When the last good demand came (s)."""
         return self._last
 
-    def answered(self, now: float) -> None:
-        """While steady, demands up to `now` were answered without asking one by one."""
-        self._last, self.state = now, LIVE
-
     def tick(self, now: float) -> float | None:
         """Time passed without a demand: the share to say once more, None to keep quiet."""
         if self.state not in (FADING, LIVE, HOLD, RAMP):

@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.errors import LinkError, SafetyRefusal
+from coaxlink.errors import SafetyRefusal
 from coaxlink.live.account import account
 from coaxlink.live.counts import Counters
-from coaxlink.live.guard import LIVE, Guard, Timing, timing_for
-from coaxlink.live.hot_kernel import COMMANDS, TIME
+from coaxlink.live.guard import Guard, Timing, timing_for
+from coaxlink.live.kernel import LEFT
 from coaxlink.live.mixer_core import CONTROLS, Compensation, DemandScale, MixCore
 from coaxlink.live.paths import PATHS, path_for, require_path
 from coaxlink.live.stall import Stall, backlog
@@ -36,13 +36,9 @@ from coaxlink.mixer import Law
 from coaxlink.vehicle import Vehicle, require_vehicle
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from coaxlink.live.attitude_loop import AttitudeLoop
     from coaxlink.live.bridge import BridgeEnd
-    from coaxlink.live.hot import Batch
-    from coaxlink.live.hot_entry import HotPath
+    from coaxlink.live.compiled import Exchange
     from coaxlink.live.record import LiveRecord
     from coaxlink.mavlink.session import Session
 
@@ -54,6 +50,8 @@ DEMAND, ANSWER = codec.ACTUATOR_CONTROL_TARGET, codec.SET_ACTUATOR_CONTROL_TARGE
 OUTPUTS = codec.ACTUATOR_OUTPUT_STATUS
 STATE, TARGET = codec.ATTITUDE_QUATERNION, codec.ATTITUDE_TARGET
 ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+TURN_S = 0.1  # of the compiled function; then heartbeats, TIMESYNC, the record's disk have theirs
+EFFECTS_TURN_S = 0.02  # how often effects are followed meanwhile
 PATIENCE_S = 0.004  # newer demands may keep an answer waiting so long, and no longer
 FLYING = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 
@@ -100,7 +98,7 @@ class LiveMixer:
         self._record = record
         self._loop = loop
         self._native = native
-        self._hot: HotPath | None = None
+        self.exchange: Exchange | None = None
         self.timesync: TimeSync | None = None
         heard = {ANSWER.number, OUTPUTS.number} | ({STATE.number, TARGET.number} if loop else {DEMAND.number})
         self._scanner = codec.Scanner(heard, codec.known_seeds())
@@ -136,9 +134,10 @@ class LiveMixer:
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self.span_s = (time.monotonic(), 0.0)
         if self._native is not None and self._loop is None and not self.dry_run and not self.session.signed:
-            from coaxlink.live.hot_entry import HotPath
+            from coaxlink.live.compiled import Exchange
 
-            self._hot = HotPath.of(self, self._native, self._target)
+            ids = (*self._target, *self.session.source)
+            self.exchange = Exchange.of(self._native, self.core, self.session.counter, ids)
         if self.session.signed:
             self._unsubscribe = self.session.subscribe(self._on_message)
         self.timesync = TimeSync(self.session)
@@ -171,8 +170,8 @@ class LiveMixer:
         if self.session.tap is not self:
             return
         self.guard.leaving = True
-        if self._hot is not None:
-            self._hot.interrupt()
+        if self.exchange is not None:
+            self.exchange.interrupt()
         end = time.monotonic() + patience_s
         while (
             self._own_mixer and self.guard.answering and not self.failed.is_set() and time.monotonic() < end
@@ -201,38 +200,44 @@ class LiveMixer:
     # -- on the receiver thread ----------------------------------------------------------------------------
 
     def serve(self, line: Any, peer: Any) -> list[tuple[bytes, Any]] | None:
-        """Let the compiled loop read and answer for a while, if it may; see `session.Tap`."""
-        if self.stall.draining and isinstance(line, Udp):
+        """Let the compiled function wait and answer while the law flies alone; see `session.Tap`."""
+        if not isinstance(line, Udp):
+            return None
+        if self.stall.draining:
             waiting, older = backlog(line, peer, self._alone)
             self.core.counters.superseded += older
             if waiting:
                 return waiting
-        hot = self._hot
-        if hot is None or self._waiting is not None or self.failed.is_set():
+        exchange, to = self.exchange, line.one_target(peer)
+        if exchange is None or to is None or not self.guard.steady or self._waiting is not None:
             return None
+        timing, turn_s = self.guard.timing, EFFECTS_TURN_S if self.core.compensation else TURN_S
         try:
-            left = hot.serve(line, peer)
-            self.stall.here(self.guard.last)
-            return left
-        except LinkError:
-            raise
+            self.core.compensate()
+            line.arm(self.tick_s)
+            done = exchange(line.fileno(), to, self.guard.last, timing.silent_after_s, turn_s)
+            self._book(exchange)
         except Exception as error:
             self.core.counters.failures += 1
             self._give_up(error)
             return None
+        if done > 0:
+            return [(exchange.handed(done), to)]
+        return None if done == LEFT else []
 
-    def kept(self, rows: NDArray[np.float64], batch: Batch) -> None:
-        """Book the answers of the hot loop, rows as `hot_kernel` lays them out."""
-        if self.bridge is not None:
-            self._outdone(DEMAND.unpack(batch.last_demand()))
-        commands = rows[:, COMMANDS : COMMANDS + CONTROLS].tolist()
-        self.commands = commands[-1]
-        self._echoes.extend(batch.answers(64))
-        if self.witness is not None:
-            for at, row in zip(rows[:, TIME].tolist(), commands, strict=True):
-                self.witness.sent(at, row)
-        if self._record is not None:
-            self._record.add_many(batch.stamps, rows, LIVE)
+    def _book(self, exchange: Exchange) -> None:
+        """Keep what the compiled function answered."""
+        for stamp, came_ns, sent_ns, held, told, error, given_up, heard, said in exchange.answered():
+            came, latency_s = came_ns * 1e-9, (sent_ns - came_ns) * 1e-9
+            self.guard.good(came)
+            self.stall.here(came)
+            self._echoes.append(said[10:-2])
+            self._said(told, came)
+            self.core.book(latency_s, error, bool(given_up))
+            self._keep(stamp, came, held, error, latency_s)
+            self.session.book(heard, said)
+            if self.bridge is not None:
+                self._outdone(DEMAND.unpack(heard[10:-2]))
 
     def take(self, data: bytes) -> None:
         """Bytes from the line, or none when the wait was over: answer what is to be answered."""
@@ -341,10 +346,9 @@ class LiveMixer:
         if commands is None:
             return
         self._say(stamp, commands, began)
-        latency = time.perf_counter() - began
-        core.account(latency)
-        if self._record is not None:
-            self._record.add(stamp, began, core.held, commands, core.error, latency, guard.state)
+        latency_s = time.perf_counter() - began
+        core.account(latency_s)
+        self._keep(stamp, began, core.held, core.error, latency_s)
 
     def _outdone(self, demand: tuple[Any, ...]) -> bool:
         """Whether the bridge says that it follows another companion; then this one is done."""
@@ -354,13 +358,21 @@ class LiveMixer:
         return rival is not None
 
     def _say(self, stamp: int, commands: list[float], now: float) -> None:
+        if not self.dry_run:
+            self._payload = (stamp, *commands, 0, *self._target)
+            self.session.send_frame(self._pack, ANSWER.seed)
+        self._said(commands, now)
+
+    def _said(self, commands: list[float], now: float) -> None:
         self.commands = commands
-        if self.dry_run:
-            return
-        self._payload = (stamp, *commands, 0, *self._target)
-        self.session.send_frame(self._pack, ANSWER.seed)
         if self.witness is not None:
             self.witness.sent(now, commands)
+
+    def _keep(
+        self, stamp: int, came: float, held: Sequence[float], error: Sequence[float], latency_s: float
+    ) -> None:
+        if self._record is not None:
+            self._record.add(stamp, came, held, self.commands, error, latency_s, self.guard.state)
 
     def _pack(self, sequence: int, system: int, component: int) -> bytes:
         frame = ANSWER.pack(sequence, system, component, *self._payload)

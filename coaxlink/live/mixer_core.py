@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
-from coaxlink.live import hot_kernel
 from coaxlink.live.counts import Counters
+from coaxlink.live.kernel import JUMP_US, command
+from coaxlink.live.state import FIRST_DT_S, MOST_DT_S, MOTORS, plain_state
 from coaxlink.mixer import Law, StandardCoefficients, make_law, standard_coefficients
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.vehicle import Vehicle, require_vehicle
 from firmware_params.px4 import Px4Table, RotorEntry, realise
 
-CONTROLS = 8  # what the messages carry
+CONTROLS = MOTORS
 ABSURD = 1.5  # a normalised demand beyond this is no demand; up to it, it is held to the range
-FIRST_DT_S, MOST_DT_S = 0.004, 0.05  # between demands, where it is not known or out of the ordinary
-JUMP_US = 1_000_000  # stamps further apart than this are another clock, which must show itself twice
+NO_CLOCK_US = 2**62  # a stamp beyond it is none: 146 000 years
 
 
 class Compensation(Protocol):
@@ -129,7 +129,7 @@ class MixCore:
     ) -> None:
         """`law` by its name is made for this vehicle; a Law must have been.
 
-        `lead_s`: the motors' lag and the lag wanted of them instead (s); see `hot_kernel.lead`.
+        `lead_s`: the motors' lag and the lag wanted of them instead (s); see `kernel.lead`.
         Raises InputError also where the vehicle leaves effects to live mixing and `compensation` has not all.
         """
         require_vehicle(vehicle)
@@ -147,20 +147,15 @@ class MixCore:
         self.compensation = compensation
         self.rotors = PlainRotors.of(vehicle)
         self.count = len(airframe.rotors)
-        self._last_us: int | None = None
         self._strange_us: int | None = None
-        self.dt_s = FIRST_DT_S  # between the last two demands
-        self.lead_s = lead_s
-        self._floats = [0.0] * hot_kernel.FLOATS
-        self._floats[hot_kernel.FACTOR] = 1.0
-        self._floats[hot_kernel.LAG_S], self._floats[hot_kernel.QUICK_S] = lead_s
-        # the speeds the motors are taken to have, and what they were told last; the hot loop's own if it runs
-        self.motors: Any = [0.0] * CONTROLS
-        self.told: Any = [0.0] * CONTROLS
-        self.wrench: list[float] = [0.0] * 4  # demanded
-        self.error: Any = [0.0] * 4  # (4,) delivered by the rotor model at the law's speeds, minus demanded
-        self.speeds: list[float] = [0.0] * self.count  # of the law
-        self.held = (0.0, 0.0, 0.0, 0.0)
+        self._lead_s, self._slots = lead_s, range(self.count)
+        self.use(plain_state())
+
+    def use(self, state: Any) -> None:
+        """Keep the books in this record from now on; the loop has not begun."""
+        self.state = state
+        state.count = self.count
+        state.lag_s, state.quick_s = self._lead_s
 
     @property
     def law(self) -> Law:
@@ -173,6 +168,32 @@ class MixCore:
         self._law_speeds: Callable[[Any], list[float]] = getattr(law, "plain", None) or (
             lambda wrench: law.speeds(wrench).tolist()
         )
+
+    @property
+    def last_us(self) -> int | None:
+        """Stamp of the last demand admitted."""
+        last: int = self.state.last_us
+        return last if last >= 0 else None
+
+    @property
+    def held(self) -> list[float]:
+        """(4,) that demand, held to the range."""
+        return _floats(self.state.held)
+
+    @property
+    def wrench(self) -> list[float]:
+        """(4,) what it means, N and N m."""
+        return self.scale.wrench(self.held)
+
+    @property
+    def speeds(self) -> list[float]:
+        """(N,) of the law, for the last answer."""
+        return _floats(self.state.speeds)[: self.count]
+
+    @property
+    def error(self) -> list[float]:
+        """(4,) delivered by the rotor model at these speeds, minus demanded."""
+        return _floats(self.state.error)
 
     def use_matrix(self, factors: Sequence[Sequence[float]]) -> None:
         """Read demands as ArduPilot's with these factors (N, 4) on board. Raises InputError."""
@@ -199,28 +220,31 @@ class MixCore:
             return False
         if not self._in_order(time_usec):
             return False
-        held = (
+        held = [
             min(max(roll, -1.0), 1.0), min(max(pitch, -1.0), 1.0), min(max(yaw, -1.0), 1.0),
             min(max(thrust, 0.0), 1.0),
-        )  # fmt: skip
-        if held != (roll, pitch, yaw, thrust):
+        ]  # fmt: skip
+        if held != [roll, pitch, yaw, thrust]:
             c.clamped += 1
-        self.held = held
+        self.state.held[:] = held
         return True
 
     def _in_order(self, stamp: int) -> bool:
         """Stamps must rise by less than a second; another clock must come twice in a row to be believed."""
-        c, last = self.counters, self._last_us
+        c, state, last = self.counters, self.state, self.last_us
+        if stamp >= NO_CLOCK_US:
+            c.clock_jumps += 1
+            return False
         if last is None or 0 < stamp - last < JUMP_US:
-            self.dt_s = min((stamp - last) * 1e-6, MOST_DT_S) if last is not None else FIRST_DT_S
-            self._last_us, self._strange_us = stamp, None
+            state.dt_s = min((stamp - last) * 1e-6, MOST_DT_S) if last is not None else FIRST_DT_S
+            state.last_us, self._strange_us = stamp, None
             return True
         if -JUMP_US < stamp - last <= 0:
             c.late += 1
             return False
         strange, self._strange_us = self._strange_us, stamp
         if strange is not None and 0 < stamp - strange < JUMP_US:
-            self._last_us, self._strange_us = stamp, None
+            state.last_us, self._strange_us = stamp, None
             return True
         c.clock_jumps += 1
         return False
@@ -230,44 +254,35 @@ class MixCore:
 
         `share` is the law's part; the rest is the autopilot's own mixer.
         """
-        c, extra = self.counters, self.compensation
-        wanted: Any = self.scale.wrench(self.held)
-        self.wrench = wanted
-        if extra is not None:
-            wanted = wanted - extra.wrench(self.speeds)
-            self._floats[hot_kernel.FACTOR] = extra.factor
-        self.speeds = speeds = self._law_speeds(wanted)
-        if not hot_kernel.command(speeds, self.motors, self.told, self.count, self.dt_s, self._floats):
-            c.refused_outputs += 1
-            self.speeds = [0.0] * self.count
+        state = self.state
+        self.compensate()
+        wanted = self.wrench
+        if self.compensation is not None:
+            wanted = [w - e for w, e in zip(wanted, _floats(state.extra), strict=True)]
+        if not command(state, state.dt_s, self._law_speeds(wanted), self._slots):
+            self.counters.refused_outputs += 1
+            state.speeds[:] = [0.0] * MOTORS
             return None
-        if share < 1.0:
-            return self.say(self.blend(self.told, share))
-        return list(self.told)
+        told = _floats(state.told)
+        return self.say(self.blend(told, share)) if share < 1.0 else told
+
+    def compensate(self) -> None:
+        """Bring what the effects add up to date."""
+        extra = self.compensation
+        if extra is not None:
+            self.state.extra[:] = extra.wrench(self.speeds).tolist()
+            self.state.factor = extra.factor
 
     def say(self, commands: Sequence[float]) -> list[float]:
         """Eight commands, zeros for the motors that are not there; kept as what the motors were told."""
-        told = self.told
-        for n in range(CONTROLS):
-            told[n] = commands[n] if n < self.count else 0.0
-        return list(told)
-
-    @property
-    def last_us(self) -> int | None:
-        """Stamp of the last demand admitted."""
-        return self._last_us
+        told = [*commands[: self.count], *[0.0] * (CONTROLS - self.count)]
+        self.state.told[:] = told
+        return told
 
     def blend(self, commands: Sequence[float], share: float) -> list[float]:
         """`share` of these commands and the rest of the autopilot's own for the demand held."""
         own = self.scale.own(self.held)
         return [min(max(o + share * (u - o), 0.0), 1.0) for o, u in zip(own, commands, strict=False)]
-
-    def caught_up(self, stamp_us: int, cycles: int, dropped: int, superseded: int) -> None:
-        """Demands up to that stamp were answered by the hot loop."""
-        c = self.counters
-        self._last_us, self._strange_us = stamp_us, None
-        c.cycles, c.dropped = c.cycles + cycles, c.dropped + dropped
-        c.superseded += superseded
 
     def hand_over_thrust(self, weight_N: float) -> float:
         """Thrust (N) of the autopilot's own mixer at the demand that hovers `weight_N` under the law.
@@ -284,13 +299,22 @@ class MixCore:
 
     def account(self, latency_s: float) -> None:
         """Book the last step: its latency and what the rotor model says its speeds miss of the demand."""
+        wanted, extra = self.wrench, self.compensation
+        got: Any = self.rotors.plain_wrench(self.speeds)
+        if extra is not None:
+            got = got + extra.wrench(self.speeds)
+        self.state.error[:] = [g - w for g, w in zip(got, wanted, strict=True)]
+        self.book(latency_s, self.error, bool(self.law.dropped))
+
+    def book(self, latency_s: float, error: Sequence[float], given_up: bool) -> None:
+        """Count an answer."""
         c = self.counters
         c.cycles += 1
         c.latency.add(latency_s)
-        got: Any = self.rotors.plain_wrench(self.speeds)
-        if self.compensation is not None:
-            got = got + self.compensation.wrench(self.speeds)
-        self.error = [g - w for g, w in zip(got, self.wrench, strict=True)]
-        c.miss(self.error)
-        if self.law.dropped:
-            c.dropped += 1
+        c.miss(error)
+        c.dropped += given_up
+
+
+def _floats(numbers: Any) -> list[float]:
+    """Of a record's field, in Python's own kind."""
+    return list(numbers) if isinstance(numbers, list) else numbers.tolist()

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.errors import InputError
-from coaxlink.live import hot_kernel as k
 from coaxlink.live.guard import STATES
 from firmware_params import bounded
 
@@ -66,15 +65,6 @@ class LiveRecord:
         self._waiting += RECORD.pack(
             stamp_us, now, *demand, *commands, *error, latency_s, STATES.index(state)
         )
-
-    def add_many(self, stamps: NDArray[np.int64], rows: NDArray[np.float64], state: str) -> None:
-        """Demands answered by the hot loop; rows as `hot_kernel` lays them out."""
-        out = np.zeros(len(rows), _TYPE)
-        out["stamp_us"], out["time_s"] = stamps, rows[:, k.TIME]
-        out["demand"], out["commands"] = rows[:, k.HELD : k.HELD + 4], rows[:, k.COMMANDS : k.COMMANDS + 8]
-        out["error"], out["latency_s"] = rows[:, k.ERROR : k.ERROR + 4], rows[:, k.LATENCY]
-        out["state"] = STATES.index(state)
-        self._waiting += out.tobytes()
 
     def tick(self, now: float, *, handed_over: bool = False) -> None:
         """Write what waits if it is time, or if the vehicle was just handed back."""

@@ -24,7 +24,7 @@ class Tap(Protocol):
 
 
 class Outgoing(mavlink.MAVLink):
-    """pymavlink's encoder with its sequence number where the compiled loop counts it on too."""
+    """pymavlink's encoder with its sequence number where the compiled function counts it on too."""
 
     def __init__(self, system: int, component: int) -> None:
         self.counter = bytearray(1)

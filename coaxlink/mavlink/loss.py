@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
 
 class Loss:
     """One sender's messages: how many it sent, how many came."""
@@ -24,15 +18,6 @@ class Loss:
             self._last = sequence
         if step:
             self._received += 1
-
-    def passed(self, sequences: NDArray[np.uint8]) -> None:
-        """Messages with these numbers (n,) came one after the other."""
-        self.heard(int(sequences[0]))
-        steps = sequences[1:] - sequences[:-1]  # modulo 256
-        forward = (steps > 0) & (steps < 128)
-        self._sent += int(steps[forward].sum(dtype=int))
-        self._received += int((steps != 0).sum())
-        self._last = int(sequences[-1])
 
     @property
     def share(self) -> float:

@@ -195,19 +195,15 @@ class Session(Requests):
             self._record(frames)
             self._transport.write(frames, self.bound.peer)
 
-    @property
-    def keeps_frames(self) -> bool:
-        """Whether `book` has anything to do but count."""
-        return self._log is not None or bool(self._watchers)
-
-    def book(self, heard: bytes, said: bytes, at_us: int) -> None:
-        """Keep a frame of the vehicle and our answer that passed by the parser, at that time of day (us)."""
+    def book(self, heard: bytes, said: bytes) -> None:
+        """Keep a frame of the vehicle, and our answer to it, that passed by the parser."""
+        self._loss.heard(heard[4])
         for watcher in self._watchers:
             watcher(heard)
         if self._log:
             with self._lock:
-                self._log.write(heard, at_us)
-                self._log.write(said, at_us)
+                self._record(heard)
+                self._record(said)
 
     # -- inside --------------------------------------------------------------------------------------------
 
@@ -343,10 +339,6 @@ class Session(Requests):
         self._believe("HEARTBEAT", candidate.heartbeat, True)
         self._loss.heard(message.get_seq())
         self._believe("AUTOPILOT_VERSION", message, True)
-
-    def count(self, sequences: Any) -> None:
-        """Frames of the vehicle passed by the parser with these sequence numbers (n,), an array of uint8."""
-        self._loss.passed(sequences)
 
     def ask_version(self, tries: int = 6) -> None:
         """Ask which board it is, if that is not known yet."""

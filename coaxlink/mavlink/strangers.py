@@ -69,10 +69,6 @@ class Strangers:
         """It is a stranger no more."""
         self._by_address.pop(address, None)
 
-    def passed(self, count: int) -> None:
-        """So many datagrams with our vehicle's system id were dropped before anyone looked at them."""
-        self.datagrams += count
-
     def beat(self) -> list[Stranger]:
         """Our vehicle was heard just now; those who answered before that and are hereby a second one."""
         found = [s for s in self._by_address.values() if s.answers and not s.beside]

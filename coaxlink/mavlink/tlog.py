@@ -20,9 +20,9 @@ class TLog:
         except OSError as error:
             raise InputError(path, "", f"cannot be written ({error.strerror})") from error
 
-    def write(self, frame: bytes, at_us: int = 0) -> None:
+    def write(self, frame: bytes) -> None:
         """Keep a frame with the time of day; readers take time from the messages themselves."""
-        self._file.write(struct.pack(">Q", at_us or time.time_ns() // 1000) + frame)
+        self._file.write(struct.pack(">Q", time.time_ns() // 1000) + frame)
 
     def close(self) -> None:
         """Finish the file."""

@@ -174,11 +174,11 @@ def test_the_bridge_counts_what_it_took_and_the_rest_never_arrived(copter: Any, 
 @pytest.mark.parametrize("native", [False, True], ids=["plain", "compiled"])
 @real_time
 def test_a_second_companion_drives_nothing_and_lets_go_at_once(copter: Any, native: bool) -> None:
-    from coaxlink.live import hot_build
+    from coaxlink.live import compiled
 
-    if native and not hot_build.available():
+    if native and not compiled.available():
         pytest.skip("the compiled loop runs on 64-bit Linux")
-    kernel = hot_build.load() if native else None
+    kernel = compiled.load() if native else None
     copter.autopilot.armed = True
     first, second = Companion(copter), Companion(copter, component=192)
     mixers = [LiveMixer(c.session, Vehicle(X8, CRM), "exact", native=kernel) for c in (first, second)]

@@ -45,11 +45,11 @@ def native(request: pytest.FixtureRequest) -> Any:
     """The loop in Python, and the compiled one that takes over wherever all is well."""
     if request.param == "plain":
         return None
-    from coaxlink.live import hot_build
+    from coaxlink.live import compiled
 
-    if not hot_build.available():
+    if not compiled.available():
         pytest.skip("the compiled loop runs on 64-bit Linux")
-    return hot_build.load()
+    return compiled.load()
 
 
 class Live:
@@ -86,7 +86,8 @@ def live(flight: Flight, native: Any) -> Iterator[Live]:
     one.until_live()
     if native is not None:
         flight.fly(0.2)
-        assert one.mixer._hot is not None and one.mixer._hot.answers > 20  # it is this loop that is tried
+        exchange = one.mixer.exchange
+        assert exchange is not None and exchange.answers > 20  # it is this loop that is tried
     flight.rows.clear()
     yield one
     one.close()
@@ -215,8 +216,8 @@ def test_our_own_wall_clock_jumps(live: Live, monkeypatch: pytest.MonkeyPatch) -
 
 def poison_compiled_law(live: Live) -> None:
     """No number is left in what the compiled loop's law works on."""
-    if live.mixer._hot is not None:
-        for numbers in live.mixer._hot._loop._arrays[18:]:
+    if live.mixer.exchange is not None:
+        for numbers in live.mixer.exchange.law:
             if numbers.dtype == float:
                 numbers.fill(math.nan)
 

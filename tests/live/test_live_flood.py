@@ -12,18 +12,17 @@ from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 from test_live_hot import BEAT, HOVER, RIVAL, Rig, demand, frame_of
 
-from coaxlink.live import hot_kernel as k
 from coaxlink.mavlink import codec
 
 systems = st.integers(1, 255)
 
 
 def compiled() -> Any:
-    from coaxlink.live import hot_build
+    from coaxlink.live import compiled as code
 
-    if not hot_build.available():
+    if not code.available():
         pytest.skip("the compiled loop runs on 64-bit Linux")
-    return hot_build.load()
+    return code.load()
 
 
 @pytest.fixture(params=["plain", "compiled"])
@@ -45,15 +44,12 @@ def test_whole_frames_of_others_alone_are_told_by_their_headers(whose: list[int]
     assert not codec.of_others(data[:-1], ours)
     assert not codec.of_others(data + b"\0", ours)
     assert not codec.of_others(b"", ours)
-    found = k.find_demand(data, 0, len(data), ours, 1)
-    assert found == (k.NOTHING if ours in whose else k.OTHERS)
 
 
 def test_motor_commands_of_another_are_never_passed_over() -> None:
     beat, rival = frame_of(BEAT, system=7), frame_of(RIVAL, system=7)
     for data in (rival, beat + rival, rival + beat):
         assert not codec.of_others(data, 1)
-        assert k.find_demand(data, 0, len(data), 1, 1) == k.NOT_ALONE
 
 
 def test_noise_that_looks_like_the_start_of_a_frame_swallows_no_demand(rig: Any) -> None:

@@ -17,10 +17,11 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import load_airframe
-from coaxlink.live import hot_kernel as k
+from coaxlink.live import kernel as k
+from coaxlink.live.compiled import packed_address
 from coaxlink.live.guard import Timing
-from coaxlink.live.hot import packed_address, unpacked_address
 from coaxlink.live.mixer import LiveMixer
+from coaxlink.live.state import plain_state
 from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.session import Session
 from coaxlink.mavlink.transport import Udp
@@ -51,8 +52,8 @@ def test_a_demand_is_read_as_pymavlink_wrote_it(
     stamp: int, controls: list[float], group: int, seq: int
 ) -> None:
     data, body = demand(stamp, controls, group, sequence=seq), bytearray(48)
-    assert k.find_demand(data, 0, len(data), 1, 1) == 0
-    k.unpack(data, 0, body)
+    assert k.alone(data, len(data), 1, 1)
+    k.unpack(data, body)
     assert k.stamp_of(body) == (stamp if stamp < 2**62 else -1)
     assert struct.pack("<8f", *controls) == bytes(body[8:40]) or any(map(math.isnan, controls))
     assert body[40] == group
@@ -82,24 +83,21 @@ BEAT = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)
 RIVAL = mavlink.MAVLink_set_actuator_control_target_message(1, 0, 1, 1, [0.5] * 8)
 
 
-def test_what_else_a_datagram_holds_is_told_apart() -> None:
+def test_only_a_demand_alone_in_its_datagram_is_taken() -> None:
     mine, beat = demand(5000, HOVER), frame_of(BEAT)
 
-    def find(data: bytes) -> int:
-        return int(k.find_demand(data, 0, len(data), 1, 1))
+    def alone(data: bytes) -> bool:
+        return bool(k.alone(data, len(data), 1, 1))
 
-    assert find(beat + mine) == len(beat)
-    assert find(mine + beat + mine) == len(mine + beat)  # the newest
-    assert find(beat) == k.NOTHING
-    assert find(mine + frame_of(RIVAL, system=3)) == k.NOT_ALONE
-    assert find(demand(5000, HOVER, system=2)) == k.NOT_ALONE
-    assert find(mine[:-1]) == k.NOT_ALONE
-    assert find(b"\x00" + mine) == k.NOT_ALONE
+    assert alone(mine)
+    for other in (beat, beat + mine, mine + beat, mine + mine, frame_of(RIVAL), mine[:-1], b"", b"\0" + mine):
+        assert not alone(other)
+    assert not alone(demand(5000, HOVER, system=2))
+    assert not alone(demand(5000, HOVER, component=2))
     for place in range(len(mine)):
-        bent = bytearray(mine)
-        bent[place] ^= 0x41
-        # the checksum sees everything; another message's number is that message's own affair
-        assert find(bytes(bent)) in ((k.NOT_ALONE, k.NOTHING) if 7 <= place <= 9 else (k.NOT_ALONE,))
+        damaged = bytearray(mine)
+        damaged[place] ^= 0x41
+        assert not alone(bytes(damaged))
 
 
 @pytest.mark.parametrize(
@@ -130,26 +128,26 @@ def test_only_a_demand_beyond_doubt_is_answered_here(
 def test_no_speeds_whatever_make_a_command_out_of_bounds(
     speeds: list[float], factor: float, lag: float
 ) -> None:
-    numbers = [0.0] * k.FLOATS
-    numbers[k.FACTOR], numbers[k.LAG_S], numbers[k.QUICK_S] = factor, lag, 0.002
-    motors, told = [0.4] * 8, [0.4] * 8
+    state = plain_state()
+    state.count, state.factor, state.lag_s, state.quick_s = 8, factor, lag, 0.002
+    state.motors, state.told = [0.4] * 8, [0.4] * 8
     for _ in range(3):
-        if k.command(speeds, motors, told, 8, 0.004, numbers):
-            assert all(0.0 <= u <= 1.0 for u in told)
+        if k.command(state, 0.004, speeds, range(8)):
+            assert all(0.0 <= u <= 1.0 for u in state.told)
         else:
             assert not all(0.0 <= u <= 1.0 for u in speeds)
-            assert told == [0.4] * 8
+            assert state.told == [0.4] * 8
 
 
 def test_with_the_lead_a_lagging_motor_turns_as_asked_within_bounds() -> None:
     # its own motor: 20 ms of first order, stepped finely
-    numbers = [0.0] * k.FLOATS
-    numbers[k.FACTOR], numbers[k.LAG_S] = 1.0, 0.02
-    motors, told, speed, plain = [0.0] * 8, [0.0] * 8, 0.0, 0.0
+    state, speed, plain = plain_state(), 0.0, 0.0
+    state.count, state.lag_s = 8, 0.02
+    told = state.told
     misses, late, asked = [], [], 0.0
     for step in range(200):
         asked = 0.5 + 0.02 * math.sin(step / 5)
-        assert k.command([asked] * 8, motors, told, 8, 0.004, numbers)
+        assert k.command(state, 0.004, [asked] * 8, range(8))
         for _ in range(400):
             speed += (told[0] - speed) * 1e-5 / 0.02
             plain += (asked - plain) * 1e-5 / 0.02
@@ -160,18 +158,25 @@ def test_with_the_lead_a_lagging_motor_turns_as_asked_within_bounds() -> None:
     assert told[0] <= 1.0
 
 
-@pytest.mark.parametrize("address", [("127.0.0.1", 14550), ("::1", 65535, 0, 3)])
-def test_addresses_survive_the_kernels_form(address: Any) -> None:
-    assert unpacked_address(packed_address(address).ljust(32, b"\0")) == address
+@pytest.mark.parametrize(("host", "family"), [("127.0.0.1", socket.AF_INET), ("::1", socket.AF_INET6)])
+def test_addresses_are_packed_as_the_system_has_them(host: str, family: socket.AddressFamily) -> None:
+    import ctypes
+
+    libc = ctypes.CDLL(None, use_errno=True)
+    with socket.socket(family, socket.SOCK_DGRAM) as one:
+        one.bind((host, 0))
+        raw, size = ctypes.create_string_buffer(32), ctypes.c_uint32(32)
+        assert libc.getsockname(one.fileno(), raw, ctypes.byref(size)) == 0
+        assert raw.raw[: size.value] == packed_address(one.getsockname())
 
 
 @pytest.fixture(scope="module")
 def native() -> Any:
-    from coaxlink.live import hot_build
+    from coaxlink.live import compiled
 
-    if not hot_build.available():
+    if not compiled.available():
         pytest.skip("the compiled loop runs on 64-bit Linux")
-    return hot_build.load()
+    return compiled.load()
 
 
 class Rig:
@@ -203,7 +208,7 @@ class Rig:
     @property
     def hot_answers(self) -> int:
         """How many answers the compiled loop gave."""
-        return self.live._hot.answers if self.live._hot else 0
+        return self.live.exchange.answers if self.live.exchange else 0
 
     def say(self, data: bytes) -> None:
         self.socket.sendto(data, self.peer)
