@@ -65,7 +65,7 @@ def mix(
         bool | None,
         typer.Option(
             "--compiled/--plain",
-            help="The exact law and the loop around it compiled (15 s of work, once; 50 MB). "
+            help="The exact law and the loop around it compiled (12 s of work, once; 120 MB). "
             "Default: if it was compiled before.",
         ),
     ] = None,
@@ -158,7 +158,7 @@ def _native(compiled: bool | None) -> Any:
     if not code.kept():
         why = code.distrusted()
         kept = f"for this run alone ({why})" if why else "once for this processor and version"
-        say(f"compiling the live loop, {kept}: 15 s or more")
+        say(f"compiling the live loop, {kept}: 12 s or more")
     try:
         return code.load()
     except ImportError as error:

@@ -45,8 +45,8 @@ def checksum(data, start, stop, seed):
 
 
 def alone(data, size, system, component):
-    """Whether a datagram is just one whole unsigned demand from there."""
-    if size < 13 or data[0] != 0xFD or data[1] + 12 != size or data[2]:
+    """Whether a datagram is just one whole unsigned demand from there, of the size known here or cut."""
+    if size < 13 or data[0] != 0xFD or data[1] + 12 != size or data[1] > DEMAND_SIZE or data[2]:
         return False
     if data[5] != system or data[6] != component or data[7] != DEMAND_ID or data[8] or data[9]:
         return False

@@ -211,7 +211,7 @@ class LiveMixer:
         exchange, to = self.exchange, line.one_target(peer)
         if exchange is None or to is None or not self.guard.steady or self._waiting is not None:
             return None
-        timing, turn_s = self.guard.timing, EFFECTS_TURN_S if self.core.compensation else TURN_S
+        timing, turn_s = self.guard.timing, TURN_S if self.core.compensation is None else EFFECTS_TURN_S
         try:
             self.core.compensate()
             line.arm(self.tick_s)

@@ -94,6 +94,9 @@ def test_only_a_demand_alone_in_its_datagram_is_taken() -> None:
         assert not alone(other)
     assert not alone(demand(5000, HOVER, system=2))
     assert not alone(demand(5000, HOVER, component=2))
+    # a newer dialect's longer demand, checksum and all: the loop in Python cuts it, the log has no place
+    longer = struct.pack("<BBBBBBBHB", 0xFD, 200, 0, 0, 0, 1, 1, 140, 0) + bytes(199) + b"\1"
+    assert not alone(longer + struct.pack("<H", k.checksum(longer, 1, len(longer), 181)))
     for place in range(len(mine)):
         damaged = bytearray(mine)
         damaged[place] ^= 0x41
