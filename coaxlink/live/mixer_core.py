@@ -191,6 +191,11 @@ class MixCore:
         return _floats(self.state.speeds)[: self.count]
 
     @property
+    def told(self) -> list[float]:
+        """(8,) commands the motors were told last, zeros for motors that are not there."""
+        return _floats(self.state.told)
+
+    @property
     def error(self) -> list[float]:
         """(4,) delivered by the rotor model at these speeds, minus demanded."""
         return _floats(self.state.error)
