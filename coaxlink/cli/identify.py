@@ -46,6 +46,7 @@ class Form(StrEnum):
     RCRM = "rcrm"
     SRM = "srm"
     CPCM = "cpcm"
+    SURFACE = "surface"
     MUTUAL = "mutual"
     AUTO = "auto"
 

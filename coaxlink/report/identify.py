@@ -7,16 +7,25 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.load import Load
 from coaxlink.rotor.coverage import for_the_table
 from coaxlink.rotor.identification import COAXIAL, Identification
 
+SURFACES = ("load", "beyond the squares, RMS", "noise", "evidence, nats", "terms")
 FLOOR = "noise floor"
-NAMES = {"srm": "SRM", "cpcm": "CPCM", "rcrm": "R-CRM", "crm": "CRM", "mutual": "mutual CRM"}
+NAMES = {
+    "srm": "SRM",
+    "cpcm": "CPCM",
+    "rcrm": "R-CRM",
+    "crm": "CRM",
+    "surface": "surface",
+    "mutual": "mutual CRM",
+}
 
 
 def tables(result: Identification) -> Iterator[Any]:
     """Rich tables: the terms of the chosen form, then the held-out errors of every form."""
-    yield _terms(result)
+    yield _surfaces(result) if result.form == "surface" else _terms(result)
     yield _errors(result)
 
 
@@ -24,7 +33,7 @@ def remarks(result: Identification) -> Iterator[str]:
     """What a reader of the tables must know besides."""
     yield from result.notes
     for load, fit in result.fits.items():
-        if fit.alone:
+        if fit.alone and not fit.smooth:
             yield f"{load}: its intervals take its terms for granted"
     yield from _sense(result)
     for load, intervals in result.intervals.items():
@@ -80,6 +89,28 @@ def _sense(result: Identification) -> Iterator[str]:
         if abs(now - error.rmse) > 1e-3 * error.rmse:
             unit = "N" if name.endswith("thrust") else "N m"
             yield f"{name} held out: {error.rmse:.4g} {unit} free, {now:.4g} {unit} with physical sense"
+
+
+def _surfaces(result: Identification) -> Any:
+    """What each load's surface holds; its terms, as many as its degree allows, stand in the rotor file."""
+    from rich.table import Table
+
+    table = Table(title="surface over both speeds", title_justify="left")
+    table.add_column(SURFACES[0])
+    for heading in SURFACES[1:]:
+        table.add_column(heading, justify="right")
+    for row in surface_rows(result):
+        table.add_row(*row)
+    return table
+
+
+def surface_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str]]:
+    """(load, what it holds beyond the R-CRM's squares, noise, log evidence of that, terms of the file)."""
+    for load, fit in result.fits.items():
+        if fit.smooth:
+            unit = Load.of(load).unit
+            beyond, noise = (f"{x:.3g} {unit}" for x in (fit.smooth.size, fit.smooth.noise))
+            yield load, beyond, noise, f"{fit.smooth.evidence:.0f}", str(len(fit.terms))
 
 
 def _terms(result: Identification) -> Any:

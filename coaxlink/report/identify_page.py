@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from coaxlink.load import Load
 from coaxlink.report.document import answer, document, folded, how_made, html_table, listed, picture
 from coaxlink.report.figures import drawn
-from coaxlink.report.identify import NAMES, remarks
+from coaxlink.report.identify import NAMES, SURFACES, remarks, surface_rows
 from coaxlink.report.identify_plots import figures
 from coaxlink.report.label import channel_words
 from coaxlink.report.made import Made
@@ -39,9 +39,11 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
             *(shown[name] for name in FIRST if name in shown),
             "<h2>Errors of every form</h2>",
             html_table(("channel", "form", "RMSE", "of the range", "R", "rows"), list(_errors(result))),
-            "<h2>Terms of the model</h2>",
+            "<h2>What the surface holds</h2>" if result.form == "surface" else "<h2>Terms of the model</h2>",
             '<p class="dim">u_u and u_l: speed of the upper and of the lower rotor, share of full.</p>',
-            html_table(("load", "term", "value", "95 % interval"), list(_terms(result))),
+            html_table(SURFACES, list(surface_rows(result)))
+            if result.form == "surface"
+            else html_table(("load", "term", "value", "95 % interval"), list(_terms(result))),
             "<h2>Remarks</h2>" + listed(said[:FEW]) if said else "",
             folded(f"{len(more)} more remarks", listed(more)) if more else "",
             *(shown[name] for name in shown if name not in FIRST),

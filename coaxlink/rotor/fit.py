@@ -59,6 +59,15 @@ class Broken:
 
 
 @dataclass(frozen=True)
+class Smooth:
+    """What a surface holds beyond squares of the speeds."""
+
+    evidence: float  # log marginal likelihood above that of squares alone, nats
+    noise: float  # N or N m
+    size: float  # RMS over the rows, N or N m
+
+
+@dataclass(frozen=True)
 class LoadFit:
     """A fitted load."""
 
@@ -73,6 +82,7 @@ class LoadFit:
     moved: tuple[str, ...] = ()  # terms that physical sense moved out of what the data say
     broken: tuple[Broken, ...] = ()  # what the coefficients without physical sense do
     free: NDArray[np.float64] | None = None  # (p,) those coefficients, where others were put in their place
+    smooth: Smooth | None = None  # of the form surface alone
     unmet: bool = False  # its terms cannot make sense: the free coefficients were kept
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,8 @@ COAXIAL = {
     "coaxial_torque": (Load.UPPER_TORQUE.key, Load.LOWER_TORQUE.key),
 }
 CORRELATED = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
+LAWS = {"surface": "the R-CRM's squares and a smooth discrepancy, marginal likelihood, blocks held out"}
+SURE = 2.0  # standard errors: one in forty by chance
 Values = dict[str, NDArray[np.float64]]  # load: (rows,), NaN where not measured
 
 
@@ -84,6 +86,7 @@ class Identification:
 
     def as_json(self) -> dict[str, Any]:
         """The contract's JSON of `identify`, and more."""
+        smooth = {load: vars(fit.smooth) for load, fit in self.fits.items() if fit.smooth}
         return {
             "form": self.form,
             "speed_max_rpm": self.model.speed_max_rpm,
@@ -109,6 +112,7 @@ class Identification:
             },
             "wild_rows": [vars(row) for row in self.outliers],
             "notes": list(self.notes),
+            **({"surface": smooth} if smooth else {}),
             **({"physical": self._physical()} if self.without else {}),
         }
 
@@ -157,7 +161,7 @@ def identify(
     options: Options | None = None,
     compare: bool = True,
 ) -> Identification:
-    """Fit `form` (crm, rcrm, srm, cpcm, mutual or auto) to a stand log.
+    """Fit `form` (crm, rcrm, srm, cpcm, surface, mutual or auto) to a stand log.
 
     Errors of all forms are held out in blocks; order, penalty and terms are chosen again without each block.
     auto keeps the simplest form within one standard error of the best; without `compare` the form asked for
@@ -184,7 +188,11 @@ def identify(
     outliers = _outliers(data, rich)
     terms = {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS}
     model = RotorModel.from_terms(chosen, data.speeds.speed_max_rpm, terms)
-    notes = (*data.samples.notes, *_notes(data, form, chosen, _reason(chosen, comparison)))
+    notes = (
+        *_beyond(chosen, predicted, comparison, data),
+        *data.samples.notes,
+        *_notes(data, form, chosen, _reason(chosen, comparison)),
+    )
     result = Identification(
         chosen, model, comparison[chosen], comparison, _floors(data, rich), fits, intervals,
         _given(data, fits, options), outliers, data,
@@ -255,6 +263,13 @@ def channel_errors(data: Bench, predicted: Values) -> dict[str, ChannelError]:
 
 def _simplest(data: Bench, predicted: Mapping[str, Values]) -> str:
     """The first form of the ladder whose held-out error is within one standard error of the best."""
+    loss = _losses(data, predicted)
+    best = min(loss, key=lambda name: float(loss[name].sum()))
+    return next(name for name in predicted if name == best or _above(loss[name], loss[best]) <= 1.0)
+
+
+def _losses(data: Bench, predicted: Mapping[str, Values]) -> Values:
+    """{form: (folds,)} squared errors of every fold, each load in units of its best form's."""
     loss = {}
     for name, values in predicted.items():
         squared = np.zeros(data.samples.rows)
@@ -262,12 +277,42 @@ def _simplest(data: Bench, predicted: Mapping[str, Values]) -> str:
             least = min(float(np.nanmean((data.loads[load] - p[load]) ** 2)) for p in predicted.values())
             squared += np.nan_to_num((data.loads[load] - values[load]) ** 2) / max(least, 1e-300)
         loss[name] = np.array([squared[data.fold == k].sum() for k in np.unique(data.fold)])
-    best = min(loss, key=lambda name: float(loss[name].sum()))
-    for name in predicted:
-        difference = loss[name] - loss[best]
-        if difference.sum() <= difference.std(ddof=1) * np.sqrt(len(difference)):
-            return name
-    return best
+    return loss
+
+
+def _above(loss: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """By how many standard errors of the paired difference over folds one loss is above another."""
+    difference = loss - other
+    spread = float(difference.std(ddof=1) * np.sqrt(len(difference)))
+    total = float(difference.sum())
+    return total / spread if spread > 0 else float(np.copysign(np.inf, total)) if total else 0.0
+
+
+def _beyond(
+    chosen: str,
+    predicted: Mapping[str, Values],
+    comparison: Mapping[str, Mapping[str, ChannelError]],
+    data: Bench,
+) -> Iterator[str]:
+    """What a smooth surface follows and the chosen form's polynomials do not, by two standard errors."""
+    if "surface" not in predicted or not comparison[chosen]:
+        return
+    channel = next(iter(comparison[chosen]))
+    unit = "N" if channel.endswith("thrust") else "N m"
+    if chosen == "surface":
+        crm = comparison["crm"][channel].rmse if "crm" in comparison else float("nan")
+        yield (
+            f"no polynomial of crm follows this pair: the model is a smooth surface over both speeds "
+            f"({channel} held out: {comparison[chosen][channel].rmse:.3g} {unit}, crm {crm:.3g} {unit})"
+        )
+        return
+    loss = _losses(data, {name: predicted[name] for name in (chosen, "surface")})
+    if _above(loss[chosen], loss["surface"]) > SURE:
+        mine, smooth = (comparison[form][channel].rmse for form in (chosen, "surface"))
+        yield (
+            f"{chosen} does not follow this pair everywhere ({channel} held out: {mine:.3g} {unit}, "
+            f"a smooth surface {smooth:.3g} {unit}: `form` surface)"
+        )
 
 
 def _scatter(data: Bench, options: Options) -> Values:
@@ -293,6 +338,9 @@ def _given(data: Bench, fits: Mapping[str, LoadFit], options: Options) -> dict[s
     """Intervals on the chosen terms alone: how well the rows fix the numbers once the terms are granted."""
     found = {}
     for load, fit in fits.items():
+        if fit.smooth:  # its prior is part of it: least squares on its terms alone says nothing
+            found[load] = fit.intervals
+            continue
         kept = [t for t, b in zip(fit.terms, fit.coefficients, strict=True) if b != 0.0]
         mask = np.isfinite(data.loads[load])
         X = design_matrix(kept, data.speeds.upper[mask], data.speeds.lower[mask])
@@ -376,7 +424,7 @@ def _provenance(result: Identification) -> dict[str, Any]:
         "file": path.name,
         "sha256": files.sha256(path) if path.is_file() else "",
         "rows": result.bench.samples.rows,
-        "law": "LASSO on standardised terms, refitted on the support, blocks held out",
+        "law": LAWS.get(result.form, "LASSO on standardised terms, refitted on the support, blocks held out"),
         "errors": {name: error.as_json() for name, error in result.channels.items()},
         "noise_floor": dict(result.noise_floor),
         "intervals": {

@@ -26,6 +26,7 @@ from coaxlink.rotor.fit import Broken, LoadFit
 from coaxlink.rotor.lasso import ZERO, solve
 from coaxlink.rotor.polynomial import design_matrix, parse_term
 
+IN_THE_WAKE = "rises with the upper rotor's speed"  # the one rule that no law needs to find its way
 POINTS = 21  # a side of the grid
 SLACK = 1e-9  # of the largest value: an equality met to rounding is met
 Rows = NDArray[np.float64]
@@ -40,15 +41,15 @@ def constrained(fit: LoadFit, load: str, upper: Rows, lower: Rows, y: Rows, weig
     nothing but zero meets the rules: then the free fit stays.
     """
     u, v = grid(upper, lower)
-    rules = dict(_rules(load, fit.terms, u, v))
-    broken = tuple(found for name, C in rules.items() if (found := _broken(name, C, fit.coefficients, u, v)))
+    held = dict(rules(load, fit.terms, u, v))
+    broken = tuple(found for name, C in held.items() if (found := violation(name, C, fit.coefficients, u, v)))
     if not broken:
         return fit
-    every = np.concatenate(list(rules.values()))
+    every = np.concatenate(list(held.values()))
     X = design_matrix(fit.terms, upper, lower)
     for support in (fit.coefficients != 0, np.ones(len(fit.terms), bool)):
         b = np.zeros(len(fit.terms))
-        solution = _solve(X[:, support], y, weights, every[:, support])
+        solution = nearest(X[:, support], y, weights, every[:, support])
         if solution is None:
             continue
         b[support] = solution
@@ -71,7 +72,7 @@ def grid(upper: Rows, lower: Rows) -> tuple[Rows, Rows]:
     return u.ravel(), v.ravel()
 
 
-def _rules(load: str, terms: tuple[str, ...], u: Rows, v: Rows) -> Iterator[tuple[str, Rows]]:
+def rules(load: str, terms: tuple[str, ...], u: Rows, v: Rows) -> Iterator[tuple[str, Rows]]:
     """What must hold of a load: its name and (points, p) rows C with C b >= 0, zero where it need not."""
     value = design_matrix(terms, u, v)
     if load.startswith("upper"):
@@ -81,7 +82,7 @@ def _rules(load: str, terms: tuple[str, ...], u: Rows, v: Rows) -> Iterator[tupl
     at_work = (v >= u)[:, None]
     yield "falls with its own speed", _slope(terms, u, v, 1) * at_work
     if load == Load.LOWER_THRUST.key:
-        yield "rises with the upper rotor's speed", -_slope(terms, u, v, 0)
+        yield IN_THE_WAKE, -_slope(terms, u, v, 0)
     else:
         yield "is negative", value * at_work
 
@@ -96,7 +97,7 @@ def _slope(terms: tuple[str, ...], u: Rows, v: Rows, along: int) -> Rows:
     return np.stack(columns, axis=1)
 
 
-def _broken(rule: str, C: Rows, b: Rows, u: Rows, v: Rows) -> Broken | None:
+def violation(rule: str, C: Rows, b: Rows, u: Rows, v: Rows) -> Broken | None:
     """Where a rule is broken worst, and on what share of the grid."""
     values = C @ b
     limit = -SLACK * np.abs(values).max(initial=0.0)
@@ -108,7 +109,7 @@ def _broken(rule: str, C: Rows, b: Rows, u: Rows, v: Rows) -> Broken | None:
     )
 
 
-def _solve(X: Rows, y: Rows, weights: Rows, rows: Rows) -> Rows | None:
+def nearest(X: Rows, y: Rows, weights: Rows, rows: Rows) -> Rows | None:
     """(p,) weighted least squares under rows @ b >= 0, None when nothing but zero meets them."""
     import cvxpy as cp
 

@@ -53,6 +53,10 @@ def fit_load(
 
     Raises InfeasibleTolerance when a tolerance is asked for that no coefficients reach.
     """
+    if form == "surface":
+        from coaxlink.rotor.smooth import fit_surface
+
+        return fit_surface(load, upper, lower, y, options)
     data = _Data(form, load, upper, lower, y, fold)
     tolerance = options.tolerance(load)
     if not forms.is_selected(form):

@@ -1,0 +1,118 @@
+"""The form `surface`: where no polynomial follows; sensible between rows, blind to narrow bumps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coaxlink.airframe import load_airframe
+from coaxlink.data import Samples
+from coaxlink.files import example
+from coaxlink.mixer.exact import ExactLaw
+from coaxlink.rotor import Identification, identify
+from coaxlink.rotor.model import load_rotor_model, save_rotor_model
+from coaxlink.rotor.physical import IN_THE_WAKE, grid, rules
+from coaxlink.vehicle import Vehicle
+
+NOISE_N, NOISE_NM = 0.05, 0.001
+
+
+def world(bump: float = 0.0, only: slice = slice(None), seed: int = 3) -> Samples:
+    """A pair whose wake fills the lower disk by a law that is no polynomial: a root and an exponential."""
+    rng = np.random.default_rng(seed)
+    u, v = (x.ravel()[only] for x in np.meshgrid(np.linspace(0.15, 1, 12), np.linspace(0.15, 1, 12)))
+    inflow = 0.62 * u * (1 - np.exp(-((v / u) ** 1.5)))
+    thrust = 60 * v**2 * np.maximum(1 - inflow / np.sqrt(v**2 + 0.15 * u**2), 0.02)
+    thrust = thrust * (1 + bump * np.exp(-0.5 * ((v - 0.7) / 0.012) ** 2))
+    torque = 1.1 * v**2 * (1 - 0.3 * inflow / np.sqrt(v**2 + 0.15 * u**2))
+    columns = {
+        "upper_rpm": 6000 * u,
+        "lower_rpm": 6000 * v,
+        "upper_thrust_N": 55 * u**2 + rng.normal(0, NOISE_N, len(u)),
+        "upper_torque_Nm": 1.0 * u**2 + rng.normal(0, NOISE_NM, len(u)),
+        "lower_thrust_N": thrust + rng.normal(0, NOISE_N, len(u)),
+        "lower_torque_Nm": torque + rng.normal(0, NOISE_NM, len(u)),
+    }
+    return Samples(columns, "world.csv")
+
+
+@pytest.fixture(scope="module")
+def found() -> Identification:
+    return identify(world(), "auto")
+
+
+def test_auto_takes_it_where_no_polynomial_follows_and_says_so_first(found: Identification) -> None:
+    assert found.form == "surface"
+    crm = found.comparison["crm"]["lower_thrust"].rmse
+    assert found.channels["lower_thrust"].rmse < min(2.0 * NOISE_N, 0.8 * crm)
+    assert found.notes[0].startswith("no polynomial of crm follows this pair")
+    assert found.as_json()["surface"]["lower.thrust_N"]["evidence"] > 20.0
+    assert found.as_json()["surface"]["lower.thrust_N"]["size"] > 0.3
+
+
+def test_the_form_asked_for_stays_and_the_surface_is_named() -> None:
+    asked = identify(world(), "crm")
+    assert asked.form == "crm"
+    assert "a smooth surface" in asked.notes[0] and "`form` surface" in asked.notes[0]
+
+
+def test_a_pair_that_polynomials_follow_stays_a_polynomial() -> None:
+    paper = load_rotor_model(example("rotor_paper.toml"))
+    rng = np.random.default_rng(8)
+    u, v = (x.ravel() for x in np.meshgrid(np.linspace(0.1, 1, 11), np.linspace(0.1, 1, 11)))
+    loads = paper.loads(u, v)
+    columns = {"upper_rpm": 5000 * u, "lower_rpm": 5000 * v}
+    for name, noise in (("thrust", NOISE_N), ("torque", NOISE_NM)):
+        unit = "N" if name == "thrust" else "Nm"
+        for side in ("upper", "lower"):
+            clean = getattr(loads, f"{side}_{name}")
+            columns[f"{side}_{name}_{unit}"] = clean + rng.normal(0, noise, len(u))
+    kept = identify(Samples(columns, "paper.csv"), "auto")
+    assert kept.form == "crm"
+    assert not any("surface" in note for note in kept.notes if not note.startswith("auto:"))
+
+
+def test_it_does_what_rotors_do_on_the_whole_range(found: Identification) -> None:
+    u, v = grid(found.bench.speeds.upper, found.bench.speeds.lower)
+    for load, fit in found.fits.items():
+        for rule, C in rules(load, fit.terms, u, v):
+            if rule == IN_THE_WAKE:
+                continue  # held where physical sense is asked for
+            values = C @ fit.coefficients
+            assert values.min() > -1e-6 * np.abs(values).max(), (load, rule)
+
+
+def test_half_a_map_is_carried_on_without_a_swing() -> None:
+    """Rows with the lower rotor up to 0.6 only: above, the prior keeps near the R-CRM's squares."""
+    rows = slice(0, 12 * 7)
+    half = identify(world(only=rows), "surface", speed_max_rpm=6000.0, compare=False).model
+    full = world(seed=4)
+    u, v = full["upper_rpm"] / 6000, full["lower_rpm"] / 6000
+    off = half.loads(u, v).lower_thrust - full["lower_thrust_N"]
+    assert np.abs(off).max() < 0.15 * full["lower_thrust_N"].max()
+
+
+def test_a_narrow_bump_is_not_followed() -> None:
+    bumped, plain = world(bump=0.06), world()
+    model = identify(bumped, "surface", compare=False).model
+    u, v = bumped["upper_rpm"] / 6000, bumped["lower_rpm"] / 6000
+    bump = bumped["lower_thrust_N"] - plain["lower_thrust_N"]
+    left = bumped["lower_thrust_N"] - model.loads(u, v).lower_thrust
+    at = np.abs(bump) > 0.5
+    assert at.sum() >= 6
+    assert np.median(left[at] / bump[at]) > 0.5
+
+
+def test_it_goes_through_a_file_and_the_exact_law(found: Identification, tmp_path: Path) -> None:
+    save_rotor_model(tmp_path / "r.toml", found.model)
+    model = load_rotor_model(tmp_path / "r.toml")
+    assert model.form == "surface" and model.terms() == found.model.terms()
+    vehicle = Vehicle(load_airframe(example("x8_demo.toml")), model)
+    law = ExactLaw(vehicle)
+    weight = vehicle.airframe.mass_kg * 9.81
+    for demand in ([weight, 0.0, 0.0, 0.0], [1.2 * weight, 2.0, -1.0, 0.3], [0.8 * weight, 0.0, 1.0, -0.3]):
+        speeds = law.speeds(np.array(demand))
+        wrench = vehicle.airframe.wrench(*vehicle.airframe.loads(model, speeds))
+        assert np.allclose(wrench, demand, atol=1e-5 * weight)
