@@ -20,15 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.rotor import physical
-from coaxlink.rotor.fit import Broken, LoadFit, Options, Smooth, row_weights
+from coaxlink.rotor.fit import Broken, LoadFit, Options, Smooth, least_squares, row_weights
 from coaxlink.rotor.forms import SURFACE_DEGREE, load_terms
-from coaxlink.rotor.intervals import Intervals
+from coaxlink.rotor.intervals import Intervals, term_intervals
 from coaxlink.rotor.polynomial import design_matrix, parse_term
 
 FREE = 3.0  # standard deviation of a free coefficient over the largest load: nothing is held back
 SIZES = (0.0, 0.01, 0.03, 0.1, 0.3)  # of the largest load: nothing, to as much as a wake takes
 SHRINKS = (0.2, 0.4, 0.6, 0.8)  # a degree: nearly a plane, to nearly as rough as degree six allows
 NOISES = np.geomspace(1e-4, 0.3, 81)  # of the largest load: steps of a tenth
+ODDS = float(np.log(50.0))  # before any row is seen, that squares do not follow: as of any effect
 NORMAL_95 = 1.96
 Rows = NDArray[np.float64]
 
@@ -48,6 +49,8 @@ def fit_surface(load: str, upper: Rows, lower: Rows, y: Rows, options: Options) 
     flat = _Posterior(A, z, _deviations(degrees, 0.0, 0.0))
     richer = [_Posterior(A, z, _deviations(degrees, s, k)) for s in SIZES[1:] for k in SHRINKS]
     best = max((flat, *richer), key=lambda p: p.evidence)
+    if best.evidence - flat.evidence < ODDS:
+        return _squares(load, upper, lower, y, options, best.evidence - flat.evidence)
     mean, covariance = best.solved()
     free = into @ (largest * mean)
     mean, broken = _sensible(best, largest * mean, load, terms, into, (upper, lower, y, weights), options)
@@ -61,6 +64,17 @@ def fit_surface(load: str, upper: Rows, lower: Rows, y: Rows, options: Options) 
     intervals = Intervals(bounds, estimate, errors, (), 1)
     fit = LoadFit(terms, coefficients, SURFACE_DEGREE, 0.0, coefficients, intervals, alone=True, smooth=said)
     return replace(fit, broken=broken, free=free) if broken else fit
+
+
+def _squares(load: str, upper: Rows, lower: Rows, y: Rows, options: Options, evidence: float) -> LoadFit:
+    """The R-CRM itself: nothing smooth is there to be held."""
+    terms = load_terms("rcrm", load)
+    X = design_matrix(terms, upper, lower)
+    weights = row_weights(X, y, options)
+    b = least_squares(X, y, weights)
+    noise = float(np.std(y - X @ b))
+    intervals = term_intervals(terms, X, y, weights)
+    return LoadFit(tuple(terms), b, 2, 0.0, b, intervals, smooth=Smooth(evidence, noise, 0.0))
 
 
 class _Posterior:

@@ -167,7 +167,7 @@ def test_the_real_map_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "motors off (line 2, line 3, line 104)" in said.err
     model = load_rotor_model(out)
     assert model.speed_max_rpm == pytest.approx(6447, abs=1)
-    assert float(model.upper_thrust(0.989, 0.116)) == pytest.approx(25.4, abs=0.6)  # line 95's reading
+    assert float(model.upper_thrust(0.989, 0.116)) == pytest.approx(25.4, abs=0.6)  # its line 13
 
 
 def test_spacing_as_a_variable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
