@@ -1,4 +1,4 @@
-"""What a fit is told (Options), what it gives back (LoadFit), and least squares that outliers cannot bend."""
+"""Options and result of a rotor fit, and least squares with Huber weights."""
 
 from __future__ import annotations
 

@@ -278,8 +278,8 @@ POUNDS = {"speed": 1 / 60, "thrust": 0.22480894, "torque": 8.8507458}
 OUNCES = {"thrust": 3.5969431, "torque": 141.61193}
 CUT = plain(OWN, wrap=messy)
 FILES: dict[str, tuple[Make, tuple[str, ...], int, str]] = {
-    "Tyto 1780, A above": (file_1780("A"), (), RIGHT, "'A' is the upper rotor, told by the data"),
-    "Tyto 1780, B above": (file_1780("B"), (), RIGHT, "'B' is the upper rotor, told by the data"),
+    "Tyto 1780, A above": (file_1780("A"), (), RIGHT, "'A' is the upper rotor, by the data"),
+    "Tyto 1780, B above": (file_1780("B"), (), RIGHT, "'B' is the upper rotor, by the data"),
     "Tyto 1780, said wrong": (file_1780("B"), ("--upper", "A"), STATED, "against --upper A"),
     "Flight Stand, two powertrains": (flight_stand, (), RIGHT, "'2' is the upper rotor"),
     "RCbenchmark 1585 in gf": (rcbenchmark_1585("gf", "gf"), (), RIGHT, "one rotor"),

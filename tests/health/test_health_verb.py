@@ -114,7 +114,7 @@ def test_a_prior_that_is_off_is_updated_by_a_flight(flights, tmp_path, capsys):
     assert model.identified["flights"][0]["file"] == "monday.csv"
     assert {t["verdict"] for t in found["told"]} == {"told", "partly", "not told"}
     said = capsys.readouterr()
-    assert "not told by these flights" in said.err and "upper against lower" in said.err
+    assert "not determined by these flights" in said.err and "upper against lower" in said.err
     # the posterior is the next flight's prior
     assert identify(log, *VEHICLE, "--rotor", after, "--json", report) == 0
     assert "own covariance" in capsys.readouterr().err

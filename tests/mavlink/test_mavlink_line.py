@@ -135,7 +135,7 @@ def test_a_vehicle_that_changed_its_port_is_followed_when_its_board_is_the_same(
             until(lambda: session.bound.peer == back.address)
             assert Parameters(session).write("CA_ROTOR0_CT", 7.0, 9).value == 7.0
             confirm(session)
-            assert any("followed" in line for line in session.bound.news())
+            assert any("the session goes on there" in line for line in session.bound.news())
 
 
 @pytest.mark.parametrize(

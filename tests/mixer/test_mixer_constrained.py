@@ -139,7 +139,7 @@ def test_the_verb_shows_writes_and_refuses(tmp_path, capsys):
         main([*command, "--out", str(tmp_path / "out"), "--json", str(tmp_path / "t.json")])
     assert ended.value.code == 0
     said = capsys.readouterr().out
-    assert "limits kept" in said and "ceiling at least 440.0 N" in said
+    assert "limits hold" in said and "ceiling at least 440.0 N" in said
     document = json.loads((tmp_path / "t.json").read_text())
     assert document["limits"]["now"]["ceiling_N"] == pytest.approx(440.0, abs=0.1)
     assert len(document["limits"]["kept"]) == 3 and list((tmp_path / "out").glob("*.param"))

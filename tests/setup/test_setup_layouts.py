@@ -88,7 +88,7 @@ def test_px4_parameters_that_hold_no_vehicle(params, said):
 
 def test_three_rotors_on_one_place():
     params = px4_params(X8) | {"CA_ROTOR1_PX": 0.1807, "CA_ROTOR1_PY": 0.1807}
-    with pytest.raises(InputError, match="share one place"):
+    with pytest.raises(InputError, match="share one position"):
         completed(px4_layout(params, "board"), Body("x8", 20.0))
 
 

@@ -1,4 +1,4 @@
-"""Numbers, intervals and doubts put on a selection: from what was chosen to the answer that is reported."""
+"""The answer of a selection: effects with intervals and evidence, rivals, and what stays unexplained."""
 
 from __future__ import annotations
 

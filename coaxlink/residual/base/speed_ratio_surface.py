@@ -1,4 +1,4 @@
-"""What the polynomials of a pair miss: a surface of the lower loads over the ratio of the two speeds.
+"""What polynomials of the lower loads miss, as a spline over the ratio of the two speeds.
 
 Blades of one pair in one air see the same angles wherever the ratio of the two speeds is the same; then their
 loads grow with the square of the speeds together (similarity, Leishman 2006, ch. 2: thrust coefficients

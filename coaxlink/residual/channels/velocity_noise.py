@@ -1,4 +1,4 @@
-"""Noise of the logged velocity, and what of it an effect that feels the velocity carries into the residual.
+"""Noise of the logged velocity, and what an effect of the velocity carries of it into the residual.
 
 The estimator's velocity is held against the integral of the logged specific force, turned by the logged
 attitude: over a few seconds the integral is by far the better of the two. What differs between 0.15 Hz and

@@ -1,4 +1,4 @@
-"""A flight's answer held to its own numbers: what is nil within its interval, what never really began.
+"""Posterior checks of a flight's effects: intervals with zero, onsets that a smooth trend explains as well.
 
 A member is chosen by how much it explains, in a shape from a grid. Fitted freely beside the others it may
 turn out to be nothing (its main number's interval includes none), with a second number grown absurd that
@@ -36,7 +36,7 @@ BENDS, LEFT = 0.5, 2.0  # share that a smooth course takes of what was left; tim
 
 @dataclass(frozen=True)
 class Doubt:
-    """A member that is not believed, or only its beginning is not."""
+    """An effect that fails a posterior check, or whose onset does."""
 
     name: str
     onset: bool
@@ -44,7 +44,7 @@ class Doubt:
 
 
 def disbelieved(p: Problem, joint: Joint, floor: Array, had: Collection[str] = ()) -> list[Doubt]:
-    """Members of a flight's joint fit that their own numbers deny; `p` is the problem they were chosen in.
+    """Effects of a flight's joint fit that fail a posterior check; `p` is the problem they were chosen in.
 
     `had` are names that the model carries already: those are not struck out.
     """
@@ -83,7 +83,7 @@ def undone(selection: Selection, names: Collection[str]) -> Selection:
 
 
 def nil(joint: Joint, k: int, draws: Array) -> str | None:
-    """Why member k is nothing by its own numbers; `draws` (n, P) are coefficients with blocks drawn again."""
+    """Why effect k may be zero; `draws` (n, P) are coefficients of the block bootstrap."""
     m, q = joint.members[k], joint.problem
     sampled = [joint.named(k, d) for d in draws]
     none = {n: v for n, v in m.effect.nil(q.frame).items() if n in m.parameters(q.frame)}
@@ -97,7 +97,7 @@ def nil(joint: Joint, k: int, draws: Array) -> str | None:
 
 
 def spoils(joint: Joint, k: int) -> str | None:
-    """Why member k is worth nothing: each channel by what it is left with, they are left with more."""
+    """Why effect k is worth nothing: the channels, in units of their residuals, keep a larger error."""
     q = joint.problem
     rest = [o for i, o in enumerate(q.options) if i != k]
     after, before = (float(np.sum(np.log(channel_errors(q, options)))) for options in (q.options, rest))
@@ -111,7 +111,7 @@ def _seconds(p: Problem) -> float:
 
 
 class _Courses:
-    """Held-out errors with a smooth course of a member's columns beside or instead of its step."""
+    """Held-out errors with a smooth trend of a member's columns beside or instead of its step."""
 
     def __init__(self, p: Problem, joint: Joint, k: int, plain: Option) -> None:
         q, m = joint.problem, joint.members[k]

@@ -1,4 +1,4 @@
-"""Effects that leave most of what is there: whatever made it, they did not."""
+"""Residual check: an effect that leaves most of what is above the noise is not its cause."""
 
 from __future__ import annotations
 

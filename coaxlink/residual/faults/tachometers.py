@@ -1,4 +1,4 @@
-"""A tachometer that begins to lie: in a stretch of rows it reads another speed than throttle and loads show.
+"""Tachometer faults: in a stretch of rows one reads another speed than throttle and loads show.
 
 A slipping marker, a second reflection or a changed pole count multiplies the reading from one moment on.
 Where the log has throttle and speed, the stretch shows as a step in speed over throttle; the loads then say

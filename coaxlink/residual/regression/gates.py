@@ -1,4 +1,4 @@
-"""What the other loads, and the levels one by one, say to an effect that a log as a whole demands."""
+"""Tests that a trial effect must pass: other loads agree with it, and no few levels of speed carry it."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def alone(drops: Array, added: Array, touched: NDArray[np.bool_]) -> str | None:
 
 
 def carried_by_few(change: Array, left: Array, variance: Array, clusters: Index) -> str | None:
-    """An effect whose size is no surer than chance, where what errs together counts once.
+    """Refuse an effect whose size is within chance when correlated errors count once (cluster-robust t test).
 
     What it adds (rows, C), what is left beside it, both with `variance` (C,): the sandwich variance of its
     size over `clusters` (Liang and Zeger 1986), and Student's t of as many degrees of freedom.

@@ -1,4 +1,4 @@
-"""Channels weighed by what they are left with: the last fit of a flight.
+"""Iteratively reweighted least squares: each channel weighted by its own residual, the last fit of a flight.
 
 The selection whitens by the noise, but by no less than 0.1 % of a channel's reference load, lest a form that
 is off by little decide everything by the sharpest channel. A gyro tells torque ten times finer than that.
@@ -48,7 +48,7 @@ def reweighted(p: Problem, sigma: Array) -> Problem:
 
 
 def settled_base(p: Problem) -> Problem:
-    """The base alone, fitted with every channel weighed by what it is left with."""
+    """The base alone by IRLS: every channel weighted by its own residual."""
     out = _base_of(p, p.sigma)
     for _ in range(ROUNDS):
         sigma = np.maximum(channel_errors(out, ()), LEAST * p.sigma)
@@ -66,7 +66,7 @@ def reweighted_fit(
     *,
     alternatives: bool,
 ) -> Joint:
-    """The joint fit with every channel weighed by what it is left with, and the base about its members."""
+    """The joint fit by IRLS, linearised again about its members each round."""
     best, errors = joint, channel_errors(joint.problem, joint.problem.options)
     for number in range(ROUNDS if alternatives else 1):  # of a long log one round is as good
         sigma = np.maximum(errors, LEAST * problem.sigma)

@@ -1,4 +1,4 @@
-"""All chosen effects at once, as they act on one another, with their shapes free.
+"""The joint model: all chosen effects composed, as they act on one another, with free shapes.
 
 The selection works with effects that add up, in shapes from a grid. Here the prediction is composed (what
 slows a rotor changes the thrust that the ground then raises) and coefficients and continuous shape numbers

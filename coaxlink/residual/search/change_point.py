@@ -1,4 +1,4 @@
-"""When did it begin? Change points of effects that may start in mid-flight.
+"""Change points: the time at which an effect begins in mid-flight.
 
 Blocks are contiguous in time, so the normal equations of a column that starts at a block's edge are sums over
 the blocks behind it: every edge of every effect is tried at the cost of a small solve. Where a start in

@@ -1,4 +1,4 @@
-"""What the form of a large member may miss: the rival of every small one beside it.
+"""Model-form error: what the form of a large effect may miss, a rival of every small effect beside it.
 
 A spacing that takes a tenth of the thrust, in a form that is off by a tenth, leaves one per cent that changes
 from run to run: over the time it looks like a cell that drifts. So a member that is small beside another

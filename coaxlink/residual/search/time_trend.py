@@ -1,4 +1,4 @@
-"""What changes over time for a cause that the log does not hold: the rival of all that looks like it.
+"""Time trends: what changes over time for a cause that the log does not hold, a rival of every effect.
 
 A supply that sags, a battery that was changed, weather: where voltage or air were not logged, speeds or loads
 still change with them, and an effect whose own column happens to run alike would take their place. A free

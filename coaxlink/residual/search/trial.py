@@ -1,4 +1,4 @@
-"""One effect tried on top of others: what it takes on held-out blocks, and the gates that it must pass."""
+"""One effect tried beside others: how much held-out error it removes, and the tests that it must pass."""
 
 from __future__ import annotations
 
