@@ -12,7 +12,7 @@ import typer
 
 from coaxlink.cli._line import tell_news
 from coaxlink.cli._next import unanswered
-from coaxlink.cli._shell import say
+from coaxlink.cli._shell import figure, say
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
@@ -216,7 +216,7 @@ def _line(s: dict[str, Any]) -> str:
         f"{s['law']}{' (dry run)' if s['dry_run'] else ''}, {s['state']}: "
         f"{s['cycles']} demands answered in {s['seconds']:.1f} s ({s['rate_hz']:.0f} Hz), "
         f"latency {s['latency_us']['p50']:.0f} / {s['latency_us']['p99']:.0f} us, "
-        f"error {error[0]:.2g} N, {max(error[1:]):.2g} N m, "
+        f"error {figure(error[0], 2)} N, {figure(max(error[1:]), 2)} N m, "
         f"unanswered {sum(s['unanswered'].values())}"
         + (f", never arrived {lost}" if lost else "")
         + (f", {others} datagrams under its ids not believed" if others else "")

@@ -27,6 +27,7 @@ SchedulerOption = Annotated[
 
 INTERRUPTED = 130
 FAULT = 70  # EX_SOFTWARE of sysexits.h: the fault is coaxlink's own, not the input's
+NOTHING = 1e-6  # N, N m: what solvers leave of an error that is none
 PIPE_WIDTH = 140  # columns of text that no screen bounds
 
 
@@ -87,6 +88,11 @@ def fault(error: Exception) -> int:
 def say(text: str) -> None:
     """Talk, to stderr, options by their names; nothing in it moves the cursor or colours the screen."""
     sys.stderr.write(f"{plain_lines(by_option(text))}\n")
+
+
+def figure(value: float, digits: int = 3) -> str:
+    """Significant digits of a force or torque error (N, N m); "0" where only a solver's rounding is left."""
+    return f"{value:.{digits}g}" if abs(value) >= NOTHING else "0"
 
 
 def console() -> Any:

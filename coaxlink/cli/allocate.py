@@ -15,14 +15,13 @@ from coaxlink.cli._effects import (
     say_effects,
     vehicle_of,
 )
-from coaxlink.cli._shell import JsonOption, console
+from coaxlink.cli._shell import NOTHING, JsonOption, console, figure
 from coaxlink.errors import CheckFailed, InputError
 
 if TYPE_CHECKING:
     from coaxlink.mixer import Allocation
 
 
-NOTHING = 1e-6  # N, N m: what the solvers leave of an error that is none
 REACH = 0.01  # of what is asked of an axis: rotors agree with their model no better
 REACH_OF = (1.0, 0.1, 0.1, 0.1)  # N, N m: less is asked of no vehicle that these laws are for
 
@@ -67,8 +66,7 @@ def allocate(
     table = Table("axis", "demanded", "delivered", "error", box=None)
     for k, axis in enumerate(AXES):
         gave_up = " (given up)" if axis in result.dropped else ""
-        error = result.error[k] if abs(result.error[k]) >= NOTHING else 0.0
-        row = plain(result.wrench[k]), plain(result.delivered[k]), f"{error:.3g}{gave_up}"
+        row = plain(result.wrench[k]), plain(result.delivered[k]), f"{figure(result.error[k])}{gave_up}"
         table.add_row(f"{axis} {'N' if k == 0 else 'N m'}", *row)
     out.print(table)
     out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")

@@ -16,9 +16,7 @@ from coaxlink.cli._effects import (
     vehicle_of,
 )
 from coaxlink.cli._next import after_compare
-from coaxlink.cli._shell import JsonOption, console, say
-
-NOTHING = 1e-6  # N, N m: what the solvers leave of an error that is none
+from coaxlink.cli._shell import JsonOption, console, figure, say
 
 if TYPE_CHECKING:
     from coaxlink.mixer.comparison import Row
@@ -137,7 +135,7 @@ def compare(
 
 def _law_row(row: Row) -> list[str]:
     """A law's cells under LAW_HEADS."""
-    errors = [f"{e:.3g}" if e >= NOTHING else "0" for e in row.mean_error]
+    errors = [figure(e) for e in row.mean_error]
     power, reach = (
         (f"{row.power:.4f}", f"{row.efficiency_N_W:.4f}"),
         (f"{row.most_thrust_N:.0f}", f"{row.most_yaw_Nm:.2f}"),

@@ -158,4 +158,4 @@ def _share(x: float) -> str:
 
 
 def _signed(x: float) -> str:
-    return f"{x:+.2f}" if math.isfinite(x) else NONE
+    return f"{x if abs(x) >= 5e-3 else 0.0:+.2f}" if math.isfinite(x) else NONE

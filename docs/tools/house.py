@@ -1,6 +1,6 @@
 """Folder sizes and line counts of two commits, as docs/explanation/house.md draws them.
 
-    python docs/tools/house.py 5e71a39 HEAD
+python docs/tools/house.py 5e71a39 HEAD
 """
 
 from __future__ import annotations
