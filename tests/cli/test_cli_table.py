@@ -109,7 +109,7 @@ def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
     worth = shown["explain"]["worth"]
     saved = 1.0 - worth["this"]["hover_W"] / worth["reference"]["hover_W"]
     said = f"The fitted table saves {saved:.1%} of hover power against the standard one"
-    assert 0.03 < saved < 0.07 and said in out and out.index(said) < out.index("What the law asks")
+    assert 0.03 < saved < 0.07 and said in out and out.index(said) < out.index("What the law demands")
     # its rotors never stand still: spinning at MOT_SPIN_MIN is the bound
     assert worth["this"]["limits"][2]["at"] == "least speed"
     code, out, _ = _run(capsys, X8, "--firmware", "px4", "--law", "reduced", "--explain")
@@ -124,7 +124,7 @@ def test_an_explanation_fits_80_columns_and_says_what_the_board_loses(capsys, mo
     arguments = ["--firmware", "px4", "--law", "reduced", "--explain", "--connect", "udpout:127.0.0.1:9"]
     code, out, _ = _run(capsys, X8, *arguments)
     assert code == 0
-    explained = out[out.index("What the law asks") :]
+    explained = out[out.index("What the law demands") :]
     assert max(map(len, explained.splitlines())) <= 80
     (roll,) = re.findall(r"MC_ROLLRATE_K x ([\d.]+): 1.5 -> ([\d.]+)", explained)
     assert float(roll[1]) == pytest.approx(1.5 * float(roll[0]), rel=1e-3)
