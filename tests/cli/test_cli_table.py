@@ -113,7 +113,7 @@ def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
     # its rotors never stand still: spinning at MOT_SPIN_MIN is the bound
     assert worth["this"]["limits"][2]["at"] == "least speed"
     code, out, _ = _run(capsys, X8, "--firmware", "px4", "--law", "reduced", "--explain")
-    assert code == 0 and "MC_YAWRATE_K x" in out and "PX4 does what the law asks" in out
+    assert code == 0 and "MC_YAWRATE_K x" in out and "PX4 does what the law demands" in out
 
 
 def test_an_explanation_fits_80_columns_and_says_what_the_board_loses(capsys, monkeypatch):
