@@ -9,9 +9,10 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.diagnosis.channels import Channels
-from coaxlink.diagnosis.hypotheses import Hypothesis, form_name
+from coaxlink.diagnosis.claims import NOTHING, Claims, added_by, claims, forms_of
+from coaxlink.diagnosis.hypotheses import ODDS, Hypothesis, form_name
 from coaxlink.diagnosis.parts import Block
-from coaxlink.diagnosis.posterior import CLAIMED, RIVAL, Posterior
+from coaxlink.diagnosis.posterior import CLAIMED, Posterior
 from coaxlink.frames import Array, StandFrame
 from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
@@ -38,8 +39,9 @@ def answered(
 ) -> Refinement:
     """The answer to these logs; `found` is None where nothing may be claimed."""
     best = found.best if found else None
-    doubts = _doubts(ch, found) if found else ()
-    sure = {n for n, p in found.effects.items() if p > CLAIMED} if found else set()
+    said = claims(ch, found) if found else NOTHING
+    doubts = _doubts(ch, found, said) if found else ()
+    sure = said.sure
     doubtful = {n for d in doubts for n in d.names}
     problem = _problem(ch, best)
     members = tuple(m for m in best.members if m.name in sure | doubtful) if best else ()
@@ -48,14 +50,14 @@ def answered(
     fixed = [k for k in ch.known if k[0].name not in {m.name for m in members}]
     joint = Fitter(problem, ch.bare, fixed, ch.reduce).linear(members) if members else straight(problem, [])
     claimed = [o for o in joint.problem.options if o.name in sure]
-    unexplained = _unexplained(ch, found) if found else ()
+    unexplained = _unexplained(ch, found, said) if found else ()
     level = _floor(ch, best) if floor is None else floor
     judged = Judged(
         problem,
         Selection(members=claimed),
         joint,
         level,
-        ch.variables,
+        {"time_s": ch.frame.time_s[ch.frame.keep], **ch.variables},  # it may stand still in a damaged log
         ch.known,
         tuple(suspects),
         (*(n for n in notes if n not in ch.frame.notes), *_smooth(ch, best)),
@@ -77,7 +79,7 @@ def answered(
     return replace(
         out,
         effects=effects,
-        rejected=(*out.rejected, *_rejected(found, sure | doubtful)),
+        rejected=(*out.rejected, *_rejected(found, sure | doubtful, said)),
         trace=_trace(found),
     )
 
@@ -120,19 +122,11 @@ def _floor(ch: Channels, best: Hypothesis | None) -> Array:
     return np.asarray(np.std(best.left, axis=0))
 
 
-def _doubts(ch: Channels, found: Posterior) -> tuple[Ambiguous, ...]:
+def _doubts(ch: Channels, found: Posterior, said: Claims) -> tuple[Ambiguous, ...]:
     """Names of which one is there, and no one knows which."""
-    open_names = {n for n, p in found.effects.items() if RIVAL < p <= CLAIMED}
-    group: set[str] = set()
-    for name in sorted(open_names, key=lambda n: -found.of(n)):
-        # those that stand in for it where it is not
-        others = {n for n in open_names - {name} if _stands_in(found, name, n)}
-        if others and found.any_of({name, *others}) > CLAIMED:
-            group = {name, *others}
-            break
-    if len(group) < 2:
+    names, group = said.group, set(said.group)
+    if len(names) < 2:
         return ()
-    names = tuple(sorted(group, key=lambda n: -found.of(n)))
     rivals = []
     for name in names[:2]:
         h = found.without(group - {name})
@@ -143,45 +137,44 @@ def _doubts(ch: Channels, found: Posterior) -> tuple[Ambiguous, ...]:
     if len(rivals) == 2:
         proposed = stand_experiment if isinstance(ch.frame, StandFrame) else flight_experiment
         plan = proposed(ch.bare, found.best.fit.noise, rivals)
-    said = (
+    told = (
         plan.text
         if plan
         else "no run inside what this log has seen tells them apart: record more of what each needs"
     )
-    return (Ambiguous(names, said, plan),)
+    return (Ambiguous(names, told, plan),)
 
 
-def _stands_in(found: Posterior, name: str, other: str) -> bool:
-    """Whether most of what is left of the mass without one name has the other."""
-    without = [(m, h) for m, h in zip(found.mass, found.sets, strict=True) if name not in h.names]
-    total = sum(m for m, _ in without)
-    return total > 0.0 and sum(m for m, h in without if other in h.names) > RIVAL * total
+def _unexplained(ch: Channels, found: Posterior, said: Claims) -> list[Unexplained]:
+    """Free forms of the set of most mass, or of one that is ahead of it beside the same effects.
 
-
-def _unexplained(ch: Channels, found: Posterior) -> list[Unexplained]:
-    out = []
-    best, at = found.best, found.best.fit.deviation.shape[0]
-    widths = [ch.forms[f]().width for f in best.forms]
-    at -= sum(widths)
+    Where what is left hangs together, the log does not say which form it is; that there is one it does.
+    """
+    best = found.best
+    ahead = max((h for h in found.sets if h.effects == best.effects), key=lambda h: h.score)
+    certain = ahead.score - best.score > -float(ODDS) - np.log(1.0 - CLAIMED)
+    shown = ahead if certain else best
     pieces: dict[str, list[tuple[float, str, str]]] = {}
-    for form, width in zip(best.forms, widths, strict=True):
-        block = ch.forms[form]()
-        values = best.fit.values[at : at + width]
-        at += width
+    for form, added in forms_of(ch, shown).items():
         variable, channel, length, _ = form.split("|")
         mine = found.any_of({form_name(f) for h in found.sets for f in h.forms if f.split("|")[1] == channel})
-        if mine < OPEN:
+        if mine < OPEN and not certain:
             continue
-        c = ch.names.index(channel)
-        added = block.columns[:, c] @ values
-        added = added - np.mean(added)
-        size = float(np.sqrt(np.mean(added**2)))
         where = float(_values(ch, variable)[int(np.argmax(np.abs(added)))])
-        text = (
-            f"{variable}: most at {where:.3g}, bends within {float(length):.2g} of its range, "
-            f"probability {found.of(form_name(form)):.3f}"
-        )
-        pieces.setdefault(channel, []).append((size, variable, text))
+        text = f"{variable}: most at {where:.3g}, bends within {float(length):.2g} of its range"
+        if mine < OPEN:
+            text += f", {ahead.score - best.score:.0f} nats; what it hangs on is not told"
+        else:
+            text += f", probability {found.of(form_name(form)):.3f}"
+        pieces.setdefault(channel, []).append((float(np.std(added)), variable, text))
+    for name, why in said.withheld.items():
+        added = added_by(ch, best, name)
+        c = int(np.argmax(np.std(added, axis=0) / ch.reference))
+        m = next(m for m in best.members if m.name == name)
+        label, _ = m.effect.cause(ch.bare, m.shape, ch.names[c])
+        text = f"{label}: as {name} would have it, but {why}"
+        pieces.setdefault(ch.names[c], []).append((float(np.std(added[:, c])), label, text))
+    out = []
     for channel, parts in pieces.items():
         parts.sort(reverse=True)
         variables = tuple(dict.fromkeys(v for _, v, _ in parts))[:3]
@@ -220,18 +213,19 @@ def _worth(found: Posterior, name: str) -> float:
     return round(float(found.best.score - rival.score), 1) if rival else float(found.best.score)
 
 
-def _rejected(found: Posterior, kept: set[str]) -> list[Rejected]:
+def _rejected(found: Posterior, kept: frozenset[str] | set[str], said: Claims) -> list[Rejected]:
     out = []
     for name, p in found.effects.items():
         if name not in kept:
             with_it = max((h for h in found.sets if name in h.names), key=lambda h: h.score)
             behind = found.best.score - with_it.score
-            out.append(Rejected(name, f"probability {p:.3g}: {behind:.1f} nats behind the most probable set"))
+            why = said.withheld.get(name, f"{behind:.1f} nats behind the most probable set")
+            out.append(Rejected(name, f"probability {p:.3g}: {why}"))
     return out
 
 
 def _trace(found: Posterior) -> tuple[Step, ...]:
-    least = min(h.score for h in found.sets if h.score > -1e5)
+    least = min((h.score for h in found.sets if h.score > -1e5), default=found.best.score)
     return tuple(
         Step(
             k + 1,

@@ -204,7 +204,7 @@ class Scorer:
         width = self.white.shape[-1]
         prior = (
             small * REFUSED
-            + sum(_log_prior(frame, m) for m in members)
+            + sum(_log_prior(ch, m) for m in members)
             + len({form_name(f) for f in forms}) * (ODDS - np.log(len(ch.forms)))
         )
         left = target - columns @ fit.values
@@ -222,10 +222,11 @@ class Scorer:
     ) -> Hypothesis:
         """The members moved to their best by Gauss-Newton steps, and the score there.
 
-        What scores less than `hopeless` where it begins is not moved.
+        What scores less than `hopeless` where it begins is not moved; that it begins too small, because the
+        map had taken it, or where physics refuses it, is no reason.
         """
         best, values = self.linearised(members, forms, noise)
-        if not members or best.score < hopeless:
+        if not members or best.fit.log_evidence < hopeless:
             return best
         slopes = self.slopes(members)
         for _ in range(STEPS):
@@ -295,14 +296,15 @@ def _prior(ch: Channels, frame: Any, m: Member, columns: Array) -> tuple[Array, 
     return mean, deviation
 
 
-def _log_prior(frame: Any, m: Member) -> float:
+def _log_prior(ch: Channels, m: Member) -> float:
     """Of a member being there, in this form, with numbers that physics allows."""
+    frame = ch.bare
     numbers = m.parameters(frame)
     if m.effect.refuse(numbers) is not None:
         return REFUSED
     forms = {
         tuple(sorted((k, v) for k, v in s.items() if k not in m.effect.free(frame, s)))
-        for s in m.effect.shapes(frame)
+        for s in (*m.effect.shapes(frame), *ch.more_shapes(frame, m.effect))
     }
     out = ODDS - np.log(max(len(forms), 1))
     if m.effect.sudden:  # from the first, or from some moment on

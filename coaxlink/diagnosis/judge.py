@@ -11,6 +11,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.diagnosis.answer import answered
 from coaxlink.diagnosis.channels import Channels
+from coaxlink.diagnosis.faults import weighed_faults
 from coaxlink.diagnosis.flight import flight_channels
 from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer
 from coaxlink.diagnosis.noise import Colour, colour_of, white
@@ -31,6 +32,8 @@ SAME_COLOUR = 0.05  # of a coefficient
 STARTS = 4  # sets that the next round begins with
 LEAST_FLIGHT_ROWS = 80
 ALL_ROWS = 20_000  # of the last fit
+SPEEDS = ("upper_rpm", "lower_rpm")
+IN_DOUBT = "a tachometer is accused: every load is predicted from speeds, so no effect is claimed"
 
 
 @dataclass(frozen=True)
@@ -41,19 +44,26 @@ class Diagnosis:
     colour: Colour
 
 
-def diagnosed(ch: Channels, progress: Progress) -> Diagnosis:
-    """Search under white noise, then under the colour of what the best set leaves, until that stays."""
+def diagnosed(ch: Channels, progress: Progress, *, rivals: bool = False) -> Diagnosis:
+    """Search under white noise, then under the colour of what the best set leaves, until that stays.
+
+    With `rivals` what could stand in for each effect of the best set is weighed as well.
+    """
     colour = white(ch.count)
     starts: list[Hypothesis] = []
     for number in range(ROUNDS):
         scorer = Scorer(ch, colour)
-        visited = Search(scorer, lambda said: progress(f"weighing {said}")).run(starts)
+        search = Search(scorer, lambda said: progress(f"weighing {said}"))
+        visited = search.run(starts)
         starts = visited.ranked()[:STARTS]
         seen = colour_of(visited.best.left, ch.behind)
         if number and _same(seen, colour):
             break
         if number < ROUNDS - 1:
             colour = seen
+    if rivals:
+        progress("weighing what could stand in")
+        search.rivals()
     return Diagnosis(posterior(ch, scorer.colour, visited.ranked()), scorer.colour)
 
 
@@ -108,11 +118,29 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
         trusted = np.arange(samples.rows)
     ch = stand_channels(samples, model, trusted)
     found = None
+    suspects = list(wrong.suspects)
     notes = list(ch.notes)
     if len(trusted) < LEAST_ROWS:
         notes.append(f"{len(trusted)} rows: held against the model; too few to identify any effect")
+    elif any(x.column in SPEEDS for x in suspects):
+        notes.append(IN_DOUBT)
     elif not silent:
-        found = diagnosed(ch, progress)
+        found = diagnosed(ch, progress, rivals=True)
+        progress("weighing faults")
+        fault = weighed_faults(
+            samples, ch, found.posterior.best, lambda other: stand_channels(other, model, trusted)
+        )
+        if fault is not None:
+            suspects.append(fault.suspect)
+            sound = trusted[~fault.rows[trusted]]
+            found = None
+            if fault.suspect.column in SPEEDS:
+                notes.append(IN_DOUBT)
+            if len(sound) >= LEAST_ROWS:
+                trusted = sound
+                ch = stand_channels(samples, model, trusted)
+                if fault.suspect.column not in SPEEDS:
+                    found = diagnosed(ch, progress, rivals=True)
     progress("judging")
     every = stand_channels(samples, model, trusted, most=ALL_ROWS)
-    return answered(every, found.posterior if found else None, wrong.suspects, notes, several)
+    return answered(every, found.posterior if found else None, suspects, notes, several)

@@ -62,7 +62,7 @@ def _predictor(values: Array, behind: Index | None) -> Array:
         pairs = near[k:] >= k  # without a gap between them
         share = (rows - k) / max(int(pairs.sum()), 1)
         covariance[k] = share * (values[: rows - k] @ (values[k:] * pairs)) / rows
-    if covariance[0] <= 0.0 or most < 1:
+    if most < 1 or not np.all(np.isfinite(covariance)) or covariance[0] <= 0.0:
         return np.zeros(0)
     best, least = np.zeros(0), rows * np.log(covariance[0])
     for order in range(1, most + 1):

@@ -29,6 +29,8 @@ class Posterior:
     sets: tuple[Hypothesis, ...]
     mass: Array  # (S,)
     temper: Array  # (S,) of the likelihood against the best one's
+    behind: Array  # (S,) nats behind it, tempered, before any odds of an explanation being there
+    misfit: Array  # (S,) of these, what the rows themselves say: no width of a prior is in it
 
     @property
     def best(self) -> Hypothesis:
@@ -43,6 +45,10 @@ class Posterior:
         """Probability that one of several is there."""
         names = set(names)
         return float(sum(m for m, h in zip(self.mass, self.sets, strict=True) if h.names & names))
+
+    def index(self, h: Hypothesis) -> int:
+        """Of a set among the visited ones."""
+        return next(k for k, other in enumerate(self.sets) if other is h)
 
     def without(self, names: Iterable[str]) -> Hypothesis | None:
         """The set of most mass that holds none of these names."""
@@ -77,7 +83,8 @@ def posterior(ch: Channels, colour: Colour, visited: Sequence[Hypothesis]) -> Po
             break
         lead = now
     weight = np.exp(np.clip(behind.min() - behind, -700.0, 0.0))
-    return Posterior(tuple(sets), weight / weight.sum(), tempers)
+    odds = np.array([sets[lead].log_prior - h.log_prior for h in sets])
+    return Posterior(tuple(sets), weight / weight.sum(), tempers, behind - odds, data * tempers)
 
 
 def likelihood(colour: Colour, best: Hypothesis, rival: Hypothesis) -> float:
@@ -94,8 +101,10 @@ def temper(ch: Channels, colour: Colour, best: Hypothesis, rival: Hypothesis) ->
     """Share of the likelihood that counts: one over the dispersion of what tells the two apart."""
     if best is rival:
         return 1.0
-    noise = best.fit.noise
-    left = colour.whiten(best.left) / noise
+    # what is left of the worse of the two still holds what tells them apart: that is no misfit of the better
+    better = best if _log_density(colour, best) >= _log_density(colour, rival) else rival
+    noise = better.fit.noise
+    left = colour.whiten(better.left) / noise
     apart = colour.whiten(rival.left - best.left) / noise
     product, power = left * apart, apart**2
     count = int(ch.block.max()) + 1

@@ -21,6 +21,7 @@ HOPELESS = 100.0  # nats behind at its first point, and a share of all that is e
 LEAST_FORM_GAIN = 5.0  # nats: a free form's odds take ten
 LEAST_GAIN = 1.0  # nats in a shape of the grid; its odds take four
 FAR = 30.0  # nats below the best: not worth another look
+STANDS_IN = 0.5  # of what an effect explains: less is no rival before its shape has moved
 
 
 @dataclass
@@ -105,6 +106,30 @@ class Search:
         if h.members and (h.names == self.visited.best.names or not h.forms):
             self._refined(h)
 
+    def rivals(self) -> None:
+        """Each effect of the best set in turn given up for every other one that could stand in for it.
+
+        The search climbs, and does not look back: what it would have found from another first step is looked
+        for here, so that two names for the same rows are both weighed.
+        """
+        best = self.visited.best
+        for m in best.members:
+            others = [o for o in best.members if o is not m]
+            without = self._try(others, best.forms, best, anew=False)
+            worth = best.fit.log_evidence - without.fit.log_evidence
+            for effect, candidate, gain in self._promising(without):
+                if effect.name != m.name and gain > STANDS_IN * worth:
+                    new = self._try([*others, self.started(without, candidate)], best.forms, without)
+                    if new.score > best.score - 2.0 * worth:
+                        self._other_forms(new, len(others))
+
+    def _other_forms(self, h: Hypothesis, k: int) -> None:
+        """Every form of member k."""
+        m = h.members[k]
+        for shape, coefficients in m.effect.finer(self.channels.bare, m.shape, m.coefficients):
+            other = begun(self.channels, m.effect, shape, np.asarray(coefficients, float))
+            self._try([other if i == k else o for i, o in enumerate(h.members)], h.forms, h)
+
     def _try(
         self, members: Sequence[Member], forms: Sequence[str], h: Hypothesis, *, anew: bool = True
     ) -> Hypothesis:
@@ -166,12 +191,18 @@ class Search:
 
     def screened(self, h: Hypothesis) -> list[tuple[Tracing[Any], Candidate]]:
         """The most promising effects beside a hypothesis, each in its best shape of the grid."""
+        return [(effect, candidate) for effect, candidate, _ in self._promising(h, TRIED)]
+
+    def _promising(
+        self, h: Hypothesis, most: int | None = None
+    ) -> list[tuple[Tracing[Any], Candidate, float]]:
+        """Effects beside a hypothesis in their best shapes of the grid, each with the nats that it gains."""
         gains = self._gains(h, self.grid)
         ranked = sorted(zip(gains, range(len(gains)), strict=True), reverse=True)
-        out: dict[str, tuple[Tracing[Any], Candidate]] = {}
+        out: dict[str, tuple[Tracing[Any], Candidate, float]] = {}
         for gain, k in ranked:
             c = self.candidates[k]
-            if gain < LEAST_GAIN or len(out) == TRIED:
+            if gain < LEAST_GAIN or len(out) == most:
                 break
             if c.effect.name in h.names or c.effect.name in self.barred or c.effect.name in out:
                 continue
@@ -179,7 +210,7 @@ class Search:
                 c = self._timed(h, c)
             start = self.started(h, c)
             if c.effect.refuse(start.parameters(self.channels.bare)) is None:
-                out[c.effect.name] = c.effect, c
+                out[c.effect.name] = c.effect, c, gain
         return list(out.values())
 
     def _timed(self, h: Hypothesis, c: Candidate) -> Candidate:

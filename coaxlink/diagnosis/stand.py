@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from coaxlink.data.samples import Samples
 from coaxlink.diagnosis.channels import Channels, possible
 from coaxlink.diagnosis.parts import Block, in_channel, products, waves
 from coaxlink.effects import stand_effects
+from coaxlink.effects.hysteresis import relay_shapes
+from coaxlink.effects.rotor_spacing import alike_shapes
+from coaxlink.effects.sensor_drift import amplifier_shapes
+from coaxlink.effects.tracing import Shape, Tracing
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.channels.stand import base_corrections, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
@@ -30,7 +35,7 @@ DRIVE_MAP_SIZE = 0.01
 # free forms: size over the reference load; lengths in ranges of the variable
 FORM_SIZES = (0.01, 0.04)
 FORM_LENGTHS = (0.15, 0.5)
-NARROW_LENGTHS, NARROW_SIZE = (0.04, 0.08), 0.03  # over the speeds: narrower than a rotor map bends
+NARROW_LENGTHS, NARROW_SIZE = (0.04, 0.08, 0.15), 0.03  # over the speeds: narrower than a rotor map bends
 WITHIN_SPECIFICATION = (
     0.0007  # of the reference load: what a sound cell's zero wanders (class C3: 0.02 % + creep)
 )
@@ -75,13 +80,33 @@ def stand_channels(
         speeds=speeds,
         weights=weights,
         base=tuple(_base(frame, reduce, reference)),
-        surface=tuple(_surface(frame, present, weights, u, drive)),
+        surface=tuple(_surface(frame, present, np.hypot(weights, reduce(_wake(frame))), u, drive)),
         forms=_forms(names, variables, weights, reference, present, u, drive, frame.throttles is not None),
         effects=tuple(able),
         reduce=reduce,
+        more_shapes=_more_shapes,
         notes=(*frame.notes, *notes),
         impossible=tuple(unable),
     )
+
+
+def _more_shapes(frame: StandFrame, effect: Tracing[Any]) -> Sequence[Shape]:
+    """Forms that stand in for what another effect does: without them the other would be claimed."""
+    more = {
+        "sensor_drift": amplifier_shapes,
+        "rotor_spacing": alike_shapes,
+        "hysteresis": relay_shapes,
+    }.get(effect.name)
+    return more(frame) if more else ()
+
+
+def _wake(frame: StandFrame) -> Array:
+    """(rows, 6) what the upper wake takes from each load: a model errs by a share of that too, however small
+    the load that is left."""
+    out = np.zeros((len(frame.time_s), 6))
+    alone = frame.loads_at(np.stack([np.zeros(len(out)), frame.speeds[:, 1]], axis=1))
+    out[:, 2:4] = (frame.loads_at(frame.speeds) - alone)[:, 2:4]
+    return out
 
 
 def _blocks(frame: StandFrame) -> np.ndarray:
@@ -173,7 +198,7 @@ def _forms(
         for variable, values in ways.items():
             if np.ptp(values) < 0.1 or len(np.unique(np.round(values, 3))) < 8:
                 continue
-            for length in (*NARROW_LENGTHS, *FORM_LENGTHS):
+            for length in NARROW_LENGTHS:
                 out[f"{variable}|{name}|{length}|{NARROW_SIZE}"] = partial(
                     _form, name, values, length, NARROW_SIZE, weights[:, k], reference[k], k, count
                 )

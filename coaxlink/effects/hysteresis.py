@@ -19,8 +19,11 @@ from coaxlink.frames import STAND_LOADS, StandFrame
 
 SIDES = {"upper": 0, "lower": 1}
 REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
+RELAY_STEP, RELAY_WIDEST, RELAY_FINER = 0.06, 0.35, (0.02, 0.007)  # of normalised speed
+RELAY_MOST = 2.0  # of normalised speed: what runs further is no speed
 NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
-         "power", "reach", "spread", "fading", "lower_over_upper")  # fmt: skip
+         "power", "reach", "spread", "fading", "lower_over_upper",
+         "relay", "on", "off")  # fmt: skip
 ALL = {"both", "sweep", "load"}  # not one rotor's alone
 FREE = {
     "fading": (0.0, 1.0),
@@ -134,7 +137,7 @@ def _returns(frame: StandFrame, side: int) -> bool:
     A level that was visited once has one sign, and what the base misses there would be its hysteresis.
     """
     way, u = direction(frame, side), frame.speeds[:, side]
-    level = np.round((u - u.min()) / SAME).astype(int)
+    _, level = np.unique(np.round((u - u.min()) / SAME), return_inverse=True)
     rose, fell = np.bincount(level, way > 0), np.bincount(level, way < 0)
     return bool(2.0 * np.minimum(rose, fell).sum() > RETURNS * len(u))
 
@@ -177,6 +180,31 @@ def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
     return moving(frame, side) if "moving" in shape else direction(frame, side)
 
 
+def relay_shapes(frame: StandFrame) -> list[dict[str, float]]:
+    """The lower rotor's flow flips above one speed of the upper rotor and flips back below another.
+
+    Source: a relay with two thresholds, the element of Preisach's operator (Mayergoyz 2003).
+    """
+    u = frame.speeds[:, 0]
+    if not 2.0 * RELAY_STEP < np.ptp(u) < RELAY_MOST:
+        return []
+    levels = np.arange(np.min(u) + RELAY_STEP, np.max(u), RELAY_STEP)
+    return [
+        {"lower": 1.0, "relay": 0.0, "on": float(on), "off": float(off)}
+        for on in levels
+        for off in levels
+        if RELAY_STEP < on - off < RELAY_WIDEST
+    ]
+
+
+def _flipped(frame: StandFrame, shape: Shape) -> Array:
+    """(rows,) 1 from where the speed rose above `on` until it falls below `off`."""
+    u, row = frame.speeds[:, int(shape["relay"])], np.arange(len(frame.speeds))
+    on = np.maximum.accumulate(np.where(u > shape["on"], row, -1))
+    off = np.maximum.accumulate(np.where(u < shape["off"], row, -1))
+    return np.asarray(on > off, float)
+
+
 def _weight(frame: StandFrame, side: int, shape: Shape) -> Array:
     """(rows, 2) of thrust and torque: what a share is a share of.
 
@@ -195,7 +223,11 @@ def _weight(frame: StandFrame, side: int, shape: Shape) -> Array:
 def _columns(frame: StandFrame, shape: Shape) -> Array:
     out = np.zeros((len(frame.time_s), 6, 2))
     for name, side in SIDES.items():
-        if name in shape or ALL & set(shape):
+        if name in shape and "relay" in shape:
+            out[:, 2 * side, 0], out[:, 2 * side + 1, 1] = (
+                frame.predicted[:, 2 * side : 2 * side + 2] * _flipped(frame, shape)[:, None]
+            ).T
+        elif name in shape or ALL & set(shape):
             weight = _weight(frame, side, shape) * (shape.get("lower_over_upper", 1.0) if side else 1.0)
             for k in (0, 1):
                 out[:, 2 * side + k, k] = -0.5 * weight[:, k] * _way(frame, 2 * side + k, shape)
@@ -225,6 +257,13 @@ def _free(_: StandFrame, shape: Shape) -> dict[str, tuple[float, float]]:
 
 def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     """Worn in, at every load alike or by a power of it, on both rotors by one share or by two."""
+    if "relay" in shape:
+        return [
+            ({**shape, "on": shape["on"] + a, "off": shape["off"] + b}, c)
+            for step in RELAY_FINER
+            for a, b in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
+            if shape["on"] + a > shape["off"] + b
+        ]
     way = {"reach": shape.get("reach", REACHES[0]), "spread": shape.get("spread", 1.8)}
     forms: list[tuple[Shape, Array]] = []
     bare = {k: v for k, v in shape.items() if k not in ("moving", "reach", "spread", "fading")}
@@ -291,6 +330,9 @@ EFFECT = PhysicalEffect(
             for name, what in _FORMS.items()
         ),
         *(Parameter(name, "1", *limits, source=_WAYS) for name, limits in FREE.items()),
+        Parameter("relay", "1", 0.0, 1.0,
+            source="a number of the rotor (0 upper, 1 lower) whose speed flips it"),
+        *(Parameter(name, "1", 0.0, 1.5, source=_WAYS) for name in ("on", "off")),
     ),
     stand=STAND,
     no_static=_NOT_TOLD,

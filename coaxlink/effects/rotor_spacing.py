@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.static import LeftOut, Loads, StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
-from coaxlink.frames import StandFrame
+from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import RotorModel
 
 APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
+COEFFICIENTS = ("wake_thrust_share", "wake_torque_share", "upper_gain_N")
 SPACING = {"decay": (0.05, 8.0), "apart": (-0.5, 0.5)}
 
 
@@ -48,8 +49,12 @@ def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
     base = frame.loads_at(frame.speeds)[:, lower]
     alone = frame.loads_at(np.stack([np.zeros(len(frame.time_s)), frame.speeds[:, 1]], axis=1))[:, lower]
     wake = base - alone  # negative: what the lower rotor loses
-    out = np.zeros((len(frame.time_s), 6, 3))
     change = spread(shape, _spacing(frame))
+    if "alike" in shape:
+        pair = np.zeros((len(frame.time_s), 6, 1))
+        pair[:, :4, 0] = frame.predicted[:, :4] * change[:, None]
+        return pair
+    out = np.zeros((len(frame.time_s), 6, 3))
     out[:, Load.LOWER_THRUST, 0] = -wake[:, 0] * change
     out[:, Load.LOWER_TORQUE, 1] = -wake[:, 1] * change
     out[:, Load.UPPER_THRUST, 2] = frame.speeds[:, 1] ** 2 * change
@@ -61,13 +66,31 @@ def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shap
     return [({**shape, "decay": 1.0}, c)] if "decay" not in shape and levels > 2 else []
 
 
+def alike_shapes(frame: StandFrame) -> list[Shape]:
+    """Both rotors gain or lose by the same share: what each draws through the other is less."""
+    places = [{}] if frame.free_base else [{"apart": a} for a in APART]
+    return [{"alike": 1.0, **place, **form} for place in places for form in ({}, {"decay": 1.0})]
+
+
+def _spacing_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
+    names = ("loads_share",) if "alike" in shape else COEFFICIENTS
+    reference = float(np.median(frame.columns["rotor_spacing_m"]))  # where the base holds
+    values = dict(zip(names, map(float, c), strict=True))
+    return {**shape, "wake_thrust_share": 0.0, **values, "reference_spacing_m": reference}
+
+
+def _spacing_inverse(_: StandFrame, p: Numbers) -> tuple[Shape, Array]:
+    names = ("loads_share",) if "alike" in p else COEFFICIENTS
+    return {k: v for k, v in p.items() if k in (*SPACING, "alike")}, np.array([p[k] for k in names])
+
+
 STAND: Tracing[StandFrame] = Tracing(
     name="rotor_spacing",
     stage=2,
     physics="further apart, the wake has contracted more and the rotors disturb each other less",
     source="wake contraction (Leishman 2006, ch. 2); bench maps of Buzzatto and Liarokapis 2022",
     needs=("rotor_spacing_m",),
-    channels=(Load.UPPER_THRUST.channel, Load.LOWER_THRUST.channel, Load.LOWER_TORQUE.channel),
+    channels=STAND_LOADS,
     units={
         "wake_thrust_share": "1",
         "wake_torque_share": "1",
@@ -75,21 +98,14 @@ STAND: Tracing[StandFrame] = Tracing(
         "reference_spacing_m": "m",
         "decay": "1",
         "apart": "1",
+        "alike": "1",
+        "loads_share": "1",
     },
     missing=_no_spacing,
     shapes=lambda frame: [{}] if frame.free_base else [{"apart": a} for a in APART],
     columns=_spacing_columns,
-    parameters=lambda frame, shape, c: {
-        **shape,
-        "wake_thrust_share": float(c[0]),
-        "wake_torque_share": float(c[1]),
-        "upper_gain_N": float(c[2]),
-        "reference_spacing_m": float(np.median(frame.columns["rotor_spacing_m"])),  # where the base holds
-    },
-    inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k in SPACING},
-        np.array([p["wake_thrust_share"], p["wake_torque_share"], p["upper_gain_N"]]),
-    ),
+    parameters=_spacing_parameters,
+    inverse=_spacing_inverse,
     refuse=lambda p: outside("wake_thrust_share", p["wake_thrust_share"], -3.0, 3.0),
     cause=lambda frame, _, __: ("rotor_spacing_m", frame.columns["rotor_spacing_m"]),
     free=lambda _, shape: {name: limit for name, limit in SPACING.items() if name in shape},
@@ -110,6 +126,8 @@ def _static(bench: StaticBench, p: Numbers) -> str:
     def change(model: RotorModel, loads: Loads) -> Loads:
         alone = model.loads(np.zeros_like(loads.lower), loads.lower)
         wake, drag = (loads[load] - alone[load] for load in of_rotor(1))
+        if "alike" in p:
+            return loads.plus({load: p["loads_share"] * off * loads[load] for load in Load})
         return loads.plus({
             Load.UPPER_THRUST: p.get("upper_gain_N", 0.0) * off * loads.lower**2,
             Load.LOWER_THRUST: -p["wake_thrust_share"] * off * wake,
@@ -131,6 +149,9 @@ EFFECT = PhysicalEffect(
             source="assumed: less than half of the wake's cost for twice the spacing"),
         Parameter("upper_gain_N", "N", -1e4, 1e4,
             source="wide: any value between the bounds; it goes with the rotors' size"),
+        Parameter("loads_share", "1", -3.0, 3.0, (0.0, 0.2),
+            source="assumed: less than a fifth of a rotor's load for twice the spacing"),
+        Parameter("alike", "1", 0.0, 1.0, source="a switch, 0 or 1: both rotors by the same share"),
         Parameter("reference_spacing_m", "m", 1e-3, 100.0,
             source="wide: any value between the bounds; spacings are the builder's choice"),
         Parameter("decay", "1", *SPACING["decay"],

@@ -29,6 +29,14 @@ def _drift_shapes(frame: StandFrame) -> Sequence[Shape]:
     return [{"channel": float(c), **form} for c in frame.present if c < 4 for form in forms]
 
 
+def amplifier_shapes(frame: StandFrame) -> Sequence[Shape]:
+    """One amplifier or supply of all cells whose factor warms up: every load by the same share."""
+    forms: list[dict[str, float]] = [{}, *({"memory": m} for m in MEMORIES)]
+    if np.any(_pauses(frame)):
+        forms += [{**form, "tared": 1.0} for form in forms]
+    return [{"amplifier": 1.0, **form} for form in forms]
+
+
 def _pauses(frame: StandFrame) -> NDArray[np.bool_]:
     """(rows,) where a run begins anew behind a pause: there cells are tared."""
     step = np.diff(frame.time_s, prepend=frame.time_s[0])
@@ -53,6 +61,10 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
         memory = shape["memory"] * span
         settling = memory / 60.0 * (1.0 - np.exp(-elapsed / memory))
         courses = [elapsed / 60.0, settling] if "creep" in shape else [settling]
+    if "amplifier" in shape:
+        out = np.zeros((len(elapsed), 6, 1))
+        out[:, :4, 0] = courses[0][:, None] * frame.predicted[:, :4]
+        return out
     # the base may hold no constant: the zero at the start comes with the drift
     cells = [int(shape[name]) for name in ("channel", "also") if name in shape]
     courses = [courses[0], np.ones(len(elapsed)), *courses[1:]]
@@ -71,6 +83,10 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
 def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     """A zero that drifts later, by a power of time, settles, or settles and creeps on; also in two cells."""
     forms: list[tuple[Shape, Array]] = []
+    if "amplifier" in shape:
+        steady = {k: v for k, v in shape.items() if k not in ("memory", "power")}
+        ways = ({"memory": 0.1}, {"memory": 0.3}, {"power": 0.6})
+        return [({**steady, **way}, c) for way in ways if set(way) - set(shape)]
     cells = np.reshape(c, (2 if "also" in shape else 1, -1))
     if not {"creep", "since", "power", "span"} & set(shape):
         steady = {k: v for k, v in shape.items() if k != "memory"}
@@ -93,6 +109,8 @@ def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Sh
 
 
 def _drift_names(shape: Shape) -> tuple[str, ...]:
+    if "amplifier" in shape:
+        return (SPAN,)
     names = DRIFT if "creep" in shape else DRIFT[:2]
     names = (*names, SPAN) if "span" in shape else names
     return (*names, *(ALSO + n for n in names)) if "also" in shape else names
@@ -129,6 +147,7 @@ STAND: Tracing[StandFrame] = Tracing(
         "power": "1",
         "tared": "1",
         "span": "1",
+        "amplifier": "1",
         SPAN: "1/min",
         ALSO + SPAN: "1/min",
     }
@@ -178,6 +197,7 @@ EFFECT = PhysicalEffect(
         ),
         Parameter("tared", "1", 0.0, 1.0, source="a switch, 0 or 1: its zero is set at every start"),
         Parameter("span", "1", 0.0, 1.0, source="a switch, 0 or 1: its factor drifts with its zero"),
+        Parameter("amplifier", "1", 0.0, 1.0, source="a switch, 0 or 1: the factor of all cells drifts"),
     ),
     stand=STAND,
     no_static=_OF_THE_STAND,
