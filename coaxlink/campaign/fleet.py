@@ -60,7 +60,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Course:
+class Trend:
     """One kind of finding on one vehicle over time."""
 
     vehicle: str
@@ -82,7 +82,7 @@ class Course:
         return ends[0] > 0.0 if np.mean(self.values) >= 0.0 else ends[1] < 0.0
 
     def words(self) -> str:
-        """As it is told."""
+        """As it is reported."""
         what = f"{self.vehicle}: {self.name}" + (f", {self.part}" if self.part else "")
         size = f"{self.values[-1]:.3g} {self.unit}".rstrip(" 1").rstrip()
         seen = f"in {len(self.dates)} of {self.logs} logs since {self.dates[0][:10]}, last {size}"
@@ -98,13 +98,13 @@ class Fleet:
     logs: int
     vehicles: tuple[str, ...]
     problems: Mapping[str, str]  # log: why it says nothing
-    courses: tuple[Course, ...]  # the believed first
+    trends: tuple[Trend, ...]  # the believed first
     rows: tuple[tuple[str, str, tuple[Finding, ...]], ...]  # vehicle, date, findings; a log each
 
     @property
-    def believed(self) -> tuple[Course, ...]:
+    def believed(self) -> tuple[Trend, ...]:
         """What false alarms do not explain."""
-        return tuple(c for c in self.courses if c.believed)
+        return tuple(c for c in self.trends if c.believed)
 
     def to_json(self) -> dict[str, Any]:
         """As `refine FOLDER --json` writes it."""
@@ -132,7 +132,7 @@ class Fleet:
                     "per_week": safe(c.per_week),
                     "per_week_ci": [safe(x) for x in c.per_week_ci],
                 }
-                for c in self.courses
+                for c in self.trends
             ],
         }  # fmt: skip
 
@@ -143,7 +143,7 @@ Analyse = Callable[[Path], Sequence[Finding]]
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker is told: who analyses, and the logs by number."""
+    """What a worker is given: who analyses, and the logs by number."""
 
     analyse: Analyse
     logs: Sequence[Log]
@@ -288,13 +288,13 @@ def fleet_of(rows: Sequence[tuple[Any, ...]]) -> Fleet:
         for row in sound
     )
     vehicles = tuple(dict.fromkeys(str(row[2]) for row in rows))
-    courses = sorted(
-        _courses(told, len(vehicles)), key=lambda c: (not c.believed, c.p_value, c.vehicle, c.name)
+    trends = sorted(
+        _trends(told, len(vehicles)), key=lambda c: (not c.believed, c.p_value, c.vehicle, c.name)
     )
-    return Fleet(len(rows), vehicles, problems, tuple(courses), told)
+    return Fleet(len(rows), vehicles, problems, tuple(trends), told)
 
 
-def _courses(rows: Sequence[tuple[str, str, tuple[Finding, ...]]], vehicles: int) -> Iterator[Course]:
+def _trends(rows: Sequence[tuple[str, str, tuple[Finding, ...]]], vehicles: int) -> Iterator[Trend]:
     from scipy.stats import binom
 
     kinds = {(f.name, f.part) for _, _, found in rows for f in found}
@@ -314,7 +314,7 @@ def _courses(rows: Sequence[tuple[str, str, tuple[Finding, ...]]], vehicles: int
             p_value = min(p_value * len(mine), 1.0)
             dates, values = [d for _, d, _ in held], [f.value for _, _, f in held]
             slope, ends = growth(dates, values)
-            yield Course(
+            yield Trend(
                 vehicle, name, part, held[0][2].unit, tuple(dates), tuple(values), len(mine) - held[0][0],
                 p_value, p_value < limit, slope, ends,
             )  # fmt: skip

@@ -1,4 +1,4 @@
-"""How `coaxlink table --explain` looks: what is asked and done, what that is worth, what changes on board."""
+"""How `coaxlink table --explain` looks: what is demanded and done, its worth, what changes on board."""
 
 from __future__ import annotations
 

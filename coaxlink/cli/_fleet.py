@@ -1,4 +1,4 @@
-"""A folder or bucket of logs, looked through log by log and told vehicle by vehicle over time."""
+"""A folder or bucket of logs, looked through log by log and reported vehicle by vehicle over time."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def tell_fleet(
     screen = console()
     for line in shown.sentences(fleet):
         screen.print(line)
-    if fleet.courses:
+    if fleet.trends:
         table = Table(*shown.HEADS, box=None)
-        for row in shown.rows(fleet.courses):
+        for row in shown.rows(fleet.trends):
             table.add_row(*row)
         screen.print(table)
     for name, why in list(fleet.problems.items())[:10]:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from coaxlink.mixer import Allocation
 
 
-REACH = 0.01  # of what is asked of an axis: rotors agree with their model no better
-REACH_OF = (1.0, 0.1, 0.1, 0.1)  # N, N m: less is asked of no vehicle that these laws are for
+REACH = 0.01  # of what is demanded of an axis: rotors agree with their model no better
+REACH_OF = (1.0, 0.1, 0.1, 0.1)  # N, N m: less is demanded of no vehicle that these laws are for
 
 
 def allocate(

@@ -23,7 +23,7 @@ class BoardParameters:
 
 
 def read_board_parameters(path: Path) -> BoardParameters:
-    """From .params, .param (.parm), a ULog or a DataFlash log, told by content. Raises InputError."""
+    """From .params, .param (.parm), a ULog or a DataFlash log, recognised by content. Raises InputError."""
     path = Path(path)
     kind = log_kind(path)
     if kind == "ulog":

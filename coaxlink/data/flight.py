@@ -28,7 +28,7 @@ _MAVLINK = (0xFD, 0xFE)
 
 
 def read_flight_log(path: Path) -> Samples:
-    """ULog, DataFlash, tlog or CSV, told by content, as the contract's flight columns on one time base.
+    """ULog, DataFlash, tlog or CSV, recognised by content, as the contract's flight columns on one time base.
 
     Columns: time_s, motor1..N (0..1, after the thrust curve), accel_* (specific force, m/s^2), gyro_*,
     roll_rad, pitch_rad, yaw_rad, vel_{n,e,d}_m_s, height_m; voltage_V, rpm1..N, armed, landed where logged.

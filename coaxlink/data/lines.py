@@ -1,4 +1,4 @@
-"""A text file as numbered lines: encoding told by its bytes, read a piece at a time, quotes kept whole."""
+"""A text file as numbered lines: encoding by its bytes, read a piece at a time, quotes never split."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of two rotors is the lower one, told by the loads: it works in the other's wake.
+"""Which of two rotors is the lower one, by the loads: it works in the other's wake.
 
 Two witnesses. Where both speeds vary apart, each thrust is regressed on its own rotor's speed, then on the
 other's as well: the lower rotor's thrust falls with the upper one's speed, the upper one's hardly notices the
@@ -18,7 +18,7 @@ from coaxlink.errors import InputError
 Array = NDArray[np.float64]
 CHANCE = 1e-6  # an effect that chance shows once in a million logs
 TWICE = 2.0  # as much of its load must go with the other's speed on one rotor as on the other
-APART = 0.03  # of a speed's squares that the other speed does not explain: less, and nothing is told
+APART = 0.03  # of a speed's squares that the other speed does not explain: less, and nothing is decided
 LEAST = 0.02  # of the load: a smaller share is the rig's (a load cell feels its neighbour)
 EQUAL = (0.85, 1.18)  # ratio of the speeds in which both rotors count as running alike
 FEWEST = 5  # rows at equal speeds

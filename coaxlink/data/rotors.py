@@ -49,7 +49,7 @@ def sort_columns(
 ) -> Sorted:
     """Rotors and shared columns of a foreign table, `skip` left alone.
 
-    Raises InputError: a unit that cannot be told, three rotors, two columns that contradict each other.
+    Raises InputError: a unit that is not known, three rotors, two columns that contradict each other.
     """
     headings = _recognised(table, skip)
     groups = _by_rotor(table, headings)

@@ -26,7 +26,7 @@ class Samples:
     source: str = ""
     notes: tuple[str, ...] = field(default=())
     lines: NDArray[np.int64] | None = None  # (rows,) line of each row in the source, where rows are lines
-    upper_label: str = ""  # what the source calls the upper rotor, where it had to be told
+    upper_label: str = ""  # what the source calls the upper rotor, where it had to be given
     # smallest step of a column as it was logged, where the rows are no longer the logged ones
     resolution: Mapping[str, float] = field(default_factory=dict)
 

@@ -21,7 +21,7 @@ from coaxlink.data.sheet import is_sheet, read_sheet
 from coaxlink.errors import InputError
 from firmware_params import bounded
 
-FIRST = 2 * HEAD  # lines that the layout is told from
+FIRST = 2 * HEAD  # lines that decide the layout
 ABSURD = 1e20  # in any unit of a log, nanoseconds since 1970 included
 
 

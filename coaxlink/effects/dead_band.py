@@ -1,7 +1,7 @@
 """Dead band: below a throttle the motor does not turn.
 
 Source: speed controllers' start threshold. Above the band the command is the speed, or the scale is
-stretched from the band on, or bent as idling power is taken off.
+stretched from the band on, or curved as idling power is taken off.
 """
 
 from __future__ import annotations

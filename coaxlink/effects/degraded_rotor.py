@@ -2,7 +2,7 @@
 
 Source: loss of effectiveness of one actuator (Sharifi, Mirzaei, Gordon and Zhang 2010). The signature is
 that rotor's own: lift, roll, pitch and yaw all point to its place and its spin. Its drag torque may change
-otherwise. A weak motor turns slower than told: then the rotor under it feels less wake as well, and one
+otherwise. A weak motor turns slower than commanded: then the rotor under it feels less wake as well, and one
 number says it all. It may happen in mid-flight.
 """
 

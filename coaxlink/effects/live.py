@@ -33,10 +33,10 @@ class LiveView(Protocol):
         """Normalised speed of the middle one of the rotors at the last answer."""
 
     def reading(self, name: str) -> Any:
-        """The newest value of a kind, None when there is none or it is stale."""
+        """The newest value of a kind, None when there is none or it is too old."""
 
     def ahead(self, name: str) -> float:
-        """Seconds from a reading to when the motors have followed what is told them now."""
+        """Seconds from a reading to when the motors have followed what is commanded now."""
 
     def rates(self) -> Sequence[float] | None:
         """(3,) body rates then, rad/s."""

@@ -34,7 +34,7 @@ class PlanAbandoned(CheckFailed):
 
 @dataclass(frozen=True)
 class Track:
-    """What was asked and where the vehicle was, one row a set-point (rows, ...)."""
+    """What was commanded and where the vehicle was, one row a set-point (rows, ...)."""
 
     time_s: tuple[float, ...]  # the vehicle's own clock
     segment: tuple[str, ...]

@@ -68,7 +68,7 @@ class Flown:
 
 
 class Followed:
-    """Whether the vehicle is still in the mode that we asked for, heartbeat by heartbeat.
+    """Whether the vehicle is still in the mode that was requested, heartbeat by heartbeat.
 
     Once it was seen there a single heartbeat of another mode ends it; before, two in a row: one may have been
     under way when the mode was acknowledged.
@@ -129,7 +129,7 @@ class Pilot:
             raise SafetyRefusal("; ".join(faults))
 
     def battery(self) -> float | None:
-        """Share of the charge that is left, None where it is not told."""
+        """Share of the charge that is left, None where it is not reported."""
         for name in ("BATTERY_STATUS", "SYS_STATUS"):
             message = self.session.latest(name)
             if message is not None and message.battery_remaining >= 0:

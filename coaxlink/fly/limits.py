@@ -39,7 +39,7 @@ class State:
     height_m: float
     off_plan_m: float
     tilt_deg: float
-    battery: float | None  # share of the charge, None where it is not told
+    battery: float | None  # share of the charge, None where it is not reported
 
 
 def plan_faults(plan: Plan, limits: Limits) -> list[str]:

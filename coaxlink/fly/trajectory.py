@@ -143,7 +143,7 @@ def table_4_flight() -> Plan:
 
 
 def mixer_flight() -> Plan:
-    """What mixers are told apart by: hover, a slow and a fast circle of 2 m, a climb, quick turns; 32 s."""
+    """What separates mixers: hover, a slow and a fast circle of 2 m, a climb, quick turns; 32 s."""
     rim, high, turn = RIM, (0.0, 0.0, -8.0), math.radians(100)
     return Plan(
         (

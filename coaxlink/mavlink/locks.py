@@ -16,7 +16,7 @@ from coaxlink.errors import SafetyRefusal
 def lock(handle: int, *, shared: bool = False, wait: bool = True) -> None:
     """Take the lock of an open file. Raises BlockingIOError if it is held and nobody shall wait.
 
-    Raises SafetyRefusal on a system that has none: two uploads at a time could not be told apart there.
+    Raises SafetyRefusal on a system that has none: two uploads at a time could not be detected there.
     """
     if fcntl is None:
         raise SafetyRefusal("this system has no file locks that end with their process (fcntl)")

@@ -1,6 +1,6 @@
 """The parameter protocol: read one, many or all, set and compare the echo bit for bit.
 
-Gaps are asked for again. An unknown name is answered with PARAM_ERROR by new firmware and with silence by
+Gaps are requested again. An unknown name is answered with PARAM_ERROR by new firmware and with silence by
 older one.
 """
 
@@ -56,7 +56,7 @@ class _Listing:
 
 
 class Parameters:
-    """The parameters of a session's vehicle; `retries` counts what had to be asked again."""
+    """The parameters of a session's vehicle; `retries` counts requests that were repeated."""
 
     def __init__(self, session: Session, *, timeout_s: float = 0.6) -> None:
         self._session = session
@@ -68,7 +68,7 @@ class Parameters:
 
     @property
     def retries(self) -> int:
-        """What had to be asked or written again."""
+        """Requests and writes that were repeated."""
         return self._asker.retries + self.again
 
     # -- reading -------------------------------------------------------------------------------------------
@@ -78,7 +78,7 @@ class Parameters:
         return self.read_many([name])[name]
 
     def read_many(self, names: Iterable[str], *, missing_ok: bool = False) -> dict[str, Value]:
-        """Several parameters, a window of requests at a time; gaps are asked for again.
+        """Several parameters, a window of requests at a time; gaps are requested again.
 
         Unknown names raise InputError, or are left out with `missing_ok`. Raises LinkError when the
         vehicle falls silent altogether.
@@ -110,7 +110,7 @@ class Parameters:
     def read_all(self, *, progress: Callable[[int, int], None] | None = None) -> Snapshot:
         """Every parameter; what the list lost is read again. Raises LinkError when gaps remain.
 
-        The list is asked for again while a good part of it is missing, then single parameters by index.
+        The list is requested again while a good part of it is missing, then single parameters by index.
         """
         listing = _Listing()
         with self._session.listen(("PARAM_VALUE",)) as inbox:

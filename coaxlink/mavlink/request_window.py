@@ -63,7 +63,7 @@ class _Due:
 
 
 class Asker:
-    """Sends requests and sorts their answers; `retries` counts what had to be asked again."""
+    """Sends requests and sorts their answers; `retries` counts requests that were repeated."""
 
     def __init__(self, session: Session, *, timeout_s: float, window: int) -> None:
         self._session, self._window = session, window

@@ -25,7 +25,7 @@ class Row:
     """One law."""
 
     label: str
-    mean_error: NDArray[np.float64]  # (4,) mean |delivered - asked|, N and N m
+    mean_error: NDArray[np.float64]  # (4,) mean |delivered - demanded|, N and N m
     max_error: NDArray[np.float64]  # (4,)
     power: float  # mean sum of torque x speed
     efficiency_N_W: float  # thrust over shaft power, over the envelope

@@ -190,7 +190,7 @@ class TableFit:
         return ct, yaw, min(float(x[5]), 1.0)
 
     def error(self, columns: Columns) -> NDArray[np.float64]:
-        """(rows, 4) delivered minus asked for."""
+        """(rows, 4) delivered minus demanded."""
         loads = self.airframe.loads(self.model, self.speeds(columns))
         return self.airframe.wrench(*loads) - self.demands
 

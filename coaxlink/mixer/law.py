@@ -40,7 +40,7 @@ class Allocation:
     speeds: NDArray[np.float64]  # (N,) normalised
     thrust_N: NDArray[np.float64]  # (N,) of each rotor, after the wake
     torque_Nm: NDArray[np.float64]  # (N,) of each rotor, unsigned
-    wrench: NDArray[np.float64]  # (4,) asked for
+    wrench: NDArray[np.float64]  # (4,) demanded
     delivered: NDArray[np.float64]  # (4,) by the rotor model
     power: float  # sum of torque x normalised speed, N m (the paper's efficiency measure up to a constant)
     power_W: float  # the same in shaft watts, by the model's speed_max_rpm
@@ -49,7 +49,7 @@ class Allocation:
 
     @property
     def error(self) -> NDArray[np.float64]:
-        """(4,) delivered minus asked for, N and N m."""
+        """(4,) delivered minus demanded, N and N m."""
         return self.delivered - self.wrench
 
     def to_json(self) -> dict[str, Any]:

@@ -76,7 +76,7 @@ class Worth:
     ceiling_N: float  # level thrust, the most of any demand
     limits: tuple[Limit, Limit, Limit]  # roll, pitch, yaw
     hard_Nm: Array  # (3,) moments of the hard manoeuvre
-    coupling: Array  # (3, 4) delivered less meant when roll, pitch or yaw alone is asked for that
+    coupling: Array  # (3, 4) delivered less meant when roll, pitch or yaw alone is demanded
     shape_error: Array  # (4,) mean |error| over the envelope, best constant gain an axis taken off
 
     @property

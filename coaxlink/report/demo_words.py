@@ -30,7 +30,7 @@ TERMS = {
     "torque, N m. In the JSON they are force_x, force_y, force_z and torque_x, torque_y, torque_z.",
     "residual": "What was measured less what the model says: what the model does not explain.",
     "effect": "A cause with known physics that the rotor model lacks: drag, ground effect, a weak rotor.",
-    "held out": "Judged on stretches of data that the fit has not seen, so that more terms alone cannot make "
+    "held out": "Judged on stretches of data that the fit did not use, so that more terms alone cannot make "
     "it look better.",
     "noise floor": "What the sensors' noise alone would leave: no model can be better.",
     "RMSE, NRMSE, R": "Root of the mean squared error; the same over the range (max - min) of what was "

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from coaxlink.campaign.fleet import Course, Fleet
+from coaxlink.campaign.fleet import Fleet, Trend
 from coaxlink.report.campaign import image, number
 from coaxlink.report.document import document, html_table
 from coaxlink.report.html import escape
@@ -24,13 +24,13 @@ def sentences(fleet: Fleet) -> Iterator[str]:
         yield course.words()
     if not fleet.believed:
         yield "nothing that false alarms would not bring"
-    doubtful = [c for c in fleet.courses if not c.believed]
+    doubtful = [c for c in fleet.trends if not c.believed]
     if doubtful:
         few = ", ".join(f"{c.vehicle} {c.name} {c.part}".strip() for c in doubtful[:5])
         yield f"found in too few logs to be believed: {few}" + (" ..." if len(doubtful) > 5 else "")
 
 
-def rows(courses: tuple[Course, ...]) -> list[tuple[str, ...]]:
+def rows(trends: tuple[Trend, ...]) -> list[tuple[str, ...]]:
     """A row a kind of finding and vehicle."""
     return [
         (
@@ -38,7 +38,7 @@ def rows(courses: tuple[Course, ...]) -> list[tuple[str, ...]]:
             c.dates[-1][:10], f"{c.values[0]:.3g}", f"{c.values[-1]:.3g} {c.unit}".removesuffix(" 1"),
             " .. ".join(number(x) for x in c.per_week_ci), f"{c.p_value:.1g}",
         )
-        for c in courses
+        for c in trends
     ]  # fmt: skip
 
 
@@ -81,7 +81,7 @@ def page(fleet: Fleet) -> str:
         "</ul>",
         image(picture(fleet), "findings of every vehicle over time"),
         "<h2>Findings by vehicle</h2>",
-        html_table(HEADS, rows(fleet.courses)),
+        html_table(HEADS, rows(fleet.trends)),
     ]
     if fleet.problems:
         told = [(name, why) for name, why in fleet.problems.items()]

@@ -54,7 +54,7 @@ def remarks(result: Identification) -> Iterator[str]:
 
 
 def _sense(result: Identification) -> Iterator[str]:
-    """What asking for physical sense changed, and what it costs on points that the fit has not seen."""
+    """What asking for physical sense changed, and what it costs on points that the fit did not use."""
     if not result.without:
         return
     if not any(fit.broken for fit in result.fits.values()):

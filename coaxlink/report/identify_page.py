@@ -15,7 +15,7 @@ from coaxlink.rotor.identification import Identification
 
 CAPTIONS = {
     "surfaces": "Data (dots) and model (line, mesh)",
-    "residuals": "What the model misses on rows it has not seen",
+    "residuals": "What the model misses on rows that the fit did not use",
     "tolerance": "What a wider tolerance leaves of the dictionary (the paper's Fig. 4)",
     "efficiency": "Efficiency over the thrust of the pair (the paper's Fig. 5)",
 }
@@ -35,7 +35,7 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
         f"{NAMES[result.form]} of {result.bench.samples.source}",
         [
             answer(sentence(result)),
-            f"<p>{result.bench.samples.rows} rows; all errors on blocks the fit has not seen.</p>",
+            f"<p>{result.bench.samples.rows} rows; all errors on blocks the fit did not use.</p>",
             *(shown[name] for name in FIRST if name in shown),
             "<h2>Errors of every form</h2>",
             html_table(("channel", "form", "RMSE", "of the range", "R", "rows"), list(_errors(result))),
@@ -53,7 +53,7 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
 
 
 def sentence(result: Identification) -> str:
-    """The answer in one sentence: which form, and how well it predicts what it has not seen."""
+    """The answer in one sentence: which form, and how well it predicts rows that the fit did not use."""
     name = next((c for c in ("coaxial_thrust", Load.UPPER_THRUST.channel) if c in result.channels), None)
     name = name or next(iter(result.channels))
     e = result.channels[name]

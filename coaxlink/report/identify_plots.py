@@ -69,7 +69,7 @@ def surfaces(result: Identification) -> Figure:
 
 
 def residuals(result: Identification) -> Figure:
-    """Fig. 3: what the model has not seen and misses, over the rows of the log, beside the noise floor."""
+    """Fig. 3: held-out residuals over the rows of the log, beside the noise floor."""
     channels = [c for c in COAXIAL if c in result.channels] or list(result.channels)[:2]
     figure = _figure(11.0, 2.7 * len(channels))
     axes = np.atleast_1d(figure.subplots(len(channels), 1, sharex=True))

@@ -68,7 +68,7 @@ def provenance(result: Refinement) -> str:
     """From which data the answer is."""
     return (
         f'<p class="dim">{escape(result.source)} &middot; {escape(result.kind)} data &middot; '
-        "all errors on blocks the fit has not seen</p>"
+        "all errors on blocks the fit did not use</p>"
     )
 
 

@@ -64,7 +64,7 @@ def errors_figure(result: Refinement, stamp: str = "") -> Any:
     axis.set_xscale("log")
     axis.set_yticks(range(len(names)), [words(channel_words(name)) for name in names])
     axis.set_xlabel(
-        "RMS error on rows the fit has not seen, in noise floors (1: nothing left to explain)", fontsize=9
+        "RMS error on rows the fit did not use, in noise floors (1: nothing left to explain)", fontsize=9
     )
     axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_formatter(

@@ -1,4 +1,4 @@
-"""Errors as the paper's Table 2 gives them, on rows the fit has not seen."""
+"""Errors as the paper's Table 2 gives them, on rows the fit did not use."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ _LOCK = threading.Lock()  # a Dask worker of many threads flies one at a time: l
 
 @dataclass(frozen=True)
 class Payload:
-    """What a worker is told: the campaign, and the code that it must be."""
+    """What a worker is given: the campaign, and the code that it must be."""
 
     spec: Spec
     code: str

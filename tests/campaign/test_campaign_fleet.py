@@ -46,7 +46,7 @@ def test_a_rotor_that_weakens_is_found_and_one_false_alarm_is_not() -> None:
         weak.grows and weak.per_week_ci[0] < 0.01 < weak.per_week_ci[1] and weak.logs == len(weak.dates) == 12
     )
     assert not fleet.believed[0].grows and "growing" not in fleet.believed[0].words()
-    assert {c.vehicle for c in fleet.courses if not c.believed} == {"v1", "v8"}
+    assert {c.vehicle for c in fleet.trends if not c.believed} == {"v1", "v8"}
     page = report.page(fleet)
     assert "v4: degraded_rotor, rotor 3: in 12 of 12 logs since 2026-03-02" in page
     assert page.count("data:image/png;base64,") == 1

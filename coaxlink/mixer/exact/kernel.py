@@ -22,7 +22,7 @@ Arrays, K arms; a single rotor is an arm whose second speed is held at 0:
     lo, hi, x (2K) bounds and speeds, u_u then u_l of each arm
     act (2K)       -1 at lo, 0 free, 1 at hi
     lam, el (4)    price of each axis; 0 met, +1 given up below mu, -1 given up above mu
-    cap, mu (4)    price caps, the wrench asked for
+    cap, mu (4)    price caps, the demanded wrench
     work (K, ARM), sums (SUMS), box (6K)   scratch
     past (ROWS, 12 + 4K)   what `exact.warm` keeps from call to call
 

@@ -36,7 +36,7 @@ class Certificate:
         int  # quadratic steps; negative when the optimum was not settled (the speeds are in bounds even so)
     )
     rounds: int  # active-set rounds over all steps
-    miss: NDArray[np.float64]  # (4,) asked for minus delivered, N and N m
+    miss: NDArray[np.float64]  # (4,) demanded minus delivered, N and N m
     power: float  # sum of torque x speed, N m
     active: NDArray[np.int64]  # (N,) -1 at the lower bound, 0 between, 1 at the upper
     prices: NDArray[np.float64]  # (4,) what one more N or N m of each axis costs in power

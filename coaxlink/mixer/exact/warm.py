@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-# rows of `past`: the last call (wrench asked for, whether a jump led to it, speeds before it); the solutions
+# rows of `past`: the last call (wrench demanded, whether a jump led to it, speeds before it); the solutions
 # that stood before the last jump out of reach and before the last jump back (wrench, prices, given-up axes,
 # speeds, active set)
 LAST, WITHIN, BEYOND, ROWS = 0, 1, 2, 3

@@ -3,9 +3,9 @@
 A member is chosen by how much it explains, in a shape from a grid. Fitted freely beside the others it may
 turn out to be nothing (its main number's interval includes none), with a second number grown absurd that
 follows some misfit. And a beginning in mid-flight takes up any slow force, for a step explains half a ramp.
-A step is believed if a smooth course of the same effect over the flight, straight between knots, does clearly
+A step is believed if a smooth trend of the same effect over the flight, straight between knots, does clearly
 worse. Mass, centre of mass and a failing rotor are constant but for their beginning: what leaves its own
-channel far above the noise, or running a course of its own over the flight, took up a part of something slow.
+channel far above the noise, or running a trend of its own over the flight, took up a part of something slow.
 And what lowers one channel's large residual a little while others, near their noise, rise is no gain.
 """
 
@@ -26,12 +26,12 @@ from coaxlink.residual.regression.problem import Index, Option, Problem
 from coaxlink.residual.search.select import LITTLE, Selection
 
 DRAWS = 200
-KNOTS = (2, 3, 5, 8, 12)  # of smooth courses over the flight
+KNOTS = (2, 3, 5, 8, 12)  # of smooth trends over the flight
 KNOT_BLOCKS = 2.5  # from knot to knot, at least: held-out blocks lie between them
 MUCH_LEFT = 2.5  # of the floor, in the channel that the member explains best
 MOST_OF_IT = 0.95  # of that channel's squared error: what takes this much may leave more
 SPOILT = 0.05  # of the logarithm of errors, channels together
-BENDS, LEFT = 0.5, 2.0  # share that a smooth course takes of what was left; times the floor
+BENDS, LEFT = 0.5, 2.0  # share that a smooth trend takes of what was left; times the floor
 
 
 @dataclass(frozen=True)
@@ -120,14 +120,14 @@ class _Courses:
         time = q.frame.time_s[q.frame.keep]
         pieces: list[Array] = [q.design]
         at = q.design.shape[-1]
-        self.courses: list[Index] = []
+        self.trends: list[Index] = []
         most = np.ptp(time) / max(KNOT_BLOCKS * _seconds(q), 1e-9)
         for count in [n for n in KNOTS if n == 2 or n - 1 <= most]:
             bumps = hats(time, np.linspace(time[0], time[-1], count))
-            course = (steady[..., None] * bumps[:, None, None, :]).reshape(*steady.shape[:2], -1)
-            pieces.append(course.astype(q.design.dtype))
-            self.courses.append(np.arange(at, at + course.shape[-1]))
-            at += course.shape[-1]
+            trend = (steady[..., None] * bumps[:, None, None, :]).reshape(*steady.shape[:2], -1)
+            pieces.append(trend.astype(q.design.dtype))
+            self.trends.append(np.arange(at, at + trend.shape[-1]))
+            at += trend.shape[-1]
         design = np.concatenate(pieces, axis=-1)
         bounds = np.concatenate([q.blocks.bounds, np.full(at - q.design.shape[-1], np.inf)])
         self.blocks: Blocks = accumulate(design, q.residual, q.block, q.blocks.fold, bounds)
@@ -155,14 +155,14 @@ def _no_cause(p: Problem, joint: Joint, k: int, floor: Array) -> str | None:
     if over > MUCH_LEFT and share[best] < MOST_OF_IT:
         return f"leaves {q.channels[best]} at {over:.1f} times the noise: not its cause"
     rows, begins = float(q.blocks.rows.sum()), "onset_s" in m.shape
-    for course in c.courses:
-        lead = 0.5 * rows * float(np.sum(np.log(c.squares(course) / after)[mine])) if begins else np.inf
+    for trend in c.trends:
+        lead = 0.5 * rows * float(np.sum(np.log(c.squares(trend) / after)[mine])) if begins else np.inf
         if lead < LITTLE:
             return "a smooth trend over the flight does as well as a sudden beginning"
         if (
             over > LEFT
             and share[best] < MOST_OF_IT
-            and 1.0 - c.squares(c.step, course)[best] / after[best] > BENDS
+            and 1.0 - c.squares(c.step, trend)[best] / after[best] > BENDS
         ):
             return f"{q.channels[best]} still has a trend over the flight: no constant is its cause"
     return None
