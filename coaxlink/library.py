@@ -30,7 +30,7 @@ Log = str | Path | Samples
 
 
 def read_log(path: str | Path, *, columns: str | Path | None = None, upper: str | None = None) -> Samples:
-    """A stand or flight log, known by its content, as columns in SI units: `log["upper_thrust_N"]` is (rows,).
+    """A stand or flight log, by its content, as columns in SI units: `log["upper_thrust_N"]` is (rows,).
 
     `columns` maps a foreign stand file's headings, `upper` says which rotor is on top (docs/stand.md).
     Raises InputError naming the file and the place.

@@ -3,7 +3,7 @@
 Source: rotor drag (see `rotor_drag`) on the air speed; constant wind in the world frame, seen by the body
 through its attitude; the body's own drag, (d |v - w| + e) (v - w), acts besides. Needs turns of heading or
 speed to separate it from a sensor bias. Where `rotor_drag` stands beside it, that is the rotors' drag in
-still air, and here is what the wind makes more of it. It is found linear in the wind, then fitted as written; near
+still air, and here is what the wind adds. It is found linear in the wind, then fitted as written; near
 the ground it may blow less: w = w_m (h / h_m)^p, h_m the flight's middle height (the wind's power law).
 """
 
