@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from coaxlink.frames import Array
@@ -59,20 +59,6 @@ class Fit:
     log_evidence: float
     values: Array  # (P,) posterior means
     factor: Array  # (P, P) lower Cholesky factor of the posterior precision, in units of the prior deviations
-
-    def gain(self, own: Array, cross: Array, moment: Array, deviation: Array) -> float:
-        """Log evidence that K columns more would add at these noise levels.
-
-        Their own (C, K, K) and cross (C, P, K) products, (C, K) products with what is left, (K,) deviations.
-        """
-        weight = 1.0 / self.noise**2
-        k = np.tensordot(weight, own, 1) * np.outer(deviation, deviation)
-        x = np.tensordot(weight, cross, 1) * self.deviation[:, None] * deviation
-        half = solve_triangular(self.factor, x, lower=True)
-        inner = np.eye(len(deviation)) + k - half.T @ half
-        low = np.linalg.cholesky(inner + JITTER * max(float(np.trace(k)), 1.0) * np.eye(len(deviation)))
-        z = solve_triangular(low, (weight @ moment) * deviation, lower=True)
-        return float(0.5 * z @ z - np.sum(np.log(np.diag(low))))
 
 
 def fitted(sums: Sums, deviation: Array, noise: Array, least: Array, rounds: int = ROUNDS) -> Fit:

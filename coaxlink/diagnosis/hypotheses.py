@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,14 +19,25 @@ from coaxlink.effects.tracing import Array
 from coaxlink.residual.regression.joint_model import Member, composed, member
 
 ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it
+GRADUAL_ODDS = np.log(1.0 / 20.0)  # that what begins comes gradually: a tank, a sliding load
 STEPS = 5
 HALVINGS = (1.0, 0.5, 0.2)
 SETTLED = 0.2  # nats
 CONSISTENT = 1  # rounds
 REFUSED = -1e6
 LARGE = 0.99  # quantile of the rows: what acts at few speeds acts
+COLOURS = 2  # rounds
 REMEMBERED = 60  # linearisations
 WHOLE = 0.02  # what an effect that is there as a whole may differ from that, by its form
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """What members add, (rows, C), and its derivatives by their numbers, (rows, C, K), also whitened."""
+
+    added: Array
+    columns: Array
+    white: Array
 
 
 @dataclass(frozen=True)
@@ -41,6 +52,8 @@ class Hypothesis:
     added: Array  # (rows, C) what the members add
     width: int  # columns of base and map
     white: Array  # (rows, C, P) whitened columns
+    colour: Colour
+    slopes: Slopes
 
     @property
     def score(self) -> float:
@@ -62,15 +75,6 @@ def form_name(form: str) -> str:
     """Variable and channel of a free form, whatever its length and size."""
     variable, channel, *_ = form.split("|")
     return f"{variable}|{channel}"
-
-
-@dataclass(frozen=True)
-class Slopes:
-    """What members add, (rows, C), and its derivatives by their numbers, (rows, C, K), also whitened."""
-
-    added: Array
-    columns: Array
-    white: Array
 
 
 class Scorer:
@@ -204,6 +208,7 @@ class Scorer:
         width = self.white.shape[-1]
         prior = (
             small * REFUSED
+            + self.colour.log_scale
             + sum(_log_prior(ch, m) for m in members)
             + len({form_name(f) for f in forms}) * (ODDS - np.log(len(ch.forms)))
         )
@@ -211,7 +216,10 @@ class Scorer:
         count = len(origin)
         values = fit.values[width : width + count] + np.array(origin)
         white = np.concatenate([self.white, *(b[1] for b in blocks)], axis=-1)
-        return Hypothesis(tuple(members), tuple(forms), fit, float(prior), left, added, width, white), values
+        h = Hypothesis(
+            tuple(members), tuple(forms), fit, float(prior), left, added, width, white, self.colour, slopes
+        )
+        return h, values
 
     def score(
         self,
@@ -265,6 +273,15 @@ class Scorer:
         return colour_of(h.left, self.channels.behind)
 
 
+def coloured(ch: Channels, h: Hypothesis) -> Hypothesis:
+    """The hypothesis under the colour of what itself leaves; every number of a colour costs as BIC has it."""
+    for _ in range(COLOURS):
+        colour = colour_of(h.left, ch.behind)
+        near = replace(h.slopes, white=colour.whiten(h.slopes.columns))
+        h, _ = Scorer(ch, colour).linearised(h.members, h.forms, h.fit.noise, near)
+    return replace(h, log_prior=h.log_prior - 0.5 * colour.size * np.log(len(h.left)))
+
+
 def _step(frame: Any, m: Member, j: int) -> float:
     count = len(m.coefficients)
     if j < count:
@@ -309,6 +326,8 @@ def _log_prior(ch: Channels, m: Member) -> float:
     out = ODDS - np.log(max(len(forms), 1))
     if m.effect.sudden:  # from the first, or from some moment on
         out -= np.log(2.0)
+        if "over_s" in m.shape:
+            out += GRADUAL_ODDS
     whole = effect_named(m.name)
     for p in whole.parameters if whole else ():
         if p.prior is not None and p.name in numbers and p.name != "share":

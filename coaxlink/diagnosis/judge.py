@@ -13,6 +13,7 @@ from coaxlink.diagnosis.answer import answered
 from coaxlink.diagnosis.channels import Channels
 from coaxlink.diagnosis.faults import weighed_faults
 from coaxlink.diagnosis.flight import flight_channels
+from coaxlink.diagnosis.flight_search import flight_posterior
 from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer
 from coaxlink.diagnosis.noise import Colour, colour_of, white
 from coaxlink.diagnosis.posterior import Posterior, posterior
@@ -23,7 +24,7 @@ from coaxlink.residual.channels.flight_problem import flight_floor
 from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
 from coaxlink.residual.faults.flight_faults import flight_suspects
 from coaxlink.residual.faults.stand_faults import find_suspects
-from coaxlink.residual.result import Refinement
+from coaxlink.residual.result import Refinement, Suspect
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
@@ -31,6 +32,7 @@ ROUNDS = 2  # of colour: what is left of the best set says what the noise is
 SAME_COLOUR = 0.05  # of a coefficient
 STARTS = 4  # sets that the next round begins with
 LEAST_FLIGHT_ROWS = 80
+LEADING = 0.2  # of the declared lag: no motor answers five times as fast as the one that was measured
 ALL_ROWS = 20_000  # of the last fit
 SPEEDS = ("upper_rpm", "lower_rpm")
 IN_DOUBT = "a tachometer is accused: every load is predicted from speeds, so no effect is claimed"
@@ -77,15 +79,22 @@ def diagnose_flight(
     if bad.any() and np.sum(~bad[bare.keep]) > LEAST_FLIGHT_ROWS:
         bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
     ch = flight_channels(bare)
-    found = None if silent else diagnosed(ch, progress)
+    found = None if silent else flight_posterior(ch, progress)
+    if found and _leading(found.best, airframe.motor_lag_s):
+        why = "loads come sooner than their commands: stamps of the motors or of the sensors are off"
+        suspects, found = [*suspects, Suspect("time_s", "all", why)], None
     progress("judging")
     every = flight_channels(bare, most=ALL_ROWS)
-    members = found.posterior.best.members if found else ()
+    members = found.best.members if found else ()
     left = bare.measured - Scorer(every, white(every.count)).predict(members)
     floor = flight_floor(bare, left, reduce_columns(bare, left))
-    return answered(
-        every, found.posterior if found else None, suspects, _flight_notes(ch), several, floor=floor
-    )
+    return answered(every, found, suspects, _flight_notes(ch), several, floor=floor)
+
+
+def _leading(h: Hypothesis, declared_s: float) -> bool:
+    """Whether the set needs motors without a lag where one is declared: what leads is a clock, no motor."""
+    lags = [m.shape["lag_s"] for m in h.members if m.name == "rotor_lag" and "lag_s" in m.shape]
+    return any(lag < LEADING * declared_s for lag in lags)
 
 
 def _flight_notes(ch: Channels) -> list[str]:

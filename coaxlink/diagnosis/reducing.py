@@ -14,7 +14,7 @@ SMALL = 1e-7  # of the largest weight: less is left out
 
 
 def reducing(frame: FlightFrame) -> Callable[[Array], Array]:
-    """`residual.flight.reduce_columns` of this frame: (rows, ...) in, (kept, ...) out.
+    """`residual.channels.flight.reduce_columns` of this frame: (rows, ...) in, (kept, ...) out.
 
     Ends of a stretch are mirrored through their last row, as the filter itself does.
     """

@@ -34,7 +34,7 @@ class Stack:
     def gains(self, h: Hypothesis, left: Array) -> list[float]:
         """(pieces,) log evidence each would add; `left` (rows, C) is what the hypothesis leaves, whitened.
 
-        At its noise levels; as `Fit.gain`, all columns solved for together.
+        At its noise levels: what it leaves, against what each piece leaves of that beside it.
         """
         fit = h.fit
         weight = 1.0 / fit.noise**2

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
 from coaxlink.diagnosis.screening import Stack
+from coaxlink.effects.onset import gradual
 from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.regression.joint_model import Member
 
@@ -139,7 +141,8 @@ class Search:
         )
         if old is not None and not anew:
             return old
-        hopeless = self.visited.best.score - FAR - HOPELESS if old is None else old.score - FAR
+        # what betters the set that it comes from is always taken to its best
+        hopeless = min(self.visited.best.score - FAR - HOPELESS, h.score) if old is None else old.score - FAR
         new = self.scorer.score(tuple(members), tuple(forms), h.fit.noise, hopeless)
         self.visited.add(new)
         return new
@@ -152,9 +155,16 @@ class Search:
         """The candidate with the coefficients that fit beside a hypothesis."""
         left = self.scorer.colour.whiten(h.left)
         weight = 1.0 / h.fit.noise**2
-        gram = np.einsum("rck,rcl,c->kl", c.white, c.white, weight, optimize=True)
-        moment = np.einsum("rck,rc,c->k", c.white, left, weight, optimize=True)
-        values = np.linalg.solve(gram + np.diag(1.0 / c.deviation**2), moment)
+        gram, moment = np.diag(1.0 / c.deviation**2), np.zeros(len(c.deviation))
+        cross = np.zeros((len(h.fit.deviation), len(moment)))
+        for k in np.flatnonzero(c.white.any(axis=(0, 2))):
+            mine = c.white[:, k]
+            gram += weight[k] * (mine.T @ mine)
+            moment += weight[k] * (mine.T @ left[:, k])
+            cross += weight[k] * (h.white[:, k].T @ mine)
+        # the hypothesis gives way: its numbers and the candidate's are found together
+        half = solve_triangular(h.fit.factor, cross * h.fit.deviation[:, None], lower=True)
+        values = np.linalg.solve(gram - half.T @ half, moment)
         first = begun(self.channels, c.effect, c.shape, values)
         if (
             len(values) == 1
@@ -171,7 +181,10 @@ class Search:
         for k, m in enumerate(h.members):
             if "onset_s" in m.shape:
                 self._begun_anew(h, k)
-            for shape, coefficients in m.effect.finer(self.channels.bare, m.shape, m.coefficients):
+            other_forms = [*m.effect.finer(self.channels.bare, m.shape, m.coefficients)]
+            if m.effect.sudden:
+                other_forms += [(s, m.coefficients) for s in gradual(self.channels.bare, m.shape)]
+            for shape, coefficients in other_forms:
                 other = begun(self.channels, m.effect, shape, np.asarray(coefficients, float))
                 changed = [other if i == k else o for i, o in enumerate(h.members)]
                 first, _ = self.scorer.linearised(changed, h.forms, h.fit.noise)

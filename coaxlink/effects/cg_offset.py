@@ -13,7 +13,7 @@ import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import LiveView, Part
-from coaxlink.effects.onset import onset_limits, since
+from coaxlink.effects.onset import COMES, OVER, onset_limits, since
 from coaxlink.effects.static import StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside, present
 from coaxlink.frames import FlightFrame
@@ -41,13 +41,13 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
     source="moment of the thrust about a shifted centre of mass",
     needs=("motor1",),
     channels=("torque_x", "torque_y"),
-    units={"offset_x_m": "m", "offset_y_m": "m", "onset_s": "s"},
+    units={"offset_x_m": "m", "offset_y_m": "m", "onset_s": "s", "over_s": "s"},
     missing=present,
     shapes=one_shape,
     columns=_columns,
     parameters=lambda _, shape, c: {"offset_x_m": float(c[0]), "offset_y_m": float(c[1]), **shape},
     inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k == "onset_s"},
+        {k: v for k, v in p.items() if k in COMES},
         np.array([p["offset_x_m"], p["offset_y_m"]]),
     ),
     refuse=_refuse,
@@ -90,6 +90,7 @@ EFFECT = PhysicalEffect(
             source="assumed: a battery strapped on by hand lies within 10 mm"),
         Parameter("onset_s", "s", 0.0, 1e6,
             source="wide: any value between the bounds; the second of the log at which it began"),
+        OVER,
     ),
     flight=FLIGHT,
     static=_static,

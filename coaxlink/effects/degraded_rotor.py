@@ -14,7 +14,7 @@ import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import LiveView, Part
-from coaxlink.effects.onset import onset_limits, since
+from coaxlink.effects.onset import COMES, OVER, onset_limits, since
 from coaxlink.effects.static import StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside, present
 from coaxlink.errors import InputError
@@ -58,7 +58,7 @@ def _columns(frame: FlightFrame, shape: Shape) -> Array:
 
 
 def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
-    onset = {k: v for k, v in shape.items() if k == "onset_s"}
+    onset = {k: v for k, v in shape.items() if k in COMES}
     if "slower" not in shape:
         return {"rotor": shape["rotor"], "thrust_loss": float(c[0]), "torque_loss": float(c[1]), **onset}
     # whoever knows only loads at given speed: both go with the square of it
@@ -68,7 +68,7 @@ def _parameters(_: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
 
 
 def _inverse(_: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k in ("rotor", "onset_s")}
+    shape = {k: v for k, v in p.items() if k in ("rotor", *COMES)}
     if "speed_loss" in p:
         return {**shape, "slower": 1.0}, np.array([p["speed_loss"]])
     return shape, np.array([p["thrust_loss"], p["torque_loss"]])
@@ -104,7 +104,14 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
     source="loss of effectiveness of one actuator (Sharifi, Mirzaei, Gordon and Zhang 2010)",
     needs=("motor1",),
     channels=("force_z", "torque_x", "torque_y", "torque_z"),
-    units={"rotor": "1", "thrust_loss": "1", "torque_loss": "1", "speed_loss": "1", "onset_s": "s"},
+    units={
+        "rotor": "1",
+        "thrust_loss": "1",
+        "torque_loss": "1",
+        "speed_loss": "1",
+        "onset_s": "s",
+        "over_s": "s",
+    },
     missing=present,
     shapes=_shapes,
     columns=_columns,
@@ -169,6 +176,7 @@ EFFECT = PhysicalEffect(
             source="assumed: half of the thrust loss, which goes with the square of speed"),
         Parameter("onset_s", "s", 0.0, 1e6,
             source="wide: any value between the bounds; the second of the log at which it began"),
+        OVER,
     ),
     flight=FLIGHT,
     static=_static,

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.onset import onset_limits, since
+from coaxlink.effects.onset import COMES, OVER, onset_limits, since
 from coaxlink.effects.static import StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside, present
 from coaxlink.frames import FlightFrame
@@ -31,7 +31,7 @@ def _parameters(frame: FlightFrame, shape: Shape, c: Array) -> dict[str, float]:
 
 
 def _inverse(frame: FlightFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k == "onset_s"}
+    shape = {k: v for k, v in p.items() if k in COMES}
     return shape, np.array([1.0 - frame.airframe.mass_kg / p["mass_kg"]])
 
 
@@ -41,7 +41,7 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
     source="Newton's second law",
     needs=("accel_z_m_s2",),
     channels=("force_x", "force_y", "force_z"),
-    units={"mass_kg": "kg", "onset_s": "s"},
+    units={"mass_kg": "kg", "onset_s": "s", "over_s": "s"},
     missing=present,
     shapes=one_shape,
     columns=_columns,
@@ -69,6 +69,7 @@ EFFECT = PhysicalEffect(
             source="wide: any value between the bounds; a payload may be any; bounded by what flies at all"),
         Parameter("onset_s", "s", 0.0, 1e6,
             source="wide: any value between the bounds; the second of the log at which it began"),
+        OVER,
     ),
     flight=FLIGHT,
     static=_static,

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from coaxlink.diagnosis.evidence import fitted, sums_of
 from coaxlink.diagnosis.noise import colour_of
 from coaxlink.diagnosis.parts import products, waves
+from coaxlink.diagnosis.screening import Stack
 
 
 @pytest.fixture
@@ -50,9 +54,10 @@ def test_columns_more_gain_what_the_larger_model_has_more(data):
     small = fitted(sums_of(few, target), deviation[:3], noise, least, rounds=0)
     large = fitted(sums_of(columns, target), deviation, noise, least, rounds=0)
     left = target - few @ small.values
-    own = np.einsum("rck,rcl->ckl", more, more)
-    cross = np.einsum("rck,rcl->ckl", few, more)
-    gain = small.gain(own, cross, np.einsum("rck,rc->ck", more, left), deviation[3:])
+    stack = Stack([(more, deviation[3:]), (more[..., :1], deviation[3:4])])
+    gain, one = stack.gains(SimpleNamespace(fit=small, white=few), left)
+    middle = fitted(sums_of(columns[..., :4], target), deviation[:4], noise, least, rounds=0)
+    assert one == pytest.approx(middle.log_evidence - small.log_evidence, abs=1e-5)
     assert gain == pytest.approx(large.log_evidence - small.log_evidence, abs=1e-5)
 
 
@@ -88,3 +93,16 @@ def test_a_product_of_processes_has_the_product_of_their_covariances():
     functions, deviation = products(first, second)
     one, two, both = ((f * d**2) @ f.T for f, d in (first, second, (functions, deviation)))
     assert np.max(np.abs(both - one * two)) < 0.02
+
+
+def test_behind_a_gap_noise_with_colour_is_of_its_own_size():
+    random = np.random.default_rng(5)
+    rows, run = 6000, 30
+    rings = lfilter([1.0], [1.0, -0.8], random.normal(size=(rows // run, run + 50)), axis=1)[:, 50:].ravel()
+    behind = np.arange(rows) % run
+    colour = colour_of(rings[:, None], behind)
+    left = colour.whiten(rings[:, None])[:, 0]
+    assert np.std(left[behind == 0]) == pytest.approx(1.0, abs=0.15)
+    assert np.std(left[behind > 8]) == pytest.approx(1.0, abs=0.05)
+    # its density: that of the first row's own deviation, 1 / 0.6, in every run
+    assert colour.log_scale == pytest.approx(rows / run * np.log(0.6), rel=0.1)

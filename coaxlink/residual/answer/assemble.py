@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink.data.samples import Samples
+from coaxlink.effects.onset import COMES
 from coaxlink.frames import Array, FlightFrame, StandFrame
 from coaxlink.residual.base.rebased_model import rebased_flight
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
@@ -313,7 +314,7 @@ def _with_effects(model: RotorModel, effects: Sequence[FoundEffect]) -> RotorMod
     It is the vehicle as it landed: what began in mid-flight is there from now on.
     """
     added = tuple(
-        ModelEffect(e.name, {q.name: q.value for q in e.parameters if q.name != "onset_s"}, tuple(e.needs))
+        ModelEffect(e.name, {q.name: q.value for q in e.parameters if q.name not in COMES}, tuple(e.needs))
         for e in effects
     )
     names = {e.name for e in added}

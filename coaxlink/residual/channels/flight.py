@@ -304,6 +304,8 @@ def _steady(
     deviation; its two second differences tell of it. `sides` are loads (rows, 6) of the bare commands, and
     the residual, whose noise a doubt must match to count.
     """
+    if not len(keep):
+        return keep
     loads, residual = sides
     doubt, reduced = np.zeros(loads.shape), np.zeros(loads.shape)
     impulse = np.zeros((2 * int(EDGE_S * rate) + 1, 1))

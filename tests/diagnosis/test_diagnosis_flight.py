@@ -1,0 +1,103 @@
+"""Flights through the switch: what is there is named, a clean flight says nothing, a loop is no effect.
+
+The world is that of tests/residual and shares nothing with coaxlink.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "residual"))
+from residual_world import fly
+
+from coaxlink import files
+from coaxlink.airframe import load_airframe
+from coaxlink.data import Samples
+from coaxlink.diagnosis.feedback import in_step
+from coaxlink.diagnosis.reducing import reducing
+from coaxlink.effects.onset import since
+from coaxlink.errors import InputError
+from coaxlink.residual import refine
+from coaxlink.residual.channels.flight import flight_frame, reduce_columns
+from coaxlink.rotor import load_rotor_model
+
+HIDDEN = {"clean": ({}, []), "dropped": ({"dropped": 0.05, "onset": 30.0}, ["mass_change"])}
+
+
+@pytest.fixture(autouse=True)
+def switched(monkeypatch):
+    monkeypatch.setenv("COAXLINK_ENGINE", "evidence")
+
+
+@pytest.fixture(scope="module")
+def flights():
+    logs = fly([effects for effects, _ in HIDDEN.values()], seconds=56.0, seed=4)
+    return {name: Samples(log, name) for name, log in zip(HIDDEN, logs, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+    return airframe, load_rotor_model(files.example("rotor_paper.toml"))
+
+
+@pytest.mark.parametrize("name", list(HIDDEN))
+def test_what_is_there_is_named(name, flights, vehicle):
+    answer = refine(flights[name], *vehicle)
+    assert sorted(e.name for e in answer.effects) == HIDDEN[name][1]
+    assert answer.ambiguous == () and answer.suspect_data == () and answer.unexplained == ()
+    for effect in answer.effects:
+        assert effect.evidence["probability"] > 0.99
+        numbers = {p.name: p.value for p in effect.parameters}
+        middle = numbers["onset_s"] + 0.5 * numbers.get("over_s", 0.0)
+        assert middle == pytest.approx(30.0, abs=0.5) and numbers.get("over_s", 0.0) < 2.0
+
+
+def test_the_low_pass_as_a_matrix_is_the_filter(flights, vehicle):
+    frame = flight_frame([flights["clean"]], *vehicle)
+    columns = np.random.default_rng(0).normal(size=(len(frame.time_s), 6, 2)).cumsum(axis=0)
+    columns[:, 2] = 0.0
+    mine, usual = reducing(frame)(columns), reduce_columns(frame, columns)
+    assert np.max(np.abs(mine - usual)) < 1e-4 * np.std(usual)
+
+
+def test_what_comes_gradually_takes_its_time(flights, vehicle):
+    frame = flight_frame([flights["clean"]], *vehicle)
+    step = since(frame, {"onset_s": 20.0})
+    ramp = since(frame, {"onset_s": 20.0, "over_s": 10.0})
+    at = np.searchsorted(frame.time_s, [19.0, 25.0, 31.0])
+    assert np.allclose(step[at], [0.0, 1.0, 1.0])
+    assert np.allclose(ramp[at], [0.0, 0.5, 1.0], atol=0.01)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4, 0.65])
+def test_a_disturbance_that_is_answered_is_partly_in_step(share):
+    load = np.array([2.0])
+    random = np.random.default_rng(3)
+    answered = random.normal(size=200_000)
+    disturbance = share * (-share * answered + np.sqrt(1.0 - share**2) * random.normal(size=200_000))
+    slope = disturbance @ answered / (answered @ answered)
+    beside = np.std(disturbance - slope * answered)
+    assert in_step(load * beside, load)[0] == pytest.approx(abs(slope) * load[0], rel=0.05)
+
+
+@pytest.mark.parametrize("harm", ["stuck", "zero"])
+def test_a_damaged_log_gives_an_answer_or_one_line(harm, flights, vehicle):
+    log = flights["clean"]
+    values = log["gyro_x_rad_s"].copy()
+    if harm == "stuck":
+        values[:] = 0.3
+    else:
+        values[:] = 0.0
+        log = log.with_columns(accel_z_m_s2=np.zeros(len(values)))
+    try:
+        answer = refine(log.with_columns(gyro_x_rad_s=values), *vehicle)
+    except InputError as error:
+        assert error.source
+    else:
+        assert np.all(np.isfinite([c.rmse_after for c in answer.channels.values()]))
