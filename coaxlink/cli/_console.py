@@ -46,15 +46,16 @@ def fitted(console: Console, table: Table) -> Iterator[Table]:
     """The table with columns as wide as their longest word at least; where that is more than the screen has,
     further columns stand below, each time beside the first."""
     wanted = [_measured(console, table, n) for n in range(len(table.columns))]
-    if sum(m.maximum for m in wanted) + _edges(table, range(len(wanted))) <= console.width:
+    whole = sum(m.maximum for m in wanted) + _edges(table, range(len(wanted))) <= console.width
+    if whole or len(wanted) < 2:
         yield table
         return
     start = 1
-    while start < max(len(wanted), 2):
+    while start < len(wanted):
         stop = len(wanted)
         while stop > start + 1 and _needed(table, wanted, [0, *range(start, stop)]) > console.width:
             stop -= 1
-        yield _part(console, table, wanted, [0, *range(start, stop)][: len(wanted)])
+        yield _part(console, table, wanted, [0, *range(start, stop)])
         start = stop
 
 
@@ -63,7 +64,8 @@ def _measured(console: Console, table: Table, n: int) -> Measurement:
     column = table.columns[n]
     cells = [*(() if not table.show_header else (column.header,)), *column.cells]
     sizes = [Measurement.get(console, console.options.update(width=10_000), cell) for cell in cells]
-    words = [m.minimum if m.maximum else 0 for m in sizes]
+    most = console.width // 2  # a longer word is none of ours and folds, or two columns had no room
+    words = [min(m.minimum, most) if m.maximum else 0 for m in sizes]
     return Measurement(max(words, default=0), max((m.maximum for m in sizes), default=0))
 
 

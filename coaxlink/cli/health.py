@@ -29,8 +29,8 @@ def health(
     from coaxlink import files
     from coaxlink.data import is_flight_log, read_flight_log
     from coaxlink.errors import CheckFailed, InputError
-    from coaxlink.health import judge
     from coaxlink.health.columns import reduced
+    from coaxlink.health.judge import judge
     from coaxlink.report.health import health_table, picture, remarks, verdict_line
     from coaxlink.residual.channels.flight import flight_frame
     from coaxlink.vehicle import load_vehicle

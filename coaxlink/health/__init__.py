@@ -1,5 +1,1 @@
-"""Is every rotor still what the model says? Over one flight or many, with a probability."""
-
-from coaxlink.health.judge import Health, RotorHealth, judge
-
-__all__ = ["Health", "RotorHealth", "judge"]
+"""Is every rotor still what the model says? Over one flight or many, and in the air, with a probability."""

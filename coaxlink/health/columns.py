@@ -16,6 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.frames import Array, FlightFrame
+from coaxlink.health.priors import (
+    CG_DRAWN_M,
+    CG_MOVED_M,
+    DELAY_TODAY_S,
+    INERTIA_TODAY,
+    LIFT_TODAY,
+    TILT_ARM_M,
+    TORQUE_TODAY,
+)
 from coaxlink.residual.base.flight_corrections import flight_corrections
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, reduce_columns
 
@@ -23,12 +32,8 @@ CHANNELS = (2, 3, 4, 5)  # force down, roll, pitch, yaw
 BOUND_SDS = 2.0  # a correction's largest believable size, in standard deviations
 THRUST_SPECIMEN, TORQUE_SPECIMEN = 0.02, 0.03  # two propellers of one mould, Brandt and Selig 2011
 THRUST_TODAY, TORQUE_TODAY_EACH = 0.01, 0.015  # of each rotor: dirt, a motor's heat, a propeller taken off
-TILT_ARM_M = 8e-4  # of lift: eight motors each up to half a degree askew on 0.26 m arms
-CG_DRAWN_M, CG_MOVED_M = 5e-3, 3e-3  # drawn against weighed; a pack strapped back on
-INERTIA_TODAY, DELAY_TODAY_S = 0.01, 0.01  # motors are slower on a weak pack
 CG_PAYLOAD_M, INERTIA_PAYLOAD = 0.03, 0.1  # something else hangs there today
 TRIM = 0.002  # of the reference torques: what no linear model of a vehicle's trim gets right
-LIFT_TODAY, TORQUE_TODAY = 0.10, 0.05  # of all rotors alike: voltage, air density, mass
 LEVEL_TODAY = 0.02  # of upper against lower rotors: voltage acts on both
 VOLTAGE_SLOPE = 0.10  # of lift for a tenth of the voltage, less what LIFT_TODAY has
 PASSING = 0.02  # of the reference load: wind, climb and speed in hover-like flight

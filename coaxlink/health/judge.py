@@ -22,12 +22,10 @@ from coaxlink.health.columns import (
     TORQUE_SPECIMEN,
     Flight,
 )
+from coaxlink.health.priors import LOSS_SD, MATTERS, TORQUE_APART, TORQUE_WITH_THRUST
 
 FAULT_ODDS = 1 / 50  # that a vehicle somebody wants judged has a rotor that lost something
 PAYLOAD_ODDS = 1 / 5  # that its payload is not where it was
-LOSS_SD = 0.2  # of a fault's thrust: anything from a chip to half a blade
-TORQUE_WITH_THRUST, TORQUE_APART = 0.85, 0.05  # chipped 0.6, shortened 1.25 of the thrust's loss
-MATTERS = 0.05  # of thrust: less is within a propeller's own scatter and trim
 WATCH, GROUND = 0.05, 0.5  # probabilities that a rotor lost more than that
 NORMAL_95 = 1.96
 NONE = -1

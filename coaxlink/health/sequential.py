@@ -24,8 +24,14 @@ import numpy as np
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.frames import Array
-from coaxlink.health.columns import CG_DRAWN_M, DELAY_TODAY_S, LIFT_TODAY, TILT_ARM_M
-from coaxlink.health.judge import LOSS_SD, MATTERS
+from coaxlink.health.priors import (
+    CG_DRAWN_M,
+    DELAY_TODAY_S,
+    LIFT_TODAY,
+    LOSS_SD,
+    MATTERS,
+    TILT_ARM_M,
+)
 from coaxlink.health.stream import BLOCK_S, Block
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.vehicle import Vehicle

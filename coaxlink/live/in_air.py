@@ -16,7 +16,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.health.judge import TORQUE_WITH_THRUST
+from coaxlink.health.priors import TORQUE_WITH_THRUST
 from coaxlink.health.sequential import HOURS, SequentialTest, Suspicion, Verdict
 from coaxlink.health.stream import Stream
 from coaxlink.vehicle import Vehicle

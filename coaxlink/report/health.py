@@ -6,8 +6,8 @@ import io
 from collections.abc import Iterator
 from typing import Any
 
-from coaxlink.health import Health
-from coaxlink.health.judge import GROUND, MATTERS, WATCH
+from coaxlink.health.judge import GROUND, WATCH, Health
+from coaxlink.health.priors import MATTERS
 
 SHOWN = 4  # flights in the table, the last ones; all are in the JSON and in the picture
 LIKELY = 0.01  # of a suspect that is worth a line

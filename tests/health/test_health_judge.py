@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coaxlink.health import judge
 from coaxlink.health.columns import Flight
+from coaxlink.health.judge import judge
 
 N, ROWS = 8, 400
 PAIRS = ((0, 5), (1, 4), (2, 7), (3, 6))

@@ -1,0 +1,12 @@
+"""What a sound vehicle may be off by, and what a fault takes: for flights on disk and in the air alike.
+
+A room of its own because live mixing and the monitor need these numbers and nothing that judges flights.
+"""
+
+LOSS_SD = 0.2  # of a fault's thrust: anything from a chip to half a blade
+TORQUE_WITH_THRUST, TORQUE_APART = 0.85, 0.05  # chipped 0.6, shortened 1.25 of the thrust's loss
+MATTERS = 0.05  # of thrust: less is within a propeller's own scatter and trim
+TILT_ARM_M = 8e-4  # of lift: eight motors each up to half a degree askew on 0.26 m arms
+CG_DRAWN_M, CG_MOVED_M = 5e-3, 3e-3  # drawn against weighed; a pack strapped back on
+INERTIA_TODAY, DELAY_TODAY_S = 0.01, 0.01  # motors are slower on a weak pack
+LIFT_TODAY, TORQUE_TODAY = 0.10, 0.05  # of all rotors alike: voltage, air density, mass
