@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from coaxlink.cli._shell import JsonOption, console, say, talk
 
+if TYPE_CHECKING:
+    from coaxlink.health.judge import Health
+
 
 def health(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Flight logs of one vehicle, oldest first.")
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Flight logs of one vehicle, oldest first; or a folder of logs, a folder a vehicle in it.",
+        ),
     ],
     airframe: Annotated[
         Path | None, typer.Option(metavar="AIRFRAME.toml", help="The vehicle (default: the shipped X8).")
@@ -27,30 +35,19 @@ def health(
 ) -> None:
     """Judge every rotor over one flight or many: sound, watch or ground it, with its probability."""
     from coaxlink import files
-    from coaxlink.data import is_flight_log, read_flight_log
+    from coaxlink.cli._fleet import folder_of
     from coaxlink.errors import CheckFailed, InputError
-    from coaxlink.health.columns import reduced
-    from coaxlink.health.judge import judge
     from coaxlink.report.health import health_table, picture, remarks, verdict_line
-    from coaxlink.residual.channels.flight import flight_frame
-    from coaxlink.vehicle import load_vehicle
 
     for place in (plot, json):
         files.refuse_unwritable(place)
     if not logs:
         raise InputError("health", "LOG...", "flight logs are expected, oldest first")
-    vehicle = load_vehicle(airframe or files.example("x8_paper.toml"), rotor)
-    body = vehicle.declared
-    flights = []
-    with talk().status("reading") as status:
-        for path in logs:
-            status.update(f"reading {path.name}")
-            if not is_flight_log(path):
-                raise InputError(path, "", "a flight log is expected, found a stand's: identify takes it")
-            flights.append(reduced(flight_frame([read_flight_log(path)], body, vehicle.rotors)))
-        status.update("judging")
-        names = [path.name for path in logs]
-        result = judge(flights, names, [r.number for r in body.rotors], body.pairs)
+    folder = folder_of(logs[0]) if len(logs) == 1 else None
+    if folder is not None:
+        _fleet(folder, airframe, rotor, plot, json)
+        return
+    result = _judged(logs, airframe, rotor)
     if plot:
         files.write_atomic(plot, picture(result))
     if json:
@@ -62,6 +59,67 @@ def health(
         say(f"- {line}")
     if result.verdict == "ground it":
         raise CheckFailed(f"ground it: look at rotor {result.suspects[0].number} before the next flight")
+
+
+def _judged(logs: Sequence[Path], airframe: Path | None, rotor: Path | None) -> Health:
+    """One vehicle's flights, oldest first. Raises InputError."""
+    from coaxlink import files
+    from coaxlink.data import is_flight_log, read_flight_log
+    from coaxlink.errors import InputError
+    from coaxlink.health.columns import reduced
+    from coaxlink.health.judge import judge
+    from coaxlink.residual.channels.flight import flight_frame
+    from coaxlink.vehicle import load_vehicle
+
+    vehicle = load_vehicle(airframe or files.example("x8_paper.toml"), rotor)
+    body = vehicle.declared
+    flights = []
+    with talk().status("reading") as status:
+        for path in logs:
+            status.update(f"reading {path.name}")
+            if not is_flight_log(path):
+                raise InputError(path, "", "a flight log is expected, found a stand's: identify takes it")
+            flights.append(reduced(flight_frame([read_flight_log(path)], body, vehicle.rotors)))
+        status.update("judging")
+        names = [path.name for path in logs]
+        return judge(flights, names, [r.number for r in body.rotors], body.pairs)
+
+
+def _fleet(
+    folder: str, airframe: Path | None, rotor: Path | None, plot: Path | None, json: Path | None
+) -> None:
+    """Every vehicle of a folder over its flights, by the dates in their paths as `refine FOLDER` has them."""
+    from coaxlink import files
+    from coaxlink.campaign.fleet import find_logs
+    from coaxlink.errors import CheckFailed, InputError
+    from coaxlink.report.health import verdict_line
+
+    if "://" in folder:
+        raise InputError(folder, "", "a folder of this machine is expected: refine reads buckets")
+    if plot:
+        raise InputError(folder, "", "a picture is of one vehicle: name its logs")
+    vehicles: dict[str, list[Path]] = {}
+    for log in find_logs(folder):
+        vehicles.setdefault(log.vehicle, []).append(Path(log.place))
+    found, problems = {}, {}
+    screen = console()
+    for name, logs in vehicles.items():
+        beside = logs[0].parent / "airframe.toml"
+        try:
+            found[name] = _judged(logs, beside if beside.is_file() else airframe, rotor)
+        except InputError as error:
+            problems[name] = str(error)
+            say(f"says nothing: {name}: {error}")
+            continue
+        screen.print(f"{name}, {len(logs)} flights: {verdict_line(found[name])}")
+    if json:
+        written = {name: result.as_json() for name, result in found.items()}
+        files.write_json(json, {"kind": "fleet", "vehicles": written, "problems": problems})
+    if not found:
+        raise InputError(folder, "", "no vehicle's flights can be judged")
+    grounded = [name for name, result in found.items() if result.verdict == "ground it"]
+    if grounded:
+        raise CheckFailed(f"ground {', '.join(grounded)}")
 
 
 def register(app: typer.Typer) -> None:

@@ -127,3 +127,23 @@ def test_identify_says_what_flights_need(flights, tmp_path, capsys):
     stand.write_text("upper_rpm,upper_thrust_N,upper_torque_Nm\n1000,1,0.1\n")
     assert identify(stand, *VEHICLE) == 2
     assert "a flight log is expected" in capsys.readouterr().err
+
+
+def test_a_folder_is_a_fleet_judged_vehicle_by_vehicle(flights, tmp_path, capsys):
+    for name, place in (
+        ("monday", "x8-01/2026-03-02.csv"),
+        ("monday", "x8-02/2026-03-02.csv"),
+        ("friday", "x8-02/2026-03-06.csv"),
+    ):
+        (tmp_path / "logs" / place).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "logs" / place).write_bytes((flights / f"{name}.csv").read_bytes())
+    (tmp_path / "logs" / "x8-03").mkdir()
+    (tmp_path / "logs" / "x8-03" / "2026-03-02.csv").write_text("time_s,motor1\n0,1\n")
+    assert run(tmp_path / "logs", *VEHICLE, "--json", tmp_path / "f.json") == 1
+    said = capsys.readouterr()
+    assert "ground x8-02" in said.err and "says nothing: x8-03" in said.err
+    found = json.loads((tmp_path / "f.json").read_text())["vehicles"]
+    assert found["x8-01"]["verdict"] == "sound" and found["x8-02"]["verdict"] == "ground it"
+    assert run(tmp_path / "logs", "--plot", tmp_path / "p.png") == 2
+    (tmp_path / "empty").mkdir()
+    assert run(tmp_path / "empty") == 2
