@@ -1,0 +1,94 @@
+"""Of what the evidence engine held at probability p, how much was there: a reliability table and picture.
+
+    COAXLINK_ENGINE=evidence python benchmarks/blind.py --first 950 --seeds 1 --kind stand --folder F
+    python benchmarks/calibration.py F/answers-HASH [--plot reliability.png]
+
+Reads the answers that `blind.py` keeps (its names say what was hidden): every effect that an answer weighs,
+named or not, counts with its probability. Gneiting, Balabdaoui and Raftery 2007 for what calibrated means;
+Wilson
+intervals. A world's name is the truth: `stand-other-drift+ground_effect-950`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+from blind_score import wilson
+
+EDGES = (0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-9)
+SAID = re.compile(r"probability ([0-9.e+-]+)")
+
+
+def weighed(folder: Path) -> Iterator[tuple[float, bool, bool]]:
+    """(probability, whether it is there, whether it was claimed) of every effect of every answer."""
+    for path in sorted(folder.glob("*.json")):
+        answer = json.loads(path.read_text())
+        if "failed" in answer:
+            continue
+        hidden = set(path.stem.split("-", 2)[2].rsplit("-", 1)[0].split("+"))
+        for effect in answer["effects"]:
+            yield float(effect["evidence"]["probability"]), effect["name"] in hidden, True
+        for other in answer["rejected"]:
+            if found := SAID.match(other["why"]):
+                yield float(found[1]), other["name"] in hidden, False
+
+
+def bins(folder: Path) -> list[tuple[float, float, int, int, float]]:
+    """(from, to, effects, there, mean probability) of every bin that holds any."""
+    every = list(weighed(folder))
+    out = []
+    for low, high in pairwise(EDGES):
+        mine = [(p, there) for p, there, _ in every if low <= p < high]
+        if mine:
+            there, mean = sum(t for _, t in mine), sum(p for p, _ in mine) / len(mine)
+            out.append((low, min(high, 1.0), len(mine), there, mean))
+    return out
+
+
+def main() -> None:
+    """Print, and draw where asked."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("answers", type=Path)
+    parser.add_argument("--plot", type=Path)
+    a = parser.parse_args()
+    rows = bins(a.answers)
+    print("| probability | effects weighed | there | share, 95 % | mean probability |")
+    print("|---|---:|---:|---|---:|")
+    for low, high, count, there, mean in rows:
+        share = f"{100 * there / count:.1f} % ({interval(there, count)})"
+        print(f"| {low:g} to {high:g} | {count} | {there} | {share} | {100 * mean:.2f} % |")
+    claims = [there for _, there, claimed in weighed(a.answers) if claimed]
+    worlds = len(list(a.answers.glob("*.json")))
+    share = interval(sum(claims), len(claims))
+    print(f"\nclaimed {len(claims)}, there {sum(claims)} ({share} %), {worlds} worlds")
+    if a.plot:
+        draw(rows, a.plot)
+
+
+def interval(good: int, count: int) -> str:
+    """95 %, per cent."""
+    return " to ".join(f"{100 * x:.1f}" for x in wilson(good, count))
+
+
+def draw(rows: list[tuple[float, float, int, int, float]], target: Path) -> None:
+    """Share there over mean probability, with its intervals."""
+    from matplotlib.figure import Figure
+
+    axis = (figure := Figure((4.5, 4.5))).subplots()
+    axis.plot([0, 1], [0, 1], color="0.7")
+    for _, _, count, there, mean in rows:
+        low, high = wilson(there, count)
+        axis.plot([mean, mean], [low, high], color="C0")
+        axis.plot(mean, there / count, "o", color="C0")
+    axis.set(xlabel="probability of the engine", ylabel="share that is there (95 %)")
+    axis.set(xlim=(0, 1), ylim=(0, 1))
+    figure.savefig(target, dpi=120, bbox_inches="tight")
+
+
+if __name__ == "__main__":
+    main()
