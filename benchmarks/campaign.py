@@ -1,6 +1,6 @@
 """What campaigns cost: workers against one, the engine's own cost, memory, ten thousand flights.
 
-    python benchmarks/campaign.py [--flights 10000] [--scale 600] [--json F]
+    python benchmarks/campaign.py [--flights 10000] [--scale 600] [--refined 40] [--json F]
 
 Flights are 60 s, plant at 1 ms, loops at 400 Hz, four laws on the paper's X8 in drawn winds with drawn weak
 rotors. The engine's cost is processor time, its own and the workers', beyond what the cells themselves take;
@@ -31,6 +31,17 @@ law = "dryden"
 [effects.degraded_rotor]
 chance = 0.5
 size = {{ low = 0.0, high = 0.3 }}
+rotor = "any"
+"""
+REFINED = """
+flights = {flights}
+laws = ["standard", "fitted"]
+airframe = "x8_demo.toml"
+refine = true
+seconds = 40.0
+[effects.degraded_rotor]
+chance = 0.7
+size = {{ low = 0.05, high = 0.2 }}
 rotor = "any"
 """
 CELL_S, CELLS = 0.05, 800
@@ -82,6 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--flights", type=int, default=10_000)
     parser.add_argument("--scale", type=int, default=600, help="flights of the comparison of 1 and 2 workers")
+    parser.add_argument("--refined", type=int, default=40, help="flights whose logs `refine` is given")
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
     told: dict[str, object] = {}
@@ -116,6 +128,14 @@ def main() -> None:
             big[0],
             f"{o.flights} flights of 60 s: {big[0]:.0f} s, {big[1] / o.flights:.3f} s of processor each",
         )
+        if o.refined:
+            spec = place / "refined.toml"
+            spec.write_text(REFINED.format(flights=o.refined))
+            done = subprocess.run([*COAXLINK, str(spec), "--out", str(place / "refined")],
+                                  capture_output=True, text=True, check=True)  # fmt: skip
+            for line in (done.stdout + done.stderr).splitlines():
+                if line.startswith("refine named"):
+                    tell("refined", line, line)
     if o.json:
         o.json.write_text(json.dumps(told, indent=1))
 

@@ -75,10 +75,12 @@ def run(
             try:
                 while True:
                     while len(underway) < AHEAD * workers:
-                        task = waiting.pop() if waiting else todo.next()
-                        if not task:
+                        if not waiting and (task := todo.next()):
+                            waiting.append(task)
+                        if not waiting:
                             break
-                        underway[executor.submit(_timed, work, payload, task)] = task
+                        future = executor.submit(_timed, work, payload, waiting[-1])  # a broken pool refuses
+                        underway[future] = waiting.pop()
                     if not underway:
                         return
                     for future in wait(underway, return_when=FIRST_COMPLETED).done:

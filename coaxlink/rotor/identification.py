@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from coaxlink.data import Samples
 from coaxlink.data.averaging import shortened
 from coaxlink.errors import InputError
 from coaxlink.load import Load, of_rotor
-from coaxlink.rotor import forms
+from coaxlink.rotor import choice, forms
 from coaxlink.rotor.fit import OUTLYING, LoadFit, Options, huber_weights, least_squares, orders, row_weights
 from coaxlink.rotor.folds import blocks, folds
 from coaxlink.rotor.intervals import Intervals, term_intervals
@@ -34,7 +34,6 @@ COAXIAL = {
 }
 CORRELATED = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
 LAWS = {"surface": "the R-CRM's squares and a smooth discrepancy, marginal likelihood, blocks held out"}
-SURE = 2.0  # standard errors: one in forty by chance
 Values = dict[str, NDArray[np.float64]]  # load: (rows,), NaN where not measured
 
 
@@ -178,7 +177,7 @@ def identify(
     tried += [form] if form not in (*forms.FORMS, "auto") else []
     predicted = {name: held_out(name, data, options) for name in tried}
     comparison = {name: channel_errors(data, values) for name, values in predicted.items()}
-    chosen = _simplest(data, predicted) if form == "auto" else form
+    chosen = choice.simplest(data, predicted) if form == "auto" else form
     without: Mapping[str, ChannelError] = {}
     if options.physical:
         without = channel_errors(data, held_out(chosen, data, replace(options, physical=False)))
@@ -189,9 +188,9 @@ def identify(
     terms = {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS}
     model = RotorModel.from_terms(chosen, data.speeds.speed_max_rpm, terms)
     notes = (
-        *_beyond(chosen, predicted, comparison, data),
+        *choice.beyond(chosen, predicted, comparison, data),
         *data.samples.notes,
-        *_notes(data, form, chosen, _reason(chosen, comparison)),
+        *_notes(data, form, chosen, choice.reason(chosen, comparison)),
     )
     result = Identification(
         chosen, model, comparison[chosen], comparison, _floors(data, rich), fits, intervals,
@@ -261,60 +260,6 @@ def channel_errors(data: Bench, predicted: Values) -> dict[str, ChannelError]:
     return errors
 
 
-def _simplest(data: Bench, predicted: Mapping[str, Values]) -> str:
-    """The first form of the ladder whose held-out error is within one standard error of the best."""
-    loss = _losses(data, predicted)
-    best = min(loss, key=lambda name: float(loss[name].sum()))
-    return next(name for name in predicted if name == best or _above(loss[name], loss[best]) <= 1.0)
-
-
-def _losses(data: Bench, predicted: Mapping[str, Values]) -> Values:
-    """{form: (folds,)} squared errors of every fold, each load in units of its best form's."""
-    loss = {}
-    for name, values in predicted.items():
-        squared = np.zeros(data.samples.rows)
-        for load in data.measured:
-            least = min(float(np.nanmean((data.loads[load] - p[load]) ** 2)) for p in predicted.values())
-            squared += np.nan_to_num((data.loads[load] - values[load]) ** 2) / max(least, 1e-300)
-        loss[name] = np.array([squared[data.fold == k].sum() for k in np.unique(data.fold)])
-    return loss
-
-
-def _above(loss: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """By how many standard errors of the paired difference over folds one loss is above another."""
-    difference = loss - other
-    spread = float(difference.std(ddof=1) * np.sqrt(len(difference)))
-    total = float(difference.sum())
-    return total / spread if spread > 0 else float(np.copysign(np.inf, total)) if total else 0.0
-
-
-def _beyond(
-    chosen: str,
-    predicted: Mapping[str, Values],
-    comparison: Mapping[str, Mapping[str, ChannelError]],
-    data: Bench,
-) -> Iterator[str]:
-    """What a smooth surface follows and the chosen form's polynomials do not, by two standard errors."""
-    if "surface" not in predicted or not comparison[chosen]:
-        return
-    channel = next(iter(comparison[chosen]))
-    unit = "N" if channel.endswith("thrust") else "N m"
-    if chosen == "surface":
-        crm = comparison["crm"][channel].rmse if "crm" in comparison else float("nan")
-        yield (
-            f"no polynomial of crm follows this pair: the model is a smooth surface over both speeds "
-            f"({channel} held out: {comparison[chosen][channel].rmse:.3g} {unit}, crm {crm:.3g} {unit})"
-        )
-        return
-    loss = _losses(data, {name: predicted[name] for name in (chosen, "surface")})
-    if _above(loss[chosen], loss["surface"]) > SURE:
-        mine, smooth = (comparison[form][channel].rmse for form in (chosen, "surface"))
-        yield (
-            f"{chosen} does not follow this pair everywhere ({channel} held out: {mine:.3g} {unit}, "
-            f"a smooth surface {smooth:.3g} {unit}: `form` surface)"
-        )
-
-
 def _scatter(data: Bench, options: Options) -> Values:
     """Residuals of the richest fit of each load (rows,): what is left is noise, or an outlier."""
     residuals = {}
@@ -379,20 +324,6 @@ def speed_correlation(speeds: Speeds) -> float:
         return 0.0
     u, v = speeds.upper[both], speeds.lower[both]
     return float(np.corrcoef(u, v)[0, 1]) if np.ptp(u) > 0 and np.ptp(v) > 0 else 0.0
-
-
-def _reason(chosen: str, comparison: Mapping[str, Mapping[str, ChannelError]]) -> str:
-    """Why auto took a form: its held-out error beside that of the next simpler and the next richer one."""
-    said = f"auto: {chosen} is the simplest form within one standard error of the best"
-    tried = list(comparison)
-    place = tried.index(chosen)
-    channel = next(iter(comparison[chosen]), None)
-    beside = [tried[i] for i in (place - 1, place, place + 1) if 0 <= i < len(tried)]
-    if channel is None or len(beside) < 2:
-        return said
-    unit = "N" if channel.endswith("thrust") else "N m"
-    errors = ", ".join(f"{form} {comparison[form][channel].rmse:.3g} {unit}" for form in beside)
-    return f"{said} ({channel} held out: {errors})"
 
 
 def _notes(data: Bench, asked: str, chosen: str, reason: str) -> Sequence[str]:

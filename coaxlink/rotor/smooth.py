@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.rotor import physical
-from coaxlink.rotor.fit import Broken, LoadFit, Options, Smooth, least_squares, row_weights
+from coaxlink.rotor.fit import Broken, LoadFit, Options, Smooth, row_weights
 from coaxlink.rotor.forms import SURFACE_DEGREE, load_terms
-from coaxlink.rotor.intervals import Intervals, term_intervals
+from coaxlink.rotor.intervals import Intervals
 from coaxlink.rotor.polynomial import design_matrix, parse_term
+from coaxlink.rotor.selection import fit_load
 
 FREE = 3.0  # standard deviation of a free coefficient over the largest load: nothing is held back
 SIZES = (0.0, 0.01, 0.03, 0.1, 0.3)  # of the largest load: nothing, to as much as a wake takes
@@ -50,7 +51,10 @@ def fit_surface(load: str, upper: Rows, lower: Rows, y: Rows, options: Options) 
     richer = [_Posterior(A, z, _deviations(degrees, s, k)) for s in SIZES[1:] for k in SHRINKS]
     best = max((flat, *richer), key=lambda p: p.evidence)
     if best.evidence - flat.evidence < ODDS:
-        return _squares(load, upper, lower, y, options, best.evidence - flat.evidence)
+        # nothing smooth is there to be held: the R-CRM itself
+        fit = fit_load("rcrm", load, upper, lower, y, np.zeros(len(y), np.int64), options)
+        noise = float(np.std(y - fit.predict(upper, lower)))
+        return replace(fit, smooth=Smooth(best.evidence - flat.evidence, noise, 0.0))
     mean, covariance = best.solved()
     free = into @ (largest * mean)
     mean, broken = _sensible(best, largest * mean, load, terms, into, (upper, lower, y, weights), options)
@@ -64,17 +68,6 @@ def fit_surface(load: str, upper: Rows, lower: Rows, y: Rows, options: Options) 
     intervals = Intervals(bounds, estimate, errors, (), 1)
     fit = LoadFit(terms, coefficients, SURFACE_DEGREE, 0.0, coefficients, intervals, alone=True, smooth=said)
     return replace(fit, broken=broken, free=free) if broken else fit
-
-
-def _squares(load: str, upper: Rows, lower: Rows, y: Rows, options: Options, evidence: float) -> LoadFit:
-    """The R-CRM itself: nothing smooth is there to be held."""
-    terms = load_terms("rcrm", load)
-    X = design_matrix(terms, upper, lower)
-    weights = row_weights(X, y, options)
-    b = least_squares(X, y, weights)
-    noise = float(np.std(y - X @ b))
-    intervals = term_intervals(terms, X, y, weights)
-    return LoadFit(tuple(terms), b, 2, 0.0, b, intervals, smooth=Smooth(evidence, noise, 0.0))
 
 
 class _Posterior:

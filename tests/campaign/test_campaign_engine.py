@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import itertools
 import json
 import subprocess
 import sys
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from campaign_work import COLUMNS, work
 
 from coaxlink.campaign import dataset as data
+from coaxlink.campaign import engine
 from coaxlink.campaign.dataset import Dataset, columns_of
 from coaxlink.campaign.engine import AHEAD, Done, Machine, _Todo, run
 from coaxlink.errors import CheckFailed, InputError
@@ -98,6 +102,26 @@ def test_a_killed_worker_of_this_machine_costs_no_row(tmp_path) -> None:
             rows.add(done.rows)
     assert (tmp_path / "flag").exists() and sorted(seen) == list(range(CELLS))
     assert _hashes(tmp_path / "plain") == _hashes(tmp_path / "killed")
+
+
+def test_a_pool_that_breaks_while_tasks_are_given_out_costs_no_row(monkeypatch) -> None:
+    """It refuses the task at hand, which no future then stands for."""
+
+    class Breaking(ThreadPoolExecutor):
+        def submit(self, *args, **kwargs):
+            if next(counted) == 3:
+                raise BrokenExecutor
+            return super().submit(*args, **kwargs)
+
+    @contextlib.contextmanager
+    def executor(machine):
+        with Breaking(1) as pool:
+            yield pool, machine.here
+
+    counted = itertools.count()
+    monkeypatch.setattr(engine, "_executor", executor)
+    seen = [cell for done in run(work, {}, iter(range(CELLS)), Machine(2)) for cell in done.cells]
+    assert sorted(seen) == list(range(CELLS))
 
 
 def test_a_cell_that_kills_every_worker_ends_with_its_place(tmp_path) -> None:

@@ -1,6 +1,7 @@
 """Eighty columns: no word of a table is cut, and what is nothing but a solver's rounding is shown as 0."""
 
 import io
+import itertools
 import re
 
 import pytest
@@ -65,3 +66,13 @@ def test_columns_that_do_not_fit_stand_below_beside_the_first():
 def test_rounding_is_no_error():
     assert figure(6.53e-08) == "0" and figure(-4e-7) == "0"
     assert figure(0.00139) == "0.00139" and figure(-2.0, 2) == "-2"
+
+
+def test_a_table_of_one_column_wider_than_the_screen_ends() -> None:
+    console = _console.PlainConsole(width=80, file=io.StringIO())
+    for columns in (1, 2, 3):
+        table = Table(*(f"column {n}" for n in range(columns)))
+        table.add_row(*("x" * 10_000 for _ in range(columns)))
+        parts = list(itertools.islice(_console.fitted(console, table), 9))
+        assert 1 <= len(parts) <= columns
+        assert all(sum(c.width or 0 for c in part.columns) <= 80 for part in parts if len(part.columns) > 1)

@@ -20,7 +20,7 @@ from coaxlink.mixer import standard_coefficients
 from coaxlink.mixer.exact import ExactLaw, kernel
 from coaxlink.mixer.exact.lua import SINGLE
 from coaxlink.mixer.exact.onboard import settle
-from coaxlink.rotor.model import load_rotor_model
+from coaxlink.rotor.model import RotorModel, load_rotor_model
 from coaxlink.tables.ardupilot import report_ap
 from coaxlink.uploading.ardupilot_scripts import ScriptFolder, is_table
 from coaxlink.vehicle import Vehicle
@@ -71,6 +71,10 @@ def streams() -> dict[str, np.ndarray]:
     }
 
 
+def single(value: Any) -> Any:
+    return [single(v) for v in value] if isinstance(value, list) else np.float32(value)
+
+
 def test_the_law_in_lua_gives_the_speeds_of_the_law_in_python(in_lua: Any) -> None:
     law, most = ExactLaw(Vehicle(X8, CRM)), 0
     p = law.problem
@@ -90,16 +94,41 @@ def test_in_single_precision_as_on_a_board_it_settles_too(monkeypatch: pytest.Mo
     monkeypatch.setattr(kernel, "MISS_ENOUGH", SINGLE["MISS_ENOUGH"])
     law = ExactLaw(Vehicle(X8, CRM))
     p = law.problem
-
-    def single(value: Any) -> Any:
-        return [single(v) for v in value] if isinstance(value, list) else np.float32(value)
-
     arrays = [a.tolist() if a.dtype.kind == "i" else single(a.tolist()) for a in law.arrays()]
     for demand in streams()["flown"]:
         arrays[10][:] = single(np.clip(demand[p.order] / p.scale, -4, 4).tolist())
         assert settle(*arrays, 6) > 0
         speeds = np.array([float(arrays[5][i]) for i in p.slots])
         assert X8.wrench(*X8.loads(CRM, speeds)) == pytest.approx(demand, abs=2e-4)
+
+
+def test_a_surface_of_the_sixth_degree_settles_on_board_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rotors of the form `surface`: within the script's budget, and in single precision."""
+    terms = {load: dict(of) for load, of in CRM.terms().items()}
+    for k, load in enumerate(terms):
+        terms[load]["u_u^6"] = 0.02 * terms["upper.thrust_N" if k % 2 == 0 else "upper.torque_Nm"]["u_u^2"]
+        terms[load]["u_u^3 u_l^3"] = -terms[load]["u_u^6"]
+    model = RotorModel.from_terms("surface", CRM.speed_max_rpm, terms)
+    law = ExactLaw(Vehicle(X8, model))
+    p = law.problem
+    text = onboard_script(Vehicle(X8, model))
+    start = lua53.LuaRuntime(unpack_returned_tuples=True).execute
+    run_in_lua = start(HARNESS + text[: text.index("local function update()")] + WAY_IN)
+    for demand in streams()["flown"][:40]:
+        law.solve(demand.tolist())
+        steps, count, x = run_in_lua(*np.clip(demand[p.order] / p.scale, -4, 4).tolist())
+        assert steps > 0 and count < INSTRUCTIONS / 2
+        assert max(abs(x[i] - law._x[i]) for i in range(8)) < 1e-5
+    monkeypatch.setattr(kernel, "MISS_ENOUGH", SINGLE["MISS_ENOUGH"])
+    arrays = [
+        a.tolist() if a.dtype.kind == "i" else single(a.tolist())
+        for a in ExactLaw(Vehicle(X8, model)).arrays()
+    ]
+    for demand in streams()["flown"][:40]:
+        arrays[10][:] = single(np.clip(demand[p.order] / p.scale, -4, 4).tolist())
+        assert settle(*arrays, 6) > 0
+        speeds = np.array([float(arrays[5][i]) for i in p.slots])
+        assert X8.wrench(*X8.loads(model, speeds)) == pytest.approx(demand, abs=5e-4)
 
 
 def test_what_is_out_of_reach_costs_no_more_than_the_script_may_spend(in_lua: Any) -> None:
