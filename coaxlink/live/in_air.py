@@ -62,6 +62,15 @@ class RotorsInAir:
     suspicions: tuple[Suspicion, ...] = ()
     calls: tuple[Call, ...] = ()
 
+    @property
+    def worst(self) -> float | None:
+        """Probability that the most suspected rotor lost thrust; None while nothing can be said."""
+        if self.calls:
+            return max(c.probability for c in self.calls)
+        if not self.word:
+            return None
+        return self.suspicions[0].probability if self.suspicions else 0.0
+
     def mark(self, rotor: int) -> str:
         """`x` for a rotor that was called, `?` for one to be watched, else nothing."""
         if any(c.rotor == rotor for c in self.calls):

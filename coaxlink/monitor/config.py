@@ -4,7 +4,7 @@ connect = "udpin:127.0.0.1:14550"
 airframe = "my_x8.toml"     # paths are relative to this file
 rotor = "my_rotor.toml"
 theme = "dark"              # dark, light, none
-page = "split"              # split, error, parameters, messages
+page = "split"              # split, error, parameters, messages, health
 plot_s = 60                 # seconds of a plot, 2 to 600
 snapshots = "pictures"      # where s puts the SVG files
 backups = "backups"         # where backups of parameters go
@@ -25,7 +25,7 @@ from coaxlink.monitor.themes import PALETTES
 from firmware_params.keys import unknown_key
 
 DEFAULT_URL = "udpin:0.0.0.0:14550"
-PAGES = ("split", "error", "parameters", "messages")
+PAGES = ("split", "error", "parameters", "messages", "health")
 _PATHS = ("airframe", "rotor", "snapshots", "backups", "table")
 _WORDS = {"theme": tuple(PALETTES), "page": PAGES}
 KEYS = ("connect", "airframe", "rotor", "theme", "page", "plot_s", "snapshots", "backups", "table")

@@ -10,6 +10,7 @@ from datetime import datetime, timedelta
 
 from rich.text import Text
 
+from coaxlink.monitor.health import health_notes, health_words
 from coaxlink.monitor.marks import (
     BAD,
     DIM,
@@ -278,34 +279,12 @@ def notes(view: View) -> Text:
         lines.append(Text(f"autopilot: {view.vehicle.text}"))
     if view.link.state == "live" and view.speeds_stale:
         lines.append(Text(f"speeds{STALE} are {seconds(view.speeds_age_s or 0.0)} old", WARN))
-    lines += _health_notes(view)
+    lines += health_notes(view)
     lines += [Text(note, WARN) for note in view.notes]
     lines += [Text(f"table: {note}", WARN) for note in view.board.notes]
     if view.balance.error_note and view.speeds.source:
         lines.append(Text(f"no allocation error: {view.balance.error_note}", DIM))
     return Text("\n").join(lines)
-
-
-def _health_notes(view: View) -> list[Text]:
-    """Rotors that lost thrust, and one that may have."""
-    lines = []
-    for c in view.health.calls:
-        size = f"{100 * c.loss:.0f} +/- {196 * c.loss_sd:.0f} % of its thrust at the commanded speed"
-        words = (
-            f"rotor {c.rotor} (x) lost {size}, at {clock(c.time_s)}, probability {c.probability:.2f}: land"
-        )
-        lines.append(Text(words, f"bold {BAD}"))
-    if view.health.word == "watch":
-        s = view.health.suspicions[0]
-        words = f"rotor {s.rotor} (?) may have lost {100 * s.loss:.0f} % of its thrust"
-        lines.append(Text(f"{words}, probability {s.probability:.2f}", WARN))
-    return lines
-
-
-def health_words(view: View) -> Text:
-    """`rotors: sound`, or why there is no word."""
-    h = view.health
-    return Text(f"rotors: {h.word}" if h.word else f"rotors: not judged ({h.why})", "" if h.word else DIM)
 
 
 def said(view: View, now: datetime | None) -> Text:

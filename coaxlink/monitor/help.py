@@ -26,7 +26,7 @@ error   model less table (or demand): the allocation error
 ! max   the motor's command is at the end of its range; min: in the air
 """
 _KEYS = (
-    ("1 2 3 4", "split, error over time, parameters, messages"),
+    ("1 2 3 4 5", "split, error over time, parameters, messages, health"),
     ("p  s  t  q", "pause the picture, save it as SVG, theme, quit"),
     ("← → end", "plots: earlier, later, now"),
     ("+ -", "plots: shorter, longer time (the mouse wheel too)"),

@@ -1,4 +1,4 @@
-"""Split and allocation error over time, on the vehicle's own clock."""
+"""Split, allocation error and suspicion of a rotor over time, on the vehicle's own clock."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ class Point:
     shares: tuple[float | None, ...]  # (arms,) 0..1, upper share of thrust
     ideal: tuple[float | None, ...] = ()  # (arms,) 0..1
     error: Axes | None = None  # (4,) thrust N, roll, pitch, yaw N m
+    suspicion: float | None = None  # 0..1, that the most suspected rotor lost thrust; None: not judged
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class History:
             elif points[0].time_s < now - self.span_s:
                 points = tuple(p for p in points if p.time_s >= now - self.span_s)
         ideal = tuple(arm.ideal_share for arm in view.arms)
-        return History(self.span_s, (*points, Point(now, shares, ideal, error)))
+        return History(self.span_s, (*points, Point(now, shares, ideal, error, view.health.worst)))
 
     @property
     def length_s(self) -> float:
@@ -96,3 +97,8 @@ def shares(points: tuple[Point, ...], arm: int, *, ideal: bool = False) -> Line:
 def errors(points: tuple[Point, ...], axis: int) -> Line:
     """(time, allocation error in N or N m) of one axis; unknown ones are left out."""
     return tuple((p.time_s, p.error[axis]) for p in points if p.error is not None)
+
+
+def suspicion(points: tuple[Point, ...]) -> Line:
+    """(time, probability in % that the most suspected rotor lost thrust), where it is judged."""
+    return tuple((p.time_s, 100.0 * p.suspicion) for p in points if p.suspicion is not None)

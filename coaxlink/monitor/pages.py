@@ -1,4 +1,4 @@
-"""The pages of the screen that only show: split, error over time, messages. They compute nothing."""
+"""The pages of the screen that only show: split, error over time, health, messages. They compute nothing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from textual.message import Message
 from textual.widgets import Static
 
 from coaxlink.monitor import format as words
-from coaxlink.monitor import plots
+from coaxlink.monitor import health, plots
 from coaxlink.monitor.history import History, Window
 from coaxlink.monitor.marks import STALE, clock, seconds
 from coaxlink.monitor.state import ArmView, View
@@ -156,6 +156,30 @@ class ErrorPage(Vertical):
         size = plot.content_size
         text = plots.error_plot(picture.history, picture.window, size.width, size.height)
         put(plot, text, picture.palette)
+
+
+class HealthPage(Vertical):
+    """A line a rotor, and how likely it is that the most suspected one lost thrust."""
+
+    def compose(self) -> ComposeResult:
+        yield Static(id="rotors")
+        yield Plot(id="suspicion")
+
+    def draw(self, picture: Picture) -> None:
+        """Show a picture."""
+        view = picture.view
+        rotors, plot = self.query_one("#rotors", Static), self.query_one("#suspicion", Plot)
+        rotors.border_title = "rotors' health in the air"
+        rotors.border_subtitle = picture.content(health.health_words(view))
+        put(rotors, health.rotor_table(view, stale=words.speeds_old(view)), picture.palette)
+        plot.border_title = "probability that the most suspected rotor lost thrust; called at 95 %"
+        plot.border_subtitle = picture.content(picture.plot_range)
+        size = plot.content_size
+        put(
+            plot,
+            health.health_plot(picture.history, picture.window, size.width, size.height),
+            picture.palette,
+        )
 
 
 class MessagesPage(VerticalScroll):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from rich.text import Text
 
-from coaxlink.monitor.history import History, Window, errors, shares
+from coaxlink.monitor.history import History, Line, Window, errors, shares
 from coaxlink.monitor.marks import ARMS, DIM, UPPER, clock, number
 from coaxlink.monitor.plot import Cell, braille, nice_range
 from coaxlink.monitor.state import ArmView
@@ -85,10 +85,40 @@ def error_plot(history: History, window: Window, width: int, height: int) -> Tex
             line = Text(f"{name:<6}{text:>{_AXIS - 7}}▕", DIM)
             _draw(line, grid[row], (UPPER,))
             lines.append(line)
-    first, last = (clock(t) for t in span)
-    gap = width - _AXIS - len(first) - len(last)
-    lines.append(Text(" " * _AXIS + first + " " * max(gap, 1) + last, DIM))
+    lines.append(_times(span, _AXIS, width))
     return Text("\n").join(lines)
+
+
+def one_plot(
+    values: Line,
+    y_range: tuple[float, float],
+    unit: str,
+    window: Window,
+    span: tuple[float, float],
+    width: int,
+    height: int,
+) -> Text:
+    """One line over the vehicle's clock, its range and the times at its edges."""
+    rows = height - 1
+    if rows < 2 or width < _LABEL + _LEAST:
+        return Text("too small for a plot", DIM)
+    low, high = y_range
+    grid = braille([values], width - _LABEL, rows, span, y_range, gap=max(window.span_s / 20, 1.0))
+    lines = []
+    for row in range(rows):
+        share = _tick(row, rows, low, high)
+        line = Text(f"{share:3.0f}{unit}▕" if share is not None else "    ▕", DIM)
+        _draw(line, grid[row], (UPPER,))
+        lines.append(line)
+    lines.append(_times(span, _LABEL, width))
+    return Text("\n").join(lines)
+
+
+def _times(span: tuple[float, float], indent: int, width: int) -> Text:
+    """The line below a plot: the vehicle's clock at its edges."""
+    first, last = (clock(t) for t in span)
+    gap = width - indent - len(first) - len(last)
+    return Text(" " * indent + first + " " * max(gap, 1) + last, DIM)
 
 
 def legend() -> Text:

@@ -25,7 +25,7 @@ from coaxlink.monitor.go_to import GoTo
 from coaxlink.monitor.help import Help
 from coaxlink.monitor.history import History, Window
 from coaxlink.monitor.marks import DIM, WARN
-from coaxlink.monitor.pages import ErrorPage, MessagesPage, Picture, SplitPage, Zoomed, put
+from coaxlink.monitor.pages import ErrorPage, HealthPage, MessagesPage, Picture, SplitPage, Zoomed, put
 from coaxlink.monitor.parameters_page import ParametersPage
 from coaxlink.monitor.player import Player
 from coaxlink.monitor.state import View
@@ -62,8 +62,9 @@ class Monitor(App[None]):
         ("2", "page('error')", "Error"),
         ("3", "page('parameters')", "Parameters"),
         ("4", "page('messages')", "Messages"),
+        ("5", "page('health')", "Health"),
         ("p", "pause", "Pause"),
-        ("s", "save", "Save"),
+        Binding("s", "save", "Save", show=False),  # 80 columns hold no more
         ("question_mark", "help", "Help"),
         ("q", "quit", "Quit"),
         Binding("ctrl+c", "quit", "Quit", show=False, priority=True),
@@ -113,6 +114,7 @@ class Monitor(App[None]):
             yield ErrorPage(id="error")
             yield ParametersPage(self.desk, self.table, self._why_no_desk)
             yield MessagesPage(id="messages")
+            yield HealthPage(id="health")
         yield Static(id="notes")
         yield Footer(show_command_palette=False)
 
@@ -161,7 +163,7 @@ class Monitor(App[None]):
             self._put("waiting", _waiting(view))
             return
         page = pages.visible_content
-        if isinstance(page, SplitPage | ErrorPage | MessagesPage | ParametersPage):
+        if isinstance(page, SplitPage | ErrorPage | MessagesPage | HealthPage | ParametersPage):
             page.draw(self._picture(view))
         notes = words.notes(view)
         root.query_one("#notes").display = bool(notes.plain)
@@ -281,6 +283,7 @@ class Monitor(App[None]):
             ("error", "the allocation error over time"),
             ("parameters", "difference to a file, backup, upload"),
             ("messages", "what the autopilot said"),
+            ("health", "which rotor lost thrust in the air"),
         ):
             yield SystemCommand(f"Page: {name}", what, lambda name=name: self.action_page(name))
         for name in PALETTES:

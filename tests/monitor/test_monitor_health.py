@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import pytest
 from monitor_messages import Sender, heartbeat
 from pymavlink.dialects.v20 import common as mavlink
+from textual.widgets import Static
 
 from coaxlink.files import example
 from coaxlink.monitor import format as words
+from coaxlink.monitor.health import health_plot
+from coaxlink.monitor.history import History, Point, Window
+from coaxlink.monitor.screen import Monitor
 from coaxlink.monitor.watch import Watch, to_json
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
@@ -62,6 +67,49 @@ def test_the_rotor_is_marked_and_said(flight, boot_s):
     assert "rotors: called" in words.summary(view).plain and f"{ROTOR}x" in words.summary(view).plain
     assert to_json(view)["health"]["calls"][0]["rotor"] == ROTOR
     assert len(call.text.encode()) <= 50
+
+
+def page_of(view, size, keys=("5",)):
+    """The page of health in text: table, border, plot."""
+
+    async def story():
+        app = Monitor(lambda now: view)
+        async with app.run_test(size=size) as pilot:
+            await pilot.press(*keys)
+            await pilot.pause()
+            app.draw()
+            rotors, plot = app.query_one("#rotors", Static), app.query_one("#suspicion", Static)
+            assert rotors.region.height > 8 and plot.region.bottom <= size[1]
+            return str(rotors.visual), str(rotors.border_subtitle), str(plot.visual)
+
+    return asyncio.run(story())
+
+
+@pytest.mark.parametrize("size", [(80, 24), (200, 60)])
+def test_the_page_of_health_has_a_line_a_rotor(flight, size):
+    view = played(*flight)
+    table, border, _ = page_of(view, size)
+    lines = table.splitlines()
+    assert len(lines) == 9 and "rotors: called" in border
+    own = next(line for line in lines if f"{ROTOR}x" in line)
+    assert "probability" in own and "+/-" in own and not own.split("%")[0].endswith("sound")
+    assert sum("sound" in line for line in lines) == 7
+    assert all(len(line.rstrip()) <= 76 for line in lines)
+
+
+def test_on_the_ground_the_page_of_health_says_that_nothing_is_judged(flight):
+    table, border, plot = page_of(played(*flight, landed=1), (80, 24))
+    assert table.count("not judged") == 8 and "judged in the air only" in border
+    assert "no verdict" in plot
+
+
+def test_suspicion_over_time_is_drawn():
+    history = History(60.0, tuple(Point(float(t), (0.5,), suspicion=t / 60) for t in range(61)))
+    text = health_plot(history, Window(60.0), 40, 8).plain.splitlines()
+    assert len(text) == 8 and text[0].startswith("100%") and text[-2].startswith("  0%")
+    assert text[-1].split() == ["0:00.0", "1:00.0"]
+    columns = [next((row for row in range(7) if text[row][c] not in " \u2800"), None) for c in (6, 38)]
+    assert columns == [6, 0]  # from the bottom left to the top right
 
 
 def test_before_it_and_on_the_ground_nothing_is_said(flight):
