@@ -9,14 +9,15 @@ import math
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import pytest
+import slow_clock
 from live_flight import EXAMPLES, Companion, Flight, demand, real_time
 
 from coaxlink.airframe import load_airframe
@@ -84,10 +85,11 @@ def live(flight: Flight, native: Any) -> Iterator[Live]:
     one = Live(flight, native=native)
     one.start()
     one.until_live()
+    exchange = one.mixer.exchange
     if native is not None:
-        flight.fly(0.2)
-        exchange = one.mixer.exchange
-        assert exchange is not None and exchange.answers > 20  # it is this loop that is tried
+        assert exchange is not None
+        flight.fly(30.0, until=lambda: exchange.answers > 20)
+        assert exchange.answers > 20  # it is this loop that is tried
     flight.rows.clear()
     yield one
     one.close()
@@ -277,30 +279,26 @@ def test_of_two_companions_one_lets_go_and_says_why(live: Live) -> None:
     stays_up(flight)
 
 
-def mixing_process(flight: Flight, *options: str) -> subprocess.Popen[str]:
-    command = [
-        sys.executable,
-        "-m",
-        "coaxlink",
-        "mix",
-        str(EXAMPLES / "x8_demo.toml"),
-        "--connect",
-        flight.address,
-        *options,
-    ]
+@contextmanager
+def mixing_process(flight: Flight, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """`coaxlink mix` driving the vehicle, in a process of its own that does not outlive the test."""
+    flight.back_to_hover()
+    command = slow_clock.command("mix", str(EXAMPLES / "x8_demo.toml"), "--connect", flight.address, *options)
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
-    flight.fly(15.0, until=lambda: flight.driven)
-    flight.fly(0.6)
-    assert flight.driven
-    flight.rows.clear()
-    return process
+    try:
+        flight.fly(120.0, until=lambda: flight.driven)
+        flight.fly(0.6)
+        assert flight.driven
+        flight.rows.clear()
+        yield process
+    finally:
+        process.kill()
+        process.wait()
 
 
 @real_time
 def test_a_companion_starved_of_its_processor_and_then_killed(flight: Flight) -> None:
-    flight.back_to_hover()
-    process = mixing_process(flight)
-    try:
+    with mixing_process(flight) as process:
         os.kill(process.pid, signal.SIGSTOP)
         stopped = time.monotonic()
         flight.fly(0.4)
@@ -319,18 +317,13 @@ def test_a_companion_starved_of_its_processor_and_then_killed(flight: Flight) ->
         assert handed is not None
         assert handed < AUTOPILOT_S + SLACK_S
         stays_up(flight)
-    finally:
-        process.kill()
-        process.wait()
 
 
 @real_time
 def test_a_companion_stopped_for_longer_than_a_link_may_be_silent_takes_the_vehicle_again(
     flight: Flight,
 ) -> None:
-    flight.back_to_hover()
-    process = mixing_process(flight, "--lost", "1")
-    try:
+    with mixing_process(flight, "--lost", "1") as process:
         os.kill(process.pid, signal.SIGSTOP)
         flight.fly(3.5)
         assert not flight.driven
@@ -339,8 +332,6 @@ def test_a_companion_stopped_for_longer_than_a_link_may_be_silent_takes_the_vehi
         flight.fly(1.5)
         assert flight.driven
         assert process.poll() is None
-        assert process.wait(60.0) == 3  # nobody ticks the vehicle now: a link that is gone still ends it
+        # nobody ticks the vehicle now: a link that is gone still ends it
+        assert process.wait(60.0 * slow_clock.factor) == 3
         stays_up(flight)
-    finally:
-        process.kill()
-        process.wait()

@@ -8,7 +8,6 @@ import pty
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 import tty
@@ -18,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import slow_clock
 from live_flight import EXAMPLES, Flight, real_time
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -151,7 +151,7 @@ def test_a_live_run_is_recorded_plotted_and_shared(flight: Flight, tmp_path: Pat
 @real_time
 def test_the_record_of_a_killed_process_reaches_up_to_its_last_second(flight: Flight, tmp_path: Path) -> None:
     flight.back_to_hover()
-    command = [sys.executable, "-m", "coaxlink", "mix", AIRFRAME, "--connect", flight.address]
+    command = slow_clock.command("mix", AIRFRAME, "--connect", flight.address)
     process = subprocess.Popen(
         [*command, "--record", str(tmp_path)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
