@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink.campaign.summary import FIGURES, Summary
+from coaxlink.report.looks import LOOKS
 
 SHOWN = ("height_rms_m", "level_rms_m", "tilt_rms_deg", "yaw_rms_deg", "thrust_error_N", "yaw_error_Nm",
          "saturated", "energy_Wh")  # fmt: skip
@@ -44,13 +45,13 @@ def differences(summary: Summary) -> bytes:
     figure = Figure(figsize=(9, 5), layout="constrained")
     axes = figure.subplots()
     names = list(FIGURES)
-    for k, (law, found) in enumerate(summary.paired.items()):
+    for k, ((law, found), look) in enumerate(zip(summary.paired.items(), LOOKS, strict=False)):
         place = np.arange(len(names)) + 0.2 * (k - 0.5 * (len(summary.paired) - 1))
         base = np.array([p.difference / p.share if p.share else np.nan for p in (found[n] for n in names)])
         middle = np.array([found[n].difference for n in names]) / base
         ends = np.array([found[n].ci for n in names]) / base[:, None]
         spread = np.abs(ends.T - middle)
-        axes.errorbar(100 * middle, place, xerr=100 * spread, fmt="o", ms=4, label=law)
+        axes.errorbar(100 * middle, place, xerr=100 * spread, ls="", ms=4, label=law, **look.points)
     axes.axvline(0.0, color="0.6", lw=1)
     axes.set_yticks(range(len(names)), names, fontsize=8)
     axes.invert_yaxis()

@@ -13,7 +13,7 @@ from coaxlink.report.figures import write_figures
 from coaxlink.report.html import escape
 from coaxlink.report.identify import error_rows
 from coaxlink.report.made import Made
-from coaxlink.report.page import found, provenance, tried
+from coaxlink.report.page import found, pictures, provenance, sentence, tried
 from coaxlink.report.residual_plots import overview_figure
 from coaxlink.rotor.identification import COAXIAL
 
@@ -35,7 +35,8 @@ def write_report(out: Path, result: DemoResult, made: Made | None = None) -> Pat
 
 def _parts(result: DemoResult, made: Made) -> Iterator[str]:
     first, *more = flown(result.flights)
-    yield answer(first)
+    yield answer(f"{first} Where one thing was hidden: {_small(sentence(result.refinement))}")
+    yield from pictures(result.refinement, made)
     yield from _paragraphs(more)
     yield "<h2>The mixers, where nothing is hidden</h2>"
     yield html_table(FLIGHT_HEADINGS, flight_rows(result.flights))
@@ -46,7 +47,7 @@ def _parts(result: DemoResult, made: Made) -> Iterator[str]:
     yield "<h2>Something is hidden: found from one flight</h2>"
     yield from _paragraphs(story(result))
     yield provenance(result.refinement)
-    yield from found(result.refinement, made)
+    yield from found(result.refinement)
     yield from tried(result.refinement)
     yield from _rotor(result)
     yield '<h2 id="words">The words</h2>'
@@ -79,6 +80,10 @@ def _rotor(result: DemoResult) -> Iterator[str]:
         for term, value in terms.items()
     ]
     yield html_table(("load", "term", "value"), terms)
+
+
+def _small(text: str) -> str:
+    return text[:1].lower() + text[1:]
 
 
 def _paragraphs(lines: Iterable[str]) -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import io
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -12,6 +13,7 @@ from coaxlink.campaign.fleet import Fleet, Trend
 from coaxlink.report.campaign import image, number
 from coaxlink.report.document import document, html_table
 from coaxlink.report.html import escape
+from coaxlink.report.looks import LOOKS
 
 HEADS = ("vehicle", "found", "where", "logs", "first", "last", "size then", "size now", "a week, 95 %", "p")
 MOST_DRAWN = 60  # vehicles in the picture; those with findings first
@@ -50,22 +52,23 @@ def picture(fleet: Fleet) -> bytes:
     shown = [*ailing, *(v for v in fleet.vehicles if v not in ailing)][:MOST_DRAWN]
     figure = Figure(figsize=(11, 3.5 + 0.16 * len(shown)), layout="constrained")
     over, under = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 0.4 + 0.08 * len(shown)))
-    for c in fleet.believed:
+    for c, look in zip(fleet.believed, itertools.cycle(LOOKS), strict=False):
         when = [datetime.datetime.fromisoformat(d) for d in c.dates]
         size = 100.0 * np.array(c.values) if c.unit == "1" else np.array(c.values)
         label = f"{c.vehicle}: {c.name} {c.part}".strip() + (", %" if c.unit == "1" else f", {c.unit}")
-        over.plot(when, size, "o-", ms=3, lw=1, label=label)
+        over.plot(when, size, **look.points, ms=3, lw=1, label=label)
     over.set_title("findings that false alarms do not explain", fontsize=10)
     if fleet.believed:
         over.legend(fontsize=8)
     for place, vehicle in enumerate(shown):
         mine = [(date, len(found)) for v, date, found in fleet.rows if v == vehicle]
         when = [datetime.datetime.fromisoformat(d) for d, _ in mine]
-        colours = ["#c0392b" if n else "#b8c4d0" for _, n in mine]
-        under.scatter(when, [place] * len(when), c=colours, s=14)
+        for found, colour, marker in ((False, "#b8c4d0", "o"), (True, "#c0392b", "X")):
+            at = [day for day, (_, n) in zip(when, mine, strict=True) if bool(n) == found]
+            under.scatter(at, [place] * len(at), c=colour, marker=marker, s=26 if found else 14)
     under.set_yticks(range(len(shown)), shown, fontsize=7)
     under.invert_yaxis()
-    under.set_title("logs; red: something found", fontsize=10)
+    under.set_title("logs; cross: something found", fontsize=10)
     figure.autofmt_xdate()
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=100)

@@ -8,10 +8,10 @@ from typing import Any
 
 from coaxlink.health.judge import GROUND, WATCH, Health
 from coaxlink.health.priors import MATTERS
+from coaxlink.report.looks import THRUST, TORQUE
 
 SHOWN = 4  # flights in the table, the last ones; all are in the JSON and in the picture
 LIKELY = 0.01  # of a suspect that is worth a line
-COLOURS = ("#1f5f8b", "#c4703f")
 
 
 def verdict_line(health: Health) -> str:
@@ -99,13 +99,11 @@ def picture(health: Health) -> bytes:
     for i, rotor in enumerate(rotors):
         axis = axes[i // columns][i % columns]
         axis.axhspan(1 - MATTERS, 1 + MATTERS, color="#d9dde2", lw=0)
-        for load, colour, shift in (("thrust", COLOURS[0], -0.08), ("torque", COLOURS[1], 0.08)):
+        for load, look, shift in (("thrust", THRUST, -0.08), ("torque", TORQUE, 0.08)):
             found = [getattr(flight.rotors[i], load) for flight in health.flights]
             middle = [v.value for v in found]
             spread = [[v.value - v.low for v in found], [v.high - v.value for v in found]]
-            axis.errorbar(
-                [p + shift for p in places], middle, spread, fmt="o", ms=3, color=colour, label=load
-            )
+            axis.errorbar([p + shift for p in places], middle, spread, ls="", ms=3, **look.points, label=load)
         pair = f" (with {rotor.pair})" if rotor.pair is not None else ""
         axis.set_title(f"rotor {rotor.number}{pair}", fontsize=8)
         axis.set_xticks(places)

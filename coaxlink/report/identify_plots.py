@@ -14,6 +14,7 @@ from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.report.figures import DPI, stamped
 from coaxlink.report.label import channel_words, label
+from coaxlink.report.looks import AFTER, BEFORE, LOOKS
 from coaxlink.rotor.efficiency import measured_efficiency, split_curves
 from coaxlink.rotor.fit import least_squares
 from coaxlink.rotor.forms import load_terms
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DATA, MODEL, SECOND, GRID = "#c4703f", "#1f5f8b", "#5c8a3a", "#8a8f98"
+DATA, MODEL, GRID = BEFORE.colour, AFTER.colour, "#8a8f98"
 TITLES = {load.key: load.label for load in Load}
 
 
@@ -97,10 +98,10 @@ def tolerance_sweep(result: Identification, points: int = 14) -> Figure:
     """Fig. 4: terms of the lower thrust that the paper's tolerance form keeps, and the error they leave."""
     figure = _figure(11.0, 4.2)
     left, right = figure.subplots(1, 2)
-    for kind, standardised, colour in (("standardised terms", True, MODEL), ("raw terms", False, DATA)):
+    for kind, standardised, look in (("standardised terms", True, AFTER), ("raw terms", False, BEFORE)):
         eps, sizes, errors = _sweep(result, standardised, points)
-        left.step(eps, sizes, where="mid", color=colour, label=kind)
-        right.plot(eps, errors, "o-", color=colour, ms=3, label=f"{kind}, refitted")
+        left.step(eps, sizes, where="mid", color=look.colour, label=kind)
+        right.plot(eps, errors, **look.points, ms=3, label=f"{kind}, refitted")
     right.plot(eps, eps, color=GRID, lw=0.8, ls="--", label="the l1 problem's own")
     left.set_ylabel("terms kept of 9")
     left.yaxis.get_major_locator().set_params(integer=True)
@@ -151,8 +152,8 @@ def efficiency(result: Identification) -> Figure:
         axis.set_ylim(bottom=0, top=float(np.nanquantile(values, 0.99)) * 1.25)
         _plain(axis)
     thrust = np.linspace(0.1, 1.0, 24) * float(found.thrust_N.max())
-    for split, colour in zip(split_curves(result.model, thrust), (GRID, SECOND, MODEL), strict=True):
-        axes[0].plot(thrust, split.propeller, color=colour, label=f"model, {split.name}")
+    for split, look in zip(split_curves(result.model, thrust), LOOKS[:3], strict=True):
+        axes[0].plot(thrust, split.propeller, **look.line, label=f"model, {split.name}")
     axes[0].legend(frameon=False, fontsize=8, loc="lower left")
     return figure
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 from coaxlink.mixer.comparison import THRUSTS, Row
 from coaxlink.mixer.fitted import FittedTable
 from coaxlink.report.figures import stamped
+from coaxlink.report.looks import LOOKS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-COLOURS = ("#4477aa", "#66ccee", "#228833", "#ccbb44", "#ee6677", "#aa3377", "#777777", "#222222", "#bb8866")
 FLOOR = 1e-4  # N, N m: what is drawn for an error that is none
 
 
@@ -24,16 +24,16 @@ def draw_comparison(
 
     figure = Figure(figsize=(15, 5.2), layout="constrained")
     over, bars, trade = figure.subplots(1, 3)
-    for row, colour in zip(rows, COLOURS, strict=False):
-        over.plot(THRUSTS * weight_N, row.thrust_error_N, color=colour, label=row.label, lw=1.8)
+    for row, look in zip(rows, LOOKS, strict=False):
+        over.plot(THRUSTS * weight_N, row.thrust_error_N, **look.line, label=row.label, lw=1.8)
     over.axvline(weight_N, color="#bbbbbb", lw=1, ls=":")
     over.annotate("hover", (weight_N, 0.96), xycoords=("data", "axes fraction"), fontsize=8, color="#777777")
     over.set(xlabel="thrust demanded, N", ylabel="delivered minus demanded, N", title=f"{name}: level flight")
     over.legend(fontsize=8)
     width = 0.8 / len(rows)
-    for k, (row, colour) in enumerate(zip(rows, COLOURS, strict=False)):
+    for k, (row, look) in enumerate(zip(rows, LOOKS, strict=False)):
         at = [axis + (k - (len(rows) - 1) / 2) * width for axis in range(4)]
-        bars.bar(at, [max(float(e), FLOOR) for e in row.mean_error], width, color=colour)
+        bars.bar(at, [max(float(e), FLOOR) for e in row.mean_error], width, **look.bar)
     bars.set_yscale("log")
     bars.set_xticks(range(4), ["thrust, N", "roll, N m", "pitch, N m", "yaw, N m"])
     bars.set(ylabel="mean |error|, N or N m", title=f"over the envelope (bars at {FLOOR:g}: none)")
@@ -44,13 +44,13 @@ def draw_comparison(
 def _draw_trade(axes: object, table: FittedTable) -> None:
     shares = [t.share for t in table.trade]
     curves = (
-        ("thrust error, N", [t.error[0] for t in table.trade], COLOURS[4]),
-        ("power above least, %", [100 * t.power_excess for t in table.trade], COLOURS[0]),
-        ("ceiling, 100 N", [t.ceiling_N / 100 for t in table.trade], COLOURS[2]),
-        ("yaw at hover, N m", [t.yaw_Nm for t in table.trade], COLOURS[3]),
+        ("thrust error, N", [t.error[0] for t in table.trade], LOOKS[4]),
+        ("power above least, %", [100 * t.power_excess for t in table.trade], LOOKS[0]),
+        ("ceiling, 100 N", [t.ceiling_N / 100 for t in table.trade], LOOKS[2]),
+        ("yaw at hover, N m", [t.yaw_Nm for t in table.trade], LOOKS[3]),
     )
-    for label, values, colour in curves:
-        axes.plot(shares, [max(v, 1e-3) for v in values], "o-", color=colour, label=label, ms=4)  # type: ignore[attr-defined]
+    for label, values, look in curves:
+        axes.plot(shares, [max(v, 1e-3) for v in values], **look.points, label=label, ms=4)  # type: ignore[attr-defined]
     axes.axvline(table.chosen.share, color="#222222", lw=1, ls="--", label="chosen")  # type: ignore[attr-defined]
     axes.set_yscale("log")  # type: ignore[attr-defined]
     axes.set(  # type: ignore[attr-defined]

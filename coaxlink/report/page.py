@@ -31,7 +31,8 @@ def page(
             answer(lead or sentence(result)),
             provenance(result),
             *(f"<h2>{escape(heading)}</h2>{html}" for heading, html in opening),
-            *found(result, made),
+            *pictures(result, made),
+            *found(result),
             *tried(result),
             *how_made(made),
         ],
@@ -72,9 +73,9 @@ def provenance(result: Refinement) -> str:
     )
 
 
-def found(result: Refinement, made: Made) -> list[str]:
-    """The pictures, the errors before and after, the effects and the remarks."""
-    parts = [*_pictures(result, made), "<h2>Residual of the model before and after</h2>", _errors(result)]
+def found(result: Refinement) -> list[str]:
+    """The errors before and after, the effects and the remarks."""
+    parts = ["<h2>Residual of the model before and after</h2>", _errors(result)]
     if result.effects:
         parts += ["<h2>Effects</h2>", _effects(result)]
     said = list(remarks(result))
@@ -125,7 +126,8 @@ def _remarks(said: Sequence[str]) -> Iterable[str]:
         yield listed(left)
 
 
-def _pictures(result: Refinement, made: Made) -> Iterable[str]:
+def pictures(result: Refinement, made: Made) -> Iterable[str]:
+    """The residual over time and cause, and the error of every channel; nothing without a series."""
     if result.series is None:
         return
     from coaxlink.report.residual_plots import errors, overview

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from coaxlink.load import Load
+from coaxlink.report.looks import THRUST, TORQUE
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.prior import RATIOS, WORKING, PairPrior
 
 NORMAL_95 = 1.96
-COLOURS = ("#1f5f8b", "#c4703f")
 
 
 def prior_table(prior: PairPrior) -> Any:
@@ -61,13 +61,14 @@ def picture(prior: PairPrior) -> bytes:
     upper = RATIOS * WORKING
     alone = prior.model.loads(0.0 * lower, lower)
     pair = prior.model.loads(upper, lower)
-    for load, value, own, colour in (
-        (Load.LOWER_THRUST.key, pair.lower_thrust, alone.lower_thrust, COLOURS[0]),
-        (Load.LOWER_TORQUE.key, pair.lower_torque, alone.lower_torque, COLOURS[1]),
+    for load, value, own, look in (
+        (Load.LOWER_THRUST.key, pair.lower_thrust, alone.lower_thrust, THRUST),
+        (Load.LOWER_TORQUE.key, pair.lower_torque, alone.lower_torque, TORQUE),
     ):
         half = NORMAL_95 * prior.spread(load, upper, lower)
-        axis.plot(RATIOS, value / own, color=colour, label=load.split(".")[1].split("_")[0])
-        axis.fill_between(RATIOS, (value - half) / own, (value + half) / own, color=colour, alpha=0.2, lw=0)
+        axis.plot(RATIOS, value / own, **look.line, label=load.split(".")[1].split("_")[0])
+        around = (value - half) / own, (value + half) / own
+        axis.fill_between(RATIOS, *around, color=look.colour, alpha=0.2, lw=0)
     axis.set_xlabel("upper over lower speed")
     axis.set_ylabel("lower rotor, share of a rotor alone")
     axis.legend(frameon=False)

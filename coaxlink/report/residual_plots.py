@@ -10,12 +10,13 @@ import numpy as np
 from coaxlink.report.figures import drawn, stamped, write_figure
 from coaxlink.report.label import cause_words, channel_words
 from coaxlink.report.label import label as words
+from coaxlink.report.looks import AFTER, BEFORE
 from coaxlink.residual.result import Refinement, Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BEFORE, AFTER, FLOOR = "#c4703f", "#1f5f8b", "#8a8f98"
+FLOOR = "#8a8f98"
 LOG_GAP_S = 2.0  # drawn between logs and pieces of a log, which stand one after another
 
 
@@ -52,14 +53,15 @@ def errors_figure(result: Refinement, stamp: str = "") -> Any:
     for i, name in enumerate(names):
         c = result.channels[name]
         unit = max(c.noise_floor, 1e-12)
-        for value, interval, colour, shift, label in (
+        for value, interval, look, shift, label in (
             (c.rmse_before, c.ci_before, BEFORE, 0.17, "before"),
             (c.rmse_after, c.ci_after, AFTER, -0.17, "after"),
         ):
             axis.plot(
-                [x / unit for x in interval], [i + shift] * 2, color=colour, lw=2, solid_capstyle="butt"
+                [x / unit for x in interval], [i + shift] * 2, color=look.colour, lw=2, solid_capstyle="butt"
             )
-            axis.plot(value / unit, i + shift, "o", color=colour, ms=5, label=label if i == 0 else None)
+            shown = label if i == 0 else None
+            axis.plot(value / unit, i + shift, ls="", **look.points, ms=5, label=shown)
     axis.axvline(1.0, color=FLOOR, lw=1, ls="--")
     axis.set_xscale("log")
     axis.set_yticks(range(len(names)), [words(channel_words(name)) for name in names])
@@ -107,15 +109,13 @@ def _over_time(axis: Axes, result: Refinement, series: Series, channel: str) -> 
     time = np.concatenate([[0.0], np.cumsum(np.where(broken, LOG_GAP_S, steps))])
     gaps = np.flatnonzero(broken) + 1
     axis.axhspan(-2 * floor, 2 * floor, color=FLOOR, alpha=0.25, lw=0, label="within 2 x noise floor")
-    for values, colour, label, width in (
-        (series.before[:, c], BEFORE, "before", 0.9),
-        (series.after[:, c], AFTER, "after", 0.9),
-    ):
+    both = (series.before[:, c], BEFORE, "before"), (series.after[:, c], AFTER, "after")
+    for values, look, label in both:
         axis.plot(
             np.insert(time, gaps, np.nan),
             np.insert(values, gaps, np.nan),
-            color=colour,
-            lw=width,
+            **look.line,
+            lw=0.9,
             label=label,
         )
     axis.set_ylabel(_axis_words(result, channel, "\n"), fontsize=9)
@@ -130,18 +130,18 @@ def _axis_words(result: Refinement, channel: str, between: str) -> str:
 def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, effect: str | None) -> None:
     c = series.channels.index(channel)
     if effect is None or (effect, channel) not in series.causes:
-        axis.hist(series.after[:, c], bins=50, color=AFTER, alpha=0.8)
+        axis.hist(series.after[:, c], bins=50, color=AFTER.colour, alpha=0.8)
         axis.set_xlabel(_axis_words(result, channel, ", "))
         axis.set_ylabel("number of rows")
         _plain(axis)
         return
     label, cause = series.causes[effect, channel]
-    for values, colour in ((series.before[:, c], BEFORE), (series.after[:, c], AFTER)):
-        axis.plot(cause, values, ".", ms=2, alpha=0.35, color=colour, rasterized=True)
+    for values, look in ((series.before[:, c], BEFORE), (series.after[:, c], AFTER)):
+        axis.plot(cause, values, ".", ms=2, alpha=0.35, color=look.colour, rasterized=True)
         edges = np.unique(np.quantile(cause, np.linspace(0, 1, 13)))
         at = np.clip(np.searchsorted(edges, cause, side="right") - 1, 0, max(len(edges) - 2, 0))
         middles = [(np.mean(cause[at == k]), np.mean(values[at == k])) for k in np.unique(at)]
-        axis.plot(*zip(*middles, strict=True), "-o", ms=3, lw=1.4, color=colour)
+        axis.plot(*zip(*middles, strict=True), ls="-", ms=3, lw=1.4, **look.points)
     axis.axhline(0.0, color=FLOOR, lw=0.8)
     axis.set_xlabel(words(cause_words(label)), fontsize=9)
     axis.set_title(words(effect.replace("_", " ")), fontsize=9, loc="left")

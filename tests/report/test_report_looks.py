@@ -1,0 +1,81 @@
+"""Series of a picture are told apart without their hue: by lightness, dashes, shape or hatching."""
+
+import io
+import itertools
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.container import BarContainer
+from matplotlib.figure import Figure
+from test_report_pages import FOUND
+
+from coaxlink.data.stand import read_stand_log
+from coaxlink.files import example
+from coaxlink.mixer import make_law
+from coaxlink.mixer.comparison import compare
+from coaxlink.mixer.fitted import envelope, fit_table
+from coaxlink.report import identify_plots
+from coaxlink.report.looks import AFTER, BEFORE, LOOKS, THRUST, TORQUE
+from coaxlink.report.mixers import draw_comparison
+from coaxlink.report.residual_plots import errors_figure
+from coaxlink.rotor import identify
+from coaxlink.vehicle import load_vehicle
+
+APART = 20.0  # of 100, in CIE lightness
+
+
+def lightness(colour) -> float:
+    """CIE L* of an sRGB colour."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
+    y = np.dot((0.2126, 0.7152, 0.0722), linear)
+    return 116.0 * y ** (1 / 3) - 16.0 if y > 0.008856 else 903.3 * y
+
+
+def clashes(figure) -> list[tuple[str, str]]:
+    """Named lines of one panel that only their hue tells apart."""
+    found = []
+    for axes in figure.axes:
+        lines = [line for line in axes.get_lines() if not str(line.get_label()).startswith("_")]
+        for a, b in itertools.combinations(lines, 2):
+            shape = [
+                (x.get_marker(), "" if x.get_linestyle() == "None" else str(x._dash_pattern)) for x in (a, b)
+            ]
+            near = abs(lightness(a.get_color()) - lightness(b.get_color())) < APART
+            if shape[0] == shape[1] and near:
+                found.append((str(a.get_label()), str(b.get_label())))
+    return found
+
+
+def test_the_check_finds_lines_of_one_shape_and_lightness():
+    axes = (figure := Figure()).subplots()
+    axes.plot([0, 1], color="#4477aa", label="a")
+    axes.plot([1, 0], color="#777777", label="b")
+    axes.plot([1, 0], color="#777777", ls="--", label="c")
+    assert clashes(figure) == [("a", "b")]
+
+
+def test_looks_differ_in_dashes_shape_and_hatching():
+    for what in ("dashes", "marker", "hatch", "colour"):
+        assert len({getattr(look, what) for look in LOOKS}) == len(LOOKS)
+    for a, b in ((BEFORE, AFTER), (THRUST, TORQUE)):
+        assert abs(lightness(a.colour) - lightness(b.colour)) > APART
+
+
+@pytest.mark.parametrize("picture", ["comparison", "errors", "tolerance", "efficiency"])
+def test_no_picture_needs_colour(picture):
+    vehicle = load_vehicle(example("x8_demo.toml"))
+    if picture == "comparison":
+        laws = [(name, make_law(name, vehicle)) for name in ("standard", "reduced", "exact")]
+        rows = compare(vehicle, laws, envelope(vehicle.airframe, 4))
+        figure = draw_comparison("x8", 196.0, rows, fit_table(vehicle))
+        bars = [c for c in figure.axes[1].containers if isinstance(c, BarContainer)]
+        assert len({c[0].get_hatch() for c in bars}) == len(bars) > 2
+    elif picture == "errors":
+        figure = errors_figure(FOUND)
+    else:
+        found = identify(read_stand_log(example("stand_eq17.csv")))
+        draw = identify_plots.tolerance_sweep if picture == "tolerance" else identify_plots.efficiency
+        figure = draw(found)
+    assert any(axes.get_lines() for axes in figure.axes) and clashes(figure) == []
+    figure.savefig(io.BytesIO(), format="svg")
