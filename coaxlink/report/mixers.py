@@ -33,8 +33,9 @@ def draw_comparison(
     width = 0.8 / len(rows)
     for k, (row, look) in enumerate(zip(rows, LOOKS, strict=False)):
         at = [axis + (k - (len(rows) - 1) / 2) * width for axis in range(4)]
-        bars.bar(at, [max(float(e), FLOOR) for e in row.mean_error], width, **look.bar)
+        bars.bar(at, [max(float(e), FLOOR) for e in row.mean_error], width, **look.bar, label=row.label)
     bars.set_yscale("log")
+    bars.legend(fontsize=7, ncols=2)
     bars.set_xticks(range(4), ["thrust, N", "roll, N m", "pitch, N m", "yaw, N m"])
     bars.set(ylabel="mean |error|, N or N m", title=f"over the envelope (bars at {FLOOR:g}: none)")
     _draw_trade(trade, table)

@@ -93,6 +93,8 @@ def test_ardupilot_and_the_companion(reader, tmp_path):
     assert (tmp_path / "bridge" / "scripts" / "coaxlink_bridge.lua").is_file()
     reader.follow("howto/raspberry_pi.md")
     assert (tmp_path / "signing.key").stat().st_mode & 0o077 == 0
+    reader.follow("howto/replay.md")
+    assert "front right" in next(out for line, (out, _) in reader.said.items() if "--replay" in line)
 
 
 def test_every_command_to_follow_says_how_it_is_run():
