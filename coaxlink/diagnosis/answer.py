@@ -13,6 +13,7 @@ from coaxlink.diagnosis.claims import NOTHING, Claims, added_by, claims, forms_o
 from coaxlink.diagnosis.hypotheses import ODDS, Hypothesis, form_name
 from coaxlink.diagnosis.parts import Block
 from coaxlink.diagnosis.posterior import CLAIMED, Posterior
+from coaxlink.diagnosis.unlogged import with_unlogged
 from coaxlink.frames import Array, StandFrame
 from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
@@ -39,7 +40,7 @@ def answered(
 ) -> Refinement:
     """The answer to these logs; `found` is None where nothing may be claimed."""
     best = found.best if found else None
-    said = claims(ch, found) if found else NOTHING
+    said = with_unlogged(ch, found, claims(ch, found)) if found else NOTHING
     doubts = _doubts(ch, found, said) if found else ()
     sure = said.sure
     doubtful = {n for d in doubts for n in d.names}

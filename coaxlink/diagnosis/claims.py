@@ -61,7 +61,7 @@ def standing_in(found: Posterior, sure: set[str]) -> set[str]:
             if best.effects - h.effects == {name}
             and len(h.effects - best.effects) == 1
             and len(h.names) <= len(best.names)
-            and _ahead(found, h) < APART
+            and ahead(found, h, name) < APART
         }
         if others and found.any_of({name, *others}) > CLAIMED:
             return {name, *others}
@@ -74,15 +74,27 @@ def standing_in(found: Posterior, sure: set[str]) -> set[str]:
     return set()
 
 
-def _ahead(found: Posterior, rival: Hypothesis) -> float:
-    """Nats by which the set of most mass is ahead of another, by the evidence or by the rows alone.
+def ahead(found: Posterior, rival: Hypothesis, name: str) -> float:
+    """Nats by which the set of most mass is ahead of another without a name, by evidence or by rows alone.
 
-    Of these the less: by the rows alone every number more is expected to gain half a nat of noise.
+    Of these the less: by the rows alone every number more is expected to gain half a nat of noise. Or, if it
+    is more, what the name gains beside what would stand in for it.
     """
     best, k = found.index(found.best), found.index(rival)
     more = sum(len(m.point) for m in rival.members) - sum(len(m.point) for m in found.best.members)
     evidence = found.behind[k] - found.behind[best]
-    return float(min(evidence, found.misfit[k] - found.misfit[best] + 0.5 * max(more, 0)))
+    less = min(evidence, found.misfit[k] - found.misfit[best] + 0.5 * max(more, 0))
+    return max(float(less), _beside(found, rival, name))
+
+
+def _beside(found: Posterior, rival: Hypothesis, name: str) -> float:
+    """Nats that a name still gains beside what would stand in for it; where that was not weighed, none.
+
+    What a name explains as well with another in the set is not what the other explains.
+    """
+    wanted, k = rival.names | {name}, found.index(rival)
+    both = [b for h, b in zip(found.sets, found.behind, strict=True) if h.names == wanted]
+    return float(found.behind[k] - both[0]) if both else 0.0
 
 
 def _stands_in(found: Posterior, name: str, other: str) -> bool:
@@ -101,7 +113,7 @@ def _against_forms(ch: Channels, found: Posterior, name: str) -> float:
         if best.effects - h.effects != {name} or h.effects - best.effects or len(h.names) > len(best.names):
             continue
         if not any(_own_cause(ch, best, name, f) for f in new):
-            nats = min(nats, float(behind - here))
+            nats = min(nats, max(float(behind - here), _beside(found, h, name)))
     return nats
 
 

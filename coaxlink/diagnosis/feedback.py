@@ -3,98 +3,85 @@
 A gust, or noise of the gyro that is flown after, is in what was measured and, a moment later, in what the
 rotors were told: the residual then goes with the predicted load itself, late or early, with nothing wrong in
 the model (Ljung 1999, System Identification, 13.4: closed-loop identification by the direct method is biased
-where noise is not modelled through the loop). How much of it can be is known: a disturbance of size d that a
-load of size P answers leaves d^2 / P in step with P and e^2 = d^2 (1 - d^2 / P^2) beside it.
+where noise is not modelled through the loop). How much of it can be is known, frequency by frequency, for a
+loop answers slow gusts in full and fast ones hardly: a disturbance of size d that a load of size P answers
+leaves d^2 / P in step with P and e^2 = d^2 (1 - d^2 / P^2) beside it. Where more than P / 2 is beside it, the
+load is less than an answer, and says nothing of how much of the disturbance goes with it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from coaxlink.diagnosis.evidence import fitted, sums_of
-from coaxlink.diagnosis.parts import Block, joined
+from coaxlink.diagnosis.parts import Block
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.signals import derivative, low_pass
 
 ANSWERED = (2, 3, 4, 5)  # channels that rotors act in: lift and torques
-LATE_S = (0.1, 0.3)  # by which a loop's answer may lag
-SLOW_HZ = (0.3, 1.0)  # about where loops of position and of attitude end
+# octaves between them; loops of position end at the lower ones, loops of attitude at the upper ones
+EDGES_HZ = (0.3, 0.6, 1.2, 2.4)
+SLOW_BANDS = 2  # in which no lag of a motor keeps a load from moving the body
+LEAST_LOAD = 1e-9  # of the reference load
 
 
-def feedback(
-    frame: FlightFrame, reduce: Callable[[Array], Array], base: Sequence[Block], target: Array, least: Array
-) -> list[Block]:
-    """Blocks of what may come back through the loop, by channel; `target` (rows, C) is the residual."""
-    shapes, reacting = _shapes(frame, reduce)
-    size = np.sqrt(np.mean(reduce(frame.predicted - _mean(frame)) ** 2, axis=0))
-    wide = _blocks(shapes, {c: np.maximum(0.5 * size[c], reacting[c]) for c in shapes}, target.shape[1])
-    columns, deviation = joined([*base, *wide])
-    fit = fitted(sums_of(columns, target), deviation, np.maximum(target.std(axis=0), least), least)
-    beside = np.std(target - columns @ fit.values, axis=0)
-    usual = in_step(beside, size)
-    return _blocks(shapes, {c: np.maximum(usual[c], reacting[c]) for c in shapes}, target.shape[1])
+def feedback(frame: FlightFrame, reduce: Callable[[Array], Array]) -> list[Block]:
+    """A block a channel of what may come back through the loop, octave by octave.
 
-
-def in_step(beside: Array, load: Array) -> Array:
-    """Part of a disturbance in step with the load that answers it, from the part that is not."""
-    ratio = np.minimum(4.0 * (beside / np.maximum(load, 1e-12)) ** 2, 1.0)
-    return np.asarray(0.5 * load * (1.0 - np.sqrt(1.0 - ratio)))
-
-
-def _mean(frame: FlightFrame) -> Array:
-    return np.asarray(np.mean(frame.predicted[frame.keep], axis=0))
-
-
-def _shapes(
-    frame: FlightFrame, reduce: Callable[[Array], Array]
-) -> tuple[dict[int, Array], dict[int, Array]]:
-    """By channel, (rows, K) of unit rms, and (K,) of the load that surely answers a disturbance.
-
-    The load, its rate and bend, slow parts of load and rate, the load behind a lag, and the angle and rate
-    that a torque leaves behind. What of a slow load does not move the body answers a disturbance.
+    In step with the load and with its rate; beside it go the angle and the rate that a torque leaves behind.
     """
-    moving = frame.predicted - _mean(frame)
-    moved = frame.measured - np.mean(frame.measured[frame.keep], axis=0)
-    rate = derivative(moving, frame.rate_hz)
-    ways = [moving, rate, derivative(rate, frame.rate_hz)]
-    answer = [np.zeros(moving.shape[1])] * 3
-    # of the lift not: less of it for as little motion is another mass, another air, another supply
-    torques = np.arange(moving.shape[1]) > 2
-    for corner in SLOW_HZ:
-        slow = _slow(frame, moving, corner)
-        left = np.mean(slow[frame.keep] ** 2 - _slow(frame, moved, corner)[frame.keep] ** 2, axis=0)
-        ways += [slow, _slow(frame, rate, corner)]
-        answer += [np.sqrt(np.maximum(left, 0.0)) * torques] * 2
-    for lag in LATE_S:
-        ways.append(frame.filtered(moving, lag) - moving)
-        answer.append(np.zeros(moving.shape[1]))
-    turned = np.zeros((len(moving), moving.shape[1], 2))
-    turned[:, 3:, 0], turned[:, 3:, 1] = frame.attitude, frame.rates
-    turned -= turned[frame.keep].mean(axis=0)
-    answer += [np.zeros(moving.shape[1])] * 2
-    reduced = reduce(np.concatenate([np.stack(ways, axis=-1), turned], axis=-1))  # (rows, C, K)
-    size = np.sqrt(np.mean(reduced**2, axis=0))
-    use, answers = size > 1e-12, np.stack(answer, axis=-1)
-    return (
-        {c: reduced[:, c, use[c]] / size[c, use[c]] for c in ANSWERED},
-        {c: answers[c, use[c]] for c in ANSWERED},
+    load = _bands(frame, frame.predicted)
+    body = _bands(frame, frame.measured)
+    rate = derivative(load.reshape(len(load), -1), frame.rate_hz).reshape(load.shape)
+    turned = np.concatenate(
+        [np.zeros((len(load), 3, 2)), np.stack([frame.attitude, frame.rates], -1)], axis=1
     )
-
-
-def _slow(frame: FlightFrame, values: Array, corner_hz: float) -> Array:
-    out = np.empty_like(values)
-    cuts = np.flatnonzero(np.diff(frame.stretch)) + 1
-    for first, end in zip([0, *cuts], [*cuts, len(values)], strict=True):
-        out[first:end] = low_pass(values[first:end], frame.rate_hz, corner_hz)
-    return out
-
-
-def _blocks(shapes: dict[int, Array], deviation: dict[int, Array], count: int) -> list[Block]:
     out = []
-    for c, columns in shapes.items():
-        full = np.zeros((len(columns), count, columns.shape[1]))
+    for c in ANSWERED:
+        ways, deviation = [], []
+        for b in range(load.shape[-1]):
+            step, change, moved = (reduce(x[:, c, b]) for x in (load, rate, body))
+            size, motion = float(np.std(step)), float(np.std(moved))
+            if size < LEAST_LOAD * frame.reference[c]:
+                continue
+            pair = np.stack([step, change], axis=1) - [step.mean(), change.mean()]
+            pair /= pair.std(axis=0)
+            left = moved - step - np.mean(moved - step)
+            beside = float(np.std(left - pair @ np.linalg.lstsq(pair, left, rcond=None)[0]))
+            share = in_step(beside, size)
+            if c > 2 and b < SLOW_BANDS:
+                # what of a slow torque does not move the body answers a disturbance; of the lift not: less of
+                # it for as little motion is another mass, another air, another supply
+                share = max(share, float(np.sqrt(max(size**2 - motion**2, 0.0))))
+            ways.append(pair)
+            deviation += [share, share]
+        if not ways:
+            continue
+        angles = reduce(turned[:, c]) - reduce(turned[:, c]).mean(axis=0)
+        angles = angles[:, angles.std(axis=0) > 1e-9]
+        columns = np.concatenate([*ways, angles / angles.std(axis=0)], axis=1)
+        deviation += [float(np.sqrt(0.5 * np.sum(np.square(deviation))))] * angles.shape[1]
+        full = np.zeros((len(columns), load.shape[1], columns.shape[1]))
         full[:, c] = columns
-        out.append(Block(f"feedback {c}", full, np.maximum(deviation[c] * np.ones(columns.shape[1]), 1e-12)))
+        out.append(Block(f"feedback {c}", full, np.maximum(deviation, 1e-12)))
     return out
+
+
+def in_step(beside: float, load: float) -> float:
+    """Part of a disturbance in step with the load that answers it, from the part that is not."""
+    if beside > 0.5 * load:
+        return max(load, beside)
+    return 0.5 * load * (1.0 - np.sqrt(1.0 - 4.0 * (beside / load) ** 2))
+
+
+def _bands(frame: FlightFrame, values: Array) -> Array:
+    """(rows, C, bands) of (rows, C): between the edges, the lowest first; they sum to the values."""
+    below = [np.zeros_like(values)]
+    for edge in EDGES_HZ:
+        slow = np.empty_like(values)
+        cuts = np.flatnonzero(np.diff(frame.stretch)) + 1
+        for first, end in zip([0, *cuts], [*cuts, len(values)], strict=True):
+            slow[first:end] = low_pass(values[first:end], frame.rate_hz, edge)
+        below.append(slow)
+    return np.diff(np.stack([*below, values], axis=-1), axis=-1)

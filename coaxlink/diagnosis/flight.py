@@ -12,6 +12,7 @@ from coaxlink.diagnosis.channels import Channels, possible
 from coaxlink.diagnosis.feedback import feedback
 from coaxlink.diagnosis.parts import Block, in_channel, waves
 from coaxlink.diagnosis.reducing import reducing
+from coaxlink.diagnosis.unlogged import unlogged_supply
 from coaxlink.effects import flight_effects
 from coaxlink.effects.onset import GRADUAL, gradual
 from coaxlink.effects.rotor_lag import late_speeds
@@ -70,9 +71,9 @@ def flight_channels(bare: FlightFrame, most: int = MANY_ROWS) -> Channels:
         variables=variables,
         speeds=dict.fromkeys(range(len(names)), (usual,)),
         weights=np.abs(reduce(frame.predicted)),
-        base=(*base, *feedback(frame, reduce, base, target, RESOLUTION * reference)),
+        base=(*base, *feedback(frame, reduce)),
         surface=(),
-        forms=_forms(names, variables, reference),
+        forms=_forms(names, variables, reference) | unlogged_supply(frame, reduce),
         effects=tuple(able),
         reduce=reduce,
         notes=(*frame.notes, *notes),

@@ -65,8 +65,17 @@ def _posterior(ch: Channels, visited: Sequence[Hypothesis]) -> Posterior:
             break
         lead = now
     weight = np.exp(np.clip(behind.min() - behind, -700.0, 0.0))
-    misfit = np.array([_log_density(best) - _log_density(h) for h in sets]) * tempers
+    misfit = np.array([_at_best(best) - _at_best(h) for h in sets]) * tempers
     return Posterior(tuple(sets), weight / weight.sum(), tempers, evidence, misfit)
+
+
+def _at_best(h: Hypothesis) -> float:
+    """Log density of the rows at a set's best numbers, and of these under their priors.
+
+    Occam's factor apart: the widths of priors are good to a factor of a few. What numbers of the base would
+    have to be is no matter of widths: rows that fit because six rotors are five deviations off do not fit.
+    """
+    return h.fit.log_evidence + float(np.sum(np.log(np.diag(h.fit.factor))))
 
 
 def temper(ch: Channels, one: Hypothesis, other: Hypothesis) -> float:

@@ -22,7 +22,7 @@ from coaxlink.diagnosis.stand import stand_channels
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.residual.channels.flight_problem import flight_floor
 from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
-from coaxlink.residual.faults.flight_faults import flight_suspects
+from coaxlink.residual.faults.flight_faults import flight_suspects, without_accused
 from coaxlink.residual.faults.stand_faults import find_suspects
 from coaxlink.residual.result import Refinement, Suspect
 from coaxlink.rotor import RotorModel
@@ -76,6 +76,7 @@ def diagnose_flight(
     progress("aligning")
     bare = flight_frame(several, airframe, model)
     suspects, bad, silent = flight_suspects(bare, several)
+    bare = without_accused(bare, suspects)
     if bad.any() and np.sum(~bad[bare.keep]) > LEAST_FLIGHT_ROWS:
         bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
     ch = flight_channels(bare)

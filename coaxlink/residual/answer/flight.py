@@ -23,7 +23,7 @@ from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.checks.drag_in_wind import drag_beside
 from coaxlink.residual.checks.mass_or_thrust import Scales, behind_voltage, doubt, scales, why_mass
 from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled_lift, undone, without
-from coaxlink.residual.faults.flight_faults import flight_suspects
+from coaxlink.residual.faults.flight_faults import flight_suspects, without_accused
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_base
 from coaxlink.residual.regression.joint_model import SHORT, Joint, Part, composed
@@ -96,6 +96,7 @@ def judge_flight(
     progress("aligning")
     bare = flight_frame(several, airframe, model)
     suspects, bad, mislabelled = flight_suspects(bare, several)
+    bare = without_accused(bare, suspects)
     if bad.any() and np.sum(~bad[bare.keep]) > LEAST_ROWS:
         bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
     known, notes = known_parts(bare)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.channels.flight import EDGE_S, reduce_columns
+from coaxlink.residual.faults.contradictions import contradicted
 from coaxlink.residual.faults.repeated_readings import DEAD, copied, stuck
 from coaxlink.residual.faults.stand_faults import rows_text
 from coaxlink.residual.result import Suspect
@@ -27,6 +28,7 @@ FAILS = 3.0
 REVERSED = -0.7  # correlation of a gyro with the attitude's own rate
 # a sound gyro's scale is off by less; what a filter or slow rows do falls with frequency, a scale does not
 SCALE, SCALE_HZ, PIECES = 0.05, (1.2, 0.6), 8
+SPARED = {"height_m", "voltage_V"}  # columns a flight can be judged without
 
 
 def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[Suspect], Mask, bool]:
@@ -42,8 +44,21 @@ def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[S
             mine = frame.log == number
             bad |= mine & _around(frame.time_s, log["time_s"], rows)
             dead |= rows.mean() > DEAD
+        for column, rows, why in contradicted(log):
+            out.append(Suspect(column, rows_text(rows), why))
+            dead |= column not in SPARED
     wrong = [*_reversed(frame), *_swapped(frame)]
     return [*out, *wrong], bad, bool(wrong) or dead
+
+
+def without_accused(frame: FlightFrame, suspects: Sequence[Suspect]) -> FlightFrame:
+    """The frame without the columns that a flight can be judged without, where they are accused."""
+    accused = {s.column for s in suspects}
+    return replace(
+        frame,
+        height=None if "height_m" in accused else frame.height,
+        voltage=None if "voltage_V" in accused else frame.voltage,
+    )
 
 
 def _around(frame_time: Array, time: Array, rows: Mask) -> Mask:

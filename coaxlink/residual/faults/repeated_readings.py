@@ -32,11 +32,11 @@ SIGMAS = 3.0
 def stuck(log: Samples) -> list[Finding]:
     """Axes that read exactly the same for long while the vehicle flies."""
     found: list[Finding] = []
-    flying = _flying(log)
+    flying = flying_rows(log)
     step_s = float(np.nanmedian(np.diff(log["time_s"]))) if log.rows > 2 else 1.0
     for kind, unit in KINDS.items():
         names = [f"{kind}_{axis}_{unit}" for axis in "xyz"]
-        held = np.stack([_held(log[name], flying, step_s) for name in names], axis=1)
+        held = np.stack([held_rows(log[name], flying, step_s) for name in names], axis=1)
         if not held.any():
             continue
         steps = [log.resolution.get(name, resolution_of(log[name])) for name in names]
@@ -77,14 +77,14 @@ def copied(log: Samples) -> list[Finding]:
     return [("accel_*, gyro_*", mask, why)] if mask.any() else []
 
 
-def _flying(log: Samples) -> Mask:
+def flying_rows(log: Samples) -> Mask:
     """(rows,) whether the motors' commands change: a vehicle that stands may well read the same twice."""
     names = [n for n in log.columns if n.startswith("motor") and n[5:].isdigit()]
     total = np.sum([np.nan_to_num(log[n]) for n in names], axis=0)
     return np.asarray(total > 0.4 * float(np.median(total)), bool)
 
 
-def _held(values: Array, flying: Mask, step_s: float) -> Mask:
+def held_rows(values: Array, flying: Mask, step_s: float) -> Mask:
     """(rows,) in runs of one reading, longer than the column's others."""
     same = np.concatenate([[False], np.diff(values) == 0.0])
     first = np.flatnonzero(~same)
@@ -108,17 +108,11 @@ def _contradicted(log: Samples, names: list[str], held: Mask, step: float) -> Ma
 
     Compared are means over WINDOW_S; how far the two usually differ is told by what is not held.
     """
-    time = log["time_s"]
-    size = max(round(WINDOW_S / float(np.nanmedian(np.diff(time)))), 1)
-    first = np.arange(0, log.rows - size, size)
-    last = first + size
-    whole = np.isclose(time[last] - time[first], size * np.nanmedian(np.diff(time)), rtol=0.2)
-    first, last = first[whole], last[whole]
+    first, last, size = windows(log, WINDOW_S)
     due = _due(log, first, last, gyro=names[0].startswith("gyro"))
-    read = np.stack([np.add.reduceat(log[n], first)[: len(first)] / size for n in names], axis=1)
-    differs = due - read
+    differs = due - _means(log, names, first, size)
     inside = np.stack([held[first + size // 2, k] for k in range(3)], axis=1)
-    flying = _flying(log)[first + size // 2]
+    flying = flying_rows(log)[first + size // 2]
     proven = np.zeros_like(held)
     for k in range(3):
         free = flying & ~inside[:, k]
@@ -133,6 +127,25 @@ def _contradicted(log: Samples, names: list[str], held: Mask, step: float) -> Ma
             if here.any() and float(np.sqrt(np.mean(differs[here, k] ** 2))) > limit:
                 proven[a:b, k] = True
     return proven
+
+
+def windows(log: Samples, window_s: float) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
+    """First rows and rows behind the last of windows without a gap, and their length in rows."""
+    time = log["time_s"]
+    if log.rows < 3:
+        return np.zeros(0, np.intp), np.zeros(0, np.intp), 1
+    step_s = float(np.nanmedian(np.diff(time)))
+    size = max(round(window_s / step_s), 1)
+    first = np.arange(0, log.rows - size, size)
+    last = first + size
+    whole = np.isclose(time[last] - time[first], size * step_s, rtol=0.2)
+    return first[whole], last[whole], size
+
+
+def _means(log: Samples, names: list[str], first: NDArray[np.intp], size: int) -> Array:
+    """(windows, names) means over windows."""
+    rows = first[:, None] + np.arange(size)
+    return np.stack([log[n][rows].mean(axis=1) for n in names], axis=1)
 
 
 def _due(log: Samples, first: NDArray[np.intp], last: NDArray[np.intp], *, gyro: bool) -> Array:

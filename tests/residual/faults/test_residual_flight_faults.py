@@ -13,6 +13,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
+from coaxlink.residual.faults.contradictions import contradicted
 from coaxlink.residual.faults.flight_faults import off_centre
 from coaxlink.rotor import load_rotor_model
 
@@ -29,6 +30,39 @@ def ask(columns):
 
 def test_a_sound_log_is_not_accused(clean):
     assert ask(clean).suspect_data == ()
+
+
+def stands_still(log):
+    late = log["time_s"] > 25.0
+    return {"height_m": np.where(late, log["height_m"][late][0], log["height_m"])}
+
+
+@pytest.mark.parametrize(
+    ("column", "harm"),
+    [
+        ("height_m", stands_still),
+        ("accel_z_m_s2", lambda log: {"accel_z_m_s2": 0.91 * log["accel_z_m_s2"]}),
+        ("accel_z_m_s2", lambda log: {"accel_z_m_s2": log["accel_z_m_s2"] - 0.8}),
+        ("voltage_V", lambda log: {"voltage_V": 1000.0 * log["voltage_V"]}),
+    ],
+)
+def test_what_the_rest_of_the_log_contradicts_is_accused(column, harm, clean):
+    assert [f[0] for f in contradicted(Samples(clean | harm(clean), "fault"))] == [column]
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_a_scale_within_a_data_sheet_is_no_fault(share, clean):
+    held = np.repeat(clean["height_m"][::50], 50)[
+        : len(clean["height_m"])
+    ]  # a height of one reading a second
+    log = clean | {"accel_z_m_s2": share * clean["accel_z_m_s2"], "height_m": held}
+    assert contradicted(Samples(log, "sound")) == []
+
+
+def test_a_height_that_stands_still_takes_nothing_else_from_the_answer(clean):
+    answer = ask(clean | stands_still(clean))
+    assert [s.column for s in answer.suspect_data] == ["height_m"]
+    assert answer.effects == () and "ground_effect" in {r.name for r in answer.rejected}
 
 
 def test_two_motors_exchanged_are_named(clean):

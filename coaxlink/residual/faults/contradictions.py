@@ -1,0 +1,96 @@
+"""Columns of a flight that the rest of the log contradicts, whatever the rotors do.
+
+Kinematics alone: a height that stands still while the vertical velocity climbs, a mean specific force that
+the velocity would have run away with; and a supply of more volts than any vehicle has.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.data.samples import Samples
+from coaxlink.frames import Array
+from coaxlink.residual.faults.repeated_readings import Finding, flying_rows, held_rows, windows
+
+# of an accelerometer that was never calibrated a data sheet has 3 % of scale (MPU-6000), and 2 % for its zero
+ACCEL_SHARE = 0.05
+ACCEL_S, PIECES, SIGMAS = 2.0, 8, 4.0  # windows; parts of the flight left out in turn, as for a gyro's scale
+CLIMB_M, CLIMB_M_S = (
+    1.0,
+    0.3,
+)  # a height's rounding and wander; what a vertical velocity may be off by: judgement
+MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V
+
+
+def contradicted(log: Samples) -> list[Finding]:
+    """(column, (rows,) mask, why) of what cannot be: see the module."""
+    return [*_height(log), *_specific_force(log), *_voltage(log)]
+
+
+def _height(log: Samples) -> list[Finding]:
+    if not log.has("height_m"):
+        return []
+    time, velocity = log["time_s"], log["vel_d_m_s"]
+    step_s = float(np.nanmedian(np.diff(time))) if log.rows > 2 else 1.0
+    held = held_rows(log["height_m"], flying_rows(log), step_s)
+    rows = np.zeros(log.rows, bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(int), [0]])))
+    most = 0.0
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        steps = np.diff(time[first:end])
+        speed = np.where(steps < 1.0, velocity[first : end - 1], 0.0)  # what happened in a gap is not known
+        moved = float(np.ptp(np.nancumsum(speed * steps))) if len(steps) else 0.0
+        if moved > CLIMB_M + CLIMB_M_S * float(time[end - 1] - time[first]):
+            rows[first:end] = True
+            most = max(most, moved)
+    if not rows.any():
+        return []
+    return [
+        ("height_m", rows, f"it stands still while the vertical velocity moves the vehicle by {most:.0f} m")
+    ]
+
+
+def _specific_force(log: Samples) -> list[Finding]:
+    """The vertical accelerometer, against what keeps the logged velocity from running away."""
+    told, allowed = _downwards(log)
+    if len(told) < 2 * PIECES:
+        return []
+
+    def ratio(use: NDArray[np.bool_]) -> float:
+        return float(np.sum(told[use]) / min(float(np.sum(allowed[use])), -1e-9))
+
+    piece = np.arange(len(told)) * PIECES // len(told)
+    parts = np.array([ratio(piece != k) for k in range(PIECES)])
+    reach = SIGMAS * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
+    factor = ratio(piece >= 0)
+    if not abs(factor - 1.0) - reach > ACCEL_SHARE:
+        return []
+    why = f"it reads {factor:.2f} times what the logged velocity allows: its scale or its zero is wrong"
+    return [("accel_z_m_s2", np.ones(log.rows, bool), why)]
+
+
+def _downwards(log: Samples) -> tuple[Array, Array]:
+    """(windows,) the z axis's part of the downward specific force, as read and as the velocity allows."""
+    first, last, size = windows(log, ACCEL_S)
+    roll, pitch = log["roll_rad"], log["pitch_rad"]
+    x, y, z = (log[f"accel_{axis}_m_s2"] for axis in "xyz")
+    level = y * np.sin(roll) * np.cos(pitch) - x * np.sin(pitch)
+    down = z * np.cos(roll) * np.cos(pitch)
+    rows = first[:, None] + np.arange(size)
+    flown = flying_rows(log)[rows].all(axis=1)
+    gained = (log["vel_d_m_s"][last] - log["vel_d_m_s"][first]) / (log["time_s"][last] - log["time_s"][first])
+    told, allowed = down[rows].mean(axis=1), gained - GRAVITY_M_S2 - level[rows].mean(axis=1)
+    use = flown & np.isfinite(told) & np.isfinite(allowed)
+    return told[use], allowed[use]
+
+
+def _voltage(log: Samples) -> list[Finding]:
+    if not log.has("voltage_V"):
+        return []
+    usual = float(np.nanmedian(log["voltage_V"]))
+    if not usual > MOST_V:
+        return []
+    why = f"{usual:.0f} V is no supply of a vehicle: millivolts would be {usual / 1000.0:.1f} V"
+    return [("voltage_V", np.ones(log.rows, bool), why)]
