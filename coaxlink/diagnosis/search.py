@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 
 from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
 from coaxlink.diagnosis.screening import Stack
-from coaxlink.effects.onset import gradual
+from coaxlink.effects.onset import COMES, gradual
 from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.regression.joint_model import Member
 
@@ -23,6 +23,8 @@ HOPELESS = 100.0  # nats behind at its first point, and a share of all that is e
 LEAST_FORM_GAIN = 5.0  # nats: a free form's odds take ten
 LEAST_GAIN = 1.0  # nats in a shape of the grid; its odds take four
 FAR = 30.0  # nats below the best: not worth another look
+# beside what a loop answers a step shows for as long as it passes a 4 Hz low-pass: half a second
+SHARP_S, MOST_TIMES = 0.4, 300
 STANDS_IN = 0.5  # of what an effect explains: less is no rival before its shape has moved
 
 
@@ -70,6 +72,7 @@ class Search:
         self.forms = tuple(self.channels.forms)
         self.free = Stack([(w, b.deviation) for b, w in map(scorer.form, self.forms)])
         self.barred: set[str] = set()
+        self._sharp: dict[object, tuple[list[Candidate], Stack]] = {}
 
     def run(self, starts: Sequence[Hypothesis] = ()) -> Visited:
         """From nothing, and from given members, until nothing better comes."""
@@ -179,7 +182,7 @@ class Search:
     def _refined(self, h: Hypothesis) -> None:
         """Other forms of each member, and other beginnings."""
         for k, m in enumerate(h.members):
-            if "onset_s" in m.shape:
+            if m.effect.sudden:
                 self._begun_anew(h, k)
             other_forms = [*m.effect.finer(self.channels.bare, m.shape, m.coefficients)]
             if m.effect.sudden:
@@ -192,14 +195,18 @@ class Search:
                     self._try(changed, h.forms, h)
 
     def _begun_anew(self, h: Hypothesis, k: int) -> None:
-        """Member k from the best of all beginnings on, beside the others."""
-        name, others = h.members[k].name, [m for i, m in enumerate(h.members) if i != k]
+        """Member k from the best of all beginnings on, beside the others: in any form, and in its own."""
+        m, others = h.members[k], [m for i, m in enumerate(h.members) if i != k]
+        name, form = m.name, _form_numbers(m.shape)
         mine = [c for c in self.candidates if c.effect.name == name and "onset_s" in c.shape]
         if not mine:
             return
         without = self._try(others, h.forms, h, anew=False)
         gains = dict(zip(map(id, self.candidates), self._gains(without, self.grid), strict=True))
         best = self._timed(without, max(mine, key=lambda c: gains[id(c)]))
+        self._try([*others, self.started(without, best)], h.forms, h)
+        sharp, stack = self._beginnings(m.effect, form)
+        best = self._timed(without, sharp[int(np.argmax(self._gains(without, stack)))], SHARP_S)
         self._try([*others, self.started(without, best)], h.forms, h)
 
     def screened(self, h: Hypothesis) -> list[tuple[Tracing[Any], Candidate]]:
@@ -226,12 +233,13 @@ class Search:
                 out[c.effect.name] = c.effect, c, gain
         return list(out.values())
 
-    def _timed(self, h: Hypothesis, c: Candidate) -> Candidate:
-        """The candidate with its beginning found to a tenth of the distance between those of the grid."""
-        times = sorted(
-            {t.shape["onset_s"] for t in self.candidates if "onset_s" in t.shape and t.effect is c.effect}
-        )
-        reach = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    def _timed(self, h: Hypothesis, c: Candidate, reach: float | None = None) -> Candidate:
+        """The candidate with its beginning found to a tenth of `reach` (s), or of the grid's distances."""
+        if reach is None:
+            times = sorted(
+                {t.shape["onset_s"] for t in self.candidates if "onset_s" in t.shape and t.effect is c.effect}
+            )
+            reach = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
         for _ in range(2):
             times = [c.shape["onset_s"] + reach * x for x in np.linspace(-1.0, 1.0, 11)]
             low, high = c.effect.free(self.channels.frame, c.shape)["onset_s"]
@@ -241,6 +249,19 @@ class Search:
             c = tried[int(np.argmax(gains))]
             reach *= 0.2
         return c
+
+    def _beginnings(self, effect: Tracing[Any], form: Shape) -> tuple[list[Candidate], Stack]:
+        """One form of an effect from any moment of the log on."""
+        key = (effect.name, tuple(sorted(form.items())))
+        if key not in self._sharp:
+            low, high = effect.free(self.channels.frame, {**form, "onset_s": 0.0})["onset_s"]
+            count = int(np.clip(np.ceil((high - low) / SHARP_S), 1, MOST_TIMES))
+            tried = [
+                self._candidate(effect, {**form, "onset_s": float(t)})
+                for t in np.linspace(low, high, count + 2)[1:-1]
+            ]
+            self._sharp[key] = tried, Stack([(t.white, t.deviation) for t in tried])
+        return self._sharp[key]
 
     def _candidate(self, effect: Tracing[Any], shape: Shape) -> Candidate:
         ch = self.channels
@@ -262,6 +283,11 @@ class Search:
     def _gains(self, h: Hypothesis, stack: Stack) -> list[float]:
         """Log evidence that each piece of a stack would add beside a hypothesis."""
         return stack.gains(h, self.scorer.colour.whiten(h.left))
+
+
+def _form_numbers(shape: Shape) -> dict[str, float]:
+    """A shape without when it began and how long that took, nor what moves with it."""
+    return {k: v for k, v in shape.items() if k not in COMES}
 
 
 def candidates(scorer: Scorer) -> list[Candidate]:

@@ -17,10 +17,8 @@ from coaxlink.residual.faults.repeated_readings import Finding, flying_rows, hel
 # of an accelerometer that was never calibrated a data sheet has 3 % of scale (MPU-6000), and 2 % for its zero
 ACCEL_SHARE = 0.05
 ACCEL_S, PIECES, SIGMAS = 2.0, 8, 4.0  # windows; parts of the flight left out in turn, as for a gyro's scale
-CLIMB_M, CLIMB_M_S = (
-    1.0,
-    0.3,
-)  # a height's rounding and wander; what a vertical velocity may be off by: judgement
+CLIMB_M, CLIMB_M_S = 1.0, 0.3  # judgement: a height's own wander; what a vertical velocity is off by
+BEND_M = 3.0  # judgement: what is left of that once its steady part is taken out
 MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V
 
 
@@ -41,10 +39,14 @@ def _height(log: Samples) -> list[Finding]:
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         steps = np.diff(time[first:end])
         speed = np.where(steps < 1.0, velocity[first : end - 1], 0.0)  # what happened in a gap is not known
-        moved = float(np.ptp(np.nancumsum(speed * steps))) if len(steps) else 0.0
-        if moved > CLIMB_M + CLIMB_M_S * float(time[end - 1] - time[first]):
+        path = np.nancumsum(speed * steps)
+        if len(path) < 3:
+            continue
+        bent = path - np.polyval(np.polyfit(time[first + 1 : end], path, 1), time[first + 1 : end])
+        lasted = float(time[end - 1] - time[first])
+        if np.ptp(path) > CLIMB_M + CLIMB_M_S * lasted or np.ptp(bent) > BEND_M:
             rows[first:end] = True
-            most = max(most, moved)
+            most = max(most, float(np.ptp(path)))
     if not rows.any():
         return []
     return [
