@@ -13,7 +13,7 @@ from coaxlink import files
 from coaxlink.fly.commands import Vehicle as Autopilot
 from coaxlink.mavlink import connect
 from coaxlink.monitor.feed import Feed
-from coaxlink.monitor.screen import Monitor
+from coaxlink.monitor.screen.app import Monitor
 from coaxlink.monitor.watch import Watch
 from coaxlink.vehicle import load_vehicle
 from sim.testing import standin

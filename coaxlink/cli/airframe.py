@@ -80,7 +80,7 @@ def report(
     if model is None:
         say("no rotor model given: thrust against weight was not checked")
     if picture:
-        from coaxlink.report.airframe_picture import draw_airframe
+        from coaxlink.report.pictures.airframe_picture import draw_airframe
 
         draw_airframe(picture, frame, board if fits else None)
         say(f"wrote {picture}")

@@ -106,9 +106,9 @@ def compare(
     screen.print(table)
     if out or report:
         from coaxlink.report.compare_page import compare_page
-        from coaxlink.report.figures import write_figure
         from coaxlink.report.made import Made
-        from coaxlink.report.mixers import draw_comparison
+        from coaxlink.report.pictures.figures import write_figure
+        from coaxlink.report.pictures.mixers import draw_comparison
 
         made = Made.now([f for f in (airframe, rotor or frame.rotor_model) if f is not None], frame.name)
         weight_N = frame.mass_kg * GRAVITY_M_S2

@@ -225,10 +225,10 @@ def _plan(results: list[Identification], path: Path) -> list[dict[str, Any]]:
 def _draw(results: list[Identification], plot: Path | None, report: Path | None) -> None:
     """Pictures into a folder (one a log when there are several), and pages."""
     from coaxlink import files
-    from coaxlink.report.figures import write_figures
     from coaxlink.report.identify_page import identify_page
-    from coaxlink.report.identify_plots import figures
     from coaxlink.report.made import Made
+    from coaxlink.report.pictures.figures import write_figures
+    from coaxlink.report.pictures.identify_plots import figures
 
     pages = _places(report, len(results)) if report else [None] * len(results)
     for result, page in zip(results, pages, strict=True):
@@ -291,7 +291,7 @@ def _over_spacing(results: list[Identification], text: str) -> SpacingModel:
 
 def _learn(results: list[Identification], options: Options) -> list[list[dict[str, Any]]]:
     """Print each model's learning curve; the same as plain numbers."""
-    from coaxlink.report.identify_curve import curve_table
+    from coaxlink.report.pictures.identify_curve import curve_table
     from coaxlink.rotor.learning import learning_curve
 
     curves = [learning_curve(result.form, result.bench, options) for result in results]

@@ -76,7 +76,7 @@ def monitor(
     """Live thrust of upper and lower rotors, split, balance, table on board and link."""
     from coaxlink.monitor.config import load_config
     from coaxlink.monitor.feed import check_address
-    from coaxlink.monitor.format import replay_words
+    from coaxlink.monitor.screen.format import replay_words
 
     settings = load_config(config)
     settings = replace(settings, theme=_theme(theme or settings.theme))
@@ -126,7 +126,7 @@ def _serve(port: int) -> None:
 
 def _theme(name: str | None) -> str:
     from coaxlink.errors import InputError
-    from coaxlink.monitor.themes import PALETTES
+    from coaxlink.monitor.screen.themes import PALETTES
 
     if name is not None and name not in PALETTES:
         raise InputError("--theme", "", f"one of {', '.join(PALETTES)} is expected, found {name!r}")
@@ -158,9 +158,9 @@ def _watch(connect: str, airframe_path: Path | None, rotor_path: Path | None) ->
 
 
 def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
-    from coaxlink.monitor.desk import Desk
+    from coaxlink.monitor.board.desk import Desk
     from coaxlink.monitor.feed import Feed
-    from coaxlink.monitor.screen import Monitor
+    from coaxlink.monitor.screen.app import Monitor
 
     shown: dict[str, Any] = {
         "folder": settings.snapshots,
@@ -192,9 +192,9 @@ def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
 
 def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:
     from coaxlink.mavlink import connect
+    from coaxlink.monitor.board.table_reader import TableReader
     from coaxlink.monitor.feed import COMPONENT, begin
-    from coaxlink.monitor.streams import Streams
-    from coaxlink.monitor.table_reader import TableReader
+    from coaxlink.monitor.telemetry.streams import Streams
 
     end = time.monotonic() + seconds
     patience_s = max(seconds, 3.0)
@@ -214,8 +214,8 @@ def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:
 
 def _show(view: View, json: Path | None, replay: Text | None = None) -> None:
     from coaxlink import files
-    from coaxlink.monitor.format import summary
-    from coaxlink.monitor.themes import DARK, dress
+    from coaxlink.monitor.screen.format import summary
+    from coaxlink.monitor.screen.themes import DARK, dress
     from coaxlink.monitor.watch import to_json
 
     if json is not None:

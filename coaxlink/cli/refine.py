@@ -107,7 +107,7 @@ def refine(
 
             drawn = page(result, made=made)
         if plot is not None and result.series is not None:
-            from coaxlink.report.residual_plots import errors_figure, overview_figure
+            from coaxlink.report.pictures.residual_plots import errors_figure, overview_figure
 
             figures = {
                 "residual": overview_figure(result, made.line()),
@@ -116,7 +116,7 @@ def refine(
     if report is not None and drawn is not None:
         files.write_atomic(report, drawn)
     if plot is not None:
-        from coaxlink.report.figures import write_figures
+        from coaxlink.report.pictures.figures import write_figures
 
         write_figures(plot, figures)
     if out is not None and result.model is not None:

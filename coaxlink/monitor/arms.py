@@ -14,9 +14,9 @@ import numpy as np
 from coaxlink.airframe import Airframe
 from coaxlink.errors import CoaxlinkError
 from coaxlink.mixer.law import Law
-from coaxlink.monitor.escs import Escs
-from coaxlink.monitor.speeds import Speeds
-from coaxlink.monitor.vehicle import finite
+from coaxlink.monitor.telemetry.escs import Escs
+from coaxlink.monitor.telemetry.speeds import Speeds
+from coaxlink.monitor.telemetry.vehicle import finite
 from coaxlink.vehicle import Vehicle
 
 STANDING = 0.005  # normalised speed below which a rotor stands still

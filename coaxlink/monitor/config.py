@@ -20,8 +20,8 @@ from typing import Any
 
 from coaxlink import files
 from coaxlink.errors import InputError
-from coaxlink.monitor.history import KEPT_S, LEAST_S
-from coaxlink.monitor.themes import PALETTES
+from coaxlink.monitor.screen.history import KEPT_S, LEAST_S
+from coaxlink.monitor.screen.themes import PALETTES
 from firmware_params.keys import unknown_key
 
 DEFAULT_URL = "udpin:0.0.0.0:14550"

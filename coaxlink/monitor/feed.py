@@ -15,9 +15,9 @@ from coaxlink.errors import InputError, LinkError
 from coaxlink.mavlink import Session, connect
 from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.transport import open_transport
-from coaxlink.monitor.desk import Desk
-from coaxlink.monitor.streams import Streams
-from coaxlink.monitor.table_reader import TableReader
+from coaxlink.monitor.board.desk import Desk
+from coaxlink.monitor.board.table_reader import TableReader
+from coaxlink.monitor.telemetry.streams import Streams
 from coaxlink.monitor.watch import Watch
 
 # beside another coaxlink session (component 191) the monitor is a companion of its own: no ground station,

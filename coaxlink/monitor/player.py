@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from typing import Protocol
 
-from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import View
+from coaxlink.monitor.telemetry.readings import Collector
 from coaxlink.monitor.watch import Watch
 
 WARM_S = (

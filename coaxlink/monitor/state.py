@@ -16,17 +16,17 @@ from coaxlink.live.in_air import NOTHING_HEARD, RotorsInAir
 from coaxlink.live.mixer import DemandScale
 from coaxlink.mixer.coefficients import standard_coefficients
 from coaxlink.mixer.law import Law
-from coaxlink.monitor import board as boards
-from coaxlink.monitor import board_ardupilot
 from coaxlink.monitor.arms import ArmView, RotorView, arm_name, arms_of, ideal_shares, rotors_of, share_of
-from coaxlink.monitor.board_view import Board
-from coaxlink.monitor.escs import escs_of
-from coaxlink.monitor.hover import Verdict
-from coaxlink.monitor.readings import Readings
-from coaxlink.monitor.sources import STALE_S
-from coaxlink.monitor.speeds import Speeds, rotor_speeds
-from coaxlink.monitor.texts import Said
-from coaxlink.monitor.vehicle import VehicleState, is_old, on_ground, vehicle_of, version_of
+from coaxlink.monitor.board import ardupilot as board_ardupilot
+from coaxlink.monitor.board import description as boards
+from coaxlink.monitor.board.view import Board
+from coaxlink.monitor.telemetry.escs import escs_of
+from coaxlink.monitor.telemetry.hover import Verdict
+from coaxlink.monitor.telemetry.readings import Readings
+from coaxlink.monitor.telemetry.sources import STALE_S
+from coaxlink.monitor.telemetry.speeds import Speeds, rotor_speeds
+from coaxlink.monitor.telemetry.texts import Said
+from coaxlink.monitor.telemetry.vehicle import VehicleState, is_old, on_ground, vehicle_of, version_of
 from coaxlink.vehicle import Vehicle
 from firmware_params.plain import plain
 

@@ -23,8 +23,8 @@ from coaxlink.data.flight import MOTOR, log_kind, read_flight_log
 from coaxlink.data.samples import Samples
 from coaxlink.data.tlog import stamped_frames
 from coaxlink.errors import InputError
-from coaxlink.monitor.modes import NO_MODE
-from coaxlink.monitor.readings import AUTOPILOT_INVALID, AUTOPILOT_PX4, Collector
+from coaxlink.monitor.telemetry.modes import NO_MODE
+from coaxlink.monitor.telemetry.readings import AUTOPILOT_INVALID, AUTOPILOT_PX4, Collector
 from firmware_params.px4.messages import MAVLink_esc_status_message
 
 RATE_HZ = 50.0

@@ -11,14 +11,14 @@ from typing import Any
 from coaxlink.errors import CoaxlinkError
 from coaxlink.live.in_air import InAir
 from coaxlink.mixer import Law, make_law
-from coaxlink.monitor import board_ardupilot
-from coaxlink.monitor.battery import Drain, battery_of
-from coaxlink.monitor.board import describe, table_parameters
-from coaxlink.monitor.board_view import Board
-from coaxlink.monitor.hover import Hover
-from coaxlink.monitor.readings import Collector
-from coaxlink.monitor.sources import commanded_speeds
+from coaxlink.monitor.board import ardupilot as board_ardupilot
+from coaxlink.monitor.board.description import describe, table_parameters
+from coaxlink.monitor.board.view import Board
 from coaxlink.monitor.state import View, observe
+from coaxlink.monitor.telemetry.battery import Drain, battery_of
+from coaxlink.monitor.telemetry.hover import Hover
+from coaxlink.monitor.telemetry.readings import Collector
+from coaxlink.monitor.telemetry.sources import commanded_speeds
 from coaxlink.vehicle import Vehicle
 
 OUTPUTS = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS")  # the first is taken where both come

@@ -73,7 +73,7 @@ SENSITIVITY_HEADS = ("law", "figure", "follows", "strength", "95 %", "p")
 
 def page(s: Summary, columns: Mapping[str, Any]) -> str:
     """The whole report as HTML."""
-    from coaxlink.report import campaign_plots as plots
+    from coaxlink.report.pictures import campaign_plots as plots
 
     lines = list(sentences(s))
     quantiles = [

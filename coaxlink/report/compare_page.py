@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from coaxlink.report.document import answer, document, how_made, html_table, picture
-from coaxlink.report.figures import drawn
 from coaxlink.report.html import escape
 from coaxlink.report.made import Made
+from coaxlink.report.pictures.figures import drawn
 from coaxlink.report.worth import rows, sentences, terms
 from coaxlink.tables.worth import Worths
 

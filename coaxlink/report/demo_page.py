@@ -9,12 +9,12 @@ from coaxlink import files
 from coaxlink.report.demo import FLIGHT_HEADINGS, DemoResult, flight_rows, split_headings, split_rows
 from coaxlink.report.demo_words import TERMS, flown, story
 from coaxlink.report.document import answer, document, how_made, html_table
-from coaxlink.report.figures import write_figures
 from coaxlink.report.html import escape
 from coaxlink.report.identify import error_rows
 from coaxlink.report.made import Made
 from coaxlink.report.page import found, pictures, provenance, sentence, tried
-from coaxlink.report.residual_plots import overview_figure
+from coaxlink.report.pictures.figures import write_figures
+from coaxlink.report.pictures.residual_plots import overview_figure
 from coaxlink.rotor.identification import COAXIAL
 
 HOW = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from coaxlink.report.label import channel_words
+from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.refine import number, verdict
 
 if TYPE_CHECKING:

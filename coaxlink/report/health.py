@@ -8,7 +8,7 @@ from typing import Any
 
 from coaxlink.health.judge import GROUND, WATCH, Health
 from coaxlink.health.priors import MATTERS
-from coaxlink.report.looks import THRUST, TORQUE
+from coaxlink.report.pictures.looks import THRUST, TORQUE
 
 SHOWN = 4  # flights in the table, the last ones; all are in the JSON and in the picture
 LIKELY = 0.01  # of a suspect that is worth a line
@@ -87,7 +87,7 @@ def picture(health: Health) -> bytes:
     """PNG: every rotor's thrust and torque over the flights, the band of what does not matter."""
     from matplotlib.figure import Figure
 
-    from coaxlink.report.label import label
+    from coaxlink.report.pictures.label import label
 
     rotors = health.flights[0].rotors
     columns = min(4, len(rotors))

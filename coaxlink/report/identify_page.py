@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 from coaxlink.load import Load
 from coaxlink.report.document import answer, document, folded, how_made, html_table, listed, picture
-from coaxlink.report.figures import drawn
 from coaxlink.report.identify import NAMES, SURFACES, remarks, surface_rows
-from coaxlink.report.identify_plots import figures
-from coaxlink.report.label import channel_words
 from coaxlink.report.made import Made
+from coaxlink.report.pictures.figures import drawn
+from coaxlink.report.pictures.identify_plots import figures
+from coaxlink.report.pictures.label import channel_words
 from coaxlink.rotor.identification import Identification
 
 CAPTIONS = {

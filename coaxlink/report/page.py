@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 
 from coaxlink.report.document import answer, document, folded, how_made, html_table, listed, picture
 from coaxlink.report.html import escape
-from coaxlink.report.label import channel_words
 from coaxlink.report.made import Made
+from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.refine import number, remarks, verdict
 from coaxlink.residual.result import FoundEffect, Refinement
 
@@ -130,7 +130,7 @@ def pictures(result: Refinement, made: Made) -> Iterable[str]:
     """The residual over time and cause, and the error of every channel; nothing without a series."""
     if result.series is None:
         return
-    from coaxlink.report.residual_plots import errors, overview
+    from coaxlink.report.pictures.residual_plots import errors, overview
 
     yield picture(overview(result, made.line()), "Residual before and after, over time and over its cause")
     said = "Error of every channel before and after, in units of its noise floor"

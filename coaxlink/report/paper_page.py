@@ -7,10 +7,10 @@ from collections import Counter
 from coaxlink.paper import Ledger
 from coaxlink.paper.ledger import CONTRADICTED, IN_PART, NOT_CHECKED, NOT_HAD, REPRODUCED
 from coaxlink.report.document import answer, document, folded, how_made, html_table, picture
-from coaxlink.report.figures import drawn, stamped
 from coaxlink.report.html import escape
 from coaxlink.report.made import Made
 from coaxlink.report.paper import line_rows
+from coaxlink.report.pictures.figures import drawn, stamped
 
 SHADES = {  # told apart in grey print too
     REPRODUCED: "#1f5f8b", IN_PART: "#7fb2d5", CONTRADICTED: "#c4703f",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink.load import Load
-from coaxlink.report.looks import THRUST, TORQUE
+from coaxlink.report.pictures.looks import THRUST, TORQUE
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.prior import RATIOS, WORKING, PairPrior
 

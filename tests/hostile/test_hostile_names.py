@@ -12,9 +12,9 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import main
 from coaxlink.errors import InputError
-from coaxlink.monitor.format import head, notes, summary
-from coaxlink.monitor.readings import Collector
+from coaxlink.monitor.screen.format import head, notes, summary
 from coaxlink.monitor.state import observe
+from coaxlink.monitor.telemetry.readings import Collector
 from coaxlink.monitor.watch import to_json
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle

@@ -21,7 +21,7 @@ from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
 from coaxlink.live.onboard import onboard_script
 from coaxlink.report.document import html_table
 from coaxlink.report.html import escape
-from coaxlink.report.label import label
+from coaxlink.report.pictures.label import label
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.files import file_name
 from coaxlink.vehicle import Vehicle

@@ -11,10 +11,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink import files
 from coaxlink.airframe import Airframe, load_airframe
-from coaxlink.monitor.board import describe, table_parameters
-from coaxlink.monitor.board_ardupilot import TABLE_NAMES, intended
-from coaxlink.monitor.readings import Collector
+from coaxlink.monitor.board.ardupilot import TABLE_NAMES, intended
+from coaxlink.monitor.board.description import describe, table_parameters
 from coaxlink.monitor.state import View, observe
+from coaxlink.monitor.telemetry.readings import Collector
 from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.tables.ardupilot import report_ap
 from coaxlink.vehicle import Vehicle

@@ -6,7 +6,7 @@ import pytest
 
 from coaxlink import files
 from coaxlink.airframe import Airframe, load_airframe
-from coaxlink.monitor.board import describe, intended
+from coaxlink.monitor.board.description import describe, intended
 from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.vehicle import Vehicle
 

@@ -13,14 +13,14 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.monitor import format as words
-from coaxlink.monitor import marks
-from coaxlink.monitor.history import History, Point, Window
-from coaxlink.monitor.plot import braille, nice_range
-from coaxlink.monitor.plots import error_plot, split_plot
-from coaxlink.monitor.readings import Collector
+from coaxlink.monitor.screen import format as words
+from coaxlink.monitor.screen import marks
+from coaxlink.monitor.screen.history import History, Point, Window
+from coaxlink.monitor.screen.plot import braille, nice_range
+from coaxlink.monitor.screen.plots import error_plot, split_plot
+from coaxlink.monitor.screen.themes import PALETTES, dress
 from coaxlink.monitor.state import RotorView, View, observe
-from coaxlink.monitor.themes import PALETTES, dress
+from coaxlink.monitor.telemetry.readings import Collector
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle
 

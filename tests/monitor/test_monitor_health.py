@@ -11,10 +11,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from textual.widgets import Static
 
 from coaxlink.files import example
-from coaxlink.monitor import format as words
-from coaxlink.monitor.health import health_plot
-from coaxlink.monitor.history import History, Point, Window
-from coaxlink.monitor.screen import Monitor
+from coaxlink.monitor.screen import format as words
+from coaxlink.monitor.screen.app import Monitor
+from coaxlink.monitor.screen.health import health_plot
+from coaxlink.monitor.screen.history import History, Point, Window
 from coaxlink.monitor.watch import Watch, to_json
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle

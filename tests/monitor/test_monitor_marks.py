@@ -10,9 +10,9 @@ from monitor_messages import EscStatus, Sender, attitude, battery, heartbeat, pa
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.mixer import make_law
-from coaxlink.monitor.battery import Drain
-from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import View, observe
+from coaxlink.monitor.telemetry.battery import Drain
+from coaxlink.monitor.telemetry.readings import Collector
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot.messages import MAVLink_esc_telemetry_1_to_4_message as EscTelemetry

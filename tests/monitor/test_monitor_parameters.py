@@ -16,9 +16,9 @@ from textual.widgets import Button
 from coaxlink import files
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
-from coaxlink.monitor.desk import Desk, Report
+from coaxlink.monitor.board.desk import Desk, Report
 from coaxlink.monitor.feed import Feed
-from coaxlink.monitor.screen import Monitor
+from coaxlink.monitor.screen.app import Monitor
 from coaxlink.monitor.watch import Watch
 from coaxlink.uploading.backup import read_backup
 from coaxlink.vehicle import load_vehicle

@@ -15,9 +15,9 @@ from test_monitor_board import table
 from coaxlink import files
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
-from coaxlink.monitor.go_to import parse_time
 from coaxlink.monitor.player import FASTEST, Player
-from coaxlink.monitor.screen import Monitor
+from coaxlink.monitor.screen.app import Monitor
+from coaxlink.monitor.screen.go_to import parse_time
 from coaxlink.monitor.tape import SampleTape, Tape, load_tape
 from coaxlink.monitor.watch import Watch
 from coaxlink.vehicle import load_vehicle

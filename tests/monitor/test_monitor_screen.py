@@ -17,7 +17,7 @@ from textual.widgets import Static
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.monitor.screen import Monitor
+from coaxlink.monitor.screen.app import Monitor
 from coaxlink.monitor.watch import Watch
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle

@@ -22,8 +22,8 @@ from monitor_messages import (
 
 from coaxlink import files
 from coaxlink.airframe import Airframe, load_airframe
-from coaxlink.monitor.readings import Collector
 from coaxlink.monitor.state import View, arm_name, observe
+from coaxlink.monitor.telemetry.readings import Collector
 from coaxlink.monitor.watch import Watch, to_json
 from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.vehicle import Vehicle

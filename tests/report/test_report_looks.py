@@ -15,10 +15,10 @@ from coaxlink.files import example
 from coaxlink.mixer import make_law
 from coaxlink.mixer.comparison import compare
 from coaxlink.mixer.fitted import envelope, fit_table
-from coaxlink.report import identify_plots
-from coaxlink.report.looks import AFTER, BEFORE, LOOKS, THRUST, TORQUE
-from coaxlink.report.mixers import draw_comparison
-from coaxlink.report.residual_plots import errors_figure
+from coaxlink.report.pictures import identify_plots
+from coaxlink.report.pictures.looks import AFTER, BEFORE, LOOKS, THRUST, TORQUE
+from coaxlink.report.pictures.mixers import draw_comparison
+from coaxlink.report.pictures.residual_plots import errors_figure
 from coaxlink.rotor import identify
 from coaxlink.vehicle import load_vehicle
 

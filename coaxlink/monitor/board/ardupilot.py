@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.errors import CoaxlinkError
-from coaxlink.monitor.board_view import ABSURD, NEAR, Board, digest_of
+from coaxlink.monitor.board.view import ABSURD, NEAR, Board, digest_of
 from coaxlink.tables.ardupilot import ApReport, report_ap
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4

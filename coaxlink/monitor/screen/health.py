@@ -6,9 +6,9 @@ from rich.text import Text
 
 from coaxlink.live.in_air import Call, RotorsInAir
 from coaxlink.monitor.arms import ArmView, RotorView
-from coaxlink.monitor.history import History, Window, suspicion
-from coaxlink.monitor.marks import BAD, DIM, GOOD, LOWER, STALE, UPPER, WARN, clock, number
-from coaxlink.monitor.plots import one_plot
+from coaxlink.monitor.screen.history import History, Window, suspicion
+from coaxlink.monitor.screen.marks import BAD, DIM, GOOD, LOWER, STALE, UPPER, WARN, clock, number
+from coaxlink.monitor.screen.plots import one_plot
 from coaxlink.monitor.state import View
 
 _LABEL, _ARM, _WORD = 5, 14, 30  # cells of "▲3x", the arm's name, the verdict

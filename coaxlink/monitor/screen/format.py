@@ -10,8 +10,8 @@ from datetime import datetime, timedelta
 
 from rich.text import Text
 
-from coaxlink.monitor.health import health_notes, health_words
-from coaxlink.monitor.marks import (
+from coaxlink.monitor.screen.health import health_notes, health_words
+from coaxlink.monitor.screen.marks import (
     BAD,
     DIM,
     GOOD,

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from rich.text import Text
 
-from coaxlink.monitor.history import History, Line, Window, errors, shares
-from coaxlink.monitor.marks import ARMS, DIM, UPPER, clock, number
-from coaxlink.monitor.plot import Cell, braille, nice_range
+from coaxlink.monitor.screen.history import History, Line, Window, errors, shares
+from coaxlink.monitor.screen.marks import ARMS, DIM, UPPER, clock, number
+from coaxlink.monitor.screen.plot import Cell, braille, nice_range
 from coaxlink.monitor.state import ArmView
 
 _LABEL = 5  # cells of "100%▕"

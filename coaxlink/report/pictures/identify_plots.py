@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from coaxlink.errors import InputError
 from coaxlink.load import Load
-from coaxlink.report.figures import DPI, stamped
-from coaxlink.report.label import channel_words, label
-from coaxlink.report.looks import AFTER, BEFORE, LOOKS
+from coaxlink.report.pictures.figures import DPI, stamped
+from coaxlink.report.pictures.label import channel_words, label
+from coaxlink.report.pictures.looks import AFTER, BEFORE, LOOKS
 from coaxlink.rotor.efficiency import measured_efficiency, split_curves
 from coaxlink.rotor.fit import least_squares
 from coaxlink.rotor.forms import load_terms

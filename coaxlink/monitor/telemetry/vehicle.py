@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from coaxlink.monitor.battery import battery_of
-from coaxlink.monitor.modes import ARMED_FLAG, firmware_name, mode_name
-from coaxlink.monitor.readings import Arrival, Readings
+from coaxlink.monitor.telemetry.battery import battery_of
+from coaxlink.monitor.telemetry.modes import ARMED_FLAG, firmware_name, mode_name
+from coaxlink.monitor.telemetry.readings import Arrival, Readings
 from firmware_params.plain import plain
 
 _DOWN = 25  # MAV_SENSOR_ROTATION_PITCH_270: a range finder that looks down

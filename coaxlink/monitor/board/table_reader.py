@@ -13,9 +13,9 @@ from coaxlink.errors import CoaxlinkError
 from coaxlink.mavlink import Session
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import HASH, Parameters
-from coaxlink.monitor import board_ardupilot
-from coaxlink.monitor.battery import THRESHOLDS
-from coaxlink.monitor.board import TABLE_NAMES, rotor_names
+from coaxlink.monitor.board import ardupilot as board_ardupilot
+from coaxlink.monitor.board.description import TABLE_NAMES, rotor_names
+from coaxlink.monitor.telemetry.battery import THRESHOLDS
 from coaxlink.monitor.watch import Watch
 from firmware_params.ardupilot import scripts
 from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX

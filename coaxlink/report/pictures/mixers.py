@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from coaxlink.mixer.comparison import THRUSTS, Row
 from coaxlink.mixer.fitted import FittedTable
-from coaxlink.report.figures import stamped
-from coaxlink.report.looks import LOOKS
+from coaxlink.report.pictures.figures import stamped
+from coaxlink.report.pictures.looks import LOOKS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,7 +17,7 @@ STAMP = "#6b7280"
 
 def stamped(figure: Any, stamp: str) -> Any:
     """The figure with one small line below it: vehicle, file, date, commit. Nothing where there is none."""
-    from coaxlink.report.label import label
+    from coaxlink.report.pictures.label import label
 
     if stamp:
         figure.supxlabel(label(stamp, 200), x=0.995, ha="right", fontsize=6.5, color=STAMP)

@@ -10,8 +10,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from coaxlink.monitor.readings import Readings
-from coaxlink.monitor.sources import STALE_S, motor_places
+from coaxlink.monitor.telemetry.readings import Readings
+from coaxlink.monitor.telemetry.sources import STALE_S, motor_places
 from firmware_params.ardupilot.messages import ESC_TELEMETRY, NAMES
 
 INFO_STALE_S = 5.0  # ESC_INFO comes about once a second

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coaxlink.report.figures import drawn, stamped, write_figure
-from coaxlink.report.label import cause_words, channel_words
-from coaxlink.report.label import label as words
-from coaxlink.report.looks import AFTER, BEFORE
+from coaxlink.report.pictures.figures import drawn, stamped, write_figure
+from coaxlink.report.pictures.label import cause_words, channel_words
+from coaxlink.report.pictures.label import label as words
+from coaxlink.report.pictures.looks import AFTER, BEFORE
 from coaxlink.residual.result import Refinement, Series
 
 if TYPE_CHECKING:

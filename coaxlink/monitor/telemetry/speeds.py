@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from coaxlink.monitor.hover import Verdict
-from coaxlink.monitor.readings import Readings
-from coaxlink.monitor.sources import RUNNING, Source, better, commanded_speeds, measured_speeds
+from coaxlink.monitor.telemetry.hover import Verdict
+from coaxlink.monitor.telemetry.readings import Readings
+from coaxlink.monitor.telemetry.sources import RUNNING, Source, better, commanded_speeds, measured_speeds
 from coaxlink.vehicle import Vehicle
 
 _FASTER, _ALIKE = 1.05, 0.02  # rpm over command, on every rotor alike: not what one full pack can do

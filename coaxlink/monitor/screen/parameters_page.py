@@ -13,10 +13,10 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Static
 
-from coaxlink.monitor.desk import Desk, Report
-from coaxlink.monitor.marks import BAD, DIM, GOOD, WARN
-from coaxlink.monitor.pages import Picture, put
-from coaxlink.monitor.themes import Palette, dress
+from coaxlink.monitor.board.desk import Desk, Report
+from coaxlink.monitor.screen.marks import BAD, DIM, GOOD, WARN
+from coaxlink.monitor.screen.pages import Picture, put
+from coaxlink.monitor.screen.themes import Palette, dress
 from coaxlink.uploading.outcome import Change
 
 _HINT = "what coaxlink table wrote: a folder, or a .params or .param file"

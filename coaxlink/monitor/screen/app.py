@@ -19,17 +19,17 @@ from textual.widgets import ContentSwitcher, Footer, Static
 
 from coaxlink import files
 from coaxlink.errors import CoaxlinkError
-from coaxlink.monitor import format as words
-from coaxlink.monitor.desk import Desk
-from coaxlink.monitor.go_to import GoTo
-from coaxlink.monitor.help import Help
-from coaxlink.monitor.history import History, Window
-from coaxlink.monitor.marks import DIM, WARN
-from coaxlink.monitor.pages import ErrorPage, HealthPage, MessagesPage, Picture, SplitPage, Zoomed, put
-from coaxlink.monitor.parameters_page import ParametersPage
+from coaxlink.monitor.board.desk import Desk
 from coaxlink.monitor.player import Player
+from coaxlink.monitor.screen import format as words
+from coaxlink.monitor.screen.go_to import GoTo
+from coaxlink.monitor.screen.help import Help
+from coaxlink.monitor.screen.history import History, Window
+from coaxlink.monitor.screen.marks import DIM, WARN
+from coaxlink.monitor.screen.pages import ErrorPage, HealthPage, MessagesPage, Picture, SplitPage, Zoomed, put
+from coaxlink.monitor.screen.parameters_page import ParametersPage
+from coaxlink.monitor.screen.themes import PALETTES, TEXTUAL
 from coaxlink.monitor.state import View
-from coaxlink.monitor.themes import PALETTES, TEXTUAL
 
 REFRESH_S = 0.2
 REPLAY_KEYS: list[BindingType] = [

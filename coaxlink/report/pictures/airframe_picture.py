@@ -6,8 +6,8 @@ import math
 from pathlib import Path
 
 from coaxlink.airframe import Airframe
-from coaxlink.report.figures import write_figure
-from coaxlink.report.label import label
+from coaxlink.report.pictures.figures import write_figure
+from coaxlink.report.pictures.label import label
 from coaxlink.setup import Layout
 
 TURNS = {1: "ccw", -1: "cw"}

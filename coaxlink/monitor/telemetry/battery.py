@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from coaxlink.monitor.readings import Readings
+from coaxlink.monitor.telemetry.readings import Readings
 
 _NO_CELL = 0xFFFF
 _WORDS = {

@@ -13,12 +13,12 @@ from textual.events import MouseScrollDown, MouseScrollUp
 from textual.message import Message
 from textual.widgets import Static
 
-from coaxlink.monitor import format as words
-from coaxlink.monitor import health, plots
-from coaxlink.monitor.history import History, Window
-from coaxlink.monitor.marks import STALE, clock, seconds
+from coaxlink.monitor.screen import format as words
+from coaxlink.monitor.screen import health, plots
+from coaxlink.monitor.screen.history import History, Window
+from coaxlink.monitor.screen.marks import STALE, clock, seconds
+from coaxlink.monitor.screen.themes import Palette, dress
 from coaxlink.monitor.state import ArmView, View
-from coaxlink.monitor.themes import Palette, dress
 
 _FEW = 10  # points of a plot that is drawn at every look
 

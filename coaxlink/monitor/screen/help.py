@@ -11,8 +11,8 @@ from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from coaxlink.monitor.marks import LOWER, UPPER
-from coaxlink.monitor.themes import Palette, dress
+from coaxlink.monitor.screen.marks import LOWER, UPPER
+from coaxlink.monitor.screen.themes import Palette, dress
 
 _NUMBERS = """\
 Thrust and torque are the rotor model's at the speeds that the vehicle

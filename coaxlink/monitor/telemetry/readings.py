@@ -15,7 +15,7 @@ from threading import Lock
 from types import MappingProxyType
 from typing import Any
 
-from coaxlink.monitor.texts import Said, Texts
+from coaxlink.monitor.telemetry.texts import Said, Texts
 from firmware_params.plain import is_parameter_name
 
 AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: a ground station, a companion, a camera

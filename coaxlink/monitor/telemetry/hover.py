@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.monitor.readings import Readings
-from coaxlink.monitor.sources import Source, commanded_speeds, measured_speeds
-from coaxlink.monitor.vehicle import on_ground, vehicle_of, vertical_speed
+from coaxlink.monitor.telemetry.readings import Readings
+from coaxlink.monitor.telemetry.sources import Source, commanded_speeds, measured_speeds
+from coaxlink.monitor.telemetry.vehicle import on_ground, vehicle_of, vertical_speed
 from coaxlink.vehicle import Vehicle
 
 HOVER_S = 2.0  # several periods of a height loop (0.2 to 1 Hz), so that its swings average out

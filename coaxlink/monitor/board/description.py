@@ -10,8 +10,8 @@ import numpy as np
 from coaxlink.airframe import Airframe
 from coaxlink.mixer.coefficients import reduced_coefficients, standard_coefficients
 from coaxlink.mixer.intent import intended_wrench
-from coaxlink.monitor import board_ardupilot
-from coaxlink.monitor.board_view import ABSURD, NEAR, Board, digest_of
+from coaxlink.monitor.board import ardupilot as board_ardupilot
+from coaxlink.monitor.board.view import ABSURD, NEAR, Board, digest_of
 from coaxlink.vehicle import Vehicle
 from firmware_params.errors import FirmwareParamsError
 from firmware_params.px4 import Px4Table, RotorEntry, params_to_table, realise

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from coaxlink.monitor.readings import Arrival, Readings
+from coaxlink.monitor.telemetry.readings import Arrival, Readings
 from firmware_params.ardupilot import servo_function
 from firmware_params.ardupilot.messages import ESC_TELEMETRY, NAMES
 

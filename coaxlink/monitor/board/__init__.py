@@ -1,0 +1,1 @@
+"""The mixer table on board: what it is, reading it, comparing and writing it."""

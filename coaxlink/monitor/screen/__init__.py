@@ -1,0 +1,1 @@
+"""The Textual screen: pages, plots, words and colours. It computes nothing."""
