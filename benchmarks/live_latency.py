@@ -2,16 +2,19 @@
 
     python benchmarks/live_latency.py [--law exact] [--way compiled|plain] [--cycles 8000] [--blocks 4]
     python benchmarks/live_latency.py --endure 1000000 --rates 1000
+    python benchmarks/live_latency.py --telemetry [--reallocate]
 
 Blocks of the two alternate, so that a machine with other things to do slows both. The client (C too) paces
 the demands and times the answers. Prints p50 and p99 of each, their ratio, the time from start to the first
-heartbeat of `mix`, and its resident memory.
+heartbeat of `mix`, and its resident memory. `--telemetry`: an armed vehicle in the air tells its inertial
+readings at 50 Hz, so that the rotors' health is judged beside the loop.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import shutil
 import socket
 import subprocess
@@ -53,7 +56,7 @@ def measure(binary: Path, sock: socket.socket, rate: float, cycles: int, warm: i
 class Mixing:
     """`coaxlink mix` and as much of an autopilot as it asks for."""
 
-    def __init__(self, law: str, extra: list[str]) -> None:
+    def __init__(self, law: str, extra: list[str], telemetry: bool = False) -> None:
         port = free_port()
         self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.sock.connect(("127.0.0.1", port))
@@ -83,13 +86,29 @@ class Mixing:
         self._stop = threading.Event()
         self._beat = threading.Thread(target=self._beats, daemon=True)
         self._beat.start()
+        self._telling = threading.Thread(target=self._tell, daemon=True)
+        if telemetry:
+            self._telling.start()
+
+    def _tell(self) -> None:
+        """Hover as the demand's thrust has it, with an autopilot's noise; stamps are the demands' clock."""
+        random, due = np.random.default_rng(0), time.monotonic()
+        for k in itertools.count():
+            due += 0.02
+            if self._stop.wait(max(due - time.monotonic(), 0.0)):
+                return
+            stamp, (x, y, z, p, q, r) = time.monotonic_ns() // 1000, random.standard_normal(6).tolist()
+            force, turn = (0.05 * x, 0.05 * y, 0.05 * z - 7.2), (1e-3 * p, 1e-3 * q, 1e-3 * r)
+            self._send(m.MAVLink_highres_imu_message(stamp, *force, *turn, *[0.0] * 7, 0x3F, 0))
+            if k % 50 == 0:
+                self._send(m.MAVLink_extended_sys_state_message(0, m.MAV_LANDED_STATE_IN_AIR))
 
     def _send(self, message: m.MAVLink_message) -> None:
         with contextlib.suppress(ConnectionRefusedError):
             self.sock.send(message.pack(self._mav))
 
     def _heartbeat(self) -> None:
-        self._send(m.MAVLink_heartbeat_message(14, 12, 81, 0, 3, 3))
+        self._send(m.MAVLink_heartbeat_message(14, 12, 81 | m.MAV_MODE_FLAG_SAFETY_ARMED, 0, 3, 3))
 
     def _shake_hands(self) -> None:
         """Until it has asked for the demand: version, THR_MDL_FAC, the stream."""
@@ -138,6 +157,8 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--law", default="exact")
     parser.add_argument("--way", choices=["compiled", "plain"], help="default: what mix itself takes")
+    parser.add_argument("--telemetry", action="store_true", help="inertial readings at 50 Hz, in the air")
+    parser.add_argument("--reallocate", action="store_true", help="mix --reallocate")
     parser.add_argument("--endure", type=int, default=0, help="only mix, so many cycles; memory, none lost")
     parser.add_argument("--cycles", type=int, default=4000)
     parser.add_argument("--blocks", type=int, default=3)
@@ -149,7 +170,8 @@ def main() -> None:
         server = subprocess.Popen([str(binary), "echo", str(port)])
         echo = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         echo.connect(("127.0.0.1", port))
-        mixing = Mixing(o.law, [f"--{o.way}"] if o.way else [])
+        extra = [f"--{o.way}"] * bool(o.way) + ["--reallocate"] * o.reallocate
+        mixing = Mixing(o.law, extra, o.telemetry)
         try:
             if o.endure:
                 endure(binary, mixing, o.rates[-1], o.endure)

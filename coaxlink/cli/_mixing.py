@@ -52,6 +52,7 @@ class Options:
     system: int | None
     signing_key: Path | None
     json_file: Path | None
+    reallocate: bool = False
 
 
 def fly(
@@ -99,7 +100,7 @@ def fly(
         _warn_of_hand_over(live, frame)
     lost = None
     try:
-        with _sharing(session, o.forward) as ground, live, _health(live, ground) as health:
+        with _sharing(session, o.forward) as ground, live, _health(live, ground, o.reallocate) as health:
             try:
                 lost = _watch(live, o, ground)
             except KeyboardInterrupt:
@@ -173,11 +174,13 @@ def _sharing(session: Session, where: str | None) -> Any:
     return sharing
 
 
-def _health(live: LiveMixer, ground: Any) -> HealthWatch:
+def _health(live: LiveMixer, ground: Any, reallocate: bool) -> HealthWatch:
     """Beside the loop: rotors that lose thrust are said here, on the line and to the ground station."""
     from coaxlink.live.health_watch import HealthWatch
+    from coaxlink.live.reallocation import Reallocation
 
-    return HealthWatch(live, lambda call: say(call.text), ground)
+    reallocation = Reallocation(live) if reallocate else None
+    return HealthWatch(live, lambda call: say(call.text), ground, reallocation)
 
 
 def _watch(live: LiveMixer, o: Options, ground: Any) -> str | None:

@@ -27,6 +27,7 @@ OPTIONS = {
     "keep_gains": "--keep-gains",
     "law": "--law",
     "lead_s": "--lead",
+    "reallocate": "--reallocate",
     "mass_kg": "--mass",
     "new_geometry": "--new-geometry",
     "out": "--out",

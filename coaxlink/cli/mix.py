@@ -84,6 +84,14 @@ def mix(
             min=-60, max=60, metavar="C", help="Of the air, for air_density; a barometer knows its board's."
         ),
     ] = None,
+    reallocate: Annotated[
+        bool,
+        typer.Option(
+            "--reallocate",
+            help="Fly on with what is left of a rotor that is called weak, and without one that stopped "
+            "(exact law). Not taken back before `mix` is started again.",
+        ),
+    ] = False,
     lost: Annotated[
         float, typer.Option(min=1, metavar="S", help="So long without a word of the vehicle: exit code 3.")
     ] = LOST_S,
@@ -98,6 +106,8 @@ def mix(
 
     Arming stays with the pilot. Begin with --props-off, then --dry-run.
     """
+    if reallocate and law != "exact":
+        raise InputError("--reallocate", "", f"only the exact law re-allocates, found --law {law}")
     if supervised and (props_off or seconds is not None):
         raise InputError("--supervise", "", "not with --props-off or --seconds")
 
@@ -105,6 +115,7 @@ def mix(
         _mix(Options(
             airframe, connect, law, rotor, rate, seconds, dry_run, props_off, _folder(record, life), plot,
             forward, witness, loop, compiled, lead, air_temperature, lost, system, signing_key, json_file,
+            reallocate,
         ))  # fmt: skip
 
     if supervised:

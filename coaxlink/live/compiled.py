@@ -130,12 +130,10 @@ class Exchange:
         """Take over the books of `core`; `counter` (1,) is the session's, `ids` the vehicle's and ours."""
         self._function = function
         self._state = state = live_state.shared_state()
-        p = law.problem
         state.system, state.component, state.own_system, state.own_component = ids
-        state.scale[:], state.inverse[:], state.order[:] = core.scale.matrix, 1.0 / p.scale, p.order
-        state.slots[: len(p.slots)] = p.slots
+        state.scale[:] = core.scale.matrix
         core.use(state)
-        self.law = tuple(law.arrays())  # as new: what the law in Python stands at is its own
+        self.use(law)
         self._log = np.zeros(live_state.ROWS, live_state.LOG)
         self._data, out = np.zeros(k.CHUNK + 8, np.uint8), np.zeros(64, np.uint8)
         body = np.zeros(48, np.uint8)
@@ -145,6 +143,13 @@ class Exchange:
         )  # fmt: skip
         self._peer: Any = None
         self.answers = 0
+
+    def use(self, law: ExactLaw) -> None:
+        """Fly this law of the same airframe from the next call on."""
+        p, state = law.problem, self._state
+        state.inverse[:], state.order[:] = 1.0 / p.scale, p.order
+        state.slots[: len(p.slots)] = p.slots
+        self.law = tuple(law.arrays())  # as new: what the law in Python stands at is its own
 
     @classmethod
     def of(cls, function: Any, core: MixCore, counter: bytearray, ids: tuple[int, ...]) -> Exchange | None:

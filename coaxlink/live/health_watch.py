@@ -1,9 +1,10 @@
-"""Rotors' health beside the live mixer: a thread of its own that tells, and commands nothing.
+"""Rotors' health beside the live mixer: a thread of its own that tells, and commands nothing by itself.
 
 The session's receiver only puts messages and the commands of that moment into a queue (bounded: what is not
 fetched in time is lost, and the test sees a gap); the test runs in this thread, twenty times a second. Judged
 is what our own commands did: while the autopilot's mixer flies, in a fade and in a dry run nothing is judged.
-The law, the guard and their states are not touched.
+The law, the guard and their states are not touched; with a `Reallocation` a call makes another law, which
+the loop takes up between two demands. When this thread ends, whatever the reason, the law in force stays.
 """
 
 from __future__ import annotations
@@ -17,12 +18,15 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CoaxlinkError
 from coaxlink.live.guard import LIVE
-from coaxlink.live.in_air import Call, InAir
+from coaxlink.live.in_air import ESCS, Call, InAir
+from firmware_params.px4.messages import ESC_STATUS
 
 if TYPE_CHECKING:
     from coaxlink.live.mixer import LiveMixer
+    from coaxlink.live.reallocation import Reallocation
 
 POLL_S = 0.05
+SOON_S = 0.01  # with re-allocation: half a period of what it listens to
 WAITING = 512  # messages: some seconds of them
 HEARD = frozenset(
     {
@@ -35,16 +39,25 @@ HEARD = frozenset(
         "ATTITUDE_QUATERNION",
     }
 )
-RATE_HZ = 50.0
+RATE_HZ, ESC_HZ = 50.0, 20.0
 
 
 class HealthWatch:
     """Around a mixer's flight; `told` is called there with every call and once its size is settled."""
 
-    def __init__(self, live: LiveMixer, told: Callable[[Call], None], ground: Any = None) -> None:
-        """`ground`: whoever else is told (`Forwarder`)."""
+    def __init__(
+        self,
+        live: LiveMixer,
+        told: Callable[[Call], None],
+        ground: Any = None,
+        reallocation: Reallocation | None = None,
+    ) -> None:
+        """`ground`: whoever else is told (`Forwarder`). `reallocation`: answers calls with another law."""
         self._live, self._told, self._ground = live, told, ground
-        self.in_air = InAir(live.core.vehicle)
+        self.reallocation = reallocation
+        self.in_air = InAir(live.core.vehicle, stops=reallocation is not None)
+        self._heard = HEARD | ESCS if reallocation else HEARD
+        self._poll_s = SOON_S if reallocation else POLL_S
         self.problem = ""  # why it watches no longer
         self._queue: deque[tuple[Any, int, tuple[float, ...]]] = deque(maxlen=WAITING)
         self._stopping = threading.Event()
@@ -64,7 +77,7 @@ class HealthWatch:
 
     def _hear(self, message: Any) -> None:
         """On the receiver's thread: nothing but an append."""
-        if message.get_type() in HEARD:
+        if message.get_type() in self._heard:
             live = self._live
             flown = live.guard.state == LIVE and not live.dry_run
             stamp = (live.core.last_us or 0) if flown else 0
@@ -73,7 +86,7 @@ class HealthWatch:
     def _run(self) -> None:
         try:
             self._ask()
-            while not self._stopping.wait(POLL_S):
+            while not self._stopping.wait(self._poll_s):
                 while self._queue:
                     self._one(*self._queue.popleft())
         except Exception as error:  # whatever it is, the vehicle flies on
@@ -84,6 +97,8 @@ class HealthWatch:
             self.in_air.commanded(stamp_us * 1e-6, commands)
         call = self.in_air.heard(message)
         if call is not None:
+            if self.reallocation is not None:
+                self.reallocation.answer(call, self.in_air)
             self.tell(call)
 
     def _ask(self) -> None:
@@ -95,10 +110,14 @@ class HealthWatch:
         rates = ("HIGHRES_IMU", "ATTITUDE", "ATTITUDE_QUATERNION")
         if not any(session.latest(name) for name in rates):
             wanted |= {"ATTITUDE": RATE_HZ, "RAW_IMU": RATE_HZ}
+        if self.reallocation is not None and session.identity.is_px4:
+            wanted |= {
+                "ESC_STATUS": ESC_HZ
+            }  # an ArduPilot sends its own unasked, and nags about what it has not
         for name, rate_hz in wanted.items():
             if session.latest(name) is None:
                 try:
-                    session.request_stream(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"), rate_hz)
+                    session.request_stream(getattr(mavlink, f"MAVLINK_MSG_ID_{name}", ESC_STATUS), rate_hz)
                 except CoaxlinkError:
                     return
 
@@ -117,4 +136,5 @@ class HealthWatch:
             "word": now.word or None,
             "why": self.problem or now.why,
             "calls": [call.to_json() for call in now.calls],
+            "reallocated": list(self.reallocation.done) if self.reallocation else None,
         }

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from coaxlink.live.compiled import Exchange
     from coaxlink.live.record import LiveRecord
     from coaxlink.mavlink.session import Session
+    from coaxlink.mixer.exact import ExactLaw
 
 __all__ = [
     "CONTROLS", "PATHS", "Counters", "DemandScale", "LiveMixer", "MixCore", "path_for", "require_path",
@@ -102,6 +103,7 @@ class LiveMixer:
         self.timesync: TimeSync | None = None
         heard = {ANSWER.number, OUTPUTS.number} | ({STATE.number, TARGET.number} if loop else {DEMAND.number})
         self._scanner = codec.Scanner(heard, codec.known_seeds())
+        self._next: tuple[ExactLaw, Vehicle] | None = None  # the law to go on with
         self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
         self._waiting_since = 0.0
         self._echoes: deque[bytes] = deque(maxlen=64)
@@ -179,6 +181,18 @@ class LiveMixer:
             time.sleep(self.tick_s)
         self._let_go()
 
+    def adopt(self, law: ExactLaw, vehicle: Vehicle) -> None:
+        """Go on with another law of this airframe, from the next demand on. From any thread."""
+        self._next = (law, vehicle)
+        if self.exchange is not None:
+            self.exchange.interrupt()
+
+    def _change(self, law: ExactLaw, vehicle: Vehicle) -> None:
+        self._next = None
+        self.core.adopt(law, vehicle)
+        if self.exchange is not None:
+            self.exchange.use(law)
+
     def _let_go(self) -> None:
         self.session.tap = None
         if self.timesync is not None:
@@ -201,6 +215,8 @@ class LiveMixer:
 
     def serve(self, line: Any, peer: Any) -> list[tuple[bytes, Any]] | None:
         """Let the compiled function wait and answer while the law flies alone; see `session.Tap`."""
+        if self._next is not None:
+            self._change(*self._next)
         if not isinstance(line, Udp):
             return None
         if self.stall.draining:

@@ -157,6 +157,10 @@ class MixCore:
         state.count = self.count
         state.lag_s, state.quick_s = self._lead_s
 
+    def adopt(self, law: Law, vehicle: Vehicle) -> None:
+        """Fly this law of the same airframe from the next demand on; what a demand means stays."""
+        self.law, self.rotors = law, PlainRotors.of(vehicle)
+
     @property
     def law(self) -> Law:
         """What makes speeds of a wrench."""
