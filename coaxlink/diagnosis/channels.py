@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -47,12 +47,20 @@ class Channels:
         lambda _, __: ()
     )  # beside an effect's own grid
     impossible: tuple[tuple[str, str], ...] = ()
+    # discrepancies of the rotor map beyond `surface`, by name: one of them, or none, is in every hypothesis
+    maps: Mapping[str, Callable[[], tuple[Block, ...]]] = field(default_factory=dict)
+    map: str = ""
     grid: list[tuple[Tracing[Any], Shape, Array]] = field(default_factory=list)  # filled by the first search
 
     @property
     def count(self) -> int:
         """Number of channels."""
         return len(self.names)
+
+    def with_map(self, name: str) -> Channels:
+        """With another of the map's discrepancies; "": none."""
+        own = self.surface[: len(self.surface) - (len(self.maps[self.map]()) if self.map else 0)]
+        return replace(self, surface=(*own, *(self.maps[name]() if name else ())), map=name)
 
     def usual(self, columns: Array) -> Array:
         """(K,) prior deviations of an effect's coefficients: what makes EFFECT_SIZE of the reference load."""

@@ -14,7 +14,7 @@ from coaxlink.diagnosis.channels import Channels
 from coaxlink.diagnosis.faults import weighed_faults
 from coaxlink.diagnosis.flight import flight_channels
 from coaxlink.diagnosis.flight_search import flight_posterior
-from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer
+from coaxlink.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
 from coaxlink.diagnosis.noise import Colour, colour_of, white
 from coaxlink.diagnosis.posterior import Posterior, posterior
 from coaxlink.diagnosis.search import Search
@@ -44,29 +44,51 @@ class Diagnosis:
 
     posterior: Posterior
     colour: Colour
+    channels: Channels  # with the map's discrepancy that it was found beside
 
 
 def diagnosed(ch: Channels, progress: Progress, *, rivals: bool = False) -> Diagnosis:
     """Search under white noise, then under the colour of what the best set leaves, until that stays.
 
+    The map's discrepancy goes the same way: the one that nothing else asks for, then that of the best set.
     With `rivals` what could stand in for each effect of the best set is weighed as well.
     """
     colour = white(ch.count)
+    ch = mapped(ch, colour)
     starts: list[Hypothesis] = []
     for number in range(ROUNDS):
         scorer = Scorer(ch, colour)
         search = Search(scorer, lambda said: progress(f"weighing {said}"))
         visited = search.run(starts)
         starts = visited.ranked()[:STARTS]
-        seen = colour_of(visited.best.left, ch.behind)
-        if number and _same(seen, colour):
+        if number == ROUNDS - 1:
             break
-        if number < ROUNDS - 1:
-            colour = seen
+        seen = colour_of(visited.best.left, ch.behind)
+        better = mapped(ch, seen, visited.best)
+        if _same(seen, colour) and better.map == ch.map:
+            break
+        ch, colour = better, seen
     if rivals:
         progress("weighing what could stand in")
         search.rivals()
-    return Diagnosis(posterior(ch, scorer.colour, visited.ranked()), scorer.colour)
+    return Diagnosis(posterior(ch, scorer.colour, visited.ranked()), scorer.colour, ch)
+
+
+def mapped(ch: Channels, colour: Colour, best: Hypothesis | None = None) -> Channels:
+    """The channels with the map's discrepancy of most evidence, beside nothing and beside a set's effects.
+
+    As of any effect, of fifty logs one asks for such a map; its sizes and lengths share these odds.
+    """
+    if not ch.maps:
+        return ch
+    scores = {}
+    for name in ("", *ch.maps):
+        scorer = Scorer(ch.with_map(name), colour)
+        score = scorer.empty.score
+        if best is not None and best.members:
+            score = max(score, scorer.linearised(best.members, (), best.fit.noise)[0].score)
+        scores[name] = score + (float(ODDS) - np.log(len(ch.maps)) if name else 0.0)
+    return ch.with_map(max(scores, key=lambda name: scores[name]))
 
 
 def diagnose_flight(
@@ -138,7 +160,10 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
         found = diagnosed(ch, progress, rivals=True)
         progress("weighing faults")
         fault = weighed_faults(
-            samples, ch, found.posterior.best, lambda other: stand_channels(other, model, trusted)
+            samples,
+            found.channels,
+            found.posterior.best,
+            lambda other: mapped(stand_channels(other, model, trusted), white(ch.count)),
         )
         if fault is not None:
             suspects.append(fault.suspect)
@@ -153,4 +178,6 @@ def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progres
                     found = diagnosed(ch, progress, rivals=True)
     progress("judging")
     every = stand_channels(samples, model, trusted, most=ALL_ROWS)
+    if found:
+        every = every.with_map(found.channels.map)
     return answered(every, found.posterior if found else None, suspects, notes, several)
