@@ -26,7 +26,8 @@ from coaxlink.signals import noise_floor
 
 OPEN = 0.9  # probability of a free form that is said
 SHOWN = 12  # sets in the trace
-SMOOTH_SAID = 0.003  # of the reference load: a smooth part of the map of this size is told
+# of the reference load, judgement: a row's noise of a good stand. A smooth part of the map this large is told
+SMOOTH_SAID = 0.003
 
 
 def answered(

@@ -2,8 +2,8 @@
 
 The mass of a set depends on the widths of priors, each good to a factor of a few, and on odds that are the
 same for every log (Kass and Raftery 1995, section 5.3, on how far Bayes factors can be believed). So a name
-needs 99 % of the mass, and besides: the evidence must prefer it to another name in its place by five standard
-errors, and to a free form in its place by as much as any effect needs against nothing.
+needs 99 % of the mass, and besides: the evidence and the rows alone must prefer it to nothing and to another
+name in its place by five standard errors, and to a free form in its place by as much as its odds ask for.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from coaxlink.frames import Array
 from coaxlink.residual.regression.joint_model import composed
 
 APART = 12.5  # nats: five standard errors, the level at which physics speaks of a discovery
-CARRIED = 0.5  # of an effect: a form that is off by more is another form
-SAME_COURSE = 0.99  # correlation
+# judgement: half of an effect. A form that is off by more is another form
+CARRIED = 0.5
+SAME_COURSE = 0.99  # correlation, judgement: of two columns that no log of this length tells apart
 EVERYWHERE = ("time_s", "upper_speed", "lower_speed")
 
 
@@ -42,6 +43,9 @@ def claims(ch: Channels, found: Posterior) -> Claims:
     group = standing_in(found, sure)
     withheld: dict[str, str] = {}
     for name in sure - group:
+        if (alone := _against_nothing(found, name)) < APART:
+            withheld[name] = f"without it the rows are {alone:.1f} nats behind: no name for so little"
+            continue
         nats = _against_forms(ch, found, name)
         if nats < -float(ODDS) - np.log(1.0 - CLAIMED):
             withheld[name] = f"a free form in its place is {nats:.1f} nats behind: no name for it"
@@ -80,11 +84,14 @@ def ahead(found: Posterior, rival: Hypothesis, name: str) -> float:
     Of these the less: by the rows alone every number more is expected to gain half a nat of noise. Or, if it
     is more, what the name gains beside what would stand in for it.
     """
+    return max(_less(found, rival), _beside(found, rival, name))
+
+
+def _less(found: Posterior, rival: Hypothesis) -> float:
     best, k = found.index(found.best), found.index(rival)
     more = sum(len(m.point) for m in rival.members) - sum(len(m.point) for m in found.best.members)
     evidence = found.behind[k] - found.behind[best]
-    less = min(evidence, found.misfit[k] - found.misfit[best] + 0.5 * max(more, 0))
-    return max(float(less), _beside(found, rival, name))
+    return float(min(evidence, found.misfit[k] - found.misfit[best] + 0.5 * max(more, 0)))
 
 
 def _beside(found: Posterior, rival: Hypothesis, name: str) -> float:
@@ -95,6 +102,13 @@ def _beside(found: Posterior, rival: Hypothesis, name: str) -> float:
     wanted, k = rival.names | {name}, found.index(rival)
     both = [b for h, b in zip(found.sets, found.behind, strict=True) if h.names == wanted]
     return float(found.behind[k] - both[0]) if both else 0.0
+
+
+def _against_nothing(found: Posterior, name: str) -> float:
+    """Nats by which the set of most mass is ahead of the others of its effects alone."""
+    best = found.best
+    rest = [h for h in found.sets if h.effects == best.effects - {name} and len(h.names) < len(best.names)]
+    return min((_less(found, h) for h in rest), default=np.inf)
 
 
 def _stands_in(found: Posterior, name: str, other: str) -> bool:

@@ -30,11 +30,14 @@ Mask = NDArray[np.bool_]
 RATIOS = (2.0, 0.5, 1.5, 2.0 / 3.0, 3.0, 1.0 / 3.0)  # of pulses counted to pulses due: poles, marks, edges
 LIMITS = (0.98, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # quantiles of the readings: where a limit may lie
 ROUNDS = 4
-LEAST_SHARE, MOST_SHARE = 0.01, 0.5  # of the rows
-LEAST_ROWS = 8
-TOLERANCE = 0.03  # of the reference load: what a base may err by
-CLEARLY = 9.0  # squared tolerances by which another count must fit a row better
-EXCESS = 0.03  # of the reference load: what is cut off on the average
+# of the rows, judgement: less is an outlier, more is what the log is like
+LEAST_SHARE, MOST_SHARE = 0.01, 0.5
+LEAST_ROWS = 8  # judgement: a limit and its spread want several readings
+TOLERANCE = 0.03  # of the reference load: what a base may err by, as a model of another day on the stand does
+CLEARLY = 9.0  # squared tolerances: three standard deviations by which another count must fit a row better
+EXCESS = (
+    0.03  # of the reference load, what is cut off on the average: TOLERANCE, less is the base's own error
+)
 WITHIN = 3.0  # standard deviations of the readings at a limit
 
 

@@ -18,14 +18,15 @@ from coaxlink.effects import effect as effect_named
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.regression.joint_model import Member, composed, member
 
-ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it
+ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it (judgement)
 GRADUAL_ODDS = np.log(1.0 / 20.0)  # that what begins comes gradually: a tank, a sliding load
+# of the Gauss-Newton steps, judgement: effort, no part of any answer that is at its best
 STEPS = 5
 HALVINGS = (1.0, 0.5, 0.2)
 SETTLED = 0.2  # nats
 CONSISTENT = 1  # rounds
 REFUSED = -1e6
-LARGE = 0.99  # quantile of the rows: what acts at few speeds acts
+LARGE = 0.99  # quantile of the rows, judgement: what acts at few speeds acts
 COLOURS = 2  # rounds
 REMEMBERED = 60  # linearisations
 WHOLE = 0.02  # what an effect that is there as a whole may differ from that, by its form
@@ -51,9 +52,13 @@ class Hypothesis:
     left: Array  # (rows, C) not whitened
     added: Array  # (rows, C) what the members add
     width: int  # columns of base and map
-    white: Array  # (rows, C, P) whitened columns
+    white: tuple[Array, ...]  # whitened columns (rows, C, P) side by side: shared ones are held once
     colour: Colour
     slopes: Slopes
+
+    def whitened(self, channel: int) -> Array:
+        """(rows, P) whitened columns of one channel."""
+        return np.concatenate([w[:, channel] for w in self.white], axis=-1)
 
     @property
     def score(self) -> float:
@@ -215,9 +220,9 @@ class Scorer:
         left = target - columns @ fit.values
         count = len(origin)
         values = fit.values[width : width + count] + np.array(origin)
-        white = np.concatenate([self.white, *(b[1] for b in blocks)], axis=-1)
+        shared = (self.white, *(b[1] for b in blocks))
         h = Hypothesis(
-            tuple(members), tuple(forms), fit, float(prior), left, added, width, white, self.colour, slopes
+            tuple(members), tuple(forms), fit, float(prior), left, added, width, shared, self.colour, slopes
         )
         return h, values
 

@@ -54,9 +54,11 @@ class Posterior:
         """The set of most mass that holds none of these names."""
         names = set(names)
         ranked = [
-            (m, k) for k, (m, h) in enumerate(zip(self.mass, self.sets, strict=True)) if not h.names & names
+            (m, h.score, k)
+            for k, (m, h) in enumerate(zip(self.mass, self.sets, strict=True))
+            if not h.names & names
         ]
-        return self.sets[max(ranked)[1]] if ranked else None
+        return self.sets[max(ranked)[2]] if ranked else None
 
     @property
     def effects(self) -> dict[str, float]:

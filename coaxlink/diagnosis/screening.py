@@ -42,8 +42,9 @@ class Stack:
         moment = np.zeros(len(self.deviation))
         for c, (used, columns) in enumerate(zip(self.used, self.columns, strict=True)):
             if len(used):
-                touched = np.flatnonzero(h.white[:, c].any(axis=0))
-                base = np.ascontiguousarray(h.white[:, c, touched].T)
+                beside = h.whitened(c)
+                touched = np.flatnonzero(beside.any(axis=0))
+                base = np.ascontiguousarray(beside[:, touched].T)
                 cross[np.ix_(touched, used)] += weight[c] * (base @ columns)
                 moment[used] += weight[c] * (left[:, c] @ columns)
         cross *= fit.deviation[:, None]

@@ -15,6 +15,7 @@ from coaxlink.effects.onset import COMES, gradual
 from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.regression.joint_model import Member
 
+# effort of the search, judgement: seconds a log
 BEAM = 2
 TRIED = 4  # effects of a screening that are fitted
 TRIED_FORMS = 2
@@ -25,6 +26,8 @@ LEAST_GAIN = 1.0  # nats in a shape of the grid; its odds take four
 FAR = 30.0  # nats below the best: not worth another look
 # beside what a loop answers a step shows for as long as it passes a 4 Hz low-pass: half a second
 SHARP_S, MOST_TIMES = 0.4, 300
+# what must act where its recorded cause moves: loads go with the air's density (blade element theory)
+DUE = frozenset({"air_density"})
 STANDS_IN = 0.5  # of what an effect explains: less is no rival before its shape has moved
 
 
@@ -86,6 +89,10 @@ class Search:
             front = {h.names: h for h in ranked[:BEAM] if h.score > best - FAR}
             # a free form must not keep an effect from being tried
             front |= {h.names: h for h in [h for h in ranked if not h.forms][:1]}
+            # beside what must act is looked, whatever was found first to take its place
+            front |= {
+                h.names: h for h in ranked if h.names and h.names <= DUE and h.score > self.scorer.empty.score
+            }
             front = {names: h for names, h in front.items() if names not in seen}
             if not front:
                 return self.visited
@@ -164,7 +171,7 @@ class Search:
             mine = c.white[:, k]
             gram += weight[k] * (mine.T @ mine)
             moment += weight[k] * (mine.T @ left[:, k])
-            cross += weight[k] * (h.white[:, k].T @ mine)
+            cross += weight[k] * (h.whitened(int(k)).T @ mine)
         # the hypothesis gives way: its numbers and the candidate's are found together
         half = solve_triangular(h.fit.factor, cross * h.fit.deviation[:, None], lower=True)
         values = np.linalg.solve(gram - half.T @ half, moment)

@@ -23,22 +23,24 @@ from coaxlink.residual.channels.stand_problem import known_parts, reducing, stan
 from coaxlink.residual.regression.joint_model import composed
 from coaxlink.rotor import RotorModel
 
-ORDER = 4  # of a base fitted to the log itself
-WIDE = 3.0  # of the reference load: prior of the terms of such a base
-MANY_ROWS, STRETCH = 1500, 64  # of a longer log, one stretch of rows in so many is searched
-RESOLUTION = 2e-4  # of the reference load
+ORDER = 4  # of a base fitted to the log itself, as the coaxial rotor model's (Berra et al. 2024)
+WIDE = 3.0  # of the reference load: prior of the terms of such a base, so wide that it holds nothing back
+# of a longer log, one stretch of rows in so many is searched (judgement: seconds of a search)
+MANY_ROWS, STRETCH = 1500, 64
+RESOLUTION = 2e-4  # of the reference load: 1 in 5000 divisions of a cell of class C (OIML R 60)
 # the smooth part of a rotor map that no polynomial follows: size over the load, correlation length in ranges
 # of the speed (momentum theory against polynomials of fourth order: 1 to 2 %, bending once or twice)
 MAP_SIZE, MAP_LENGTH = 0.02, 0.35
 GIVEN_MAP_SIZE = 0.01  # of a given model, beside its level and tilt
 DRIVE_MAP_SIZE = 0.01
-# what the wake makes of a lower rotor, over the ratio of both speeds: size over the load and correlation length.
-# Blade-element pairs of two makers against polynomials of fourth order miss 1 to 11 % rms and bend within a
-# tenth of the range where the lower rotor is slow; which size a log asks for is by its marginal likelihood
-RATIO_SIZES, RATIO_LENGTHS = (0.02, 0.06, 0.2), (0.06, 0.1)
-REYNOLDS_LENGTH = 1.0  # of the speeds' range: how slowly that changes with both speeds at one ratio
-REST, REST_SIZE = 0.005, 0.1  # of normalised speed; a rotor at rest is another thing than a slow one
-# free forms: size over the reference load; lengths in ranges of the variable
+# what the wake makes of a lower rotor, over the ratio of both speeds: correlation length; size over the load
+# and how slowly it changes with both speeds at one ratio (Reynolds number), in ranges. Blade-element pairs of
+# two makers against polynomials of fourth order: lower torque off by 1 to 11 % rms, bending within a tenth of
+# the range where the lower rotor is slow. Which of these a log asks for is by its marginal likelihood
+RATIO_LENGTHS = (0.03, 0.06, 0.1)
+RATIO_SIZES = ((0.06, 1.0), (0.2, 0.4))
+REST, REST_SIZE = 0.005, 0.1  # of normalised speed; of the load, judgement: at rest is not slow
+# free forms, judgement: size over the reference load; lengths in ranges of the variable
 FORM_SIZES = (0.01, 0.04)
 FORM_LENGTHS = (0.15, 0.5)
 NARROW_LENGTHS, NARROW_SIZE = (0.04, 0.08, 0.15), 0.03  # over the speeds: narrower than a rotor map bends
@@ -181,21 +183,21 @@ def _maps(
     if not lower or min(np.ptp(u, axis=0)) <= 0.0:
         return {}
 
-    def blocks(size: float, length: float) -> tuple[Block, ...]:
-        over = _over_ratio(u, size, length)
+    def blocks(length: float, size: float, slow: float) -> tuple[Block, ...]:
+        over = _over_ratio(u, length, size, slow)
         return tuple(
             in_channel(f"{STAND_CHANNELS[c]} ratio map", over, weights[:, k], k, len(present))
             for k, c in lower
         )
 
     return {
-        f"ratio|{size}|{length}": partial(blocks, size, length)
-        for size in RATIO_SIZES
+        f"ratio|{length}|{size}|{slow}": partial(blocks, length, size, slow)
         for length in RATIO_LENGTHS
+        for size, slow in RATIO_SIZES
     }
 
 
-def _over_ratio(u: Array, size: float, length: float) -> tuple[Array, Array]:
+def _over_ratio(u: Array, length: float, size: float, slow: float) -> tuple[Array, Array]:
     """Functions (rows, K) of the ratio of speeds (rows, 2) and their deviations; of a rotor at rest one more.
 
     A slow rotor in a strong wake sees its angles change fastest: the process runs over the root of the angle.
@@ -205,7 +207,7 @@ def _over_ratio(u: Array, size: float, length: float) -> tuple[Array, Array]:
     angle = np.arctan2(own, upper)
     low = float(np.min(angle[turning], initial=np.pi / 2.0))
     over = waves(np.sqrt(np.where(turning, angle, low)), length)
-    functions, deviations = products(over, waves(np.hypot(upper, own), REYNOLDS_LENGTH))
+    functions, deviations = products(over, waves(np.hypot(upper, own), slow))
     functions, deviations = functions * turning[:, None], deviations * size
     if turning.all():
         return functions, deviations

@@ -7,6 +7,8 @@ Reynolds number too. Either is written about the density at which the base holds
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,19 +24,40 @@ from coaxlink.effects.live import MOST, LiveView, Part, nothing
 from coaxlink.effects.static import LeftOut, StaticBench
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_LOADS, StandFrame
+from coaxlink.signals import without_row_noise
 
 OVER = (-0.12, -0.06, 0.0, 0.06, 0.12)  # of the log's median density: where a given model holds
 
 
 def density(frame: StandFrame) -> Array | None:
-    """(rows,) air density in kg/m^3 from temperature and pressure; a missing one is the standard's."""
-    t, p = frame.context("air_temperature_C"), frame.context("air_pressure_Pa")
+    """(rows,) air density in kg/m^3 from temperature and pressure; a missing one is the standard's.
+
+    The air of a room changes slower than rows come: what trembles from row to row is the sensors' own.
+    """
+    t, p = (_calm(frame, name) for name in ("air_temperature_C", "air_pressure_Pa"))
     if t is None and p is None:
         return None
     celsius = STANDARD_TEMPERATURE_K - ZERO_CELSIUS_K if t is None else t
     return np.broadcast_to(
         density_of(STANDARD_PRESSURE_PA if p is None else p, celsius), (len(frame.time_s),)
     )
+
+
+def _calm(frame: StandFrame, name: str) -> Array | None:
+    values, log = frame.context(name), frame.context("log")
+    if values is None:
+        return None
+    ends = (0, *(() if log is None else np.flatnonzero(np.diff(log)) + 1), len(values))
+    return _calmed(np.asarray(values, float).tobytes(), tuple(map(int, ends)))
+
+
+@lru_cache(maxsize=8)
+def _calmed(values: bytes, ends: tuple[int, ...]) -> Array:
+    """(rows,) of each log's own rows; read-only: a search asks for the same air again and again."""
+    own = np.frombuffer(values)
+    out = np.concatenate([without_row_noise(own[a:b]) for a, b in pairwise(ends)])
+    out.setflags(write=False)
+    return out
 
 
 def density_of(pressure_Pa: ArrayLike, temperature_C: ArrayLike) -> Array:

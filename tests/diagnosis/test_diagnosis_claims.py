@@ -5,12 +5,16 @@ The rig is that of tests/helpers and shares nothing with coaxlink.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from residual_rig import FULL_RPM, run
 
 from coaxlink import files
 from coaxlink.data import Samples
+from coaxlink.diagnosis.claims import claims
+from coaxlink.diagnosis.posterior import Posterior
 from coaxlink.effects import effect
 from coaxlink.residual import refine_stand
 from coaxlink.rotor import load_rotor_model
@@ -65,6 +69,30 @@ def test_air_that_warms_once_may_be_the_amplifier_warming_up():
     answer = refine_stand(Samples(columns, "rig.csv"))
     assert [set(a.names) for a in answer.ambiguous] == [{"air_density", "sensor_drift"}]
     assert answer.effects == ()
+
+
+def hypothesis(*names):
+    empty = SimpleNamespace(deviation=np.zeros(0))
+    return SimpleNamespace(names=frozenset(names), effects=frozenset(names), forms=(), members=(), fit=empty)
+
+
+@pytest.mark.parametrize(
+    ("nats", "rows", "said"), [(30.0, 20.0, True), (30.0, 4.0, False), (9.0, 20.0, False)]
+)
+def test_a_name_needs_five_standard_errors_against_nothing(nats, rows, said):
+    sets = hypothesis("hysteresis", "rotor_lag"), hypothesis("rotor_lag"), hypothesis()
+    far = 1000.0
+    found = Posterior(
+        sets,
+        np.array([1.0, 0.0, 0.0]),
+        np.ones(3),
+        np.array([0.0, nats, far]),
+        np.array([0.0, rows, far]),
+    )
+    made = claims(SimpleNamespace(), found)
+    assert ("hysteresis" in made.sure) is said
+    assert ("hysteresis" in made.withheld) is not said
+    assert "rotor_lag" in made.sure
 
 
 @pytest.mark.parametrize(

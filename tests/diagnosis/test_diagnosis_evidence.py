@@ -55,7 +55,7 @@ def test_columns_more_gain_what_the_larger_model_has_more(data):
     large = fitted(sums_of(columns, target), deviation, noise, least, rounds=0)
     left = target - few @ small.values
     stack = Stack([(more, deviation[3:]), (more[..., :1], deviation[3:4])])
-    gain, one = stack.gains(SimpleNamespace(fit=small, white=few), left)
+    gain, one = stack.gains(SimpleNamespace(fit=small, whitened=lambda c: few[:, c]), left)
     middle = fitted(sums_of(columns[..., :4], target), deviation[:4], noise, least, rounds=0)
     assert one == pytest.approx(middle.log_evidence - small.log_evidence, abs=1e-5)
     assert gain == pytest.approx(large.log_evidence - small.log_evidence, abs=1e-5)

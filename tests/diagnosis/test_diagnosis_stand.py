@@ -9,7 +9,7 @@ import json
 
 import numpy as np
 import pytest
-from residual_rig import run
+from residual_rig import FULL_RPM, run
 
 from coaxlink import files
 from coaxlink.data import Samples
@@ -54,6 +54,30 @@ def test_mass_over_sets_is_a_probability():
     assert 0.99 < sum(mass) <= 1.0 + 1e-9
     kept = [s for s in answer.trace if s.kept]
     assert len(kept) == 1 and kept[0].name == "air_density"
+
+
+def stalling(seed):
+    """A rig whose lower torque bends over the ratio of the speeds, as no polynomial does."""
+    columns = run(seed=seed, throttle=False)
+    a, b = columns["upper_rpm"] / FULL_RPM, columns["lower_rpm"] / FULL_RPM
+    bend = np.exp(-(((b / np.maximum(a, 0.05) - 0.35) / 0.12) ** 2))
+    columns["lower_torque_Nm"] = columns["lower_torque_Nm"] - 0.4 * bend * (a**2 + b**2)
+    return columns
+
+
+def test_what_a_pair_does_over_the_ratio_of_its_speeds_is_its_map_and_no_effect():
+    answer = refine_stand(Samples(stalling(5), "rig.csv"))
+    assert (answer.effects, answer.ambiguous, answer.suspect_data) == ((), (), ())
+    assert answer.unexplained == ()
+    assert any("lower_torque: a smooth surface" in n for n in answer.notes)
+
+
+def test_beside_such_a_map_an_effect_is_still_named():
+    columns = stalling(6)
+    time_min = columns["time_s"] / 60.0
+    columns["lower_thrust_N"] = columns["lower_thrust_N"] + 0.25 * time_min
+    answer = refine_stand(Samples(columns, "rig.csv"))
+    assert [e.name for e in answer.effects] == ["sensor_drift"]
 
 
 @pytest.mark.parametrize("engine", ["", "evidence"])
