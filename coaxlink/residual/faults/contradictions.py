@@ -19,12 +19,27 @@ ACCEL_SHARE = 0.05
 ACCEL_S, PIECES, SIGMAS = 2.0, 8, 4.0  # windows; parts of the flight left out in turn, as for a gyro's scale
 CLIMB_M, CLIMB_M_S = 1.0, 0.3  # judgement: a height's own wander; what a vertical velocity is off by
 BEND_M = 3.0  # judgement: what is left of that once its steady part is taken out
+WORKS = 0.5  # of the mean command of the rotors that is least: judgement; unused outputs rest near 0
 MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V
 
 
 def contradicted(log: Samples) -> list[Finding]:
     """(column, (rows,) mask, why) of what cannot be: see the module."""
     return [*_height(log), *_specific_force(log), *_voltage(log)]
+
+
+def motors_too_many(log: Samples, rotors: set[int]) -> list[Finding]:
+    """Motors that work as the others do, of other numbers than the airframe's rotors."""
+    numbers = {int(n[5:]) for n in log.columns if n.startswith("motor") and n[5:].isdigit()}
+    flown = flying_rows(log)
+    usual = {n: float(np.sum(np.nan_to_num(log[f"motor{n}"][flown]))) for n in numbers}
+    known = [usual[n] for n in numbers & rotors]
+    more = sorted(n for n in numbers - rotors if known and usual[n] > WORKS * min(known) > 0.0)
+    if not more:
+        return []
+    names = ", ".join(f"motor{n}" for n in more)
+    why = f"the airframe has {len(rotors)} rotors, and these work as theirs do: it is another vehicle's file"
+    return [(names, np.ones(log.rows, bool), why)]
 
 
 def _height(log: Samples) -> list[Finding]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.channels.flight import EDGE_S, reduce_columns
-from coaxlink.residual.faults.contradictions import contradicted
+from coaxlink.residual.faults.contradictions import contradicted, motors_too_many
 from coaxlink.residual.faults.repeated_readings import DEAD, copied, stuck
 from coaxlink.residual.faults.stand_faults import rows_text
 from coaxlink.residual.result import Suspect
@@ -44,7 +44,8 @@ def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[S
             mine = frame.log == number
             bad |= mine & _around(frame.time_s, log["time_s"], rows)
             dead |= rows.mean() > DEAD
-        for column, rows, why in contradicted(log):
+        rotors = {r.number for r in frame.airframe.rotors}
+        for column, rows, why in [*motors_too_many(log, rotors), *contradicted(log)]:
             out.append(Suspect(column, rows_text(rows), why))
             dead |= column not in SPARED
     wrong = [*_reversed(frame), *_swapped(frame)]

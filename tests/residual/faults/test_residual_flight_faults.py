@@ -13,7 +13,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
-from coaxlink.residual.faults.contradictions import contradicted
+from coaxlink.residual.faults.contradictions import contradicted, motors_too_many
 from coaxlink.residual.faults.flight_faults import off_centre
 from coaxlink.rotor import load_rotor_model
 
@@ -57,6 +57,17 @@ def test_a_scale_within_a_data_sheet_is_no_fault(share, clean):
     ]  # a height of one reading a second
     log = clean | {"accel_z_m_s2": share * clean["accel_z_m_s2"], "height_m": held}
     assert contradicted(Samples(log, "sound")) == []
+
+
+def test_motors_that_the_airframe_does_not_have_are_told_first(clean):
+    answer = ask(clean | {"motor9": clean["motor1"], "motor10": clean["motor2"]})
+    assert [s.column for s in answer.suspect_data] == ["motor9, motor10"]
+    assert "8 rotors" in answer.suspect_data[0].why and answer.effects == ()
+
+
+def test_outputs_that_no_motor_hangs_on_are_none(clean):
+    rests = {"motor9": np.full(len(clean["time_s"]), 0.05), "motor10": np.full(len(clean["time_s"]), np.nan)}
+    assert motors_too_many(Samples(clean | rests, "sound"), set(range(1, 9))) == []
 
 
 def test_a_height_that_stands_still_takes_nothing_else_from_the_answer(clean):
