@@ -55,10 +55,11 @@ def _height(log: Samples) -> list[Finding]:
         steps = np.diff(time[first:end])
         speed = np.where(steps < 1.0, velocity[first : end - 1], 0.0)  # what happened in a gap is not known
         path = np.nancumsum(speed * steps)
-        if len(path) < 3:
-            continue
-        bent = path - np.polyval(np.polyfit(time[first + 1 : end], path, 1), time[first + 1 : end])
         lasted = float(time[end - 1] - time[first])
+        if not (lasted > 0.0 and np.isfinite(path).all()):
+            continue
+        after = time[first + 1 : end] - np.mean(time[first + 1 : end])
+        bent = path - after * float(after @ path / max(float(after @ after), 1e-12))
         if np.ptp(path) > CLIMB_M + CLIMB_M_S * lasted or np.ptp(bent) > BEND_M:
             rows[first:end] = True
             most = max(most, float(np.ptp(path)))

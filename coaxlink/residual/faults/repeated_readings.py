@@ -132,9 +132,9 @@ def _contradicted(log: Samples, names: list[str], held: Mask, step: float) -> Ma
 def windows(log: Samples, window_s: float) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
     """First rows and rows behind the last of windows without a gap, and their length in rows."""
     time = log["time_s"]
-    if log.rows < 3:
+    step_s = float(np.nanmedian(np.diff(time))) if log.rows > 2 else 0.0
+    if not step_s > 0.0:
         return np.zeros(0, np.intp), np.zeros(0, np.intp), 1
-    step_s = float(np.nanmedian(np.diff(time)))
     size = max(round(window_s / step_s), 1)
     first = np.arange(0, log.rows - size, size)
     last = first + size
