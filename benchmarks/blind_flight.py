@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import flights
-from sim.plant import Battery, Plant
+from sim.physics.plant import Battery, Plant
+from sim.physics.rotors import read_pair
+from sim.physics.sensors import Sensors
 from sim.px4.autopilot import Autopilot
 from sim.px4.cascade import Goal
-from sim.rotors import read_pair
-from sim.sensors import Sensors
 from sim.truth import FORMS, read_truth
 from sim.vehicle import read_vehicle
 

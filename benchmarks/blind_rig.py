@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rotors import Pair
+from sim.physics.rotors import Pair
 
 Array = NDArray[np.float64]
 FULL_V = 33.6

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import bench, bench_laws
-from sim.rotors import read_pair
+from sim.physics.rotors import read_pair
+from sim.stand import effects as bench
+from sim.stand import laws as bench_laws
 
 Array = NDArray[np.float64]
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from blind_rig import Array, Rig, physics
 
-from sim.rotors import read_pair
+from sim.physics.rotors import read_pair
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 PAIRS = ("rotor_paper.toml", "mn4014_bemt", "kde5215_bemt")

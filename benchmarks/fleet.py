@@ -20,8 +20,8 @@ from pathlib import Path
 
 from sim.effects import Effect
 from sim.flights import write_flight
+from sim.physics.rotors import read_pair
 from sim.quick.flight import World, fly_quick, make_design
-from sim.rotors import read_pair
 from sim.vehicle import read_vehicle
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

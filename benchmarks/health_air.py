@@ -49,8 +49,8 @@ def design(name: str, law: str) -> tuple[Any, Any]:
     from coaxlink.mixer.exact.native import NativeExact
     from coaxlink.tables.px4 import report_px4
     from coaxlink.vehicle import load_vehicle
+    from sim.physics.rotors import read_pair
     from sim.quick.flight import make_design
-    from sim.rotors import read_pair
     from sim.vehicle import read_vehicle
 
     rotor = EXAMPLES / "rotor_paper.toml"

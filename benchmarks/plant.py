@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.plant import Plant
-from sim.rotors import read_pair
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.vehicle import read_vehicle
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

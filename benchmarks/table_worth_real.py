@@ -39,10 +39,10 @@ from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from sim.bridge.px4_hil import Px4Bridge
 from sim.effects import FORMS, Effect
-from sim.plant import Plant
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.px4.autopilot import Autopilot
 from sim.px4.cascade import euler
-from sim.rotors import read_pair
 from sim.trial_flight import tuned_settings
 from sim.truth import Truth
 from sim.vehicle import read_vehicle

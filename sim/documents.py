@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -34,3 +35,14 @@ def read_number(path: Path, where: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise WorldError(path, where, f"a finite number is expected, found {plain(repr(value), 80)}")
     return float(value)
+
+
+def write_atomic(path: Path, text: str) -> None:
+    """Replace `path` by `text` in one step. Raises WorldError."""
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        draft.write_text(text, encoding="utf-8")
+        draft.replace(path)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise WorldError(path, "", f"cannot be written ({error.strerror})") from error

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from sim.plant import Plant
+    from sim.physics.plant import Plant
 
 LEVEL_SPEED = 0.55  # where the laws of one effect agree: rotors of the hovering demo
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.plant import Plant
+from sim.documents import write_atomic
+from sim.physics.plant import Plant
 from sim.px4.autopilot import RATE_HZ, Autopilot, Mode
 from sim.px4.cascade import Goal, euler
-from sim.stand import write_atomic
 
 LOG_EVERY = 2  # steps of the autopilot a row: 125 Hz
 

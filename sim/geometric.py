@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.flights import paper
-from sim.plant import GRAVITY, STEP_S, Plant
+from sim.physics.plant import GRAVITY, STEP_S, Plant
 from sim.px4.cascade import Goal
 from sim.px4.tuning import wrench as steady_wrench
 

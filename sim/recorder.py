@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as m
 
 from sim.errors import WorldError
 from sim.flights import LOG_EVERY, columns, row, write_flight
-from sim.links import Peer, Port
+from sim.line.links import Peer, Port
 from sim.px4.guidance import RATE_HZ
 from sim.px4.telemetry import stamp_us
 

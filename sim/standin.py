@@ -17,14 +17,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as m
 
-from sim.links import Peer, Port, wait
-from sim.memory import Memory
+from sim.line.links import Peer, Port, wait
+from sim.line.memory import Memory
+from sim.line.signing import Signing
+from sim.line.wire import Wire, WireFaults
 from sim.px4.autopilot import RATE_HZ, Autopilot
 from sim.px4.cascade import Demand
 from sim.px4.protocol import Conversation
 from sim.px4.telemetry import stamp_us
-from sim.signing import Signing
-from sim.wire import Wire, WireFaults
 
 PATIENCE_S = 0.020
 LOCKSTEP_S = 10.0  # wall time

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import WorldError
-from sim.plant import Plant
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.px4.autopilot import RATE_HZ, Autopilot, Mode
 from sim.px4.cascade import Four, Goal, euler
 from sim.px4.tuning import Mixing, tune
-from sim.rotors import read_pair
 from sim.trials import Draw, Trial
 from sim.truth import Truth
 from sim.vehicle import LOWER, read_vehicle

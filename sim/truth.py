@@ -18,7 +18,7 @@ from sim.effects import FORMS, GUST_SEED, Effect, Gusts
 from sim.errors import WorldError
 
 if TYPE_CHECKING:
-    from sim.plant import Plant
+    from sim.physics.plant import Plant
 
 
 HIDDEN = ("battery_voltage", "rotor_drag", "degraded_rotor", "cg_offset", "ground_effect", "axial_inflow")

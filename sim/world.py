@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from firmware_params import bounded
+from sim.documents import write_atomic
 from sim.errors import WorldError
-from sim.escs import KINDS, MEASURED
-from sim.links import Port, open_port
-from sim.memory import Memory
+from sim.line.links import Port, open_port
+from sim.line.memory import Memory
+from sim.line.wire import parse_faults
+from sim.physics.escs import KINDS, MEASURED
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.place import HOME
-from sim.plant import Plant
-from sim.rotors import read_pair
-from sim.stand import write_atomic
 from sim.standin import Standin
 from sim.truth import Truth, hidden_truth, read_truth, truth_text
 from sim.vehicle import read_vehicle
-from sim.wire import parse_faults
 
 CURRENT = (1, 16, 1)
 OLDEST = (1, 13)  # before it there are no CA_ parameters

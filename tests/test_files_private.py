@@ -14,7 +14,7 @@ import pytest
 
 from coaxlink import files
 from coaxlink.live import compiled as code
-from sim.compile_cache import private
+from sim.physics.compile_cache import private
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners on this system")
 # tmp_path's own parents are pytest's, in /tmp: sticky, or nobody else's

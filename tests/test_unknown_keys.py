@@ -13,10 +13,10 @@ from coaxlink.data import read_stand_log
 from coaxlink.live.attitude_loop import load_gains
 from coaxlink.rotor import load_rotor_model
 from firmware_params.keys import problem_of, unknown_key
-from sim.bench import read_bench
 from sim.manoeuvres import read_plan
-from sim.rotors import read_pair
-from sim.schedule import read_schedule
+from sim.physics.rotors import read_pair
+from sim.stand.effects import read_bench
+from sim.stand.schedule import read_schedule
 from sim.truth import read_truth
 from sim.vehicle import read_vehicle
 

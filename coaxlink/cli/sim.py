@@ -125,10 +125,10 @@ def sim(
 
 
 def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, schedule: Path | None) -> None:
-    from sim.bench import Bench, measure, read_bench
-    from sim.rotors import read_pair
-    from sim.schedule import read_schedule
-    from sim.stand import stand_rows, write_stand
+    from sim.physics.rotors import read_pair
+    from sim.stand.effects import Bench, measure, read_bench
+    from sim.stand.grid import stand_rows, write_stand
+    from sim.stand.schedule import read_schedule
 
     pair = read_pair(rotor or files.example("rotor_paper.toml"))
     if truth is None and schedule is None:
@@ -147,7 +147,7 @@ def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, sched
 
 def _alone(autopilot: Any, plan: str, log: Path | None, truth_log: Path | None) -> None:
     from sim.flights import PLANS, fly, write_flight
-    from sim.truthlog import TruthLog
+    from sim.line.truthlog import TruthLog
 
     if plan.endswith(".toml"):
         from sim.manoeuvres import read_plan

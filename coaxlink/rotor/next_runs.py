@@ -44,7 +44,7 @@ class NextRuns:
         return HOLD_S * float(self.times.sum())
 
     def document(self) -> dict[str, Any]:
-        """As a schedule file's document (sim/schedule.py)."""
+        """As a schedule file's document (sim/stand/schedule.py)."""
         pieces = [
             {"seconds": HOLD_S * int(n), "upper": round(float(u), 4), "lower": round(float(v), 4)}
             for (u, v), n in zip(self.points, self.times, strict=True)

@@ -159,8 +159,8 @@ _DESIGNS: OrderedDict[tuple[Any, ...], tuple[Vehicle, Design]] = OrderedDict()
 def _design(spec: Spec, one: Cell, folder: Path) -> tuple[Vehicle, Design]:
     """The vehicle as its owner knows it, and as it flies under the cell's law. Raises InputError."""
     from coaxlink.vehicle import load_vehicle
+    from sim.physics.rotors import read_pair
     from sim.quick.flight import make_design
-    from sim.rotors import read_pair
     from sim.vehicle import read_vehicle
 
     names = tuple(one.values.get(key) for key in ("airframe", "rotor", "believed", *SHARES))

@@ -12,8 +12,8 @@ from coaxlink.data.flight import MOTION
 from coaxlink.data.stand import OWN_COLUMNS
 from coaxlink.data.units import QUANTITIES, quantity_of, unit_names
 from coaxlink.rotor.model import rotor_schema
-from sim import schedule
 from sim.effects import FORMS
+from sim.stand import schedule
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HEAD = """# File formats

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim.ardupilot.store import Store
-from sim.ftp import Files, Manners
+from sim.line.ftp import Files, Manners
 
 PARAMS = "@PARAM/param.pck"
 MANNERS = Manners()

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from sim.escs import told
-from sim.logger import Logger
+from sim.line.logger import Logger
+from sim.physics.escs import told
 from sim.px4.cascade import euler
 
 FOLDER = "logs"

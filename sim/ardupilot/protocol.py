@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as m
 from sim.ardupilot.copter import Copter
 from sim.ardupilot.files import MANNERS
 from sim.ardupilot.telemetry import BUILDERS, DEFAULT_HZ, GROUPS
-from sim.links import Peer
+from sim.line.links import Peer
 from sim.px4.autopilot import Refused
 from sim.px4.protocol import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Conversation, _status, _text
 

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from sim.ardupilot.mixer import DYNAMIC, SCRIPTED, Mixer
 from sim.ardupilot.store import Store
-from sim.ftp import Files
+from sim.line.ftp import Files
 
 FOLDER = "scripts"
 TABLES, PER_TABLE = 10, 63

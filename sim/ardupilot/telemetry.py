@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as m
 
-from sim.escs import told
+from sim.physics.escs import told
 from sim.px4 import telemetry as common
 from sim.px4.telemetry import short, stamp_ms, stamp_us
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import PortError
-from sim.plant import STEP_S, Plant
+from sim.physics.plant import STEP_S, Plant
 from sim.truth import Truth
 
 MAGIC = {18458: 16, 29569: 32}

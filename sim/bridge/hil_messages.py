@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
+from sim.physics.plant import Plant
+from sim.physics.sensors import Sensors
 from sim.place import HOME
-from sim.plant import Plant
-from sim.sensors import Sensors
 
 STEPS = 4  # of the plant, 1 ms each, from reading to reading
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00

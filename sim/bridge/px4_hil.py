@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import common as m
 
 from sim.bridge.hil_messages import STEPS, HilMessages
 from sim.errors import PortError
-from sim.plant import STEP_S, Plant
+from sim.physics.plant import STEP_S, Plant
 from sim.truth import Truth
 
 # PX4 sends controls when its outputs are computed, not when a reading came (SimulatorMavlink::send), and its

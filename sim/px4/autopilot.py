@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.escs import MEASURED
-from sim.ftp import Files
-from sim.mission import Mission
+from sim.line.ftp import Files
+from sim.line.mission import Mission
 from sim.motor_test import MotorTest
+from sim.physics.escs import MEASURED
+from sim.physics.plant import FOOT_Z_M, Plant
+from sim.physics.sensors import Reading, Sensors
 from sim.place import HOME, Place
-from sim.plant import FOOT_Z_M, Plant
 from sim.px4.cascade import IDLE, Cascade, Demand, Four, Goal, Settings, Three
 from sim.px4.guidance import RATE_HZ
 from sim.px4.links import OFFBOARD_LOST, STATION_LOST, Links
@@ -27,7 +28,6 @@ from sim.px4.navigator import Navigator
 from sim.px4.own_values import bounded_hover, disarmed
 from sim.px4.store import Store
 from sim.px4.tuning import tune
-from sim.sensors import Reading, Sensors
 from sim.truth import Truth
 
 STEPS = 1000 // RATE_HZ

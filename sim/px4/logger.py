@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from firmware_params.px4.parameters import INT32
-from sim.escs import Escs, told
-from sim.logger import Logger
+from sim.line.logger import Logger
+from sim.physics.escs import Escs, told
 from sim.px4.autopilot import Mode
 
 FOLDER = "log/sess{:03d}"

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from sim.mission import Leg, Mission
+from sim.line.mission import Leg, Mission
+from sim.physics.plant import Plant
+from sim.physics.sensors import Reading
 from sim.place import Place
-from sim.plant import Plant
 from sim.px4.cascade import Goal, Settings, Three, euler
 from sim.px4.guidance import RATE_HZ, step_towards
 from sim.px4.modes import Mode
-from sim.sensors import Reading
 
 
 class Navigator:

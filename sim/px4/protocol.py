@@ -13,11 +13,11 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as ap
 from pymavlink.dialects.v20 import common as m
 
-from sim.ftp import Manners, Server
-from sim.links import Peer
-from sim.logs import LogTransfer
-from sim.mission import ABOVE_HOME
-from sim.mission_link import MissionTransfer
+from sim.line.ftp import Manners, Server
+from sim.line.links import Peer
+from sim.line.logs import LogTransfer
+from sim.line.mission import ABOVE_HOME
+from sim.line.mission_link import MissionTransfer
 from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Refused
 from sim.px4.store import HASH_CHECK
 from sim.px4.telemetry import BUILDERS, DEFAULT_HZ, stamp_us

@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as m
 
 from firmware_params.px4.messages import MAVLink_esc_status_message
-from sim.escs import told
+from sim.physics.escs import told
 from sim.px4.autopilot import Autopilot, Mode
 from sim.px4.cascade import euler
 

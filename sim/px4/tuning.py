@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.plant import GRAVITY, Plant
+from sim.physics.plant import GRAVITY, Plant
 
 BANDWIDTH = (12.0, 12.0, 5.0)  # rad/s of the rate loops; the motors' lag allows about a quarter of 1 / lag
 

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from sim.effects import FORMS, Effect
 from sim.errors import WorldError
-from sim.pair import Pair
-from sim.plant import FOOT_Z_M, GRAVITY, STEP_S, Plant
+from sim.physics.pair import Pair
+from sim.physics.plant import FOOT_Z_M, GRAVITY, STEP_S, Plant
+from sim.physics.sensors import Sensors
 from sim.px4 import loops
 from sim.px4.autopilot import Autopilot
 from sim.px4.cascade import read_gains
 from sim.px4.tuning import Mixing
 from sim.quick.plans import PLANS
-from sim.sensors import Sensors
 from sim.trial_flight import shape_error, steady, tuned_settings
 from sim.truth import Truth
 from sim.vehicle import Vehicle

@@ -13,10 +13,10 @@ import math
 import numpy as np
 from numba.extending import register_jitable
 
-from sim.blades import OPTIONS, plain
-from sim.compile_cache import cached
-from sim.kernel import advance
-from sim.layout import CURRENT, O_FORCE, SPEED, VOLTAGE, WIND
+from sim.physics.blades import OPTIONS, plain
+from sim.physics.compile_cache import cached
+from sim.physics.kernel import advance
+from sim.physics.layout import CURRENT, O_FORCE, SPEED, VOLTAGE, WIND
 from sim.px4 import loops
 from sim.px4.loops import M_OUT
 from sim.quick.mix import call_law, px4_command

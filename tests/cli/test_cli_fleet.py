@@ -7,8 +7,8 @@ from cli_runs import coaxlink
 from coaxlink.files import example
 from sim.effects import Effect
 from sim.flights import write_flight
+from sim.physics.rotors import read_pair
 from sim.quick.flight import World, fly_quick, make_design
-from sim.rotors import read_pair
 from sim.vehicle import read_vehicle
 
 CT = {f"CA_ROTOR{n}_CT": 60.0 if n < 4 else 45.0 for n in range(8)} | {"THR_MDL_FAC": 0.8}

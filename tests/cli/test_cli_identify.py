@@ -13,7 +13,7 @@ from coaxlink.cli._shell import run
 from coaxlink.cli._stand import Reading, read_stand
 from coaxlink.files import example
 from coaxlink.rotor import load_rotor_model
-from sim.schedule import read_schedule
+from sim.stand.schedule import read_schedule
 
 SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "coax"
 LOADS = {"upper.thrust_N", "upper.torque_Nm", "lower.thrust_N", "lower.torque_Nm"}

@@ -15,8 +15,8 @@ from coaxlink.mixer.plain import PlainRotors
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
 from sim.effects import Effect
+from sim.physics.rotors import read_pair
 from sim.quick.flight import World, fly_quick, make_design
-from sim.rotors import read_pair
 from sim.vehicle import read_vehicle
 
 ROTORS = Path(example("rotor_paper.toml"))

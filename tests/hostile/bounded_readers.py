@@ -58,11 +58,11 @@ def readers() -> dict[str, Callable[[Path], object]]:
     from firmware_params import px4
     from firmware_params.ardupilot import packed
     from firmware_params.ardupilot.scripts import script_factors
-    from sim.bench import read_bench
+    from sim.line.memory import Memory
     from sim.manoeuvres import read_plan
-    from sim.memory import Memory
-    from sim.rotors import read_pair
-    from sim.schedule import read_schedule
+    from sim.physics.rotors import read_pair
+    from sim.stand.effects import read_bench
+    from sim.stand.schedule import read_schedule
     from sim.truth import read_truth, truth_text
     from sim.vehicle import read_vehicle
     from sim.world import World, build_plant

@@ -19,10 +19,10 @@ from coaxlink.live.reallocation import Reallocation, law_without
 from coaxlink.mixer import make_law
 from coaxlink.vehicle import load_vehicle
 from sim.effects import FORMS, Effect
-from sim.plant import Plant
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.px4 import telemetry
 from sim.px4.autopilot import Autopilot, Mode
-from sim.rotors import read_pair
 from sim.truth import Truth
 from sim.vehicle import read_vehicle
 

@@ -19,8 +19,8 @@ from coaxlink.monitor.watch import Watch, to_json
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
 from sim.effects import Effect
+from sim.physics.rotors import read_pair
 from sim.quick.flight import World, fly_quick, make_design
-from sim.rotors import read_pair
 from sim.vehicle import read_vehicle
 
 FRAME, ROTORS = Path(example("x8_demo.toml")), Path(example("rotor_paper.toml"))

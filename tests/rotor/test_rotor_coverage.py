@@ -16,7 +16,7 @@ from coaxlink.rotor.coverage import coverage, for_the_table
 from coaxlink.rotor.identification import Bench, bench, identify
 from coaxlink.rotor.next_runs import next_runs
 from coaxlink.rotor.plausible import oddities
-from sim.schedule import read_schedule
+from sim.stand.schedule import read_schedule
 
 TOP = 5400.0
 

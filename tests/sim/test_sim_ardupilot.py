@@ -16,10 +16,10 @@ from mavsdk.plugins.ftp import FtpResult
 from firmware_params.ardupilot.scripts import loader_params, loader_script, matrix_script
 from sim.ardupilot.copter import GUIDED, Copter
 from sim.ardupilot.files import MANNERS
-from sim.ftp import Server
-from sim.plant import Plant
+from sim.line.ftp import Server
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.px4.autopilot import Goal, Refused
-from sim.rotors import read_pair
 from sim.testing import standin
 from sim.truth import Truth
 from sim.vehicle import read_vehicle

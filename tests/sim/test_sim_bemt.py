@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from sim.bemt import BemtPair, pair_air, pair_loads
-from sim.blade_numbers import RHO, Blades
 from sim.errors import WorldError
 from sim.flights import fly
-from sim.plant import Plant
-from sim.rotors import read_pair
+from sim.physics.bemt import BemtPair, pair_air, pair_loads
+from sim.physics.blade_numbers import RHO, Blades
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.vehicle import read_vehicle
 from sim.world import World, build
 

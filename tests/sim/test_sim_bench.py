@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.bench import CHANNELS, SIZES, Bench, BenchEffect, measure, read_bench
 from sim.errors import WorldError
-from sim.rotors import read_pair
+from sim.physics.rotors import read_pair
+from sim.stand.effects import CHANNELS, SIZES, Bench, BenchEffect, measure, read_bench
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PAIR = read_pair(EXAMPLES / "rotor_paper.toml")

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.bemt import pair_loads
 from sim.effects import Effect
 from sim.flights import fly, write_flight
-from sim.plant import Plant
+from sim.line.truthlog import TruthLog
+from sim.physics.bemt import pair_loads
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
+from sim.physics.sensors import READ_S, Noise, Sensors
 from sim.px4.autopilot import Mode
-from sim.rotors import read_pair
-from sim.sensors import READ_S, Noise, Sensors
 from sim.truth import Truth
-from sim.truthlog import TruthLog
 from sim.vehicle import read_vehicle
 from sim.world import World, build
 

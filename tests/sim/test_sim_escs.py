@@ -14,7 +14,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega
 
 from firmware_params.px4 import messages
-from sim.escs import KINDS
+from sim.physics.escs import KINDS
 from sim.testing import standin
 
 messages.register(ardupilotmega)

@@ -16,7 +16,7 @@ from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import Telemetry
 from mavsdk.system import System
 
-from sim.ftp import Files, Manners, Server
+from sim.line.ftp import Files, Manners, Server
 from sim.px4.autopilot import Autopilot, Mode
 from sim.testing import standin
 from sim.world import World, build

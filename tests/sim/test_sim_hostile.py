@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as m
 
-from sim.links import Peer, Port
+from sim.line.links import Peer, Port
 from sim.standin import Standin
 from sim.world import World, build
 

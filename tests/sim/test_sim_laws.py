@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.bench import Bench, BenchEffect, measure, read_bench
-from sim.bench_laws import LAWS, friction
 from sim.effects import FORMS, Effect
 from sim.errors import WorldError
-from sim.plant import Plant
-from sim.rotors import read_pair
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
+from sim.stand.effects import Bench, BenchEffect, measure, read_bench
+from sim.stand.laws import LAWS, friction
 from sim.truth import Truth, read_truth, truth_text
 from sim.vehicle import read_vehicle
 

@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as m
 
 from firmware_params.px4 import messages
-from sim.links import Peer, Port
+from sim.line.links import Peer, Port
 from sim.px4.autopilot import Goal, Mode
 from sim.standin import Standin
 from sim.world import World, build

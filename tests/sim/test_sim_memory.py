@@ -29,7 +29,7 @@ def test_px4_saves_late_or_when_it_is_told_to(tmp_path):
 
 def test_px4_s_own_save_comes_a_moment_after_the_change(tmp_path, monkeypatch):
     clock = [100.0]
-    monkeypatch.setattr("sim.memory.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("sim.line.memory.time.monotonic", lambda: clock[0])
     memory = tmp_path / "memory.json"
     board = _boot(memory)
 

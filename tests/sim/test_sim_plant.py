@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sim.errors import WorldError
-from sim.pair import Pair
-from sim.plant import GRAVITY, Plant
-from sim.rotors import read_pair
+from sim.physics.pair import Pair
+from sim.physics.plant import GRAVITY, Plant
+from sim.physics.rotors import read_pair
 from sim.truth import FORMS, HIDDEN, Effect, Truth, hidden_truth, read_truth, truth_text
 from sim.vehicle import read_vehicle
 

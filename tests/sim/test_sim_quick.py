@@ -11,11 +11,11 @@ import pytest
 from firmware_params import px4
 from sim.effects import Effect
 from sim.errors import WorldError
+from sim.physics.rotors import read_pair
 from sim.px4.cascade import Goal
 from sim.quick import mix
 from sim.quick.flight import World, fly_quick, make_design
 from sim.quick.plans import PLANS
-from sim.rotors import read_pair
 from sim.trial_flight import SETTLE_S, fly_trial
 from sim.trials import Trial
 from sim.vehicle import read_vehicle

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.plant import Plant
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.px4.autopilot import Autopilot, Mode
-from sim.rotors import read_pair
 from sim.truth import read_truth
 from sim.vehicle import read_vehicle
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.bench import Bench, BenchEffect, measure
 from sim.errors import WorldError
-from sim.rotors import read_pair
-from sim.schedule import read_schedule
+from sim.physics.rotors import read_pair
+from sim.stand.effects import Bench, BenchEffect, measure
+from sim.stand.schedule import read_schedule
 
 ROTOR = Path(__file__).parents[2] / "examples" / "rotor_paper.toml"
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sim.errors import WorldError
-from sim.rotors import read_pair
-from sim.stand import COLUMNS, stand_rows, write_stand
+from sim.physics.rotors import read_pair
+from sim.stand.grid import COLUMNS, stand_rows, write_stand
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

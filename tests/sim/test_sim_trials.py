@@ -14,8 +14,8 @@ from coaxlink.tables.px4 import px4_table
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from sim.effects import Gusts
-from sim.plant import Plant
-from sim.rotors import read_pair
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.trial_flight import Outcome, fly_trial, shape_error, steady
 from sim.trials import TRIALS, Draw
 from sim.vehicle import read_vehicle

@@ -8,8 +8,8 @@ import pytest
 
 from sim.errors import WorldError
 from sim.flights import fly, write_flight
+from sim.line.wire import Wire, WireFaults, parse_faults
 from sim.testing import standin
-from sim.wire import Wire, WireFaults, parse_faults
 from sim.world import World, build
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

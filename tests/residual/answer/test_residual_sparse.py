@@ -21,10 +21,10 @@ from coaxlink.residual import refine
 from coaxlink.residual.result import Refinement
 from coaxlink.rotor import load_rotor_model
 from sim import flights
+from sim.physics.sensors import Sensors
 from sim.px4.autopilot import Mode
 from sim.px4.cascade import Goal
 from sim.recorder import RATES, TlogPort
-from sim.sensors import Sensors
 from sim.world import World, build
 
 AIRFRAME = files.example("x8_demo.toml")

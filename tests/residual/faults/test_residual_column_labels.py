@@ -13,8 +13,8 @@ from coaxlink.residual import refine_stand
 from coaxlink.residual.channels.stand import stand_frame
 from coaxlink.residual.faults.stand_faults import find_suspects
 from coaxlink.rotor import RotorModel, load_rotor_model
-from sim import bench
-from sim.rotors import read_pair
+from sim.physics.rotors import read_pair
+from sim.stand import effects as bench
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 

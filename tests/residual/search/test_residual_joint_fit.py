@@ -10,9 +10,9 @@ from coaxlink.data import Samples
 from coaxlink.residual import refine
 from coaxlink.rotor import load_rotor_model
 from sim import flights
-from sim.plant import Plant
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
 from sim.px4.autopilot import Autopilot
-from sim.rotors import read_pair
 from sim.truth import read_truth
 from sim.vehicle import read_vehicle
 

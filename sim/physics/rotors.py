@@ -1,4 +1,4 @@
-"""Rotor files: surfaces of the paper's form (`sim.pair`) or blades (`sim.bemt`)."""
+"""Rotor files: surfaces of the paper's form (`sim.physics.pair`) or blades (`sim.physics.bemt`)."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.bemt import bemt_pair
 from sim.documents import read_document, read_number, refuse_unknown
 from sim.errors import WorldError
-from sim.pair import ORDER, Pair
+from sim.physics.bemt import bemt_pair
+from sim.physics.pair import ORDER, Pair
 
 KEYS = ("form", "speed_max_rpm", "upper", "lower", "blades", "effects", "identified")
 SURFACES = (("upper", "thrust_N"), ("upper", "torque_Nm"), ("lower", "thrust_N"), ("lower", "torque_Nm"))
@@ -20,7 +20,7 @@ def read_pair(path: Path) -> Pair:
 
     A name without a file is looked up among the world's own pairs. Raises WorldError.
     """
-    own = Path(__file__).parent / "pairs" / f"{path.name}.toml"
+    own = Path(__file__).parents[1] / "pairs" / f"{path.name}.toml"
     if not path.exists() and own.is_file():
         path = own
     document = read_document(path)

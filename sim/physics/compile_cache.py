@@ -15,8 +15,8 @@ from typing import Any
 import numba
 
 MODULES = (
-    "layout", "simd", "blades", "drive", "forces", "kernel", "stand_blades", "compile_cache", "px4/loops",
-    "quick/mix", "quick/kernel",
+    "layout", "simd", "blades", "drive", "forces", "kernel", "stand_blades", "compile_cache", "../px4/loops",
+    "../quick/mix", "../quick/kernel",
 )  # fmt: skip
 
 

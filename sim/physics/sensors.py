@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.plant import Plant
+from sim.physics.plant import Plant
 
 BLOCK = 1024
 READ_S = 0.004

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.blade_numbers import Blades, constants, lift_slope, profile_drag
-from sim.blades import OPTIONS, blown, spun
-from sim.compile_cache import cached
-from sim.simd import both, lower, read, write
+from sim.physics.blade_numbers import Blades, constants, lift_slope, profile_drag
+from sim.physics.blades import OPTIONS, blown, spun
+from sim.physics.compile_cache import cached
+from sim.physics.simd import both, lower, read, write
 
 Floats = NDArray[np.float64]
 STEPS, ROUNDS = 0.8, 4000

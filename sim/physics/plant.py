@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import layout
-from sim.pair import Pair
+from sim.physics import layout
+from sim.physics.pair import Pair
 from sim.vehicle import SINGLE, UPPER, Vehicle
 
 STEP_S = 0.001
@@ -75,7 +75,7 @@ class Plant:
 
     def swap_battery(self, charge: float) -> None:
         """Another pack of the same kind, rested."""
-        from sim.drive import open_circuit  # numba takes its time
+        from sim.physics.drive import open_circuit  # numba takes its time
 
         self.state[layout.CHARGE], self.state[layout.CURRENT] = charge, 0.0
         self.state[layout.RELAXED : layout.RELAXED + 2] = 0.0
@@ -99,7 +99,7 @@ class Plant:
 
     def advance(self, command: NDArray[np.float64], steps: int, step_s: float = STEP_S) -> None:
         """Move on by `steps` steps at constant motor commands (N,) in 0..1."""
-        from sim.kernel import advance
+        from sim.physics.kernel import advance
 
         how = (self.parameters, self.geometry, *self._rotors, step_s, steps)
         advance(self.state, command, *how, self.out)
@@ -117,7 +117,7 @@ class Plant:
 
         In place; this vehicle itself does not move.
         """
-        from sim.kernel import advance_many
+        from sim.physics.kernel import advance_many
 
         advance_many(states, commands, self.parameters, self.geometry, *self._rotors, step_s, steps, outs)
 

@@ -1,4 +1,4 @@
-"""What the blade-element equations need of one rotor type, and what follows from it once (`sim.bemt`)."""
+"""What the blade-element equations need of one rotor type, and what follows from it once (`bemt`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.layout import FASTEST, SLOWEST, SOUND_M_S
+from sim.physics.layout import FASTEST, SLOWEST, SOUND_M_S
 
 RHO = 1.225
 

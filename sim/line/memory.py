@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from firmware_params import bounded
+from sim.documents import write_atomic
 from sim.errors import WorldError
-from sim.ftp import LOGS
-from sim.stand import write_atomic
+from sim.line.ftp import LOGS
 
 PX4_WAIT_S, PX4_APART_S = 0.3, 2.0
 

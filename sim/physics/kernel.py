@@ -22,11 +22,11 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from sim.blades import OPTIONS, inlined, plain
-from sim.compile_cache import cached
-from sim.drive import follow, lag_of, rates, retarget, supply
-from sim.forces import moving, still, turn
-from sim.layout import (
+from sim.physics.blades import OPTIONS, inlined, plain
+from sim.physics.compile_cache import cached
+from sim.physics.drive import follow, lag_of, rates, retarget, supply
+from sim.physics.forces import moving, still, turn
+from sim.physics.layout import (
     AIR,
     BODY_DRAG,
     BODY_LINEAR,
@@ -81,7 +81,7 @@ from sim.layout import (
     W_Y,
     W_Z,
 )
-from sim.simd import both, lower, read, write
+from sim.physics.simd import both, lower, read, write
 
 SUPPLY_EVERY = 4  # steps between two looks at the battery: its own time constant is 20 ms
 

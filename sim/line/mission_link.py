@@ -9,7 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as m
 
-from sim.mission import DELAY, FRAMES, KNOWN, NAVIGATION, RTL, Item
+from sim.line.mission import DELAY, FRAMES, KNOWN, NAVIGATION, RTL, Item
 
 ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE, INVALID, BAD_SEQUENCE, CANCELLED = 0, 1, 2, 3, 4, 5, 13, 15
 FENCE_AND_RALLY = {5000, 5001, 5002, 5003, 5004, 5100}

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pymavlink.dialects.v20 import common as mavlink
 
 from sim.errors import PortError, WorldError
-from sim.signing import Signing, detach
-from sim.wire import Wire
+from sim.line.signing import Signing, detach
+from sim.line.wire import Wire
 
 SILENT_S = 30.0  # wall time after which a UDP peer that spoke once is forgotten
 DATAGRAM = 65536

@@ -24,8 +24,8 @@ from __future__ import annotations
 
 from numba.extending import register_jitable
 
-from sim.layout import FASTEST, SLOWEST
-from sim.simd import above, below, both, lower, root, upper
+from sim.physics.layout import FASTEST, SLOWEST
+from sim.physics.simd import above, below, both, lower, root, upper
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}  # reordering sums, not assuming that all numbers are finite
 OPTIONS = {"error_model": "numpy", "fastmath": FAST}

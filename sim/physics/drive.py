@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from sim.blades import inlined, plain
-from sim.layout import (
+from sim.physics.blades import inlined, plain
+from sim.physics.layout import (
     CAPACITY,
     CELLS,
     CHARGE,
@@ -30,7 +30,7 @@ from sim.layout import (
     VOLTAGE,
     WINDING,
 )
-from sim.simd import above, below, rising, root, total
+from sim.physics.simd import above, below, rising, root, total
 
 COPPER_1_K = 0.00393
 

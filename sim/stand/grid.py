@@ -6,15 +6,14 @@ cells, a regulated supply.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.errors import WorldError
-from sim.pair import Pair
+from sim.documents import write_atomic
+from sim.physics.pair import Pair
 
 GRID = tuple(round(0.09 * i, 2) for i in range(11))
 THRUST_NOISE_N = 0.5
@@ -63,14 +62,3 @@ def write_stand(path: Path, rows: NDArray[np.float64], columns: Sequence[str] = 
         for row in rows
     ]
     write_atomic(path, "\n".join(lines) + "\n")
-
-
-def write_atomic(path: Path, text: str) -> None:
-    """Replace `path` by `text` in one step. Raises WorldError."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        draft.write_text(text, encoding="utf-8")
-        draft.replace(path)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise WorldError(path, "", f"cannot be written ({error.strerror})") from error

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import bench_laws as laws
 from sim.documents import read_document, read_number, refuse_unknown
 from sim.errors import WorldError
-from sim.pair import Pair
-from sim.schedule import Schedule
-from sim.stand import GRID, SUPPLY_V, THRUST_NOISE_N, TORQUE_NOISE_NM
+from sim.physics.pair import Pair
+from sim.stand import laws
+from sim.stand.grid import GRID, SUPPLY_V, THRUST_NOISE_N, TORQUE_NOISE_NM
+from sim.stand.schedule import Schedule
 
 AIR_T, AIR_P, SPACING_M = 15.0, 101325.0, 0.15
 RADIUS_M = 0.235

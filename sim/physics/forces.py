@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from sim.blades import blown, falling, inlined, plain, turned
-from sim.layout import (
+from sim.physics.blades import blown, falling, inlined, plain, turned
+from sim.physics.layout import (
     BODY_DRAG,
     BODY_LINEAR,
     CEILING_GAIN,
@@ -38,7 +38,7 @@ from sim.layout import (
     TOP_RATE,
     WIND,
 )
-from sim.simd import above, below, both, lower, root, total, upper
+from sim.physics.simd import above, below, both, lower, root, total, upper
 
 ROOF_M = 0.12  # of the body's top above its origin
 

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.blade_numbers import Blades, constants, lift_slope, profile_drag
 from sim.documents import read_number, refuse_unknown
 from sim.errors import WorldError
-from sim.layout import FASTEST, SLOWEST
-from sim.pair import Pair
+from sim.physics.blade_numbers import Blades, constants, lift_slope, profile_drag
+from sim.physics.layout import FASTEST, SLOWEST
+from sim.physics.pair import Pair
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def pair_air(
 
     The very functions of the compiled plant, at the blades' own lift and drag instead of their fits.
     """
-    from sim.stand_blades import pair_rows  # numba takes its time
+    from sim.physics.stand_blades import pair_rows  # numba takes its time
 
     u, v = (np.asarray(x, float) for x in np.broadcast_arrays(u_upper, u_lower))
     return pair_rows(blades, tip_m_s, u.ravel(), v.ravel(), climb_m_s, edge_m_s).reshape(6, *u.shape)
