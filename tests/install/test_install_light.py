@@ -105,7 +105,7 @@ def test_the_live_path_loads_nothing_heavy():
         "uploading.worker",
         "live.effects",
         "mixer",
-        "monitor.screen",
+        "monitor.screen.app",
         "library",
         "vehicle",
     )
