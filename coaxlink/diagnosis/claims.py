@@ -2,8 +2,8 @@
 
 The mass of a set depends on the widths of priors, each good to a factor of a few, and on odds that are the
 same for every log (Kass and Raftery 1995, section 5.3, on how far Bayes factors can be believed). So a name
-needs 99 % of the mass, and besides: the evidence and the rows alone must prefer it to nothing and to another
-name in its place by five standard errors, and to a free form in its place by as much as its odds ask for.
+needs 99 % of the mass, and besides: the evidence must prefer it to nothing, and to another name in its place
+also by the rows alone, by five standard errors, and to a free form in its place by as much as its odds ask.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def claims(ch: Channels, found: Posterior) -> Claims:
     withheld: dict[str, str] = {}
     for name in sure - group:
         if (alone := _against_nothing(found, name)) < APART:
-            withheld[name] = f"without it the rows are {alone:.1f} nats behind: no name for so little"
+            withheld[name] = f"without it the rest is {alone:.1f} nats behind: no name for so little"
             continue
         nats = _against_forms(ch, found, name)
         if nats < -float(ODDS) - np.log(1.0 - CLAIMED):
@@ -105,10 +105,18 @@ def _beside(found: Posterior, rival: Hypothesis, name: str) -> float:
 
 
 def _against_nothing(found: Posterior, name: str) -> float:
-    """Nats by which the set of most mass is ahead of the others of its effects alone."""
+    """Nats of evidence by which the set of most mass is ahead of the others of its effects alone.
+
+    By the rows alone would be too much to ask: without a name the map bends as far as its prior allows.
+    """
     best = found.best
-    rest = [h for h in found.sets if h.effects == best.effects - {name} and len(h.names) < len(best.names)]
-    return min((_less(found, h) for h in rest), default=np.inf)
+    here = found.behind[found.index(best)]
+    rest = [
+        float(behind - here)
+        for h, behind in zip(found.sets, found.behind, strict=True)
+        if h.effects == best.effects - {name} and len(h.names) < len(best.names)
+    ]
+    return min(rest, default=np.inf)
 
 
 def _stands_in(found: Posterior, name: str, other: str) -> bool:
