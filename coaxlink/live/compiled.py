@@ -183,9 +183,9 @@ class Exchange:
 
     def answered(self) -> Iterator[live_state.ANSWER]:
         """Of the last call, as `state.LOG` has it."""
-        rows, (*numbers, heard, said) = self._log[: self._state.answers], live_state.LOG.names or ()
+        rows, (*numbers, received, sent) = self._log[: self._state.answers], live_state.LOG.names or ()
         columns = [rows[name].tolist() for name in numbers]
-        return zip(*columns, _frames(rows[heard]), _frames(rows[said]), strict=True)
+        return zip(*columns, _frames(rows[received]), _frames(rows[sent]), strict=True)
 
 
 def _frames(slots: Any) -> list[bytes]:

@@ -81,7 +81,7 @@ class HealthWatch:
             live = self._live
             flown = live.guard.state == LIVE and not live.dry_run
             stamp = (live.core.last_us or 0) if flown else 0
-            self._queue.append((message, stamp, tuple(live.core.told[: live.core.count]) if stamp else ()))
+            self._queue.append((message, stamp, tuple(live.core.sent[: live.core.count]) if stamp else ()))
 
     def _run(self) -> None:
         try:

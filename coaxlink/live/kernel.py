@@ -92,23 +92,23 @@ def lead(speed, motor, dt, lag, quick):
     return motor + (speed - motor) * wanted / (1.0 - exp(-dt / lag))
 
 
-def follow(motor, told, dt, lag):
-    """The speed a motor of lag `lag` has after being told `told` for dt (s)."""
+def follow(motor, commanded, dt, lag):
+    """The speed a motor of lag `lag` has after being commanded `commanded` for dt (s)."""
     if lag <= 0.0:
-        return told
-    return motor + (told - motor) * (1.0 - exp(-dt / lag))
+        return commanded
+    return motor + (commanded - motor) * (1.0 - exp(-dt / lag))
 
 
 def command(state, dt, speeds, slots):
-    """Commands of the law's speeds into `state.told`, which holds the last ones; False when one is no number.
+    """Commands of the law's speeds into `state.commands`, which holds the last; False if one is no number.
 
     Motor n's speed is speeds[slots[n]]. dt (s) is how long the last commands stood; the motors followed them
     meanwhile. Whatever the speeds, commands stay finite and in 0..1.
     """
-    count, motors, told, kept = state.count, state.motors, state.told, state.speeds
+    count, motors, commands, speeds_kept = state.count, state.motors, state.commands, state.speeds
     factor, lag, quick = state.factor, state.lag_s, state.quick_s
     for n in range(count):
-        motors[n] = follow(motors[n], told[n] * factor, dt, lag)
+        motors[n] = follow(motors[n], commands[n] * factor, dt, lag)
     for n in range(count):
         speed = speeds[slots[n]]
         if not 0.0 <= speed <= 1.0:  # also for NaN
@@ -117,10 +117,10 @@ def command(state, dt, speeds, slots):
             return False
     for n in range(count):
         speed = speeds[slots[n]]
-        kept[n] = speed
-        told[n] = min(max(lead(speed, motors[n], dt, lag, quick) / factor, 0.0), 1.0)
+        speeds_kept[n] = speed
+        commands[n] = min(max(lead(speed, motors[n], dt, lag, quick) / factor, 0.0), 1.0)
     for n in range(count, MOTORS):
-        told[n] = 0.0
+        commands[n] = 0.0
     return True
 
 
@@ -213,7 +213,7 @@ def exchange(fd, states, words, data, body, singles, out, sequence, log, law):
         if not solve(state, stamp, law):
             return n
         for k in range(MOTORS):
-            singles[2 + k] = state.told[k]
+            singles[2 + k] = state.commands[k]
         size = pack(
             out, body, sequence[0], state.own_system, state.own_component, state.system, state.component
         )
@@ -226,11 +226,11 @@ def exchange(fd, states, words, data, body, singles, out, sequence, log, law):
         for j in range(4):
             row.held[j], row.error[j] = state.held[j], state.error[j]
         for k in range(MOTORS):
-            row.told[k] = state.told[k]
+            row.commands[k] = state.commands[k]
         for k in range(n):
-            row.heard[k] = data[k]
+            row.received[k] = data[k]
         for k in range(size):
-            row.said[k] = out[k]
+            row.sent[k] = out[k]
         state.answers += 1
         state.deadline_ns = came + state.quiet_ns
         if state.answers == len(log) or sent >= state.until_ns:

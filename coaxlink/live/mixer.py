@@ -243,17 +243,17 @@ class LiveMixer:
 
     def _book(self, exchange: Exchange) -> None:
         """Keep what the compiled function answered."""
-        for stamp, came_ns, sent_ns, held, told, error, given_up, heard, said in exchange.answered():
+        for stamp, came_ns, sent_ns, held, commands, error, given_up, received, sent in exchange.answered():
             came, latency_s = came_ns * 1e-9, (sent_ns - came_ns) * 1e-9
             self.guard.good(came)
             self.stall.here(came)
-            self._echoes.append(said[10:-2])
-            self._said(told, came)
+            self._echoes.append(sent[10:-2])
+            self._sent(commands, came)
             self.core.book(latency_s, error, bool(given_up))
             self._keep(stamp, came, held, error, latency_s)
-            self.session.book(heard, said)
+            self.session.book(received, sent)
             if self.bridge is not None:
-                self._outdone(DEMAND.unpack(heard[10:-2]))
+                self._outdone(DEMAND.unpack(received[10:-2]))
 
     def take(self, data: bytes) -> None:
         """Bytes from the line, or none when the wait was over: answer what is to be answered."""
@@ -377,9 +377,9 @@ class LiveMixer:
         if not self.dry_run:
             self._payload = (stamp, *commands, 0, *self._target)
             self.session.send_frame(self._pack, ANSWER.seed)
-        self._said(commands, now)
+        self._sent(commands, now)
 
-    def _said(self, commands: list[float], now: float) -> None:
+    def _sent(self, commands: list[float], now: float) -> None:
         self.commands = commands
         if self.witness is not None:
             self.witness.sent(now, commands)

@@ -195,9 +195,9 @@ class MixCore:
         return _floats(self.state.speeds)[: self.count]
 
     @property
-    def told(self) -> list[float]:
-        """(8,) commands the motors were told last, zeros for motors that are not there."""
-        return _floats(self.state.told)
+    def sent(self) -> list[float]:
+        """(8,) the last commands of the motors, zeros for motors that are not there."""
+        return _floats(self.state.commands)
 
     @property
     def error(self) -> list[float]:
@@ -272,8 +272,8 @@ class MixCore:
             self.counters.refused_outputs += 1
             state.speeds[:] = [0.0] * MOTORS
             return None
-        told = _floats(state.told)
-        return self.say(self.blend(told, share)) if share < 1.0 else told
+        commands = _floats(state.commands)
+        return self.say(self.blend(commands, share)) if share < 1.0 else commands
 
     def compensate(self) -> None:
         """Bring what the effects add up to date."""
@@ -283,10 +283,10 @@ class MixCore:
             self.state.factor = extra.factor
 
     def say(self, commands: Sequence[float]) -> list[float]:
-        """Eight commands, zeros for the motors that are not there; kept as what the motors were told."""
-        told = [*commands[: self.count], *[0.0] * (CONTROLS - self.count)]
-        self.state.told[:] = told
-        return told
+        """Eight commands, zeros for the motors that are not there; kept as the motors' last."""
+        eight = [*commands[: self.count], *[0.0] * (CONTROLS - self.count)]
+        self.state.commands[:] = eight
+        return eight
 
     def blend(self, commands: Sequence[float], share: float) -> list[float]:
         """`share` of these commands and the rest of the autopilot's own for the demand held."""

@@ -22,7 +22,7 @@ RECORD = np.dtype(
         ("quick_s", "f8"),
         ("speeds", "f8", MOTORS),  # of the law
         ("motors", "f8", MOTORS),  # speeds the motors are taken to have
-        ("told", "f8", MOTORS),  # commands they were told last
+        ("commands", "f8", MOTORS),  # the last ones
         ("error", "f8", 4),  # delivered by the rotor model minus demanded, N and N m
         ("given_up", "i8"),  # whether the law gave an axis up
         # what `kernel.exchange` alone needs
@@ -39,8 +39,9 @@ RECORD = np.dtype(
 # one answer of the compiled function
 LOG = np.dtype(
     [
-        ("stamp_us", "i8"), ("came_ns", "i8"), ("sent_ns", "i8"), ("held", "f8", 4), ("told", "f8", MOTORS),
-        ("error", "f8", 4), ("given_up", "i8"), ("heard", "u1", 64), ("said", "u1", 64),  # frames
+        ("stamp_us", "i8"), ("came_ns", "i8"), ("sent_ns", "i8"), ("held", "f8", 4),
+        ("commands", "f8", MOTORS), ("error", "f8", 4), ("given_up", "i8"),
+        ("received", "u1", 64), ("sent", "u1", 64),  # frames
     ],
     align=True,
 )  # fmt: skip

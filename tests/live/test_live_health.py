@@ -55,7 +55,7 @@ class Line:
 
 
 def mixer(vehicle, dry_run=False):
-    core = SimpleNamespace(vehicle=vehicle, count=8, last_us=None, told=[0.0] * 8)
+    core = SimpleNamespace(vehicle=vehicle, count=8, last_us=None, sent=[0.0] * 8)
     return SimpleNamespace(session=Line(), core=core, guard=SimpleNamespace(state=LIVE), dry_run=dry_run)
 
 
@@ -71,7 +71,7 @@ def fly(live, watch, log, state=LIVE):
             callback(message)
     for k, t in enumerate(log["time_s"].tolist()):
         stamp = round(1e6 * t) + 1_000_000
-        live.core.told, live.core.last_us = [float(log[f"motor{i + 1}"][k]) for i in range(8)], stamp
+        live.core.sent, live.core.last_us = [float(log[f"motor{i + 1}"][k]) for i in range(8)], stamp
         rates = [float(log[f"gyro_{a}_rad_s"][k]) for a in "xyz"]
         imu = mavlink.MAVLink_highres_imu_message(
             stamp, *[float(log[f"accel_{a}_m_s2"][k]) for a in "xyz"], *rates, *[0.0] * 7, 0x3F, 0

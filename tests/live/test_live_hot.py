@@ -146,19 +146,19 @@ def test_with_the_lead_a_lagging_motor_turns_as_asked_within_bounds() -> None:
     # its own motor: 20 ms of first order, stepped finely
     state, speed, plain = plain_state(), 0.0, 0.0
     state.count, state.lag_s = 8, 0.02
-    told = state.told
+    commands = state.commands
     misses, late, asked = [], [], 0.0
     for step in range(200):
         asked = 0.5 + 0.02 * math.sin(step / 5)
         assert k.command(state, 0.004, [asked] * 8, range(8))
         for _ in range(400):
-            speed += (told[0] - speed) * 1e-5 / 0.02
+            speed += (commands[0] - speed) * 1e-5 / 0.02
             plain += (asked - plain) * 1e-5 / 0.02
         misses.append(abs(speed - asked))
         late.append(abs(plain - asked))
     assert max(misses[20:]) < 2e-5
     assert max(late[20:]) > 2e-3
-    assert told[0] <= 1.0
+    assert commands[0] <= 1.0
 
 
 @pytest.mark.parametrize(("host", "family"), [("127.0.0.1", socket.AF_INET), ("::1", socket.AF_INET6)])
