@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.airframe import Airframe
@@ -25,14 +26,17 @@ from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.columns import CHANNELS, Column, independent, lasting, left, passing, rows_of
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
-from coaxlink.rotor.fit import huber_weights, least_squares
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.polynomial import design_matrix, parse_term
 
 NORMAL_95 = 1.96
 DRIVE_SCALE = 0.10  # sd of full-throttle speed over the table's, where no speed was measured: sag and set-up
 NO_PRIOR = 0.15  # sd of a load's coefficients where the rotor file has neither intervals nor a covariance
-TURNING, LEAST_ROWS = 0.1, 50  # of full: below, an ESC starts or stops; rows for a line
+# of full: beyond, an ESC starts, stops or has nothing left, and no model holds; rows for a line
+TURNING, FULL, LEAST_ROWS = 0.1, 0.98, 50
+NEAR_S = 0.2  # a low-passed row has so much of what is around it
+SLOW_S, STEADY_S = 2.0, 0.3  # a pack's voltage answers a load within seconds; a motor within a tenth of one
+SLOPE_SD = 0.1  # of what a command more means in speed over what the command does: an ESC's curve
 WEIGHED = 0.005  # of the mass: a luggage scale
 TOLD, BARELY = 0.5, 0.8  # of the prior's sd: less is told, more is not
 # what the coefficients themselves are, or the weighing
@@ -168,11 +172,14 @@ def prior_covariance(
 
 
 def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples:
-    """A log whose motor columns are the speeds that its rpm say the commands mean, rotor by rotor.
+    """A log whose motor columns are speeds: slowly as the ESCs' rpm say, quickly as the commands go.
 
-    A straight line through rpm over command: ESCs tell late and coarsely, and errors of that kind in the
-    speeds themselves would pass for what the coefficients do. Raises InputError for a rotor that tells no
-    speed.
+        speed = mean(rpm) + slope (command - mean(command)),   means over SLOW_S, centred
+
+    What a command means drifts with the pack and the windings: rpm tell it, late and coarsely as they come.
+    What happens within seconds they tell too late. The slope is that of both over STEADY_S, where a motor's
+    lag no longer counts, with proportion as its prior: a hover alone says nothing of it. Raises InputError
+    for a rotor that tells no speed.
     """
     columns = {}
     for rotor in airframe.rotors:
@@ -182,10 +189,29 @@ def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples
             raise InputError(
                 log.source, f"column rpm{rotor.number}", "no speeds while its motor was commanded"
             )
-        line = np.stack([np.ones(rows.sum()), command[rows]], axis=1)
-        base, slope = least_squares(line, speed[rows], huber_weights(line, speed[rows])[0])
-        columns[f"motor{rotor.number}"] = np.where(command > 0, base + slope * command, 0.0)
+        period = float(np.median(np.diff(log["time_s"])))
+        (u, v), (x, y) = (
+            [_mean(values, rows, max(round(span / period), 1)) for values in (command, speed)]
+            for span in (SLOW_S, STEADY_S)
+        )
+        x, y = (x - u)[rows], (y - v)[rows]
+        ratio = float(np.median(speed[rows] / command[rows]))
+        noise = float(np.var(y - ratio * x)) * STEADY_S / period  # neighbours share their mean
+        own = noise / (SLOPE_SD * ratio) ** 2
+        slope = (float(x @ y) + own * ratio) / max(float(x @ x) + own, 1e-300)
+        near = np.isfinite(v)
+        told = np.where(near, v + slope * (command - np.where(near, u, 0.0)), ratio * command)
+        columns[f"motor{rotor.number}"] = np.where(command > 0, np.clip(told, 0.0, None), 0.0)
     return log.with_columns(**columns)
+
+
+def _mean(values: Array, rows: NDArray[np.bool_], width: int) -> Array:
+    """Centred running mean of those rows; NaN where there is none within `width` rows."""
+    from scipy.ndimage import uniform_filter1d
+
+    weight = uniform_filter1d(rows.astype(float), width, mode="constant")
+    total = uniform_filter1d(np.where(rows, values, 0.0), width, mode="constant")
+    return np.where(weight > 0.5 / width, total / np.maximum(weight, 1e-12), np.nan)
 
 
 def _system(
@@ -195,7 +221,7 @@ def _system(
     blocks: list[tuple[Array, Array, Array]] = []
     targets, shared, today, frames = [], [], [], []
     for log in logs:
-        frame = flight_frame([log], airframe, prior)
+        frame = _within(flight_frame([log], airframe, prior), log)
         frames.append(frame)
         own = rows_of(frame, _terms(frame, names))
         parts = [[c for c in make(frame) if not c.name.startswith(OWN)] for make in (lasting, passing)]
@@ -225,6 +251,18 @@ def _system(
         start += size
     sds = np.concatenate([shared, *today])
     return np.concatenate(rows), np.concatenate(targets), sds, frames
+
+
+def _within(frame: FlightFrame, log: Samples) -> FlightFrame:
+    """Without the rows near those at which a motor is at its end. Raises InputError where none is left."""
+    from scipy.ndimage import maximum_filter1d
+
+    out = ((frame.speeds < TURNING) | (frame.speeds > FULL)).any(axis=1)
+    near = maximum_filter1d(out, 2 * round(NEAR_S * frame.rate_hz) + 1)
+    keep = frame.keep[~near[frame.keep]]
+    if len(keep) < LEAST_ROWS:
+        raise InputError(log.source, "motors", f"between {TURNING:g} and {FULL:g} of full speed nearly never")
+    return replace(frame, keep=keep)
 
 
 def _terms(frame: FlightFrame, names: Sequence[tuple[str, str]]) -> Array:

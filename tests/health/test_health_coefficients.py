@@ -1,0 +1,86 @@
+"""What flights say of a pair's coefficients: the world's pair is the truth, the prior is off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coaxlink.data import read_flight_log
+from coaxlink.errors import InputError
+from coaxlink.files import example
+from coaxlink.health.coefficients import TURNING, _by_speed, _within, coefficients_from_flights
+from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.rotor.model import RotorModel
+from coaxlink.tables.px4 import report_px4
+from coaxlink.vehicle import load_vehicle
+from sim.effects import Effect
+from sim.flights import write_flight
+from sim.quick.flight import World, fly_quick, make_design
+from sim.rotors import read_pair
+from sim.vehicle import read_vehicle
+
+FRAME, ROTORS = example("x8_demo.toml"), example("rotor_paper.toml")
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """(vehicle, a way to fly it and read its log)."""
+    vehicle = load_vehicle(FRAME, ROTORS)
+    made = make_design(read_vehicle(FRAME), read_pair(ROTORS), report_px4(vehicle, "fitted").params)
+
+    def fly(plan, *effects):
+        path = tmp_path_factory.mktemp("flights") / f"{plan}.csv"
+        write_flight(path, fly_quick(made, World(effects, 3, plan, 55.0), 8)[1])
+        return read_flight_log(path)
+
+    return vehicle, fly
+
+
+def off(model, factors):
+    terms = {
+        load: {term: f * c for term, c in own.items()}
+        for (load, own), f in zip(model.terms().items(), factors, strict=True)
+    }
+    return RotorModel.from_terms(model.form, model.speed_max_rpm, terms)
+
+
+@pytest.mark.parametrize("plan", ["hover", "wander"])
+def test_speeds_follow_a_sagging_pack_and_a_hover_teaches_no_slope(flown, plan):
+    vehicle, fly = flown
+    log = fly(plan, Effect("battery_voltage", 0.5))
+    top = vehicle.rotors.speed_max_rpm
+    speeds = _by_speed(log, vehicle.declared, top)
+    air = slice(250, -50)
+    for n in (1, 8):
+        command, true, found = (x[air] for x in (log[f"motor{n}"], log[f"rpm{n}"] / top, speeds[f"motor{n}"]))
+        assert np.abs(command - true).mean() > 0.01  # what a command means has drifted
+        assert abs(np.mean(found - true)) < 1e-3
+        # what the motor's lag and the ESC's noise leave between a command and its speed, and no more
+        assert np.std(found - true) < 0.01
+        quick = np.diff(found) @ np.diff(command) / (np.diff(command) @ np.diff(command))
+        assert quick == pytest.approx(np.mean(true / command), rel=0.12)
+
+
+def test_a_prior_15_percent_off_meets_the_pair_under_a_sagging_pack(flown):
+    vehicle, fly = flown
+    true = vehicle.rotors
+    prior = off(true, (0.85, 1.15, 1.15, 0.85))
+    logs = [fly("wander", Effect("battery_voltage", 0.5)), fly("circle", Effect("battery_voltage", 0.3))]
+    update = coefficients_from_flights(logs, vehicle.declared, prior)
+    assert update.measured_speeds
+    u, v = (np.array([s]) for s in update.hover)
+    ours, theirs, first = (m.upper_thrust(u, v) + m.lower_thrust(u, v) for m in (update.model, true, prior))
+    assert abs(first / theirs - 1.0) > 0.02
+    assert ours / theirs == pytest.approx(1.0, abs=0.01)
+
+
+def test_rows_near_a_motors_end_are_left_out(flown):
+    vehicle, fly = flown
+    log = _by_speed(fly("steps"), vehicle.declared, vehicle.rotors.speed_max_rpm)
+    frame = flight_frame([log], vehicle.declared, vehicle.rotors)
+    kept = _within(frame, log)
+    assert 50 < len(kept.keep) < 0.9 * len(frame.keep)
+    assert frame.speeds[frame.keep].min() < TURNING <= kept.speeds[kept.keep].min()
+    ends = log.with_columns(**{f"motor{n}": np.full(len(log["time_s"]), 0.99) for n in range(1, 9)})
+    with pytest.raises(InputError, match=r"motors.*nearly never"):
+        _within(flight_frame([ends], vehicle.declared, vehicle.rotors), ends)
