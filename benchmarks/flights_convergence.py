@@ -89,8 +89,8 @@ def vehicle(job: tuple[int, int, bool, bool, bool]) -> list[dict[str, Any]]:
     from coaxlink.rotor.model import load_rotor_model
     from coaxlink.tables.px4 import report_px4
     from coaxlink.vehicle import Vehicle
+    from sim.physics.rotors import read_pair
     from sim.quick.flight import World, fly_quick, make_design
-    from sim.rotors import read_pair
 
     seed, minutes, rpm, keep, splits = job
     name, prior, body, effects = drawn(seed)

@@ -15,8 +15,8 @@ from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
 from sim.effects import Effect
 from sim.flights import write_flight
+from sim.physics.rotors import read_pair
 from sim.quick.flight import World, fly_quick, make_design
-from sim.rotors import read_pair
 from sim.vehicle import read_vehicle
 
 FRAME, ROTORS = example("x8_demo.toml"), example("rotor_paper.toml")
