@@ -133,13 +133,13 @@ def test_no_speeds_whatever_make_a_command_out_of_bounds(
 ) -> None:
     state = plain_state()
     state.count, state.factor, state.lag_s, state.quick_s = 8, factor, lag, 0.002
-    state.motors, state.told = [0.4] * 8, [0.4] * 8
+    state.motors, state.commands = [0.4] * 8, [0.4] * 8
     for _ in range(3):
         if k.command(state, 0.004, speeds, range(8)):
-            assert all(0.0 <= u <= 1.0 for u in state.told)
+            assert all(0.0 <= u <= 1.0 for u in state.commands)
         else:
             assert not all(0.0 <= u <= 1.0 for u in speeds)
-            assert state.told == [0.4] * 8
+            assert state.commands == [0.4] * 8
 
 
 def test_with_the_lead_a_lagging_motor_turns_as_asked_within_bounds() -> None:

@@ -87,7 +87,7 @@ class Mixed:
             self.tilt.append(math.degrees(math.acos(1.0 - 2.0 * (x * x + y * y))))
 
     def hear(self, message):
-        self.in_air.commanded(self.core.last_us * 1e-6, self.core.told[: self.core.count])
+        self.in_air.commanded(self.core.last_us * 1e-6, self.core.sent[: self.core.count])
         call = self.in_air.heard(message)
         if call is not None:
             self.calls.append(call)
@@ -108,7 +108,7 @@ def test_a_rotor_that_stops_is_flown_without_within_200_ms(name, rotor, kind):
     flight.fly(AFTER_S)
     assert [c.rotor for c in flight.calls] == [rotor] and flight.calls[0].stopped
     assert flight.adopted_s - flight.onset_s < 0.2
-    assert flight.core.told[rotor - 1] == 0.0
+    assert flight.core.sent[rotor - 1] == 0.0
     assert max(flight.tilt[-round(AFTER_S / 0.004) :]) < 25.0 and flight.tilt[-1] < 8.0
     assert flight.a.plant.height > height - 1.5
     assert flight.reallocation.done[0] | {"time_s": 0} == {"rotor": rotor, "time_s": 0, "thrust_left": 0.0}
@@ -153,7 +153,7 @@ def test_a_sound_flight_keeps_its_law_and_the_law_is_not_taken_back():
     for message in (telemetry.heartbeat(flight.a), telemetry.extended_sys_state(flight.a)):
         flight.hear(message)
     flight.fly(1.0)
-    assert flight.core.law is law and flight.core.told[1] == 0.0
+    assert flight.core.law is law and flight.core.sent[1] == 0.0
 
 
 def test_a_weak_rotor_has_its_share_in_the_law():
@@ -224,11 +224,11 @@ def test_the_loop_itself_goes_on_without_it(native):
                 flight.autopilot.plant, Effect("degraded_rotor", 1.0, 0.0, extra, "weak_motor")
             )
             flight.rows.clear()
-            flight.fly(5.0, until=lambda: live.core.told[1] == 0.0)
+            flight.fly(5.0, until=lambda: live.core.sent[1] == 0.0)
             flight.fly(1.0)
         assert [c.rotor for c in said] == [2] and not watch.problem
         assert watch.account()["reallocated"][0]["rotor"] == 2
-        assert live.core.told[1] == 0.0 and live.commands[1] == 0.0 and not live.failed.is_set()
+        assert live.core.sent[1] == 0.0 and live.commands[1] == 0.0 and not live.failed.is_set()
         assert native is None or live.exchange.answers > 100
         assert flight.outputs_are_sound() and flight.steepest_deg < 25.0
     finally:
