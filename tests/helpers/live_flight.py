@@ -28,14 +28,14 @@ from sim.world import World, build, open_links
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TICK_S = 0.004
 HEIGHT_M = 4.0
-AGAIN = 5  # at last 32 times as slow
+AGAIN = 3  # at last 27 times as slow
 
 
 def real_time(test: Callable[..., None]) -> Callable[..., None]:
     """A test of milliseconds on a machine that others use too.
 
-    A failure is flown again, `AGAIN` times at most, each time on a clock twice as slow (`slow_clock`): a
-    fault of the machine goes with that, one of the code does not. pytest counts the repeats.
+    A failure is flown again, `AGAIN` times at most, each time on a clock three times as slow (`slow_clock`):
+    a fault of the machine goes with that, one of the code does not. pytest counts the repeats.
     """
     return pytest.mark.flaky(reruns=AGAIN)(test)
 

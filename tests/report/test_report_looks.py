@@ -74,8 +74,8 @@ def test_no_picture_needs_colour(picture):
     elif picture == "errors":
         figure = errors_figure(FOUND)
     else:
-        found = identify(read_stand_log(example("stand_eq17.csv")))
-        draw = identify_plots.tolerance_sweep if picture == "tolerance" else identify_plots.efficiency
-        figure = draw(found)
+        found = identify(read_stand_log(example("stand_eq17.csv")), "crm", compare=False)
+        sweep = picture == "tolerance"
+        figure = identify_plots.tolerance_sweep(found, 3) if sweep else identify_plots.efficiency(found)
     assert any(axes.get_lines() for axes in figure.axes) and clashes(figure) == []
     figure.savefig(io.BytesIO(), format="svg")
