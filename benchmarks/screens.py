@@ -46,7 +46,7 @@ async def pictures(address: str, folder: Path) -> None:
                 files.write_atomic(folder / f"monitor-{name}.svg", app.export_screenshot(title=app.TITLE))
                 print(folder / f"monitor-{name}.svg")
 
-            for page in ("split", "error", "parameters", "messages"):
+            for page in ("split", "error", "parameters", "messages", "health"):
                 app.action_page(page)
                 await keep(page)
             app.action_page("split")

@@ -1,0 +1,147 @@
+"""The screen as people run it: in a terminal (tmux), and served to a browser (headless Chromium)."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from coaxlink.files import example
+from coaxlink.monitor.screen.themes import DARK
+from sim.testing import standin
+
+WAIT_S = 120.0  # for a machine with other things to do
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+BROWSER = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--window-size=1280,800",
+]  # fmt: skip
+
+
+def wait(what: Callable[[], bool]) -> bool:
+    """Until it is so, or too long."""
+    end = time.monotonic() + WAIT_S
+    while not what():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.1)
+    return True
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with standin("--firmware", "px4", "--airframe", str(example("x8_demo.toml"))) as port:
+        yield f"udpout:127.0.0.1:{port}"
+
+
+def monitor(address: str, *options: str) -> list[str]:
+    return [sys.executable, "-m", "coaxlink", "monitor", "--connect", address, *options]
+
+
+@pytest.mark.skipif(not shutil.which("tmux"), reason="tmux is not installed")
+def test_in_a_terminal_of_80_by_24(address: str, tmp_path: Path) -> None:
+    def tmux(*words: str) -> str:
+        done = subprocess.run(
+            ["tmux", "-S", str(tmp_path / "socket"), *words], capture_output=True, text=True
+        )
+        return done.stdout
+
+    def seen(*words: str) -> bool:
+        shown = tmux("capture-pane", "-p")
+        return all(word in shown for word in words)
+
+    tmux("new-session", "-d", "-x", "80", "-y", "24", "--", *monitor(address))
+    try:
+        assert wait(lambda: seen("front right", "rear left", "table on board", "5 Health"))
+        for key, words in {
+            "2": ("allocation error",),
+            "5": ("rotors' health in the air", "not judged", "rotors: not judged"),
+            "?": ("coaxlink monitor", "upper"),
+        }.items():
+            tmux("send-keys", key)
+            assert wait(lambda words=words: seen(*words)), tmux("capture-pane", "-p")  # type: ignore[misc]
+        assert all(len(line) <= 80 for line in tmux("capture-pane", "-p").splitlines())
+        tmux("send-keys", "?")
+        assert wait(lambda: seen("rotors' health in the air"))
+        tmux("send-keys", "q")
+        assert wait(lambda: not tmux("list-sessions"))  # it left by itself
+    finally:
+        tmux("kill-server")
+
+
+async def drawn(address: str, colours: set[Any], folder: Path) -> bool:
+    """Whether headless Chromium shows all these colours there before long; by its DevTools protocol."""
+    from aiohttp import ClientSession
+
+    port = free_port()
+    asked = [f"--remote-debugging-port={port}", "--remote-allow-origins=*", f"--user-data-dir={folder}"]
+    browser = subprocess.Popen([str(CHROMIUM), *BROWSER, *asked, address], stderr=subprocess.DEVNULL)
+    try:
+        async with ClientSession() as http:
+            end = time.monotonic() + WAIT_S
+            while time.monotonic() < end:
+                await asyncio.sleep(0.5)
+                try:
+                    async with http.get(f"http://127.0.0.1:{port}/json") as answer:
+                        pages = [page for page in await answer.json() if page["url"].startswith(address)]
+                except OSError:
+                    continue
+                for page in pages:
+                    async with http.ws_connect(page["webSocketDebuggerUrl"], max_msg_size=0) as line:
+                        await line.send_json({"id": 1, "method": "Page.captureScreenshot"})
+                        shown = (await line.receive_json())["result"]["data"]
+                    if colours <= colours_of(base64.b64decode(shown)):
+                        return True
+        return False
+    finally:
+        browser.terminate()
+        browser.wait(WAIT_S)
+
+
+def colours_of(picture: bytes) -> set[Any]:
+    """Those that more than twenty pixels have."""
+    from PIL import Image
+
+    image = Image.open(io.BytesIO(picture)).convert("RGB")
+    return {colour for count, colour in image.getcolors(1 << 24) or () if count > 20}
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
+def test_in_a_browser(address: str, tmp_path: Path) -> None:
+    pytest.importorskip("textual_serve")
+    port = free_port()
+    served = subprocess.Popen(monitor(address, "--web", "--port", str(port)), stdout=subprocess.DEVNULL)
+    url = f"http://127.0.0.1:{port}/"
+
+    def answers() -> bool:
+        try:
+            return bool(urllib.request.urlopen(url, timeout=5).status == 200)
+        except OSError:
+            return False
+
+    try:
+        assert wait(answers)
+        bars = {tuple(int(DARK[name][k : k + 2], 16) for k in (1, 3, 5)) for name in ("upper", "lower")}
+        assert asyncio.run(drawn(url, bars, tmp_path / "profile"))  # the rotors' bars and names
+    finally:
+        served.send_signal(signal.SIGINT)
+        assert served.wait(WAIT_S) == 0
