@@ -175,19 +175,27 @@ def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
     desk = None if _SERVED else Desk(settings.backups or Path("backups"))
     shown["why_no_desk"] = "in a browser the monitor only watches: use it in a terminal"
     feed = Feed(watch, desk=desk)
-    server = os.getppid()
-
-    def trouble() -> BaseException | None:
-        gone = _SERVED and os.getppid() != server
-        return feed.failure or (SystemExit() if gone else None)
-
+    if _SERVED:
+        _end_with(os.getppid())
     feed.start()
     try:
-        Monitor(watch.look, trouble=trouble, desk=desk, table=settings.table, **shown).run()
+        Monitor(watch.look, trouble=lambda: feed.failure, desk=desk, table=settings.table, **shown).run()
     finally:
         feed.stop()
     if feed.failure is not None:
         raise feed.failure
+
+
+def _end_with(server: int) -> None:
+    """End this process when its server has: Textual's reader of a closed pipe spins, and keeps the screen."""
+    import threading
+
+    def watch() -> None:
+        while os.getppid() == server:
+            time.sleep(0.5)
+        os._exit(0)  # it only watches: nothing is left to write
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:

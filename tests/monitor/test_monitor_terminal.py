@@ -6,7 +6,6 @@ import asyncio
 import base64
 import io
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -117,6 +116,20 @@ async def drawn(address: str, colours: set[Any], folder: Path) -> bool:
         browser.wait(WAIT_S)
 
 
+async def drawn_by(server: int, address: str) -> int:
+    """The process behind one page of the server."""
+    from aiohttp import ClientSession
+
+    async with ClientSession() as http, http.ws_connect(f"{address}ws?width=80&height=24"):
+        for _ in range(round(10 * WAIT_S)):
+            found = subprocess.run(["pgrep", "-P", str(server)], capture_output=True, text=True).stdout
+            if found:
+                await asyncio.sleep(3.0)  # it has started
+                return int(found.split()[-1])
+            await asyncio.sleep(0.1)
+    raise AssertionError("no screen was started")
+
+
 def colours_of(picture: bytes) -> set[Any]:
     """Those that more than twenty pixels have."""
     from PIL import Image
@@ -142,6 +155,9 @@ def test_in_a_browser(address: str, tmp_path: Path) -> None:
         assert wait(answers)
         bars = {tuple(int(DARK[name][k : k + 2], 16) for k in (1, 3, 5)) for name in ("upper", "lower")}
         assert asyncio.run(drawn(url, bars, tmp_path / "profile"))  # the rotors' bars and names
+        screen = asyncio.run(drawn_by(served.pid, url))
+        served.kill()
+        assert wait(lambda: not Path(f"/proc/{screen}").exists())  # no screen outlives its server
     finally:
-        served.send_signal(signal.SIGINT)
-        assert served.wait(WAIT_S) == 0
+        served.kill()
+        served.wait()
