@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.data.held import at_the_commands
@@ -22,6 +23,9 @@ MOTION = (
     "pitch_rad",
     "yaw_rad",
 )
+# of the rows in which a motor turns: in percent or microseconds next to none lies in 0..1
+LEAST_SOUND = 0.2
+AT_REST = 0.05  # of full command, judgement: below it a motor stands or idles, in any unit
 _ULOG = b"ULog\x01\x12\x35"
 _DATAFLASH = b"\xa3\x95"
 _MAVLINK = (0xFD, 0xFE)
@@ -95,8 +99,17 @@ def log_kind(path: Path) -> str:
     return "text"
 
 
+def impossible_commands(commands: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(rows,) whether a command is outside 0..1: a damaged packet, where most of the log is inside."""
+    return np.asarray((commands < 0.0) | (commands > 1.0))
+
+
 def read_flight_csv(path: Path) -> Samples:
-    """A CSV flight log in our own columns, every column a number in every row. Raises InputError."""
+    """A CSV flight log in our own columns, every column a number in every row.
+
+    Commands outside 0..1 in part of the rows stay as they are; `refine` accuses them and leaves them out.
+    Raises InputError, also where the commands are in another unit.
+    """
     table = read_table(path)
     columns = {
         name: table.numbers(i)
@@ -108,8 +121,9 @@ def read_flight_csv(path: Path) -> Samples:
     count = sum(MOTOR.fullmatch(name) is not None for name in columns)
     samples.require(*(f"motor{n}" for n in range(1, count + 1)))
     for n in range(1, count + 1):
-        outside = (samples[f"motor{n}"] < 0) | (samples[f"motor{n}"] > 1)
-        if outside.any():
+        outside = impossible_commands(samples[f"motor{n}"])
+        turning = np.abs(samples[f"motor{n}"]) > AT_REST
+        if outside.sum() > (1.0 - LEAST_SOUND) * turning.sum():  # a unit, not a damaged stretch
             row = int(np.argmax(outside))
             found = f"0..1 is expected, found {samples[f'motor{n}'][row]:g}"
             raise InputError(path, f"{samples.place(row)}, column motor{n}", found)

@@ -35,6 +35,19 @@ def test_csv_in_our_columns(tmp_path: Path) -> None:
     assert is_flight_log(path)
 
 
+def test_commands_outside_in_part_of_the_rows_stay_for_refine_to_accuse(tmp_path: Path) -> None:
+    path = tmp_path / "flight.csv"
+    path.write_text(CSV + "".join(csv_row(0.01 * k, 0.5 if k < 10 else 30.0) for k in range(30)))
+    assert read_flight_log(path)["motor1"].max() == 30.0
+
+
+def test_percent_is_a_unit_although_a_motor_idles(tmp_path: Path) -> None:
+    path = tmp_path / "flight.csv"
+    path.write_text(CSV + "".join(csv_row(0.01 * k, 0.0 if k < 50 else 40.0) for k in range(60)))
+    with pytest.raises(InputError, match=r"line 52, column motor1: 0\.\.1 is expected, found 40"):
+        read_flight_log(path)
+
+
 @pytest.mark.parametrize(
     "text, expected",
     [

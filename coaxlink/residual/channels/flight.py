@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.data.flight import impossible_commands
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
@@ -176,6 +177,8 @@ def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: 
     finite = np.isfinite(time)
     for name in names:
         finite &= np.isfinite(log[name])
+        if name in motors:
+            finite &= ~impossible_commands(log[name])
     order = order[finite[order]]
     order = order[np.concatenate([[True], np.diff(time[order]) > 0])] if len(order) else order
     t = time[order]

@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.data.flight import impossible_commands
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.channels.flight import EDGE_S, reduce_columns
@@ -45,11 +46,19 @@ def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[S
             bad |= mine & _around(frame.time_s, log["time_s"], rows)
             dead |= rows.mean() > DEAD
         rotors = {r.number for r in frame.airframe.rotors}
+        out += _impossible(log, rotors)
         for column, rows, why in [*motors_too_many(log, rotors), *contradicted(log)]:
             out.append(Suspect(column, rows_text(rows), why))
             dead |= column not in SPARED
     wrong = [*_reversed(frame), *_swapped(frame)]
     return [*out, *wrong], bad, bool(wrong) or dead
+
+
+def _impossible(log: Samples, rotors: set[int]) -> list[Suspect]:
+    """Motors commanded outside 0..1; the frame has a gap there."""
+    outside = {f"motor{n}": impossible_commands(log[f"motor{n}"]) for n in sorted(rotors)}
+    why = "commands outside 0..1, as of damaged packets: what follows from them is left out"
+    return [Suspect(name, rows_text(rows), why) for name, rows in outside.items() if rows.any()]
 
 
 def without_accused(frame: FlightFrame, suspects: Sequence[Suspect]) -> FlightFrame:

@@ -80,7 +80,7 @@ def copied(log: Samples) -> list[Finding]:
 def flying_rows(log: Samples) -> Mask:
     """(rows,) whether the motors' commands change: a vehicle that stands may well read the same twice."""
     names = [n for n in log.columns if n.startswith("motor") and n[5:].isdigit()]
-    total = np.sum([np.nan_to_num(log[n]) for n in names], axis=0)
+    total = np.sum([np.clip(np.nan_to_num(log[n]), 0.0, 1.0) for n in names], axis=0)
     return np.asarray(total > 0.4 * float(np.median(total)), bool)
 
 

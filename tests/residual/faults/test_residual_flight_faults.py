@@ -65,6 +65,14 @@ def test_motors_that_the_airframe_does_not_have_are_told_first(clean):
     assert "8 rotors" in answer.suspect_data[0].why and answer.effects == ()
 
 
+def test_commands_that_are_none_are_accused_and_the_rest_is_judged(clean):
+    motor = clean["motor3"].copy()
+    motor[1200:1500] = np.linspace(1.5, 40.0, 300)  # damaged packets
+    answer = ask(clean | {"motor3": motor})
+    assert [(s.column, s.rows) for s in answer.suspect_data] == [("motor3", "1201-1500")]
+    assert answer.effects == ()
+
+
 def test_outputs_that_no_motor_hangs_on_are_none(clean):
     rests = {"motor9": np.full(len(clean["time_s"]), 0.05), "motor10": np.full(len(clean["time_s"]), np.nan)}
     assert motors_too_many(Samples(clean | rests, "sound"), set(range(1, 9))) == []
