@@ -109,6 +109,8 @@ def fly(
         if kept:
             kept.close()
     summary = {**live.summary(), "health": health.account()}
+    if health.problem:
+        say(f"rotors were not judged to the end: {health.problem}")
     if o.json_file:
         files.write_json(o.json_file, summary)
     sys.stdout.write(_line(summary) + "\n")

@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -96,10 +97,15 @@ class HealthWatch:
         if stamp_us:
             self.in_air.commanded(stamp_us * 1e-6, commands)
         call = self.in_air.heard(message)
-        if call is not None:
+        if call is None:
+            return
+        try:
             if self.reallocation is not None:
                 self.reallocation.answer(call, self.in_air)
-            self.tell(call)
+        except Exception:
+            self.tell(replace(call, flown_without=False))  # the pilot is told all the same
+            raise
+        self.tell(call)
 
     def _ask(self) -> None:
         """For rates where none come by themselves (an ArduPilot sends nothing unasked)."""

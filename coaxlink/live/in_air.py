@@ -50,12 +50,13 @@ class Call:
     slower: bool  # its motor turns slower, by how the wake under it changed
     settled: bool = False  # its size is that of REFINED_S, not of the first blocks
     stopped: bool = False  # it gives nothing any more
+    flown_without: bool = False  # the law does without it from now on
 
     @property
     def text(self) -> str:
         """At most 50 bytes, for STATUSTEXT."""
         if self.stopped:
-            return f"rotor {self.rotor} stopped: flown without, land"
+            return f"rotor {self.rotor} stopped: {'flown without, ' if self.flown_without else ''}land"
         if self.settled:
             return f"rotor {self.rotor} lost {100 * self.loss:.0f}% of its thrust: land"
         return f"rotor {self.rotor} loses thrust, p {self.probability:.2f}: land"
@@ -168,7 +169,8 @@ class InAir:
 
     def _fly(self, armed: bool, flying: bool) -> None:
         if self._armed and self._flying and not (armed and flying):
-            self._begin(self._made_for)  # landed
+            self._settling = None  # landed: the next flight, or another clock, settles nothing of this one
+            self._begin(self._made_for)
         self._armed, self._flying = armed, flying and armed
 
     def _begin(self, vehicle: Vehicle) -> None:
@@ -197,7 +199,7 @@ class InAir:
 
     def _stopped_at(self, time_s: float, s: Suspicion) -> Call:
         """It takes the place of what was being settled: the same fault, most likely, on its way."""
-        call = Call(s.rotor, time_s, s.probability, 1.0, 0.0, True, settled=True, stopped=True)
+        call = Call(s.rotor, time_s, s.probability, 1.0, 0.0, True, True, stopped=True, flown_without=True)
         self._settling, self.calls = None, (*self.calls, call)
         self._begin(self._made_for)
         return call

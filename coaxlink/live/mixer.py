@@ -103,7 +103,7 @@ class LiveMixer:
         self.timesync: TimeSync | None = None
         heard = {ANSWER.number, OUTPUTS.number} | ({STATE.number, TARGET.number} if loop else {DEMAND.number})
         self._scanner = codec.Scanner(heard, codec.known_seeds())
-        self._next: tuple[ExactLaw, Vehicle] | None = None  # the law to go on with
+        self._next: deque[tuple[ExactLaw, Vehicle]] = deque(maxlen=1)  # the law to go on with
         self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
         self._waiting_since = 0.0
         self._echoes: deque[bytes] = deque(maxlen=64)
@@ -183,15 +183,20 @@ class LiveMixer:
 
     def adopt(self, law: ExactLaw, vehicle: Vehicle) -> None:
         """Go on with another law of this airframe, from the next demand on. From any thread."""
-        self._next = (law, vehicle)
+        self._next.append((law, vehicle))
         if self.exchange is not None:
             self.exchange.interrupt()
 
-    def _change(self, law: ExactLaw, vehicle: Vehicle) -> None:
-        self._next = None
-        self.core.adopt(law, vehicle)
-        if self.exchange is not None:
-            self.exchange.use(law)
+    def _change(self) -> None:
+        """Take up the newest law that was handed over; a later one, even one of this moment, has its turn."""
+        law, vehicle = self._next.pop()
+        try:
+            self.core.adopt(law, vehicle)
+            if self.exchange is not None:
+                self.exchange.use(law)
+        except Exception as error:  # half of another law is none
+            self.core.counters.failures += 1
+            self._give_up(error)
 
     def _let_go(self) -> None:
         self.session.tap = None
@@ -215,8 +220,8 @@ class LiveMixer:
 
     def serve(self, line: Any, peer: Any) -> list[tuple[bytes, Any]] | None:
         """Let the compiled function wait and answer while the law flies alone; see `session.Tap`."""
-        if self._next is not None:
-            self._change(*self._next)
+        if self._next:
+            self._change()
         if not isinstance(line, Udp):
             return None
         if self.stall.draining:

@@ -24,9 +24,10 @@ class Reallocation:
     """Of one live mixer. Raises InputError where it does not fly the exact law."""
 
     def __init__(self, live: LiveMixer) -> None:
-        if not isinstance(live.core.law, ExactLaw):
-            raise InputError("`reallocate`", live.core.law.name, "only the exact law re-allocates")
-        self._live = live
+        law = live.core.law
+        if not isinstance(law, ExactLaw):
+            raise InputError("`reallocate`", law.name, "only the exact law re-allocates")
+        self._live, self._law, self._first = live, law, live.core.vehicle
         self.done: tuple[dict[str, Any], ...] = ()
 
     def answer(self, call: Call, in_air: InAir) -> None:
@@ -34,13 +35,21 @@ class Reallocation:
         if not (call.stopped or call.settled):
             return
         vehicle, stopped = in_air.vehicle, in_air.stopped
-        self._live.adopt(law_without(vehicle, stopped), vehicle)
-        share = 0.0 if call.stopped else 1.0 - call.loss
-        self.done = (*self.done, {"rotor": call.rotor, "time_s": call.time_s, "thrust_left": share})
+        self._live.adopt(law_without(self._law, vehicle, stopped), vehicle)
+        left = 0.0 if call.rotor in stopped else self._left(vehicle, call.rotor)
+        self.done = (*self.done, {"rotor": call.rotor, "time_s": call.time_s, "thrust_left": left})
+
+    def _left(self, vehicle: Vehicle, number: int) -> float:
+        """Share of a rotor's thrust at the start that it still gives, after all of its calls."""
+        now, first = (
+            next(r.thrust_gain for r in v.declared.rotors if r.number == number)
+            for v in (vehicle, self._first)
+        )
+        return now / first if first else 0.0
 
 
-def law_without(vehicle: Vehicle, stopped: tuple[int, ...] = ()) -> ExactLaw:
-    """The exact law of a vehicle some of whose rotors stand still, its caches filled."""
-    law = ExactLaw(vehicle, failed=stopped)
+def law_without(law: ExactLaw, vehicle: Vehicle, stopped: tuple[int, ...] = ()) -> ExactLaw:
+    """`law` for a vehicle some of whose rotors are weak and some stand still, its caches filled."""
+    law = law.without(vehicle, stopped)
     law.speeds([GRAVITY_M_S2 * vehicle.airframe.mass_kg, 0.0, 0.0, 0.0])
     return law

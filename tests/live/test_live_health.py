@@ -10,9 +10,10 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.files import example
+from coaxlink.health.sequential import Suspicion, Verdict
 from coaxlink.live.guard import LIVE, RAMP
 from coaxlink.live.health_watch import WAITING, HealthWatch
-from coaxlink.live.in_air import InAir, weakened
+from coaxlink.live.in_air import Call, InAir, weakened
 from coaxlink.mixer import make_law
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
@@ -119,6 +120,35 @@ def test_an_error_in_the_test_ends_the_test_alone(flight, monkeypatch):
         live.session.callbacks[0](mavlink.MAVLink_heartbeat_message(14, 12, 128, 0, 4, 3))
         watch._thread.join(60.0)
     assert "division" in watch.account()["why"]
+
+
+def test_a_rotor_is_told_also_where_no_other_law_can_be_made(flight, monkeypatch):
+    live, said = mixer(flight[0]), []
+    live.session.identity = SimpleNamespace(is_px4=False)
+    stopped = Call(3, 5.0, 0.9, 1.0, 0.0, True, True, stopped=True, flown_without=True)
+    monkeypatch.setattr(InAir, "heard", lambda *_: stopped)
+    with HealthWatch(live, said.append, None, SimpleNamespace(answer=lambda *_: 1 / 0, done=())) as watch:
+        live.session.callbacks[0](mavlink.MAVLink_heartbeat_message(14, 12, 128, 0, 4, 3))
+        watch._thread.join(60.0)
+    assert [c.text for c in said] == ["rotor 3 stopped: land"] and "division" in watch.problem
+    assert live.session.sent[-1].text == "rotor 3 stopped: land"
+
+
+def test_a_size_that_was_being_settled_at_the_landing_holds_up_no_call_of_the_next_flight(flight):
+    def verdict(time_s, rotor):
+        s = Suspicion(rotor, 0.99, 0.2, 0.02, False)
+        return Verdict(time_s, True, (s,), 0.0, s)
+
+    in_air = InAir(flight[0])
+    flying = mavlink.MAVLink_extended_sys_state_message(0, 2)
+    for state in (flying, mavlink.MAVLink_extended_sys_state_message(0, 1), flying):
+        for message in (mavlink.MAVLink_heartbeat_message(14, 12, 128, 0, 4, 3), state):
+            in_air.heard(message)
+        if not in_air.calls:
+            assert in_air._judged(verdict(1500.0, 3)).rotor == 3
+    call = in_air._judged(verdict(5.0, 4))  # the vehicle was switched off and on again
+    assert call is not None and call.rotor == 4
+    assert [c.rotor for c in in_air.calls] == [3, 4]
 
 
 def test_a_weakened_vehicle_is_flown_by_the_law_with_that_rotor_faster(flight):

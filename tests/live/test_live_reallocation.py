@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from live_flight import Companion, Flight, real_time
 
 from coaxlink.errors import InputError
 from coaxlink.files import example
+from coaxlink.live.guard import STOPPED
 from coaxlink.live.health_watch import HealthWatch
-from coaxlink.live.in_air import InAir
+from coaxlink.live.in_air import Call, InAir, weakened
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.mixer_core import MixCore
 from coaxlink.live.reallocation import Reallocation, law_without
@@ -187,10 +189,67 @@ def test_other_laws_do_not_re_allocate():
 def test_yaw_is_given_up_first():
     vehicle = load_vehicle(example("y6.toml"), ROTORS)
     weight = 9.80665 * vehicle.airframe.mass_kg
-    law = law_without(vehicle, (1,))
+    law = law_without(make_law("exact", vehicle), vehicle, (1,))
     law.speeds([weight, 3.0, -3.0, 20.0])
     assert law.dropped == ("yaw",)
     assert make_law("exact", vehicle).speeds([weight, 0, 0, 0])[0] > 0.3
+
+
+def by_hand(law="exact", **options):
+    """A mixer without a line."""
+    vehicle = load_vehicle(example("y6.toml"), ROTORS)
+    return LiveMixer(None, vehicle, make_law(law, vehicle, **options)), vehicle
+
+
+def test_bounds_and_priority_of_the_law_stay():
+    live, vehicle = by_hand(low=0.2, high=0.9, priority=("yaw", "roll", "pitch", "thrust"), failed=[5])
+    answer(live, weakened(vehicle, 3, 0.3), (1,))
+    live.serve(None, None)
+    weight = 9.80665 * vehicle.airframe.mass_kg
+    speeds = live.core.law.speeds([0.3 * weight, 0.0, 0.0, 0.0])
+    assert speeds[[0, 4]].tolist() == [0.0, 0.0] and speeds[[1, 2, 3, 5]].min() >= 0.2 - 1e-9
+    speeds = live.core.law.speeds([3 * weight, 0.0, 0.0, 0.0])
+    assert speeds.max() == pytest.approx(0.9)
+    assert live.core.law.dropped[0] == "thrust" and "yaw" not in live.core.law.dropped
+
+
+def answer(live, vehicle, stopped=(), rotor=3):
+    call = Call(rotor, 5.0, 0.99, 0.2, 0.02, False, settled=True)
+    reallocation = Reallocation(live)
+    reallocation.answer(call, SimpleNamespace(vehicle=vehicle, stopped=stopped))
+    return reallocation.done
+
+
+def test_what_is_left_of_a_rotor_counts_all_of_its_calls():
+    live, vehicle = by_hand()
+    twice = weakened(weakened(vehicle, 3, 0.2), 3, 0.2)
+    assert answer(live, twice)[0]["thrust_left"] == pytest.approx(0.64)
+    assert answer(live, twice, stopped=(3,))[0]["thrust_left"] == 0.0
+
+
+def test_a_law_that_comes_while_another_is_taken_up_is_not_lost():
+    live, vehicle = by_hand()
+    first, second = (make_law("exact", vehicle) for _ in range(2))
+    change, coming = live._change, [second]
+
+    def late(*law):
+        if coming:
+            live.adopt(coming.pop(), vehicle)
+        change(*law)
+
+    live._change = late
+    live.adopt(first, vehicle)
+    live.serve(None, None)
+    live.serve(None, None)
+    assert live.core.law is second
+
+
+def test_a_law_that_cannot_be_taken_up_falls_silent_and_says_why():
+    live, vehicle = by_hand()
+    live.core.adopt = lambda *_: 1 / 0
+    live.adopt(make_law("exact", vehicle), vehicle)
+    live.serve(None, None)
+    assert live.failed.is_set() and live.guard.state == STOPPED and "division" in str(live.error)
 
 
 @pytest.fixture(scope="module", params=["plain", "compiled"])

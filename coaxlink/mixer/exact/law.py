@@ -67,6 +67,8 @@ class ExactLaw:
         if slew is not None and not slew > 0:
             raise InputError("exact", "slew", f"a change per call above 0 expected, found {slew}")
         self.problem = build(vehicle, low=low, high=high, failed=failed, priority=priority)
+        self._limits: dict[str, Any] = {"low": low, "high": high, "priority": tuple(priority), "slew": slew}
+        self.failed = tuple(failed)
         self.slew = slew
         self._optimum, self._batch = _functions(compiled)
         self.compiled = self._optimum is not kernel.optimum
@@ -81,6 +83,14 @@ class ExactLaw:
         self._scale = [(int(o), 1.0 / float(s)) for o, s in zip(p.order, p.scale, strict=True)]
         self._slots = p.slots.tolist()
         self._calls = self._steps = self._rounds = 0
+
+    def without(self, vehicle: Vehicle, failed: Sequence[int]) -> ExactLaw:
+        """As new for what is left of its vehicle: bounds, priority and slew are this law's.
+
+        `failed` are numbers of rotors that stand still now, beside those that did before.
+        Raises InputError.
+        """
+        return ExactLaw(vehicle, failed=(*self.failed, *failed), compiled=self.compiled, **self._limits)
 
     def arrays(self) -> list[Any]:
         """What `kernel.optimum` works on, up to its `limit`: standing in the middle of the bounds."""
