@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.data.flight import MOTOR
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
 from coaxlink.residual.faults.repeated_readings import Finding, flying_rows, held_rows, windows
@@ -19,7 +20,8 @@ ACCEL_SHARE = 0.05
 ACCEL_S, PIECES, SIGMAS = 2.0, 8, 4.0  # windows; parts of the flight left out in turn, as for a gyro's scale
 CLIMB_M, CLIMB_M_S = 1.0, 0.3  # judgement: a height's own wander; what a vertical velocity is off by
 BEND_M = 3.0  # judgement: what is left of that once its steady part is taken out
-WORKS = 0.5  # of the mean command of the rotors that is least: judgement; unused outputs rest near 0
+WORKS = 0.5  # of the least mean command of the rotors, and of their rise: judgement; unused outputs rest
+LINEAR, STEP = 0.5, 1e-3  # of a command's variance: judgement; 1 us of PWM's 1000
 MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V
 
 
@@ -30,16 +32,37 @@ def contradicted(log: Samples) -> list[Finding]:
 
 def motors_too_many(log: Samples, rotors: set[int]) -> list[Finding]:
     """Motors that work as the others do, of other numbers than the airframe's rotors."""
-    numbers = {int(n[5:]) for n in log.columns if n.startswith("motor") and n[5:].isdigit()}
+    numbers = sorted(int(found[1]) for n in log.columns if (found := MOTOR.fullmatch(n)))
     flown = flying_rows(log)
-    usual = {n: float(np.sum(np.nan_to_num(log[f"motor{n}"][flown]))) for n in numbers}
-    known = [usual[n] for n in numbers & rotors]
-    more = sorted(n for n in numbers - rotors if known and usual[n] > WORKS * min(known) > 0.0)
+    commands = {n: np.clip(np.nan_to_num(log[f"motor{n}"][flown]), 0.0, 1.0) for n in numbers}
+    known = [commands[n] for n in numbers if n in rotors]
+    least = min((float(u.sum()) for u in known), default=0.0)
+    more = [
+        n
+        for n in numbers
+        if n not in rotors and float(commands[n].sum()) > WORKS * least > 0.0 and _mixed(commands[n], known)
+    ]
     if not more:
         return []
     names = ", ".join(f"motor{n}" for n in more)
     why = f"the airframe has {len(rotors)} rotors, and these work as theirs do: it is another vehicle's file"
     return [(names, np.ones(log.rows, bool), why)]
+
+
+def _mixed(command: Array, known: list[Array]) -> bool:
+    """Whether a command (rows,) is of the same mixer: linear in the known motors', and rises where all do.
+
+    Four demands move them all, and thrust moves all alike. A gripper or a landing gear rests where it was
+    put; a gimbal goes along with tilt, and not with thrust.
+    """
+    free = len(command) - len(known) - 1
+    spread = float(np.var(command))
+    if free <= 0 or spread <= STEP**2:
+        return False
+    columns = np.stack([np.ones(len(command)), *known], axis=1)
+    slopes = np.linalg.lstsq(columns, command, rcond=None)[0]
+    left = command - columns @ slopes
+    return float(left @ left) < (1.0 - LINEAR) * free * spread and float(slopes[1:].sum()) > WORKS
 
 
 def _height(log: Samples) -> list[Finding]:
@@ -107,7 +130,8 @@ def _downwards(log: Samples) -> tuple[Array, Array]:
 def _voltage(log: Samples) -> list[Finding]:
     if not log.has("voltage_V"):
         return []
-    usual = float(np.nanmedian(log["voltage_V"]))
+    told = log["voltage_V"][np.isfinite(log["voltage_V"])]
+    usual = float(np.median(told)) if len(told) else 0.0
     if not usual > MOST_V:
         return []
     why = f"{usual:.0f} V is no supply of a vehicle: millivolts would be {usual / 1000.0:.1f} V"

@@ -78,6 +78,32 @@ def test_outputs_that_no_motor_hangs_on_are_none(clean):
     assert motors_too_many(Samples(clean | rests, "sound"), set(range(1, 9))) == []
 
 
+@pytest.mark.parametrize("what", ["gripper at rest", "gimbal that holds level", "landing gear", "servo"])
+def test_a_servo_in_the_middle_of_its_range_is_no_motor(what, clean):
+    """A tlog has every output that sends pulses, and 1500 us is half of a motor's range."""
+    time, random = clean["time_s"], np.random.default_rng(3)
+    moves = {
+        "gripper at rest": np.full(len(time), 0.5),
+        "gimbal that holds level": 0.5 + 0.6 * clean["pitch_rad"],
+        "landing gear": np.where(time > 20.0, 0.9, 0.4),
+        "servo": 0.5 + 0.05 * random.standard_normal(len(time)),
+    }
+    log = Samples(clean | {"motor9": np.clip(moves[what], 0.0, 1.0)}, "sound")
+    assert motors_too_many(log, set(range(1, 9))) == []
+
+
+def test_motors_of_a_vehicle_of_ten_are_found_by_how_they_go_along(clean):
+    random = np.random.default_rng(4)
+    mixed = 0.5 * (clean["motor1"] + clean["motor6"]) + 0.002 * random.standard_normal(len(clean["time_s"]))
+    log = Samples(clean | {"motor9": np.clip(mixed, 0.0, 1.0), "motor10": np.full(len(mixed), 0.5)}, "ten")
+    assert [f[0] for f in motors_too_many(log, set(range(1, 9)))] == ["motor9"]
+
+
+@pytest.mark.parametrize("volts", [np.nan, np.inf])
+def test_a_voltage_that_was_never_measured_is_none(volts, clean):
+    assert contradicted(Samples(clean | {"voltage_V": np.full(len(clean["time_s"]), volts)}, "sound")) == []
+
+
 def test_a_height_that_stands_still_takes_nothing_else_from_the_answer(clean):
     answer = ask(clean | stands_still(clean))
     assert [s.column for s in answer.suspect_data] == ["height_m"]
