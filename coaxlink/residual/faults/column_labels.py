@@ -40,6 +40,7 @@ LOADED = 0.25  # of the reference: less load tells no ratio
 LEAST_COPIED = 6  # rows
 ROUNDS = 4
 FIT_ROWS = 4000
+BEGINNINGS, SCREENED_ROWS = 2, 400  # effort: of readings that are taken further; of a look at each
 RICH = 100  # places that a polynomial of third order wants
 UNITS = {  # of a newton, and of a newton metre
     "thrust": {
@@ -110,19 +111,59 @@ def _exchanged(frame: StandFrame, usable: Mask) -> list[Mislabel]:
         return _found(
             _Yardstick(frame, frame.predicted[:, :4], frame.loads_at(frame.speeds[:, ::-1])), usable
         )
+    parts = [part & usable for part in parts_of(len(usable))]
+    best, agree = _agreed(frame, usable, [(part, None) for part in parts])
+    if not agree and not best[1]:
+        # where each part has speeds of its own, a fit to one says little of the other: one for both, with
+        # the other exchanged
+        ways = [way for way in _exchanges(frame) if not way.speeds]
+        both = [(usable & ~part, way) for way in ways for part in parts[1:]]
+        both = sorted(both, key=lambda r: _misses(frame, usable, r))[:BEGINNINGS]
+        best = min(best, _agreed(frame, usable, both)[0], key=lambda b: b[0])
+    return best[1]
+
+
+Reading = tuple[Mask, Way | None]  # rows to begin with, and how they are read; else trusted as they are
+
+
+def _misses(frame: StandFrame, usable: Mask, reading: tuple[Mask, Way]) -> float:
+    """Capped squares that one fit to all rows leaves, some of them read in another way; of a thinned log."""
+    rows, way = reading
+    few = np.zeros(len(usable), bool)
+    few[np.flatnonzero(usable)[:: max(1, int(usable.sum()) // SCREENED_ROWS)]] = True
+    stick = _fitted(frame, few, [(way, rows)])
+    cost = np.where(rows[:, None], stick.cost(way), stick.cost(None))
+    return float(np.sum(cost[few][:, [c for c in frame.present if c < 4]]))
+
+
+def _agreed(
+    frame: StandFrame, usable: Mask, readings: Sequence[Reading]
+) -> tuple[tuple[float, list[Mislabel]], bool]:
+    """The mislabels that leave least, each reading taken to where it stays; whether all rows agree."""
+    loads = [c for c in frame.present if c < 4]
     best: tuple[float, list[Mislabel]] = (np.inf, [])
-    for number, part in enumerate(parts_of(len(usable))):
-        trusted = part & usable
+    for number, (rows, way) in enumerate(readings):
+        trusted = usable if way else rows
         if trusted.sum() < 24:
             continue
+        read: list[tuple[Way, Mask]] = [(way, rows)] if way else []
         found: list[Mislabel] = []
         for _ in range(ROUNDS):
-            stick = _fitted(frame, trusted)
+            stick = _fitted(frame, trusted, read)
             found = _found(stick, usable)
-            now = usable & ~np.logical_or.reduce([m.rows for m in found] or [np.zeros(len(usable), bool)])
-            if now.sum() < 24 or np.array_equal(now, trusted):
+            if way:
+                now, again = (
+                    usable,
+                    [(m.way, m.rows) for m in found if not m.way.speeds and m.way.factor == 1.0],
+                )
+            else:
+                now, again = (
+                    usable & ~np.logical_or.reduce([np.zeros(len(usable), bool), *(m.rows for m in found)]),
+                    [],
+                )
+            if now.sum() < 24 or (np.array_equal(now, trusted) and _same_rows(read, again)):
                 break
-            trusted = now
+            trusted, read = now, again
         left = stick.cost(None)[:, loads]
         # minus the log of a likelihood: the fewer rows must be wrong, and the fewer ways, the better
         total = usable.sum() * float(np.sum(np.log(stick.reference[loads]))) + 30.0 * len(found)
@@ -132,9 +173,15 @@ def _exchanged(frame: StandFrame, usable: Mask) -> list[Mislabel]:
         total += 0.5 * float(np.sum(left[usable]))
         if total < best[0] and not any(m.rows.sum() > 0.55 * usable.sum() for m in found):
             best = total, found
-        if number == 0 and not found and np.mean(left[usable] > 9.0) < 0.01:
-            break  # all rows agree
-    return best[1]
+        if number == 0 and not way and not found and np.mean(left[usable] > 9.0) < 0.01:
+            return best, True
+    return best, False
+
+
+def _same_rows(read: Sequence[tuple[Way, Mask]], again: Sequence[tuple[Way, Mask]]) -> bool:
+    return len(read) == len(again) and all(
+        a is b and np.array_equal(x, y) for (a, x), (b, y) in zip(read, again, strict=True)
+    )
 
 
 def _copies(frame: StandFrame, usable: Mask) -> list[Mislabel]:
@@ -205,8 +252,11 @@ class _Yardstick:
         )
 
 
-def _fitted(frame: StandFrame, trusted: Mask) -> _Yardstick:
-    """The polynomials that trusted rows agree on."""
+def _fitted(frame: StandFrame, trusted: Mask, read: Sequence[tuple[Way, Mask]] = ()) -> _Yardstick:
+    """The polynomials that trusted rows agree on, some of them read in another way."""
+    measured = frame.measured.copy()
+    for way, mine in read:
+        measured[mine, :4] = frame.measured[mine][:, list(way.source)]
     rows = np.flatnonzero(trusted)
     few = np.zeros(len(trusted), bool)
     few[rows[:: max(1, len(rows) // FIT_ROWS)]] = True
@@ -216,7 +266,7 @@ def _fitted(frame: StandFrame, trusted: Mask) -> _Yardstick:
         if c < 4:
             names = dictionary_of(LOADS[c], order)
             x = design_matrix(names, frame.speeds[:, 0], frame.speeds[:, 1])
-            fit = robust_fit(x, frame.measured[:, c], few)
+            fit = robust_fit(x, measured[:, c], few)
             out[0][:, c] = x @ fit
             out[1][:, c] = design_matrix(names, frame.speeds[:, 1], frame.speeds[:, 0]) @ fit
     return _Yardstick(frame, *out)

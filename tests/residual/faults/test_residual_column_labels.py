@@ -88,6 +88,25 @@ def test_labels_swapped_for_a_while(paper, what: str, given: bool) -> None:
     assert answer.channels["lower_thrust"].rmse_after < 0.5
 
 
+ONE_PASS = 162  # rows of `run`: the upper rotor goes up once
+
+
+@pytest.mark.parametrize("pairs", [[*zip(UPPER, LOWER, strict=True)], [("upper_thrust_N", "lower_thrust_N")]])
+def test_loads_exchanged_where_only_the_second_part_has_such_speeds(pairs: list[tuple[str, str]]) -> None:
+    columns = {k: v[:ONE_PASS] for k, v in run(seed=9, throttle=False).items()}
+    answer = refine_stand(Samples(exchanged(columns, slice(92, None), *pairs), "rig"))
+    (suspect,) = answer.suspect_data
+    assert set(suspect.column.split(", ")) == {name for pair in pairs for name in pair}
+    assert span(suspect.rows) == (pytest.approx(92, abs=3), ONE_PASS)
+    assert nothing_claimed(answer)
+
+
+@pytest.mark.parametrize("true", [{}, {"interference": 12.0}, {"power": 0.4}, {"bump": 12.0}, {"drift": 3.0}])
+def test_one_pass_whose_loads_are_what_they_say_is_not_accused(true: dict) -> None:
+    columns = {k: v[:ONE_PASS] for k, v in run(seed=10, throttle=False, **true).items()}
+    assert find_suspects(stand_frame(Samples(columns, "rig"), None)).suspects == ()
+
+
 @pytest.mark.parametrize(
     "pairs", [[*zip(UPPER, LOWER, strict=True)], [("upper_thrust_N", "lower_thrust_N")], [UPPER]]
 )
