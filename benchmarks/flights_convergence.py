@@ -75,8 +75,8 @@ def errors(airframe: Any, true: Any, model: Any) -> np.ndarray:
 
     law, demands = FittedLaw(Vehicle(airframe, model)), envelope(airframe, POINTS)
     u = np.array([law.speeds(w) for w in demands])
-    came, told = (airframe.wrench(*airframe.loads(m, u)) for m in (true, model))
-    off, wrong = np.abs(came - demands).mean(axis=0), np.abs(came - told).mean(axis=0)
+    delivered, modelled = (airframe.wrench(*airframe.loads(m, u)) for m in (true, model))
+    off, wrong = np.abs(delivered - demands).mean(axis=0), np.abs(delivered - modelled).mean(axis=0)
     return np.array([off[0], off[1:].max(), wrong[0], wrong[1:].max()])
 
 
@@ -124,19 +124,19 @@ def vehicle(job: tuple[int, int, bool, bool, bool]) -> list[dict[str, Any]]:
 
 def show(rows: list[dict[str, Any]], minutes: int) -> list[dict[str, Any]]:
     """Median, 90 % and worst of the vehicles, minute by minute."""
-    told = []
+    summary = []
     for minute in range(minutes + 1):
         part = [r for r in rows if r["minute"] == minute]
         values = {name: np.array([r[name] for r in part]) for name in FIGURES}
         met = int(((values["N"] <= TARGET_N) & (values["Nm"] <= TARGET_NM)).sum())
         spread = {name: np.quantile(x, [0.5, 0.9, 1.0]).tolist() for name, x in values.items()}
-        told.append({"minute": minute, "vehicles": len(part), "within": met, **spread})
+        summary.append({"minute": minute, "vehicles": len(part), "within": met, **spread})
         digits = [3 if name.endswith("Nm") else 2 for name in FIGURES]
         cells = [
             ", ".join(f"{v:.{d}f}" for v in spread[name]) for name, d in zip(FIGURES, digits, strict=True)
         ]
         print(f"| {minute} | {' | '.join(cells)} | {met} of {len(part)} |", flush=True)
-    return told
+    return summary
 
 
 def main() -> None:
@@ -156,13 +156,13 @@ def main() -> None:
         rows = [row for vehicle_rows in pool.map(vehicle, jobs) for row in vehicle_rows]
     print("| minutes | N: median, 90 %, worst | N m | misjudged N | N m | within both |")
     print("|---:|---:|---:|---:|---:|---:|")
-    told = show(rows, o.minutes)
+    summary = show(rows, o.minutes)
     for name in sorted({r["vehicle"] for r in rows}):
         print(name)
         show([r for r in rows if r["vehicle"] == name], o.minutes)
     print(f"down {sum(bool(r['failsafe']) for r in rows)}; {time.monotonic() - began:.0f} s")
     if o.json:
-        o.json.write_text(json.dumps({"summary": told, "rows": rows}, indent=1))
+        o.json.write_text(json.dumps({"summary": summary, "rows": rows}, indent=1))
 
 
 if __name__ == "__main__":

@@ -46,8 +46,8 @@ def fitted(console: Console, table: Table) -> Iterator[Table]:
     """The table with columns as wide as their longest word at least; where that is more than the screen has,
     further columns stand below, each time beside the first."""
     wanted = [_measured(console, table, n) for n in range(len(table.columns))]
-    whole = sum(m.maximum for m in wanted) + _edges(table, range(len(wanted))) <= console.width
-    if whole or len(wanted) < 2:
+    fits = sum(m.maximum for m in wanted) + _edges(table, range(len(wanted))) <= console.width
+    if fits or len(wanted) < 2:
         yield table
         return
     start = 1

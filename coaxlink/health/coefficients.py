@@ -200,8 +200,8 @@ def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples
         own = noise / (SLOPE_SD * ratio) ** 2
         slope = (float(x @ y) + own * ratio) / max(float(x @ x) + own, 1e-300)
         near = np.isfinite(v)
-        told = np.where(near, v + slope * (command - np.where(near, u, 0.0)), ratio * command)
-        columns[f"motor{rotor.number}"] = np.where(command > 0, np.clip(told, 0.0, None), 0.0)
+        speeds = np.where(near, v + slope * (command - np.where(near, u, 0.0)), ratio * command)
+        columns[f"motor{rotor.number}"] = np.where(command > 0, np.clip(speeds, 0.0, None), 0.0)
     return log.with_columns(**columns)
 
 

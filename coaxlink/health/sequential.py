@@ -93,6 +93,20 @@ class Verdict:
         return "watch" if self.suspicions and self.suspicions[0].probability >= WATCH else "sound"
 
 
+@dataclass(frozen=True)
+class Innovation:
+    """What a block brings to the R filters of four channels, before they take it; S states each."""
+
+    H: Array  # (4, S) what a unit of each state adds to the channel
+    K: Array  # (4, R, S) Kalman gain; 0 in channels that are not known
+    variance: Array  # (4, R) of the innovation
+    innovation: Array  # (4, R)
+    best: NDArray[np.intp]  # (4,) the filter that predicted best of late
+    keep: float  # share of a gust's disturbance that is left after the block
+    shape: Array  # (4,) lift, as a unit of a fault's effect is counted
+    known: NDArray[np.bool_]  # (4,)
+
+
 class SequentialTest:
     """Blocks in, verdicts out. `hours`: mean time between false alarms (at a hazard of one loss in as long).
 
@@ -151,7 +165,7 @@ class SequentialTest:
 
     def _forget_onsets(self) -> None:
         self._shift = np.zeros((WINDOW, 4, len(RATIOS), STATES))
-        self._told = np.zeros((WINDOW, 4))  # information on a unit step in each channel
+        self._information = np.zeros((WINDOW, 4))  # information on a unit step in each channel
         self._seen = np.zeros((WINDOW, 4))  # and what was seen of it
         self._onsets = 0
 
@@ -212,7 +226,7 @@ class SequentialTest:
             share = 1.0 / min(self.blocks + 1, self._memory)
             self._score += (-0.5 * (np.log(S) + np.minimum(square, FENCE)) - self._score) * share
         best = np.argmax(self._score, axis=1)
-        self._onset(H, K, S, innovation, best, keep, shape, known)
+        self._onset(Innovation(H, K, S, innovation, best, float(keep), shape, known))
         x += K * innovation[..., None]
         P -= K[..., None] * PH[..., None, :]
         share = 1.0 / min(self.blocks + 3, self._memory)
@@ -225,49 +239,39 @@ class SequentialTest:
             return 1.0
         return float(np.clip(block.measured[0] / block.predicted[0], *COMMON))
 
-    def _onset(
-        self,
-        H: Array,
-        K: Array,
-        S: Array,
-        innovation: Array,
-        best: Array,
-        keep: float,
-        shape: Array,
-        known: Array,
-    ) -> None:
+    def _onset(self, i: Innovation) -> None:
         if self._onsets == WINDOW:
-            for a in (self._shift, self._told, self._seen):
+            for a in (self._shift, self._information, self._seen):
                 a[:-1] = a[1:].copy()
         else:
             self._onsets += 1
         n = self._onsets
-        self._shift[n - 1], self._told[n - 1], self._seen[n - 1] = 0.0, 0.0, 0.0
+        self._shift[n - 1], self._information[n - 1], self._seen[n - 1] = 0.0, 0.0, 0.0
         shift = self._shift[:n]
-        shift[..., 3] *= keep
-        rho = shape[:, None] - (shift @ H[:, :, None])[..., 0]
-        shift += K * rho[..., None]
+        shift[..., 3] *= i.keep
+        rho = i.shape[:, None] - (shift @ i.H[:, :, None])[..., 0]
+        shift += i.K * rho[..., None]
         rows = np.arange(4)
-        sd = np.sqrt(S[rows, best])
-        z = np.where(known, innovation[rows, best] / sd, 0.0)
-        h = np.where(known, rho[:, rows, best] / sd, 0.0)
-        self._told[:n] += h * h
+        sd = np.sqrt(i.variance[rows, i.best])
+        z = np.where(i.known, i.innovation[rows, i.best] / sd, 0.0)
+        h = np.where(i.known, rho[:, rows, i.best] / sd, 0.0)
+        self._information[:n] += h * h
         self._seen[:n] += h * z
 
     def _weigh(self, block: Block, lift: float) -> Verdict:
         """Likelihood ratios of all onsets of all hypotheses, and the probabilities."""
-        told, seen = (a[: self._onsets - LASTING] for a in (self._told, self._seen))
+        information, seen = (a[: self._onsets - LASTING] for a in (self._information, self._seen))
         if self._onsets <= LASTING:
             return Verdict(block.time_s, True, (), 0.0)
-        most = float((0.5 * seen**2 / np.maximum(told, 1e-12)).sum(axis=1).max())
+        most = float((0.5 * seen**2 / np.maximum(information, 1e-12)).sum(axis=1).max())
         if most < np.log(0.1 * WATCH * self.limit / WINDOW):  # even a step free in each channel
             return Verdict(block.time_s, True, (), 0.0)
         F = fault_shapes(self.vehicle, self._plain, block.speeds) / (self._reference * lift)
-        logs, means, sds = self._rotors(F, told, seen)  # (K, T, N) each
+        logs, means, sds = self._rotors(F, information, seen)  # (K, T, N) each
         N = len(self.numbers)
         logs = logs - np.log(len(F) * N * self.limit)
         p2 = DISTURBED**2
-        jolt = (0.5 * seen**2 / (told + 1.0 / p2) - 0.5 * np.log1p(p2 * told)).sum(axis=1)
+        jolt = (0.5 * seen**2 / (information + 1.0 / p2) - 0.5 * np.log1p(p2 * information)).sum(axis=1)
         jolt = jolt + np.log(self.block_s / JOLTS_S)
         top = max(float(logs.max()), float(jolt.max()), 0.0)  # the logs run to thousands
         weights, jolted = np.exp(logs - top), float(np.exp(jolt - top).sum())
@@ -289,9 +293,9 @@ class SequentialTest:
         called = found[0] if found[0].probability >= CALL else None
         return Verdict(block.time_s, True, tuple(found), jolted / total, called)
 
-    def _rotors(self, F: Array, told: Array, seen: Array) -> tuple[Array, Array, Array]:
+    def _rotors(self, F: Array, information: Array, seen: Array) -> tuple[Array, Array, Array]:
         """(K, T, N) log likelihood ratio, mean loss and its sd, for each kind of loss."""
-        precision = np.einsum("tc,knc->ktn", told, F * F) + 1.0 / LOSS_SD**2
+        precision = np.einsum("tc,knc->ktn", information, F * F) + 1.0 / LOSS_SD**2
         means = np.einsum("tc,knc->ktn", seen, F) / precision
         gain = 0.5 * means**2 * precision - 0.5 * np.log(precision * LOSS_SD**2)
         # what matters is more than a propeller's scatter: that part of the prior, and of the posterior

@@ -29,6 +29,7 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink.frames import Array
 from coaxlink.health.priors import LOSS_SD
@@ -37,6 +38,7 @@ from coaxlink.health.sequential import (
     GUST_S,
     JOLTS_S,
     RATIOS,
+    Innovation,
     SequentialTest,
     Suspicion,
     Verdict,
@@ -80,11 +82,11 @@ class StopTest(SequentialTest):
         self._lifts: deque[float] = deque(maxlen=self._back + 1)
         self._scale, self._now_s = 1.0, 0.0
         self._likely = 0  # the rotor of the verdict before
-        self._steps: deque[tuple[Array, Array, Array, Array]] = deque(maxlen=2)
+        self._steps: deque[tuple[Array, Array, Array, NDArray[np.bool_]]] = deque(maxlen=2)
         super().__init__(vehicle, hours, block_s)
         self.witness = np.zeros(len(self.numbers))  # log likelihood ratio of each rotor's rpm
-        part, whole = np.exp(-0.5 * (PARTS / LOSS_SD) ** 2), np.exp(-0.5 * ((WHOLE - 1.0) / SIZE) ** 2)
-        shares = np.concatenate([part / part.sum(), whole / whole.sum()])
+        partly, stopped = np.exp(-0.5 * (PARTS / LOSS_SD) ** 2), np.exp(-0.5 * ((WHOLE - 1.0) / SIZE) ** 2)
+        shares = np.concatenate([partly / partly.sum(), stopped / stopped.sum()])
         self._odds = np.log(shares * BACK_S / (hours * 3600.0))
 
     def _forget_onsets(self) -> None:
@@ -103,33 +105,24 @@ class StopTest(SequentialTest):
         self._lifts.append(super()._in_common(block))
         return self._lifts[0]
 
-    def _onset(
-        self,
-        H: Array,
-        K: Array,
-        S: Array,
-        innovation: Array,
-        best: Array,
-        keep: float,
-        shape: Array,
-        known: Array,
-    ) -> None:
+    def _onset(self, i: Innovation) -> None:
         """Before the filters take the block: what the one of BACK_S ago says of it."""
         rows = np.arange(4)
-        x, P = self._x[rows, best], self._P[rows, best]  # (4, S), (4, S, S)
-        own = np.einsum("cs,cst,ct->c", H, P, H)
-        noise = S[rows, best] - own
-        y = innovation[rows, best] + (x * H).sum(axis=1)
+        x, P = self._x[rows, i.best], self._P[rows, i.best]  # (4, S), (4, S, S)
+        own = np.einsum("cs,cst,ct->c", i.H, P, i.H)
+        noise = i.variance[rows, i.best] - own
+        y = i.innovation[rows, i.best] + (x * i.H).sum(axis=1)
         self._past.append((self._now_s, x.copy(), P.copy()))
         then_s, x, P = self._past[0]
         x, P, since = x.copy(), P.copy(), np.exp((then_s - self._now_s) / GUST_S)
         x[:, 3] *= since
         P[:, 3, :] *= since
         P[:, :, 3] *= since
-        P[:, 3, 3] += (1.0 - since**2) * RATIOS[best] ** 2 * self._noise[rows, best]
-        self._scale = float(1.0 + (x[0] @ H[0]) / H[0, 1])  # of the model's lift, before anything happened
-        off = np.where(known, y - (x * H).sum(axis=1), 0.0)
-        self._steps.append((off, np.einsum("cs,cst,ct->c", H, P, H), noise, known))
+        P[:, 3, 3] += (1.0 - since**2) * RATIOS[i.best] ** 2 * self._noise[rows, i.best]
+        # of the model's lift, before anything happened
+        self._scale = float(1.0 + (x[0] @ i.H[0]) / i.H[0, 1])
+        off = np.where(i.known, y - (x * i.H).sum(axis=1), 0.0)
+        self._steps.append((off, np.einsum("cs,cst,ct->c", i.H, P, i.H), noise, i.known))
 
     def _weigh(self, block: Block, lift: float) -> Verdict:
         nothing, before, self._likely = Verdict(block.time_s, True, (), 0.0), self._likely, 0

@@ -68,9 +68,9 @@ class Mixed:
             self.core.adopt(*self.due.pop(0)[1:])
             self.adopted_s = self.a.plant.time_s
         controls = [demand.roll, demand.pitch, demand.yaw, demand.thrust]
-        told = self.core.step(telemetry.stamp_us(self.a), 0, controls)
-        if told is not None:
-            self.a.drive(np.array(told))
+        commands = self.core.step(telemetry.stamp_us(self.a), 0, controls)
+        if commands is not None:
+            self.a.drive(np.array(commands))
 
     def fly(self, seconds):
         a = self.a
@@ -117,11 +117,13 @@ def test_a_rotor_that_stops_is_flown_without_within_200_ms(name, rotor, kind):
 
 
 def test_measured_rpm_makes_it_sooner():
-    alone, told = (Mixed("x8_demo.toml", escs=e, rotor=2) for e in ("none", "measured"))
-    for flight in (alone, told):
+    alone, measured = (Mixed("x8_demo.toml", escs=e, rotor=2) for e in ("none", "measured"))
+    for flight in (alone, measured):
         flight.fly(0.4)
         assert flight.calls[0].rotor == 2
-    assert told.adopted_s <= alone.adopted_s and told.calls[0].probability > alone.calls[0].probability
+    assert (
+        measured.adopted_s <= alone.adopted_s and measured.calls[0].probability > alone.calls[0].probability
+    )
 
 
 def test_rpm_that_fails_alone_stops_nobody():

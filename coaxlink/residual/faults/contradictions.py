@@ -95,14 +95,14 @@ def _height(log: Samples) -> list[Finding]:
 
 def _specific_force(log: Samples) -> list[Finding]:
     """The vertical accelerometer, against what keeps the logged velocity from running away."""
-    told, allowed = _downwards(log)
-    if len(told) < 2 * PIECES:
+    measured, allowed = _downwards(log)
+    if len(measured) < 2 * PIECES:
         return []
 
     def ratio(use: NDArray[np.bool_]) -> float:
-        return float(np.sum(told[use]) / min(float(np.sum(allowed[use])), -1e-9))
+        return float(np.sum(measured[use]) / min(float(np.sum(allowed[use])), -1e-9))
 
-    piece = np.arange(len(told)) * PIECES // len(told)
+    piece = np.arange(len(measured)) * PIECES // len(measured)
     parts = np.array([ratio(piece != k) for k in range(PIECES)])
     reach = SIGMAS * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
     factor = ratio(piece >= 0)
@@ -122,16 +122,16 @@ def _downwards(log: Samples) -> tuple[Array, Array]:
     rows = first[:, None] + np.arange(size)
     flown = flying_rows(log)[rows].all(axis=1)
     gained = (log["vel_d_m_s"][last] - log["vel_d_m_s"][first]) / (log["time_s"][last] - log["time_s"][first])
-    told, allowed = down[rows].mean(axis=1), gained - GRAVITY_M_S2 - level[rows].mean(axis=1)
-    use = flown & np.isfinite(told) & np.isfinite(allowed)
-    return told[use], allowed[use]
+    measured, allowed = down[rows].mean(axis=1), gained - GRAVITY_M_S2 - level[rows].mean(axis=1)
+    use = flown & np.isfinite(measured) & np.isfinite(allowed)
+    return measured[use], allowed[use]
 
 
 def _voltage(log: Samples) -> list[Finding]:
     if not log.has("voltage_V"):
         return []
-    told = log["voltage_V"][np.isfinite(log["voltage_V"])]
-    usual = float(np.median(told)) if len(told) else 0.0
+    measured = log["voltage_V"][np.isfinite(log["voltage_V"])]
+    usual = float(np.median(measured)) if len(measured) else 0.0
     if not usual > MOST_V:
         return []
     why = f"{usual:.0f} V is no supply of a vehicle: millivolts would be {usual / 1000.0:.1f} V"

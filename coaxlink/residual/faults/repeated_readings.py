@@ -138,8 +138,8 @@ def windows(log: Samples, window_s: float) -> tuple[NDArray[np.intp], NDArray[np
     size = max(round(window_s / step_s), 1)
     first = np.arange(0, log.rows - size, size)
     last = first + size
-    whole = np.isclose(time[last] - time[first], size * step_s, rtol=0.2)
-    return first[whole], last[whole], size
+    gapless = np.isclose(time[last] - time[first], size * step_s, rtol=0.2)
+    return first[gapless], last[gapless], size
 
 
 def _means(log: Samples, names: list[str], first: NDArray[np.intp], size: int) -> Array:
