@@ -14,7 +14,15 @@ import os
 import signal
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,11 +58,9 @@ class Machine:
     @property
     def here(self) -> int:
         """Processes of this machine."""
-        return (
-            self.workers or len(os.sched_getaffinity(0))
-            if hasattr(os, "sched_getaffinity")
-            else os.cpu_count() or 1
-        )
+        if self.workers:
+            return self.workers
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run(
@@ -63,7 +69,8 @@ def run(
     """Rows of all cells, a task at a time, in the order in which they are done.
 
     Cells of one `group` (all laws of a draw) stay in one task where they can. Raises LinkError where no
-    scheduler answers, CheckFailed where workers die again and again, and what the work raises.
+    scheduler answers or it goes away, CheckFailed where workers die again and again, and what the work
+    raises.
     """
     todo = _Todo(cells, group)
     waiting: list[tuple[int, ...]] = []  # tasks whose worker died
@@ -95,6 +102,8 @@ def run(
                         yield done
             except BrokenExecutor:
                 deaths += 1
+            except CancelledError as error:  # by nobody here: Dask does so when it lost its scheduler
+                raise LinkError(machine.scheduler or "", "the scheduler is gone") from error
             except Exception as error:
                 if type(error).__name__ != "KilledWorker":
                     raise

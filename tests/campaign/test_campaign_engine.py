@@ -6,9 +6,10 @@ import contextlib
 import hashlib
 import itertools
 import json
+import os
 import subprocess
 import sys
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from coaxlink.campaign import dataset as data
 from coaxlink.campaign import engine
 from coaxlink.campaign.dataset import Dataset, columns_of
 from coaxlink.campaign.engine import AHEAD, Done, Machine, _Todo, run
-from coaxlink.errors import CheckFailed, InputError
+from coaxlink.errors import CheckFailed, InputError, LinkError
 
 CELLS = 230
 
@@ -124,6 +125,15 @@ def test_a_pool_that_breaks_while_tasks_are_given_out_costs_no_row(monkeypatch) 
     assert sorted(seen) == list(range(CELLS))
 
 
+@pytest.mark.parametrize("system", ["Linux", "macOS"])
+def test_as_many_workers_as_were_asked_for(system, monkeypatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    if system == "macOS":
+        monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+        assert Machine().here == 3
+    assert Machine(5).here == 5
+
+
 def test_a_cell_that_kills_every_worker_ends_with_its_place(tmp_path) -> None:
     with pytest.raises(CheckFailed, match=r"workers died 4 times in a row at cells 0 to"):
         list(run(work, {"always": 0}, iter(range(3)), Machine(1)))
@@ -154,6 +164,29 @@ def test_no_scheduler_is_one_line() -> None:
     )
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert said.stdout == "tcp://127.0.0.1:9: no Dask scheduler answers there\n", said.stderr
+
+
+def test_a_scheduler_that_goes_away_is_one_line_and_the_rows_so_far_are_kept(monkeypatch) -> None:
+    class Left(ThreadPoolExecutor):
+        def submit(self, *args, **kwargs):
+            if next(counted) < 3:
+                return super().submit(*args, **kwargs)
+            lost = Future()
+            lost.cancel()
+            lost.set_running_or_notify_cancel()
+            return lost
+
+    @contextlib.contextmanager
+    def executor(machine):
+        with Left(1) as pool:
+            yield pool, 1
+
+    counted, seen = itertools.count(), []
+    monkeypatch.setattr(engine, "_executor", executor)
+    with pytest.raises(LinkError, match="tcp://x:1: the scheduler is gone"):
+        for done in run(work, {}, iter(range(CELLS)), Machine(scheduler="tcp://x:1")):
+            seen += done.cells
+    assert 0 < len(seen) == len(set(seen)) < CELLS
 
 
 def test_tasks_grow_to_a_second_of_work_and_keep_groups_whole() -> None:
