@@ -168,6 +168,8 @@ def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
         "page": settings.page,
         "palette": settings.theme,
     }
+    if _SERVED:
+        _end_with(os.getppid())
     if player is not None:
         Monitor(player.look, player=player, **shown).run()
         return
@@ -175,8 +177,6 @@ def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
     desk = None if _SERVED else Desk(settings.backups or Path("backups"))
     shown["why_no_desk"] = "in a browser the monitor only watches: use it in a terminal"
     feed = Feed(watch, desk=desk)
-    if _SERVED:
-        _end_with(os.getppid())
     feed.start()
     try:
         Monitor(watch.look, trouble=lambda: feed.failure, desk=desk, table=settings.table, **shown).run()

@@ -5,17 +5,22 @@ from __future__ import annotations
 import asyncio
 import base64
 import io
+import os
 import shutil
+import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.files import example
 from coaxlink.monitor.screen.themes import DARK
@@ -116,18 +121,18 @@ async def drawn(address: str, colours: set[Any], folder: Path) -> bool:
         browser.wait(WAIT_S)
 
 
-async def drawn_by(server: int, address: str) -> int:
-    """The process behind one page of the server."""
-    from aiohttp import ClientSession
+async def left_by(served: subprocess.Popen[bytes], address: str) -> int:
+    """The process behind a page that is still open when its server is killed."""
+    from aiohttp import ClientSession, WSMsgType
 
-    async with ClientSession() as http, http.ws_connect(f"{address}ws?width=80&height=24"):
-        for _ in range(round(10 * WAIT_S)):
-            found = subprocess.run(["pgrep", "-P", str(server)], capture_output=True, text=True).stdout
-            if found:
-                await asyncio.sleep(3.0)  # it has started
-                return int(found.split()[-1])
-            await asyncio.sleep(0.1)
-    raise AssertionError("no screen was started")
+    async with ClientSession() as http, http.ws_connect(f"{address}ws?width=80&height=24") as page:
+        while (said := await page.receive(WAIT_S)).type != WSMsgType.BINARY or len(said.data) < 1000:
+            assert said.type in (WSMsgType.BINARY, WSMsgType.TEXT)  # until the screen is drawn
+        of_server = ["pgrep", "-P", str(served.pid)]
+        screen = int(subprocess.run(of_server, capture_output=True, text=True).stdout.split()[-1])
+        served.kill()
+        served.wait()
+    return screen
 
 
 def colours_of(picture: bytes) -> set[Any]:
@@ -138,11 +143,12 @@ def colours_of(picture: bytes) -> set[Any]:
     return {colour for count, colour in image.getcolors(1 << 24) or () if count > 20}
 
 
-@pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
-def test_in_a_browser(address: str, tmp_path: Path) -> None:
+@contextmanager
+def serving(*command: str) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
+    """The server of a monitor's command, and its address."""
     pytest.importorskip("textual_serve")
     port = free_port()
-    served = subprocess.Popen(monitor(address, "--web", "--port", str(port)), stdout=subprocess.DEVNULL)
+    served = subprocess.Popen([*command, "--web", "--port", str(port)], stdout=subprocess.DEVNULL)
     url = f"http://127.0.0.1:{port}/"
 
     def answers() -> bool:
@@ -153,11 +159,33 @@ def test_in_a_browser(address: str, tmp_path: Path) -> None:
 
     try:
         assert wait(answers)
-        bars = {tuple(int(DARK[name][k : k + 2], 16) for k in (1, 3, 5)) for name in ("upper", "lower")}
-        assert asyncio.run(drawn(url, bars, tmp_path / "profile"))  # the rotors' bars and names
-        screen = asyncio.run(drawn_by(served.pid, url))
-        served.kill()
-        assert wait(lambda: not Path(f"/proc/{screen}").exists())  # no screen outlives its server
+        yield served, url
     finally:
         served.kill()
         served.wait()
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
+def test_in_a_browser(address: str, tmp_path: Path) -> None:
+    with serving(*monitor(address)) as (_, url):
+        bars = {tuple(int(DARK[name][k : k + 2], 16) for k in (1, 3, 5)) for name in ("upper", "lower")}
+        assert asyncio.run(drawn(url, bars, tmp_path / "profile"))  # the rotors' bars and names
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are looked up in /proc")
+@pytest.mark.parametrize("what", ["live", "replay"])
+def test_no_screen_outlives_its_server(what: str, tmp_path: Path) -> None:
+    tape = tmp_path / "flight.tlog"
+    link = mavlink.MAVLink(None, 1, 1)
+    beat = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3).pack(link)
+    tape.write_bytes(
+        b"".join(struct.pack(">Q", 1_700_000_000_000_000 + k * 1_000_000) + beat for k in range(90))
+    )
+    options = ["--replay", str(tape)] if what == "replay" else ["--connect", f"udpin:127.0.0.1:{free_port()}"]
+    with serving(sys.executable, "-m", "coaxlink", "monitor", *options) as (served, url):
+        screen = asyncio.run(left_by(served, url))
+        try:
+            assert wait(lambda: not Path(f"/proc/{screen}").exists())
+        finally:
+            with suppress(ProcessLookupError):
+                os.kill(screen, signal.SIGKILL)
