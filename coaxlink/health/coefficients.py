@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from coaxlink import files
 from coaxlink.airframe import Airframe
 from coaxlink.data import Samples
+from coaxlink.data.flight import impossible_commands
 from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.columns import CHANNELS, Column, independent, lasting, left, passing, rows_of
@@ -184,6 +185,7 @@ def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples
     columns = {}
     for rotor in airframe.rotors:
         command, speed = log[f"motor{rotor.number}"], log[f"rpm{rotor.number}"] / speed_max_rpm
+        command = np.where(impossible_commands(command), np.nan, command)
         rows = np.isfinite(command) & np.isfinite(speed) & (command > TURNING) & (speed > TURNING)
         if rows.sum() < LEAST_ROWS:
             raise InputError(
@@ -201,7 +203,7 @@ def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples
         slope = (float(x @ y) + own * ratio) / max(float(x @ x) + own, 1e-300)
         near = np.isfinite(v)
         speeds = np.where(near, v + slope * (command - np.where(near, u, 0.0)), ratio * command)
-        columns[f"motor{rotor.number}"] = np.where(command > 0, np.clip(speeds, 0.0, None), 0.0)
+        columns[f"motor{rotor.number}"] = np.where(command <= 0, 0.0, np.clip(speeds, 0.0, None))
     return log.with_columns(**columns)
 
 

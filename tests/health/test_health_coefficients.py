@@ -61,6 +61,16 @@ def test_speeds_follow_a_sagging_pack_and_a_hover_teaches_no_slope(flown, plan):
         assert quick == pytest.approx(np.mean(true / command), rel=0.12)
 
 
+def test_damaged_commands_teach_no_speeds(flown):
+    vehicle, fly = flown
+    log, top = fly("wander"), vehicle.rotors.speed_max_rpm
+    damaged = np.arange(log.rows) % 40 == 7
+    harmed = log.with_columns(motor1=np.where(damaged, 37.0, log["motor1"]))
+    sound, found = (_by_speed(x, vehicle.declared, top)["motor1"] for x in (log, harmed))
+    assert not np.isfinite(found[damaged]).any()
+    assert np.abs(found - sound)[~damaged].max() < 0.01
+
+
 def test_a_prior_15_percent_off_meets_the_pair_under_a_sagging_pack(flown):
     vehicle, fly = flown
     true = vehicle.rotors
