@@ -167,8 +167,13 @@ def airframe_schema() -> dict[str, Any]:
 def load_airframe(path: str | Path) -> Airframe:
     """Read an airframe file. Raises InputError naming the file and the key."""
     path = Path(path)
+    document = files.read_toml(path)
+    if not document:
+        raise InputError(path, "", "empty; an airframe file (coaxlink init makes one) is expected")
+    if "rotors" not in document and document.keys() >= {"upper", "lower"}:
+        raise InputError(path, "", "a rotor file; an airframe file (coaxlink init makes one) is expected")
     try:
-        parsed = _AirframeFile.model_validate(files.read_toml(path))
+        parsed = _AirframeFile.model_validate(document)
     except ValidationError as error:
         raise input_error(path, error, _AirframeFile, _RotorTable) from error
     tables = sorted(parsed.rotors, key=lambda r: r.number)

@@ -71,6 +71,19 @@ def test_the_lower_rotor_of_a_pair_feels_the_upper_one() -> None:
     assert torque[5] == pytest.approx(0.307 * 0.5 * 0.36 + 1.466 * 0.36 + 0.573 * 0.6 - 0.695 * 0.25)
 
 
+def test_a_file_of_another_kind_is_named_for_what_it_is(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"rotor_paper\.toml: a rotor file; an airframe file .* is expected"):
+        load_airframe(EXAMPLES / "rotor_paper.toml")
+    with pytest.raises(InputError, match=r"x8_paper\.toml: an airframe file; a rotor file .* is expected"):
+        load_rotor_model(EXAMPLES / "x8_paper.toml")
+    (tmp_path / "empty.toml").touch()
+    with pytest.raises(InputError, match=r"empty\.toml: empty; an airframe file .* is expected"):
+        load_airframe(tmp_path / "empty.toml")
+    (tmp_path / "half.toml").write_text("mass_kg = 3.0\n")
+    with pytest.raises(InputError, match=r"half\.toml: name: missing$"):
+        load_airframe(tmp_path / "half.toml")
+
+
 @pytest.mark.parametrize(
     ("rotors", "says"),
     [

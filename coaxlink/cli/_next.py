@@ -17,11 +17,14 @@ _OPTIONS = {
 }
 
 
-def after_refine(result: Refinement, out: Path | None, flight: bool) -> str:
-    """What a refinement calls for: a table, the loops, a run that tells more, or an instrument to mend."""
+def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: Path | None = None) -> str:
+    """What a refinement calls for: a table, the loops, a run that tells more, or an instrument to mend.
+
+    `airframe` is the file that the user named, None if none.
+    """
     names = [effect.name for effect in result.effects]
     if names:
-        return _after_effects(names, out)
+        return _after_effects(names, out, airframe)
     if result.suspect_data:
         columns = ", ".join(dict.fromkeys(s.column for s in result.suspect_data))
         return f"next: mend or leave out {columns}, then refine again; no model was changed"
@@ -37,7 +40,7 @@ def after_refine(result: Refinement, out: Path | None, flight: bool) -> str:
     return "next: nothing to mend; the model explains these data to their noise"
 
 
-def _after_effects(names: list[str], out: Path | None) -> str:
+def _after_effects(names: list[str], out: Path | None, airframe: Path | None) -> str:
     from coaxlink.effects import effect
 
     known = {name: effect(name) for name in names}
@@ -45,7 +48,7 @@ def _after_effects(names: list[str], out: Path | None) -> str:
     parts = []
     if held:
         options = " ".join(["", *(_OPTIONS[name] for name in held if name in _OPTIONS)])
-        first = f"coaxlink table AIRFRAME --rotor {out or 'ROTOR.toml'}{options}"
+        first = f"coaxlink table {airframe or 'AIRFRAME'} --rotor {out or 'ROTOR.toml'}{options}"
         parts.append(first if out else f"--out ROTOR.toml keeps the model, then {first}")
         if options.strip():
             parts.append("or coaxlink mix, which measures it in flight")
@@ -75,9 +78,10 @@ def after_prior(out: Path | None) -> str:
     )
 
 
-def after_compare(airframe: Path) -> str:
-    """What a comparison calls for."""
-    return f"next: coaxlink table {airframe} --firmware px4|ardupilot --law LAW --out DIR"
+def after_compare(airframe: Path, rotor: Path | None) -> str:
+    """What a comparison calls for: a table of the same rotors."""
+    rotors = f" --rotor {rotor}" if rotor else ""
+    return f"next: coaxlink table {airframe}{rotors} --firmware px4|ardupilot --law LAW --out DIR"
 
 
 def after_upload(source: Path, connect: str) -> str:
@@ -88,11 +92,12 @@ def after_upload(source: Path, connect: str) -> str:
     )
 
 
-def after_verify(same: bool, connect: str) -> str:
+def after_verify(same: bool, source: Path | None, connect: str) -> str:
     """What a check of the board calls for."""
     if same:
         return "next: fly; coaxlink refine LOG --airframe AIRFRAME.toml finds what the model lacks"
-    return f"next: coaxlink upload DIR --connect {connect} writes it again, coaxlink restore BACKUP undoes it"
+    again = f"coaxlink upload {source or 'DIR'} --connect {connect} writes it again"
+    return f"next: {again}, coaxlink restore BACKUP undoes it"
 
 
 def on_simulator(firmware: str, ports: str) -> str:

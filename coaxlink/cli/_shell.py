@@ -85,6 +85,12 @@ def fault(error: Exception) -> int:
     return FAULT
 
 
+def say_vehicle(airframe: Path | None) -> None:
+    """Which vehicle a flight was held against, where the user named none."""
+    if airframe is None:
+        say("no --airframe: held against the shipped x8_paper.toml, the paper's X8 of 20 kg; name your own")
+
+
 def say(text: str) -> None:
     """Talk, to stderr, options by their names; nothing in it moves the cursor or colours the screen."""
     sys.stderr.write(f"{plain_lines(by_option(text))}\n")

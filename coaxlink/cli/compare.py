@@ -130,7 +130,7 @@ def compare(
         worth_json = to_json(worths, battery_wh, drive_efficiency)
         document = {"envelope": envelope_json, "laws": laws_json, "worth": worth_json}
         files.write_json(json_file, document | vehicle.to_json())
-    say(after_compare(airframe))
+    say(after_compare(airframe, rotor))
 
 
 def _law_row(row: Row) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli._shell import JsonOption, console, say, say_vehicle, talk
 
 if TYPE_CHECKING:
     from coaxlink.health.judge import Health
@@ -55,6 +55,7 @@ def health(
     screen = console()
     screen.print(health_table(result))
     screen.print(verdict_line(result))
+    say_vehicle(airframe)
     for line in remarks(result):
         say(f"- {line}")
     if result.verdict == "ground it":

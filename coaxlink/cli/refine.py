@@ -9,7 +9,7 @@ import typer
 
 from coaxlink.cli._fleet import folder_of
 from coaxlink.cli._next import after_refine
-from coaxlink.cli._shell import JsonOption, SchedulerOption, WorkersOption, console, say, talk
+from coaxlink.cli._shell import JsonOption, SchedulerOption, WorkersOption, console, say, say_vehicle, talk
 from coaxlink.cli._stand import ColumnsOption, PolesOption, Reading, SheetOption, UpperOption, read_stand
 
 if TYPE_CHECKING:
@@ -129,9 +129,11 @@ def refine(
     screen.print(verdict(result))
     for table in tables(result):
         screen.print(table)
+    if flight:
+        say_vehicle(airframe)
     for remark in remarks(result):
         say(remark)
-    say(after_refine(result, out, flight))
+    say(after_refine(result, out, flight, airframe))
 
 
 def _made(sources: list[Path | None], body: Airframe | None) -> Made:

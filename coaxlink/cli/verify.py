@@ -62,12 +62,12 @@ def verify(
             f"the upload of {result.interrupted} did not end: upload again, or restore its backup"
         )
     if result.mismatches:
-        say(after_verify(False, connect))
+        say(after_verify(False, source, connect))
         raise CheckFailed(
             f"{len(result.mismatches)} of {result.checked} parameters differ from {result.source}"
         )
     out.print(f"verified: {result.checked} values as in {result.source}")
-    say(after_verify(True, connect))
+    say(after_verify(True, source, connect))
 
 
 def register(app: typer.Typer) -> None:

@@ -19,6 +19,7 @@ from coaxlink.monitor.telemetry.battery import Drain, battery_of
 from coaxlink.monitor.telemetry.hover import Hover
 from coaxlink.monitor.telemetry.readings import Collector
 from coaxlink.monitor.telemetry.sources import commanded_speeds
+from coaxlink.monitor.telemetry.vehicle import is_armed
 from coaxlink.vehicle import Vehicle
 
 OUTPUTS = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS")  # the first is taken where both come
@@ -74,7 +75,9 @@ class Watch:
                 self._in_air = InAir(self.vehicle)
             self._target, self._hover, self._drain = readings.target, Hover(), Drain()
         self._hover = self._hover.extended(readings, self.vehicle, now_s)
-        self._drain = self._drain.extended(readings.clock_s, battery_of(readings).remaining)
+        self._drain = self._drain.extended(
+            readings.clock_s, battery_of(readings).remaining, is_armed(readings)
+        )
         return observe(
             readings,
             self.vehicle,

@@ -142,8 +142,11 @@ def rotor_schema() -> dict[str, Any]:
 
 def load_rotor_model(path: Path) -> RotorModel:
     """Read a rotor file. Raises InputError naming the file and the key."""
+    document = files.read_toml(path)
+    if "rotors" in document and not document.keys() & {"form", "upper", "lower"}:
+        raise InputError(path, "", "an airframe file; a rotor file (coaxlink identify) is expected")
     try:
-        parsed = _RotorFile.model_validate(files.read_toml(path))
+        parsed = _RotorFile.model_validate(document)
     except ValidationError as error:
         raise input_error(path, error, _RotorFile, _Loads, _Effect) from error
     sides = {"upper": parsed.upper, "lower": parsed.lower}
@@ -194,6 +197,8 @@ def input_error(path: Path, error: ValidationError, *tables: type[BaseModel]) ->
     first = next((e for e in found if e["type"] == "missing"), found[0])
     key = _key(first["loc"])
     value = first.get("input")
+    if first["type"] == "missing":
+        return InputError(path, key, "missing")
     shown = f" (found {plain(repr(value), 80)})" if not isinstance(value, (dict, list)) else ""
     return InputError(path, key, f"{first['msg'].removeprefix('Value error, ')}{shown}")
 

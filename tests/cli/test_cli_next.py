@@ -32,6 +32,8 @@ def test_what_no_table_can_hold_is_said_with_what_can():
 def test_what_a_table_can_hold_names_the_file_and_the_condition():
     line = after_refine(answer("degraded_rotor", "battery_voltage"), Path("new.toml"), True)
     assert "coaxlink table AIRFRAME --rotor new.toml --voltage V" in line and "coaxlink mix" in line
+    named = after_refine(answer("degraded_rotor"), Path("new.toml"), True, Path("mine.toml"))
+    assert "coaxlink table mine.toml --rotor new.toml" in named
     assert "--out ROTOR.toml" in after_refine(answer("degraded_rotor"), None, True)
 
 
@@ -75,12 +77,14 @@ def test_lines_for_the_other_verbs_are_one_line_each():
     lines = [
         after_identify(None, "crm"),
         after_identify(Path("r.toml"), "crm"),
-        after_compare(Path("x8.toml")),
+        after_compare(Path("x8.toml"), Path("r.toml")),
         after_upload(Path("t"), "udpin:0.0.0.0:14550"),
-        after_verify(True, "udpin:0.0.0.0:14550"),
-        after_verify(False, "udpin:0.0.0.0:14550"),
+        after_verify(True, Path("t"), "udpin:0.0.0.0:14550"),
+        after_verify(False, Path("t"), "udpin:0.0.0.0:14550"),
         on_simulator("px4:1.13", "udpin:127.0.0.1:14540"),
     ]
     assert all(line and "\n" not in line for line in lines)
     assert "--out" in lines[0] and "r.toml" in lines[1] and "x8.toml" in lines[2]
+    assert "table x8.toml --rotor r.toml" in lines[2] and "upload t --connect" in lines[5]
+    assert "rotor" not in after_compare(Path("x8.toml"), None)
     assert "restore" in lines[5] and "mix" in lines[6] and "mix" not in on_simulator("px4", "x")

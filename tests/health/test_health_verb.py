@@ -49,7 +49,13 @@ def test_a_sound_vehicle_is_sound(flights, tmp_path, capsys):
     assert all(
         low <= 1.0 <= high for f in found["flights"] for p in f["pairs"] for _, low, high in [p["thrust"]]
     )
-    assert "sound" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "sound" in said.out and "shipped" not in said.err
+
+
+def test_a_vehicle_that_nobody_named_is_said(flights, capsys):
+    assert run(flights / "monday.csv") == 0
+    assert "no --airframe: held against the shipped x8_paper.toml" in capsys.readouterr().err
 
 
 def test_a_weak_rotor_is_named_with_its_flight(flights, tmp_path, capsys):

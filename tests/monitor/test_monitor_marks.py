@@ -13,6 +13,7 @@ from coaxlink.mixer import make_law
 from coaxlink.monitor.state import View, observe
 from coaxlink.monitor.telemetry.battery import Drain
 from coaxlink.monitor.telemetry.readings import Collector
+from coaxlink.monitor.watch import Watch
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot.messages import MAVLink_esc_telemetry_1_to_4_message as EscTelemetry
@@ -128,11 +129,27 @@ def test_minutes_are_the_autopilot_s_else_by_energy_else_by_the_trend() -> None:
 def test_the_trend_counts_from_fall_to_fall_and_begins_anew_with_a_new_pack() -> None:
     drain = Drain()
     for second in range(200):  # 1 % in 10 s
-        drain = drain.extended(float(second), round(0.90 - 0.001 * second, 2))
+        drain = drain.extended(float(second), round(0.90 - 0.001 * second, 2), True)
         assert second > 30 or drain.minutes is None
     assert drain.minutes == pytest.approx(drain.falls[-1][1] / 0.1 * 100 / 60, rel=0.02)
-    assert drain.extended(200.0, 0.95).minutes is None
-    assert drain.extended(5.0, 0.5).minutes is None  # the vehicle restarted
+    assert drain.extended(200.0, 0.95, True).minutes is None
+    assert drain.extended(5.0, 0.5, True).minutes is None  # the vehicle restarted
+
+
+def test_what_a_pack_lost_on_the_ground_says_nothing_of_the_flight() -> None:
+    watch, send = Watch("", Vehicle(AIRFRAME, MODEL)), Sender()
+
+    def left(second: int, armed: bool, percent: int) -> float | None:
+        for message in (heartbeat(armed), battery(remaining=percent), attitude(boot_ms=1000 * second)):
+            watch.collector.take(send(message), float(second))
+        vehicle = watch.look(float(second)).vehicle
+        assert vehicle is not None
+        return vehicle.battery_minutes
+
+    ground = [left(second, False, 99 - second // 60) for second in range(280)]  # 1 % a minute
+    assert set(ground) == {None}
+    flight = [left(280 + second, True, 95 - second // 3) for second in range(31)]  # 1 % in 3 s
+    assert flight[9] is None and flight[-1] == pytest.approx(85 * 3 / 60, rel=0.05)
 
 
 def test_attitude_alone_does_not_make_a_battery() -> None:

@@ -6,7 +6,8 @@ PX4's thresholds: the board's own if they were heard, else their defaults (BAT_L
 to the end.
 
 Minutes: the autopilot's `time_remaining`; else the airframe's `battery_Wh` over the power that is drawn; else
-how fast the remaining charge has been falling, once it fell by three of its whole percents.
+how fast the remaining charge has been falling since the vehicle was armed, once it fell by three of its whole
+percents: five minutes on the ground say nothing of the flight that follows.
 """
 
 from __future__ import annotations
@@ -50,13 +51,16 @@ class Battery:
 
 @dataclass(frozen=True)
 class Drain:
-    """When the remaining charge fell, on the vehicle's clock: (time in s, remaining 0..1), oldest first."""
+    """When the remaining charge fell while armed, on the vehicle's clock: (time in s, remaining 0..1), oldest
+    first."""
 
     falls: tuple[tuple[float, float], ...] = ()
     last: float | None = None
 
-    def extended(self, clock_s: float | None, remaining: float | None) -> Drain:
-        """With the present; a charge that rises, or a clock that goes back, begins anew."""
+    def extended(self, clock_s: float | None, remaining: float | None, armed: bool) -> Drain:
+        """With the present; a charge that rises, or a clock that goes back, begins anew, as does arming."""
+        if not armed:
+            return Drain()
         if clock_s is None or remaining is None or remaining == self.last:
             return self
         falls = self.falls

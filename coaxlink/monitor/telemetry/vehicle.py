@@ -45,6 +45,12 @@ class VehicleState:
     battery_minutes_by: str = ""  # autopilot, battery_Wh or trend
 
 
+def is_armed(readings: Readings) -> bool:
+    """By the last heartbeat; False before the first."""
+    heartbeat = readings.get("HEARTBEAT")
+    return heartbeat is not None and bool(heartbeat.message.base_mode & ARMED_FLAG)
+
+
 def vehicle_of(
     readings: Readings,
     now_s: float,
@@ -67,7 +73,7 @@ def vehicle_of(
         firmware_name(beat.autopilot),
         version_of(readings),
         mode_name(beat.autopilot, beat.custom_mode),
-        bool(beat.base_mode & ARMED_FLAG),
+        is_armed(readings),
         pack.voltage_V,
         pack.current_A,
         pack.remaining,
