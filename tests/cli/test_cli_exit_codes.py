@@ -1,70 +1,22 @@
 """Every no of upload, restore and verify as a user meets it: exit code, one line, the board as it was.
 
 The rows are the table "Exit codes" of docs/tables.md. Faults that need a file system on board, or a restart,
-are in tests/uploading (test_uploading_fork.py, test_uploading_standins.py).
+are in tests/uploading (test_uploading_fork.py, test_uploading_standins.py); those of the line and of what a
+user gives in test_cli_wrong_line.py.
 """
 
 import json
 import re
 import resource
-import socket
-import struct
-import sys
 from pathlib import Path
 
 import pytest
+from cli_board import VERBS, backup, held, no, run
+from px4_board import params_text
 from pymavlink.dialects.v20 import common as m
+from scripted_autopilot import INT32
 
-sys.path.append(str(Path(__file__).parents[1] / "link"))
-
-from px4_board import params_text, x8
-from scripted_autopilot import INT32, ScriptedAutopilot
-
-from coaxlink.cli import main
-from coaxlink.mavlink.parameters import Parameters
-from coaxlink.uploading.worker import Uploader
-
-KEY = bytes(range(32))
-
-
-@pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
-    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
-    monkeypatch.setattr("coaxlink.mavlink.parameters.LOST_S", 0.6)  # the board here beats every 50 ms
-    monkeypatch.setattr("coaxlink.mavlink.parameters._BEAT_S", 0.1)
-    monkeypatch.setitem(Parameters.__init__.__kwdefaults__, "timeout_s", 0.15)
-    monkeypatch.setitem(Uploader.__init__.__kwdefaults__, "patience_s", 1.0)
-    monkeypatch.chdir(tmp_path)
-    Path("t").mkdir()
-    Path("t/x8.params").write_text(params_text())
-    Path("key").write_bytes(KEY)
-    Path("key").chmod(0o600)
-
-
-@pytest.fixture
-def board():
-    with ScriptedAutopilot(x8()) as vehicle:
-        yield vehicle
-
-
-def _run(capsys, *arguments):
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main(list(map(str, arguments)))
-    captured = capsys.readouterr()
-    return ended.value.code, captured.out, captured.err
-
-
-def _no(err, text):
-    """The one line that says no: the last, and the only one of its kind."""
-    lines = err.splitlines()
-    assert text in lines[-1], err
-    assert [line for line in lines if line.startswith("coaxlink: ")] == [lines[-1]]
-    assert "Traceback" not in err
-
-
-def _held(board):
-    return {n: struct.pack("<f", v) for n, (v, _) in board.params.items()}
+pytestmark = pytest.mark.usefixtures("here")
 
 
 def _sets(**attributes):
@@ -127,12 +79,12 @@ def test_upload_refuses_before_it_writes(board, capsys, case):
     prepare, text = REFUSED[case]
     board.params["SYS_CTRL_ALLOC"] = (0, INT32)
     prepare(board)
-    before = _held(board)
-    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    before = held(board)
+    code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
     assert code == 4
-    _no(err, text)
+    no(err, text)
     assert json.loads(Path("u.json").read_text())["result"] == "refused"
-    assert board.sets == [] and _held(board) == before and not Path("backups").exists()
+    assert board.sets == [] and held(board) == before and not Path("backups").exists()
 
 
 @pytest.mark.parametrize(
@@ -142,53 +94,53 @@ def test_upload_refuses_before_it_writes(board, capsys, case):
         pytest.param(_contended, 1, "CA_ROTOR3_CT", id="another station writing"),
     ],
 )
-@pytest.mark.parametrize("verb", ["upload", "restore"])
+@pytest.mark.parametrize("verb", VERBS[:2])
 def test_what_goes_wrong_under_way_ends_with_the_old_table(board, capsys, verb, prepare, code, text):
-    source, before = "t", _held(board)
+    source, before = "t", held(board)
     if verb == "restore":  # the backup is of the table that is to come back
-        assert _run(capsys, "upload", "t", "--connect", board.url, "--yes")[0] == 0
+        assert run(capsys, "upload", "t", "--connect", board.url, "--yes")[0] == 0
         (table,) = Path("backups").glob("*.params")
-        assert _run(capsys, "restore", table, "--connect", board.url, "--yes")[0] == 0
+        assert run(capsys, "restore", table, "--connect", board.url, "--yes")[0] == 0
         source, board.sets = max(Path("backups").glob("*.params"), key=lambda p: p.stat().st_mtime_ns), []
-        assert source != table and _held(board) == before
+        assert source != table and held(board) == before
     prepare(board)
-    got, _, err = _run(capsys, verb, source, "--connect", board.url, "--yes", "--json", "u.json")
+    got, _, err = run(capsys, verb, source, "--connect", board.url, "--yes", "--json", "u.json")
     assert got == code
-    _no(err, text)
+    no(err, text)
     assert json.loads(Path("u.json").read_text())["result"] == "rolled_back"
-    assert _held(board) == before and board.sets != []
+    assert held(board) == before and board.sets != []
     assert not list(Path("state").glob("*.journal.json"))
 
 
-@pytest.mark.parametrize("verb", ["upload", "restore"])
+@pytest.mark.parametrize("verb", VERBS[:2])
 def test_arming_under_way_ends_all_writing_and_either_verb_finishes_later(board, capsys, verb):
     """34 values change and 20 go out at a time: the armed heartbeat comes before any answer."""
-    before = _held(board)
+    before = held(board)
     moved = {
         f"CA_ROTOR{n}_P{k}": 0.2 * s for n, arm in enumerate(ARMS) for k, s in zip("XY", arm, strict=True)
     }
     _table(**moved)(board)
     board.arm_after = 1
-    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
     assert code == 4
-    _no(err, "armed while it was written: nothing more was written")
+    no(err, "armed while it was written: nothing more was written")
     told = json.loads(Path("u.json").read_text())
     assert told["result"] == "failed" and board.sets and len(board.sets) <= 20
-    changed = {n for n, v in _held(board).items() if v != before[n]}
+    changed = {n for n, v in held(board).items() if v != before[n]}
     assert set(told["standing"]["new"]) == changed == set(board.sets)
     assert set(told["standing"]["old"]) == {c["name"] for c in told["changed"]} - changed != set()
     assert list(Path("state").glob("*.journal.json"))
-    code, _, err = _run(capsys, verb, "t" if verb == "upload" else told["backup"], "--connect", board.url)
+    code, _, err = run(capsys, verb, "t" if verb == "upload" else told["backup"], "--connect", board.url)
     assert code == 4 and "disarm it first" in err
     assert len(board.sets) == len(changed)  # armed: not one more
     board.armed = False
     source = "t" if verb == "upload" else told["backup"]
-    assert _run(capsys, verb, source, "--connect", board.url, "--yes")[0] == 0
+    assert run(capsys, verb, source, "--connect", board.url, "--yes")[0] == 0
     assert not list(Path("state").glob("*.journal.json"))
     if verb == "restore":
-        assert _held(board) == before
+        assert held(board) == before
     else:
-        assert _run(capsys, "verify", "t", "--connect", board.url)[0] == 0
+        assert run(capsys, "verify", "t", "--connect", board.url)[0] == 0
 
 
 def test_a_vehicle_that_arms_while_the_old_table_goes_back_is_left_alone_too(board, capsys):
@@ -198,9 +150,9 @@ def test_a_vehicle_that_arms_while_the_old_table_goes_back_is_left_alone_too(boa
     }
     _table(**moved)(board)
     board.keeps, board.arm_after = {"CA_ROTOR0_CT": 6.5}, 60
-    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
     assert code == 4
-    _no(err, "armed while it was written")
+    no(err, "armed while it was written")
     assert json.loads(Path("u.json").read_text())["result"] == "failed"
     assert list(Path("state").glob("*.journal.json"))
     written = len(board.sets)
@@ -209,21 +161,15 @@ def test_a_vehicle_that_arms_while_the_old_table_goes_back_is_left_alone_too(boa
 
 def test_a_link_that_dies_under_way_is_three_and_says_how_to_come_back(board, capsys):
     board.mute_after = 7
-    before = _held(board)
-    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    before = held(board)
+    code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
     assert code == 3
-    _no(err, "coaxlink restore backups/")
-    assert json.loads(Path("u.json").read_text())["result"] == "failed" and _held(board) != before
+    no(err, "coaxlink restore backups/")
+    assert json.loads(Path("u.json").read_text())["result"] == "failed" and held(board) != before
     command = re.search(r"coaxlink (restore \S+ --connect \S+)", err)[1].split()
     board.mute_after, board.deaf = None, False
-    assert _run(capsys, *command, "--yes")[0] == 0
-    assert _held(board) == before
-
-
-def _backup(board, capsys):
-    assert _run(capsys, "upload", "t", "--connect", board.url, "--yes")[0] == 0
-    (path,) = Path("backups").glob("*.params")
-    return path
+    assert run(capsys, *command, "--yes")[0] == 0
+    assert held(board) == before
 
 
 EDITS = {
@@ -253,171 +199,42 @@ EDITS = {
 @pytest.mark.parametrize("case", EDITS)
 def test_a_backup_that_a_hand_was_in(board, capsys, case):
     edit, code, text = EDITS[case]
-    path = _backup(board, capsys)
+    path = backup(board, capsys)
     edited = edit(path.read_text())
     path.write_bytes(edited if isinstance(edited, bytes) else edited.encode())
-    board.sets, before = [], _held(board)
-    got, _, err = _run(capsys, "restore", path, "--connect", board.url, "--yes")
+    board.sets, before = [], held(board)
+    got, _, err = run(capsys, "restore", path, "--connect", board.url, "--yes")
     assert got == code
-    _no(err, text)
-    assert board.sets == [] and _held(board) == before
+    no(err, text)
+    assert board.sets == [] and held(board) == before
 
 
 def test_a_backup_goes_back_also_when_the_board_held_what_no_table_may(board, capsys):
     board.params["CA_ROTOR0_CT"] = (150.0, 9)
-    path = _backup(board, capsys)
+    path = backup(board, capsys)
     assert board.params["CA_ROTOR0_CT"][0] < 100.0
-    assert _run(capsys, "restore", path, "--connect", board.url, "--yes")[0] == 0
+    assert run(capsys, "restore", path, "--connect", board.url, "--yes")[0] == 0
     assert board.params["CA_ROTOR0_CT"][0] == 150.0
 
 
-def _verbs(board_url, tmp_path=Path()):
-    return {
-        "upload": ["upload", "t", "--connect", board_url, "--yes"],
-        "restore": ["restore", "b.params", "--connect", board_url, "--yes"],
-        "verify": ["verify", "t", "--connect", board_url],
-    }
-
-
-@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
-@pytest.mark.parametrize(
-    ("options", "code", "text"),
-    [
-        pytest.param(["--signing-key", "key"], 4, "does not sign with this key", id="unsigned"),
-        pytest.param(["--signing-key", "open"], 4, "chmod 600", id="a key that all can read"),
-        pytest.param(["--signing-key", "none"], 2, "the signing key cannot be read", id="no key"),
-        pytest.param(["--signing-key", "empty"], 2, "an empty signing key", id="an empty key"),
-        pytest.param(["--system", "7"], 3, "no system 7 heard", id="another system id"),
-    ],
-)
-def test_the_vehicle_on_the_line_must_be_the_one_that_is_meant(board, capsys, verb, options, code, text):
-    Path("b.params").write_text(_backup(board, capsys).read_text())
-    for name, content, mode in (("open", KEY, 0o644), ("empty", b"", 0o600)):
-        Path(name).write_bytes(content)
-        Path(name).chmod(mode)
-    board.sets = []
-    got, _, err = _run(capsys, *_verbs(board.url)[verb], *options, "--timeout", "0.4")
-    assert got == code
-    _no(err, text)
-    assert board.sets == []
-
-
-@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
-def test_a_second_vehicle_of_the_same_ids_is_four_and_both_places_are_named(board, capsys, verb):
-    Path("b.params").write_text(_backup(board, capsys).read_text())
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    here = ("127.0.0.1", port)
-    with ScriptedAutopilot(x8(7.0, 8.0), towards=here) as one, ScriptedAutopilot(x8(), towards=here) as two:
-        code, _, err = _run(capsys, *_verbs(f"udpin:127.0.0.1:{port}")[verb])
-        assert code == 4
-        _no(err, "two vehicles answer as system 1")
-        for vehicle in (one, two):
-            assert f"127.0.0.1:{vehicle.address[1]}" in err and vehicle.sets == []
-
-
-@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
-def test_a_vehicle_that_signs_is_four_without_its_key(board, capsys, verb):
-    Path("b.params").write_text(_backup(board, capsys).read_text())
-    with ScriptedAutopilot(x8(), key=KEY) as signing:
-        code, _, err = _run(capsys, *_verbs(signing.url)[verb])
-        assert code == 4 and signing.sets == []
-        _no(err, "--signing-key")
-
-
-@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (["--json", "file/out.json"], "file/out.json: cannot be written"),
-        (["--timeout", "nan"], "--timeout: seconds above 0 are expected"),
-        (["--system", "300"], "--system: a system id from 1 to 255 is expected"),
-        (["--sytem", "1"], "No such option"),
-    ],
-)
-def test_wrong_use_is_two_before_anything_is_sent(board, capsys, verb, options, text):
-    Path("b.params").write_text(_backup(board, capsys).read_text())
-    Path("file").write_text("")
-    board.params, board.sets, board.heard = x8(), [], []
-    code, _, err = _run(capsys, *_verbs(board.url)[verb], *options)
-    assert code == 2 and board.heard == []
-    _no(err, text)
-
-
-@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
-def test_a_damaged_journal_is_two_and_says_what_to_do(board, capsys, verb):
-    Path("b.params").write_text(_backup(board, capsys).read_text())
-    journal = Path("state") / f"{0xC0A1:016x}.journal.json"
-    board.sets = []
-    for text in ("", '{"board": 3', "[1]", '{"board": "x", "old": 3}'):
-        journal.write_text(text)
-        code, _, err = _run(capsys, *_verbs(board.url)[verb])
-        assert code == 2 and board.sets == []
-        _no(err, "delete it, then restore the newest backup")
-    journal.unlink()
-    assert _run(capsys, *_verbs(board.url)[verb])[0] == 0
-
-
-@pytest.mark.parametrize("verb", ["upload", "restore", "verify"])
-def test_nobody_there_is_three_and_no_address_is_two(capsys, verb):
-    with ScriptedAutopilot(x8()) as gone:
-        Path("b.params").write_text(_backup(gone, capsys).read_text())
-        url = gone.url
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        dead = f"tcp:127.0.0.1:{free.getsockname()[1]}"
-    for address, code, text in (
-        (url, 3, "no autopilot heard within 0.3 s"),
-        (dead, 3, "refused"),
-        ("/dev/ttyNONE9,57600", 3, "No such file"),
-        ("udpin:127.0.0.1:0", 2, "a port between 1 and 65535"),
-        ("elsewhere", 2, "not a connection"),
-    ):
-        got, _, err = _run(capsys, *_verbs(address)[verb], "--timeout", "0.3")
-        assert got == code, (address, err)
-        _no(err, text)
-        assert len(err.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (params_text(CA_ROTOR0_CT="x"), r"t/x8.params: line \d+: .*a number is expected"),
-        ("# only a header\n", r"t/x8.params: "),
-        (params_text() + "1\t1\tCA_ROTOR0_CT\t6.5\t9\n", r"t/x8.params: line \d+: .*twice"),
-        (params_text().replace("\t9\n", "\t4\n"), r"t/x8.params: line \d+: "),
-        (None, r"t: no .params or .param file in it"),
-    ],
-    ids=["no number", "empty", "twice", "type", "no table"],
-)
-@pytest.mark.parametrize("verb", ["upload", "verify"])
-def test_a_bad_table_is_two_and_names_its_line(capsys, verb, text, said):
-    Path("t/x8.params").unlink()
-    if text is not None:
-        Path("t/x8.params").write_text(text)
-    code, _, err = _run(capsys, *_verbs("udpout:127.0.0.1:9")[verb])
-    assert code == 2 and len(err.splitlines()) == 1 and re.search(said, err), err
-
-
 def test_a_disk_without_room_for_the_backup_is_two_and_nothing_is_sent(board, capsys):
-    before, limit = _held(board), resource.getrlimit(resource.RLIMIT_FSIZE)
+    before, limit = held(board), resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (600, limit[1]))  # Python ignores SIGXFSZ: writes fail
     try:
-        code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes")
+        code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     assert code == 2
-    _no(err, "the backup cannot be written")
-    assert board.sets == [] and _held(board) == before
+    no(err, "the backup cannot be written")
+    assert board.sets == [] and held(board) == before
     assert [p for p in Path().rglob("*") if p.is_file() and "backups" in p.parts] == []
 
 
 def test_a_place_that_is_no_folder_is_two(board, capsys):
     Path("file").write_text("")
-    code, _, err = _run(capsys, "upload", "t", "--connect", board.url, "--yes", "--backup-dir", "file")
+    code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--backup-dir", "file")
     assert code == 2 and board.sets == []
-    _no(err, "file/")
+    no(err, "file/")
 
 
 def test_verify_says_no_with_one_and_never_writes(board, capsys):
@@ -426,15 +243,15 @@ def test_verify_says_no_with_one_and_never_writes(board, capsys):
         ([], 2, "nothing was uploaded to this board from here"),
         (["t"], 1, "parameters differ from t/x8.params"),
     ):
-        got, _, err = _run(capsys, "verify", *arguments, *address)
+        got, _, err = run(capsys, "verify", *arguments, *address)
         assert got == code
-        _no(err, text)
+        no(err, text)
     board.armed = True  # looking is allowed at any time
-    assert _run(capsys, "verify", "t", *address)[0] == 1
+    assert run(capsys, "verify", "t", *address)[0] == 1
     board.px4 = False
-    got, _, err = _run(capsys, "verify", "t", *address)
+    got, _, err = run(capsys, "verify", "t", *address)
     assert got == 1
-    _no(err, "t/x8.params is not for ArduPilot")
+    no(err, "t/x8.params is not for ArduPilot")
     assert board.sets == []
 
 
@@ -442,8 +259,8 @@ def test_names_in_any_script_and_with_blanks(board, capsys):
     folder = Path("Flügel 機体 №1")
     Path("t").rename(folder)
     (folder / "x8.params").rename(folder / "Tabelle für X8 ✈.params")
-    before = _held(board)
-    code, _, _ = _run(
+    before = held(board)
+    code, _, _ = run(
         capsys,
         "upload",
         folder,
@@ -458,7 +275,7 @@ def test_names_in_any_script_and_with_blanks(board, capsys):
     assert code == 0 and json.loads(Path("ü.json").read_text())["files"] == [
         f"{folder}/Tabelle für X8 ✈.params"
     ]
-    assert _run(capsys, "verify", folder, "--connect", board.url)[0] == 0
+    assert run(capsys, "verify", folder, "--connect", board.url)[0] == 0
     (backup,) = Path("Rück halt").iterdir()
-    assert _run(capsys, "restore", backup, "--connect", board.url, "--yes")[0] == 0
-    assert _held(board) == before
+    assert run(capsys, "restore", backup, "--connect", board.url, "--yes")[0] == 0
+    assert held(board) == before
