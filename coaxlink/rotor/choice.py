@@ -34,7 +34,7 @@ def beyond(
     loss = _losses(data, {name: predicted[name] for name in (polynomial, "surface")})
     if _above(loss[polynomial], loss["surface"]) <= (1.0 if chosen == "surface" else SURE):
         return
-    channel = next(iter(comparison[chosen]))
+    channel = _clearest(comparison, polynomial, "surface")
     unit = "N" if channel.endswith("thrust") else "N m"
     mine, smooth = (f"{comparison[form][channel].rmse:.3g} {unit}" for form in (polynomial, "surface"))
     errors = f"({channel} held out: {mine}, a smooth surface {smooth})"
@@ -42,15 +42,21 @@ def beyond(
     yield f"{polynomial} does not follow this pair everywhere {errors}: {ending}"
 
 
+def _clearest(comparison: Comparison, worse: str, better: str) -> str:
+    """The channel in which the one form's held-out error is most above the other's."""
+    least = {c: max(error.rmse, 1e-300) for c, error in comparison[better].items()}
+    return max(least, key=lambda c: comparison[worse][c].rmse / least[c])
+
+
 def reason(chosen: str, comparison: Comparison) -> str:
     """Why auto took a form: its held-out error beside that of the next simpler and the next richer one."""
     said = f"auto: {chosen} is the simplest form within one standard error of the best"
     tried = list(comparison)
     place = tried.index(chosen)
-    channel = next(iter(comparison[chosen]), None)
     beside = [tried[i] for i in (place - 1, place, place + 1) if 0 <= i < len(tried)]
-    if channel is None or len(beside) < 2:
+    if not comparison[chosen] or len(beside) < 2:
         return said
+    channel = _clearest(comparison, *beside[:2])
     unit = "N" if channel.endswith("thrust") else "N m"
     errors = ", ".join(f"{form} {comparison[form][channel].rmse:.3g} {unit}" for form in beside)
     return f"{said} ({channel} held out: {errors})"

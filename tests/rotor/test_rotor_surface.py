@@ -52,6 +52,20 @@ def test_auto_takes_it_where_no_polynomial_follows_and_says_so_first(found: Iden
     assert found.as_json()["surface"]["lower.thrust_N"]["size"] > 0.3
 
 
+def test_the_channel_that_is_named_is_one_in_which_it_is_so() -> None:
+    """One load alone is no polynomial, and it is not the first of the channels."""
+    pair = polynomial_pair()
+    u, v = pair["upper_rpm"] / 5000, pair["lower_rpm"] / 5000
+    stalls = pair["lower_torque_Nm"] + 0.12 * np.tanh(6.0 * (u / v - 1.0)) * v**2
+    found = identify(pair.with_columns(lower_torque_Nm=stalls), "auto")
+    note = found.notes[0]
+    assert found.form == "surface" and note.startswith("crm does not follow")
+    named = note[note.index("(") + 1 : note.index(" held out")]
+    errors = {form: found.comparison[form][named].rmse for form in ("crm", "surface")}
+    assert named.endswith("torque") and errors["crm"] > 1.1 * errors["surface"]
+    assert any(f"({named} held out: crm {errors['crm']:.3g}" in note for note in found.notes[1:])
+
+
 def test_the_form_asked_for_stays_and_the_surface_is_named() -> None:
     asked = identify(world(), "crm")
     assert asked.form == "crm"
