@@ -76,7 +76,7 @@ def _show_worth(out: Any, explained: Explanation) -> None:
     rows.add_row("vertical gain (1 is counted on)", *_pair(before.lift_exponent, now.lift_exponent, ".2f"))
     for axis, a, b in zip(AXES, before.load_span, now.load_span, strict=True):
         if axis in ("thrust", "yaw"):
-            rows.add_row(f"largest / least {axis} gain, {low:g}-{high:g} kg", *_pair(a, b, ".3f"))
+            rows.add_row(f"largest / least {axis} gain, {low:.3g}-{high:.3g} kg", *_pair(a, b, ".3f"))
     rows.add_row("most thrust, N", *_pair(other.ceiling_N, this.ceiling_N, ".1f"))
     rows.add_row("first at its bound in yaw", first_bound(before.limits[2]), first_bound(now.limits[2]))
     hard = now.hard_Nm[2]

@@ -88,12 +88,13 @@ def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
     from coaxlink.campaign.dataset import MANIFEST, columns_of
     from coaxlink.campaign.summary import summarise
     from coaxlink.report import campaign as report
+    from coaxlink.report.made import Made
 
     columns = columns_of(folder)
     replay = f"coaxlink campaign {file} --out {folder} --replay"
     summary = summarise(spec, columns, replay, files.read_json(folder / MANIFEST))
     files.write_json(folder / "summary.json", summary.to_json())
-    files.write_atomic(folder / "report.html", report.page(summary, columns))
+    files.write_atomic(folder / "report.html", report.page(summary, columns, Made.now([file])))
     if json is not None:
         files.write_json(json, summary.to_json())
     screen = console()

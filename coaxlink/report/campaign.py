@@ -8,8 +8,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from coaxlink.campaign.summary import FIGURES, Paired, Spread, Summary
-from coaxlink.report.document import document, html_table
+from coaxlink.report.document import answer, document, how_made, html_table
 from coaxlink.report.html import escape
+from coaxlink.report.made import Made
+from coaxlink.report.pictures.campaign_plots import WORDS, words
+
+NOTED = ("height_rms_m", "thrust_error_N", "yaw_error_Nm", "energy_Wh")  # told in sentences, others in tables
 
 
 def number(x: float) -> str:
@@ -27,12 +31,24 @@ def sentences(s: Summary) -> Iterator[str]:
         for why, count in c.problem.items():
             yield f"{law}: {count} not flown: {why}"
     for law, found in s.paired.items():
-        for name in ("height_rms_m", "thrust_error_N", "yaw_error_Nm", "energy_Wh"):
-            yield f"{law} against {s.laws[0]}, {name}: {_against(found[name])}"
+        for name in NOTED:
+            yield f"{law} against {s.laws[0]}, {words(name)}: {_against(found[name])}"
     if s.refined is not None:
         r = s.refined
         clean = f"something in {r.clean_named} of {r.clean} clean ones"
         yield f"refine named {r.right} of {r.logs} logs right; {clean}"
+
+
+def lead(s: Summary) -> str:
+    """The answer in one sentence: what each law changes against the first, beyond its interval."""
+    flights = sum(c.flown for c in s.counts.values())
+    said = []
+    for law, found in s.paired.items():
+        clear = [f for f in NOTED if found[f].ci[0] > 0.0 or found[f].ci[1] < 0.0]
+        changes = ", ".join(f"{WORDS[f]} {100 * found[f].share:+.1f} %" for f in clear)
+        said.append(f"{law} {changes or 'no clear difference'}")
+    against = f"; against {s.laws[0]} in the same draws: {'; '.join(said)}" if said else ""
+    return f"{flights} simulated flights{against}."
 
 
 def _against(p: Paired) -> str:
@@ -43,10 +59,7 @@ def _against(p: Paired) -> str:
 
 def spread_rows(s: Summary) -> list[tuple[str, ...]]:
     """A row a figure: mean and interval of each law."""
-    return [
-        (f"{name}, {unit}", *(_spread(s.figures[law][name]) for law in s.laws))
-        for name, unit in FIGURES.items()
-    ]
+    return [(words(name), *(_spread(s.figures[law][name]) for law in s.laws)) for name in FIGURES]
 
 
 def _spread(x: Spread) -> str:
@@ -63,7 +76,7 @@ def sensitivity_rows(s: Summary, most: int = 12) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for d in s.clear[:most]:
         ends = "" if d.ci is None else " .. ".join(number(x) for x in d.ci)
-        rows.append((d.law, d.figure, d.quantity, f"{d.strength:+.2f}", ends, f"{d.p_value:.1g}"))
+        rows.append((d.law, words(d.figure), d.quantity, f"{d.strength:+.2f}", ends, f"{d.p_value:.1g}"))
     return rows
 
 
@@ -71,18 +84,19 @@ WORST_HEADS = ("law", "cell", "value", "failsafe", "replay")
 SENSITIVITY_HEADS = ("law", "figure", "follows", "strength", "95 %", "p")
 
 
-def page(s: Summary, columns: Mapping[str, Any]) -> str:
+def page(s: Summary, columns: Mapping[str, Any], made: Made | None = None) -> str:
     """The whole report as HTML."""
     from coaxlink.report.pictures import campaign_plots as plots
 
     lines = list(sentences(s))
     quantiles = [
-        (law, name, *(number(v) for v in (x.p5, x.median, x.p95)))
+        (law, words(name), *(number(v) for v in (x.p5, x.median, x.p95)))
         for name in FIGURES
         for law, x in ((law, s.figures[law][name]) for law in s.laws)
     ]
     parts = [
-        f'<p class="verdict">{escape(lines[0])}</p><ul>',
+        answer(lead(s)),
+        f"<p>{escape(lines[0])}</p><ul>",
         *(f"<li>{escape(line)}</li>" for line in lines[1:]),
         "</ul><h2>Laws side by side</h2>",
         '<p class="dim">mean and its 95 % interval over flights that ended as planned; boxes: quartiles, 5 '
@@ -92,8 +106,8 @@ def page(s: Summary, columns: Mapping[str, Any]) -> str:
     ]
     if s.paired:
         pairs = [
-            (law, name, f"{p.difference:+.3g}", " .. ".join(map(number, p.ci)), f"{100 * p.share:+.1f} %",
-             f"{100 * p.better:.0f} %", f"{p.p_value:.1g}")
+            (law, words(name), f"{p.difference:+.3g}", " .. ".join(map(number, p.ci)),
+             f"{100 * p.share:+.1f} %", f"{100 * p.better:.0f} %", f"{p.p_value:.1g}")
             for law, found in s.paired.items()
             for name, p in found.items()
         ]  # fmt: skip
@@ -112,7 +126,7 @@ def page(s: Summary, columns: Mapping[str, Any]) -> str:
             f"(p &lt; 0.001 over all {len(s.dependences)} looked at)</p>",
         ]
     parts += [
-        f"<h2>Worst flights by {escape(s.judge)}</h2>",
+        f"<h2>Worst flights by {escape(words(s.judge))}</h2>",
         html_table(WORST_HEADS, worst_rows(s), wide=(4,)),
         "<h2>Quantiles</h2>",
         html_table(("law", "figure", "5 %", "median", "95 %"), quantiles),
@@ -121,9 +135,9 @@ def page(s: Summary, columns: Mapping[str, Any]) -> str:
         missed = [(n, str(a), str(b)) for n, (a, b) in s.refined.missed.items()]
         parts += ["<h2>What refine missed</h2>", html_table(("effect", "not named", "logs"), missed)]
     told = ", ".join(f"{k} {v}" for k, v in dict(s.manifest.get("versions", {})).items())
-    parts.append(
-        f'<p class="dim">{escape(told)}; campaign {escape(str(s.manifest.get("digest", ""))[:16])}</p>'
-    )
+    digest = str(s.manifest.get("digest", ""))[:16]
+    parts += how_made(made or Made.now())
+    parts.append(f'<p class="dim">flown with {escape(told)}; campaign {escape(digest)}</p>')
     return document(f"Campaign {s.name}", parts)
 
 

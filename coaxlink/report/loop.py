@@ -156,7 +156,7 @@ def sentence(result: LoopResult) -> str:
     was, now, noise = (number(x) for x in (before.thrust_error_N, after.thrust_error_N, after.floor[0]))
     return (
         f"{done[:1].upper()}{done[1:]}; the thrust error of the flight was {was} N and is {now} N in the "
-        f"second one, of which the sensors' noise makes {noise} N."
+        f"second one (the sensors' noise alone: {noise} N)."
     )
 
 

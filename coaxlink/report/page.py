@@ -9,7 +9,7 @@ from coaxlink.report.html import escape
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.refine import number, remarks, verdict
-from coaxlink.residual.result import FoundEffect, Refinement
+from coaxlink.residual.result import FoundEffect, ParameterValue, Refinement
 
 FEW = 4  # remarks of one kind; more are one line and a fold
 LEAST_P = 1e-6  # nobody needs to know how much less
@@ -52,17 +52,23 @@ def sentence(result: Refinement) -> str:
     c = errors[name]
     return (
         f"Found: {named}; the error of the {channel_words(name)} falls from {number(c.rmse_before)} to "
-        f"{number(c.rmse_after)} {c.unit}, of which noise alone makes {number(c.noise_floor)}."
+        f"{number(c.rmse_after)} {c.unit} (noise alone: {number(c.noise_floor)})."
     )
 
 
 def _named(effect: FoundEffect) -> str:
-    """An effect in words with its first numbers."""
+    """An effect in words with its rotor and its first numbers; a switch has no interval, and is no number."""
+    told = [p for p in effect.parameters if p.name == "rotor" or p.ci[0] < p.ci[1]]
     shown = ", ".join(
-        f"{p.name.replace('_', ' ')} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}"
-        for p in effect.parameters[:2]
+        f"{_words(p)} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}" for p in told[:2]
     )
     return effect.name.replace("_", " ") + (f" ({shown})" if shown else "")
+
+
+def _words(parameter: ParameterValue) -> str:
+    """A parameter's name without its unit, which stands behind the number."""
+    unit = parameter.unit.replace(" ", "_").replace("/", "_")
+    return parameter.name.removesuffix(f"_{unit}").replace("_", " ")
 
 
 def provenance(result: Refinement) -> str:
@@ -170,9 +176,10 @@ def _effects(result: Refinement) -> str:
     rows = []
     for e in result.effects:
         for i, p in enumerate(e.parameters):
-            interval = " .. ".join(map(number, p.ci))
+            interval = " .. ".join(map(number, p.ci)) if p.ci[0] < p.ci[1] else ""
+            unit = "" if p.unit == "1" else p.unit
             source = e.source if i == 0 else ""
-            rows.append((e.name if i == 0 else "", p.name, number(p.value), interval, p.unit, source))
+            rows.append((e.name if i == 0 else "", p.name, number(p.value), interval, unit, source))
     return html_table(("effect", "parameter", "value", "95 %", "unit", "physics and source"), rows, wide=(5,))
 
 

@@ -58,6 +58,9 @@ def number(value: float) -> str:
 
 
 def _with_interval(value: float, interval: tuple[float, float]) -> str:
+    """A rotor's number or a switch was chosen, not measured: it has no interval."""
+    if interval[0] == interval[1]:
+        return number(value)
     return f"{number(value)} ({number(interval[0])}–{number(interval[1])})"
 
 
@@ -87,7 +90,8 @@ def _effects(result: Refinement) -> Any:
     table.add_column("unit", no_wrap=True)
     for effect in result.effects:
         for i, p in enumerate(effect.parameters):
-            table.add_row(effect.name if i == 0 else "", p.name, _with_interval(p.value, p.ci), p.unit)
+            unit = "" if p.unit == "1" else p.unit
+            table.add_row(effect.name if i == 0 else "", p.name, _with_interval(p.value, p.ci), unit)
     return table
 
 

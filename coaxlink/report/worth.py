@@ -46,7 +46,7 @@ def verdict(this: Worth, other: Worth) -> str:
     if math.isnan(other.hover_W):
         return f"the {this.name} table carries this vehicle, the {other.name} one does not"
     saved = 1.0 - this.hover_W / other.hover_W
-    low, high = this.load_kg
+    loads = "{:.3g} to {:.3g} kg".format(*this.load_kg)
     same = abs(saved) < 5e-4  # a figure that is shown as 0.0 %
     power = f"needs the hover power of the {other.name} one"
     if not same:
@@ -54,9 +54,9 @@ def verdict(this: Worth, other: Worth) -> str:
         word = "saves" if saved > 0 else "costs"
         power = f"{word} {abs(saved):.1%} of hover power against the {other.name} one ({longer})"
     gains = (
-        f"loop gains change by {_within(this)} from {low:g} to {high:g} kg ({other.name}: {_within(other)})"
+        f"loop gains change by {_within(this)} from {loads} ({other.name}: {_within(other)})"
         if np.isfinite([this.load_span, other.load_span]).all()
-        else f"not both tables carry {low:g} to {high:g} kg"
+        else f"not both tables carry {loads}"
     )
     authority = (
         f"ceiling {this.thrust_to_weight:.2f} times the weight ({other.thrust_to_weight:.2f}), yaw "
@@ -89,7 +89,7 @@ def rows(
     low, high = tables[0].load_kg
     hard = tables[0].hard_Nm
     first = next((t for t in tables if t.name == "standard"), tables[0])
-    span = f"largest / smallest gain, {low:g} to {high:g} kg"
+    span = f"largest / smallest gain, {low:.3g} to {high:.3g} kg"
     made: list[tuple[str, list[str]]] = [
         ("hover power at the shafts, W", [_number(t.hover_W, ".0f") for t in tables]),
         (f"time in the air against {first.name}", [_share(first.hover_W / t.hover_W - 1.0) for t in tables]),

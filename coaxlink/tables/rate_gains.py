@@ -106,9 +106,9 @@ def gains_line(gains: tuple[AxisGain, ...], against: str) -> str:
         return f"rate loops: {' and '.join(lost)} lost or turned round against {against}; no gain mends that"
     moved = [g for g in gains if abs(g.scale - 1.0) > _ALIKE]
     if not moved:
-        return f"rate loops: a unit of demand does what it does {against}; the gains can stay"
-    parts = ", ".join(f"{g.axis} {1.0 / g.scale:.2f}" for g in moved)
-    return f"rate loops: a unit of demand does another work than {against}, times {parts}"
+        return f"rate loops: a demand gives what it gives {against}; the gains can stay"
+    parts = ", ".join(f"{1.0 / g.scale:.2f} ({g.axis})" for g in moved)
+    return f"rate loops: the same demand gives {parts} times the moment that it gives {against}"
 
 
 def wanted_gains(firmware: str, gains: tuple[AxisGain, ...]) -> tuple[dict[str, float], str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -83,6 +84,18 @@ def test_the_page_is_one_file_and_the_json_is_json(spec) -> None:
     page = report.page(s, columns)
     assert "<script" not in page and 'src="http' not in page and page.count("data:image/png;base64,") == 3
     assert json.loads(json.dumps(s.to_json(), allow_nan=False))["laws"]["fitted"]["flown"] == DRAWS
+
+
+def test_the_page_answers_first_and_speaks_in_words(spec) -> None:
+    columns = _columns()
+    s = summarise(spec, columns, "replay")
+    page = report.page(s, columns)
+    first = re.search(r'<p class="lead">(.*?)</p>', page)[1]
+    energy = s.paired["fitted"]["energy_Wh"]
+    assert energy.ci[1] < 0.0 and f"energy {100 * energy.share:+.1f} %" in first
+    text = re.sub(r'"data:[^"]*"|<style>.*?</style>', "", page, flags=re.DOTALL)
+    assert not [name for name in FIGURES if name in text and name not in ("saturated",)]
+    assert "energy, Wh" in text and "How this page was made" in text
 
 
 def test_a_figure_that_is_none_is_refused(spec) -> None:

@@ -1,11 +1,13 @@
 """What every report page must have: the answer first, stamped figures, cards on a phone, how it was made."""
 
 import hashlib
+import io
 import re
 import sys
 from dataclasses import replace
 
 import pytest
+from rich.console import Console
 
 from coaxlink.files import example
 from coaxlink.paper import Ledger
@@ -14,6 +16,7 @@ from coaxlink.report.document import html_table
 from coaxlink.report.made import Made
 from coaxlink.report.page import chance, count, page, sentence
 from coaxlink.report.paper_page import paper_page
+from coaxlink.report.refine import tables
 from coaxlink.residual.result import ChannelError, FoundEffect, ParameterValue, Refinement, Rejected, Step
 
 ERROR = ChannelError("N m", 0.0034, 0.647, 0.0034, (0.64, 0.65), (0.003, 0.004), 639, 0.66)
@@ -65,6 +68,29 @@ def test_the_answer_stands_first_and_every_number_can_be_read(made):
     said = shown[shown.index("<h2>Remarks") : shown.index("What was tried")]
     assert said.count("never above 3 m") == 1 and "a, b, c, d, e, f: cannot be judged" in said
     assert made.files[0][1] in shown and "http" not in shown
+
+
+def test_the_sentence_has_a_unit_once_no_switch_and_no_part_larger_than_the_whole():
+    inflow = replace(
+        WEAK,
+        name="axial_inflow",
+        parameters=(
+            ParameterValue("thrust_per_climb_N_s_m", 1.34, (1.33, 1.36), "N s/m"),
+            ParameterValue("by_thrust", 1.0, (1.0, 1.0), "1"),
+            ParameterValue("levelling_s_m", 0.0182, (0.016, 0.0216), "s/m"),
+        ),
+    )
+    said = sentence(replace(FOUND, effects=(inflow,)))
+    assert "axial inflow (thrust per climb 1.34 N s/m, levelling 0.0182 s/m)" in said
+    assert "to 0.0034 N m (noise alone: 0.0034)" in said
+
+
+def test_what_was_chosen_has_no_interval_on_the_screen_and_a_share_no_unit():
+    console = Console(width=80, record=True, file=io.StringIO())
+    for table in tables(replace(FOUND, effects=(WEAK,))):
+        console.print(table)
+    row = next(line for line in console.export_text().splitlines() if line.startswith("degraded_rotor"))
+    assert row.split() == ["degraded_rotor", "rotor", "6"]
 
 
 def test_nothing_found_is_a_sentence_too():

@@ -31,7 +31,7 @@ def test_scales_are_old_over_new_and_only_held_gains_are_written():
     assert written == {"MC_ROLLRATE_K": 0.4}
     assert "MC_PITCHRATE_K" in problem and "MC_YAWRATE_K" in problem
     line = gains_line(gains, "on board")
-    assert "roll 2.00" in line and "yaw 0.50" in line and "pitch" not in line
+    assert "2.00 (roll)" in line and "0.50 (yaw)" in line and "pitch" not in line
 
 
 def test_ardupilots_p_i_and_d_are_scaled_each():

@@ -13,6 +13,28 @@ from coaxlink.report.pictures.looks import LOOKS
 
 SHOWN = ("height_rms_m", "level_rms_m", "tilt_rms_deg", "yaw_rms_deg", "thrust_error_N", "yaw_error_Nm",
          "saturated", "energy_Wh")  # fmt: skip
+WORDS = {
+    "height_rms_m": "height error, rms",
+    "height_max_m": "height error, largest",
+    "level_rms_m": "error over ground, rms",
+    "tilt_rms_deg": "tilt error, rms",
+    "yaw_rms_deg": "yaw error, rms",
+    "roll_rate_rms_deg_s": "roll rate, rms",
+    "pitch_rate_rms_deg_s": "pitch rate, rms",
+    "yaw_rate_rms_deg_s": "yaw rate, rms",
+    "thrust_error_N": "thrust missed, rms",
+    "roll_error_Nm": "roll moment missed, rms",
+    "pitch_error_Nm": "pitch moment missed, rms",
+    "yaw_error_Nm": "yaw moment missed, rms",
+    "saturated": "time with a motor at its bound",
+    "energy_Wh": "energy",
+}
+
+
+def words(figure: str) -> str:
+    """A figure of `FIGURES` in words, with its unit."""
+    unit = FIGURES[figure]
+    return f"{WORDS[figure]}, {'share' if unit == '1' else unit}"
 
 
 def _png(figure: Any) -> bytes:
@@ -33,7 +55,7 @@ def spreads(summary: Summary, columns: Mapping[str, Any]) -> bytes:
         rows = [values[(law == n) & good] for n in summary.laws]
         axes.boxplot([r if len(r) else [np.nan] for r in rows], whis=(5, 95), showfliers=False)
         axes.set_xticks(range(1, 1 + len(rows)), summary.laws, rotation=30, fontsize=8)
-        axes.set_title(name.rpartition("_")[0] + f", {FIGURES[name]}", fontsize=9)
+        axes.set_title(words(name), fontsize=9)
         axes.tick_params(labelsize=8)
     return _png(figure)
 
@@ -53,7 +75,7 @@ def differences(summary: Summary) -> bytes:
         spread = np.abs(ends.T - middle)
         axes.errorbar(100 * middle, place, xerr=100 * spread, ls="", ms=4, label=law, **look.points)
     axes.axvline(0.0, color="0.6", lw=1)
-    axes.set_yticks(range(len(names)), names, fontsize=8)
+    axes.set_yticks(range(len(names)), [WORDS[n] for n in names], fontsize=8)
     axes.invert_yaxis()
     axes.set_xlabel(f"per cent of {summary.laws[0]}'s mean, 95 %; left is better")
     axes.legend(fontsize=8)
@@ -76,7 +98,7 @@ def sensitivity(summary: Summary) -> bytes:
         image = axes.imshow(grid, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
         short = [q.removeprefix("effects.") for q in quantities]
         axes.set_xticks(range(len(quantities)), short, rotation=60, ha="right", fontsize=7)
-        axes.set_yticks(range(len(names)), names, fontsize=7)
+        axes.set_yticks(range(len(names)), [WORDS[n] for n in names], fontsize=7)
         axes.set_title(law, fontsize=9)
     figure.colorbar(image, ax=panels, label="rank correlation (names: share of variance)")
     return _png(figure)
