@@ -142,6 +142,7 @@ class Exchange:
             np.frombuffer(counter, np.uint8),
         )  # fmt: skip
         self._peer: Any = None
+        self._interrupted = False
         self.answers = 0
 
     def use(self, law: ExactLaw) -> None:
@@ -169,12 +170,16 @@ class Exchange:
         quiet_ns = round(quiet_s * 1e9)
         state.quiet_ns, state.deadline_ns = quiet_ns, round(last_s * 1e9) + quiet_ns
         state.until_ns = time.monotonic_ns() + round(turn_s * 1e9)
+        if self._interrupted:  # before this turn began
+            state.until_ns = 0
         done = int(self._function(number, state.array, *self._rest, self._log, self.law))
+        self._interrupted = False
         self.answers += state.answers
         return done
 
     def interrupt(self) -> None:
         """From another thread: let Python have its turn after the next answer."""
+        self._interrupted = True
         self._state.until_ns = 0
 
     def handed(self, size: int) -> bytes:

@@ -254,6 +254,22 @@ def test_a_law_that_cannot_be_taken_up_falls_silent_and_says_why():
     assert live.failed.is_set() and live.guard.state == STOPPED and "division" in str(live.error)
 
 
+def test_a_law_that_comes_as_a_compiled_turn_begins_waits_for_one_answer():
+    compiled = pytest.importorskip("coaxlink.live.compiled")
+    ends = []
+
+    def function(*_):
+        ends.append(int(exchange._state.until_ns))
+        return 0
+
+    core = MixCore(load_vehicle(example("x8_demo.toml"), ROTORS), "exact")
+    exchange = compiled.Exchange(function, core, core.law, bytearray(1), (1, 1, 1, 191))
+    exchange.interrupt()
+    for _ in range(2):
+        exchange(0, ("127.0.0.1", 9), 0.0, 0.1, 0.1)
+    assert ends[0] == 0 < ends[1]
+
+
 @pytest.fixture(scope="module", params=["plain", "compiled"])
 def native(request):
     if request.param == "plain":
