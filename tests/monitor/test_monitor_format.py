@@ -7,6 +7,7 @@ import re
 from datetime import datetime
 from typing import Any
 
+import numpy as np
 import pytest
 from monitor_messages import EscStatus, Sender, attitude, battery, heartbeat, position, servo
 from pymavlink.dialects.v20 import common as mavlink
@@ -17,7 +18,7 @@ from coaxlink.monitor.screen import format as words
 from coaxlink.monitor.screen import marks
 from coaxlink.monitor.screen.history import History, Point, Window
 from coaxlink.monitor.screen.plot import braille, nice_range
-from coaxlink.monitor.screen.plots import error_plot, split_plot
+from coaxlink.monitor.screen.plots import error_plot, split_plot, ticks
 from coaxlink.monitor.screen.themes import PALETTES, dress
 from coaxlink.monitor.state import RotorView, View, observe
 from coaxlink.monitor.telemetry.readings import Collector
@@ -163,6 +164,29 @@ def test_braille_leaves_gaps_and_clips() -> None:
     high = braille([[(5.0, 99.0)], [(50.0, 0.5)]], 6, 2, (0.0, 10.0), (0.0, 1.0))
     assert sum(c != " " for line in high for c, _ in line) == 1
     assert any(c != " " for c, _ in high[0])
+
+
+@pytest.mark.parametrize("rows", range(2, 60))
+@pytest.mark.parametrize(
+    ("low", "high"), [(40.0, 60.0), (45.0, 65.0), (30.0, 65.0), (0.0, 100.0), (40.0, 50.0)]
+)
+def test_numbers_beside_a_plot_are_round_evenly_spaced_and_where_they_belong(
+    rows: int, low: float, high: float
+) -> None:
+    found = ticks(rows, low, high)
+    assert found[0] == high and found[rows - 1] == low
+    for row, share in found.items():
+        assert share % 5.0 == 0.0
+        assert abs(high - (high - low) * row / (rows - 1) - share) <= (high - low) / (rows - 1) / 2 + 1e-9
+    between = list(found.values())[1:-1]
+    assert len(set(np.diff(between))) <= 1
+    assert len(found) > 2 or (high - low) / (rows - 1) > 1.0
+
+
+def test_a_stale_height_leaves_its_source_out_and_fits_80_columns() -> None:
+    fresh, old = (view_of(heartbeat(), position(), now=now) for now in (1.0, 60.0))
+    line = [words.vehicle(view).plain.splitlines()[-1] for view in (fresh, old)]
+    assert line[0].endswith(" m local") and line[1] == "height 3.02* m"
 
 
 def test_nice_range() -> None:

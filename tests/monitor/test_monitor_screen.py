@@ -14,6 +14,7 @@ from monitor_messages import EscStatus, Sender, attitude, battery, heartbeat, po
 from rich.text import Text
 from test_monitor_board import table
 from textual.widgets import Static
+from textual.widgets._footer import FooterKey
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
@@ -76,6 +77,20 @@ def test_waits_then_fills_and_fits_80_by_24(scene: Scene) -> None:
             assert scene.app.screen.max_scroll_y == 0
             for name in ("arm0", "arm3", "balance", "board", "plot"):
                 assert scene.app.query_one(f"#{name}").region.bottom <= 24
+
+    run(story())
+
+
+@pytest.mark.parametrize("page", "12345")
+def test_help_and_quit_stand_at_the_bottom_of_every_page_of_80_columns(scene: Scene, page: str) -> None:
+    async def story() -> None:
+        async with scene.app.run_test(size=(80, 24)) as pilot:
+            scene.fly()
+            await pilot.press(page)
+            await pilot.pause()
+            keys = {k.description: k.region for k in scene.app.query(FooterKey)}
+            assert keys.keys() >= {"Help", "Quit"}
+            assert all(r.width > 0 and r.right <= 80 and r.y == 23 for r in keys.values())
 
     run(story())
 

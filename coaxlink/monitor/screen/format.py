@@ -158,7 +158,7 @@ def vehicle(view: View) -> Text:
         degrees = None if angle is None else math.degrees(angle)
         shown = number(degrees, digits, signed, stale=turned)
         lines.append(Text(f"{name}{shown}°", DIM if turned else ""))
-    where = f" {v.height_source}" if v.height_source else ""
+    where = f" {v.height_source}" if v.height_source and not high else ""  # no room beside the mark
     lines.append(Text(f"height {number(v.height_m, 2, stale=high)} m{where}", DIM if high else ""))
     return Text("\n").join(lines)
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from rich.text import Text
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Static
@@ -46,11 +46,12 @@ class Confirm(ModalScreen[bool]):
 class ParametersPage(Vertical):
     """Without a desk (a replay, a browser) it only says why."""
 
+    # not in the footer: the page itself shows them, and 80 columns hold help and quit then too
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("f", "file", "File"),
-        ("d", "ask('difference')", "Difference"),
-        ("b", "ask('backup')", "Backup"),
-        ("u", "ask('upload')", "Upload"),
+        Binding("f", "file", "File", show=False),
+        Binding("d", "ask('difference')", "Difference", show=False),
+        Binding("b", "ask('backup')", "Backup", show=False),
+        Binding("u", "ask('upload')", "Upload", show=False),
     ]
 
     def __init__(self, desk: Desk | None, table: Path | None, why_not: str) -> None:

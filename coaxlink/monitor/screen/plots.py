@@ -14,6 +14,8 @@ from coaxlink.monitor.state import ArmView
 
 _LABEL = 5  # cells of "100%▕"
 _LEAST = 7  # cells a plot of one arm needs
+_STEPS = (5.0, 10.0, 25.0, 50.0)  # between the numbers beside a plot, per cent
+_APART = 3  # rows between two numbers
 _AXIS = 14  # cells of "thrust  -12.3▕"
 AXES = (("thrust", "N", 0.1), ("roll", "N m", 0.01), ("pitch", "N m", 0.01), ("yaw", "N m", 0.01))
 
@@ -48,13 +50,13 @@ def split_plot(
         )
         for k in shown
     ]
-    lines = []
+    lines, numbers = [], ticks(rows, low, high)
     if titled:
         names = (_name(arms[k].name, room - len(mark)) + mark for k in shown)
         titles = [Text(f"{n:<{room}}", f"bold {ARMS[k % 8]}") for k, n in zip(shown, names, strict=True)]
         lines.append(Text.assemble(" " * _LABEL, Text(" ").join(titles)))
     for row in range(rows):
-        share = _tick(row, rows, low, high)
+        share = numbers.get(row)
         line = Text(f"{share:3.0f}%▕" if share is not None else "    ▕", DIM)
         for k, grid in zip(shown, grids, strict=True):
             line.append("" if k == shown[0] else " ")
@@ -104,9 +106,9 @@ def one_plot(
         return Text("too small for a plot", DIM)
     low, high = y_range
     grid = braille([values], width - _LABEL, rows, span, y_range, gap=max(window.span_s / 20, 1.0))
-    lines = []
+    lines, numbers = [], ticks(rows, low, high)
     for row in range(rows):
-        share = _tick(row, rows, low, high)
+        share = numbers.get(row)
         line = Text(f"{share:3.0f}{unit}▕" if share is not None else "    ▕", DIM)
         _draw(line, grid[row], (UPPER,))
         lines.append(line)
@@ -149,10 +151,17 @@ def _name(name: str, room: int) -> str:
     return name if len(name) <= room else "".join(word[0] for word in name.upper().split())
 
 
-def _tick(row: int, rows: int, low: float, high: float) -> float | None:
-    """The share that stands beside a row: top, bottom, and every fifth row of a tall plot."""
+def ticks(rows: int, low: float, high: float) -> dict[int, float]:
+    """The share that stands beside a row: both ends, and between them round numbers a few rows apart.
+
+    >>> ticks(21, 40.0, 60.0)
+    {0: 60.0, 5: 55.0, 10: 50.0, 15: 45.0, 20: 40.0}
+    """
     last = rows - 1
-    if row in (0, last):
-        return high if row == 0 else low
-    near_end = last - row < 3
-    return high - (high - low) * row / last if row % 5 == 0 and not near_end else None
+    found = {0: high, last: low}
+    step = next((s for s in _STEPS if s * last >= _APART * (high - low)), high - low)
+    for k in range(math.floor(high / step), math.floor(low / step), -1):
+        row = round((high - k * step) / (high - low) * last)
+        if _APART <= row <= last - _APART:
+            found[row] = k * step
+    return dict(sorted(found.items()))
