@@ -12,6 +12,7 @@ from coaxlink.cli._shell import JsonOption, console, say, say_vehicle, talk
 
 if TYPE_CHECKING:
     from coaxlink.health.judge import Health
+    from coaxlink.report.made import Made
 
 
 def health(
@@ -29,7 +30,11 @@ def health(
         Path | None, typer.Option(metavar="ROTOR.toml", help="Its rotors (default: the airframe's).")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="H.png", help="Draw every rotor over the flights.")
+        Path | None,
+        typer.Option(metavar="H.png", help="Draw every rotor over the flights (.png, .svg, .pdf)."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="R.html", help="Write one self-contained page.")
     ] = None,
     json: JsonOption = None,
 ) -> None:
@@ -37,19 +42,26 @@ def health(
     from coaxlink import files
     from coaxlink.cli._fleet import folder_of
     from coaxlink.errors import CheckFailed, InputError
-    from coaxlink.report.health import health_table, picture, remarks, verdict_line
+    from coaxlink.report.health import figure, health_page, health_table, remarks, verdict_line
+    from coaxlink.report.pictures.figures import format_of, write_figure
 
-    for place in (plot, json):
+    for place in (plot, report, json):
         files.refuse_unwritable(place)
+    if plot:
+        format_of(plot)
     if not logs:
         raise InputError("health", "LOG...", "flight logs are expected, oldest first")
     folder = folder_of(logs[0]) if len(logs) == 1 else None
     if folder is not None:
-        _fleet(folder, airframe, rotor, plot, json)
+        _fleet(folder, airframe, rotor, plot or report, json)
         return
     result = _judged(logs, airframe, rotor)
-    if plot:
-        files.write_atomic(plot, picture(result))
+    if plot or report:
+        made = _made(logs, airframe, rotor)
+        if plot:
+            write_figure(plot, figure(result, made.line()))
+        if report:
+            files.write_atomic(report, health_page(result, made))
     if json:
         files.write_json(json, result.as_json())
     screen = console()
@@ -60,6 +72,16 @@ def health(
         say(f"- {line}")
     if result.verdict == "ground it":
         raise CheckFailed(f"ground it: look at rotor {result.suspects[0].number} before the next flight")
+
+
+def _made(logs: Sequence[Path], airframe: Path | None, rotor: Path | None) -> Made:
+    """How a picture or a page is made: this command line, its files, the vehicle."""
+    from coaxlink import files
+    from coaxlink.airframe import load_airframe
+    from coaxlink.report.made import Made
+
+    body = load_airframe(airframe or files.example("x8_paper.toml"))
+    return Made.now([f for f in (*logs, body.source, rotor or body.rotor_model) if f is not None], body.name)
 
 
 def _judged(logs: Sequence[Path], airframe: Path | None, rotor: Path | None) -> Health:
@@ -98,7 +120,7 @@ def _fleet(
     if "://" in folder:
         raise InputError(folder, "", "a folder of this machine is expected: refine reads buckets")
     if plot:
-        raise InputError(folder, "", "a picture is of one vehicle: name its logs")
+        raise InputError(folder, "", "a picture or a page is of one vehicle: name its logs")
     vehicles: dict[str, list[Path]] = {}
     for log in find_logs(folder):
         vehicles.setdefault(log.vehicle, []).append(Path(log.place))

@@ -1,16 +1,17 @@
-"""Health as a table and a picture. Numbers come from the result; nothing is computed here."""
+"""Health as a table, a picture and a page. Numbers come from the result; nothing is computed here."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
 from typing import Any
 
 from coaxlink.health.judge import GROUND, WATCH, Health
 from coaxlink.health.priors import MATTERS
+from coaxlink.report.made import Made
 from coaxlink.report.pictures.looks import THRUST, TORQUE
 
 SHOWN = 4  # flights in the table, the last ones; all are in the JSON and in the picture
+TITLE = "share of the model's load, 95 % interval"
 LIKELY = 0.01  # of a suspect that is worth a line
 
 
@@ -60,41 +61,83 @@ def health_table(health: Health) -> Any:
     """Rich table: thrust and torque of every rotor in the last flights, pairs below."""
     from rich.table import Table
 
-    last = health.flights[-SHOWN:]
-    table = Table(title="share of the model's load, 95 % interval", title_justify="left")
-    table.add_column("rotor")
-    for flight in last:
-        table.add_column(f"{flight.name}\nthrust", justify="right")
-    table.add_column("torque, last", justify="right")
-    table.add_column("probability", justify="right")
-    chance = {s.number: s.probability for s in health.suspects}
-    for i, rotor in enumerate(last[-1].rotors):
-        cells = [_cell(flight.rotors[i].thrust) for flight in last]
-        table.add_row(str(rotor.number), *cells, _cell(rotor.torque), _percent(chance[rotor.number]))
-    if last[-1].pairs:
+    table = Table(title=TITLE, title_justify="left")
+    heads, rotors, pairs = _rows(health)
+    for k, head in enumerate(heads):
+        table.add_column(head, justify="right" if k else "left")
+    for row in rotors:
+        table.add_row(*row)
+    if pairs:
         table.add_section()
-    for i, pair in enumerate(last[-1].pairs):
-        name = f"{pair.rotors[0]} over {pair.rotors[1]}"
-        table.add_row(name, *(_cell(flight.pairs[i].thrust) for flight in last), "", "")
+    for row in pairs:
+        table.add_row(*row)
     return table
+
+
+def _rows(health: Health) -> tuple[list[str], list[list[str]], list[list[str]]]:
+    """Headings, a row a rotor and a row a pair, in the last flights."""
+    last = health.flights[-SHOWN:]
+    heads = [
+        "rotor",
+        *(f"{f.name}\nthrust" for f in last),
+        "torque, last",
+        f"lost over {100 * MATTERS:.0f} %",
+    ]
+    chance = {s.number: s.probability for s in health.suspects}
+    rotors = [
+        [str(rotor.number), *(_cell(f.rotors[i].thrust) for f in last), _cell(rotor.torque),
+         _percent(chance[rotor.number])]
+        for i, rotor in enumerate(last[-1].rotors)
+    ]  # fmt: skip
+    pairs = [
+        [f"{pair.rotors[0]} over {pair.rotors[1]}", *(_cell(f.pairs[i].thrust) for f in last), "", ""]
+        for i, pair in enumerate(last[-1].pairs)
+    ]
+    return heads, rotors, pairs
 
 
 def _cell(value: Any) -> str:
     return f"{value.value:.3f} ± {(value.high - value.low) / 2:.3f}"
 
 
-def picture(health: Health) -> bytes:
-    """PNG: every rotor's thrust and torque over the flights, the band of what does not matter."""
+def health_page(health: Health, made: Made) -> str:
+    """One self-contained HTML page: the verdict, the picture, the table, the remarks, how it was made."""
+    from coaxlink.report.document import answer, document, how_made, html_table, listed, picture
+    from coaxlink.report.pictures.figures import drawn
+
+    said = verdict_line(health)
+    heads, rotors, pairs = _rows(health)
+    caption = (
+        f"Thrust and torque over those of the model, flight by flight, with 95 % intervals; within the band "
+        f"of {100 * MATTERS:.0f} % nothing is called"
+    )
+    return document(
+        "Is every rotor sound?",
+        [
+            answer(f"{said[:1].upper()}{said[1:]}."),
+            picture(drawn(figure(health, made.line())), caption),
+            f"<h2>{TITLE[:1].upper()}{TITLE[1:]}</h2>",
+            html_table([head.replace("\n", ", ") for head in heads], [*rotors, *pairs]),
+            "<h2>Remarks</h2>",
+            listed(remarks(health)),
+            *how_made(made),
+        ],
+    )
+
+
+def figure(health: Health, stamp: str = "") -> Any:
+    """Every rotor's thrust and torque over the flights, the band of what does not matter (matplotlib)."""
     from matplotlib.figure import Figure
 
+    from coaxlink.report.pictures.figures import stamped
     from coaxlink.report.pictures.label import label
 
     rotors = health.flights[0].rotors
     columns = min(4, len(rotors))
     rows = -(-len(rotors) // columns)
-    figure = Figure(figsize=(2.6 * columns, 2.2 * rows + 0.6), layout="constrained")
-    figure.suptitle(label(verdict_line(health).split(";")[0]), fontsize=9)
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    drawing = Figure(figsize=(2.6 * columns, 2.2 * rows + 0.8), layout="constrained")
+    drawing.suptitle(label(verdict_line(health).split(";")[0]), fontsize=9)
+    axes = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     places = list(range(1, len(health.flights) + 1))
     for i, rotor in enumerate(rotors):
         axis = axes[i // columns][i % columns]
@@ -107,12 +150,13 @@ def picture(health: Health) -> bytes:
         pair = f" (with {rotor.pair})" if rotor.pair is not None else ""
         axis.set_title(f"rotor {rotor.number}{pair}", fontsize=8)
         axis.set_xticks(places)
+        axis.set_xlim(0.5, len(places) + 0.5)
         axis.tick_params(labelsize=7)
     for axis in list(axes.ravel())[len(rotors) :]:
         axis.set_visible(False)
-    axes[0][0].legend(frameon=False, fontsize=7)
-    figure.supxlabel("flight", fontsize=8)
-    figure.supylabel("share of the model's load", fontsize=8)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    return stream.getvalue()
+    for axis in axes[(len(rotors) - 1) // columns]:
+        axis.set_xlabel("flight", fontsize=8)
+    handles, names = axes[0][0].get_legend_handles_labels()
+    drawing.legend(handles, names, loc="outside upper right", ncols=2, frameon=False, fontsize=7)
+    drawing.supylabel("share of the model's load", fontsize=8)
+    return stamped(drawing, stamp)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -61,13 +62,19 @@ def test_a_vehicle_that_nobody_named_is_said(flights, capsys):
 def test_a_weak_rotor_is_named_with_its_flight(flights, tmp_path, capsys):
     logs = [flights / f"{day}.csv" for day in ("monday", "friday")]
     out, drawn = tmp_path / "h.json", tmp_path / "h.png"
-    assert run(*logs, *VEHICLE, "--json", out, "--plot", drawn) == 1
+    page = tmp_path / "h.html"
+    assert run(*logs, *VEHICLE, "--json", out, "--plot", drawn, "--report", page) == 1
     said = capsys.readouterr()
     assert f"rotor {ROTOR}" in said.err and "friday" in said.out
     first = json.loads(out.read_text())["suspects"][0]
     assert first["rotor"] == ROTOR and first["probability"] > 0.9
     assert first["loss"][1] < LOST < first["loss"][2]
     assert drawn.read_bytes().startswith(b"\x89PNG")
+    shown = page.read_text()
+    lead = re.search(r'<p class="lead">(.*?)</p>', shown)[1]
+    assert lead.startswith(f"Ground it: rotor {ROTOR}, ") and "since friday.csv" in lead
+    assert shown.count("data:image/png;base64,") == 1 and "http" not in re.sub(r"base64,[^\"]*", "", shown)
+    assert "friday.csv, thrust" in shown and "How this page was made" in shown
 
 
 def test_wrong_input_gets_one_line(tmp_path, capsys):
@@ -75,6 +82,9 @@ def test_wrong_input_gets_one_line(tmp_path, capsys):
     stand.write_text("upper_rpm,upper_thrust_N,upper_torque_Nm\n1000,1,0.1\n")
     assert run(stand) == 2
     assert "a flight log is expected" in capsys.readouterr().err
+    assert run(stand, "--plot", tmp_path / "h.html") == 2
+    assert "h.html: a name that ends in .png, .svg, .pdf is expected" in capsys.readouterr().err
+    assert not (tmp_path / "h.html").exists()
     assert run(tmp_path / "none.ulg") == 2
     assert capsys.readouterr().err.count("\n") == 1
 

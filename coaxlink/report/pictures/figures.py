@@ -31,12 +31,17 @@ def drawn(figure: Any, kind: str = "png") -> bytes:
     return stream.getvalue()
 
 
-def write_figure(path: Path, figure: Any) -> None:
-    """Write a matplotlib figure atomically. Raises InputError for another ending or place."""
+def format_of(path: Path) -> str:
+    """png, svg or pdf, by a picture's name. Raises InputError for another ending."""
     kind = path.suffix.lower().lstrip(".")
     if kind not in FORMATS:
         raise InputError(path, "", f"a name that ends in .{', .'.join(FORMATS)} is expected")
-    files.write_atomic(path, drawn(figure, kind))
+    return kind
+
+
+def write_figure(path: Path, figure: Any) -> None:
+    """Write a matplotlib figure atomically. Raises InputError for another ending or place."""
+    files.write_atomic(path, drawn(figure, format_of(path)))
 
 
 def write_figures(folder: Path, figures: Mapping[str, Any]) -> None:
