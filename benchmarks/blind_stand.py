@@ -129,6 +129,8 @@ def make(hidden: tuple[str, ...], seed: int, worth: float) -> Made:
     for name in ("sensor_drift_channel", "strange_channel", *sorted(ALL)):
         rig.pick[name] = float(random.random())
     drive = "both" if kinds & {"both", "drive", "start"} else str(random.choice(["rpm", "both", "throttle"]))
+    if "law" in kinds and drive == "throttle":  # who has no rpm cannot tell blades from the drive
+        drive = "rpm"
     if kinds <= {"drive", "start"} and hidden and given and random.random() < 0.4:
         drive = "throttle"
     sizes = {name: _strength(rig, name, worth) for name in hidden if name not in FIXED}

@@ -75,6 +75,14 @@ def _blade_finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Arr
     return out if "apart" in shape else [*out, ({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
 
 
+def _unknowable(frame: StandFrame) -> str | None:
+    if frame.free_base:
+        return "no rotor model is given: the power of speed is the fitted base's own"
+    if frame.driven and frame.context("upper_rpm") is None and frame.context("lower_rpm") is None:
+        return "no rpm in the log: what bends over throttle may be the drive, not the blades"
+    return None
+
+
 STAND: Tracing[StandFrame] = Tracing(
     name="blade_speed_law",
     stage=3,  # behind the wake, which the blades meet at their own speed
@@ -96,9 +104,7 @@ STAND: Tracing[StandFrame] = Tracing(
         ),
         "1",
     ),
-    missing=lambda frame: (
-        "no rotor model is given: the power of speed is the fitted base's own" if frame.free_base else None
-    ),
+    missing=_unknowable,
     shapes=lambda _: [
         *({"power": p} for p in POWERS),
         *({"rise": p} for p in RISES),

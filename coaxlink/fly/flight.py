@@ -24,6 +24,7 @@ from coaxlink.mavlink import Session
 # message id: rate in Hz; what the limits are held against
 STREAMS = {32: 20.0, 30: 20.0, 1: 2.0, 147: 2.0, 245: 2.0}
 READY_S = 20.0  # wall time in which a vehicle must pass its own pre-arm checks
+REPORTED_S = 10.0  # wall time in which it must say what is left in the battery: twenty of its messages
 SILENCE_S = 15.0  # wall time without a position
 CLIMB_S = 40.0  # vehicle's time to the first height
 LAND_S = 120.0  # vehicle's time to the ground
@@ -113,8 +114,8 @@ class Pilot:
         state = self._extended()
         if state == mavlink.MAV_LANDED_STATE_IN_AIR:
             faults.append("the vehicle is in the air")
-        left = self.battery()
         if self.limits.battery > 0:
+            left = self._reported()
             if left is None:
                 faults.append("it does not say what is left in the battery (`battery` 0 flies without)")
             elif left < self.limits.battery:
@@ -135,6 +136,13 @@ class Pilot:
             if message is not None and message.battery_remaining >= 0:
                 return float(message.battery_remaining) / 100.0
         return None
+
+    def _reported(self) -> float | None:
+        """Share of the charge that is left, once it is told; a busy link takes its time."""
+        end = time.monotonic() + REPORTED_S
+        while (left := self.battery()) is None and time.monotonic() < end:
+            self.session.wait("BATTERY_STATUS", 1.0)
+        return left
 
     def _extended(self) -> int:
         message = self.session.latest("EXTENDED_SYS_STATE")

@@ -13,6 +13,7 @@ from coaxlink.rotor.metrics import ChannelError
 if TYPE_CHECKING:
     from coaxlink.rotor.identification import Bench, Values
 
+EXACT = 1e-9  # of the largest load: what rounding of a fit leaves is no error
 SURE = 2.0  # standard errors: one in forty by chance
 Comparison = Mapping[str, Mapping[str, ChannelError]]
 
@@ -69,7 +70,8 @@ def _losses(data: Bench, predicted: Mapping[str, Values]) -> Values:
         squared = np.zeros(data.samples.rows)
         for load in data.measured:
             least = min(float(np.nanmean((data.loads[load] - p[load]) ** 2)) for p in predicted.values())
-            squared += np.nan_to_num((data.loads[load] - values[load]) ** 2) / max(least, 1e-300)
+            exact = (EXACT * float(np.nanmax(np.abs(data.loads[load])))) ** 2
+            squared += np.nan_to_num((data.loads[load] - values[load]) ** 2) / max(least, exact, 1e-300)
         loss[name] = np.array([squared[data.fold == k].sum() for k in np.unique(data.fold)])
     return loss
 

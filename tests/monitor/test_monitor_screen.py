@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import re
-import time
 from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
@@ -31,12 +30,13 @@ class Scene:
         airframe = load_airframe(files.example("x8_paper.toml"))
         model = load_rotor_model(files.example("rotor_paper.toml"))
         self.watch = Watch("udpin:0.0.0.0:14550", Vehicle(airframe, model))
-        self.app = Monitor(self.watch.look, folder=folder)
+        self.now_s = 1000.0  # stands still: how old a message is does not depend on how busy the machine is
+        self.app = Monitor(lambda _: self.watch.look(self.now_s), folder=folder)
         self.sender = Sender()
 
     def hear(self, *messages: Any, ago_s: float = 0.0) -> None:
         for message in messages:
-            self.watch.collector.take(self.sender(message), time.monotonic() - ago_s)
+            self.watch.collector.take(self.sender(message), self.now_s - ago_s)
         self.app.tick()
 
     def fly(self, boot_ms: int = 1000, upper_rpm: int = 2381) -> None:

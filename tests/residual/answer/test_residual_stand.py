@@ -110,3 +110,10 @@ def test_what_is_missing_is_said(paper):
     few = refine_stand(Samples(run(), "rig.csv").take(np.arange(0, 240, 20)), paper)
     assert few.effects == () and any("too few to identify" in note for note in few.notes)
     assert few.channels["upper_thrust"].rmse_before > 0
+
+
+def test_without_rpm_no_law_of_the_blades_is_claimed(paper):
+    """What bends over throttle may be the drive: the same loads that name it beside rpm."""
+    answer = refine_stand(samples(seed=1, rpm=False, power=0.1), paper)
+    assert "blade_speed_law" not in {e.name for e in answer.effects}
+    assert any(r.name == "blade_speed_law" and "no rpm" in r.why for r in answer.rejected)
