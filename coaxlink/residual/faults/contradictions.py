@@ -115,14 +115,16 @@ def _specific_force(log: Samples) -> list[Finding]:
 def _downwards(log: Samples) -> tuple[Array, Array]:
     """(windows,) the z axis's part of the downward specific force, as read and as the velocity allows."""
     first, last, size = windows(log, ACCEL_S)
-    roll, pitch = log["roll_rad"], log["pitch_rad"]
-    x, y, z = (log[f"accel_{axis}_m_s2"] for axis in "xyz")
-    level = y * np.sin(roll) * np.cos(pitch) - x * np.sin(pitch)
-    down = z * np.cos(roll) * np.cos(pitch)
     rows = first[:, None] + np.arange(size)
     flown = flying_rows(log)[rows].all(axis=1)
-    gained = (log["vel_d_m_s"][last] - log["vel_d_m_s"][first]) / (log["time_s"][last] - log["time_s"][first])
-    measured, allowed = down[rows].mean(axis=1), gained - GRAVITY_M_S2 - level[rows].mean(axis=1)
+    with np.errstate(invalid="ignore"):  # what is not finite is left out below
+        roll, pitch = log["roll_rad"], log["pitch_rad"]
+        x, y, z = (log[f"accel_{axis}_m_s2"] for axis in "xyz")
+        level = y * np.sin(roll) * np.cos(pitch) - x * np.sin(pitch)
+        down = z * np.cos(roll) * np.cos(pitch)
+        lasted = log["time_s"][last] - log["time_s"][first]
+        gained = (log["vel_d_m_s"][last] - log["vel_d_m_s"][first]) / lasted
+        measured, allowed = down[rows].mean(axis=1), gained - GRAVITY_M_S2 - level[rows].mean(axis=1)
     use = flown & np.isfinite(measured) & np.isfinite(allowed)
     return measured[use], allowed[use]
 

@@ -59,7 +59,7 @@ def copied(log: Samples) -> list[Finding]:
     """Stretches of all six axes that stand in the log before, in the same order."""
     values = np.stack([log[name] for name in IMU_COLUMNS], axis=1)
     finite = np.isfinite(values).all(axis=1)
-    fresh = finite & np.concatenate([[True], np.any(np.diff(values, axis=0) != 0.0, axis=1)])
+    fresh = finite & np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
     rows = np.flatnonzero(fresh)
     mask = np.zeros(len(values), bool)
     if len(rows) > REPEATED_ROWS:
@@ -86,7 +86,7 @@ def flying_rows(log: Samples) -> Mask:
 
 def held_rows(values: Array, flying: Mask, step_s: float) -> Mask:
     """(rows,) in runs of one reading, longer than the column's others."""
-    same = np.concatenate([[False], np.diff(values) == 0.0])
+    same = np.concatenate([[False], (values[1:] == values[:-1]) & np.isfinite(values[1:])])
     first = np.flatnonzero(~same)
     length = np.diff(np.append(first, len(same)))
     usual = float(np.quantile(length, 0.9))

@@ -15,6 +15,7 @@ from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.residual.faults.contradictions import contradicted, motors_too_many
 from coaxlink.residual.faults.flight_faults import off_centre
+from coaxlink.residual.faults.repeated_readings import copied, stuck
 from coaxlink.rotor import load_rotor_model
 
 
@@ -102,6 +103,13 @@ def test_motors_of_a_vehicle_of_ten_are_found_by_how_they_go_along(clean):
 @pytest.mark.parametrize("volts", [np.nan, np.inf])
 def test_a_voltage_that_was_never_measured_is_none(volts, clean):
     assert contradicted(Samples(clean | {"voltage_V": np.full(len(clean["time_s"]), volts)}, "sound")) == []
+
+
+@pytest.mark.parametrize("name", ["roll_rad", "accel_y_m_s2", "vel_d_m_s", "height_m"])
+def test_what_is_not_finite_accuses_nobody_and_warns_of_nothing(name, clean):
+    endless = np.where(np.arange(len(clean[name])) % 700 < 3, np.inf, clean[name])
+    log = Samples(clean | {name: endless}, "damaged")
+    assert [*contradicted(log), *stuck(log), *copied(log)] == []
 
 
 def test_a_height_that_stands_still_takes_nothing_else_from_the_answer(clean):
