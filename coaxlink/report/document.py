@@ -24,10 +24,10 @@ a{color:var(--mark)}
 p.dim,td.dim{color:var(--dim)}.verdict{font-size:1.15rem;color:var(--mark);margin:.3rem 0 1rem}
 .wide{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.9rem}
 th,td{padding:.25rem .7rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
-th:first-child,td:first-child,td.text{text-align:left}th.why,td.why{text-align:left;white-space:normal}
+th:first-child,td:first-child,td.text{text-align:left}td:first-child{white-space:pre}th.why,td.why{text-align:left;white-space:normal}
 th{color:var(--dim);font-weight:600}img{max-width:100%;height:auto;background:#fff;border-radius:4px}
 li{margin:.2rem 0}p,li,dd{overflow-wrap:anywhere}
-@media(max-width:40rem){th:first-child,td:first-child{white-space:normal;min-width:6rem}
+@media(max-width:40rem){th:first-child,td:first-child{white-space:pre-wrap;min-width:6rem}
 th,td{padding:.25rem .4rem}}
 .lead{border-left:4px solid var(--mark);padding-left:.8rem;margin:.8rem 0 1.2rem}
 figure{margin:1.2rem 0}figcaption{color:var(--dim);font-size:.85rem}
@@ -37,7 +37,7 @@ code{font-size:.85em;overflow-wrap:anywhere}
 table.cards,table.cards tbody{display:block}
 table.cards tr{display:block;border-bottom:1px solid var(--line);padding:.4rem 0}
 table.cards td{display:flex;justify-content:space-between;gap:1rem;border:0;padding:.1rem 0}
-table.cards td{white-space:normal}
+table.cards td{white-space:normal}table.cards td:first-child{white-space:pre-wrap}
 table.cards td::before{content:attr(data-label);color:var(--dim)}table.cards td:empty{display:none}
 table.cards td:first-child{font-weight:600;justify-content:flex-start}
 table.cards td:first-child::before{display:none}

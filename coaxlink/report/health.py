@@ -44,8 +44,8 @@ def remarks(health: Health) -> Iterator[str]:
         + ("" if len(health.flights) > 1 else "; a sound flight before it (health OLD NEW) tells far more")
     )
     yield (
-        f"sound below {100 * WATCH:.0f} %, watch, ground it from {100 * GROUND:.0f} % on; thrust and torque "
-        "are against the model at the commanded speeds, what all rotors have in common taken off"
+        f"by that chance: sound below {100 * WATCH:.0f} %, watch, ground it from {100 * GROUND:.0f} % on; "
+        "shares are of the model's load at the commanded speeds, after what all rotors have in common"
     )
 
 
@@ -77,12 +77,8 @@ def health_table(health: Health) -> Any:
 def _rows(health: Health) -> tuple[list[str], list[list[str]], list[list[str]]]:
     """Headings, a row a rotor and a row a pair, in the last flights."""
     last = health.flights[-SHOWN:]
-    heads = [
-        "rotor",
-        *(f"{f.name}\nthrust" for f in last),
-        "torque, last",
-        f"lost over {100 * MATTERS:.0f} %",
-    ]
+    thrusts = [f"{flight.name}\nthrust" for flight in last]
+    heads = ["rotor", *thrusts, "torque, last", f"chance that over\n{100 * MATTERS:.0f} % are lost"]
     chance = {s.number: s.probability for s in health.suspects}
     rotors = [
         [str(rotor.number), *(_cell(f.rotors[i].thrust) for f in last), _cell(rotor.torque),
@@ -117,7 +113,7 @@ def health_page(health: Health, made: Made) -> str:
             answer(f"{said[:1].upper()}{said[1:]}."),
             picture(drawn(figure(health, made.line())), caption),
             f"<h2>{TITLE[:1].upper()}{TITLE[1:]}</h2>",
-            html_table([head.replace("\n", ", ") for head in heads], [*rotors, *pairs]),
+            html_table([head.replace("\n", " ") for head in heads], [*rotors, *pairs]),
             "<h2>Remarks</h2>",
             listed(remarks(health)),
             *how_made(made),
