@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from coaxlink.errors import LinkError
 from coaxlink.fly.trajectory import Plan
 from coaxlink.live.guard import Timing
 from coaxlink.simulated.flight import Flight, Tell, Watch, fly, silent
@@ -156,7 +157,8 @@ def fly_live(
         )  # fmt: skip
         with live:
             yield
-        session.request_stream(DEMAND_ID, -1.0)
+        with suppress(LinkError):  # the flight is over, nobody listens any more
+            session.request_stream(DEMAND_ID, -1.0)
         forget()
         account.update(live.summary())
 

@@ -77,7 +77,7 @@ def test_ctrl_c_keeps_what_is_done(spec, tmp_path) -> None:
             break
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the workers get it, too
     try:
-        said = process.communicate(timeout=120)[1]
+        said = process.communicate(timeout=600)[1]
     finally:
         process.kill()
     assert process.returncode == 130, said

@@ -67,7 +67,7 @@ def test_without_out_nothing_is_written(tmp_path, capsys, monkeypatch):
         ((X8, "--firmware", "betaflight"), "--firmware: betaflight: expected"),
         ((X8, "--firmware", "px4", "--law", "nope"), "--law: nope: "),
         (("none.toml", "--firmware", "px4"), "none.toml"),
-        ((X8, "--firmware", "px4", "--rotor", X8), "x8_paper.toml: form"),
+        ((X8, "--firmware", "px4", "--rotor", X8), "x8_paper.toml: an airframe file; a rotor file"),
     ],
 )
 def test_bad_use_is_one_line_and_two(capsys, arguments, text):

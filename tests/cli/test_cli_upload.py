@@ -59,11 +59,11 @@ def test_dry_run_shows_and_writes_nothing(board, capsys):
 def test_nobody_to_ask_means_no(board):
     command = [sys.executable, "-m", "coaxlink", "upload", "t", "--connect", board.url]
     ended = subprocess.run(
-        command, input="", capture_output=True, text=True, env=os.environ.copy(), timeout=60
+        command, input="", capture_output=True, text=True, env=os.environ.copy(), timeout=600
     )
     assert ended.returncode == 4 and "not confirmed" in ended.stderr and board.sets == []
     ended = subprocess.run(
-        command, input="y\n", capture_output=True, text=True, env=os.environ.copy(), timeout=60
+        command, input="y\n", capture_output=True, text=True, env=os.environ.copy(), timeout=600
     )
     assert ended.returncode == 0 and len(board.sets) == 18
 

@@ -79,10 +79,10 @@ def fly(live, watch, log, state=LIVE):
         )
         for callback in live.session.callbacks:
             callback(imu)
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 600.0
         while len(watch._queue) > WAITING // 2 and time.monotonic() < end:
             time.sleep(0.002)
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 600.0
     while watch._queue and time.monotonic() < end:
         time.sleep(0.002)
 

@@ -50,7 +50,7 @@ def test_difference_backup_and_an_upload_that_is_confirmed(
             return str(app.screen_stack[0].query_one("#told").visual)
 
         async def until(met: Callable[[], bool]) -> None:
-            end = time.monotonic() + 60.0
+            end = time.monotonic() + 600.0
             while not met():
                 assert time.monotonic() < end, told()
                 await asyncio.sleep(0.05)

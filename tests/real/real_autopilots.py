@@ -53,7 +53,7 @@ def bridge(to: str, *options: str, port: int = 0) -> Iterator[int]:
         yield int(ready.strip().rpartition(":")[2])
     finally:
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=120)
+        process.communicate(timeout=600)
 
 
 class Px4:
@@ -174,7 +174,7 @@ def coaxlink(*arguments: str, cwd: Path = ROOT, fails: bool = False) -> subproce
 
 def take_off(session: Session) -> Vehicle:
     """Arm as soon as the vehicle lets us, and climb to 3 m."""
-    vehicle, end = Vehicle(session), time.monotonic() + 90.0
+    vehicle, end = Vehicle(session), time.monotonic() + 600.0
     while True:
         try:
             vehicle.arm()

@@ -18,7 +18,7 @@ def client(port: int, kind: str = "udpout", dialect: str = "ardupilotmega") -> I
     link = mavutil.mavlink_connection(f"{kind}:127.0.0.1:{port}", source_system=255, dialect=dialect)
     try:
         link.mav.heartbeat_send(6, 8, 0, 0, 4)
-        assert link.wait_heartbeat(timeout=60) is not None
+        assert link.wait_heartbeat(timeout=600) is not None
         yield link
     finally:
         link.close()

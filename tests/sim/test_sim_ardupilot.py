@@ -111,7 +111,7 @@ def transfer(start: Callable[..., None], *arguments: object) -> None:
     """Run one of MAVSDK's transfers to its end."""
     results: list[int] = []
     start(*arguments, lambda result, progress, data: results.append(int(result)))
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 600.0
     while not results or results[-1] == FtpResult.NEXT:
         assert time.monotonic() < end, results
         time.sleep(0.01)

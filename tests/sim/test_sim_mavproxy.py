@@ -77,7 +77,7 @@ class Typist:
         return x, y, z
 
     def until(self, place: tuple[float, float, float], near: float) -> None:
-        end = time.monotonic() + 25.0
+        end = time.monotonic() + 600.0
         while math.dist(self.position(), place) > near:
             assert time.monotonic() < end, self.printed[-15:]
             time.sleep(0.2)

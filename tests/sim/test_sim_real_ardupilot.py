@@ -64,7 +64,7 @@ def flown(tmp_path: Path) -> Iterator[tuple[ArduPilotBridge, Any]]:
             f"udpin:127.0.0.1:{port}", source_system=255, dialect="ardupilotmega"
         )
         try:
-            assert link.wait_heartbeat(timeout=60) is not None, (tmp_path / "talk").read_text()[-2000:]
+            assert link.wait_heartbeat(timeout=600) is not None, (tmp_path / "talk").read_text()[-2000:]
             yield bridge, link
         finally:
             link.close()
@@ -80,7 +80,7 @@ def flown(tmp_path: Path) -> Iterator[tuple[ArduPilotBridge, Any]]:
 
 
 def command(link: Any, number: int, *p: float) -> int:
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 600.0
     link.mav.command_long_send(1, 1, number, 0, *[*p, *[0.0] * (7 - len(p))])
     while time.monotonic() < end:
         ack = link.recv_match(type="COMMAND_ACK", blocking=True, timeout=1.0)
@@ -91,7 +91,7 @@ def command(link: Any, number: int, *p: float) -> int:
 
 def test_the_real_arducopter_takes_off_hovers_and_lands(flown: tuple[ArduPilotBridge, Any]) -> None:
     bridge, link = flown
-    end = time.monotonic() + 90.0
+    end = time.monotonic() + 600.0
     assert command(link, 511, 32, 50000) == 0
     while command(link, 176, 1, GUIDED) != 0 or command(link, 400, 1) != 0:  # its estimator settles
         assert time.monotonic() < end
@@ -99,7 +99,7 @@ def test_the_real_arducopter_takes_off_hovers_and_lands(flown: tuple[ArduPilotBr
     assert command(link, 22, 0, 0, 0, 0, 0, 0, 3.0) == 0
     errors, heights, start = [], [], None
     while start is None or bridge.time_s < start + 15.0:
-        estimate = link.recv_match(type="LOCAL_POSITION_NED", blocking=True, timeout=30)
+        estimate = link.recv_match(type="LOCAL_POSITION_NED", blocking=True, timeout=600)
         assert estimate is not None and time.monotonic() < end + 60.0
         truth = bridge.plant.position.copy()
         if start is None and truth[2] < -2.8:
@@ -110,7 +110,7 @@ def test_the_real_arducopter_takes_off_hovers_and_lands(flown: tuple[ArduPilotBr
     assert sum(heights) / len(heights) == pytest.approx(3.0, abs=0.3)
     assert max(heights) - min(heights) < 0.5 and max(errors) < 1.5
     assert command(link, 21) == 0
-    while link.recv_match(type="HEARTBEAT", blocking=True, timeout=30).base_mode & 128:
+    while link.recv_match(type="HEARTBEAT", blocking=True, timeout=600).base_mode & 128:
         assert time.monotonic() < end + 90.0
     assert abs(bridge.plant.position[2]) < 0.1
     assert bridge.lost == 0

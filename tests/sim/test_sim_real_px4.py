@@ -77,7 +77,7 @@ def flown(tmp_path: Path) -> Iterator[tuple[Px4Bridge, Any, int]]:
         )
         link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{14540 + number}", source_system=245)
         try:
-            assert link.wait_heartbeat(timeout=60) is not None, (tmp_path / "talk").read_text()[-2000:]
+            assert link.wait_heartbeat(timeout=600) is not None, (tmp_path / "talk").read_text()[-2000:]
             yield bridge, link, number + 1
         finally:
             link.close()
@@ -105,7 +105,7 @@ def command(link: Any, system: int, number: int, *p: float) -> int:
 
 def test_the_real_px4_takes_off_hovers_and_lands(flown: tuple[Px4Bridge, Any, int]) -> None:
     bridge, link, system = flown
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 600.0
     while command(link, system, 400, 1) != 0:  # its estimator has not settled yet
         assert time.monotonic() < end
         time.sleep(0.5)
@@ -113,7 +113,7 @@ def test_the_real_px4_takes_off_hovers_and_lands(flown: tuple[Px4Bridge, Any, in
     assert command(link, system, 22, 0, 0, 0, nan, nan, nan, nan) == 0
     errors, heights, start = [], [], None
     while start is None or bridge.plant.time_s < start + 20.0:
-        estimate = link.recv_match(type="LOCAL_POSITION_NED", blocking=True, timeout=30)
+        estimate = link.recv_match(type="LOCAL_POSITION_NED", blocking=True, timeout=600)
         assert estimate is not None and time.monotonic() < end + 60.0, bridge.status()
         truth = bridge.plant.position.copy()
         if start is None and truth[2] < -2.3:
@@ -124,7 +124,7 @@ def test_the_real_px4_takes_off_hovers_and_lands(flown: tuple[Px4Bridge, Any, in
     assert sum(heights) / len(heights) == pytest.approx(2.5, abs=0.2)  # MIS_TAKEOFF_ALT
     assert max(heights) - min(heights) < 0.4 and max(errors) < 0.5
     assert command(link, system, 21) == 0
-    while link.wait_heartbeat(timeout=60).base_mode & 128:
+    while link.wait_heartbeat(timeout=600).base_mode & 128:
         assert time.monotonic() < end + 90.0, bridge.status()
     assert abs(bridge.plant.position[2]) < 0.1
     assert bridge.timeouts <= bridge.steps // 100 and bridge.stale <= 20 + bridge.timeouts, bridge.status()
@@ -135,7 +135,7 @@ def test_the_real_px4_saves_its_parameters_and_arms_again_and_again(
 ) -> None:
     """While it saves, controls fail to come now and then; that must not stop the two for good."""
     bridge, link, system = flown
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 600.0
     while command(link, system, 400, 1) != 0:
         assert time.monotonic() < end
         time.sleep(0.3)

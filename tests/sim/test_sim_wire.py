@@ -87,18 +87,18 @@ def test_a_reboot_in_the_middle_of_an_upload_keeps_what_was_written() -> None:
     with standin("--wire", "reboot=3", "--speed", "4") as port:
         link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255, dialect="common")
         link.mav.heartbeat_send(6, 8, 0, 0, 4)
-        assert link.wait_heartbeat(timeout=60) is not None
+        assert link.wait_heartbeat(timeout=600) is not None
         for n in range(5):
             link.mav.param_set_send(1, 1, b"CA_ROTOR%d_CT" % n, 20.0 + n, 9)
             link.recv_match(type="PARAM_VALUE", blocking=True, timeout=0.3)
-        assert link.recv_match(type="HEARTBEAT", blocking=True, timeout=30) is not None
+        assert link.recv_match(type="HEARTBEAT", blocking=True, timeout=600) is not None
         values = []
         for n in range(5):
             link.mav.param_request_read_send(1, 1, b"CA_ROTOR%d_CT" % n, -1)
             name = f"CA_ROTOR{n}_CT"
             message = None
             while message is None or message.param_id != name:
-                message = link.recv_match(type="PARAM_VALUE", blocking=True, timeout=30)
+                message = link.recv_match(type="PARAM_VALUE", blocking=True, timeout=600)
                 assert message is not None
             values.append(message.param_value)
         link.close()

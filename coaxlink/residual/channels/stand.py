@@ -101,7 +101,8 @@ def stand_frame(
                 present.append(4 + side)
                 measured[:, 4 + side] = u[:, side]
     time = samples["time_s"] if samples.has("time_s") else np.arange(float(samples.rows))
-    if np.any(np.diff(time) < 0):
+    back = np.diff(time) < 0
+    if back.any():
         time = np.arange(float(samples.rows))
     free = model is None
     orders = ORDERS if order is None else (order,)
@@ -109,6 +110,9 @@ def stand_frame(
     keep = np.arange(samples.rows) if trusted is None else trusted
     surfaces: dict[int, Surface] = {}
     notes = [f"speeds: {speeds.source}"]
+    if back.any():
+        place = samples.place(int(np.argmax(back)) + 1)
+        notes.append(f"time_s goes back at {place}: rows are counted instead, one a second")
     if model is None:
         base, keep = _fitted_base(u, plain, keep, present, speeds.speed_max_rpm, orders, notes)
     else:

@@ -34,6 +34,8 @@ CLOSER = 0.25  # of the capped squares under the labels as they stand
 NEAR = 4.0  # squared tolerances a reading may be off by, where a way is right
 FAR = (0.6, 1.6)  # no effect of physics changes one load by more
 FARTHER = (0.4, 2.5)  # in a part of the rows, where more may happen
+# but for these: half a bridge, or an amplifier's other gain (HX711: 128 or 64)
+GAINS, GAIN_ERROR = (0.5, 2.0), 0.02
 FAIR = (0.2, 5.0)  # beyond, even a slight load tells
 LEAST_TIMES = 4.0  # closer
 LOADED = 0.25  # of the reference: less load tells no ratio
@@ -336,7 +338,8 @@ def _where(stick: _Yardstick, way: Way, plain: Array, free: Mask) -> tuple[float
     if not mask.any():
         return None
     whole = mask.sum() >= WHOLE * free.sum()
-    if not whole and FARTHER[0] < way.factor < FARTHER[1] and way.factor != 1.0:
+    gain = way.factor == 1.0 or any(abs(way.factor / known - 1.0) < GAIN_ERROR for known in GAINS)
+    if not whole and FARTHER[0] < way.factor < FARTHER[1] and not gain:
         return None
     times = float(np.sqrt(_raw(stick, None, use, mask) / max(_raw(stick, way, use, mask), 1e-12)))
     return (total, Mislabel(way, free.copy() if whole else mask, times)) if times > LEAST_TIMES else None

@@ -22,6 +22,7 @@ from coaxlink.residual.result import Suspect
 
 SWAP = 0.25  # of the squares left when the labels are exchanged
 LEAST_LEFT = 8  # rows
+RESTART_ROWS = 5  # judgement: within which a clock that was restarted begins
 
 
 @dataclass(frozen=True)
@@ -64,11 +65,28 @@ class _Finding:
 def find_suspects(frame: StandFrame) -> Suspicion:
     """All that contradicts its label in a log."""
     found = _Finding(frame, [], np.zeros(len(frame.time_s), bool), [])
+    _look_at_stamps(found)
     _look_at_cells(found)
     _look_at_labels(found)
     if not found.silent:
         _look_at_drives(found)
     return Suspicion(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
+
+
+def _look_at_stamps(found: _Finding) -> None:
+    """Rows whose stamp is before one that stands above them: a clock set back, blocks in the wrong order."""
+    time = found.frame.context("time_s")
+    if time is None or len(time) < 2:
+        return
+    step = float(np.median(np.abs(np.diff(time))))
+    # a session of its own begins where the first one did
+    anew = np.concatenate([[True], (np.diff(time) < 0.0) & (time[1:] <= time[0] + RESTART_ROWS * step)])
+    rows = np.zeros(len(time), bool)
+    for run in np.split(np.arange(len(time)), np.flatnonzero(anew)[1:]):
+        rows[run] = time[run] < np.maximum.accumulate(time[run])
+    if rows.any():
+        why = "time goes back: what follows from one row to the next is not known here"
+        found.rows("time_s", rows, why)
 
 
 def _look_at_cells(found: _Finding) -> None:

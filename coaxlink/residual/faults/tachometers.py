@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from coaxlink.frames import Array, StandFrame
 from coaxlink.load import Load
 from coaxlink.residual.channels.stand import fitted_model
+from coaxlink.residual.faults.row_ranges import robust_fit
 
 Mask = NDArray[np.bool_]
 LEAST_SHARE, MOST_SHARE = 0.04, 0.5  # of the rows: more than half of them cannot be told from the other half
@@ -26,7 +27,10 @@ SURE = 8.0  # standard errors of the step
 CLEARED = 0.25  # of the squares that the loads leave, once the reading is mended
 RARE, MOVES = 0.1, 0.15  # of the runs of equal readings; of the reference load
 AMONG = 0.7  # of the rows that lie: at speeds that a base fitted to the other rows has seen
+LEAST_FITTED = 24  # rows: as a stand log needs for a base of its own
+FAR_OFF, ALIKE = 0.1, 0.05  # of the speed: a reading that counts wrongly; how well such readings agree
 COARSE = 0.02  # of the speed
+LOADED = 0.25  # of the fastest: slower motors do not follow a curve of throttle
 ROUNDS = 4
 
 
@@ -57,6 +61,7 @@ def lies(frame: StandFrame) -> list[Lie]:
         ways = [(order, supply) for order in _orders(frame, side) for supply in (False, True)]
         steps = [step for way in ways if (step := _step(frame, side, *way)) is not None]
         steps += [step for supply in (False, True) for step in _beyond(frame, side, supply)]
+        steps += _scattered(frame, side)
         for lie in sorted(steps, key=lambda lie: _left(frame, lie)):
             if _loads_clear(frame, lie):
                 found.append(lie)
@@ -94,14 +99,20 @@ def stuck_readings(frame: StandFrame, side: int) -> Mask:
     runs = list(zip(start, np.append(start[1:], len(read)), strict=True))
     if sum(1 for first, end in runs if 1 < end - first < least) > RARE * len(runs):
         return out
-    due = frame.loads_at(frame.speeds)[:, load]
-    for first, end in runs:
-        if end - first < least or read[first] <= 0.0:
-            continue
-        seen, told = (
-            float(np.ptp(np.quantile(x[first:end], [0.05, 0.95]))) for x in (frame.measured[:, load], due)
-        )
-        if seen > max(MOVES * frame.reference[load], 2.0 * told):
+    long = [(a, b) for a, b in runs if b - a >= least and read[a] > 0.0]
+    if not long:
+        return out
+    rest = np.logical_not(
+        np.logical_or.reduce([(np.arange(len(read)) >= a) & (np.arange(len(read)) < b) for a, b in long])
+    )
+    model = frame.model
+    if (
+        frame.free_base and rest.sum() > LEAST_FITTED
+    ):  # what these rows bent to themselves tells nothing of them
+        model = fitted_model(frame.speeds[rest], frame.measured[rest], [load], model.speed_max_rpm)
+    off = frame.measured[:, load] - model.loads(frame.speeds[:, 0], frame.speeds[:, 1])[Load(load)]
+    for first, end in long:
+        if np.ptp(np.quantile(off[first:end], [0.05, 0.95])) > MOVES * frame.reference[load]:
             out[first:end] = True
     return out
 
@@ -177,6 +188,23 @@ def _beyond(frame: StandFrame, side: int, supply: bool) -> list[Lie]:
     lie = part / (1.0 - part)
     parts = ((above, lie), (~above, -lie / (1.0 + lie)))
     return [Lie(side, r, by) for r, by in parts if r.mean() <= MOST_ABOVE and abs(by) >= LEAST_LIE]
+
+
+def _scattered(frame: StandFrame, side: int) -> list[Lie]:
+    """Rows here and there that read one multiple of what throttle gives: pulses counted half, or twice."""
+    speed, x = frame.speeds[:, side], _curves(frame, side, True)
+    usual = x @ robust_fit(x, speed, np.ones(len(speed), bool))
+    told = usual > LOADED * float(np.max(usual))
+    times = np.where(told, speed / np.where(told, usual, 1.0), 1.0)
+    noise = 1.4826 * float(np.median(np.abs(times[told] - 1.0))) if told.any() else 0.0
+    far = np.abs(times - 1.0) > max(FAR_OFF, SURE * noise)
+    if far.sum() < LEAST_ROWS:
+        return []
+    factor = float(np.median(times[far]))
+    rows = far & (np.abs(times / max(factor, 1e-9) - 1.0) < ALIKE)
+    if rows.sum() < max(LEAST_ROWS, AMONG * far.sum()) or rows.mean() > MOST_SHARE or factor - 1.0 < LOWEST:
+        return []
+    return [Lie(side, rows, float(np.mean(times[rows])) - 1.0)]
 
 
 def _curves(frame: StandFrame, side: int, supply: bool) -> Array:

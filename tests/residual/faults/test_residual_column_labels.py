@@ -88,6 +88,17 @@ def test_labels_swapped_for_a_while(paper, what: str, given: bool) -> None:
     assert answer.channels["lower_thrust"].rmse_after < 0.5
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_half_a_bridge_for_a_while_is_accused(paper, given: bool) -> None:
+    columns = run(seed=12)
+    columns["upper_thrust_N"][PART] *= 0.5
+    answer = refine_stand(Samples(columns, "rig"), paper if given else None)
+    (suspect,) = answer.suspect_data
+    assert suspect.column == "upper_thrust_N" and 0.49 < float(suspect.why.split()[0]) < 0.51
+    assert span(suspect.rows) == (pytest.approx(PART.start, abs=4), pytest.approx(PART.stop, abs=4))
+    assert nothing_claimed(answer)
+
+
 ONE_PASS = 162  # rows of `run`: the upper rotor goes up once
 
 

@@ -7,6 +7,8 @@ import pytest
 
 from coaxlink.data import Samples
 from coaxlink.residual import refine_stand
+from coaxlink.residual.channels.stand import stand_frame
+from coaxlink.residual.faults.stand_faults import find_suspects
 
 RPM, RATE = 6200.0, 10.0
 
@@ -103,3 +105,63 @@ def test_steps_between_two_speeds_accuse_nobody() -> None:
     }
     answer = refine_stand(Samples(columns, "steps"))
     assert not answer.suspect_data and "rotor_lag" in [e.name for e in answer.effects]
+
+
+def in_bursts(column: str, harm: float, seed: int = 5) -> Samples:
+    """Bursts of five rows in which a tachometer shows `harm` of the speed."""
+    log = bench(seed, from_s=0.0, to_s=0.0)
+    rows = (np.arange(log.rows) // 5) % 20 == 7
+    return log.with_columns(**{column: np.where(rows, harm, 1.0) * log[column]})
+
+
+@pytest.mark.parametrize(("column", "harm"), [("upper_rpm", 0.5), ("lower_rpm", 2.0)])
+def test_pulses_counted_half_or_twice_here_and_there_are_accused(column: str, harm: float) -> None:
+    answer = refine_stand(in_bursts(column, harm))
+    assert [s.column for s in answer.suspect_data] == [column]
+    assert answer.suspect_data[0].rows.startswith("36-40, 136-140") and answer.effects == ()
+
+
+def test_a_rotor_that_really_drops_out_here_and_there_does_not_make_its_tachometer_lie() -> None:
+    log = bench(6, from_s=0.0, to_s=0.0)
+    rows = (np.arange(log.rows) // 5) % 20 == 7
+    u = np.where(rows, 0.5, 1.0) * log["upper_rpm"] / RPM
+    v = log["lower_rpm"] / RPM
+    wake = (66.0 * v**2 + 11.0 * v - 30.0 * u**2 + 2.0 * (u * v) ** 2, 1.5 * v**2 + 0.5 * v - 0.6 * u**2)
+    dropped = log.with_columns(
+        upper_rpm=RPM * u,
+        upper_thrust_N=61.0 * u**2 + 14.0 * u,
+        upper_torque_Nm=1.4 * u**2 + 0.5 * u,
+        lower_thrust_N=wake[0],
+        lower_torque_Nm=wake[1],
+    )
+    assert not [s for s in refine_stand(dropped).suspect_data if s.column == "upper_rpm"]
+
+
+def test_a_reading_that_stands_while_the_wake_moves_its_load_too_is_accused() -> None:
+    log = bench(7, from_s=0.0, to_s=0.0)
+    read = log["lower_rpm"].copy()
+    read[400:640] = read[400]
+    answer = refine_stand(log.with_columns(lower_rpm=read))
+    assert [(s.column, s.rows) for s in answer.suspect_data] == [("lower_rpm", "401-640")]
+
+
+def test_a_rotor_that_is_held_while_the_other_moves_may_read_one_number() -> None:
+    log = bench(8, from_s=0.0, to_s=0.0)
+    u, v = log["upper_rpm"] / RPM, log["lower_rpm"] / RPM
+    v[400:640] = 0.6
+    held = log.with_columns(
+        lower_rpm=RPM * v,
+        lower_thrust_N=66.0 * v**2 + 11.0 * v - 30.0 * u**2 + 2.0 * (u * v) ** 2,
+        lower_torque_Nm=1.5 * v**2 + 0.5 * v - 0.6 * u**2,
+    ).without("upper_throttle", "lower_throttle")
+    assert find_suspects(stand_frame(held, None)).suspects == ()
+
+
+def test_a_clock_set_back_is_accused_and_a_session_that_starts_anew_is_not() -> None:
+    log = bench(9, from_s=0.0, to_s=0.0)
+    time = log["time_s"]
+    late = np.arange(log.rows) >= 600
+    back = find_suspects(stand_frame(log.with_columns(time_s=time - 10.0 * late), None))
+    assert [(s.column, s.rows) for s in back.suspects] == [("time_s", "601-699")]
+    anew = find_suspects(stand_frame(log.with_columns(time_s=time - 60.0 * late), None))
+    assert anew.suspects == ()
