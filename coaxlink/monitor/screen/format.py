@@ -96,7 +96,8 @@ def _pair(share: float, stale: bool, *, plain: bool = False) -> Text:
     top = round(100.0 * share)
     texts = [number(float(v), 0, stale=stale) for v in (top, 100 - top)]
     styles = ("", "") if stale or plain else (f"bold {UPPER}", f"bold {LOWER}")
-    return Text.assemble((texts[0], styles[0]), " : ", (texts[1], styles[1]))
+    between = ":" if stale else " : "  # the marks of old numbers take the room
+    return Text.assemble((texts[0], styles[0]), between, (texts[1], styles[1]))
 
 
 def balance(view: View) -> Text:
