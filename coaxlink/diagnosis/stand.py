@@ -11,11 +11,16 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.diagnosis.channels import Channels, possible
+from coaxlink.diagnosis.meters import calmed
 from coaxlink.diagnosis.parts import Block, in_channel, products, waves
 from coaxlink.effects import stand_effects
-from coaxlink.effects.hysteresis import relay_shapes
+from coaxlink.effects.battery_voltage import governed_shapes
+from coaxlink.effects.dead_band import cell_shapes, of_cells
+from coaxlink.effects.hysteresis import angle_shapes, relay_shapes
+from coaxlink.effects.motor_heating import magnet_shapes, winding_shapes
+from coaxlink.effects.rotor_lag import ringing_shapes
 from coaxlink.effects.rotor_spacing import alike_shapes
-from coaxlink.effects.sensor_drift import amplifier_shapes
+from coaxlink.effects.sensor_drift import amplifier_shapes, room_shapes
 from coaxlink.effects.tracing import Shape, Tracing
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.channels.stand import base_corrections, stand_frame
@@ -53,7 +58,7 @@ def stand_channels(
     samples: Samples, model: RotorModel | None, trusted: np.ndarray | None = None, most: int = MANY_ROWS
 ) -> Channels:
     """Channels of a stand log. Raises InputError as `stand_frame` does."""
-    bare = stand_frame(samples, model, ORDER if model is None else None, None, trusted)
+    bare = calmed(stand_frame(samples, model, ORDER if model is None else None, None, trusted))
     known, notes = known_parts(bare)
     if len(bare.keep) > most:  # stretches whole: noise has neighbours, and what lags sees every row
         share = -(-len(bare.keep) // most)
@@ -62,7 +67,7 @@ def stand_channels(
     reduce, present, keep = reducing(frame), list(frame.present), frame.keep
     reference = frame.reference[present]
     names = tuple(STAND_CHANNELS[c] for c in present)
-    able, unable = possible(frame, stand_effects())
+    able, unable = possible(frame, [_of_cells(frame, e) for e in stand_effects()])
     able = [e for e in able if not e.accused]
     weights = np.abs(reduce(frame.predicted))
     mapped = np.hypot(weights, reduce(_wake(frame)))
@@ -100,14 +105,23 @@ def stand_channels(
     )
 
 
+def _of_cells(frame: StandFrame, effect: Tracing[Any]) -> Tracing[Any]:
+    """The effect, or what of it a log without throttles can show."""
+    return of_cells(effect) if effect.name == "dead_band" and effect.missing(frame) is not None else effect
+
+
 def _more_shapes(frame: StandFrame, effect: Tracing[Any]) -> Sequence[Shape]:
     """Forms that stand in for what another effect does: without them the other would be claimed."""
     more = {
-        "sensor_drift": amplifier_shapes,
-        "rotor_spacing": alike_shapes,
-        "hysteresis": relay_shapes,
-    }.get(effect.name)
-    return more(frame) if more else ()
+        "battery_voltage": (governed_shapes,),
+        "dead_band": (cell_shapes,),
+        "motor_heating": (magnet_shapes, winding_shapes),
+        "rotor_lag": (ringing_shapes,),
+        "sensor_drift": (amplifier_shapes, room_shapes),
+        "rotor_spacing": (alike_shapes,),
+        "hysteresis": (relay_shapes, angle_shapes),
+    }.get(effect.name, ())
+    return [shape for shapes in more for shape in shapes(frame)]
 
 
 def _wake(frame: StandFrame) -> Array:

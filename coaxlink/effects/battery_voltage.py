@@ -7,7 +7,7 @@ speed-governing ESC), so that the loads change by k (V / V_ref - 1) u dL/du.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,10 +115,27 @@ def _no_voltage(frame: StandFrame) -> str | None:
     return None if spread > 0.005 else f"the voltage moves by only {100 * spread:.1f} %"
 
 
+GOVERNED = {"cap": (0.4, 1.5), "soft": (0.002, 0.15), "reach": (0.2, 3.0)}
+CAPS, SOFT = (0.75, 0.85, 0.95, 1.05), 0.03  # of normalised speed, at the usual voltage
+
+
+def governed_shapes(_: StandFrame) -> Sequence[Shape]:
+    """A governor holds the speed until its duty cycle is full; from there on speed goes with the supply."""
+    return [{"cap": cap, "soft": SOFT, "reach": 1.0} for cap in CAPS]
+
+
+def lost_to_cap(p: Numbers, command: ArrayLike, ratio: ArrayLike) -> Array:
+    """Normalised speed that a governor cannot hold at a voltage over the usual one: from `cap` on, softly."""
+    over = np.asarray(command, float) - p["cap"] * (1.0 + p["reach"] * (np.asarray(ratio, float) - 1.0))
+    return np.asarray(p["soft"] * np.logaddexp(0.0, over / p["soft"]))
+
+
 def _voltage_columns(frame: StandFrame, shape: Shape) -> Array:
     v = voltages(frame)
     assert v is not None
     u, centre = drive(frame), float(np.median(v))
+    if "cap" in shape:
+        return frame.slowed(-lost_to_cap(shape, u, v / centre))[..., None]
     power = shape["power"]
     columns = [frame.slowed(loaded(u, shape) * _share(v / centre, power))]
     if not frame.free_base:
@@ -130,6 +147,8 @@ def _voltage_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, 
     v = voltages(frame)
     assert v is not None
     centre = float(np.median(v))
+    if "cap" in shape:
+        return {"speed_exponent": float(c[0]), "reference_voltage_V": centre, **shape}
     level = float(c[1]) if len(c) > 1 else 0.0
     reference = centre * (1.0 - level / c[0]) if abs(c[0]) > 1e-9 else centre
     return {"speed_exponent": float(c[0]), "reference_voltage_V": float(reference), **shape}
@@ -139,9 +158,17 @@ def _voltage_inverse(frame: StandFrame, p: Mapping[str, float]) -> tuple[Shape, 
     v = voltages(frame)
     assert v is not None
     k, centre = p["speed_exponent"], float(np.median(v))
+    if "cap" in p:
+        return {name: p[name] for name in GOVERNED}, np.array([k])
     level = k * (1.0 - p["reference_voltage_V"] / centre)
     shape = {name: p[name] for name in ("power", "load") if name in p}
     return shape, np.array([k] if frame.free_base else [k, level])
+
+
+def _voltage_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    if "cap" in shape:
+        return GOVERNED
+    return {"power": (0.2, 4.0)} | ({"load": LOAD} if "load" in shape else {})
 
 
 def _voltage_cause(frame: StandFrame, _: Shape, channel: str) -> tuple[str, Array]:
@@ -157,7 +184,8 @@ STAND: Tracing[StandFrame] = Tracing(
     source="no-load speed of a duty-cycle driven brushless motor (Drela 2007)",
     needs=("voltage_V",),
     channels=STAND_CHANNELS,
-    units={"speed_exponent": "1", "reference_voltage_V": "V", "power": "1", "load": "1"},
+    units={"speed_exponent": "1", "reference_voltage_V": "V", "power": "1", "load": "1"}
+    | dict.fromkeys(GOVERNED, "1"),
     missing=_no_voltage,
     shapes=lambda _: [{"power": p} for p in (0.4, 0.7, 1.0)],
     columns=_voltage_columns,
@@ -165,8 +193,8 @@ STAND: Tracing[StandFrame] = Tracing(
     inverse=_voltage_inverse,
     refuse=lambda p: outside("speed_exponent", p["speed_exponent"], 0.02, 2.5),
     cause=_voltage_cause,
-    free=lambda _, shape: {"power": (0.2, 4.0)} | ({"load": LOAD} if "load" in shape else {}),
-    finer=load_finer,
+    free=_voltage_free,
+    finer=lambda frame, shape, c: [] if "cap" in shape else load_finer(frame, shape, c),
 )
 
 
@@ -194,6 +222,10 @@ def _static(bench: StaticBench, p: Numbers) -> str:
     volts = bench.at.voltage_V
     if volts is None:
         raise LeftOut(_NEEDS_VOLTAGE)
+    if "cap" in p:
+        ratio = volts / p["reference_voltage_V"]
+        bench.turn_at(lambda u: u - p["speed_exponent"] * lost_to_cap(p, u, ratio))
+        return f"commands for {volts:.2f} V, where no rotor turns faster than {p['cap'] * ratio:.3f}"
     factor = float(speed_factor(p, volts)) if volts > 0 else 0.0
     turn(bench, factor, p, "voltage_V", volts)
     return f"commands for {volts:.2f} V, where rotors turn at {factor:.3f} of them"
@@ -205,6 +237,9 @@ def _live(view: LiveView, p: Numbers) -> SpeedPart:
         if volts is None:
             return None
         u = max(view.usual_speed, 0.1)
+        if "cap" in p:
+            lost = lost_to_cap(p, u, volts / p["reference_voltage_V"])
+            return float(1.0 - p["speed_exponent"] * lost / u)
         return float(turning(np.array(u), float(speed_factor(p, volts)) - 1.0, p)) / u
 
     return factor
@@ -227,6 +262,15 @@ EFFECT = PhysicalEffect(
         Parameter("load", "1", *LOAD,
             source="wide: any value between the bounds; how resistance and load share the fall of speed "
                    "goes with the motor"),
+        Parameter("cap", "1", *GOVERNED["cap"],
+            source="wide: any value between the bounds; speed over full speed that a governor holds at the "
+                   "usual voltage goes with the motor's Kv"),
+        Parameter("soft", "1", *GOVERNED["soft"],
+            source="wide: any value between the bounds; how gradually a full duty cycle is felt goes with the "
+                   "controller"),
+        Parameter("reach", "1", *GOVERNED["reach"],
+            source="wide: any value between the bounds; 1 where speed goes with the supply, more where its "
+                   "current makes it sag"),
         Parameter("over_logged", "1", *REFERENCE,
             source="wide: any value between the bounds; a model may be of a full pack and a log of an "
                    "empty one"),

@@ -32,6 +32,40 @@ def turned(p: Numbers, command: Array) -> Array:
     return np.where(u < band, 0.0, u)
 
 
+CELL_BANDS, KNEES = (0.01, 0.02, 0.04, 0.08), (2.0, 6.0)
+CELLS = {"band": (0.003, 0.25), "knee": (1.0, 12.0), "torque": (0.2, 5.0)}
+
+
+def cell_shapes(_: StandFrame) -> Sequence[Shape]:
+    """Cells with play or stiction: of a small force they read nothing, of a large one as much less."""
+    return [{"cells": 1.0, "band": b, "knee": k, "torque": 1.0} for b in CELL_BANDS for k in KNEES]
+
+
+def of_cells(effect: Tracing[StandFrame]) -> Tracing[StandFrame]:
+    """The effect of cells alone, for a log without throttles: what no motor can be judged by, a cell can."""
+    return replace(effect, shapes=lambda _: [], missing=lambda _: None, stage=8)
+
+
+def _unread(frame: StandFrame, shape: Shape) -> Array:
+    """(rows, 6) what cells do not read: all of a small load, and no more than the band of a large one.
+
+    The band is a share of what the larger of both rotors' loads is; cells of one kind have one.
+    """
+    out = np.zeros((len(frame.time_s), 6))
+    for load in range(4):
+        full = max(frame.reference[load], frame.reference[(load + 2) % 4])
+        band = full * shape["band"] * (shape["torque"] if load % 2 else 1.0)
+        over = frame.predicted[:, load] / band
+        out[:, load] = -band * over / (1.0 + np.abs(over) ** shape["knee"]) ** (1.0 / shape["knee"])
+    return out
+
+
+def _dead_columns(frame: StandFrame, shape: Shape) -> Array:
+    if "cells" in shape:
+        return _unread(frame, shape)[..., None]
+    return changed_by(frame, _dead(frame, shape))[..., None]
+
+
 def _dead(frame: StandFrame, shape: Shape) -> Array:
     """(rows, 2) speeds: none, then as the throttle says; all stretched; or idling taken off.
 
@@ -59,7 +93,7 @@ def _dead_apply(frame: StandFrame, parameters: Mapping[str, float]) -> StandFram
     """
     shape, c = STAND.inverse(frame, parameters)
     predicted = frame.predicted + STAND.columns(frame, shape) @ c
-    if not frame.driven:
+    if not frame.driven and "cells" not in shape:
         u = drive(frame)
         stands = _dead(frame, shape) <= 0.0
         for side in (0, 1):
@@ -81,6 +115,8 @@ def _dead_shapes(frame: StandFrame) -> Sequence[Shape]:
 
 
 def _dead_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    if "cells" in shape:
+        return CELLS
     # a start threshold stands between two set-points: nothing continuous to move
     if "bend" in shape:
         return {"band": (0.005, 0.4), "bend": BEND}
@@ -101,6 +137,8 @@ def _start(frame: StandFrame) -> tuple[float, float] | None:
 
 
 def _dead_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    if "cells" in shape:
+        return []
     bare, seen = {"band": shape["band"]}, _start(frame)
     forms: list[tuple[Shape, Array]] = []
     if seen is not None:
@@ -123,10 +161,10 @@ STAND: Tracing[StandFrame] = Tracing(
     source="speed controllers' start threshold",
     needs=("upper_throttle",),
     channels=STAND_CHANNELS,
-    units={"band": "1", "share": "1", "stretched": "1", "bend": "1", "start": "1"},
+    units={"band": "1", "share": "1", "stretched": "1", "bend": "1", "start": "1", "cells": "1", "knee": "1", "torque": "1"},
     missing=drivable,
     shapes=_dead_shapes,
-    columns=lambda frame, shape: changed_by(frame, _dead(frame, shape))[..., None],
+    columns=_dead_columns,
     parameters=lambda _, shape, c: {**shape, "share": float(c[0])},
     inverse=lambda _, p: ({k: v for k, v in p.items() if k != "share"}, np.array([p["share"]])),
     refuse=lambda p: outside("share", p["share"], 0.6, 1.5),
@@ -141,6 +179,8 @@ STAND: Tracing[StandFrame] = Tracing(
 
 
 def _static(bench: StaticBench, p: Numbers) -> str:
+    if "cells" in p:
+        raise LeftOut(_OF_THE_CELLS)
     if "stretched" not in p and "bend" not in p:  # above the band the command is the speed
         raise LeftOut(_BELOW)
     share = p.get("share", 1.0)
@@ -157,6 +197,7 @@ _BELOW = (
     "no mixer turns a motor below its start: raise the outputs' minimum to the band "
     "(PWM_MAIN_MINn, MOT_SPIN_MIN)"
 )
+_OF_THE_CELLS = "a property of the stand's cells, not of the rotors"
 EFFECT = PhysicalEffect(
     name="dead_band",
     stage=Stage.DRIVE,
@@ -173,6 +214,11 @@ EFFECT = PhysicalEffect(
         Parameter("start", "1", 0.0, 1.0,
             source="wide: any value between the bounds; where a motor starts goes with its load and its "
                    "controller"),
+        Parameter("cells", "1", 0.0, 1.0, source="a switch, 0 or 1: load cells, not motors, have the band"),
+        Parameter("knee", "1", *CELLS["knee"],
+            source="wide: any value between the bounds; how sharply play or stiction ends goes with the mount"),
+        Parameter("torque", "1", *CELLS["torque"],
+            source="wide: any value between the bounds; torque cells and thrust cells are of two kinds"),
     ),
     stand=STAND,
     static=_static,

@@ -23,7 +23,7 @@ RELAY_STEP, RELAY_WIDEST, RELAY_FINER = 0.06, 0.35, (0.02, 0.007)  # of normalis
 RELAY_MOST = 2.0  # of normalised speed: what runs further is no speed
 NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
          "power", "reach", "spread", "fading", "lower_over_upper",
-         "relay", "on", "off")  # fmt: skip
+         "relay", "on", "off", "angle")  # fmt: skip
 ALL = {"both", "sweep", "load"}  # not one rotor's alone
 FREE = {
     "fading": (0.0, 1.0),
@@ -163,6 +163,8 @@ def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
         course = _course(frame).sum(axis=1) if "sweep" in shape else frame.speeds[:, side]
         if "load" in shape:  # a cell's friction knows its own load only, whatever speeds made it
             course = frame.predicted[:, channel] / frame.reference[channel]
+        if "angle" in shape:
+            course = _ratio(frame)
         quiet, share, way = _quiet(course), shape.get("fading", 0.0), np.zeros(len(course))
         if "fading" in shape:
             way = share * fading(quiet, 0.5 * shape["reach"])
@@ -195,6 +197,23 @@ def relay_shapes(frame: StandFrame) -> list[dict[str, float]]:
         for off in levels
         if RELAY_STEP < on - off < RELAY_WIDEST
     ]
+
+
+ANGLE_REACHES = (0.1, 0.3, 0.6)  # of the ratio's logarithm
+
+
+def angle_shapes(frame: StandFrame) -> list[dict[str, float]]:
+    """A lower rotor that recovers late from stall: its blades' angle goes with the ratio of both speeds."""
+    u = frame.speeds
+    if len(u) < 2 or np.ptp(_ratio(frame)) <= ANGLE_REACHES[0]:
+        return []
+    return [{"lower": 1.0, "angle": 1.0, "reach": r, "spread": 1.8} for r in ANGLE_REACHES]
+
+
+def _ratio(frame: StandFrame) -> Array:
+    """(rows,) logarithm of the upper over the lower speed; of rotors that all but stand, of their slowest."""
+    u = np.maximum(frame.speeds, 0.05)
+    return np.asarray(np.log(u[:, 0] / u[:, 1]))
 
 
 def _flipped(frame: StandFrame, shape: Shape) -> Array:
@@ -257,6 +276,8 @@ def _free(_: StandFrame, shape: Shape) -> dict[str, tuple[float, float]]:
 
 def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     """Worn in, at every load alike or by a power of it, on both rotors by one share or by two."""
+    if "angle" in shape:
+        return []
     if "relay" in shape:
         return [
             ({**shape, "on": shape["on"] + a, "off": shape["off"] + b}, c)
@@ -319,6 +340,7 @@ _FORMS = {
     "load": "of each cell's own load",
     "bulge": "of the load where the blades are slow, and stall",
     "moving": "only while the speed moves",
+    "angle": "over the ratio of both speeds, which sets the blades' angle",
 }
 EFFECT = PhysicalEffect(
     name="hysteresis",

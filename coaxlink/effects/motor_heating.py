@@ -17,6 +17,9 @@ from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 
 HEAT_S = (30.0, 100.0, 300.0, 1000.0)
+# of speed in 100 K: remanence falls by 0.12 % a kelvin (NdFeB) to 0.2 % (ferrite; IEC 60404-8-1), and speed
+# without load goes with its inverse
+MAGNETS = (-0.25, 0.0)
 
 
 def _heat(frame: StandFrame, shape: Shape) -> Array:
@@ -48,22 +51,71 @@ def _heat_shapes(frame: StandFrame) -> Sequence[Shape]:
     return [{"memory_s": s} for s in HEAT_S if s < span] or [{"memory_s": HEAT_S[0]}]
 
 
+def magnet_shapes(frame: StandFrame) -> Sequence[Shape]:
+    """Magnets that weaken with heat more than windings resist: a warm motor turns faster."""
+    return [{"magnets": 1.0}] if frame.context("motor_temperature_C") is not None else []
+
+
+LOSSES = ("speed_loss_per_100K", "own_speed_loss")
+OWN_S = (20.0, 60.0, 180.0)
+
+
+def winding_shapes(frame: StandFrame) -> Sequence[Shape]:
+    """Windings above the case that carries the thermometer, each motor's by its own power.
+
+    Two nodes, winding and case (Mellor, Roberts and Turner 1991).
+    """
+    if frame.context("motor_temperature_C") is None:
+        return []
+    signs: tuple[dict[str, float], ...] = ({}, {"magnets": 1.0})
+    return [{"own_s": s, **sign} for s in OWN_S for sign in signs]
+
+
+def _own_heat(frame: StandFrame, memory_s: float) -> Array:
+    """(rows, 2) what each motor is above the case, of the most at full throttle: lags behind its power, u^3.
+
+    Between runs, a gap in time, it falls to nothing as fast.
+    """
+    power, step = drive(frame) ** 3, np.diff(frame.time_s, prepend=frame.time_s[:1])
+    usual = float(np.median(step))
+    keep = np.exp(-np.maximum(step, 0.0) / memory_s)
+    now, out = np.zeros(2), np.empty_like(power)
+    for k in range(len(power)):
+        took = 1.0 - np.exp(-min(max(step[k], 0.0), 2.0 * usual) / memory_s)
+        now = now * keep[k] + took * power[k]
+        out[k] = now
+    return out
+
+
+def _heat_refuse(p: Mapping[str, float]) -> str | None:
+    low, high = MAGNETS if "magnets" in p else (0.0, 1.0)
+    # what a winding is above its case: no more than 100 K
+    return outside("speed_loss_per_100K", p["speed_loss_per_100K"], low, high) or outside(
+        "own_speed_loss", p.get("own_speed_loss", 0.0), low, high
+    )
+
+
 def _felt(p: Numbers, heat: Array) -> Array:
     """Of heat in 100 K over 25 C: resistance in series, each kelvin tells less."""
     return np.asarray(heat / (1.0 + p.get("fading", 0.0) * heat))
 
 
 def _heat_columns(frame: StandFrame, shape: Shape) -> Array:
+    if "own_s" in shape:
+        heat = [_heat(frame, {})[:, None], _own_heat(frame, shape["own_s"])]
+        return np.stack([frame.slowed(-drive(frame) * h) for h in heat], axis=-1)
     felt = _felt(shape, _heat(frame, shape))
     return frame.slowed(-loaded(drive(frame), shape) * felt[:, None])[..., None]
 
 
 def _heat_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+    if "own_s" in shape:
+        return {"own_s": (5.0, 1000.0)}
     return {"load": LOAD, "fading": (-0.5, 2.0)} if "load" in shape else {}
 
 
 def _heat_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    return [] if "load" in shape else [({**shape, "load": 0.1, "fading": 0.1}, c)]
+    return [] if {"load", "own_s"} & set(shape) else [({**shape, "load": 0.1, "fading": 0.1}, c)]
 
 
 STAND: Tracing[StandFrame] = Tracing(
@@ -73,16 +125,17 @@ STAND: Tracing[StandFrame] = Tracing(
     source="copper's temperature coefficient in the first-order motor model (Drela 2007)",
     needs=("motor_temperature_C",),
     channels=STAND_CHANNELS,
-    units={"speed_loss_per_100K": "1", "memory_s": "s", "load": "1", "fading": "1"},
+    units={"speed_loss_per_100K": "1", "memory_s": "s", "load": "1", "fading": "1", "magnets": "1"}
+    | {"own_s": "s", "own_speed_loss": "1"},
     missing=_no_heat,
     shapes=_heat_shapes,
     columns=_heat_columns,
-    parameters=lambda _, shape, c: {"speed_loss_per_100K": float(c[0]), **shape},
+    parameters=lambda _, shape, c: {**dict(zip(LOSSES, map(float, c), strict=False)), **shape},
     inverse=lambda _, p: (
-        {k: v for k, v in p.items() if k in ("memory_s", "load", "fading")},
-        np.array([p["speed_loss_per_100K"]]),
+        {k: v for k, v in p.items() if k not in LOSSES},
+        np.array([p[name] for name in LOSSES if name in p]),
     ),
-    refuse=lambda p: outside("speed_loss_per_100K", p["speed_loss_per_100K"], 0.0, 1.0),
+    refuse=_heat_refuse,
     cause=lambda frame, shape, _: (
         "heat put in" if "memory_s" in shape else "motor_temperature_C",
         _heat(frame, shape) if "memory_s" in shape else 25.0 + 100.0 * _heat(frame, shape),
@@ -107,9 +160,14 @@ EFFECT = PhysicalEffect(
     name="motor_heating",
     stage=Stage.DRIVE,
     parameters=(
-        Parameter("speed_loss_per_100K", "1", 0.0, 1.0, (0.05, 0.05),
+        Parameter("speed_loss_per_100K", "1", MAGNETS[0], 1.0, (0.05, 0.05),
             source="39 % more resistance of copper for 100 K, times the tenth of the voltage assumed to "
-                   "fall over it"),
+                   "fall over it; less than nothing where magnets weaken more (IEC 60404-8-1)"),
+        Parameter("own_s", "s", 5.0, 1000.0,
+            source="wide: any value between the bounds; windings follow their current within minutes"),
+        Parameter("own_speed_loss", "1", MAGNETS[0], 1.0, (0.0, 0.05),
+            source="as for the case, of a winding at most 100 K above it"),
+        Parameter("magnets", "1", 0.0, 1.0, source="a switch, 0 or 1: magnets weaken more than windings resist"),
         Parameter("memory_s", "s", 1.0, 10_000.0,
             source="wide: any value between the bounds; windings warm within a minute, cases within a "
                    "quarter of an hour"),

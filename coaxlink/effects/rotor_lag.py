@@ -9,6 +9,7 @@ does not brake) are other forms of the same.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,6 +25,8 @@ SMALL_S = (0.0, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08)
 FLIGHT_LAGS_S = (*SMALL_S, 0.1, 0.12, 0.15, 0.18, 0.22, 0.27, 0.33)
 
 
+FORGOTTEN, SETTLED = 2.0, 5.0  # lags: 86 % of what was before is gone, 99.3 %
+DAMPINGS = (0.35, 0.6)
 STAND_LAGS_S = tuple(round(0.02 * 1.2**k, 4) for k in range(25))
 
 
@@ -134,9 +137,56 @@ def _both_ways(target: Array, step_s: float, up_s: float, down_s: float) -> Arra
     return out
 
 
+def _ringing(u: Array, step_s: float, shape: Shape) -> Array:
+    """(rows, 2) behind a speed loop of second order, x'' + 2 d w x' + w^2 x = w^2 u with 2 d / w the lag.
+
+    On throttles that run straight from row to row or, `stepped`, stand until the next one; starts settled.
+    """
+    from scipy.signal import cont2discrete, lfilter, lfilter_zi
+
+    damping = shape["damping"]
+    rate = 2.0 * damping / shape["lag_s"]
+    loop = ([1.0], [1.0 / rate**2, 2.0 * damping / rate, 1.0])
+    b, a, _ = cont2discrete(loop, step_s, method="zoh" if "stepped" in shape else "foh")
+    taps = b.ravel()[1:] if "stepped" in shape else b.ravel()  # a jump right after the row before
+    out, _ = lfilter(taps, a, u, axis=0, zi=lfilter_zi(taps, a)[:, None] * u[:1])
+    return np.asarray(out)
+
+
+def ringing_shapes(_: StandFrame) -> Sequence[Shape]:
+    """A governor with an integral part: the speed overshoots its command."""
+    return [
+        {"lag_s": s, "damping": d, **form}
+        for s in STAND_LAGS_S[::2]
+        for d in DAMPINGS
+        for form in ({}, {"stepped": 1.0})
+    ]
+
+
 def _late(frame: StandFrame, shape: Shape) -> Array:
-    """(rows, 2) speeds behind the throttles: one lag, a second stage before it, other lags up and down."""
+    """(rows, 2) speeds behind the throttles; what they did in a gap that outlasts the lag is not known.
+
+    They are taken to have moved before its end as right behind it, within what the log has: on a ramp the
+    speed is late from its first row on.
+    """
     u, step = drive(frame), float(np.median(np.diff(frame.time_s)))
+    gaps = np.flatnonzero(np.diff(frame.time_s) > max(1.5 * step, FORGOTTEN * shape["lag_s"])) + 1
+    if not len(gaps):
+        return _behind(u, step, shape)
+    before = np.arange(-int(min(np.ceil(SETTLED * shape["lag_s"] / step), len(u))), 0)[:, None]
+    low, high, out = u.min(axis=0), u.max(axis=0), []
+    for first, end in pairwise([0, *gaps.tolist(), len(u)]):
+        mine = u[first:end]
+        if first and len(mine) > 1:
+            mine = np.concatenate([np.clip(mine[0] + before * (mine[1] - mine[0]), low, high), mine])
+        out.append(_behind(mine, step, shape)[first - end :])
+    return np.concatenate(out)
+
+
+def _behind(u: Array, step: float, shape: Shape) -> Array:
+    """(rows, 2) speeds behind throttles: one lag, a second stage before it, other lags up and down."""
+    if "damping" in shape:
+        return _ringing(u, step, shape)
     lag = shape["lag_s"]
     follow = _stepped if "stepped" in shape else lagged
     if "second_s" in shape:
@@ -148,11 +198,13 @@ def _late(frame: StandFrame, shape: Shape) -> Array:
 
 
 def _lag_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
-    limits = {"lag_s": (0.005, 3.0), "second_s": (0.002, 1.0), "down": (0.4, 2.5)}
+    limits = {"lag_s": (0.005, 3.0), "second_s": (0.002, 1.0), "down": (0.4, 2.5), "damping": (0.1, 1.5)}
     return {name: limit for name, limit in limits.items() if name in shape}
 
 
 def _lag_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+    if "damping" in shape:
+        return []
     second, down = {"second_s": 0.2 * shape["lag_s"]}, {"down": 1.2}
     if "second_s" in shape or "down" in shape:
         return [({**shape, **more}, np.ones(1)) for more in (second, down) if not set(more) & set(shape)]
@@ -171,7 +223,7 @@ STAND: Tracing[StandFrame] = Tracing(
     source="first-order motor dynamics (Hamandi, Tognon and Franchi 2020)",
     needs=("time_s", "upper_throttle"),
     channels=STAND_CHANNELS,
-    units={"lag_s": "s", "share": "1", "second_s": "s", "down": "1", "stepped": "1"},
+    units={"lag_s": "s", "share": "1", "second_s": "s", "down": "1", "stepped": "1", "damping": "1"},
     missing=_no_time,
     shapes=lambda _: [{"lag_s": s, **form} for s in STAND_LAGS_S for form in ({}, {"stepped": 1.0})],
     columns=lambda frame, shape: changed_by(frame, _late(frame, shape))[..., None],
@@ -205,6 +257,8 @@ EFFECT = PhysicalEffect(
         Parameter("down", "1", 0.4, 2.5,
             source="wide: any value between the bounds; slower down than up without braking, by how much "
                    "goes with the controller"),
+        Parameter("damping", "1", 0.1, 1.5,
+            source="wide: any value between the bounds; a governor's gains set how far speed overshoots"),
         Parameter("stepped", "1", 0.0, 1.0, source="a switch, 0 or 1: the throttle jumps right after a row"),
     ),
     flight=FLIGHT,

@@ -15,10 +15,21 @@ from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.frames import STAND_LOADS, StandFrame
 
 MEMORIES = (0.1, 0.3)  # of the run: time constants of a drift that settles
-FREE = {"memory": (0.01, 4.0), "since": (0.02, 0.9), "power": (0.2, 3.0)}
+FREE = {
+    "memory": (0.01, 4.0),
+    "since": (0.02, 0.9),
+    "power": (0.2, 3.0),
+    "cycles": (0.5, 12.0),
+    "phase": (-0.5, 1.0),
+    "slope": (-3.0, 3.0),
+}
+# a room that is heated in turns: a run sees none to some of them; less than a quarter off, and a step finds it
+CYCLES, PHASES = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0), (0.0, 0.125, 0.25, 0.375)
 BEGINNINGS = (0.2, 0.5)  # of the run
 DRIFT = ("per_minute", "zero", "settling_per_minute")
 ALSO, SPAN = "also_", "span_per_minute"
+ROOM, ROOM_SPAN = "drift", "span"
+CELLS = {f"cell{n}_{kind}": n for n in range(4) for kind in (ROOM, "zero", ROOM_SPAN)}
 PAUSE, PAUSE_S = 20.0, 30.0  # times the usual step, and seconds: a stand that is started anew is tared
 
 
@@ -37,6 +48,19 @@ def amplifier_shapes(frame: StandFrame) -> Sequence[Shape]:
     return [{"amplifier": 1.0, **form} for form in forms]
 
 
+def room_shapes(frame: StandFrame) -> Sequence[Shape]:
+    """One room about all cells: their zeros follow one course, each by a number of its own.
+
+    A cell's zero goes with its temperature (OIML R 60: so much of a division in 5 K), and four cells of one
+    stand stand in one room, which is heated once or in turns.
+    """
+    forms: list[dict[str, float]] = [{}, {"power": 0.5}, *({"memory": m} for m in MEMORIES)]
+    if np.any(_pauses(frame)):
+        forms += [{**form, "tared": 1.0} for form in forms]
+    forms += [{"cycles": c, "phase": p, "slope": 0.0} for c in CYCLES for p in PHASES]
+    return [{"room": float(sum(c < 4 for c in frame.present)), **form} for form in forms]
+
+
 def _pauses(frame: StandFrame) -> NDArray[np.bool_]:
     """(rows,) where a run begins anew behind a pause: there cells are tared."""
     step = np.diff(frame.time_s, prepend=frame.time_s[0])
@@ -52,7 +76,31 @@ def _elapsed(frame: StandFrame, shape: Shape) -> Array:
     return frame.time_s - frame.time_s[np.maximum.accumulate(np.where(_pauses(frame), rows, 0))]
 
 
+def _room_columns(frame: StandFrame, shape: Shape) -> Array:
+    """(rows, 6, K): of every cell the room's course, a zero and, with a `span`, the course of its factor."""
+    elapsed = _elapsed(frame, shape)
+    along = elapsed / max(float(np.max(elapsed)), 1e-9)
+    if "cycles" in shape:
+        turns = shape["cycles"] * (along - 0.5) - shape["phase"]
+        course = np.cos(2.0 * np.pi * turns) + shape["slope"] * along
+    elif "memory" in shape:
+        course = -np.expm1(-along / shape["memory"])
+    else:
+        course = along ** shape.get("power", 1.0)
+    cells = [c for c in frame.present if c < 4]
+    each = 3 if "span" in shape else 2
+    out = np.zeros((len(along), 6, each * len(cells)))
+    for n, cell in enumerate(cells):
+        out[:, cell, n * each] = course
+        out[:, cell, n * each + 1] = 1.0
+        if "span" in shape:
+            out[:, cell, n * each + 2] = course * frame.predicted[:, cell]
+    return out
+
+
 def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
+    if "room" in shape:
+        return _room_columns(frame, shape)
     elapsed = _elapsed(frame, shape)
     span = max(float(np.max(elapsed)), 1e-9)
     began = np.maximum(elapsed - shape.get("since", 0.0) * span, 0.0)
@@ -83,6 +131,15 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
 def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     """A zero that drifts later, by a power of time, settles, or settles and creeps on; also in two cells."""
     forms: list[tuple[Shape, Array]] = []
+    if "room" in shape:
+        if "span" in shape:
+            return []
+        cells = np.reshape(c, (-1, 2))
+        with_span = np.column_stack([cells, np.zeros(len(cells))]).ravel()
+        ways = [] if "cycles" in shape else [{"power": 0.6}, {"memory": 0.3}]
+        bare = {k: v for k, v in shape.items() if k not in ("memory", "power")}
+        forms += [({**bare, **way}, c) for way in ways if not set(way) & set(shape)]
+        return [*forms, *(({**form, "span": 1.0}, with_span) for form, _ in [(shape, c), *forms])]
     if "amplifier" in shape:
         steady = {k: v for k, v in shape.items() if k not in ("memory", "power")}
         ways = ({"memory": 0.1}, {"memory": 0.3}, {"power": 0.6})
@@ -109,6 +166,9 @@ def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Sh
 
 
 def _drift_names(shape: Shape) -> tuple[str, ...]:
+    if "room" in shape:
+        kinds = (ROOM, "zero", ROOM_SPAN) if "span" in shape else (ROOM, "zero")
+        return tuple(f"cell{n}_{kind}" for n in range(round(shape["room"])) for kind in kinds)
     if "amplifier" in shape:
         return (SPAN,)
     names = DRIFT if "creep" in shape else DRIFT[:2]
@@ -117,7 +177,7 @@ def _drift_names(shape: Shape) -> tuple[str, ...]:
 
 
 def _drift_inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
-    shape = {k: v for k, v in p.items() if k.removeprefix(ALSO) not in (*DRIFT, SPAN)}
+    shape = {k: v for k, v in p.items() if k.removeprefix(ALSO) not in (*DRIFT, SPAN) and k not in CELLS}
     return shape, np.array([p[name] for name in _drift_names(shape)])
 
 
@@ -148,10 +208,15 @@ STAND: Tracing[StandFrame] = Tracing(
         "tared": "1",
         "span": "1",
         "amplifier": "1",
+        "room": "1",
+        "cycles": "1",
+        "phase": "1",
+        "slope": "1",
         SPAN: "1/min",
         ALSO + SPAN: "1/min",
     }
-    | {before + name: "N or N m" for name in DRIFT for before in ("", ALSO)},
+    | {before + name: "N or N m" for name in DRIFT for before in ("", ALSO)}
+    | {name: "1" if name.endswith(ROOM_SPAN) else "N or N m" for name in CELLS},
     missing=_no_clock,
     shapes=_drift_shapes,
     columns=_drift_columns,
@@ -197,6 +262,20 @@ EFFECT = PhysicalEffect(
         ),
         Parameter("tared", "1", 0.0, 1.0, source="a switch, 0 or 1: its zero is set at every start"),
         Parameter("span", "1", 0.0, 1.0, source="a switch, 0 or 1: its factor drifts with its zero"),
+        *(
+            Parameter(name, "1" if name.endswith(ROOM_SPAN) else "N or N m", -1e4, 1e4,
+                source="wide: any value between the bounds; how a cell answers its room's temperature goes "
+                       "with its range and class")
+            for name in CELLS
+        ),
+        Parameter("room", "1", 0.0, 4.0,
+            source="a count of the stand's cells, whose zeros all follow the room"),
+        Parameter("cycles", "1", *FREE["cycles"],
+            source="wide: any value between the bounds; times that a room was heated while the run lasted"),
+        Parameter("phase", "1", *FREE["phase"],
+            source="wide: any value between the bounds; where in its turn the heating was in mid-run"),
+        Parameter("slope", "1", *FREE["slope"],
+            source="wide: any value between the bounds; a room that warms up besides"),
         Parameter("amplifier", "1", 0.0, 1.0, source="a switch, 0 or 1: the factor of all cells drifts"),
     ),
     stand=STAND,

@@ -1,0 +1,66 @@
+"""Supply and winding without their meters' own noise from row to row.
+
+A reading's noise would be a part of every load that is predicted from it (errors in variables, Fuller 1987): a
+voltmeter good to 0.2 % makes 0.4 % of a thrust in every row, and whatever else moves as slowly as the supply,
+a cell that drifts say, then fits better than the supply itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from coaxlink.effects.drive import drive
+from coaxlink.frames import Array, StandFrame
+from coaxlink.signals import without_row_noise
+
+VOLTS = ("voltage_V", "upper_voltage_V", "lower_voltage_V")
+HEAT = ("motor_temperature_C",)
+# a supply sags with the currents of both motors, within a row: these go with their speeds to the third power
+SAG_ORDER = 3
+LEAST_ROWS = 60  # judgement: several rows for each of the nine numbers of that sag
+PAUSE, PAUSE_S = 20.0, 30.0  # times the usual step, and seconds: a run begins anew, its supply may be another
+
+
+def calmed(frame: StandFrame) -> StandFrame:
+    """The frame with its supply and windings as they are without their meters' noise."""
+    ends = _runs(frame)
+    u = drive(frame)
+    columns = dict(frame.columns)
+    for name in (*VOLTS, *HEAT):
+        values = frame.context(name)
+        if values is None or not np.all(np.isfinite(values)):
+            continue
+        values = np.asarray(values, float)
+        sag = _sag(values, u, ends) if name in VOLTS else np.zeros_like(values)
+        slow = [without_row_noise((values - sag)[a:b]) for a, b in pairwise(ends)]
+        columns[name] = np.concatenate(slow) + sag
+    return replace(frame, columns=columns)
+
+
+def _runs(frame: StandFrame) -> list[int]:
+    """Where logs and runs begin, and the end."""
+    step = np.diff(frame.time_s, prepend=frame.time_s[:1])
+    usual = max(float(np.median(step)), 1e-9)
+    new = (step > np.maximum(PAUSE * usual, PAUSE_S)) | (step < 0.0)
+    log = frame.context("log")
+    if log is not None:
+        new |= np.diff(log, prepend=log[:1]) != 0.0
+    return [0, *(int(k) for k in np.flatnonzero(new) if k > 0), len(step)]
+
+
+def _sag(volts: Array, u: Array, ends: list[int]) -> Array:
+    """(rows,) V that a supply gives way with what the motors (rows, 2) are told, within a row.
+
+    Told from what changes between neighbours: how the pack empties drops out.
+    """
+    if len(volts) < LEAST_ROWS:
+        return np.zeros_like(volts)
+    powers = [(a, b) for a in range(SAG_ORDER + 1) for b in range(SAG_ORDER + 1 - a) if a + b]
+    x = np.stack([u[:, 0] ** a * u[:, 1] ** b for a, b in powers], axis=1)
+    inside = np.ones(len(volts) - 1, bool)
+    inside[np.array(ends[1:-1], int) - 1] = False
+    numbers, *_ = np.linalg.lstsq(np.diff(x, axis=0)[inside], np.diff(volts)[inside], rcond=1e-6)
+    return np.asarray((x - x.mean(axis=0)) @ numbers)
