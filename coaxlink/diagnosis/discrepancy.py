@@ -29,8 +29,8 @@ def discrepancy(ch: Channels, m: Member, mine: Array) -> Block | None:
             continue
         _, cause = m.effect.cause(ch.bare, m.shape, name)
         z = np.asarray(cause, float)[ch.frame.keep]
-        own = ch.speeds[c][0]
-        process = waves(own, OVER_SPEED)
+        speeds = ch.speeds[c] if name.startswith("lower") and ch.kind == "stand" else ch.speeds[c][:1]
+        process = _beside(*(waves(u, OVER_SPEED) for u in speeds if np.ptp(u) > 0.0 or u is speeds[0]))
         if np.ptp(z) > 0.0:
             low, high = np.quantile(z, [0.005, 0.995])
             if high > low:
@@ -51,6 +51,14 @@ def discrepancy(ch: Channels, m: Member, mine: Array) -> Block | None:
     if not pieces:
         return None
     return Block(f"{m.name} discrepancy", np.concatenate(pieces, axis=-1), np.concatenate(deviations))
+
+
+def _beside(*processes: tuple[Array, Array]) -> tuple[Array, Array]:
+    """The sum of processes, together of one's variance: a lower rotor's load goes with both speeds."""
+    share = 1.0 / np.sqrt(len(processes))
+    return np.concatenate([p[0] for p in processes], axis=1), np.concatenate(
+        [p[1] for p in processes]
+    ) * share
 
 
 def _later(mine: Array, channel: int) -> tuple[Array, Array]:

@@ -94,6 +94,9 @@ def _refuse(p: Mapping[str, float]) -> str | None:
 
 
 def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
+    if "cap" in p:
+        ratio = (_voltage(frame) / p["reference_voltage_V"])[:, None]
+        return frame.turning_at(frame.speeds - p["speed_exponent"] * lost_to_cap(p, frame.speeds, ratio))
     return frame.turning_at(frame.speeds * speed_factor(p, np.maximum(_voltage(frame), 1e-3))[:, None])
 
 
@@ -266,8 +269,8 @@ EFFECT = PhysicalEffect(
             source="wide: any value between the bounds; speed over full speed that a governor holds at the "
                    "usual voltage goes with the motor's Kv"),
         Parameter("soft", "1", *GOVERNED["soft"],
-            source="wide: any value between the bounds; how gradually a full duty cycle is felt goes with the "
-                   "controller"),
+            source="wide: any value between the bounds; how gradually a full duty cycle is felt goes with "
+                   "the controller"),
         Parameter("reach", "1", *GOVERNED["reach"],
             source="wide: any value between the bounds; 1 where speed goes with the supply, more where its "
                    "current makes it sag"),

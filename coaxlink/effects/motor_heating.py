@@ -18,8 +18,8 @@ from coaxlink.frames import STAND_CHANNELS, StandFrame
 
 HEAT_S = (30.0, 100.0, 300.0, 1000.0)
 # of speed in 100 K: remanence falls by 0.12 % a kelvin (NdFeB) to 0.2 % (ferrite; IEC 60404-8-1), and speed
-# without load goes with its inverse
-MAGNETS = (-0.25, 0.0)
+# without load goes with its inverse; a case is cooler than what is inside by up to a third (judgement)
+MAGNETS = (-0.3, 0.0)
 
 
 def _heat(frame: StandFrame, shape: Shape) -> Array:
@@ -67,8 +67,7 @@ def winding_shapes(frame: StandFrame) -> Sequence[Shape]:
     """
     if frame.context("motor_temperature_C") is None:
         return []
-    signs: tuple[dict[str, float], ...] = ({}, {"magnets": 1.0})
-    return [{"own_s": s, **sign} for s in OWN_S for sign in signs]
+    return [{"own_s": s} for s in OWN_S]
 
 
 def _own_heat(frame: StandFrame, memory_s: float) -> Array:
@@ -87,9 +86,18 @@ def _own_heat(frame: StandFrame, memory_s: float) -> Array:
     return out
 
 
+def _heat_cause(frame: StandFrame, shape: Shape, channel: str) -> tuple[str, Array]:
+    if "memory_s" in shape:
+        return "heat put in", _heat(frame, shape)
+    if "own_s" in shape:
+        own = _own_heat(frame, shape["own_s"])
+        return "motor_temperature_C", own[:, 1 if channel.startswith("lower") else 0]
+    return "motor_temperature_C", 25.0 + 100.0 * _heat(frame, shape)
+
+
 def _heat_refuse(p: Mapping[str, float]) -> str | None:
-    low, high = MAGNETS if "magnets" in p else (0.0, 1.0)
-    # what a winding is above its case: no more than 100 K
+    # windings and magnets, of a motor and of its case, which shows the mean of both: of either sign
+    low, high = (MAGNETS[0], 1.0) if "own_s" in p else MAGNETS if "magnets" in p else (0.0, 1.0)
     return outside("speed_loss_per_100K", p["speed_loss_per_100K"], low, high) or outside(
         "own_speed_loss", p.get("own_speed_loss", 0.0), low, high
     )
@@ -103,19 +111,22 @@ def _felt(p: Numbers, heat: Array) -> Array:
 def _heat_columns(frame: StandFrame, shape: Shape) -> Array:
     if "own_s" in shape:
         heat = [_heat(frame, {})[:, None], _own_heat(frame, shape["own_s"])]
-        return np.stack([frame.slowed(-drive(frame) * h) for h in heat], axis=-1)
+        felt_at = loaded(drive(frame), shape)
+        return np.stack([frame.slowed(-felt_at * h) for h in heat], axis=-1)
     felt = _felt(shape, _heat(frame, shape))
     return frame.slowed(-loaded(drive(frame), shape) * felt[:, None])[..., None]
 
 
 def _heat_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
     if "own_s" in shape:
-        return {"own_s": (5.0, 1000.0)}
+        return {"own_s": (5.0, 1000.0)} | ({"load": LOAD} if "load" in shape else {})
     return {"load": LOAD, "fading": (-0.5, 2.0)} if "load" in shape else {}
 
 
 def _heat_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    return [] if {"load", "own_s"} & set(shape) else [({**shape, "load": 0.1, "fading": 0.1}, c)]
+    if "own_s" in shape:
+        return [] if "load" in shape else [({**shape, "load": 0.1}, c)]
+    return [] if "load" in shape else [({**shape, "load": 0.1, "fading": 0.1}, c)]
 
 
 STAND: Tracing[StandFrame] = Tracing(
@@ -136,10 +147,7 @@ STAND: Tracing[StandFrame] = Tracing(
         np.array([p[name] for name in LOSSES if name in p]),
     ),
     refuse=_heat_refuse,
-    cause=lambda frame, shape, _: (
-        "heat put in" if "memory_s" in shape else "motor_temperature_C",
-        _heat(frame, shape) if "memory_s" in shape else 25.0 + 100.0 * _heat(frame, shape),
-    ),
+    cause=_heat_cause,
     free=_heat_free,
     finer=_heat_finer,
 )
@@ -167,7 +175,8 @@ EFFECT = PhysicalEffect(
             source="wide: any value between the bounds; windings follow their current within minutes"),
         Parameter("own_speed_loss", "1", MAGNETS[0], 1.0, (0.0, 0.05),
             source="as for the case, of a winding at most 100 K above it"),
-        Parameter("magnets", "1", 0.0, 1.0, source="a switch, 0 or 1: magnets weaken more than windings resist"),
+        Parameter("magnets", "1", 0.0, 1.0,
+            source="a switch, 0 or 1: magnets weaken more than windings resist"),
         Parameter("memory_s", "s", 1.0, 10_000.0,
             source="wide: any value between the bounds; windings warm within a minute, cases within a "
                    "quarter of an hour"),

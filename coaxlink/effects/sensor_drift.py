@@ -23,7 +23,7 @@ FREE = {
     "phase": (-0.5, 1.0),
     "slope": (-3.0, 3.0),
 }
-# a room that is heated in turns: a run sees none to some of them; less than a quarter off, and a step finds it
+# a room that is heated in turns: a run sees some of them; from less than a quarter off a step finds it
 CYCLES, PHASES = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0), (0.0, 0.125, 0.25, 0.375)
 BEGINNINGS = (0.2, 0.5)  # of the run
 DRIFT = ("per_minute", "zero", "settling_per_minute")
@@ -136,9 +136,9 @@ def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Sh
             return []
         cells = np.reshape(c, (-1, 2))
         with_span = np.column_stack([cells, np.zeros(len(cells))]).ravel()
-        ways = [] if "cycles" in shape else [{"power": 0.6}, {"memory": 0.3}]
+        courses: list[dict[str, float]] = [] if "cycles" in shape else [{"power": 0.6}, {"memory": 0.3}]
         bare = {k: v for k, v in shape.items() if k not in ("memory", "power")}
-        forms += [({**bare, **way}, c) for way in ways if not set(way) & set(shape)]
+        forms += [({**bare, **way}, c) for way in courses if not set(way) & set(shape)]
         return [*forms, *(({**form, "span": 1.0}, with_span) for form, _ in [(shape, c), *forms])]
     if "amplifier" in shape:
         steady = {k: v for k, v in shape.items() if k not in ("memory", "power")}
