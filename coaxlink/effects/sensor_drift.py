@@ -269,7 +269,7 @@ EFFECT = PhysicalEffect(
             for name in CELLS
         ),
         Parameter("room", "1", 0.0, 4.0,
-            source="a count of the stand's cells, whose zeros all follow the room"),
+            source="a number of the stand's cells (one to four), whose zeros all follow the room"),
         Parameter("cycles", "1", *FREE["cycles"],
             source="wide: any value between the bounds; times that a room was heated while the run lasted"),
         Parameter("phase", "1", *FREE["phase"],
