@@ -46,7 +46,7 @@ def test_examples_of_docstrings(room):
     assert tried or room == "coaxlink.vehicle"
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_examples_run_without_a_warning(script, tmp_path):
     said = subprocess.run(

@@ -12,7 +12,7 @@ from sim.truth import hidden_truth
 SEED = 4
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1800)
 def test_the_demo_flies_and_finds_what_the_world_hides(tmp_path, capsys):
     result, out = tmp_path / "demo.json", tmp_path / "demo"
     arguments = ["demo", "--seed", str(SEED), "--out", str(out), "--json", str(result), "--speed", "10"]

@@ -15,7 +15,7 @@ from coaxlink.cli._shell import run
 WEAK_ROTOR = '[[effects]]\nname = "degraded_rotor"\nsize = 0.3\nonset_s = 0.0\nrotor = 3\n'
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 def test_a_weak_rotor_is_found_and_flown_around(tmp_path, capsys):
     truth, result = tmp_path / "truth.toml", tmp_path / "loop.json"
     truth.write_text(WEAK_ROTOR)

@@ -41,7 +41,7 @@ def write_world(folder):
     (folder / "maker.csv").write_text("\n".join(rows) + "\n")
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1800)
 def test_every_command_of_the_afternoon_does_what_it_says(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))

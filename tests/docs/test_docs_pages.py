@@ -55,7 +55,7 @@ def reader(tmp_path, monkeypatch, capsys):
         yield Reader(tmp_path, capsys, stack)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1800)
 def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
     write_stand(tmp_path / "my_stand.csv")
     reader.follow("tutorial.md")
@@ -84,7 +84,7 @@ def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
         assert "<html" in (tmp_path / name).read_text()
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 def test_ardupilot_and_the_companion(reader, tmp_path):
     reader.verb("coaxlink examples rotor_paper.toml", 0)
     template = "--template x8 --mass 18.5 --arm 0.3 --spacing 0.16 --rotor rotor_paper.toml"

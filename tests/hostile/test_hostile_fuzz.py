@@ -10,7 +10,7 @@ from sound_files import MAKERS, sound_files
 EACH = 7
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1800)
 def test_spoiled_files_are_read_or_refused_in_one_line(tmp_path):
     sound_files(tmp_path)
     cases = [(kind, number) for kind in MAKERS for number in range(EACH)]

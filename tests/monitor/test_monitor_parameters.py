@@ -32,7 +32,7 @@ def ct_on_board(address: str) -> float:
         return float(Parameters(session).read("CA_ROTOR0_CT").value)
 
 
-@pytest.mark.timeout(110)
+@pytest.mark.timeout(1800)
 def test_difference_backup_and_an_upload_that_is_confirmed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

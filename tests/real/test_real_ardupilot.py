@@ -23,7 +23,7 @@ from coaxlink.uploading.plan import load_plan
 BINARY = os.environ.get("ARDUCOPTER_SITL", "")
 pytestmark = [
     pytest.mark.skipif(not BINARY, reason="ARDUCOPTER_SITL names no binary"),
-    pytest.mark.timeout(500),
+    pytest.mark.timeout(1800),
 ]
 FACTORY = {
     "FRAME_CLASS": 4,

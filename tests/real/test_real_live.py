@@ -19,7 +19,7 @@ from coaxlink.vehicle import Vehicle
 BINARY = os.environ.get("ARDUCOPTER_SITL", "")
 pytestmark = [
     pytest.mark.skipif(not BINARY, reason="ARDUCOPTER_SITL names no binary"),
-    pytest.mark.timeout(300),
+    pytest.mark.timeout(1800),
 ]
 X8 = load_airframe(AIRFRAME)
 CRM = load_rotor_model(ROOT / "examples" / "rotor_paper.toml")

@@ -27,7 +27,7 @@ from firmware_params import px4 as firmware
 BINARY = os.environ.get("PX4_SITL", "")
 pytestmark = [
     pytest.mark.skipif(not BINARY, reason="PX4_SITL names no binary"),
-    pytest.mark.timeout(400),
+    pytest.mark.timeout(1800),
 ]
 # rate loops of a 20 kg X8; the stock ones are a small quadrotor's
 GAINS = {"P": 0.2, "I": 0.3, "D": 0.003}

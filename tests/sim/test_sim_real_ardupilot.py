@@ -24,7 +24,7 @@ from sim.world import World, build_bridge
 BINARY = os.environ.get("ARDUCOPTER_SITL", "")
 pytestmark = [
     pytest.mark.skipif(not BINARY, reason="ARDUCOPTER_SITL names no binary"),
-    pytest.mark.timeout(240),
+    pytest.mark.timeout(1800),
 ]
 AIRFRAME = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
 GUIDED = 4

@@ -34,7 +34,7 @@ HIDDEN = {
 }
 
 
-pytestmark = pytest.mark.timeout(400)  # one fixture flies and refines them all
+pytestmark = pytest.mark.timeout(1800)  # one fixture flies and refines them all
 
 
 @pytest.fixture(scope="module")
