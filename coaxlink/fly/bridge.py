@@ -62,7 +62,7 @@ class Bridge:
         self.release()
 
 
-def asked(what: str, session: Session, call: Callable[[], object]) -> None:
+def request(what: str, session: Session, call: Callable[[], object]) -> None:
     """Run one of MAVSDK's calls. Raises SafetyRefusal with the vehicle's own words, LinkError on silence."""
     from mavsdk.exceptions import MavsdkError
 

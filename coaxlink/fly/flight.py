@@ -16,7 +16,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
-from coaxlink.fly.bridge import Bridge, asked
+from coaxlink.fly.bridge import Bridge, request
 from coaxlink.fly.limits import Limits, State, breach, plan_faults
 from coaxlink.fly.trajectory import Plan, Setpoint
 from coaxlink.mavlink import Session
@@ -68,7 +68,7 @@ class Flown:
         }
 
 
-class Followed:
+class ModeWatch:
     """Whether the vehicle is still in the mode that was requested, heartbeat by heartbeat.
 
     Once it was seen there a single heartbeat of another mode ends it; before, two in a row: one may have been
@@ -76,13 +76,13 @@ class Followed:
     """
 
     def __init__(self) -> None:
-        self._seen, self._missed = False, 0
+        self._entered, self._missed = False, 0
 
     def left(self, ours: bool) -> bool:
         """Whether, after a heartbeat of our mode or of another, somebody else has it."""
         self._missed = 0 if ours else self._missed + 1
-        self._seen = self._seen or ours
-        return self._missed > (0 if self._seen else 1)
+        self._entered = self._entered or ours
+        return self._missed > (0 if self._entered else 1)
 
 
 def emptied(inbox: queue.SimpleQueue[Any]) -> None:
@@ -199,20 +199,20 @@ class Pilot:
                 flown.battery = (flown.battery[0], self.battery())
 
     def _take_off(self, height_m: float, inbox: queue.SimpleQueue[Any]) -> None:
-        asked("take-off height", self.session, lambda: self.action.set_takeoff_altitude(height_m))
+        request("take-off height", self.session, lambda: self.action.set_takeoff_altitude(height_m))
         if self.session.identity.is_ardupilot:
             # armed outside of guided mode it would not take off; MAVSDK's offboard mode is guided there
             self._aim(Setpoint((0.0, 0.0, 0.0)))
-            asked("guided mode", self.session, self.offboard.start)
-        asked("arming", self.session, self.action.arm)
-        asked("take-off", self.session, self.action.takeoff)
+            request("guided mode", self.session, self.offboard.start)
+        request("arming", self.session, self.action.arm)
+        request("take-off", self.session, self.action.takeoff)
         emptied(inbox)
         began: float | None = None
-        followed = Followed()
+        mode_watch = ModeWatch()
         while True:
             message = self._next(inbox)
             if message.get_type() == "HEARTBEAT":
-                if followed.left(self._ours(message, climbing=True)):
+                if mode_watch.left(self._ours(message, climbing=True)):
                     raise PilotTookOver("the vehicle left take-off: its pilot or its own failsafe has it")
                 continue
             now = message.time_boot_ms / 1e3
@@ -225,14 +225,14 @@ class Pilot:
 
     def _follow(self, plan: Plan, inbox: queue.SimpleQueue[Any], flown: Flown, watch: Watch | None) -> None:
         self._aim(plan.at(0.0)[1])
-        asked("offboard mode", self.session, self.offboard.start)
+        request("offboard mode", self.session, self.offboard.start)
         emptied(inbox)
         began: float | None = None
-        followed = Followed()
+        mode_watch = ModeWatch()
         while True:
             message = self._next(inbox)
             if message.get_type() == "HEARTBEAT":
-                if followed.left(self._ours(message)):
+                if mode_watch.left(self._ours(message)):
                     problem = f"the vehicle left our mode at {flown.flown_s:.0f} of {plan.duration_s:.0f} s"
                     raise PilotTookOver(
                         f"{problem}: its pilot or its own failsafe has it, nothing is sent any more"
@@ -254,14 +254,14 @@ class Pilot:
                 watch(segment, t, state)
 
     def _land(self, inbox: queue.SimpleQueue[Any]) -> None:
-        asked("landing", self.session, self.action.land)
+        request("landing", self.session, self.action.land)
         emptied(inbox)
         began: float | None = None
-        followed = Followed()
+        mode_watch = ModeWatch()
         while self.session.armed:
             message = self._next(inbox)
             if message.get_type() == "HEARTBEAT":
-                if followed.left(self._ours(message, landing=True)) and self.session.armed:
+                if mode_watch.left(self._ours(message, landing=True)) and self.session.armed:
                     raise PilotTookOver("the vehicle left the landing: its pilot or its own failsafe has it")
                 continue
             now = message.time_boot_ms / 1e3
@@ -293,7 +293,7 @@ class Pilot:
 
         north, east, down = setpoint.position_m
         yaw = math.degrees(setpoint.yaw_rad + self._heading)
-        asked(
+        request(
             "set-point",
             self.session,
             lambda: self.offboard.set_position_velocity_acceleration_ned(

@@ -22,17 +22,17 @@ IN_FLIGHT = 3  # commands that the bridge had no time to count yet
 
 @dataclass(frozen=True)
 class Arrival:
-    """`missing` of `seen` samples say no; of `sent` commands that makes `never`."""
+    """`missing` of `observed` samples say no; of `sent` commands that makes `never`."""
 
     sent: int
-    seen: int
+    observed: int
     missing: float
     by: str
 
     @property
     def share(self) -> float:
         """Of the commands that never arrived."""
-        return min(max(self.missing / self.seen, 0.0), 1.0) if self.seen else 0.0
+        return min(max(self.missing / self.observed, 0.0), 1.0) if self.observed else 0.0
 
     @property
     def never(self) -> int:
@@ -42,7 +42,7 @@ class Arrival:
     @property
     def noteworthy(self) -> bool:
         """Whether more than NOTEWORTHY were lost, beyond the chance of so few samples."""
-        n, q = self.seen, NOTEWORTHY
+        n, q = self.observed, NOTEWORTHY
         return n >= ENOUGH and self.missing > n * q + SURE * math.sqrt(n * q * (1.0 - q))
 
     def to_json(self) -> dict[str, Any]:
@@ -76,23 +76,23 @@ def of(live: LiveMixer) -> Arrival | None:
     if not sent:
         return None
     if live.bridge is not None:
-        return by_bridge(sent, live.bridge.taken, live.bridge.followed)
+        return by_bridge(sent, live.bridge.taken, live.bridge.acknowledged)
     found = []
     if live.witness is not None:
         found.append(Arrival(sent, live.witness.reports, live.witness.strangers, "outputs"))
     if live.timesync is not None and live.timesync.answered:
-        found.append(by_questions(sent, live.timesync.asked, live.timesync.answered, live.session.loss))
-    return max((a for a in found if a.seen >= ENOUGH), key=lambda a: a.share, default=None)
+        found.append(by_questions(sent, live.timesync.requested, live.timesync.answered, live.session.loss))
+    return max((a for a in found if a.observed >= ENOUGH), key=lambda a: a.share, default=None)
 
 
-def by_bridge(sent: int, taken: Count, followed: bool) -> Arrival | None:
+def by_bridge(sent: int, taken: Count, acknowledged: bool) -> Arrival | None:
     """The bridge's own count; None for a script of an older coaxlink, which follows and has none."""
-    if followed and not taken.moved:
+    if acknowledged and not taken.moved:
         return None
     return Arrival(sent, sent, max(sent - taken.total - IN_FLIGHT, 0), "bridge")
 
 
-def by_questions(sent: int, asked: int, answered: int, lost_back: float) -> Arrival:
-    """Of `asked` questions so many were answered, and a share `lost_back` of its words does not reach us."""
+def by_questions(sent: int, requested: int, answered: int, lost_back: float) -> Arrival:
+    """Of `requested` answers so many came, and a share `lost_back` of its words does not reach us."""
     reached = answered / max(1.0 - lost_back, 1e-9)
-    return Arrival(sent, asked, max(asked - reached, 0.0), "timesync")
+    return Arrival(sent, requested, max(requested - reached, 0.0), "timesync")

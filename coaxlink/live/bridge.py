@@ -6,7 +6,7 @@ ACTUATOR_CONTROL_TARGET each time it runs, takes the newest answer meant for thi
 (eight finite numbers in 0..1, armed, no emergency stop) and holds the motors' outputs for HOLD_MS: on silence
 the matrix flies again by itself. Overrides bypass ArduPilot's own emergency stop, hence the checks.
 
-The demand goes to the links where a companion has asked for it within ASKED_MS, by an answer or by one of
+The demand goes to the links where a companion has asked for it within REQUEST_MS, by an answer or by one of
 group ASK that commands nothing: a radio with a ground station behind it is not flooded. One companion is
 followed until it has been silent for HOLD_MS, and told to all: controls 5 and 6 of the demand are the system
 and component of the companion followed, 0 when there is none. Control 7 is how many commands it has taken,
@@ -43,7 +43,7 @@ SCRIPT_NAME = "coaxlink_bridge.lua"
 HOLD_MS = 100
 PERIOD_MS = 4
 ASK = 255  # the group of an answer that only asks for the demand
-ASKED_MS = 3000
+REQUEST_MS = 3000
 COUNTED = 65536  # whole numbers up to 2^24 are exact in the message's single precision
 FIND_S, ASK_EVERY_S, REMIND_S = 1.5, 0.3, 1.0
 
@@ -58,7 +58,7 @@ def bridge_script(motors: int, *, hold_ms: int = HOLD_MS, period_ms: int = PERIO
     if not 20 <= hold_ms <= 500:
         raise InputError("bridge", "hold_ms", f"20 to 500 expected, found {hold_ms}")
     return _SCRIPT.format(
-        motors=motors, hold=hold_ms, period=period_ms, ask=ASK, asked=ASKED_MS, counted=COUNTED
+        motors=motors, hold=hold_ms, period=period_ms, ask=ASK, request_ms=REQUEST_MS, counted=COUNTED
     )
 
 
@@ -89,9 +89,9 @@ class BridgeEnd:
     """The companion's end of the bridge: asks for the demand, and reads in it whom the bridge follows."""
 
     def __init__(self, session: Session) -> None:
-        self._session, self._asked = session, 0.0
+        self._session, self._requested_s = session, 0.0
         self.taken = Count(COUNTED)  # of our commands, by the script
-        self.followed = False  # at some time it said that it follows us
+        self.acknowledged = False  # at some time it said that it follows us
 
     def find(self) -> bool:
         """Whether our script speaks."""
@@ -104,20 +104,20 @@ class BridgeEnd:
 
     def tick(self, now: float) -> None:
         """Remind it that we are here; `now` by time.perf_counter."""
-        if now - self._asked > REMIND_S:
+        if now - self._requested_s > REMIND_S:
             self._ask()
 
     def hear(self, demand: Sequence[float]) -> str | None:
         """Another companion that a demand (stamp, eight controls, group) says the bridge follows."""
         who = demand[5:7]
         self.taken.hear(demand[7])
-        self.followed = self.followed or tuple(who) == self._session.source
+        self.acknowledged = self.acknowledged or tuple(who) == self._session.source
         if tuple(who) in ((0.0, 0.0), self._session.source):
             return None
         return f"system {who[0]:g} component {who[1]:g}"
 
     def _ask(self) -> None:
-        self._asked = time.perf_counter()
+        self._requested_s = time.perf_counter()
         identity = self._session.identity
         self._session.send(
             mavlink.MAVLink_set_actuator_control_target_message(
@@ -157,7 +157,7 @@ local low = param:get("MOT_PWM_MIN") or 1000
 local high = param:get("MOT_PWM_MAX") or 2000
 local own = param:get("SYSID_THISMAV") or param:get("MAV_SYSID") or 1
 local channel = {{}}
-local ASKED_MS = {asked}
+local ASKED_MS = {request_ms}
 local asked = {{}}  -- links with a companion, and when it last spoke there
 local followed, heard = nil, millis()  -- the companion whose answers are taken, and when the last one was
 local taken = 0  -- how many of them came

@@ -29,10 +29,10 @@ class Histogram:
 
     def percentile(self, percent: float) -> float:
         """The time (s) below which `percent` of all lie; 0 when nothing was counted."""
-        wanted, seen = self.total * percent / 100.0, 0
+        wanted, cumulative = self.total * percent / 100.0, 0
         for place, count in enumerate(self.bins):
-            seen += count
-            if count and seen >= wanted:
+            cumulative += count
+            if count and cumulative >= wanted:
                 return min(LOWEST_S * 10.0 ** ((place + 0.5) / PER_DECADE), self.largest_s)
         return self.largest_s
 

@@ -44,17 +44,17 @@ RATE_HZ, ESC_HZ = 50.0, 20.0
 
 
 class HealthWatch:
-    """Around a mixer's flight; `told` is called there with every call and once its size is settled."""
+    """Around a mixer's flight; `on_call` is called there with every call and once its size is settled."""
 
     def __init__(
         self,
         live: LiveMixer,
-        told: Callable[[Call], None],
+        on_call: Callable[[Call], None],
         ground: Any = None,
         reallocation: Reallocation | None = None,
     ) -> None:
         """`ground`: whoever else is told (`Forwarder`). `reallocation`: answers calls with another law."""
-        self._live, self._told, self._ground = live, told, ground
+        self._live, self._on_call, self._ground = live, on_call, ground
         self.reallocation = reallocation
         self.in_air = InAir(live.core.vehicle, stops=reallocation is not None)
         self._heard = HEARD | ESCS if reallocation else HEARD
@@ -133,7 +133,7 @@ class HealthWatch:
         for line in (self._live.session, self._ground):
             if line is not None:
                 line.send(text)
-        self._told(call)
+        self._on_call(call)
 
     def account(self) -> dict[str, Any]:
         """For the JSON of `coaxlink mix`."""

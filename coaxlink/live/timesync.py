@@ -30,8 +30,8 @@ class TimeSync:
 
     def __init__(self, session: Session, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._session, self._clock = session, clock_ns
-        self._asked: dict[int, bool] = {}  # when, of those still open, and whether it counts
-        self.asked = self.answered = 0  # of those that count and are settled
+        self._pending: dict[int, bool] = {}  # when, of those still open, and whether it counts
+        self.requested = self.answered = 0  # of those that count and are settled
         self._next = clock_ns()
         self._trips: deque[tuple[int, int]] = deque(maxlen=KEPT)  # (round trip, offset), ns
         self._leave = session.subscribe(self._hear)
@@ -40,9 +40,9 @@ class TimeSync:
         """Ask again if it is time; it counts when the vehicle is `flying` on our commands."""
         now = self._clock()
         if now >= self._next:
-            for when in [t for t in self._asked if now - t >= LONGEST_NS]:
-                self.asked += self._asked.pop(when)
-            self._next, self._asked[now] = now + round(PERIOD_S * 1e9), flying
+            for when in [t for t in self._pending if now - t >= LONGEST_NS]:
+                self.requested += self._pending.pop(when)
+            self._next, self._pending[now] = now + round(PERIOD_S * 1e9), flying
             self._session.send(mavlink.MAVLink_timesync_message(0, now))
 
     def close(self) -> None:
@@ -55,9 +55,9 @@ class TimeSync:
         now = self._clock()
         if message.tc1 == 0:
             self._session.send(mavlink.MAVLink_timesync_message(now, message.ts1))
-        elif message.ts1 in self._asked and 0 <= now - message.ts1 < LONGEST_NS:
-            counts = self._asked.pop(message.ts1)  # once
-            self.asked, self.answered = self.asked + counts, self.answered + counts
+        elif message.ts1 in self._pending and 0 <= now - message.ts1 < LONGEST_NS:
+            counts = self._pending.pop(message.ts1)  # once
+            self.requested, self.answered = self.requested + counts, self.answered + counts
             self._trips.append((now - message.ts1, message.tc1 - (message.ts1 + now) // 2))
 
     @property

@@ -69,9 +69,9 @@ def test_a_plan_file_of_refine_is_read_and_rubbish_refused(tmp_path):
 
 
 def test_one_heartbeat_of_another_mode_ends_it_but_not_one_that_was_under_way():
-    from coaxlink.fly.flight import Followed
+    from coaxlink.fly.flight import ModeWatch
 
-    late = Followed()
+    late = ModeWatch()
     assert [late.left(ours) for ours in (False, True, True, False)] == [False, False, False, True]
-    never = Followed()
+    never = ModeWatch()
     assert [never.left(False), never.left(False)] == [False, True]

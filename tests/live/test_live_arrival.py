@@ -85,7 +85,7 @@ def test_questions_tell_the_loss_on_the_way_there_alone(there: float, back: floa
     for _ in range(40_000):
         line.now += 100_000_000
         sync.tick(True)
-    found = live_arrival.by_questions(10_000, sync.asked, sync.answered, back)
+    found = live_arrival.by_questions(10_000, sync.requested, sync.answered, back)
     assert found.share == pytest.approx(there, abs=0.02)
     assert found.noteworthy is (there > 0.1)
 
@@ -96,13 +96,13 @@ def test_questions_of_a_time_when_nobody_was_flown_do_not_count() -> None:
     for _ in range(100):
         line.now += 300_000_000
         sync.tick(False)
-    assert (sync.asked, sync.answered) == (0, 0)
+    assert (sync.requested, sync.answered) == (0, 0)
 
 
 def test_of_two_losses_the_larger_is_told_and_a_few_samples_are_none() -> None:
-    def live(reports: int, strangers: int, asked: int, answered: int) -> Any:
+    def live(reports: int, strangers: int, requested: int, answered: int) -> Any:
         witness = SimpleNamespace(reports=reports, strangers=strangers)
-        sync = SimpleNamespace(asked=asked, answered=answered)
+        sync = SimpleNamespace(requested=requested, answered=answered)
         core = SimpleNamespace(counters=SimpleNamespace(cycles=1000))
         return SimpleNamespace(
             dry_run=False, core=core, bridge=None, witness=witness, timesync=sync,
@@ -139,7 +139,7 @@ def test_the_summary_says_how_many_never_arrived() -> None:
             rig.hear()
         sync = rig.live.timesync
         assert sync is not None
-        sync.asked, sync.answered = 50, 10
+        sync.requested, sync.answered = 50, 10
         summary = rig.live.summary()
     finally:
         rig.close()
