@@ -210,7 +210,7 @@ class Parameters:
         silence.
         """
         target = self._session.identity
-        seen: dict[str, Value] = {}
+        received: dict[str, Value] = {}
         by_name = {value.name: value for value in wanted}
         requests = {}
         for value in wanted:
@@ -225,22 +225,22 @@ class Parameters:
                 if refused(name, _error_text(message.error)):
                     return name
                 raise CheckFailed(f"{name}: the vehicle refused it ({_error_text(message.error)})")
-            seen[name] = self.decode(message)
-            return name if seen[name].same(by_name[name]) else None
+            received[name] = self.decode(message)
+            return name if received[name].same(by_name[name]) else None
 
         left = self._asker.gather(requests, _ANSWERS, settle)
         for name in left:
-            if name in seen:
-                if refused(name, f"keeps {seen[name].value:.7g}"):
+            if name in received:
+                if refused(name, f"keeps {received[name].value:.7g}"):
                     continue
                 raise CheckFailed(
-                    f"{name}: {by_name[name].value} was sent, the vehicle holds {seen[name].value}"
+                    f"{name}: {by_name[name].value} was sent, the vehicle holds {received[name].value}"
                 )
             self._require_link(f"no answer when {name} was set")
             if refused(name, "no answer"):
                 continue
             raise CheckFailed(f"{name}: no answer when it was set, though the vehicle is alive")
-        return seen
+        return received
 
     # -- inside --------------------------------------------------------------------------------------------
 

@@ -16,9 +16,9 @@ from coaxlink.mavlink.identity import Identity, uid_of
 from coaxlink.mavlink.strangers import Stranger, Strangers, address_text
 
 _UNBOUND = 32  # addresses that are listened to before one of them is the vehicle's
-_ASK_S, _ASKED = 0.35, 6  # a candidate is asked so often; then the first that was heard is believed
+_ASK_S, _REQUESTS = 0.35, 6  # a candidate is asked so often; then the first that was heard is believed
 _HERE_S = 10.0  # heard within that time
-_TOLD = 8  # addresses that are named; a flood of them is only counted
+_REPORTED_MOST = 8  # addresses that are named; a flood of them is only counted
 _NEWS = 8  # lines that wait to be read
 
 
@@ -29,8 +29,8 @@ class Candidate:
     identity: Identity
     heartbeat: Any
     first_s: float
-    asked: int = 0
-    asked_s: float = -math.inf
+    requests: int = 0
+    requested_s: float = -math.inf
 
 
 class Bound:
@@ -54,7 +54,7 @@ class Bound:
         self._parsers: dict[Any, mavlink.MAVLink] = {}  # one an address, until one of them is the vehicle's
         self._candidates: dict[Any, Candidate] = {}
         self._news: deque[str] = deque(maxlen=_NEWS)
-        self._told = 0
+        self._reported = 0
         self._other = ""  # who else answers behind the vehicle's own address
 
     def parser(self, peer: Any) -> mavlink.MAVLink:
@@ -88,14 +88,14 @@ class Bound:
         """Candidates whose turn it is to be asked who they are."""
         now, found = time.monotonic(), []
         for peer, who in self._candidates.items():
-            if who.asked < _ASKED and now - who.asked_s >= _ASK_S:
-                who.asked, who.asked_s = who.asked + 1, now
+            if who.requests < _REQUESTS and now - who.requested_s >= _ASK_S:
+                who.requests, who.requested_s = who.requests + 1, now
                 found.append((who.identity, peer))
         return found
 
     def silent_choice(self) -> tuple[Candidate, Any] | None:
         """The first that was heard, once it was asked often enough and nobody has answered."""
-        patience_s = _ASK_S * _ASKED
+        patience_s = _ASK_S * _REQUESTS
         for peer, who in self._candidates.items():
             return (who, peer) if time.monotonic() - who.first_s > patience_s else None
         return None
@@ -118,8 +118,8 @@ class Bound:
         assert known is not None
         new = self.strangers.get(peer) is None
         stranger = self.strangers.take(data, peer, (known.system, known.component), now)
-        if stranger is not None and new and self._told < _TOLD:
-            self._told += 1
+        if stranger is not None and new and self._reported < _REPORTED_MOST:
+            self._reported += 1
             ours = f"the vehicle is at {address_text(self.peer)}"
             self._news.append(
                 f"not believed: heartbeats of system {known.system} from {stranger.name}; {ours}"

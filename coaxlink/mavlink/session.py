@@ -332,9 +332,9 @@ class Session(Requests):
 
     def _answered(self, candidate: Candidate, message: Message, peer: Any) -> None:
         known = candidate.identity
-        if not candidate.asked or (known.system, known.component) != _sender(message):
+        if not candidate.requests or (known.system, known.component) != _sender(message):
             return
-        self.answer_s = time.monotonic() - candidate.asked_s if candidate.asked == 1 else 0.0
+        self.answer_s = time.monotonic() - candidate.requested_s if candidate.requests == 1 else 0.0
         self.bound.bind(with_version(known, message), peer)
         self._believe("HEARTBEAT", candidate.heartbeat, True)
         self._loss.heard(message.get_seq())

@@ -31,8 +31,8 @@ class Stranger:
     datagrams: int = 0
     first_s: float = -math.inf
     heard_s: float = -math.inf
-    asked: int = 0
-    asked_s: float = -math.inf
+    requests: int = 0
+    requested_s: float = -math.inf
     uid: str = ""  # what it answered
     answered_s: float = -math.inf
     beside: bool = False  # our vehicle was heard after it had answered: they are two
@@ -106,16 +106,16 @@ class Strangers:
             known = self._by_address[address] = Stranger(address, 1)
             self._make_room()
         for _, number, frame in frames:
-            if number == _VERSION and known.asked and (answer := self._meant(frame, ids)):
+            if number == _VERSION and known.requests and (answer := self._meant(frame, ids)):
                 known.uid, known.answered_s = uid_of(answer), now
         if not beats:
             return None
-        known.first_s = known.first_s if known.asked else now
+        known.first_s = known.first_s if known.requests else now
         known.heard_s = now
-        if now - known.asked_s < min(ASK_S * 2 ** min(known.asked, _DOUBLED), ASK_MOST_S):
+        if now - known.requested_s < min(ASK_S * 2 ** min(known.requests, _DOUBLED), ASK_MOST_S):
             return None
-        known.asked += 1
-        known.asked_s = now
+        known.requests += 1
+        known.requested_s = now
         return known
 
     def _meant(self, frame: bytes, ids: tuple[int, int]) -> Any:
