@@ -26,7 +26,7 @@ def identify_from_flights(
     from coaxlink.data import is_flight_log, read_flight_log
     from coaxlink.errors import InputError
     from coaxlink.health.coefficients import coefficients_from_flights
-    from coaxlink.report.coefficients import hover_table, told_table, words
+    from coaxlink.report.coefficients import coefficient_table, hover_table, words
     from coaxlink.rotor.model import save_rotor_model
     from coaxlink.vehicle import load_vehicle
 
@@ -46,7 +46,7 @@ def identify_from_flights(
         status.update("updating")
         update = coefficients_from_flights(read, vehicle.declared, vehicle.rotors)
     screen = console()
-    screen.print(told_table(update))
+    screen.print(coefficient_table(update))
     screen.print(hover_table(update))
     for line in words(update):
         say(f"- {line}")

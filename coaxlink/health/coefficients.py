@@ -39,13 +39,13 @@ NEAR_S = 0.2  # a low-passed row has so much of what is around it
 SLOW_S, STEADY_S = 2.0, 0.3  # a pack's voltage answers a load within seconds; a motor within a tenth of one
 SLOPE_SD = 0.1  # of what a command more means in speed over what the command does: an ESC's curve
 WEIGHED = 0.005  # of the mass: a luggage scale
-TOLD, BARELY = 0.5, 0.8  # of the prior's sd: less is told, more is not
+DETERMINED, BARELY = 0.5, 0.8  # of the prior's sd: less is determined, more is not
 # what the coefficients themselves are, or the weighing
 OWN = ("upper_", "lower_", "single_", "lift_today", "torque_today", "thrust_", "torque_")
 
 
 @dataclass(frozen=True)
-class Told:
+class Coefficient:
     """One coefficient: what was believed before, and after."""
 
     load: str
@@ -59,7 +59,7 @@ class Told:
     def verdict(self) -> str:
         """told, partly or not told by these flights."""
         left = self.sd / max(self.prior_sd, 1e-300)
-        return "told" if left < TOLD else "partly" if left < BARELY else "not told"
+        return "told" if left < DETERMINED else "partly" if left < BARELY else "not told"
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Update:
     """A rotor model after flights."""
 
     model: RotorModel
-    told: tuple[Told, ...]
+    coefficients: tuple[Coefficient, ...]
     # at hover speeds: prior, its sd, posterior, its sd
     loads: Mapping[str, tuple[float, float, float, float]]
     hover: tuple[float, float]  # normalised speeds of upper and lower rotor
@@ -84,7 +84,7 @@ class Update:
             "terms": self.model.terms(),
             "channels": {},
             "intervals": self.model.identified["intervals"],
-            "told": [{**vars(t), "verdict": t.verdict} for t in self.told],
+            "told": [{**vars(t), "verdict": t.verdict} for t in self.coefficients],
             "hover": {
                 "upper_speed": self.hover[0],
                 "lower_speed": self.hover[1],
@@ -127,8 +127,8 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     for (load, term), value in zip(names, found, strict=True):
         terms[load][term] = float(value)
     model = RotorModel.from_terms(prior.form, prior.speed_max_rpm, terms, effects=prior.effects)
-    told = tuple(
-        Told(load, term, float(a), float(np.sqrt(b)), float(c), float(np.sqrt(d)))
+    coefficients = tuple(
+        Coefficient(load, term, float(a), float(np.sqrt(b)), float(c), float(np.sqrt(d)))
         for (load, term), a, b, c, d in zip(
             names, mean, np.diag(covariance), found, np.diag(spread), strict=True
         )
@@ -138,7 +138,7 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     before, after = _rms(frames, model)
     seconds = sum(len(f.keep) for f in frames) / JUDGED_RATE_HZ
     model = replace(model, identified=_provenance(prior, logs, names, found, spread, seconds))
-    return Update(model, told, loads, hover, seconds, (before, after), measured, tuple(notes))
+    return Update(model, coefficients, loads, hover, seconds, (before, after), measured, tuple(notes))
 
 
 def prior_covariance(

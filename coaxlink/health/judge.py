@@ -132,7 +132,7 @@ class _Space:
     precision: Array  # (p,) of the prior
     faults: Array  # (p, K, N, 2) X'F: for each flight and rotor, lost thrust and torque
     own: Array  # (K, N, 2, N, 2) F'F, of one flight
-    told: Array  # (K, N, 2) F'y
+    fault_moment: Array  # (K, N, 2) F'y
 
 
 def judge(
@@ -182,7 +182,7 @@ def _space(flights: Sequence[Flight], payload: int) -> _Space:
     sd = np.ones(p)
     faults = np.zeros((p, len(flights), rotors, 2))
     own = np.zeros((len(flights), rotors, 2, rotors, 2))
-    told = np.zeros((len(flights), rotors, 2))
+    fault_moment = np.zeros((len(flights), rotors, 2))
     for k, f in enumerate(flights):
         gains = np.concatenate([f.thrust, f.torque], axis=1)
         X = np.concatenate([f.lasting, gains, f.passing], axis=1) * np.sqrt(f.share)
@@ -194,7 +194,7 @@ def _space(flights: Sequence[Flight], payload: int) -> _Space:
         flat = F.reshape(len(F), -1)
         faults[index, k] = (X.T @ flat).reshape(len(index), rotors, 2)
         own[k] = (flat.T @ flat).reshape(rotors, 2, rotors, 2)
-        told[k] = (flat.T @ y).reshape(rotors, 2)
+        fault_moment[k] = (flat.T @ y).reshape(rotors, 2)
         specimen = np.repeat([THRUST_SPECIMEN, TORQUE_SPECIMEN], rotors)
         sd[:lasting] = np.concatenate([f.lasting_sd, specimen])
         today = f.passing_sd.copy()
@@ -204,7 +204,7 @@ def _space(flights: Sequence[Flight], payload: int) -> _Space:
             elif k == payload and name.startswith("inertia"):
                 today[i] = INERTIA_PAYLOAD
         sd[starts[k] : starts[k + 1]] = today
-    return _Space(gram, moment, 1 / sd**2, faults, own, told)
+    return _Space(gram, moment, 1 / sd**2, faults, own, fault_moment)
 
 
 def _evidence(space: _Space, inverse: Array) -> float:
@@ -225,9 +225,9 @@ def _fault(space: _Space, inverse: Array, rotor: int, first: int) -> tuple[float
     """log of the evidence gained by a fault of a rotor from a flight on; mean and sd of its thrust's loss."""
     cross = space.faults[:, first:, rotor].sum(axis=1)  # (p, 2)
     own = space.own[first:, rotor, :, rotor].sum(axis=0)
-    told = space.told[first:, rotor].sum(axis=0)
+    fault_moment = space.fault_moment[first:, rotor].sum(axis=0)
     S = own - cross.T @ inverse @ cross
-    r = told - cross.T @ inverse @ space.moment
+    r = fault_moment - cross.T @ inverse @ space.moment
     prior = _prior()
     posterior = np.linalg.inv(S + np.linalg.inv(prior))
     mean = posterior @ r

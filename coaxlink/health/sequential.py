@@ -152,12 +152,12 @@ class SequentialTest:
         self._noise = np.full((4, r), (10 * FLOOR) ** 2)
         self._score = np.zeros((4, r))
         self._usual = np.zeros(2 * len(self.numbers))
-        self.blocks, self._seen_s = 0, 0.0
+        self.blocks, self._observed_s = 0, 0.0
         self._forget_onsets()
 
     @property
     def _settled(self) -> bool:
-        return self.blocks > SETTLING and self._seen_s > SETTLING * BLOCK_S
+        return self.blocks > SETTLING and self._observed_s > SETTLING * BLOCK_S
 
     def _skip(self, block: Block) -> None:
         """What began in a gap is not seen setting in."""
@@ -166,7 +166,7 @@ class SequentialTest:
     def _forget_onsets(self) -> None:
         self._shift = np.zeros((WINDOW, 4, len(RATIOS), STATES))
         self._information = np.zeros((WINDOW, 4))  # information on a unit step in each channel
-        self._seen = np.zeros((WINDOW, 4))  # and what was seen of it
+        self._correlation = np.zeros((WINDOW, 4))  # and its correlation with the innovations
         self._onsets = 0
 
     def step(self, block: Block) -> Verdict:
@@ -183,7 +183,7 @@ class SequentialTest:
             return Verdict(block.time_s, self._settled, (), 0.0)
         self._filter(block, lift, out)
         self.blocks += 1
-        self._seen_s += block.seconds
+        self._observed_s += block.seconds
         if not self._settled:
             self._forget_onsets()
             return Verdict(block.time_s, False, (), 0.0)
@@ -241,12 +241,12 @@ class SequentialTest:
 
     def _onset(self, i: Innovation) -> None:
         if self._onsets == WINDOW:
-            for a in (self._shift, self._information, self._seen):
+            for a in (self._shift, self._information, self._correlation):
                 a[:-1] = a[1:].copy()
         else:
             self._onsets += 1
         n = self._onsets
-        self._shift[n - 1], self._information[n - 1], self._seen[n - 1] = 0.0, 0.0, 0.0
+        self._shift[n - 1], self._information[n - 1], self._correlation[n - 1] = 0.0, 0.0, 0.0
         shift = self._shift[:n]
         shift[..., 3] *= i.keep
         rho = i.shape[:, None] - (shift @ i.H[:, :, None])[..., 0]
@@ -256,22 +256,26 @@ class SequentialTest:
         z = np.where(i.known, i.innovation[rows, i.best] / sd, 0.0)
         h = np.where(i.known, rho[:, rows, i.best] / sd, 0.0)
         self._information[:n] += h * h
-        self._seen[:n] += h * z
+        self._correlation[:n] += h * z
 
     def _weigh(self, block: Block, lift: float) -> Verdict:
         """Likelihood ratios of all onsets of all hypotheses, and the probabilities."""
-        information, seen = (a[: self._onsets - LASTING] for a in (self._information, self._seen))
+        information, correlation = (
+            a[: self._onsets - LASTING] for a in (self._information, self._correlation)
+        )
         if self._onsets <= LASTING:
             return Verdict(block.time_s, True, (), 0.0)
-        most = float((0.5 * seen**2 / np.maximum(information, 1e-12)).sum(axis=1).max())
+        most = float((0.5 * correlation**2 / np.maximum(information, 1e-12)).sum(axis=1).max())
         if most < np.log(0.1 * WATCH * self.limit / WINDOW):  # even a step free in each channel
             return Verdict(block.time_s, True, (), 0.0)
         F = fault_shapes(self.vehicle, self._plain, block.speeds) / (self._reference * lift)
-        logs, means, sds = self._rotors(F, information, seen)  # (K, T, N) each
+        logs, means, sds = self._rotors(F, information, correlation)  # (K, T, N) each
         N = len(self.numbers)
         logs = logs - np.log(len(F) * N * self.limit)
         p2 = DISTURBED**2
-        jolt = (0.5 * seen**2 / (information + 1.0 / p2) - 0.5 * np.log1p(p2 * information)).sum(axis=1)
+        jolt = (0.5 * correlation**2 / (information + 1.0 / p2) - 0.5 * np.log1p(p2 * information)).sum(
+            axis=1
+        )
         jolt = jolt + np.log(self.block_s / JOLTS_S)
         top = max(float(logs.max()), float(jolt.max()), 0.0)  # the logs run to thousands
         weights, jolted = np.exp(logs - top), float(np.exp(jolt - top).sum())
@@ -293,10 +297,10 @@ class SequentialTest:
         called = found[0] if found[0].probability >= CALL else None
         return Verdict(block.time_s, True, tuple(found), jolted / total, called)
 
-    def _rotors(self, F: Array, information: Array, seen: Array) -> tuple[Array, Array, Array]:
+    def _rotors(self, F: Array, information: Array, correlation: Array) -> tuple[Array, Array, Array]:
         """(K, T, N) log likelihood ratio, mean loss and its sd, for each kind of loss."""
         precision = np.einsum("tc,knc->ktn", information, F * F) + 1.0 / LOSS_SD**2
-        means = np.einsum("tc,knc->ktn", seen, F) / precision
+        means = np.einsum("tc,knc->ktn", correlation, F) / precision
         gain = 0.5 * means**2 * precision - 0.5 * np.log(precision * LOSS_SD**2)
         # what matters is more than a propeller's scatter: that part of the prior, and of the posterior
         from scipy.special import log_ndtr

@@ -72,8 +72,8 @@ class Stream:
         """Forget everything: another flight, another clock."""
         self._commands.clear()
         self._readings.clear()
-        self._asked: Array | None = None
-        self._asked_s = self._now_s = self._start_s = self._read_s = NONE
+        self._commanded: Array | None = None
+        self._commanded_s = self._now_s = self._start_s = self._read_s = NONE
         self._newest_s = NONE
         self._speeds = self._sum = self._total = np.zeros(self.count)
         self._wrench = self._travel = self._last = np.zeros(4)
@@ -118,9 +118,9 @@ class Stream:
         quiet, since = time_s - self._read_s > STALE_S, time_s - self._read_s
         self._follow(time_s)
         self._read_s = time_s
-        if self._asked is None:
+        if self._commanded is None:
             return None
-        if self._start_s == NONE or quiet or time_s - self._asked_s > STALE_S:
+        if self._start_s == NONE or quiet or time_s - self._commanded_s > STALE_S:
             self._begin_at(time_s, rates)
             self._last, self._before = self._rotors.wrench(self._speeds), None
             return None
@@ -148,22 +148,22 @@ class Stream:
         """Speeds and their sum over time, up to then."""
         while self._commands and self._commands[0][0] <= time_s:
             at, values = self._commands.popleft()
-            if self._asked is None or at - self._asked_s > STALE_S:
+            if self._commanded is None or at - self._commanded_s > STALE_S:
                 self._speeds, self._now_s = values, at
             else:
                 self._move(at, values, at)
-            self._asked, self._asked_s = values, at
-        if self._commands and self._asked is not None:
+            self._commanded, self._commanded_s = values, at
+        if self._commands and self._commanded is not None:
             self._move(time_s, self._commands[0][1], self._commands[0][0])
 
     def _move(self, time_s: float, towards: Array, at: float) -> None:
         """On to `time_s` with a command that runs straight from the last one to `towards` at `at`."""
-        dt, asked = time_s - self._now_s, self._asked
-        if dt <= 0 or asked is None:
+        dt, commanded = time_s - self._now_s, self._commanded
+        if dt <= 0 or commanded is None:
             return
-        ramp = (towards - asked) / (at - self._asked_s)
+        ramp = (towards - commanded) / (at - self._commanded_s)
         now = (
-            asked + ramp * (self._now_s - self._asked_s) - ramp * self._lag
+            commanded + ramp * (self._now_s - self._commanded_s) - ramp * self._lag
         )  # where the speeds are when settled
         behind = self._speeds - now
         keep = math.exp(-dt / self._lag) if self._lag > 0 else 0.0

@@ -12,7 +12,7 @@ from coaxlink.health.coefficients import NORMAL_95, Update
 CHANNELS = ("force down, N", "roll, N m", "pitch, N m", "yaw, N m")
 
 
-def told_table(update: Update) -> Any:
+def coefficient_table(update: Update) -> Any:
     """Rich table: every coefficient before and after."""
     from rich.table import Table
 
@@ -22,7 +22,7 @@ def told_table(update: Update) -> Any:
     for heading in ("prior", "after the flights", "these flights"):
         table.add_column(heading, justify="right")
     before = ""
-    for t in update.told:
+    for t in update.coefficients:
         if t.load != before:
             table.add_section()
         prior, after = (
@@ -53,7 +53,7 @@ def words(update: Update) -> Iterator[str]:
     yield from update.notes
     for name, before, after in zip(CHANNELS, *update.rms, strict=True):
         yield f"{name}: residual of the model alone {before:.3g} before, {after:.3g} after"
-    open_terms = [f"{t.load} {t.term}" for t in update.told if t.verdict == "not told"]
+    open_terms = [f"{t.load} {t.term}" for t in update.coefficients if t.verdict == "not told"]
     if open_terms:
         yield f"not determined by these flights, as believed before: {', '.join(open_terms)}"
     thrust = {load: sds for load, (*_, sds) in update.loads.items() if load.endswith("thrust_N")}
