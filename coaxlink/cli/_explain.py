@@ -41,12 +41,12 @@ def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) 
     out.print(f"\nWhat the law demands of each motor, and what {firmware} does")
     out.print("thousandths of squared speed, for 1 N m of roll, pitch or yaw and for 1 N of thrust")
     rows = Table("rotor", *explained.axes, box=None)
-    largest = abs(explained.asked).max(axis=0)
+    largest = abs(explained.demanded).max(axis=0)
     for n, rotor in enumerate(frame.rotors):
         cells = []
-        for asked, done, top in zip(explained.asked[n], explained.done[n], largest, strict=True):
-            same = abs(done - asked) <= _EQUAL * top
-            cells.append(f"{1e3 * asked:+.2f}" + ("" if same else f" -> {1e3 * done:+.2f}"))
+        for demanded, done, top in zip(explained.demanded[n], explained.done[n], largest, strict=True):
+            same = abs(done - demanded) <= _EQUAL * top
+            cells.append(f"{1e3 * demanded:+.2f}" + ("" if same else f" -> {1e3 * done:+.2f}"))
         rows.add_row(f"{rotor.number} {rotor.level}", *cells)
     out.print(rows)
     axis, worst = max(explained.worst.items(), key=lambda item: item[1])

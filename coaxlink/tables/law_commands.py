@@ -15,15 +15,15 @@ def wanted_mix(table: px4.Px4Table) -> NDArray[np.float64]:
     return np.asarray(np.linalg.pinv(matrix), np.float64)
 
 
-def nearest(mixed: NDArray[np.float64], asked: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each column of `mixed` times the one number that brings it nearest to `asked`."""
+def nearest(mixed: NDArray[np.float64], demanded: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Each column of `mixed` times the one number that brings it nearest to `demanded`."""
     power = (mixed**2).sum(axis=0)
-    scale = np.divide((mixed * asked).sum(axis=0), power, out=np.zeros(mixed.shape[1]), where=power > 0)
+    scale = np.divide((mixed * demanded).sum(axis=0), power, out=np.zeros(mixed.shape[1]), where=power > 0)
     return mixed * scale
 
 
-def worst_relative(asked: NDArray[np.float64], done: NDArray[np.float64]) -> tuple[float, ...]:
-    """Largest difference of `done` from `asked` on each axis, relative to the axis's largest entry."""
-    scale = np.abs(asked).max(axis=0)
-    error = np.abs(done - asked).max(axis=0)
+def worst_relative(demanded: NDArray[np.float64], done: NDArray[np.float64]) -> tuple[float, ...]:
+    """Largest difference of `done` from `demanded` on each axis, relative to the axis's largest entry."""
+    scale = np.abs(demanded).max(axis=0)
+    error = np.abs(done - demanded).max(axis=0)
     return tuple(float(e / s) if s else float(e) for e, s in zip(error, scale, strict=True))

@@ -193,8 +193,8 @@ def _hover_findings(flown: Behaviour, weight_N: float) -> list[Finding]:
 def _lean_findings(table: px4.Px4Table, mix: px4.Px4Mix, law: str) -> list[Finding]:
     """PX4's pseudo-inverse holds six axes: where rotors lean, it also forbids every sideways force."""
     mixed = np.stack([*mix.mix.T[:3], -mix.mix[:, 5]], axis=-1)
-    asked = wanted_mix(table)
-    worst = worst_relative(asked, nearest(mixed, asked))
+    demanded = wanted_mix(table)
+    worst = worst_relative(demanded, nearest(mixed, demanded))
     if max(worst) <= _LEAN_SHARE or not np.abs(mix.effectiveness[3:5]).any():
         return []
     text = "the table's rotors lean, and PX4 spends them on holding the sideways force at zero as well"

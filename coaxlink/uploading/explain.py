@@ -44,7 +44,7 @@ _GAIN = re.compile(r"MC_(ROLL|PITCH|YAW)RATE_K|ATC_RAT_(RLL|PIT|YAW)_[PID]")
 class Explanation:
     """Asked against done, and this table against another on the same rotors."""
 
-    asked: NDArray[np.float64]  # (N, 4) u^2 per N m (roll, pitch, yaw) and per N (thrust)
+    demanded: NDArray[np.float64]  # (N, 4) u^2 per N m (roll, pitch, yaw) and per N (thrust)
     done: NDArray[np.float64]  # (N, 4) the same, as the firmware mixes
     flown: Behaviour
     reference: Behaviour
@@ -58,14 +58,14 @@ class Explanation:
     @property
     def worst(self) -> dict[str, float]:
         """Largest difference of done from asked on each axis, relative to the axis's largest entry."""
-        return dict(zip(AXES, worst_relative(self.asked, self.done), strict=True))
+        return dict(zip(AXES, worst_relative(self.demanded, self.done), strict=True))
 
     def to_json(self) -> dict[str, Any]:
         """The `explain` part of the JSON of `table`."""
         hint = self.flown.gain_hint(self.reference)
         return {
             "axes": list(AXES),
-            "asked": self.asked.tolist(),
+            "asked": self.demanded.tolist(),
             "done": self.done.tolist(),
             "worst_relative": self.worst,
             "against": self.reference_name,
@@ -90,7 +90,7 @@ def explain_px4(
     """
     airframe = vehicle.airframe
     mixed = np.stack([*report.mix.mix.T[:3], -report.mix.mix[:, 5]], axis=-1)
-    asked = wanted_mix(report.table)
+    demanded = wanted_mix(report.table)
     changed: Changed = ()
     if board is None:
         standard = report_px4(vehicle, "standard")
@@ -106,11 +106,11 @@ def explain_px4(
             )
         reference, name = behaviour(vehicle, px4_speeds(present)), ON_BOARD
         changed = _differing(board, report.params)
-    done = nearest(mixed, asked)
+    done = nearest(mixed, demanded)
     worth = weigh(vehicle, px4_speeds(report.mix), report.law)
     before = weigh(vehicle, px4_speeds(present), _word(name))
     return Explanation(
-        asked, done, report.behaviour, reference, name, worth, before, changed, _gains(board or {})
+        demanded, done, report.behaviour, reference, name, worth, before, changed, _gains(board or {})
     )
 
 
@@ -122,8 +122,8 @@ def explain_ap(
     """Explain an ArduPilot table against the board's parameters and table, else against the standard law on
     the same frame class. Raises InputError when the board flies what is not known here."""
     airframe = vehicle.airframe
-    asked = wanted_mix(report.columns)
-    done = nearest(report.mix.factors, asked)
+    demanded = wanted_mix(report.columns)
+    done = nearest(report.mix.factors, demanded)
     worth = weigh(vehicle, ap_speeds(report.mix), report.law)
     if board is not None:
         numbers, present = board
@@ -139,7 +139,7 @@ def explain_ap(
         changed = tuple(row for row in _differing(numbers, report.params) if row[0] != "SCR_LD_CHECKSUM")
         before = weigh(vehicle, ap_speeds(mix), _word(ON_BOARD))
         return Explanation(
-            asked, done, report.behaviour, held, ON_BOARD, worth, before, changed, _gains(numbers)
+            demanded, done, report.behaviour, held, ON_BOARD, worth, before, changed, _gains(numbers)
         )
     standard = report_ap(
         vehicle,
@@ -148,7 +148,7 @@ def explain_ap(
         spin_min=report.table.parameters.spin_min,
     )
     before = weigh(vehicle, ap_speeds(standard.mix), _word(STANDARD))
-    return Explanation(asked, done, report.behaviour, standard.behaviour, STANDARD, worth, before)
+    return Explanation(demanded, done, report.behaviour, standard.behaviour, STANDARD, worth, before)
 
 
 def _word(name: str) -> str:

@@ -181,7 +181,7 @@ class Uploader:
             self._board.spare |= set(interrupted.spare)
         if complete:
             target = self._board.completed(target, board)
-        asked = target
+        requested = target
         present = self._board.present(target, board)
         changes = target.differs_from(present)
         if not interrupted and (learned := learned_since(changes, board, self._session.identity)):
@@ -195,9 +195,9 @@ class Uploader:
             restart = True  # the files may be there and the restart that makes them fly not
         if not changes.values and not changes.files and not restart:
             confirm(self._session)
-            self._keep(asked)
+            self._keep(requested)
             return self._outcome(VERIFIED, reason="the board holds it already")
-        self._save(board, present, interrupted, asked)
+        self._save(board, present, interrupted, requested)
         if not self._talk.confirm():
             raise SafetyRefusal("not confirmed; nothing was changed")
         confirm(self._session)
@@ -207,7 +207,7 @@ class Uploader:
         if interrupted:  # the way back leads to the last whole table, not to what the interruption left
             old = interrupted.old.over(old)
             new = new.over(target.only(interrupted.old))
-        return self._write(asked, new, old, present, restart)
+        return self._write(requested, new, old, present, restart)
 
     def _interrupted(self) -> Entry | None:
         entry = self._journal.open_entry()
@@ -228,14 +228,14 @@ class Uploader:
                 f"{row.name}: {row.old.value:.4g}, learned in flight from {row.new.value:.4g}; it stays"
             )
 
-    def _save(self, board: Snapshot, present: Content, interrupted: Entry | None, asked: Content) -> None:
+    def _save(self, board: Snapshot, present: Content, interrupted: Entry | None, requested: Content) -> None:
         files = {**self._board.others(board, present.files), **present.files}
         if interrupted:  # a backup of half a table would be no way back
             whole = self._board.keepable(interrupted.old, board)
             board = Snapshot({**board.values, **whole.values}, board.hash)
             files |= whole.files
-        names = frozenset(n for n in asked.values if n not in self._board.spare)
-        note = Note(names, frozenset(Path(place).name for place in asked.files))
+        names = frozenset(n for n in requested.values if n not in self._board.spare)
+        note = Note(names, frozenset(Path(place).name for place in requested.files))
         path = self._board.write_backup(self._backup_folder, board, files, note)
         self._backup = str(path)
         count = sum(data is not None for data in files.values())
