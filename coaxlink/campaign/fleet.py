@@ -85,10 +85,10 @@ class Trend:
         """As it is reported."""
         what = f"{self.vehicle}: {self.name}" + (f", {self.part}" if self.part else "")
         size = f"{self.values[-1]:.3g} {self.unit}".rstrip(" 1").rstrip()
-        seen = f"in {len(self.dates)} of {self.logs} logs since {self.dates[0][:10]}, last {size}"
+        occurrence = f"in {len(self.dates)} of {self.logs} logs since {self.dates[0][:10]}, last {size}"
         ends = " .. ".join(f"{100 * x:+.2g}" if self.unit == "1" else f"{x:+.2g}" for x in self.per_week_ci)
         unit = "%" if self.unit == "1" else self.unit
-        return f"{what}: {seen}" + (f", growing by {ends} {unit} a week" if self.grows else "")
+        return f"{what}: {occurrence}" + (f", growing by {ends} {unit} a week" if self.grows else "")
 
 
 @dataclass(frozen=True)
@@ -155,12 +155,12 @@ def find_logs(folder: str) -> list[Log]:
     Raises InputError where there are none, or one whose date nobody can tell.
     """
     names = _listed(folder)
-    told = _index(folder) if INDEX in names else {}
+    listed = _index(folder) if INDEX in names else {}
     logs = []
     for name in names:
         if not name.lower().endswith(SUFFIXES) or name == INDEX:
             continue
-        vehicle, date = told.get(name, (_vehicle(name), _date(name)))
+        vehicle, date = listed.get(name, (_vehicle(name), _date(name)))
         if date is None:
             problem = f"no date (2026-03-28) in its path: rename it, or say it in {INDEX} (log,vehicle,date)"
             raise InputError(f"{folder}/{name}", "", problem)
@@ -224,13 +224,13 @@ def _index(folder: str) -> dict[str, tuple[str, datetime.datetime | None]]:
     rows = csv.DictReader(io.StringIO(text))
     if not {"log", "vehicle", "date"} <= set(rows.fieldnames or ()):
         raise InputError(place, "line 1", "the columns log, vehicle, date are expected")
-    told: dict[str, tuple[str, datetime.datetime | None]] = {}
+    listed: dict[str, tuple[str, datetime.datetime | None]] = {}
     for row in rows:
         date = _date(row["date"] or "")
         if date is None:
             raise InputError(place, f"line {rows.line_num}", f"a date is expected, found {row['date']!r}")
-        told[row["log"] or ""] = (row["vehicle"] or "", date)
-    return told
+        listed[row["log"] or ""] = (row["vehicle"] or "", date)
+    return listed
 
 
 def analyse_logs(task: Task, cells: Sequence[int]) -> Rows:
@@ -251,8 +251,8 @@ def analyse_logs(task: Task, cells: Sequence[int]) -> Rows:
             problem = str(error)
         except OSError as error:
             problem = f"{log.place}: cannot be read ({error})"
-        told = (number, log.name, log.vehicle, log.date.isoformat(), problem, json.dumps(found))
-        for name, value in zip(COLUMNS, told, strict=True):
+        row = (number, log.name, log.vehicle, log.date.isoformat(), problem, json.dumps(found))
+        for name, value in zip(COLUMNS, row, strict=True):
             rows[name].append(value)
     return rows
 
@@ -276,7 +276,7 @@ def fleet_of(rows: Sequence[tuple[Any, ...]]) -> Fleet:
     """The fleet of rows (COLUMNS), sorted by vehicle and date."""
     problems = {str(row[1]): str(row[4]) for row in rows if row[4]}
     sound = [row for row in rows if not row[4]]
-    told = tuple(
+    findings = tuple(
         (
             str(row[2]),
             str(row[3]),
@@ -289,9 +289,9 @@ def fleet_of(rows: Sequence[tuple[Any, ...]]) -> Fleet:
     )
     vehicles = tuple(dict.fromkeys(str(row[2]) for row in rows))
     trends = sorted(
-        _trends(told, len(vehicles)), key=lambda c: (not c.believed, c.p_value, c.vehicle, c.name)
+        _trends(findings, len(vehicles)), key=lambda c: (not c.believed, c.p_value, c.vehicle, c.name)
     )
-    return Fleet(len(rows), vehicles, problems, tuple(trends), told)
+    return Fleet(len(rows), vehicles, problems, tuple(trends), findings)
 
 
 def _trends(rows: Sequence[tuple[str, str, tuple[Finding, ...]]], vehicles: int) -> Iterator[Trend]:

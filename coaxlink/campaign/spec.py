@@ -123,10 +123,12 @@ class Spec:
     @property
     def digest(self) -> str:
         """Of everything that decides a row."""
-        told = [self.seed, self.laws, self.grid, self.repeats, self.seconds, self.settle_s, self.rate_hz]
-        told += [self.refine, self.draws, sorted(self.texts.items())]
-        told += [[k, [q.values, q.low, q.high, q.log, q.steps]] for k, q in sorted(self.quantities.items())]
-        return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+        content = [self.seed, self.laws, self.grid, self.repeats, self.seconds, self.settle_s, self.rate_hz]
+        content += [self.refine, self.draws, sorted(self.texts.items())]
+        content += [
+            [k, [q.values, q.low, q.high, q.log, q.steps]] for k, q in sorted(self.quantities.items())
+        ]
+        return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 def read_spec(path: Path, known: Mapping[str, Known]) -> Spec:

@@ -288,15 +288,15 @@ def _grouped(law: str, figure: str, quantity: str, ranks: Array, of: Any) -> Dep
 
 
 def _refined(columns: Mapping[str, Any]) -> Refined:
-    told = [(str(t or ""), str(f or "")) for t, f in zip(columns["truth"], columns["found"], strict=True)]
+    pairs = [(str(t or ""), str(f or "")) for t, f in zip(columns["truth"], columns["found"], strict=True)]
     missed: dict[str, list[int]] = {}
-    for truth, found in told:
+    for truth, found in pairs:
         for name in filter(None, truth.split(",")):
             count = missed.setdefault(name, [0, 0])
             count[0] += name not in found.split(",")
             count[1] += 1
-    clean = [found for truth, found in told if not truth]
+    clean = [found for truth, found in pairs if not truth]
     return Refined(
-        len(told), sum(t == f for t, f in told), len(clean), sum(bool(f) for f in clean),
+        len(pairs), sum(t == f for t, f in pairs), len(clean), sum(bool(f) for f in clean),
         {name: (a, b) for name, (a, b) in sorted(missed.items())},
     )  # fmt: skip

@@ -139,12 +139,14 @@ def world_of(spec: Spec, one: Cell, rotors: int) -> World:
 
     effects: list[Effect] = []
     for name in spec.effects:
-        told = {k.rpartition(".")[2]: v for k, v in one.values.items() if k.startswith(f"effects.{name}.")}
-        size, onset = float(told.pop("size")), float(told.pop("onset_s", 0.0))
-        law = str(told.pop("law", ""))
+        parameters = {
+            k.rpartition(".")[2]: v for k, v in one.values.items() if k.startswith(f"effects.{name}.")
+        }
+        size, onset = float(parameters.pop("size")), float(parameters.pop("onset_s", 0.0))
+        law = str(parameters.pop("law", ""))
         if size == 0.0:
             continue
-        extra = {k: float(v) for k, v in told.items()}
+        extra = {k: float(v) for k, v in parameters.items()}
         if "rotor" in extra and spec.quantities[f"effects.{name}.rotor"].values == ("any",):
             extra["rotor"] = 1.0 + int(extra["rotor"] * rotors)
         effects.append(Effect(name, size, onset + (spec.settle_s if onset else 0.0), extra, law))
