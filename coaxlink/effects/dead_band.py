@@ -149,10 +149,10 @@ def _start(frame: StandFrame) -> tuple[float, float] | None:
 def _dead_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     if {"cells", "round"} & set(shape):
         return []
-    bare, seen = {"band": shape["band"]}, _start(frame)
+    bare, observed = {"band": shape["band"]}, _start(frame)
     forms: list[tuple[Shape, Array]] = []
-    if seen is not None:
-        rests, turns = seen
+    if observed is not None:
+        rests, turns = observed
         forms.append(({"band": 0.5 * (rests + turns)}, np.ones(1)))
         if "bend" in shape:  # it begins below the lowest that turns, and steeply
             forms.append(({"band": 0.99 * turns, "bend": shape["bend"]}, c))

@@ -329,7 +329,7 @@ STAND: Tracing[StandFrame] = Tracing(
     finer=_finer,
 )  # fmt: skip
 
-_NOT_TOLD = "the mixer does not know which way the speed came"
+_DIRECTION_UNKNOWN = "the mixer does not know which way the speed came"
 _SHARE = "assumed: friction and late recovery of blades hold back 5 % of a load on a sound stand"
 _WAYS = "wide: any value between the bounds; the ways over which a memory wears in go with the rig"
 _FORMS = {
@@ -357,6 +357,6 @@ EFFECT = PhysicalEffect(
         *(Parameter(name, "1", 0.0, 1.5, source=_WAYS) for name in ("on", "off")),
     ),
     stand=STAND,
-    no_static=_NOT_TOLD,
-    no_live=_NOT_TOLD,
+    no_static=_DIRECTION_UNKNOWN,
+    no_live=_DIRECTION_UNKNOWN,
 )  # fmt: skip

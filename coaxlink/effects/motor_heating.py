@@ -156,14 +156,14 @@ STAND: Tracing[StandFrame] = Tracing(
 def _static(bench: StaticBench, p: Numbers) -> str:
     degrees = bench.at.motor_temperature_C
     if degrees is None or "memory_s" in p:
-        raise LeftOut(_NOT_TOLD)
+        raise LeftOut(_TEMPERATURE_UNKNOWN)
     felt = float(_felt(p, np.array((degrees - 25.0) / 100.0)))
     factor = 1.0 - p["speed_loss_per_100K"] * felt
     turn(bench, factor, p, "motor_temperature_C", degrees)
     return f"commands for windings at {degrees:.0f} C, where rotors turn at {factor:.3f} of them"
 
 
-_NOT_TOLD = "speed follows the winding's temperature, which no mixer knows"
+_TEMPERATURE_UNKNOWN = "speed follows the winding's temperature, which no mixer knows"
 EFFECT = PhysicalEffect(
     name="motor_heating",
     stage=Stage.DRIVE,
@@ -189,6 +189,6 @@ EFFECT = PhysicalEffect(
     stand=STAND,
     static=_static,
     required=("speed_loss_per_100K",),
-    no_static=_NOT_TOLD,
-    no_live=_NOT_TOLD,
+    no_static=_TEMPERATURE_UNKNOWN,
+    no_live=_TEMPERATURE_UNKNOWN,
 )  # fmt: skip

@@ -130,8 +130,8 @@ def _both_ways(target: Array, step_s: float, up_s: float, down_s: float) -> Arra
     out = np.empty_like(target)
     for side in (0, 1):
         now, mine = float(target[0, side]), []
-        for asked in target[:, side].tolist():  # which lag it is, the speed before says
-            now = asked + (now - asked) * (rise if asked > now else fall)
+        for commanded in target[:, side].tolist():  # which lag it is, the speed before says
+            now = commanded + (now - commanded) * (rise if commanded > now else fall)
             mine.append(now)
         out[:, side] = mine
     return out

@@ -85,9 +85,9 @@ class StaticBench:
         """Let rotors turn at `speed_of(command)`: a change of the surfaces over the commands."""
 
         def change(model: RotorModel, loads: Loads) -> Loads:
-            told = model.loads(loads.upper, loads.lower)
+            nominal = model.loads(loads.upper, loads.lower)
             turned = model.loads(speed_of(loads.upper), speed_of(loads.lower))
-            return loads.plus({load: turned[load] - told[load] for load in Load})
+            return loads.plus({load: turned[load] - nominal[load] for load in Load})
 
         self.changes.append(change)
         self.drive.append(change)

@@ -189,7 +189,7 @@ class _Search:
         """(N,) level thrust when each rotor is at full speed; the smallest is the table's."""
         ct, yaw, curve = columns
         share = mixing(self.fit.airframe, ct, yaw)[:, 0]
-        u = self._bent(share / np.maximum(share, 1e-9)[:, None], curve)
+        u = self._speeds_beyond(share / np.maximum(share, 1e-9)[:, None], curve)
         return np.asarray(self.fit.airframe.wrench(*self.fit.airframe.loads(self.fit.model, u))[:, 0])
 
     def _values(self, x: Array, limit: Limit) -> Array:
@@ -204,21 +204,21 @@ class _Search:
         mix = mixing(frame, ct, yaw)
         hover = mix[:, 0] * self.weight
         if limit.kind == "hover_share":
-            thrust = frame.loads(model, self._bent(hover, curve))[0]
+            thrust = frame.loads(model, self._speeds_beyond(hover, curve))[0]
             return np.array([thrust[u] / (thrust[u] + thrust[w]) for u, w in frame.pairs])
         turn = mix[:, 3]
         room = np.concatenate([(1.0 - hover) / turn, -hover / turn])  # either bound, either way round
-        at = self._bent(hover + np.outer(room, turn), curve)
+        at = self._speeds_beyond(hover + np.outer(room, turn), curve)
         return np.asarray(np.abs(frame.wrench(*frame.loads(model, at))[:, 3]))
 
-    def _bent(self, setpoints: Array, curve: float) -> Array:
+    def _speeds_beyond(self, setpoints: Array, curve: float) -> Array:
         """`bend`, but going on a little beyond its bounds.
 
         There rotors that are alike get to their bound together: cut off at once, none of them has a slope.
         """
         s, half = np.clip(setpoints, -BEYOND, 1.0 + BEYOND), (1.0 - curve) / (2.0 * curve)
-        bent = np.sqrt(np.maximum(half * half + s / curve, 0.0)) - half
-        return np.asarray(self.fit.low + (self.fit.high - self.fit.low) * bent)
+        fraction = np.sqrt(np.maximum(half * half + s / curve, 0.0)) - half
+        return np.asarray(self.fit.low + (self.fit.high - self.fit.low) * fraction)
 
     def _step(self, x: Array, limits: Sequence[Limit], ties: Array, radius: float) -> Array | None:
         """The convex problem of one step, None when the solver gives none."""
