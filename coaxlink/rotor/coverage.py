@@ -45,10 +45,10 @@ class Coverage:
         yield f"speeds: {where} of the top speed, {100 * self.cells:.0f} % of {of}"
         units = {True: "N", False: "N m"}
         if self.repeats:
-            told = ", ".join(
+            scatter = ", ".join(
                 f"{n} {v:.3g} {units[n.endswith('thrust')]}" for n, v in self.repeatability.items()
             )
-            yield f"repeats: {self.repeats} conditions measured again, within {told}"
+            yield f"repeats: {self.repeats} conditions measured again, within {scatter}"
         else:
             yield "repeats: none; what one condition scatters by is not in the log"
 

@@ -326,7 +326,7 @@ def speed_correlation(speeds: Speeds) -> float:
     return float(np.corrcoef(u, v)[0, 1]) if np.ptp(u) > 0 and np.ptp(v) > 0 else 0.0
 
 
-def _notes(data: Bench, asked: str, chosen: str, reason: str) -> Sequence[str]:
+def _notes(data: Bench, requested: str, chosen: str, reason: str) -> Sequence[str]:
     count = len(np.unique(data.fold))
     said = [
         f"u = 1 is {data.speeds.speed_max_rpm:.0f} rpm ({data.speeds.source})"
@@ -335,7 +335,7 @@ def _notes(data: Bench, asked: str, chosen: str, reason: str) -> Sequence[str]:
         f"errors on held-out blocks: {count} sweeps or stretches, each left out once",
         f"NRMSE = RMSE / ({NORMALISER})",
     ]
-    if asked == "auto":
+    if requested == "auto":
         said.append(reason)
     alike = speed_correlation(data.speeds)
     if alike > CORRELATED:

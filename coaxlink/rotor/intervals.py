@@ -62,11 +62,11 @@ def term_intervals(
     covariance = _block_covariance(inverse, residual, length)
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     half = float(stdtrit(spare, 0.975)) * error
-    told = [i for i in range(len(terms)) if not open_terms[i]]
+    determined = [i for i in range(len(terms)) if not open_terms[i]]
     return Intervals(
-        {terms[i]: (float(b[i] - half[i]), float(b[i] + half[i])) for i in told},
+        {terms[i]: (float(b[i] - half[i]), float(b[i] + half[i])) for i in determined},
         dict(zip(terms, map(float, b), strict=True)),
-        {terms[i]: float(error[i]) for i in told},
+        {terms[i]: float(error[i]) for i in determined},
         _indistinct(terms, inverse @ inverse.T, b, half, open_terms),
         length,
     )

@@ -53,11 +53,11 @@ class NextRuns:
 
     def lines(self) -> Iterator[str]:
         """In words."""
-        told = ", ".join(
+        after = ", ".join(
             f"{load} {was:.2g} to {self.after[load]:.2g} {'N' if load.endswith('_N') else 'N m'}"
             for load, was in self.before.items()
         )
-        yield f"{int(self.times.sum())} points, {self.seconds:.0f} s; the model's error over a table: {told}"
+        yield f"{int(self.times.sum())} points, {self.seconds:.0f} s; the model's error over a table: {after}"
         if self.share > HALF:
             yield f"no more than {MOST} points are planned: they take it to {100 * self.share:.0f} %"
         if not self.from_log:
@@ -125,8 +125,8 @@ class _Load:
     def add(self, spot: int) -> None:
         """Measure once at a spot."""
         x = self._spots[spot]
-        seen = self._covariance @ x
-        self._covariance = self._covariance - np.outer(seen, seen) / (self._noise + x @ seen)
+        projected = self._covariance @ x
+        self._covariance = self._covariance - np.outer(projected, projected) / (self._noise + x @ projected)
 
 
 def _serpentine(spots: Array) -> NDArray[np.int64]:

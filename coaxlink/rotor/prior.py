@@ -127,13 +127,13 @@ def pair_prior(
     for i, (load, term) in enumerate(names):
         terms[load][term] = float(mean[i])
         intervals[load][term] = (float(bounds[0, i]), float(bounds[1, i]))
-    told = {
+    quantities = {
         "solidity": rotor.solidity,
         "least_drag": rotor.cd0,
         "zero_lift_deg": np.degrees(rotor.blades.zero_lift_rad),
         "pitch_ratio": rotor.blades.pitch_ratio,
     }
-    about = {k: (float(v.mean()), float(v.std())) for k, v in told.items()}
+    about = {k: (float(v.mean()), float(v.std())) for k, v in quantities.items()}
     guessed = (*guessed, *how)
     model = RotorModel.from_terms("crm", top, terms)
     prior = PairPrior(model, names, mean, covariance, intervals, guessed, about)
