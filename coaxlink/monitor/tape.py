@@ -194,8 +194,8 @@ def load_tape(path: Path) -> Tape | SampleTape:
     if kind == "ulog":
         from coaxlink.data.ulog import ulog_parameters, ulog_texts
 
-        told = {name: float(value) for name, value in ulog_parameters(path).items()}
-        return SampleTape(path.name, read_flight_log(path), AUTOPILOT_PX4, told, ulog_texts(path))
+        parameters = {name: float(value) for name, value in ulog_parameters(path).items()}
+        return SampleTape(path.name, read_flight_log(path), AUTOPILOT_PX4, parameters, ulog_texts(path))
     if kind == "dataflash":
         from coaxlink.data.dataflash import dataflash_parameters, dataflash_texts
 

@@ -76,12 +76,12 @@ class Desk:
     def _upload(self, session: Session, table: Path, ask: Ask | None) -> Report:
         plan = load_plan(table)
         session.refuse_unheard()
-        seen: list[Change] = []
+        changes: list[Change] = []
         lines: list[str] = []
         talk = Talk(
             say=lines.append,
-            difference=seen.extend,
-            confirm=lambda: ask is not None and ask(tuple(seen)),
+            difference=changes.extend,
+            confirm=lambda: ask is not None and ask(tuple(changes)),
         )
         worker = Uploader(session, backup_folder=self.backups, talk=talk)
         outcome = worker.upload(plan, dry_run=ask is None)

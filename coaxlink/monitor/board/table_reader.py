@@ -83,10 +83,10 @@ class TableReader:
             return self._factors[1]
         if frame != SCRIPTING_MATRIX:
             return {}
-        seen, self._script = self._script, self._script_on_board()
+        previous, self._script = self._script, self._script_on_board()
         if self._script is None:
             return {board_ardupilot.COUNT: 0.0}
-        if self._script != seen and self._factors[0] is not None:
+        if self._script != previous and self._factors[0] is not None:
             return None  # it changes just now
         if self._script != self._factors[0]:
             self._factors = self._script, self._in_script(self._script[0])

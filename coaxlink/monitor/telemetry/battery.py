@@ -98,32 +98,32 @@ def battery_of(
         word = _worse(
             _WORDS.get(int(getattr(m, "charge_state", 0) or 0), ""), _judged(remaining, readings.parameters)
         )
-        told_s = float(getattr(m, "time_remaining", 0) or 0)
-        minutes, by = _minutes(told_s, voltage, current, remaining, energy_Wh, trend_min)
+        reported_s = float(getattr(m, "time_remaining", 0) or 0)
+        minutes, by = _minutes(reported_s, voltage, current, remaining, energy_Wh, trend_min)
         return Battery(voltage, current, remaining, word, minutes, by, arrival.received_s)
     return Battery()
 
 
 def _minutes(
-    told_s: float,
+    reported_s: float,
     voltage_V: float,
     current_A: float | None,
     remaining: float | None,
     energy_Wh: float | None,
     trend_min: float | None,
 ) -> tuple[float | None, str]:
-    if told_s > 0.0:
-        return told_s / 60.0, "autopilot"
+    if reported_s > 0.0:
+        return reported_s / 60.0, "autopilot"
     if energy_Wh is not None and remaining is not None and current_A:
         return 60.0 * energy_Wh * remaining / (voltage_V * current_A), "battery_Wh"
     return (trend_min, "trend") if trend_min is not None else (None, "")
 
 
-def _worse(told: str, judged: str) -> str:
+def _worse(reported: str, judged: str) -> str:
     """A pack that charges, or has failed, is what it says; else the one further down."""
-    if not told or not judged or told not in _DOWN:
-        return told or judged
-    return max(told, judged, key=_DOWN.index)
+    if not reported or not judged or reported not in _DOWN:
+        return reported or judged
+    return max(reported, judged, key=_DOWN.index)
 
 
 def _judged(remaining: float | None, parameters: Mapping[str, float]) -> str:

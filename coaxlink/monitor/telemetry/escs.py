@@ -38,8 +38,8 @@ def escs_of(readings: Readings, rotors: int, now_s: float) -> Escs:
         current |= {index + k: float(a) for k, a in enumerate(arrival.message.current)}
         times.append(arrival.received_s + STALE_S)
     for index, arrival in readings.batches("ESC_INFO").items():
-        told = {index + k: t for k, t in enumerate(arrival.message.temperature)}
-        temperature |= {place: t / 100.0 for place, t in told.items() if t != _NO_TEMPERATURE}
+        reported = {index + k: t for k, t in enumerate(arrival.message.temperature)}
+        temperature |= {place: t / 100.0 for place, t in reported.items() if t != _NO_TEMPERATURE}
         times.append(arrival.received_s + INFO_STALE_S)
     if not times:
         for first, name in zip(ESC_TELEMETRY.values(), NAMES, strict=True):
@@ -56,6 +56,6 @@ def escs_of(readings: Readings, rotors: int, now_s: float) -> Escs:
     )
 
 
-def _by_rotor(told: Mapping[int, float], places: tuple[int | None, ...]) -> Values:
-    found = (told.get(-1 if place is None else place) for place in places)
+def _by_rotor(by_index: Mapping[int, float], places: tuple[int | None, ...]) -> Values:
+    found = (by_index.get(-1 if place is None else place) for place in places)
     return tuple(value if value is not None and math.isfinite(value) else None for value in found)

@@ -96,11 +96,11 @@ class Hover:
         pull = (looks[-1].sinking_m_s - looks[0].sinking_m_s) / max(span, 0.1)
         if span < HOVER_S:
             return Hover(looks, verdict)
-        told = [
+        comparable = [
             (a.measured, a.commanded) for a in looks if a.measured is not None and a.commanded is not None
         ]
-        if abs(pull) < PULL_M_S2 and len(told) >= LEAST_LOOKS:
-            a, c = (float(np.median(side)) * weight for side in zip(*told, strict=True))
+        if abs(pull) < PULL_M_S2 and len(comparable) >= LEAST_LOOKS:
+            a, c = (float(np.median(side)) * weight for side in zip(*comparable, strict=True))
             verdict = Verdict(measured.name, a, c, weight)
         return Hover(tuple(a for a in looks if a.clock_s > clock - HOVER_S), verdict)
 

@@ -98,8 +98,8 @@ def on_ground(readings: Readings, now_s: float) -> bool:
     state = readings.get("EXTENDED_SYS_STATE")
     if state is not None and not is_old(state, now_s, 5.0) and state.message.landed_state:
         return bool(state.message.landed_state != _IN_AIR)
-    height, _, told_s = _height(readings, now_s)
-    return height is None or told_s is None or now_s - told_s > _OLD_S or height < _ABOVE_M
+    height, _, reported_s = _height(readings, now_s)
+    return height is None or reported_s is None or now_s - reported_s > _OLD_S or height < _ABOVE_M
 
 
 def vertical_speed(readings: Readings, now_s: float) -> float | None:
@@ -120,8 +120,8 @@ def _height(readings: Readings, now_s: float) -> tuple[float | None, str, float 
     """Height in m, whose it is, and when it was told: above ground if a range finder says so."""
     for arrival in readings.batches("DISTANCE_SENSOR").values():
         m = arrival.message
-        seen = m.min_distance < m.current_distance < m.max_distance
-        if m.orientation == _DOWN and seen and not is_old(arrival, now_s, 2.0):
+        in_range = m.min_distance < m.current_distance < m.max_distance
+        if m.orientation == _DOWN and in_range and not is_old(arrival, now_s, 2.0):
             return m.current_distance / 100, "range", arrival.received_s
     local = readings.get("LOCAL_POSITION_NED")
     down = _field(local, "z")
