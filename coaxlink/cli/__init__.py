@@ -36,8 +36,8 @@ def build_app() -> typer.Typer:
     return app
 
 
-def _version(asked: bool) -> None:
-    if asked:
+def _version(requested: bool) -> None:
+    if requested:
         sys.stdout.write(f"coaxlink {coaxlink.__version__}\n")
         raise typer.Exit
 

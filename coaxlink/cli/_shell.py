@@ -53,8 +53,8 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         # typer's usage errors, whichever click they come from, know their own text and exit code
         if not hasattr(error, "format_message"):
             return fault(error)
-        asked = type(error).__name__ == "NoArgsIsHelpError"  # the help itself, which is no complaint
-        say(error.format_message() if asked else f"coaxlink: {error.format_message()}")
+        help_shown = type(error).__name__ == "NoArgsIsHelpError"  # the help itself, which is no complaint
+        say(error.format_message() if help_shown else f"coaxlink: {error.format_message()}")
         return int(getattr(error, "exit_code", 2))
     if outcome == INTERRUPTED:  # typer turns Ctrl-C into this code
         return interrupted()

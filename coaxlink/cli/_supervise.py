@@ -30,11 +30,11 @@ def supervise(work: Callable[[int], None]) -> None:
     if not hasattr(os, "fork"):
         raise InputError("--supervise", "", "not on this system: let a service manager do it")
     starts: deque[float] = deque(maxlen=MOST)
-    told: list[int] = []
+    received: list[int] = []
     child = [0]
 
     def stop(number: int, _: object) -> None:
-        told.append(number)
+        received.append(number)
         if number == signal.SIGTERM and child[0]:
             os.kill(child[0], signal.SIGINT)
 
@@ -44,8 +44,8 @@ def supervise(work: Callable[[int], None]) -> None:
         for number in before:
             signal.signal(number, stop)
         if len(starts) == MOST:
-            _rest(starts[0] + WITHIN_S, told)
-        if told:
+            _rest(starts[0] + WITHIN_S, received)
+        if received:
             raise KeyboardInterrupt
         starts.append(time.monotonic())
         sys.stdout.flush()
@@ -61,17 +61,17 @@ def supervise(work: Callable[[int], None]) -> None:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         code = _code(child[0])
         child[0] = 0
-        if told or code in (0, 1, 2, 4, 130):
+        if received or code in (0, 1, 2, 4, 130):
             raise typer.Exit(code)
         why = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
         life += 1
         say(f"supervisor: it {why}: start {life + 1}")
 
 
-def _rest(until: float, told: list[int]) -> None:
+def _rest(until: float, received: list[int]) -> None:
     if (wait := until - time.monotonic()) > 0:
         say(f"supervisor: {MOST} starts within {WITHIN_S:.0f} s: the next in {wait:.0f} s")
-    while not told and time.monotonic() < until:
+    while not received and time.monotonic() < until:
         time.sleep(0.1)
 
 

@@ -80,8 +80,8 @@ def init(
     try:
         frame = completed(layout, body)
     except MissingError as error:
-        asked = ", ".join(f"{_OPTIONS[field]} ({what})" for field, what in error.fields.items())
-        raise InputError(layout.source, "", f"does not hold all of the vehicle; give {asked}") from error
+        missing = ", ".join(f"{_OPTIONS[field]} ({what})" for field, what in error.fields.items())
+        raise InputError(layout.source, "", f"does not hold all of the vehicle; give {missing}") from error
     text = airframe_toml(
         frame,
         f"coaxlink init from {layout.source}",

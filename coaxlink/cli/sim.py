@@ -137,9 +137,9 @@ def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, sched
     else:
         import numpy as np
 
-        told = Bench() if truth is None else read_bench(truth)
+        bench = Bench() if truth is None else read_bench(truth)
         steps = None if schedule is None else read_schedule(schedule)
-        columns = measure(pair, told, seed=seed, schedule=steps)
+        columns = measure(pair, bench, seed=seed, schedule=steps)
         rows = np.column_stack(list(columns.values()))
         write_stand(out, rows, list(columns))
     say(f"{out}: {len(rows)} points")

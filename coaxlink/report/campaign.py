@@ -134,10 +134,10 @@ def page(s: Summary, columns: Mapping[str, Any], made: Made | None = None) -> st
     if s.refined is not None:
         missed = [(n, str(a), str(b)) for n, (a, b) in s.refined.missed.items()]
         parts += ["<h2>What refine missed</h2>", html_table(("effect", "not named", "logs"), missed)]
-    told = ", ".join(f"{k} {v}" for k, v in dict(s.manifest.get("versions", {})).items())
+    versions = ", ".join(f"{k} {v}" for k, v in dict(s.manifest.get("versions", {})).items())
     digest = str(s.manifest.get("digest", ""))[:16]
     parts += how_made(made or Made.now())
-    parts.append(f'<p class="dim">flown with {escape(told)}; campaign {escape(digest)}</p>')
+    parts.append(f'<p class="dim">flown with {escape(versions)}; campaign {escape(digest)}</p>')
     return document(f"Campaign {s.name}", parts)
 
 

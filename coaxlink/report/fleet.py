@@ -87,6 +87,6 @@ def page(fleet: Fleet) -> str:
         html_table(HEADS, rows(fleet.trends)),
     ]
     if fleet.problems:
-        told = [(name, why) for name, why in fleet.problems.items()]
-        parts += ["<h2>Logs that say nothing</h2>", html_table(("log", "why"), told, wide=(1,))]
+        failures = [(name, why) for name, why in fleet.problems.items()]
+        parts += ["<h2>Logs that say nothing</h2>", html_table(("log", "why"), failures, wide=(1,))]
     return document("A fleet over time", parts)

@@ -71,8 +71,8 @@ def _commit() -> str:
         return ""
 
     def git(*words: str) -> str:
-        asked = ["git", "-C", str(root), *words]
-        done = subprocess.run(asked, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
+        command = ["git", "-C", str(root), *words]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
         return done.stdout.strip()
 
     try:

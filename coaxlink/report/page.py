@@ -58,9 +58,9 @@ def sentence(result: Refinement) -> str:
 
 def _named(effect: FoundEffect) -> str:
     """An effect in words with its rotor and its first numbers; a switch has no interval, and is no number."""
-    told = [p for p in effect.parameters if p.name == "rotor" or p.ci[0] < p.ci[1]]
+    determined = [p for p in effect.parameters if p.name == "rotor" or p.ci[0] < p.ci[1]]
     shown = ", ".join(
-        f"{_words(p)} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}" for p in told[:2]
+        f"{_words(p)} {number(p.value)}{'' if p.unit in ('', '1') else f' {p.unit}'}" for p in determined[:2]
     )
     return effect.name.replace("_", " ") + (f" ({shown})" if shown else "")
 
