@@ -15,7 +15,7 @@ from coaxlink.diagnosis.meters import calmed
 from coaxlink.diagnosis.parts import Block, in_channel, products, waves
 from coaxlink.effects import stand_effects
 from coaxlink.effects.battery_voltage import governed_shapes
-from coaxlink.effects.dead_band import cell_shapes, of_cells, round_shapes
+from coaxlink.effects.dead_band import cell_shapes, of_cells
 from coaxlink.effects.hysteresis import angle_shapes, relay_shapes
 from coaxlink.effects.motor_heating import magnet_shapes, winding_shapes
 from coaxlink.effects.rotor_lag import ringing_shapes
@@ -114,7 +114,7 @@ def _more_shapes(frame: StandFrame, effect: Tracing[Any]) -> Sequence[Shape]:
     """Forms that stand in for what another effect does: without them the other would be claimed."""
     more = {
         "battery_voltage": (governed_shapes,),
-        "dead_band": (cell_shapes, round_shapes),
+        "dead_band": (cell_shapes,),
         "motor_heating": (magnet_shapes, winding_shapes),
         "rotor_lag": (ringing_shapes,),
         "sensor_drift": (amplifier_shapes, room_shapes),

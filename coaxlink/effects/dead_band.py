@@ -19,7 +19,7 @@ from coaxlink.frames import STAND_CHANNELS, StandFrame
 
 AT_REST, TREMOR = 0.05, 0.005  # of the throttle; of normalised speed: no more is no turning
 BANDS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.13, 0.16, 0.2)
-BEND, ROUND = (1.0, 12.0), (0.004, 0.2)
+BEND = (1.0, 12.0)
 
 
 def turned(p: Numbers, command: Array) -> Array:
@@ -27,9 +27,6 @@ def turned(p: Numbers, command: Array) -> Array:
     u, band = np.maximum(command, 0.0), p["band"]
     if "bend" in p:
         return np.asarray(np.maximum(u ** p["bend"] - band ** p["bend"], 0.0) ** (1.0 / p["bend"]))
-    if "round" in p:  # it starts a little sooner or later every time, or creeps: no corner
-        soft = p["round"] * np.logaddexp(0.0, (u - band) / p["round"])
-        return np.asarray(soft / (p["round"] * np.logaddexp(0.0, (1.0 - band) / p["round"])))
     if "stretched" in p:
         return np.asarray(np.maximum(u - band, 0.0) / (1.0 - band))
     return np.where(u < band, 0.0, u)
@@ -42,11 +39,6 @@ CELLS = {"band": (0.003, 0.25), "knee": (1.0, 12.0), "torque": (0.2, 5.0)}
 def cell_shapes(_: StandFrame) -> Sequence[Shape]:
     """Cells with play or stiction: of a small force they read nothing, of a large one as much less."""
     return [{"cells": 1.0, "band": b, "knee": k, "torque": 1.0} for b in CELL_BANDS for k in KNEES]
-
-
-def round_shapes(frame: StandFrame) -> Sequence[Shape]:
-    """A band of throttle without a corner at its end."""
-    return [] if drivable(frame) is not None else [{"band": b, "round": 0.03} for b in BANDS[::2]]
 
 
 def of_cells(effect: Tracing[StandFrame]) -> Tracing[StandFrame]:
@@ -126,8 +118,6 @@ def _dead_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]
     if "cells" in shape:
         return CELLS
     # a start threshold stands between two set-points: nothing continuous to move
-    if "round" in shape:
-        return {"band": (0.005, 0.4), "round": ROUND}
     if "bend" in shape:
         return {"band": (0.005, 0.4), "bend": BEND}
     return {"band": (0.005, 0.4)} if "stretched" in shape else {}
@@ -147,7 +137,7 @@ def _start(frame: StandFrame) -> tuple[float, float] | None:
 
 
 def _dead_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
-    if {"cells", "round"} & set(shape):
+    if "cells" in shape:
         return []
     bare, observed = {"band": shape["band"]}, _start(frame)
     forms: list[tuple[Shape, Array]] = []
@@ -178,7 +168,6 @@ STAND: Tracing[StandFrame] = Tracing(
         "bend": "1",
         "start": "1",
         "cells": "1",
-        "round": "1",
         "knee": "1",
         "torque": "1",
     },
@@ -201,7 +190,7 @@ STAND: Tracing[StandFrame] = Tracing(
 def _static(bench: StaticBench, p: Numbers) -> str:
     if "cells" in p:
         raise LeftOut(_OF_THE_CELLS)
-    if not {"stretched", "bend", "round"} & set(p):  # above the band the command is the speed
+    if not {"stretched", "bend"} & set(p):  # above the band the command is the speed
         raise LeftOut(_BELOW)
     share = p.get("share", 1.0)
 
@@ -233,9 +222,6 @@ EFFECT = PhysicalEffect(
                    "controller's firmware"),
         Parameter("start", "1", 0.0, 1.0,
             source="wide: any value between the bounds; where a motor starts goes with its load and its "
-                   "controller"),
-        Parameter("round", "1", *ROUND,
-            source="wide: any value between the bounds; how gradually a motor starts goes with its "
                    "controller"),
         Parameter("cells", "1", 0.0, 1.0, source="a switch, 0 or 1: load cells, not motors, have the band"),
         Parameter("knee", "1", *CELLS["knee"],

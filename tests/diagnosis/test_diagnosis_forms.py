@@ -42,7 +42,6 @@ def names(columns, model=None):
         ("motor_heating", {"own_s": 60.0, "speed_loss_per_100K": 0.02, "own_speed_loss": 0.05}),
         ("rotor_lag", {"lag_s": 0.2, "damping": 0.5, "stepped": 1.0, "share": 1.0}),
         ("dead_band", {"cells": 1.0, "band": 0.03, "knee": 3.0, "torque": 0.8, "share": 1.0}),
-        ("dead_band", {"round": 0.03, "band": 0.1, "share": 1.0}),
         (
             "hysteresis",
             {
