@@ -261,13 +261,13 @@ def _continued(
     # sensors' axes are alike, but neither vibration nor commands are: channels share their own kind alone
     choices = [[2], [2, 1], [2, 0], [2, 1, 0]] if turned else [[0], [0, 1]]
     choices = choices[:1] if len(channels) > 1 else choices
-    told = turned and bool(np.any(given > 0.0))
+    command_known = turned and bool(np.any(given > 0.0))
     misses, powers = [], []
-    for doubt in DOUBTS if told else (0.0,):
+    for doubt in DOUBTS if command_known else (0.0,):
         known = given * np.exp(2.0 * doubt)
         beside = above.shapes[:, 1:2] * known
         for kinds in choices:
-            if told and 1 in kinds and doubt < 0.0:
+            if command_known and 1 in kinds and doubt < 0.0:
                 continue  # less of it and more of it
             shapes = (above.shapes[:, None, kinds] * scale[:, None]).reshape(-1, len(kinds))
             amounts, miss = _mixture(level.ravel(), shapes, above.segments, beside.ravel())

@@ -30,11 +30,11 @@ def at_the_commands(samples: Samples, motors: list[str]) -> Samples:
         return samples
     rows = _with_pauses(moves, every, samples.rows)
     time = samples["time_s"]
-    told = Stream.of(time[rows], {name: samples[name][rows] for name in motors})
+    at_commands = Stream.of(time[rows], {name: samples[name][rows] for name in motors})
     rest = [name for name in samples.columns if name not in (*motors, "time_s")]
     note = f"commands were logged every {every} rows and held between: the log is taken at their rate"
     streams = [Stream.of(time, {name: samples[name] for name in rest})]
-    return merge(samples.source, told, streams, (*samples.notes, note))
+    return merge(samples.source, at_commands, streams, (*samples.notes, note))
 
 
 def _with_pauses(moves: NDArray[np.intp], every: int, count: int) -> NDArray[np.intp]:

@@ -212,8 +212,8 @@ def _score(rows: Sequence[Row]) -> tuple[int, int]:
     for _, cells in rows:
         filled = [c.strip() for c in _stripped(cells)]
         if len(filled) > 1 and _is_data(filled, True):
-            told = sum(_is_number(c, True) for c in filled if c)
-            gain[len(filled)] = gain.get(len(filled), 0) + 2 * told - sum(bool(c) for c in filled)
+            numbers = sum(_is_number(c, True) for c in filled if c)
+            gain[len(filled)] = gain.get(len(filled), 0) + 2 * numbers - sum(bool(c) for c in filled)
     return max(gain.values(), default=0), max(len(cells) for _, cells in rows)
 
 

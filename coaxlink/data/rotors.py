@@ -280,12 +280,12 @@ def _units(
     label, quantity = open_columns[0]
     heading = chosen[label][quantity]
     may = list(dict.fromkeys(f[quantity].name for f in fitting))
-    told = f"; the readings fit {' or '.join(may)}" if may else ""
+    hint = f"; the readings fit {' or '.join(may)}" if may else ""
     name = f"{label if label in SAID else 'upper'}_{QUANTITIES[quantity][0]}"
     raise InputError(
         table.source,
         f"line {table.heading_line}, column {heading.text!r}",
-        f"unit of a {quantity} expected ({', '.join(unit_names(quantity))}), found none{told}; write it into "
+        f"unit of a {quantity} expected ({', '.join(unit_names(quantity))}), found none{hint}; write it into "
         "the heading or a map (`columns`): " + line_for(name, heading.text, (may or unit_names(quantity))[0]),
     )
 

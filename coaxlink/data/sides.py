@@ -50,10 +50,12 @@ def _decided(
         return {"upper": first, "lower": second}, (note,)
     if {first.label, second.label} == set(SAID):
         return {r.label: r for r in rotors}, ()
-    return _told_by_data(samples, first, second)
+    return _inferred_from_data(samples, first, second)
 
 
-def _told_by_data(samples: Samples, first: Found, second: Found) -> tuple[dict[str, Found], tuple[str, ...]]:
+def _inferred_from_data(
+    samples: Samples, first: Found, second: Found
+) -> tuple[dict[str, Found], tuple[str, ...]]:
     trial = cleaned(thinned(_placed(samples, {"upper": first, "lower": second})))
     names = (_called(first), _called(second))
     driven = [_driven(trial, side) for side in SAID]
@@ -112,15 +114,15 @@ def _placed(samples: Samples, rotors: Mapping[str, Found]) -> Samples:
     columns = dict(samples.columns)
     notes = []
     for side, rotor in rotors.items():
-        told = []
+        sources = []
         for quantity, values in rotor.columns.items():
             name = f"{side}_{QUANTITIES[quantity][0]}"
             columns.setdefault(name, values)
             if rotor.shaft_W is not None:
                 columns[f"{side}_{SHAFT}"] = rotor.shaft_W
             said = " (PWM - 1000) / 1000, 0..1" if _is_pwm(rotor, quantity) else ""
-            told.append(f"{name} from '{rotor.headings[quantity].text}'{said}")
-        notes.append("; ".join(told))
+            sources.append(f"{name} from '{rotor.headings[quantity].text}'{said}")
+        notes.append("; ".join(sources))
     return replace(samples, columns=columns).with_notes(*notes)
 
 

@@ -55,10 +55,10 @@ def readings(samples: Samples) -> dict[str, Reading]:
 def sizes(samples: Samples, diameter_m: float | None = None) -> str:
     """In words: which propellers give these readings."""
     found = {side: diameters(r, diameter_m) for side, r in readings(samples).items()}
-    told = [f"{side} {d[0]:.2f} to {d[1]:.2f} m" for side, d in found.items() if d is not None]
-    if not told:
+    ranges = [f"{side} {d[0]:.2f} to {d[1]:.2f} m" for side, d in found.items() if d is not None]
+    if not ranges:
         return ""
-    return f"units: these readings are those of propellers of {' and '.join(told)} in diameter"
+    return f"units: these readings are those of propellers of {' and '.join(ranges)} in diameter"
 
 
 def check_signs(samples: Samples) -> None:

@@ -30,8 +30,8 @@ class MissingError(InputError):
 
     def __init__(self, source: str, fields: Mapping[str, str]) -> None:
         self.fields = dict(fields)
-        told = ", ".join(f"`{name}` ({what})" for name, what in fields.items())
-        super().__init__(source, "", f"does not hold all of the vehicle: {told} expected")
+        lacking = ", ".join(f"`{name}` ({what})" for name, what in fields.items())
+        super().__init__(source, "", f"does not hold all of the vehicle: {lacking} expected")
 
 
 def missing(layout: Layout, body: Body) -> dict[str, str]:
