@@ -83,8 +83,8 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         fold = q.blocks.fold[q.block]
         floor = _separated(p.frame, j.floor)
         found = dependences(doubted, j.variables, q.block, fold, q.reference, floor) if j.labelled else []
-        told = _unexplained(p, found)
-        unexplained = (*told, *_silent(j, told, squares_after))
+        attributed = _unexplained(p, found)
+        unexplained = (*attributed, *_silent(j, attributed, squares_after))
     return Refinement(
         kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
         channels=_channels(j, squares_before, squares_after),
@@ -278,7 +278,7 @@ def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
     return out
 
 
-def _silent(j: Judged, told: Sequence[Unexplained], squares: Array) -> list[Unexplained]:
+def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array) -> list[Unexplained]:
     """Channels far above their noise though nothing recorded was found that they follow."""
     q, rows, out = j.joint.problem, j.problem.blocks.rows, []
     if not j.labelled:
@@ -288,7 +288,7 @@ def _silent(j: Judged, told: Sequence[Unexplained], squares: Array) -> list[Unex
         low, _ = error_interval(squares[:, c], rows)
         rms = float(q.sigma[c]) * _rms(squares[:, c], rows)
         excess = float(np.sqrt(max(rms**2 - j.floor[c] ** 2, 0.0)))
-        if name in {u.channel for u in told} or float(q.sigma[c]) * low < SILENT * j.floor[c]:
+        if name in {u.channel for u in attributed} or float(q.sigma[c]) * low < SILENT * j.floor[c]:
             continue
         if excess > (GUSTS if gusty else SILENT_SIZE) * q.reference[c]:
             where = f"{rms / j.floor[c]:.1f} times the noise between neighbouring rows, by nothing recorded"

@@ -151,16 +151,16 @@ def _weighed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Ambiguous, ...]]:
     """With a mass where lift and torques ask for one; or whether it is one or the level of thrust."""
     if "mass_change" in c.names or f.knows & {"mass_change", "battery_voltage"}:
         return c, ()
-    seen = _scales(c, f)
+    estimated = _scales(c, f)
     mass = next((o for o in c.problem.options if o.name == "mass_change" and not o.shape), None)
-    why = behind_voltage(seen) if "battery_voltage" in c.names else why_mass(seen)
+    why = behind_voltage(estimated) if "battery_voltage" in c.names else why_mass(estimated)
     if not why or mass is None:
-        return c, () if "battery_voltage" in c.names else tuple(doubt(f.frame, seen))
+        return c, () if "battery_voltage" in c.names else tuple(doubt(f.frame, estimated))
     beside = replace(c.selection, members=[*c.selection.members, mass])
     trial = f.fitted(c.problem, beside, all_of=True)
     if disbelieved(c.problem, trial.joint, trial.floor):
         return c, ()
-    size = max(abs(seen.lift), float(np.max(np.abs(seen.torque))))
+    size = max(abs(estimated.lift), float(np.max(np.abs(estimated.torque))))
     beside.trace.append(Step(9, "add", mass.name, 0.0, 0.0, size, True, why))
     return trial, ()
 

@@ -28,7 +28,7 @@ MOST = 60  # columns of a load
 BENDS, SLOPES, OWN = (0.1, 0.2, 0.4, 0.8), (0.5, 2.0), (0.15, 0.3, 0.6)
 SIZES = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the reference load, at full speed
 FORGOTTEN = 0.05  # of the noise: what the columns that are left out would add
-TOLD = 4000  # rows that tell how it bends
+CURVATURE_ROWS = 4000  # rows that tell how it bends
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def find_process(
     The latter is a deviation in units of `noise`, of every row from the blocks of the other folds; `fold`
     (rows,) is the fold of a row, `reference` the load that a size is a share of.
     """
-    thin = np.arange(0, len(load), max(1, len(load) // TOLD))
+    thin = np.arange(0, len(load), max(1, len(load) // CURVATURE_ROWS))
     points = _spread(speeds, INDUCING)
     poly = design_matrix(terms, *speeds[thin].T)
     best: tuple[float, Process] | None = None

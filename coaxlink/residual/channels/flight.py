@@ -127,7 +127,11 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
         cutoff_hz=cutoff,
         step_s=max(s.step_s for s in stretches),
         notes=tuple(notes),
-        extra={name: values for name, values in joined.items() if name.endswith("_noise") or "told" in name},
+        extra={
+            name: values
+            for name, values in joined.items()
+            if name.endswith("_noise") or name == "logged_attitude"
+        },
     )
     mass_and_inertia = np.array([airframe.mass_kg] * 3 + list(airframe.inertia_kg_m2))
     rounding = rounding_noise(logs, mass_and_inertia, 1.0 / frame.step_s, cutoff)
@@ -262,8 +266,8 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
     smooth = low_pass(rates, piece.rate_hz, 3.0 * CUTOFF_HZ)
     turning = derivative(rates, piece.rate_hz)
     force = np.stack([c[f"accel_{a}_m_s2"] for a in "xyz"], axis=1)
-    told = np.stack([c["roll_rad"], c["pitch_rad"], c["yaw_rad"]], axis=1)
-    attitude, attitude_noise = smoothed_attitude(told, rates, piece.rate_hz)
+    logged_attitude = np.stack([c["roll_rad"], c["pitch_rad"], c["yaw_rad"]], axis=1)
+    attitude, attitude_noise = smoothed_attitude(logged_attitude, rates, piece.rate_hz)
     world_to_body = _world_to_body(*attitude.T)
     velocity = np.stack([c[f"vel_{a}_m_s"] for a in "ned"], axis=1)
     to_world = world_to_body.transpose(0, 2, 1)
@@ -281,7 +285,7 @@ def _side(number: int, piece: _Stretch, airframe: Airframe, motors: list[str]) -
         "specific_force": force,
         "attitude": attitude,
         "velocity": np.einsum("rij,rj->ri", world_to_body, velocity),
-        "told_attitude": told,
+        "logged_attitude": logged_attitude,
         "attitude_noise": np.tile(attitude_noise, (rows, 1)),
         "velocity_noise": np.tile(velocity_noise, (rows, 1)),
         "north": world_to_body[:, :, 0],

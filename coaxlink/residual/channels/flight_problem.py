@@ -97,9 +97,9 @@ def flight_floor(frame: FlightFrame, residual: Array, reduced: Array, lag_s: flo
         return np.maximum(floor, frame.rounding)
     every = max(1, round(frame.rate_hz / JUDGED_HZ))
     gain = [difference_gain(frame.rate_hz, frame.cutoff_hz, every, differentiated=d) for d in turned]
-    seen = noise_floor(reduced, runs.astype(float), np.array(gain))
+    estimated = noise_floor(reduced, runs.astype(float), np.array(gain))
     # slow rows: nothing above the band tells what commands between them did, but the rows themselves do
-    return np.maximum(np.hypot(seen, frame.sampling), frame.rounding)
+    return np.maximum(np.hypot(estimated, frame.sampling), frame.rounding)
 
 
 def floor_behind(frame: FlightFrame, joint: Joint) -> Array:

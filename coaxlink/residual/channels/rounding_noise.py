@@ -25,8 +25,8 @@ def rounding_noise(logs: Sequence[Samples], weight: Array, rate_hz: float, cutof
     """
     steps = np.zeros(6)
     for log in logs:
-        told = np.array([log.resolution.get(name, resolution_of(log[name])) for name in IMU_COLUMNS])
-        steps = np.fmax(steps, told)
+        resolution = np.array([log.resolution.get(name, resolution_of(log[name])) for name in IMU_COLUMNS])
+        steps = np.fmax(steps, resolution)
     count = max(int(SETTLED_S * rate_hz), 8)
     impulse = np.zeros((2 * count + 1, 1))
     impulse[count] = 1.0

@@ -42,10 +42,10 @@ def felt_noise(bare: FlightFrame, parts: Sequence[Part]) -> Array:
         raised = replace(bare, height=bare.height + STEP_M)
         slope = (composed(raised, parts).predicted - here)[bare.keep] / STEP_M
         power += float(np.nanmean(high[bare.keep] ** 2)) * np.mean(slope**2, axis=0)
-    told = bare.extra.get("attitude_noise")
-    if told is None or not np.isfinite(told[bare.keep]).any():
+    attitude_noise = bare.extra.get("attitude_noise")
+    if attitude_noise is None or not np.isfinite(attitude_noise[bare.keep]).any():
         return np.sqrt(power)
-    sigma = np.sqrt(np.nanmean(told[bare.keep] ** 2, axis=0))
+    sigma = np.sqrt(np.nanmean(attitude_noise[bare.keep] ** 2, axis=0))
     for k in range(2):
         leaning = replace(bare, attitude=bare.attitude + STEP_RAD * np.eye(3)[k])
         slope = (composed(leaning, parts).predicted - here)[bare.keep] / STEP_RAD

@@ -103,18 +103,16 @@ def doubt(frame: FlightFrame, s: Scales) -> list[Ambiguous]:
         return []
     mass, way = frame.airframe.mass_kg, "more" if s.lift > 0 else "less"
     low, high = 100.0 * (s.torque - SURE * s.sigma), 100.0 * (s.torque + SURE * s.sigma)
-    seen = f"roll torque {low[0]:+.1f} to {high[0]:+.1f} %, pitch torque {low[1]:+.1f} to {high[1]:+.1f} %"
+    why = f"roll torque {low[0]:+.1f} to {high[0]:+.1f} %, pitch torque {low[1]:+.1f} to {high[1]:+.1f} %"
     if s.verdict == "level":
-        seen = f"the torques are off alike ({seen}): a level of thrust is likelier"
+        why = f"the torques are off alike ({why}): a level of thrust is likelier"
     elif np.any(SURE * s.sigma > LIKE * abs(s.lift)):
-        seen = (
-            f"too calm a flight to see whether the torques are off alike ({seen}): roll and pitch it briskly"
-        )
+        why = f"too calm a flight to see whether the torques are off alike ({why}): roll and pitch it briskly"
     else:
-        seen = f"the torques side with neither ({seen}): inertia differs from the declared one as well"
+        why = f"the torques side with neither ({why}): inertia differs from the declared one as well"
     text = (
         f"the vehicle lifts {100 * abs(s.lift):.1f} % {way} than model and mass say, within what a stand may "
-        f"be wrong by; {seen}. To be sure: weigh it. {mass / (1.0 + s.lift):.2f} kg on the scales instead of "
+        f"be wrong by; {why}. To be sure: weigh it. {mass / (1.0 + s.lift):.2f} kg on the scales instead of "
         f"{mass:.2f} is mass_change, {mass:.2f} kg a level of thrust"
     )
     return [Ambiguous(("mass_change", "thrust_level"), text)]

@@ -71,8 +71,8 @@ def flight_experiment(frame: FlightFrame, sigma: Array, rivals: Sequence[Rival])
         for piece in pieces:
             if piece not in known:
                 known[piece] = look_at(piece)
-        seen = [v for p in pieces if (v := known[p]) is not None]
-        return joined(seen) if len(seen) == len(pieces) else None
+        views = [v for p in pieces if (v := known[p]) is not None]
+        return joined(views) if len(views) == len(pieces) else None
 
     moves = _moves(high, frame.height is not None)
     found = separated(rivals, moves, look, sigma, FLIGHT_CHANNELS, kind="flight")

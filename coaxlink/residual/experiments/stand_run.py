@@ -158,16 +158,16 @@ class Bench:
     heat: tuple[float, float, float]
 
 
-def distance(seen: View, sigma: Array, channels: Sequence[str]) -> tuple[float, str]:
+def distance(predicted: View, sigma: Array, channels: Sequence[str]) -> tuple[float, str]:
     """Squared distance of the nearest two rivals on a planned log, and the channel that tells most."""
-    one = np.zeros(len(seen.base), np.intp)
+    one = np.zeros(len(predicted.base), np.intp)
     nearest, channel = np.inf, ""
-    for true, other in permutations(range(len(seen.added)), 2):
-        y = seen.added[true] / sigma
+    for true, other in permutations(range(len(predicted.added)), 2):
+        y = predicted.added[true] / sigma
         left, where = np.inf, 0
-        for columns in seen.shapes[other]:
-            design = np.concatenate([seen.base, columns], axis=-1) / sigma[:, None]
-            limits = np.concatenate([seen.bounds, np.full(columns.shape[-1], np.inf)])
+        for columns in predicted.shapes[other]:
+            design = np.concatenate([predicted.base, columns], axis=-1) / sigma[:, None]
+            limits = np.concatenate([predicted.bounds, np.full(columns.shape[-1], np.inf)])
             blocks = accumulate(design, y, one, one[:1], limits)
             fit = solve(blocks, np.arange(design.shape[-1]), np.ones(1))
             by_channel = squares(blocks, fit)[0]
@@ -189,8 +189,8 @@ def separated(
     """Join moves until the rivals are far apart; None where no run within reach separates them."""
 
     def far(pieces: Sequence[Any]) -> tuple[float, str]:
-        seen = look(pieces)
-        return (0.0, "") if seen is None else distance(seen, sigma, channels)
+        predicted = look(pieces)
+        return (0.0, "") if predicted is None else distance(predicted, sigma, channels)
 
     def best_of(plans: Sequence[tuple[Any, ...]]) -> tuple[tuple[float, str], tuple[Any, ...]]:
         return max(((far(p), p) for p in plans), key=lambda x: _worth(x[0][0], x[1]))

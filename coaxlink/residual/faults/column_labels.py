@@ -383,8 +383,8 @@ def _scalings(stick: _Yardstick, free: Mask) -> list[Way]:
         if c > 3:
             continue
         p, m = stick.plain[:, c], frame.measured[:, c]
-        told = free & (np.abs(p) > LOADED * stick.reference[c])
-        ratio = m[told] / p[told]
+        loaded = free & (np.abs(p) > LOADED * stick.reference[c])
+        ratio = m[loaded] / p[loaded]
         off = ratio[(ratio < FAR[0]) | (ratio > FAR[1])]
         if len(off) < 6:
             continue
@@ -394,7 +394,7 @@ def _scalings(stick: _Yardstick, free: Mask) -> list[Way]:
         partner = c ^ 1
         if partner in frame.present and FAIR[0] < factor < FAIR[1]:
             # both loads of a rotor are off alike where it turns at another speed, or another rotor is on it
-            with_c = told & ((m < FAR[0] * p) | (m > FAR[1] * p))
+            with_c = loaded & ((m < FAR[0] * p) | (m > FAR[1] * p))
             beside = frame.measured[with_c, partner] / np.where(
                 np.abs(stick.plain[with_c, partner]) < 1e-9, 1e-9, stick.plain[with_c, partner]
             )

@@ -82,8 +82,8 @@ def _height(log: Samples) -> list[Finding]:
         if not (lasted > 0.0 and np.isfinite(path).all()):
             continue
         after = time[first + 1 : end] - np.mean(time[first + 1 : end])
-        bent = path - after * float(after @ path / max(float(after @ after), 1e-12))
-        if np.ptp(path) > CLIMB_M + CLIMB_M_S * lasted or np.ptp(bent) > BEND_M:
+        detrended = path - after * float(after @ path / max(float(after @ after), 1e-12))
+        if np.ptp(path) > CLIMB_M + CLIMB_M_S * lasted or np.ptp(detrended) > BEND_M:
             rows[first:end] = True
             most = max(most, float(np.ptp(path)))
     if not rows.any():

@@ -86,15 +86,15 @@ def _reversed(frame: FlightFrame) -> list[Suspect]:
     out = []
     slow, slower = (_turning(frame, hz) for hz in SCALE_HZ)
     for k, axis in enumerate("xyz"):
-        told, seen = (x[frame.keep, k] for x in _turning(frame, frame.cutoff_hz))
-        if np.std(seen) < 0.02 or np.std(told) < 0.02:
+        gyro, attitude_rate = (x[frame.keep, k] for x in _turning(frame, frame.cutoff_hz))
+        if np.std(attitude_rate) < 0.02 or np.std(gyro) < 0.02:
             continue
-        agreement = float(np.corrcoef(told, seen)[0, 1])
+        agreement = float(np.corrcoef(gyro, attitude_rate)[0, 1])
         if agreement < REVERSED:
             why = f"its sign is reversed: against the attitude's own rate the correlation is {agreement:.2f}"
             out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
             continue
-        scales = [_scale(frame, told[:, k], seen[:, k]) for told, seen in (slow, slower)]
+        scales = [_scale(frame, gyro[:, k], attitude_rate[:, k]) for gyro, attitude_rate in (slow, slower)]
         if all(low > 1.0 + SCALE for low, _ in scales) or all(high < 1.0 - SCALE for _, high in scales):
             why = f"it reads {np.mean(scales[-1]):.2f} times the attitude's own rate: its scale is wrong"
             out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
@@ -103,12 +103,12 @@ def _reversed(frame: FlightFrame) -> list[Suspect]:
 
 def _turning(frame: FlightFrame, cutoff_hz: float) -> tuple[Array, Array]:
     """(rows, 3) body rates below a frequency, as the gyro tells them and as the logged attitude turns."""
-    attitude = frame.extra.get("told_attitude", frame.attitude)  # as logged: nothing of the gyro in it
-    rate, told = np.zeros_like(attitude), np.zeros_like(frame.rates)
+    attitude = frame.extra.get("logged_attitude", frame.attitude)  # as logged: nothing of the gyro in it
+    rate, gyro = np.zeros_like(attitude), np.zeros_like(frame.rates)
     for number in np.unique(frame.stretch):
         rows = np.flatnonzero(frame.stretch == number)
         smooth = np.unwrap(attitude[rows], axis=0)
-        told[rows] = frame.rates[rows]
+        gyro[rows] = frame.rates[rows]
         rate[rows] = derivative(low_pass(smooth, frame.rate_hz, frame.cutoff_hz), frame.rate_hz)
     roll, pitch = attitude[:, 0], attitude[:, 1]
     body = np.stack(
@@ -123,24 +123,24 @@ def _turning(frame: FlightFrame, cutoff_hz: float) -> tuple[Array, Array]:
         for number in np.unique(frame.stretch):
             rows = np.flatnonzero(frame.stretch == number)
             body[rows] = low_pass(body[rows], frame.rate_hz, cutoff_hz)
-            told[rows] = low_pass(told[rows], frame.rate_hz, cutoff_hz)
-    return told, body
+            gyro[rows] = low_pass(gyro[rows], frame.rate_hz, cutoff_hz)
+    return gyro, body
 
 
-def _scale(frame: FlightFrame, told: Array, seen: Array) -> tuple[float, float]:
+def _scale(frame: FlightFrame, gyro: Array, attitude_rate: Array) -> tuple[float, float]:
     """Between what gyro over attitude's rate (rows,) lies: four sigma, pieces of the flight left out in turn.
 
     A delay between the two is fitted beside. With the gyro on the right side its noise makes the factor seem
     larger, with the attitude's rate there that one's noise makes it seem smaller: it lies between the two.
     """
-    late = np.zeros_like(told)
+    late = np.zeros_like(gyro)
     for number in np.unique(frame.stretch):
         rows = np.flatnonzero(frame.stretch == number)
-        late[rows] = derivative(told[rows], frame.rate_hz)
-    columns = np.stack([told, late, np.ones(len(told))], axis=1)[frame.keep]
+        late[rows] = derivative(gyro[rows], frame.rate_hz)
+    columns = np.stack([gyro, late, np.ones(len(gyro))], axis=1)[frame.keep]
     pieces = np.array_split(np.arange(len(frame.keep)), PIECES)
     grams = np.stack([columns[p].T @ columns[p] for p in pieces])
-    moments = np.stack([columns[p].T @ seen[frame.keep][p] for p in pieces])
+    moments = np.stack([columns[p].T @ attitude_rate[frame.keep][p] for p in pieces])
     whole, ridge = grams.sum(axis=0), 1e-12 * np.trace(grams.sum(axis=0)) * np.eye(3)
 
     def factor(gram: Array, moment: Array) -> float:
@@ -152,7 +152,7 @@ def _scale(frame: FlightFrame, told: Array, seen: Array) -> tuple[float, float]:
     reach = 4.0 * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
     high = factor(whole, moments.sum(axis=0))
     fit = columns @ np.linalg.solve(whole + ridge, moments.sum(axis=0))
-    like = float(np.var(fit) / max(float(np.var(seen[frame.keep])), 1e-12))
+    like = float(np.var(fit) / max(float(np.var(attitude_rate[frame.keep])), 1e-12))
     return (high * like - reach, high + reach) if like > 0.5 else (-np.inf, np.inf)
 
 
@@ -161,7 +161,7 @@ def _one_fails(frame: FlightFrame, measured: Array, scale: Array) -> float:
     at = replace(frame, keep=np.arange(len(measured))).turning_at(
         np.clip(reduce_columns(frame, frame.speeds), 0.0, None)
     )
-    told = measured - at.predicted[:, 3:] / scale
+    misfit = measured - at.predicted[:, 3:] / scale
     least = np.inf
     for k in range(at.thrust.shape[1]):
         only = np.eye(at.thrust.shape[1])[k]
@@ -171,8 +171,8 @@ def _one_fails(frame: FlightFrame, measured: Array, scale: Array) -> float:
             at.airframe.body_loads(none, at.torque * only),
         ]
         columns = np.stack([(x[:, 3:] / scale).ravel() for x in lost], axis=1)
-        fit = np.linalg.lstsq(columns, told.ravel(), rcond=None)[0]
-        least = min(least, float(np.mean((told.ravel() - columns @ fit) ** 2)))
+        fit = np.linalg.lstsq(columns, misfit.ravel(), rcond=None)[0]
+        least = min(least, float(np.mean((misfit.ravel() - columns @ fit) ** 2)))
     return least
 
 
@@ -183,9 +183,9 @@ def off_centre(frame: FlightFrame, measured: Array, scale: Array) -> float:
     along = np.stack([none, -loads[:, 2], loads[:, 1]], axis=1)  # e_x x F
     aside = np.stack([loads[:, 2], none, -loads[:, 0]], axis=1)  # e_y x F
     columns = np.stack([(x / scale).ravel() for x in (along, aside)], axis=1)
-    told = (measured - loads[:, 3:] / scale).ravel()
-    fit = np.linalg.lstsq(columns, told, rcond=None)[0]
-    return float(np.mean((told - columns @ fit) ** 2))
+    misfit = (measured - loads[:, 3:] / scale).ravel()
+    fit = np.linalg.lstsq(columns, misfit, rcond=None)[0]
+    return float(np.mean((misfit - columns @ fit) ** 2))
 
 
 def _swapped(frame: FlightFrame) -> list[Suspect]:
@@ -199,19 +199,18 @@ def _swapped(frame: FlightFrame) -> list[Suspect]:
         return float(np.mean(((measured - loads[:, 3:]) / scale) ** 2))
 
     count = speeds.shape[1]
-    as_told = left(list(range(count)))
-    best, pair = as_told, (0, 0)
+    as_labelled = left(list(range(count)))
+    best, pair = as_labelled, (0, 0)
     for i, j in combinations(range(count), 2):
         order = list(range(count))
         order[i], order[j] = j, i
         now = left(order)
         if now < best:
             best, pair = now, (i, j)
-    if best > SWAP * as_told or as_told < 0.05:
+    if best > SWAP * as_labelled or as_labelled < 0.05:
         return []
     if min(rival(frame, measured / scale, scale) for rival in (_one_fails, off_centre)) < FAILS * best:
         return []
-    why = (
-        f"with the two exchanged the torques fit {np.sqrt(as_told / best):.0f} times closer: they are swapped"
-    )
+    closer = np.sqrt(as_labelled / best)
+    why = f"with the two exchanged the torques fit {closer:.0f} times closer: they are swapped"
     return [Suspect(f"motor{pair[0] + 1}, motor{pair[1] + 1}", "all", why)]

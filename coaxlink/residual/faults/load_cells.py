@@ -58,10 +58,10 @@ def repeated_rows(frame: StandFrame) -> Mask:
 def clipped_rows(frame: StandFrame, channel: int) -> tuple[Mask, float] | None:
     """(rows,) at a limit or so near it that it cuts the noise, and the limit; None for a cell without one."""
     values = frame.measured[:, channel]
-    seen, counts = np.unique(values, return_counts=True)
-    if len(seen) < 10:
+    levels, counts = np.unique(values, return_counts=True)
+    if len(levels) < 10:
         return None
-    for limit, count, sign in ((seen[-1], counts[-1], 1.0), (seen[0], counts[0], -1.0)):
+    for limit, count, sign in ((levels[-1], counts[-1], 1.0), (levels[0], counts[0], -1.0)):
         usual = float(np.quantile(counts, 0.95))
         if limit == 0.0 or count < max(CLIPPED_ROWS, len(values) // 100, 5.0 * usual):
             continue

@@ -70,8 +70,10 @@ def copied(log: Samples) -> list[Finding]:
             same = code[lag:] == code[:-lag]
             edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
             for a, b in zip(edges[::2] + lag, edges[1::2] + lag, strict=True):
-                told = surprise[a:b].sum() - 2.0 * np.log(len(rows))  # wherever it begins, whatever the lag
-                if b - a >= REPEATED_ROWS and told > -np.log(BY_CHANCE):
+                information = surprise[a:b].sum() - 2.0 * np.log(
+                    len(rows)
+                )  # wherever it begins, whatever the lag
+                if b - a >= REPEATED_ROWS and information > -np.log(BY_CHANCE):
                     mask[rows[a] : rows[b - 1] + 1] = True
     why = "these readings stand in the log before, digit by digit"
     return [("accel_*, gyro_*", mask, why)] if mask.any() else []

@@ -81,8 +81,8 @@ def coarse_step(frame: StandFrame, side: int) -> float | None:
     if frame.driven or frame.throttles is None:
         return None
     read = np.unique(frame.speeds[:, side])
-    told = np.unique(np.round(frame.throttles[:, side], 3))
-    if len(read) < 3 or len(told) < 2 * len(read) + 4:
+    commanded = np.unique(np.round(frame.throttles[:, side], 3))
+    if len(read) < 3 or len(commanded) < 2 * len(read) + 4:
         return None
     step = float(np.min(np.diff(read)))
     return step if step > COARSE * float(read[-1]) else None
@@ -194,9 +194,9 @@ def _scattered(frame: StandFrame, side: int) -> list[Lie]:
     """Rows here and there that read one multiple of what throttle gives: pulses counted half, or twice."""
     speed, x = frame.speeds[:, side], _curves(frame, side, True)
     usual = x @ robust_fit(x, speed, np.ones(len(speed), bool))
-    told = usual > LOADED * float(np.max(usual))
-    times = np.where(told, speed / np.where(told, usual, 1.0), 1.0)
-    noise = 1.4826 * float(np.median(np.abs(times[told] - 1.0))) if told.any() else 0.0
+    loaded = usual > LOADED * float(np.max(usual))
+    times = np.where(loaded, speed / np.where(loaded, usual, 1.0), 1.0)
+    noise = 1.4826 * float(np.median(np.abs(times[loaded] - 1.0))) if loaded.any() else 0.0
     far = np.abs(times - 1.0) > max(FAR_OFF, SURE * noise)
     if far.sum() < LEAST_ROWS:
         return []
