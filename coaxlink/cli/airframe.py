@@ -109,4 +109,4 @@ def report(
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("airframe")(airframe)
+    app.command("airframe", short_help="Draw a vehicle and say what looks wrong.")(airframe)

@@ -117,4 +117,6 @@ def parse_wrench(text: str) -> list[float]:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("allocate")(allocate)
+    app.command("allocate", short_help="Allocate one wrench: speeds, thrusts, torques, what is left.")(
+        allocate
+    )

@@ -69,4 +69,4 @@ def bridge(
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("bridge")(bridge)
+    app.command("bridge", short_help="Write the script that lets an ArduPilot follow `mix`.")(bridge)

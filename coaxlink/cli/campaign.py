@@ -142,4 +142,4 @@ def _write(text: str) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("campaign")(campaign)
+    app.command("campaign", short_help="Fly a campaign of simulated flights; stopped, it goes on.")(campaign)

@@ -145,4 +145,4 @@ def _law_row(row: Row) -> list[str]:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("compare")(compare)
+    app.command("compare", short_help="Say what a table is worth to a pilot; weigh all laws.")(compare)

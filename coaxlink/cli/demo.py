@@ -90,4 +90,4 @@ def _show(result: DemoResult) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("demo")(demo)
+    app.command("demo", short_help="Identify, make tables, upload and fly them side by side.")(demo)

@@ -91,4 +91,4 @@ def _about(path: Path) -> str:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("examples")(examples)
+    app.command("examples", short_help="List the shipped files, or copy them here.")(examples)

@@ -213,4 +213,4 @@ def _refine(path: Path, airframe: Path, rotor: Path | None, out: Path) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("fly")(fly)
+    app.command("fly", short_help="Fly a plan through MAVSDK within limits of its own.")(fly)

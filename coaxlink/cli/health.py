@@ -147,4 +147,4 @@ def _fleet(
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("health")(health)
+    app.command("health", short_help="Judge every rotor over one flight or many.")(health)

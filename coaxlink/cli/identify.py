@@ -309,4 +309,4 @@ def _places(out: Path, count: int) -> list[Path]:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("identify")(identify)
+    app.command("identify", short_help="Identify a rotor model from stand logs, or from flights.")(identify)

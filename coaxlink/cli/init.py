@@ -144,4 +144,4 @@ def _inertia(text: str) -> tuple[float, float, float] | None:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("init")(init)
+    app.command("init", short_help="Make a vehicle file from a board, a log or a template.")(init)

@@ -121,4 +121,4 @@ def _progress() -> Iterator[tuple[Any, Any]]:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("loop")(loop)
+    app.command("loop", short_help="Fly, refine, make a new table, fly again.")(loop)

@@ -197,4 +197,4 @@ def _lead(frame: Airframe, lead_ms: float | None, rate_hz: float) -> tuple[float
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("mix")(mix)
+    app.command("mix", short_help="Mix live: answer every demand of the autopilot.")(mix)

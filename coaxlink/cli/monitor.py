@@ -29,7 +29,7 @@ _SERVED = "TEXTUAL_DRIVER" in os.environ  # by textual-serve, to a browser
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("monitor")(monitor)
+    app.command("monitor", short_help="Show thrust and split of every arm, live or replayed.")(monitor)
 
 
 def monitor(

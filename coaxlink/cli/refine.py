@@ -186,4 +186,4 @@ def _write_plan(path: Path, result: Refinement) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("refine")(refine)
+    app.command("refine", short_help="Find what the model lacks in measured data, and add it.")(refine)

@@ -136,4 +136,4 @@ def _fly() -> dict[str, Flown]:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("reproduce")(reproduce)
+    app.command("reproduce", short_help="Recompute what the paper prints.")(reproduce)

@@ -66,4 +66,4 @@ def restore(
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("restore")(restore)
+    app.command("restore", short_help="Undo an upload from its backup.")(restore)

@@ -221,4 +221,4 @@ def world_errors() -> Iterator[None]:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("sim")(sim)
+    app.command("sim", short_help="Fly a simulated autopilot, or measure a simulated stand.")(sim)

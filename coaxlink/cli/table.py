@@ -225,4 +225,4 @@ def _end(wish: _Wish, written: list[str], blocking: Sequence[Finding]) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("table")(table)
+    app.command("table", short_help="Write a mixer table and say what the firmware makes of it.")(table)

@@ -121,4 +121,4 @@ def finish(outcome: Outcome, json_file: Path | None) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("upload")(upload)
+    app.command("upload", short_help="Write a table to the autopilot, with backup and read-back.")(upload)

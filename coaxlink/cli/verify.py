@@ -72,4 +72,4 @@ def verify(
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("verify")(verify)
+    app.command("verify", short_help="Compare the table on the board with a file, bit for bit.")(verify)

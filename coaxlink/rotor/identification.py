@@ -147,7 +147,7 @@ def bench(samples: Samples, speed_max_rpm: float | None = None) -> Bench:
     found = Bench(samples, speeds, loads, folds(blocks(samples, speeds)))
     if not found.measured:
         raise InputError(
-            samples.source, "", f"{samples.rows} rows are too few to identify anything (6 at least)"
+            samples.source, "", f"too few rows to identify anything: {samples.rows}, 6 at least"
         )
     return found
 

@@ -76,6 +76,13 @@ def test_the_help_comes_unasked_and_by_its_short_name(capsys):
         assert capsys.readouterr().out.startswith("Usage: coaxlink")
 
 
+def test_the_list_of_verbs_is_whole_sentences_at_80_columns(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run(build_app(), ["--help"]) == 0
+    verbs = capsys.readouterr().out.split("Commands:\n")[1].splitlines()
+    assert len(verbs) > 20 and all(line.endswith(".") and not line.endswith("..") for line in verbs)
+
+
 def test_the_version_needs_no_verb(capsys):
     assert run(build_app(), ["--version"]) == 0
     assert capsys.readouterr().out == f"coaxlink {coaxlink.__version__}\n"
