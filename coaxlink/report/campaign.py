@@ -11,9 +11,16 @@ from coaxlink.campaign.summary import FIGURES, Paired, Spread, Summary
 from coaxlink.report.document import answer, document, how_made, html_table
 from coaxlink.report.html import escape
 from coaxlink.report.made import Made
-from coaxlink.report.pictures.campaign_plots import WORDS, words
+from coaxlink.report.pictures.campaign_plots import words
 
 NOTED = ("height_rms_m", "thrust_error_N", "yaw_error_Nm", "energy_Wh")  # told in sentences, others in tables
+
+PLAIN = {
+    "height_rms_m": "height error",
+    "thrust_error_N": "thrust error",
+    "yaw_error_Nm": "yaw moment error",
+    "energy_Wh": "use of energy",
+}
 
 
 def number(x: float) -> str:
@@ -25,14 +32,24 @@ def sentences(s: Summary) -> Iterator[str]:
     """What was flown and what stands out."""
     flights = sum(c.flown for c in s.counts.values())
     yield f"{s.name}: {flights} flights, {' / '.join(s.laws)} on equal seeds"
+    yield from ends(s)
+    for law, found in s.paired.items():
+        for name in NOTED:
+            yield f"{law} against {s.laws[0]}, {words(name)}: {_against(found[name])}"
+    yield from named(s)
+
+
+def ends(s: Summary) -> Iterator[str]:
+    """Flights that did not end as planned, and those that were not flown."""
     for law, c in s.counts.items():
         for why, count in c.failsafe.items():
             yield f"{law}: {count} of {c.flown} flights ended in the {why} failsafe"
         for why, count in c.problem.items():
             yield f"{law}: {count} not flown: {why}"
-    for law, found in s.paired.items():
-        for name in NOTED:
-            yield f"{law} against {s.laws[0]}, {words(name)}: {_against(found[name])}"
+
+
+def named(s: Summary) -> Iterator[str]:
+    """What `refine` made of the logs, where it was asked for."""
     if s.refined is not None:
         r = s.refined
         clean = f"something in {r.clean_named} of {r.clean} clean ones"
@@ -45,10 +62,15 @@ def lead(s: Summary) -> str:
     said = []
     for law, found in s.paired.items():
         clear = [f for f in NOTED if found[f].ci[0] > 0.0 or found[f].ci[1] < 0.0]
-        changes = ", ".join(f"{WORDS[f]} {100 * found[f].share:+.1f} %" for f in clear)
-        said.append(f"{law} {changes or 'no clear difference'}")
-    against = f"; against {s.laws[0]} in the same draws: {'; '.join(said)}" if said else ""
+        changes = [f"{_change(found[f].share)} {PLAIN[f]}" for f in clear]
+        last = " and ".join([", ".join(changes[:-1]), changes[-1]]) if len(changes) > 1 else "".join(changes)
+        said.append(f"{law} makes {last or 'no clear difference'}")
+    against = f". Against {s.laws[0]} in the same draws: {'; '.join(said)}" if said else ""
     return f"{flights} simulated flights{against}."
+
+
+def _change(share: float) -> str:
+    return f"{100 * abs(share):.2g} % {'more' if share > 0.0 else 'less'}"
 
 
 def _against(p: Paired) -> str:
@@ -88,7 +110,7 @@ def page(s: Summary, columns: Mapping[str, Any], made: Made | None = None) -> st
     """The whole report as HTML."""
     from coaxlink.report.pictures import campaign_plots as plots
 
-    lines = list(sentences(s))
+    remarks = [*ends(s), *named(s)]
     quantiles = [
         (law, words(name), *(number(v) for v in (x.p5, x.median, x.p95)))
         for name in FIGURES
@@ -96,12 +118,11 @@ def page(s: Summary, columns: Mapping[str, Any], made: Made | None = None) -> st
     ]
     parts = [
         answer(lead(s)),
-        f"<p>{escape(lines[0])}</p><ul>",
-        *(f"<li>{escape(line)}</li>" for line in lines[1:]),
-        "</ul><h2>Laws side by side</h2>",
+        "<h2>Laws side by side</h2>",
         '<p class="dim">mean and its 95 % interval over flights that ended as planned; boxes: quartiles, 5 '
         "and 95 %</p>",
         image(plots.spreads(s, columns), "spread of the main figures, law by law"),
+        *(["<ul>", *(f"<li>{escape(line)}</li>" for line in remarks), "</ul>"] if remarks else []),
         html_table(("figure", *s.laws), spread_rows(s)),
     ]
     if s.paired:

@@ -146,9 +146,7 @@ def bench(samples: Samples, speed_max_rpm: float | None = None) -> Bench:
         loads[load] = samples[name] if samples.has(name) else np.full(samples.rows, np.nan)
     found = Bench(samples, speeds, loads, folds(blocks(samples, speeds)))
     if not found.measured:
-        raise InputError(
-            samples.source, "", f"too few rows to identify anything: {samples.rows}, 6 at least"
-        )
+        raise InputError(samples.source, "", f"too few rows to identify anything: {samples.rows}, 6 at least")
     return found
 
 
