@@ -3,20 +3,10 @@
 import struct
 from pathlib import Path
 
-import pytest
-
-from coaxlink.cli import main
+from verb import run
 
 KEY = bytes(range(32))
 VERBS = ("upload", "restore", "verify")
-
-
-def run(capsys, *arguments):
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main(list(map(str, arguments)))
-    captured = capsys.readouterr()
-    return ended.value.code, captured.out, captured.err
 
 
 def no(err, text):

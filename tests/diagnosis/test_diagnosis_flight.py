@@ -30,11 +30,6 @@ from coaxlink.signals import low_pass
 HIDDEN = {"clean": ({}, []), "dropped": ({"dropped": 0.05, "onset": 30.0}, ["mass_change"])}
 
 
-@pytest.fixture(autouse=True)
-def switched(monkeypatch):
-    monkeypatch.setenv("COAXLINK_ENGINE", "evidence")
-
-
 @pytest.fixture(scope="module")
 def flights():
     logs = fly([effects for effects, _ in HIDDEN.values()], seconds=56.0, seed=4)

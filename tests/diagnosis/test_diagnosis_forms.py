@@ -8,25 +8,13 @@ import numpy as np
 import pytest
 from residual_rig import run
 
-from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.diagnosis.meters import calmed
 from coaxlink.effects import effect
 from coaxlink.residual import refine_stand
 from coaxlink.residual.channels.stand import stand_frame
-from coaxlink.rotor import load_rotor_model
 
 LOADS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
-
-
-@pytest.fixture(autouse=True)
-def switched(monkeypatch):
-    monkeypatch.setenv("COAXLINK_ENGINE", "evidence")
-
-
-@pytest.fixture(scope="module")
-def paper():
-    return load_rotor_model(files.example("rotor_paper.toml"))
 
 
 def names(columns, model=None):

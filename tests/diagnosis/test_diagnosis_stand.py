@@ -11,21 +11,9 @@ import numpy as np
 import pytest
 from residual_rig import FULL_RPM, run
 
-from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.residual import refine_stand
-from coaxlink.rotor import load_rotor_model
-
-
-@pytest.fixture(autouse=True)
-def switched(monkeypatch):
-    monkeypatch.setenv("COAXLINK_ENGINE", "evidence")
-
-
-@pytest.fixture(scope="module")
-def paper():
-    return load_rotor_model(files.example("rotor_paper.toml"))
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 from sound_files import EXAMPLES, MAKERS, flight_rows, px4_params, stand_rows, workbook
-
-from coaxlink.cli import main
+from verb import run
 
 NOBODY = "udpout:127.0.0.1:9"  # whoever opens it has read the file already
 X8 = str(EXAMPLES / "x8_paper.toml")
@@ -220,14 +219,6 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("rotor_paper.toml",):
         (tmp_path / name).write_text(text_of(name))
-
-
-def run(capsys, *arguments):
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main(list(map(str, arguments)))
-    captured = capsys.readouterr()
-    return ended.value.code, captured.out, captured.err
 
 
 def refused(capsys, arguments, says, code=2):

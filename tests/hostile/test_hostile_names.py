@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from hostile_names import NAMES, REFUSED
 from pymavlink.dialects.v20 import common as mavlink
+from verb import run
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.cli import main
 from coaxlink.errors import InputError
 from coaxlink.monitor.screen.format import head, notes, summary
 from coaxlink.monitor.state import observe
@@ -42,14 +42,6 @@ def airframe_called(folder, name):
         text.replace('name = "paper-x8"', f"name = {quoted(name)}"), "utf-8", "replace"
     )
     return folder / "x.toml"
-
-
-def run(capsys, *arguments):
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main(list(map(str, arguments)))
-    captured = capsys.readouterr()
-    return ended.value.code, captured.out, captured.err
 
 
 @each_refused
