@@ -55,9 +55,9 @@ def _runs(frame: StandFrame) -> list[int]:
 
 
 def _sag(volts: Array, u: Array, time_s: Array, ends: list[int]) -> Array:
-    """(rows,) V that a supply gives way with what the motors (rows, 2) are told, at once and by and by.
+    """(rows,) V that a supply gives way with the motors' commands (rows, 2), at once and by and by.
 
-    Told from what changes between neighbours: how the pack empties drops out.
+    Estimated from what changes between neighbours: how the pack empties drops out.
     """
     if len(volts) < LEAST_ROWS:
         return np.zeros_like(volts)

@@ -118,6 +118,7 @@ def _no_voltage(frame: StandFrame) -> str | None:
     return None if spread > 0.005 else f"the voltage moves by only {100 * spread:.1f} %"
 
 
+# Starts and bounds of the fit, judgement: governors run out of volts between 40 % of full speed and never.
 GOVERNED = {"cap": (0.4, 1.5), "soft": (0.002, 0.15), "reach": (0.2, 3.0)}
 CAPS, SOFT = (0.75, 0.85, 0.95, 1.05), 0.03  # of normalised speed, at the usual voltage
 

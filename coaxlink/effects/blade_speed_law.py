@@ -19,7 +19,7 @@ from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import RotorModel
 
 SLOWEST = 0.025  # of full speed: a slower blade has no law of speed
-POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: told from full speed down
+POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: relative to full speed, downwards
 RISES = (2.0, 4.0, 7.0)  # of Mach number: nothing at rest
 TIPS = (0.4, 0.55, 0.7)  # from where a stall or a wave takes lift off
 BLADES = {"power": (-0.8, 1.0), "rise": (1.2, 12.0), "tip": (0.2, 0.9)}

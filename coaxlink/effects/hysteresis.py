@@ -40,7 +40,7 @@ STICKING = np.array([-1.5, -0.5, 0.5, 1.5])  # elements: their ways are reach * 
 
 def direction(frame: StandFrame, side: int) -> Array:
     """(rows,) +1 where the speed last rose, -1 where it last fell, 0 before it moved or where it jumped."""
-    u = _course(frame)[:, side]
+    u = _path(frame)[:, side]
     rows = np.arange(len(u))
     state = slipping(u, np.array([TURNED]))[:, 0]  # what a tachometer's noise cannot turn round
     settled = np.where(np.abs(state) > 0.999, np.sign(state), 0.0)
@@ -53,23 +53,23 @@ def direction(frame: StandFrame, side: int) -> Array:
 
 def moving(frame: StandFrame, side: int) -> Array:
     """(rows,) +1 while the speed rises, -1 while it falls, 0 while it stands."""
-    rate = np.gradient(_course(frame)[:, side])
+    rate = np.gradient(_path(frame)[:, side])
     return np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
 
 
-def slipping(course: Array, ways: Array) -> Array:
-    """(rows, K) states -1..1 of elements that follow the course (rows,) and slip after the ways (K,).
+def slipping(path: Array, ways: Array) -> Array:
+    """(rows, K) states -1..1 of elements that follow the path (rows,) and slip after the ways (K,).
 
     Read-only: a search asks for the same states again and again.
     """
-    return _slipping(np.asarray(course, float).tobytes(), np.asarray(ways, float).tobytes())
+    return _slipping(np.asarray(path, float).tobytes(), np.asarray(ways, float).tobytes())
 
 
 @lru_cache(maxsize=64)
-def _slipping(course_of: bytes, ways_of: bytes) -> Array:
-    """Two levels: pieces of the course become one map each, side by side, then run from their starts."""
-    course, ways = np.frombuffer(course_of), np.frombuffer(ways_of)
-    move = np.diff(course, prepend=course[0])[:, None] * (2.0 / ways)
+def _slipping(path_of: bytes, ways_of: bytes) -> Array:
+    """Two levels: pieces of the path become one map each, side by side, then run from their starts."""
+    path, ways = np.frombuffer(path_of), np.frombuffer(ways_of)
+    move = np.diff(path, prepend=path[0])[:, None] * (2.0 / ways)
     rows = len(move)
     length = max(1, int(np.sqrt(rows)))
     pieces = -(-rows // length)
@@ -101,12 +101,12 @@ def _slip(state: Array, step: Array, low: Array | float, high: Array | float, ou
     return np.maximum(out, low, out=out)
 
 
-def fading(course: Array, reach: float) -> Array:
-    """(rows,) state -1..1 that follows the course (rows,) and forgets by 1/e over the way `reach`.
+def fading(path: Array, reach: float) -> Array:
+    """(rows,) state -1..1 that follows the path (rows,) and forgets by 1/e over the way `reach`.
 
     Two levels, as `slipping`: every step is one line, state to state, and so is a piece of them.
     """
-    move = np.diff(course, prepend=course[0]) / reach
+    move = np.diff(path, prepend=path[0]) / reach
     rows = len(move)
     length = max(1, int(np.sqrt(rows)))
     pieces = -(-rows // length)
@@ -127,7 +127,7 @@ def fading(course: Array, reach: float) -> Array:
     return np.asarray(out.T.ravel()[:rows])
 
 
-def _course(frame: StandFrame) -> Array:
+def _path(frame: StandFrame) -> Array:
     return frame.speeds if frame.throttles is None else frame.throttles
 
 
@@ -148,24 +148,24 @@ def _no_return(frame: StandFrame) -> str | None:
     return "no speed was come to from below and from above"
 
 
-def _quiet(course: Array) -> Array:
-    """The course (rows,) behind a play as wide as its noise: what only trembles while held wears nothing."""
-    play = 3.0 * SIGMA_PER_MAD * float(np.median(np.abs(np.diff(course, 2)))) / np.sqrt(6.0)
+def _quiet(path: Array) -> Array:
+    """The path (rows,) behind a play as wide as its noise: what only trembles while held wears nothing."""
+    play = 3.0 * SIGMA_PER_MAD * float(np.median(np.abs(np.diff(path, 2)))) / np.sqrt(6.0)
     if play <= 1e-9:
-        return course
-    return np.asarray(course - play * slipping(course, np.array([2.0 * play]))[:, 0])
+        return path
+    return np.asarray(path - play * slipping(path, np.array([2.0 * play]))[:, 0])
 
 
 def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
     """(rows,) -1..1: from above, from below; of one load channel."""
     side = channel // 2
     if "reach" in shape:
-        course = _course(frame).sum(axis=1) if "sweep" in shape else frame.speeds[:, side]
+        path = _path(frame).sum(axis=1) if "sweep" in shape else frame.speeds[:, side]
         if "load" in shape:  # a cell's friction knows its own load only, whatever speeds made it
-            course = frame.predicted[:, channel] / frame.reference[channel]
+            path = frame.predicted[:, channel] / frame.reference[channel]
         if "angle" in shape:
-            course = _ratio(frame)
-        quiet, share, way = _quiet(course), shape.get("fading", 0.0), np.zeros(len(course))
+            path = _ratio(frame)
+        quiet, share, way = _quiet(path), shape.get("fading", 0.0), np.zeros(len(path))
         if "fading" in shape:
             way = share * fading(quiet, 0.5 * shape["reach"])
         if "spread" in shape:
@@ -173,7 +173,7 @@ def _way(frame: StandFrame, channel: int, shape: Shape) -> Array:
             way = way + (1.0 - share) * slipping(quiet, ways).mean(axis=1)
         return np.asarray(way)
     if "sweep" in shape:  # the stand as a whole is loaded or unloaded, whichever rotor does it
-        rate = np.gradient(_course(frame).sum(axis=1))
+        rate = np.gradient(_path(frame).sum(axis=1))
         way = np.where(np.abs(rate) > 1e-3, np.sign(rate), 0.0)
         if "moving" in shape:
             return way
@@ -199,7 +199,7 @@ def relay_shapes(frame: StandFrame) -> list[dict[str, float]]:
     ]
 
 
-ANGLE_REACHES = (0.1, 0.3, 0.6)  # of the ratio's logarithm
+ANGLE_REACHES = (0.1, 0.3, 0.6)  # of the ratio's logarithm; starts of the fit, judgement
 
 
 def angle_shapes(frame: StandFrame) -> list[dict[str, float]]:

@@ -57,7 +57,7 @@ def magnet_shapes(frame: StandFrame) -> Sequence[Shape]:
 
 
 LOSSES = ("speed_loss_per_100K", "own_speed_loss")
-OWN_S = (20.0, 60.0, 180.0)
+OWN_S = (20.0, 60.0, 180.0)  # starts of the fit: windings of motors of 0.1 to 1 kg (judgement)
 
 
 def winding_shapes(frame: StandFrame) -> Sequence[Shape]:

@@ -26,7 +26,7 @@ FLIGHT_LAGS_S = (*SMALL_S, 0.1, 0.12, 0.15, 0.18, 0.22, 0.27, 0.33)
 
 
 FORGOTTEN, SETTLED = 2.0, 5.0  # lags: 86 % of what was before is gone, 99.3 %
-DAMPINGS = (0.35, 0.6)
+DAMPINGS = (0.35, 0.6)  # starts of the fit: a step overshoots by exp(-pi d / sqrt(1 - d^2)), 30 and 10 %
 STAND_LAGS_S = tuple(round(0.02 * 1.2**k, 4) for k in range(25))
 
 

@@ -49,7 +49,7 @@ def amplifier_shapes(frame: StandFrame) -> Sequence[Shape]:
 
 
 def room_shapes(frame: StandFrame) -> Sequence[Shape]:
-    """One room about all cells: their zeros follow one course, each by a number of its own.
+    """One room about all cells: their zeros follow one trend, each by a number of its own.
 
     A cell's zero goes with its temperature (OIML R 60: so much of a division in 5 K), and four cells of one
     stand stand in one room, which is heated once or in turns.
@@ -77,24 +77,24 @@ def _elapsed(frame: StandFrame, shape: Shape) -> Array:
 
 
 def _room_columns(frame: StandFrame, shape: Shape) -> Array:
-    """(rows, 6, K): of every cell the room's course, a zero and, with a `span`, the course of its factor."""
+    """(rows, 6, K): of every cell the room's trend, a zero and, with a `span`, the trend of its factor."""
     elapsed = _elapsed(frame, shape)
     along = elapsed / max(float(np.max(elapsed)), 1e-9)
     if "cycles" in shape:
         turns = shape["cycles"] * (along - 0.5) - shape["phase"]
-        course = np.cos(2.0 * np.pi * turns) + shape["slope"] * along
+        trend = np.cos(2.0 * np.pi * turns) + shape["slope"] * along
     elif "memory" in shape:
-        course = -np.expm1(-along / shape["memory"])
+        trend = -np.expm1(-along / shape["memory"])
     else:
-        course = along ** shape.get("power", 1.0)
+        trend = along ** shape.get("power", 1.0)
     cells = [c for c in frame.present if c < 4]
     each = 3 if "span" in shape else 2
     out = np.zeros((len(along), 6, each * len(cells)))
     for n, cell in enumerate(cells):
-        out[:, cell, n * each] = course
+        out[:, cell, n * each] = trend
         out[:, cell, n * each + 1] = 1.0
         if "span" in shape:
-            out[:, cell, n * each + 2] = course * frame.predicted[:, cell]
+            out[:, cell, n * each + 2] = trend * frame.predicted[:, cell]
     return out
 
 
@@ -104,26 +104,26 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
     elapsed = _elapsed(frame, shape)
     span = max(float(np.max(elapsed)), 1e-9)
     began = np.maximum(elapsed - shape.get("since", 0.0) * span, 0.0)
-    courses = [span / 60.0 * (began / span) ** shape.get("power", 1.0)]
+    trends = [span / 60.0 * (began / span) ** shape.get("power", 1.0)]
     if "memory" in shape:
         memory = shape["memory"] * span
         settling = memory / 60.0 * (1.0 - np.exp(-elapsed / memory))
-        courses = [elapsed / 60.0, settling] if "creep" in shape else [settling]
+        trends = [elapsed / 60.0, settling] if "creep" in shape else [settling]
     if "amplifier" in shape:
         out = np.zeros((len(elapsed), 6, 1))
-        out[:, :4, 0] = courses[0][:, None] * frame.predicted[:, :4]
+        out[:, :4, 0] = trends[0][:, None] * frame.predicted[:, :4]
         return out
     # the base may hold no constant: the zero at the start comes with the drift
     cells = [int(shape[name]) for name in ("channel", "also") if name in shape]
-    courses = [courses[0], np.ones(len(elapsed)), *courses[1:]]
-    each = len(courses) + ("span" in shape)
+    trends = [trends[0], np.ones(len(elapsed)), *trends[1:]]
+    each = len(trends) + ("span" in shape)
     out = np.zeros((len(elapsed), 6, each * len(cells)))
     for n, cell in enumerate(cells):
-        for k, course in enumerate(courses):
-            out[:, cell, n * each + k] = course
+        for k, trend in enumerate(trends):
+            out[:, cell, n * each + k] = trend
         if "span" in shape:  # a gauge that warms up changes its factor with its zero
             out[:, cell, n * each + each - 1] = (
-                courses[-1 if "creep" in shape else 0] * frame.predicted[:, cell]
+                trends[-1 if "creep" in shape else 0] * frame.predicted[:, cell]
             )
     return out
 
@@ -136,9 +136,9 @@ def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Sh
             return []
         cells = np.reshape(c, (-1, 2))
         with_span = np.column_stack([cells, np.zeros(len(cells))]).ravel()
-        courses: list[dict[str, float]] = [] if "cycles" in shape else [{"power": 0.6}, {"memory": 0.3}]
+        trends: list[dict[str, float]] = [] if "cycles" in shape else [{"power": 0.6}, {"memory": 0.3}]
         bare = {k: v for k, v in shape.items() if k not in ("memory", "power")}
-        forms += [({**bare, **way}, c) for way in courses if not set(way) & set(shape)]
+        forms += [({**bare, **way}, c) for way in trends if not set(way) & set(shape)]
         return [*forms, *(({**form, "span": 1.0}, with_span) for form, _ in [(shape, c), *forms])]
     if "amplifier" in shape:
         steady = {k: v for k, v in shape.items() if k not in ("memory", "power")}

@@ -39,7 +39,7 @@ class PilotTookOver(CheckFailed):
 
 
 class OverLimit(SafetyRefusal):
-    """A limit was passed in flight; the vehicle was told to land."""
+    """A limit was passed in flight; it was commanded to land."""
 
 
 @dataclass
@@ -138,7 +138,7 @@ class Pilot:
         return None
 
     def _reported(self) -> float | None:
-        """Share of the charge that is left, once it is told; a busy link takes its time."""
+        """Share of the charge that is left, once it is reported; a busy link takes its time."""
         end = time.monotonic() + REPORTED_S
         while (left := self.battery()) is None and time.monotonic() < end:
             self.session.wait("BATTERY_STATUS", 1.0)

@@ -13,7 +13,7 @@ from coaxlink.report.html import escape
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.campaign_plots import words
 
-NOTED = ("height_rms_m", "thrust_error_N", "yaw_error_Nm", "energy_Wh")  # told in sentences, others in tables
+NOTED = ("height_rms_m", "thrust_error_N", "yaw_error_Nm", "energy_Wh")  # said in sentences, others in tables
 
 PLAIN = {
     "height_rms_m": "height error",

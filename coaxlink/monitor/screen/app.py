@@ -94,7 +94,8 @@ class Monitor(App[None]):
     ) -> None:
         super().__init__()
         self.player, self.desk, self.table = player, desk, table
-        self._why_no_desk = why_no_desk or "a replay has no vehicle to read or write"
+        no_desk = "a replay has no vehicle to read or write" if player else "this screen only watches"
+        self._why_no_desk = why_no_desk or no_desk
         self.look, self.trouble = look, trouble
         self.folder = folder or Path.cwd()
         self.paused = False
