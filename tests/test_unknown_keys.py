@@ -8,7 +8,7 @@ import pytest
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.cli._rate_loops import _vehicle
+from coaxlink.cli.shared.rate_loops import _vehicle
 from coaxlink.data import read_stand_log
 from coaxlink.live.attitude_loop import load_gains
 from coaxlink.rotor import load_rotor_model

@@ -16,7 +16,7 @@ from typing import Annotated
 import typer
 
 import coaxlink
-from coaxlink.cli._shell import interrupted, run
+from coaxlink.cli.shared.shell import interrupted, run
 
 
 def build_app() -> typer.Typer:
@@ -31,7 +31,7 @@ def build_app() -> typer.Typer:
     )
     app.callback()(_options)
     for module in pkgutil.iter_modules(__path__):
-        if not module.name.startswith("_"):
+        if not module.ispkg:  # what verbs share
             importlib.import_module(f"{__name__}.{module.name}").register(app)
     return app
 

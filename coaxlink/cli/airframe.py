@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._board_source import WAIT_S, TimeoutOption
-from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.cli.shared.board_source import WAIT_S, TimeoutOption
+from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.errors import CheckFailed, InputError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def airframe(
     """Draw a vehicle and say what looks wrong; exit code 1 where something must be mended."""
     from coaxlink import files
     from coaxlink.airframe import load_airframe
-    from coaxlink.cli._board_source import layout_of_board, layout_of_file
+    from coaxlink.cli.shared.board_source import layout_of_board, layout_of_file
     from coaxlink.rotor import load_rotor_model
 
     if source and connect:
@@ -63,7 +63,7 @@ def report(
 ) -> tuple[Finding, ...]:
     """Draw it, list the findings (with `differs` also against the board), write what was asked for."""
     from coaxlink import files
-    from coaxlink.cli._tables import finding_json
+    from coaxlink.cli.shared.table_views import finding_json
     from coaxlink.setup import check_against, check_airframe, draw
 
     findings = check_airframe(frame, model)

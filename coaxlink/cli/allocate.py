@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._effects import (
+from coaxlink.cli.shared.effects import (
     ClimbOption,
     DensityOption,
     HeightOption,
@@ -15,7 +15,7 @@ from coaxlink.cli._effects import (
     say_effects,
     vehicle_of,
 )
-from coaxlink.cli._shell import NOTHING, JsonOption, console, figure
+from coaxlink.cli.shared.shell import NOTHING, JsonOption, console, figure
 from coaxlink.errors import CheckFailed, InputError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli._shell import say
+from coaxlink.cli.shared.shell import say
 
 
 def bridge(
@@ -45,7 +45,7 @@ def bridge(
     script = out / "scripts" / SCRIPT_NAME
     params = {"SCR_ENABLE": 1.0}
     if on_board:
-        from coaxlink.cli._effects import say_effects, vehicle_of
+        from coaxlink.cli.shared.effects import say_effects, vehicle_of
         from coaxlink.live.onboard import INSTRUCTIONS, onboard_script
 
         vehicle, _ = vehicle_of(airframe, rotor)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, SchedulerOption, WorkersOption, console, say
+from coaxlink.cli.shared.shell import JsonOption, SchedulerOption, WorkersOption, console, say
 
 if TYPE_CHECKING:
     from coaxlink.campaign.spec import Spec

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._effects import (
+from coaxlink.cli.shared.effects import (
     ClimbOption,
     DensityOption,
     HeightOption,
@@ -15,8 +15,8 @@ from coaxlink.cli._effects import (
     say_effects,
     vehicle_of,
 )
-from coaxlink.cli._next import after_compare
-from coaxlink.cli._shell import JsonOption, console, figure, say
+from coaxlink.cli.shared.next import after_compare
+from coaxlink.cli.shared.shell import JsonOption, console, figure, say
 
 if TYPE_CHECKING:
     from coaxlink.mixer.comparison import Row
@@ -61,7 +61,7 @@ def compare(
     from rich.table import Table
 
     from coaxlink import files
-    from coaxlink.cli import _tables
+    from coaxlink.cli.shared import table_views
     from coaxlink.constants import GRAVITY_M_S2
     from coaxlink.mixer import make_law
     from coaxlink.mixer.comparison import compare as weigh
@@ -75,7 +75,7 @@ def compare(
     vehicle, _ = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
     frame = vehicle.airframe
-    load = _tables.load_shares(frame, light, heavy)
+    load = table_views.load_shares(frame, light, heavy)
     fitted = FittedLaw(vehicle)
     names = ("standard", "reduced", "coaxial-printed", "coaxial", "exact")
     laws = [(name, make_law(name, vehicle)) for name in names]
@@ -93,9 +93,9 @@ def compare(
     for cells in law_rows:
         table.add_row(*cells)
     screen = console()
-    worths = _tables.weigh_tables(vehicle, load)
+    worths = table_views.weigh_tables(vehicle, load)
     battery_wh = frame.battery_Wh if battery_wh is None else battery_wh
-    _tables.show_worths(screen, frame, worths, battery_wh, drive_efficiency)
+    table_views.show_worths(screen, frame, worths, battery_wh, drive_efficiency)
     said = (
         f"{frame.name}, before any integrator: mean |error| over {rows} wrenches, "
         f"{low[0]:.0f}..{high[0]:.0f} N, "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, console, say, talk
+from coaxlink.cli.shared.shell import JsonOption, console, say, talk
 from coaxlink.simulated.result_folder import complete_or_unchanged, terminated_as_interrupted
 
 if TYPE_CHECKING:

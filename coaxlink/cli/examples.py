@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli._shell import console, say
+from coaxlink.cli.shared.shell import console, say
 from coaxlink.errors import InputError
 
 _WHAT = {

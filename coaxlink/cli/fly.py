@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._line import introduced
-from coaxlink.cli._shell import JsonOption, console, say, talk
-from coaxlink.cli._stand import at_a_terminal
+from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.shell import JsonOption, console, say, talk
+from coaxlink.cli.shared.stand import at_a_terminal
 from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, TimeoutOption
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, console, say, say_vehicle, talk
+from coaxlink.cli.shared.shell import JsonOption, console, say, say_vehicle, talk
 
 if TYPE_CHECKING:
     from coaxlink.health.judge import Health
@@ -40,7 +40,7 @@ def health(
 ) -> None:
     """Judge every rotor over one flight or many: sound, watch or ground it, with its probability."""
     from coaxlink import files
-    from coaxlink.cli._fleet import folder_of
+    from coaxlink.cli.shared.fleet import folder_of
     from coaxlink.errors import CheckFailed, InputError
     from coaxlink.report.health import figure, health_page, health_table, remarks, verdict_line
     from coaxlink.report.pictures.figures import format_of, write_figure

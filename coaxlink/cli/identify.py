@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._from_flights import AirframeOption, PriorOption, identify_from_flights
-from coaxlink.cli._next import after_identify
-from coaxlink.cli._shell import JsonOption, console, say, talk
-from coaxlink.cli._single import (
+from coaxlink.cli.shared.from_flights import AirframeOption, PriorOption, identify_from_flights
+from coaxlink.cli.shared.next import after_identify
+from coaxlink.cli.shared.shell import JsonOption, console, say, talk
+from coaxlink.cli.shared.single import (
     BladesOption,
     PitchOption,
     SingleOption,
@@ -20,7 +20,7 @@ from coaxlink.cli._single import (
     SpacingOption,
     prior_of_single,
 )
-from coaxlink.cli._stand import (
+from coaxlink.cli.shared.stand import (
     ColumnsOption,
     DiameterOption,
     PolesOption,

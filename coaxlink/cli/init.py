@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._board_source import WAIT_S, TimeoutOption
-from coaxlink.cli._shell import JsonOption, say
+from coaxlink.cli.shared.board_source import WAIT_S, TimeoutOption
+from coaxlink.cli.shared.shell import JsonOption, say
 from coaxlink.errors import InputError
 from firmware_params.plain import name_problem
 
@@ -111,7 +111,7 @@ def _layout(
     mass_kg: float | None,
 ) -> Layout:
     from coaxlink import setup
-    from coaxlink.cli._board_source import layout_of_board, layout_of_file
+    from coaxlink.cli.shared.board_source import layout_of_board, layout_of_file
 
     given = [bool(template), source is not None, bool(connect)]
     if sum(given) != 1:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._effects import say_effects, vehicle_of
-from coaxlink.cli._line import introduced
-from coaxlink.cli._mixing import Options, fly, motors
-from coaxlink.cli._shell import JsonOption, say
-from coaxlink.cli._supervise import supervise
+from coaxlink.cli.shared.effects import say_effects, vehicle_of
+from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.mixing import Options, fly, motors
+from coaxlink.cli.shared.shell import JsonOption, say
+from coaxlink.cli.shared.supervise import supervise
 from coaxlink.cli.upload import SigningOption, SystemOption
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.cli.shared.shell import JsonOption, console, say
 
 if TYPE_CHECKING:
     from rich.text import Text

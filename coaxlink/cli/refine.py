@@ -7,10 +7,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._fleet import folder_of
-from coaxlink.cli._next import after_refine
-from coaxlink.cli._shell import JsonOption, SchedulerOption, WorkersOption, console, say, say_vehicle, talk
-from coaxlink.cli._stand import ColumnsOption, PolesOption, Reading, SheetOption, UpperOption, read_stand
+from coaxlink.cli.shared.fleet import folder_of
+from coaxlink.cli.shared.next import after_refine
+from coaxlink.cli.shared.shell import (
+    JsonOption,
+    SchedulerOption,
+    WorkersOption,
+    console,
+    say,
+    say_vehicle,
+    talk,
+)
+from coaxlink.cli.shared.stand import (
+    ColumnsOption,
+    PolesOption,
+    Reading,
+    SheetOption,
+    UpperOption,
+    read_stand,
+)
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
@@ -156,7 +171,7 @@ def _fleet(
     """Every log of a fleet by itself, and each vehicle over time. Raises InputError."""
     from coaxlink import files
     from coaxlink.campaign.fleet import RefineLog
-    from coaxlink.cli._fleet import tell_fleet
+    from coaxlink.cli.shared.fleet import tell_fleet
     from coaxlink.errors import InputError
 
     if count > 1:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.cli.shared.shell import JsonOption, console, say
 
 if TYPE_CHECKING:
     from coaxlink.paper import Ledger

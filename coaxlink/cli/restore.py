@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli._line import introduced
-from coaxlink.cli._shell import JsonOption
+from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.shell import JsonOption
 from coaxlink.cli.upload import (
     BackupOption,
     ConnectOption,

@@ -14,8 +14,8 @@ import typer
 
 from coaxlink import files
 from coaxlink.absent import refuse_windows
-from coaxlink.cli._next import on_simulator
-from coaxlink.cli._shell import say
+from coaxlink.cli.shared.next import on_simulator
+from coaxlink.cli.shared.shell import say
 from coaxlink.errors import InputError, LinkError
 
 

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coaxlink import files
-from coaxlink.cli import _explain, _limits, _tables
-from coaxlink.cli._effects import (
+from coaxlink.cli.shared import constraints, explanation, table_views
+from coaxlink.cli.shared.constraints import ConstrainOption
+from coaxlink.cli.shared.effects import (
     ClimbOption,
     DensityOption,
     HeightOption,
@@ -20,9 +21,8 @@ from coaxlink.cli._effects import (
     say_effects,
     vehicle_of,
 )
-from coaxlink.cli._limits import ConstrainOption
-from coaxlink.cli._rate_loops import forget_vehicle, keep_vehicle
-from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.cli.shared.rate_loops import forget_vehicle, keep_vehicle
+from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class _Wish:
         """What becomes of the rate loops, and what is written about it."""
         from coaxlink.tables.rate_gains import preserved_gains
 
-        against = _explain.under(explained.reference_name)
+        against = explanation.under(explained.reference_name)
         gains = preserved_gains(
             firmware, explained.flown, explained.reference, board or {}, against, write=self.keep_gains
         )
@@ -151,8 +151,8 @@ def _px4() -> _Firmware:
         parameters=lambda board: board,
         explain=explain_px4,
         write=table_files.write_px4,
-        to_json=_tables.px4_json,
-        show=_tables.show_px4,
+        to_json=table_views.px4_json,
+        show=table_views.show_px4,
     )
 
 
@@ -171,15 +171,15 @@ def _ardupilot() -> _Firmware:
         parameters=lambda board: board[0],
         explain=explain_ap,
         write=table_files.write_ap,
-        to_json=_tables.ap_json,
-        show=_tables.show_ap,
+        to_json=table_views.ap_json,
+        show=table_views.show_ap,
     )
 
 
 def _make(name: str, of: _Firmware, vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
     """Fit the table, hold it against a board, write it, show it."""
     frame = vehicle.airframe
-    limited = _limits.constrained(vehicle, wish.constrain, wish.law, of.spin_min(wish))
+    limited = constraints.constrained(vehicle, wish.constrain, wish.law, of.spin_min(wish))
     report = of.report(vehicle, wish, limited.table if limited else None)
     board = of.on_board(wish.connect) if wish.connect else None
     explained = of.explain(vehicle, report, board)
@@ -191,15 +191,15 @@ def _make(name: str, of: _Firmware, vehicle: Vehicle, model_path: Path, wish: _W
         written = of.write(wish.out, frame, model_path, report)
         keep_vehicle(wish.out, vehicle, model_path)
         if wish.csv and name == "px4":
-            written.append(_tables.write_csv(wish.out, report))
+            written.append(table_views.write_csv(wish.out, report))
     document = of.to_json(frame, report, written) | vehicle.to_json() | gains.to_json()
-    document |= _limits.as_json(limited)
+    document |= constraints.as_json(limited)
     _save(wish, document, explained)
     of.show(frame, report, gains.line)
     if limited:
-        _limits.show(limited, vehicle.model.speed_max_rpm)
+        constraints.show(limited, vehicle.model.speed_max_rpm)
     if wish.explain:
-        _explain.show(console(), frame, explained, of.title, gains.axes)
+        explanation.show(console(), frame, explained, of.title, gains.axes)
     _end(wish, written, report.blocking)
 
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._line import introduced
-from coaxlink.cli._next import after_upload
-from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.next import after_upload
+from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.errors import SafetyRefusal
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def upload(
 ) -> None:
     """Show the difference, back up, write, read back, compare; roll back on any failure."""
     from coaxlink import files
-    from coaxlink.cli._rate_loops import said_first
+    from coaxlink.cli.shared.rate_loops import said_first
     from coaxlink.mavlink import connect as open_session
     from coaxlink.uploading.outcome import REFUSED, VERIFIED, Outcome
     from coaxlink.uploading.plan import load_plan, refuse_values

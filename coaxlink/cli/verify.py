@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli._line import introduced
-from coaxlink.cli._next import after_verify
-from coaxlink.cli._shell import JsonOption, console, say
+from coaxlink.cli.shared.line import introduced
+from coaxlink.cli.shared.next import after_verify
+from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, TimeoutOption
 from coaxlink.errors import CheckFailed
 

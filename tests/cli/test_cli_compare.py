@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 from sim.truth import hidden_truth
 
 SEED = 4

@@ -8,7 +8,7 @@ import cli_runs
 import pytest
 
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 from coaxlink.files import example
 
 

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "data_room"))
 from stand_files import SIDES, UNITS, Array, Pair, equal, grid, readings, sheet, table, write
 
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 from coaxlink.rotor import load_rotor_model
 
 SHARED = Path(__file__).parents[2] / ".." / "shared" / "data"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
-from coaxlink.cli._stand import Reading, read_stand
+from coaxlink.cli.shared.shell import run
+from coaxlink.cli.shared.stand import Reading, read_stand
 from coaxlink.files import example
 from coaxlink.rotor import load_rotor_model
 from sim.stand.schedule import read_schedule
@@ -219,7 +219,7 @@ def test_a_terminal_is_asked_which_rotor_is_upper(
     log = lettered_log(tmp_path / "log.csv")
     assert coaxlink("identify", log) == 2
     assert "which is the upper one? Say --upper A or --upper B" in capsys.readouterr().err
-    monkeypatch.setattr("coaxlink.cli._stand.at_a_terminal", lambda: True)
+    monkeypatch.setattr("coaxlink.cli.shared.stand.at_a_terminal", lambda: True)
     answers = iter(["C", "b"])
     monkeypatch.setattr("typer.prompt", lambda text, **options: next(answers))
     read = read_stand([log], Reading(), lambda text: None)[0]

@@ -8,8 +8,9 @@ import pytest
 from rich.table import Table
 
 from coaxlink import files
-from coaxlink.cli import _console, build_app
-from coaxlink.cli._shell import figure, run
+from coaxlink.cli import build_app
+from coaxlink.cli.shared import console as consoles
+from coaxlink.cli.shared.shell import figure, run
 
 LINES = re.compile(r"[\s│┃┏┓┗┛┡┩├┤└┘─━┼╇┬┴╞╡═╪]+")
 TINY = re.compile(r"\d(?:\.\d+)?e-\d+")
@@ -19,14 +20,14 @@ X8, ROTOR = (str(files.example(n)) for n in ("x8_demo.toml", "rotor_paper.toml")
 @pytest.fixture
 def screens(monkeypatch):
     """What a verb prints, on a screen of 80 columns and on one that is wide enough for all."""
-    narrow, wide = (_console.PlainConsole(width=w, file=io.StringIO()) for w in (80, 2000))
-    show = _console.PlainConsole.print
+    narrow, wide = (consoles.PlainConsole(width=w, file=io.StringIO()) for w in (80, 2000))
+    show = consoles.PlainConsole.print
 
     def both(_, *objects, **options):
         for console in (narrow, wide):
             show(console, *objects, **options)
 
-    monkeypatch.setattr(_console.PlainConsole, "print", both)
+    monkeypatch.setattr(consoles.PlainConsole, "print", both)
     return lambda: (narrow.file.getvalue(), wide.file.getvalue())
 
 
@@ -56,7 +57,7 @@ def test_columns_that_do_not_fit_stand_below_beside_the_first():
     names = [f"column_{n:02d}_of_many" for n in range(9)]
     table = Table("rotor", *names)
     table.add_row("1 upper", *(f"{n}.25" for n in range(9)))
-    console = _console.PlainConsole(width=80, file=io.StringIO())
+    console = consoles.PlainConsole(width=80, file=io.StringIO())
     console.print(table)
     said = console.file.getvalue()
     assert all(name in said for name in names) and said.count("rotor") == said.count("1 upper") > 1
@@ -69,10 +70,10 @@ def test_rounding_is_no_error():
 
 
 def test_a_table_of_one_column_wider_than_the_screen_ends() -> None:
-    console = _console.PlainConsole(width=80, file=io.StringIO())
+    console = consoles.PlainConsole(width=80, file=io.StringIO())
     for columns in (1, 2, 3):
         table = Table(*(f"column {n}" for n in range(columns)))
         table.add_row(*("x" * 10_000 for _ in range(columns)))
-        parts = list(itertools.islice(_console.fitted(console, table), 9))
+        parts = list(itertools.islice(consoles.fitted(console, table), 9))
         assert 1 <= len(parts) <= columns
         assert all(sum(c.width or 0 for c in part.columns) <= 80 for part in parts if len(part.columns) > 1)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from coaxlink.cli._next import (
+from coaxlink.cli.shared.next import (
     after_compare,
     after_identify,
     after_refine,

@@ -9,7 +9,7 @@ import typer
 
 import coaxlink
 from coaxlink.cli import build_app
-from coaxlink.cli._options import OPTIONS, by_option
+from coaxlink.cli.shared.options import OPTIONS, by_option
 
 ROOT = Path(coaxlink.__file__).parent
 OPTION = re.compile(r"(?<![\w<!-])--[a-z][a-z-]*(?![\w-]*:)")

@@ -9,7 +9,7 @@ import typer
 
 import coaxlink
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
 
 

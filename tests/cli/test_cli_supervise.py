@@ -17,7 +17,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPT = """
 import os, signal, sys, time
 import typer
-from coaxlink.cli import _supervise
+from coaxlink.cli.shared import supervise
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
 def work(life):
@@ -38,8 +38,8 @@ def work(life):
         os.kill(os.getpid(), signal.SIGKILL)
 
 app = typer.Typer()
-app.command()(lambda: _supervise.supervise(work))
-from coaxlink.cli._shell import run
+app.command()(lambda: supervise.supervise(work))
+from coaxlink.cli.shared.shell import run
 sys.exit(run(app, []))
 """
 

@@ -120,7 +120,7 @@ def test_an_explanation_fits_80_columns_and_says_what_the_board_loses(capsys, mo
     board = {"CA_ROTOR_COUNT": 8, "MC_ROLLRATE_K": 1.5, **FACTORY}
     monkeypatch.setattr("coaxlink.uploading.explain.present_px4", lambda url: board)
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr("coaxlink.cli._shell.PIPE_WIDTH", 80)
+    monkeypatch.setattr("coaxlink.cli.shared.shell.PIPE_WIDTH", 80)
     arguments = ["--firmware", "px4", "--law", "reduced", "--explain", "--connect", "udpout:127.0.0.1:9"]
     code, out, _ = _run(capsys, X8, *arguments)
     assert code == 0

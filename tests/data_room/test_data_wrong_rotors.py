@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from stand_files import SIDES, UNITS, Pair, equal, grid, readings, table, write
 
-from coaxlink.cli._stand import Reading, doubts, read_stand
+from coaxlink.cli.shared.stand import Reading, doubts, read_stand
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
 

@@ -43,8 +43,8 @@ def readers() -> dict[str, Callable[[Path], object]]:
     from sound_files import PX4, stand_rows
 
     from coaxlink.airframe import load_airframe
-    from coaxlink.cli._board_source import layout_of_file
-    from coaxlink.cli._effects import vehicle_of
+    from coaxlink.cli.shared.board_source import layout_of_file
+    from coaxlink.cli.shared.effects import vehicle_of
     from coaxlink.data import is_flight_log, read_flight_log, read_stand_log
     from coaxlink.live.attitude_loop import load_gains
     from coaxlink.live.record import read_record

@@ -15,8 +15,8 @@ from rich.table import Table
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.cli._console import PlainConsole
-from coaxlink.cli._shell import console, run, say, talk
+from coaxlink.cli.shared.console import PlainConsole
+from coaxlink.cli.shared.shell import console, run, say, talk
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
 from coaxlink.live.onboard import onboard_script
 from coaxlink.report.document import html_table

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 from test_live_hot import HOVER, Rig, demand
 
-from coaxlink.cli._mixing import _line, _lost
+from coaxlink.cli.shared.mixing import _line, _lost
 from coaxlink.live import arrival as live_arrival
 from coaxlink.live.arrival import Arrival, Count
 from coaxlink.live.timesync import TimeSync

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.live.bridge import SCRIPT_NAME, bridge_script
 from coaxlink.live.mixer import LiveMixer

@@ -12,7 +12,7 @@ from live_flight import EXAMPLES, Companion, Flight
 
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 from coaxlink.errors import InputError
 from coaxlink.live.bridge import SCRIPT_NAME, board_factors, bridge_script
 from coaxlink.live.onboard import INSTRUCTIONS, onboard_script

@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.live.motor_test import place, turn_motors
 from coaxlink.live.record import MAGIC, RECORD, LiveRecord, read_record

@@ -7,7 +7,7 @@ import pytest
 
 from coaxlink import data, residual
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 from coaxlink.report.demo import FlightErrors
 from coaxlink.residual.allocation_error import AllocationErrors
 from coaxlink.residual.experiments.manoeuvres import Manoeuvre

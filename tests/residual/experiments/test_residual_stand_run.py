@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 
 from coaxlink.cli import build_app
-from coaxlink.cli._shell import run
+from coaxlink.cli.shared.shell import run
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 TRUTHS = {"battery_voltage": 0.5, "motor_heating": 0.12}

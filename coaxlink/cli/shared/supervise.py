@@ -13,7 +13,7 @@ from collections.abc import Callable
 import typer
 
 from coaxlink.absent import absent
-from coaxlink.cli._shell import say
+from coaxlink.cli.shared.shell import say
 from coaxlink.errors import CoaxlinkError, InputError
 
 MOST, WITHIN_S = 5, 60.0  # starts: a sixth within a minute waits for its turn

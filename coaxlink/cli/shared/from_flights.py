@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from coaxlink.cli._shell import console, say, talk
+from coaxlink.cli.shared.shell import console, say, talk
 
 AirframeOption = Annotated[
     Path | None, typer.Option(metavar="AIRFRAME.toml", help="With flight logs: the weighed vehicle.")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from coaxlink.cli._shell import say
+from coaxlink.cli.shared.shell import say
 
 if TYPE_CHECKING:
     from coaxlink.mavlink import Session

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coaxlink.cli._shell import console
+from coaxlink.cli.shared.shell import console
 from coaxlink.errors import InputError
 
 if TYPE_CHECKING:

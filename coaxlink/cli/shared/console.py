@@ -12,7 +12,7 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from coaxlink.cli._options import by_option
+from coaxlink.cli.shared.options import by_option
 from firmware_params.plain import plain_lines
 
 

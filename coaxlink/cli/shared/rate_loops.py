@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from coaxlink import files
-from coaxlink.cli._shell import console, say
+from coaxlink.cli.shared.shell import console, say
 from coaxlink.errors import CoaxlinkError, InputError
 from firmware_params.keys import unknown_key
 

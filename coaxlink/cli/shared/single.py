@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._shell import console, say
-from coaxlink.cli._stand import Reading
+from coaxlink.cli.shared.shell import console, say
+from coaxlink.cli.shared.stand import Reading
 
 if TYPE_CHECKING:
     from coaxlink.rotor.prior import Propeller
@@ -77,7 +77,7 @@ def prior_of_single(
 ) -> None:
     """Print the prior with its intervals and all that was guessed; write it."""
     from coaxlink import files
-    from coaxlink.cli._next import after_prior
+    from coaxlink.cli.shared.next import after_prior
     from coaxlink.data.single import read_single_table
     from coaxlink.errors import InputError
     from coaxlink.report.prior import picture, prior_table, what_it_says

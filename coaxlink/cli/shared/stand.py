@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._shell import say
+from coaxlink.cli.shared.shell import say
 
 if TYPE_CHECKING:
     from coaxlink.data import RotorsUnclear, Samples

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coaxlink.cli._shell import say
+from coaxlink.cli.shared.shell import say
 from coaxlink.errors import InputError
 
 if TYPE_CHECKING:

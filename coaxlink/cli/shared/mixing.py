@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from coaxlink.cli._line import tell_news
-from coaxlink.cli._next import unanswered
-from coaxlink.cli._shell import figure, say
+from coaxlink.cli.shared.line import tell_news
+from coaxlink.cli.shared.next import unanswered
+from coaxlink.cli.shared.shell import figure, say
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 

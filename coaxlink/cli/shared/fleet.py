@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coaxlink.cli._shell import console, say
+from coaxlink.cli.shared.shell import console, say
 
 if TYPE_CHECKING:
     from coaxlink.campaign.fleet import Analyse, Fleet

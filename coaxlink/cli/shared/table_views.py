@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coaxlink.cli._shell import console, say
+from coaxlink.cli.shared.shell import console, say
 from coaxlink.errors import InputError
 
 if TYPE_CHECKING:

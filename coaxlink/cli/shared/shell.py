@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from coaxlink.absent import absent
-from coaxlink.cli._options import by_option
+from coaxlink.cli.shared.options import by_option
 from coaxlink.errors import CoaxlinkError
 from firmware_params.plain import plain_lines
 
@@ -103,13 +103,13 @@ def figure(value: float, digits: int = 3) -> str:
 
 def console() -> Any:
     """Rich console for results (stdout); a pipe or file gets whole rows."""
-    from coaxlink.cli._console import PlainConsole
+    from coaxlink.cli.shared.console import PlainConsole
 
     return PlainConsole(width=None if sys.stdout.isatty() else PIPE_WIDTH)
 
 
 def talk() -> Any:
     """Rich console for progress and remarks (stderr)."""
-    from coaxlink.cli._console import PlainConsole
+    from coaxlink.cli.shared.console import PlainConsole
 
     return PlainConsole(stderr=True)
