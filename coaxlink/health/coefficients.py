@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from coaxlink import files
 from coaxlink.airframe import Airframe
 from coaxlink.data import Samples
-from coaxlink.data.flight import impossible_commands
+from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.columns import CHANNELS, Column, independent, lasting, left, passing, rows_of

@@ -19,9 +19,9 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 import firmware_params.ardupilot.messages  # noqa: F401 - teaches the dialect ESC_TELEMETRY_*
-from coaxlink.data.flight import MOTOR, log_kind, read_flight_log
+from coaxlink.data.logs.flight import MOTOR, log_kind, read_flight_log
+from coaxlink.data.logs.tlog import stamped_frames
 from coaxlink.data.samples import Samples
-from coaxlink.data.tlog import stamped_frames
 from coaxlink.errors import InputError
 from coaxlink.monitor.telemetry.modes import NO_MODE
 from coaxlink.monitor.telemetry.readings import AUTOPILOT_INVALID, AUTOPILOT_PX4, Collector
@@ -192,12 +192,12 @@ def load_tape(path: Path) -> Tape | SampleTape:
     if kind == "tlog":
         return Tape(path)
     if kind == "ulog":
-        from coaxlink.data.ulog import ulog_parameters, ulog_texts
+        from coaxlink.data.logs.ulog import ulog_parameters, ulog_texts
 
         parameters = {name: float(value) for name, value in ulog_parameters(path).items()}
         return SampleTape(path.name, read_flight_log(path), AUTOPILOT_PX4, parameters, ulog_texts(path))
     if kind == "dataflash":
-        from coaxlink.data.dataflash import dataflash_parameters, dataflash_texts
+        from coaxlink.data.logs.dataflash import dataflash_parameters, dataflash_texts
 
         texts = [(time_s, 6, text) for time_s, text in dataflash_texts(path)]
         return SampleTape(path.name, read_flight_log(path), _ARDUPILOT, dataflash_parameters(path), texts)

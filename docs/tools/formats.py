@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from coaxlink.airframe import airframe_schema
-from coaxlink.data.flight import MOTION
+from coaxlink.data.logs.flight import MOTION
 from coaxlink.data.stand import OWN_COLUMNS
 from coaxlink.data.units import QUANTITIES, quantity_of, unit_names
 from coaxlink.rotor.model import rotor_schema

@@ -1,1 +1,1 @@
-"""What several verbs share: one-line errors, exit codes, consoles, options, how results look. No verb is here."""
+"""What several verbs share: one-line errors, exit codes, consoles, options, how results look; no verb."""

@@ -19,7 +19,7 @@ TimeoutOption = Annotated[float, typer.Option(metavar="S", help="How long an aut
 
 def layout_of_file(path: Path, script: Path | None = None) -> Layout:
     """From .params, .param, ULog or DataFlash; `script` is the table of FRAME_CLASS 15. Raises InputError."""
-    from coaxlink.data.board_parameters import read_board_parameters
+    from coaxlink.data.logs.board_parameters import read_board_parameters
     from coaxlink.setup import ardupilot_layout, px4_layout
 
     found = read_board_parameters(path)

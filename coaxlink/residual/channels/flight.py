@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.data.flight import impossible_commands
+from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame

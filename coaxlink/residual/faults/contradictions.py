@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.data.flight import MOTOR
+from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
 from coaxlink.residual.faults.repeated_readings import Finding, flying_rows, held_rows, windows

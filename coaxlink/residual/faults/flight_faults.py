@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data.flight import impossible_commands
+from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.channels.flight import EDGE_S, reduce_columns

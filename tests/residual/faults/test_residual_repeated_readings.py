@@ -107,7 +107,7 @@ def test_a_copied_stretch_is_found_whatever_its_resolution(coarse: bool) -> None
 
 
 def test_the_resolution_of_the_log_outlives_resampling() -> None:
-    from coaxlink.data.streams import Stream, merge
+    from coaxlink.data.logs.streams import Stream, merge
 
     coarse = rounded(flight())
     t = coarse["time_s"]

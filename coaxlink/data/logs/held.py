@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.data.logs.streams import Stream, merge
 from coaxlink.data.samples import Samples
-from coaxlink.data.streams import Stream, merge
 
 SELDOM = 0.1  # of the changes may follow another at once: rounding makes some pause, holding makes all
 

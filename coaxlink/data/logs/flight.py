@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
-from coaxlink.data.held import at_the_commands
-from coaxlink.data.quiet import one_line
+from coaxlink.data.logs.held import at_the_commands
+from coaxlink.data.logs.quiet import one_line
 from coaxlink.data.samples import Samples
 from coaxlink.data.table import is_spreadsheet, read_headings, read_table
 from coaxlink.errors import InputError
@@ -50,19 +50,19 @@ def read_flight_log(path: Path) -> Samples:
 
 
 def _ulog(path: Path) -> Samples:
-    from coaxlink.data.ulog import read_ulog
+    from coaxlink.data.logs.ulog import read_ulog
 
     return read_ulog(path)
 
 
 def _dataflash(path: Path) -> Samples:
-    from coaxlink.data.dataflash import read_dataflash
+    from coaxlink.data.logs.dataflash import read_dataflash
 
     return read_dataflash(path)
 
 
 def _tlog(path: Path) -> Samples:
-    from coaxlink.data.tlog import read_tlog
+    from coaxlink.data.logs.tlog import read_tlog
 
     return read_tlog(path)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from coaxlink import files
-from coaxlink.data.flight import log_kind
+from coaxlink.data.logs.flight import log_kind
 from coaxlink.errors import InputError
 from firmware_params import ardupilot, px4
 from firmware_params.bounded import lines_of
@@ -27,11 +27,11 @@ def read_board_parameters(path: Path) -> BoardParameters:
     path = Path(path)
     kind = log_kind(path)
     if kind == "ulog":
-        from coaxlink.data.ulog import ulog_parameters
+        from coaxlink.data.logs.ulog import ulog_parameters
 
         return _known(path, BoardParameters("px4", ulog_parameters(path)))
     if kind == "dataflash":
-        from coaxlink.data.dataflash import dataflash_parameters
+        from coaxlink.data.logs.dataflash import dataflash_parameters
 
         return _known(path, BoardParameters("ardupilot", dataflash_parameters(path)))
     if kind == "tlog":

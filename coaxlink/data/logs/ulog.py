@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data.quiet import one_line, silenced
+from coaxlink.data.logs.quiet import one_line, silenced
+from coaxlink.data.logs.streams import Stream, euler_of, merge
 from coaxlink.data.samples import Samples
-from coaxlink.data.streams import Stream, euler_of, merge
 from coaxlink.errors import InputError
 
 TOPICS = [

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.data.logs.streams import Stream, euler_of, merge
 from coaxlink.data.samples import Samples
-from coaxlink.data.streams import Stream, euler_of, merge
 from coaxlink.errors import InputError
 from firmware_params import bounded
 
