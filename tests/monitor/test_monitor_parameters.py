@@ -89,7 +89,7 @@ def test_difference_backup_and_an_upload_that_is_confirmed(
         assert ct_on_board(address) > 30.0
 
 
-def test_an_armed_vehicle_is_left_alone_and_a_replay_says_why(tmp_path: Path) -> None:
+def test_an_armed_vehicle_is_left_alone_and_a_screen_without_a_desk_says_why(tmp_path: Path) -> None:
     async def story(armed: bool, desk: Desk | None) -> str:
         scene = Scene(tmp_path)
         app = scene.app
@@ -106,7 +106,7 @@ def test_an_armed_vehicle_is_left_alone_and_a_replay_says_why(tmp_path: Path) ->
 
     desk = Desk(tmp_path)
     assert "is armed" in asyncio.run(story(True, desk)) and not desk.busy
-    assert "no vehicle" in asyncio.run(story(False, None))
+    assert "only watches" in asyncio.run(story(False, None))
 
 
 def test_a_desk_takes_one_task_at_a_time_and_says_what_is_missing(
