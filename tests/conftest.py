@@ -2,6 +2,7 @@
 
 import signal
 
+import psutil
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -11,6 +12,11 @@ settings.load_profile("any machine")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 KEY = bytes(range(32))
+
+
+def pytest_xdist_auto_num_workers():
+    """Four at a time, for most of a test is waiting for a board; two where others use the processors."""
+    return 4 if psutil.cpu_percent(interval=1.0) < 50.0 else 2
 
 
 @pytest.fixture(autouse=True)

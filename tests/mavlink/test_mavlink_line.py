@@ -71,7 +71,7 @@ def forger(port, *messages, every_s=0.005, system=1, component=1):
 BEAT = m.MAVLink_heartbeat_message(m.MAV_TYPE_OCTOROTOR, m.MAV_AUTOPILOT_PX4, 128, 0, 4, 3)
 
 
-def until(met, patience_s=8.0):
+def until(met, patience_s=60.0):
     end = time.monotonic() + patience_s
     while not met():
         assert time.monotonic() < end

@@ -42,7 +42,7 @@ def watching(port: int, patience_s: float = 0.7) -> Iterator[Callable[[], View]]
     assert feed.failure is None
 
 
-def until(look: Callable[[], View], met: Callable[[View], bool], timeout_s: float = 12.0) -> View:
+def until(look: Callable[[], View], met: Callable[[View], bool], timeout_s: float = 120.0) -> View:
     end = time.monotonic() + timeout_s
     while not met(view := look()):
         assert time.monotonic() < end, f"not seen in time: {view}"

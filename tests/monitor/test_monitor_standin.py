@@ -25,7 +25,7 @@ from coaxlink.rotor import load_rotor_model
 from sim.testing import standin
 
 
-def until(look: Callable[[], View], met: Callable[[View], bool], timeout_s: float = 20.0) -> View:
+def until(look: Callable[[], View], met: Callable[[View], bool], timeout_s: float = 120.0) -> View:
     end = time.monotonic() + timeout_s
     while not met(view := look()):
         assert time.monotonic() < end, f"not seen in time: {view}"

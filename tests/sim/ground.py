@@ -11,6 +11,9 @@ from mavsdk.mavsdk import Configuration, Mavsdk
 from mavsdk.system import System
 from pymavlink import mavutil
 
+PATIENCE_S = 60.0  # a guard against hanging: no answer is judged by when it came
+AGAIN_S = 2.0  # a datagram may be lost where a busy machine reads slower than a vehicle talks
+
 
 @contextmanager
 def client(port: int, kind: str = "udpout", dialect: str = "ardupilotmega") -> Iterator[Any]:
@@ -25,7 +28,7 @@ def client(port: int, kind: str = "udpout", dialect: str = "ardupilotmega") -> I
 
 
 def get(
-    link: Any, kind: str | list[str], timeout: float = 5.0, met: Callable[[Any], bool] = lambda _: True
+    link: Any, kind: str | list[str], timeout: float = PATIENCE_S, met: Callable[[Any], bool] = lambda _: True
 ) -> Any:
     """The next message of a kind that meets the condition; None when there was none in time."""
     end = time.monotonic() + timeout
@@ -38,8 +41,12 @@ def get(
 
 def command(link: Any, number: int, *p: float, system: int = 1) -> int:
     """The vehicle's answer (MAV_RESULT) to a COMMAND_LONG."""
-    link.mav.command_long_send(system, 1, number, 0, *[*p, *[0.0] * (7 - len(p))])
-    ack = get(link, "COMMAND_ACK", met=lambda a: a.command == number)
+    ack = None
+    for attempt in range(round(PATIENCE_S / AGAIN_S)):
+        link.mav.command_long_send(system, 1, number, attempt, *[*p, *[0.0] * (7 - len(p))])
+        ack = get(link, "COMMAND_ACK", AGAIN_S, lambda a: a.command == number)
+        if ack is not None:
+            break
     assert ack is not None, f"no answer to command {number}"
     assert ack.target_system in (0, 255)
     return int(ack.result)
@@ -58,9 +65,9 @@ def mavsdk_system(port: int) -> Iterator[System]:
         mavsdk.destroy()
 
 
-def until(met: Callable[[], bool], seconds: float, what: str) -> None:
+def until(met: Callable[[], bool], what: str) -> None:
     """Wait for it, and fail with these words when it does not come."""
-    end = time.monotonic() + seconds
+    end = time.monotonic() + PATIENCE_S
     while not met():
         assert time.monotonic() < end, what
         time.sleep(0.02)

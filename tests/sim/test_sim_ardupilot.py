@@ -76,16 +76,16 @@ def test_a_guided_flight(link: Any) -> None:
     assert command(link, 246, 1) == 4  # no reboot while armed
     assert command(link, 183, 1, 1500) == 4  # a motor's output is taken
     assert command(link, 22, 0, 0, 0, 0, 0, 0, 3.0) == 0
-    assert get(link, "LOCAL_POSITION_NED", 10.0, lambda p: p.z < -2.8) is not None
+    assert get(link, "LOCAL_POSITION_NED", met=lambda p: p.z < -2.8) is not None
     time.sleep(0.6)
     link.mav.set_position_target_local_ned_send(0, 1, 1, 1, 0xDF8, 2, 1, -4, 0, 0, 0, 0, 0, 0, 0, 0)
 
     def there(p: Any) -> bool:
         return math.dist((p.x, p.y, p.z), (2, 1, -4)) < 0.2
 
-    assert get(link, "LOCAL_POSITION_NED", 8.0, there) is not None  # told once, it goes and stays
+    assert get(link, "LOCAL_POSITION_NED", met=there) is not None  # told once, it goes and stays
     assert command(link, 21) == 0
-    assert get(link, "HEARTBEAT", 10.0, lambda h: not h.base_mode & 128) is not None
+    assert get(link, "HEARTBEAT", met=lambda h: not h.base_mode & 128) is not None
 
 
 def test_mavsdk_connects_reads_parameters_and_moves_files(tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def transfer(start: Callable[..., None], going: int, *arguments: object) -> int:
     """Run one of MAVSDK's transfers to its end."""
     results: list[int] = []
     start(*arguments, lambda result, *_: results.append(int(result)))
-    until(lambda: bool(results) and results[-1] != going, 20.0, "the transfer does not end")
+    until(lambda: bool(results) and results[-1] != going, "the transfer does not end")
     return results[-1]
 
 
@@ -110,9 +110,9 @@ def test_mavsdk_fetches_the_log_of_its_flight(vehicle: System, tmp_path: Path) -
     action.set_takeoff_altitude(2.0)
     action.arm()
     action.takeoff()
-    until(lambda: telemetry.position().relative_altitude_m > 1.8, 15.0, "did not climb")
+    until(lambda: telemetry.position().relative_altitude_m > 1.8, "did not climb")
     action.land()
-    until(lambda: not telemetry.armed(), 20.0, "did not land")
+    until(lambda: not telemetry.armed(), "did not land")
 
     folder = "/fs/microsd/log/sess001"
     entries = ftp.list_directory(folder).entries

@@ -56,12 +56,12 @@ def test_three_fly_at_once(firmware: str, id_name: bytes) -> None:
             assert command(link, 22, 0, 0, 0, math.nan, math.nan, math.nan, sea, system=system) == 0
         for link, height in zip(links, heights, strict=True):
             low, high = -height - 0.25, -height + 0.25
-            assert get(link, "LOCAL_POSITION_NED", 15.0, lambda p, a=low, b=high: a < p.z < b) is not None
+            assert get(link, "LOCAL_POSITION_NED", met=lambda p, a=low, b=high: a < p.z < b) is not None
         east = [get(link, "GLOBAL_POSITION_INT").lon * 1e-7 for link in links]
         apart = [(b - a) * 111319.49 * math.cos(math.radians(47.397742)) for a, b in itertools.pairwise(east)]
         assert apart == pytest.approx([5.0, 5.0], abs=0.5)
         assert command(links[1], 21, system=2) == 0
-        assert get(links[1], "HEARTBEAT", 15.0, lambda h: not h.base_mode & 128) is not None
+        assert get(links[1], "HEARTBEAT", met=lambda h: not h.base_mode & 128) is not None
         assert get(links[0], "HEARTBEAT").base_mode & 128 and get(links[2], "HEARTBEAT").base_mode & 128
 
 

@@ -43,17 +43,17 @@ def test_mavsdk_arms_takes_off_flies_offboard_and_lands(vehicle: System) -> None
     telemetry, action = Telemetry(vehicle), Action(vehicle)
     version = Info(vehicle).get_version()
     assert (version.flight_sw_major, version.flight_sw_minor, version.flight_sw_patch) == (1, 16, 1)
-    until(telemetry.health_all_ok, 10.0, "never healthy")
+    until(telemetry.health_all_ok, "never healthy")
     assert not telemetry.armed() and not telemetry.in_air()
     action.set_takeoff_altitude(3.0)
     # a busy machine may take its time between arming and take-off
     Param(vehicle).set_param_float("COM_DISARM_PRFLT", -1.0)
     action.arm()
-    until(telemetry.armed, 5.0, "not armed")
+    until(telemetry.armed, "not armed")
     action.takeoff()
-    until(lambda: telemetry.position().relative_altitude_m > 2.7, 15.0, "did not climb")
-    until(lambda: telemetry.flight_mode() == FlightMode.HOLD, 10.0, "does not hold")
-    until(lambda: telemetry.landed_state() == LandedState.IN_AIR, 5.0, "not in the air")
+    until(lambda: telemetry.position().relative_altitude_m > 2.7, "did not climb")
+    until(lambda: telemetry.flight_mode() == FlightMode.HOLD, "does not hold")
+    until(lambda: telemetry.landed_state() == LandedState.IN_AIR, "not in the air")
     assert telemetry.in_air()
     assert 28.0 < telemetry.battery().voltage_v < 33.6
     assert sum(v > 1300 for v in telemetry.actuator_output_status().actuator[:8]) == 8
@@ -63,17 +63,17 @@ def test_mavsdk_arms_takes_off_flies_offboard_and_lands(vehicle: System) -> None
     offboard = Offboard(vehicle)
     offboard.set_position_ned(PositionNedYaw(2.0, -1.0, -4.0, 30.0))
     offboard.start()
-    until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD, 5.0, "not offboard")
+    until(lambda: telemetry.flight_mode() == FlightMode.OFFBOARD, "not offboard")
 
     def arrived() -> bool:
         p = telemetry.position_velocity_ned().position
         return math.dist((p.north_m, p.east_m, p.down_m), (2.0, -1.0, -4.0)) < 0.2
 
-    until(arrived, 10.0, "did not follow the set-point")
+    until(arrived, "did not follow the set-point")
     offboard.stop()
     action.land()
-    until(lambda: not telemetry.armed(), 20.0, "did not land")
-    until(lambda: telemetry.landed_state() == LandedState.ON_GROUND, 5.0, "not on the ground")
+    until(lambda: not telemetry.armed(), "did not land")
+    until(lambda: telemetry.landed_state() == LandedState.ON_GROUND, "not on the ground")
 
 
 @pytest.mark.parametrize("vehicle", ["ardupilot"], indirect=True)
@@ -87,9 +87,9 @@ def test_mavsdk_flies_ardupilot(vehicle: System) -> None:
     assert param.get_param_float("MOT_THST_EXPO") == pytest.approx(0.6)
     action.set_takeoff_altitude(3.0)
     action.arm()
-    until(telemetry.armed, 5.0, "not armed")
+    until(telemetry.armed, "not armed")
     action.takeoff()
-    until(lambda: telemetry.position().relative_altitude_m > 2.7, 15.0, "did not climb")
+    until(lambda: telemetry.position().relative_altitude_m > 2.7, "did not climb")
     home = telemetry.home()
     north = home.latitude_deg + 4.0 / 111319.49
     action.goto_location(north, home.longitude_deg, home.absolute_altitude_m + 4.0, 0.0)
@@ -98,8 +98,8 @@ def test_mavsdk_flies_ardupilot(vehicle: System) -> None:
         p = telemetry.position()
         return abs(p.latitude_deg - north) * 111319.49 < 0.3 and abs(p.relative_altitude_m - 4.0) < 0.3
 
-    until(arrived, 10.0, "did not go there")
+    until(arrived, "did not go there")
     action.land()
-    until(lambda: telemetry.flight_mode() == FlightMode.LAND, 5.0, "no landing")
-    until(lambda: not telemetry.armed(), 20.0, "did not land")
+    until(lambda: telemetry.flight_mode() == FlightMode.LAND, "no landing")
+    until(lambda: not telemetry.armed(), "did not land")
     assert telemetry.position().relative_altitude_m < 0.3

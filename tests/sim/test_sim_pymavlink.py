@@ -105,7 +105,7 @@ def test_streams_and_commands(link: Any) -> None:
     assert command(link, 176, 1, 6, 0) == 2  # offboard without a stream
     assert command(link, 400, 0) == 0 and command(link, 246, 1) == 0
     assert get(link, "HEARTBEAT", 1.0) is None  # it is away for a while
-    assert get(link, "ATTITUDE", 3.0).time_boot_ms < stamps[-1]  # and its clock starts anew
+    assert get(link, "ATTITUDE").time_boot_ms < stamps[-1]  # and its clock starts anew
 
 
 def test_offboard_follows_a_stream_and_holds_without_it(link: Any) -> None:
