@@ -47,6 +47,10 @@ def main() -> None:
     """The command; ends with SystemExit."""
     import threading  # noqa: F401 - not first inside the handler
 
+    from coaxlink.threads import ONE_THREAD
+
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")  # who has set it means it
     from coaxlink.cli import main as command
 
     if signal.getsignal(signal.SIGINT) is _leave:

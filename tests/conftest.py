@@ -1,10 +1,16 @@
 """What all rooms share: no property is judged by how long a busy machine took to try it."""
 
+import os
 import signal
 
-import psutil
-import pytest
-from hypothesis import HealthCheck, settings
+from coaxlink.threads import ONE_THREAD
+
+for name in ONE_THREAD:  # as the command does, before numpy loads
+    os.environ.setdefault(name, "1")
+
+import psutil  # noqa: E402
+import pytest  # noqa: E402
+from hypothesis import HealthCheck, settings  # noqa: E402
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from coaxlink.errors import CheckFailed, InputError, LinkError
+from coaxlink.threads import ONE_THREAD
 
 TASK_S = 1.0  # of work in one task
 TASKS_HZ = 50.0  # given out at most, whatever the cluster: a Dask scheduler has some hundreds a second
@@ -182,9 +183,8 @@ def _deaf() -> None:
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
     """A process each: libraries that start a thread a core would only wait for each other."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
         yield
     finally:

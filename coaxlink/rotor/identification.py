@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from coaxlink import files
 from coaxlink.constants import SIGMA_PER_MAD
@@ -170,7 +171,11 @@ def identify(
             forms.load_terms(form, LOADS[0])
         except ValueError as error:
             raise InputError("`form`", "", str(error)) from error
-    data = bench(samples, speed_max_rpm)
+    with threadpool_limits(limits=1, user_api="blas"):  # of many small products: see `threads`
+        return _identified(bench(samples, speed_max_rpm), form, options, compare)
+
+
+def _identified(data: Bench, form: str, options: Options, compare: bool) -> Identification:
     tried = [f for f in forms.FORMS if compare or form in (f, "auto")]
     tried += [form] if form not in (*forms.FORMS, "auto") else []
     predicted = {name: held_out(name, data, options) for name in tried}
