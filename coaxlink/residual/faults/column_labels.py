@@ -40,6 +40,8 @@ FAIR = (0.2, 5.0)  # beyond, even a slight load tells
 LEAST_TIMES = 4.0  # closer
 LOADED = 0.25  # of the reference: less load tells no ratio
 LEAST_COPIED = 6  # rows
+ALIKE = 2.5  # steps of the readings: within them two cells may read the same by chance
+BY_CHANCE = 1e-6  # logs in which two cells agree for so long by accident
 ROUNDS = 4
 FIT_ROWS = 4000
 BEGINNINGS, SCREENED_ROWS = 2, 400  # effort: of readings that are taken further; of a look at each
@@ -192,7 +194,7 @@ def _copies(frame: StandFrame, usable: Mask) -> list[Mislabel]:
     pairs = [(0, 2), (1, 3)]
     for a, b in pairs:
         if {a, b} <= set(frame.present):
-            same = _runs(usable & (frame.measured[:, a] == frame.measured[:, b]), frame.measured[:, a])
+            same = _copied_runs(usable, frame.measured[:, a], frame.measured[:, b])
             if same.any():
                 names = ", ".join(COLUMN_OF[STAND_CHANNELS[c]] for c in (a, b))
                 out.append(
@@ -216,6 +218,28 @@ def _copies(frame: StandFrame, usable: Mask) -> list[Mislabel]:
     if np.mean(cost[same]) > max(0.6 * CAP if frame.driven else NEAR, 4.0 * float(np.mean(cost[rest]))):
         says = "both show the same readings, digit by digit, and the loads are of other speeds"
         out.append(Mislabel(Way("upper_rpm, lower_rpm", tuple(loads), says=says), same, 0.0))
+    return out
+
+
+def _copied_runs(usable: Mask, a: Array, b: Array) -> Mask:
+    """Runs of rows in which two cells read the same, that coarse readings do not bring by chance.
+
+    How often two sound cells agree is told by the rows outside a run in which they read alike; where there
+    are none, by how often either reads each of its values.
+    """
+    equal = usable & (a == b)
+    rows = np.flatnonzero(_runs(equal, a))
+    out = np.zeros(len(usable), bool)
+    values, counts = np.unique(np.concatenate([a[usable], b[usable]]), return_counts=True)
+    meeting = float(np.sum((counts / counts.sum()) ** 2))
+    step = float(np.min(np.diff(values), initial=np.inf))
+    alike = usable & (np.abs(a - b) < ALIKE * step)
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
+        others = alike.copy()
+        others[run] = False
+        agree = max(meeting, float(np.sum(equal & others)) / max(int(others.sum()), LEAST_COPIED))
+        if -len(run) * np.log(min(agree, 1.0)) - 2.0 * np.log(len(a)) > -np.log(BY_CHANCE):
+            out[run] = True
     return out
 
 

@@ -1,19 +1,20 @@
 """Columns of a flight that the rest of the log contradicts, whatever the rotors do.
 
-Kinematics alone: a height that stands still while the vertical velocity climbs, a mean specific force that
-the velocity would have run away with; and a supply of more volts than any vehicle has.
+Kinematics alone: a height that stands still while the vertical velocity climbs, or goes the other way; a
+velocity whose sign the accelerometers deny, or an accelerometer whose sign the velocity denies; a mean
+specific force that the velocity would have run away with; and a supply of more volts than any vehicle has.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.samples import Samples
-from coaxlink.frames import Array
-from coaxlink.residual.faults.repeated_readings import Finding, flying_rows, held_rows, windows
+from coaxlink.frames import GRAVITY_NED, Array
+from coaxlink.residual.faults.repeated_readings import Finding, Mask, flying_rows, held_rows, windows
 
 # of an accelerometer that was never calibrated a data sheet has 3 % of scale (MPU-6000), and 2 % for its zero
 ACCEL_SHARE = 0.05
@@ -22,12 +23,17 @@ CLIMB_M, CLIMB_M_S = 1.0, 0.3  # judgement: a height's own wander; what a vertic
 BEND_M = 3.0  # judgement: what is left of that once its steady part is taken out
 WORKS = 0.5  # of the least mean command of the rotors, and of their rise: judgement; unused outputs rest
 LINEAR, STEP = 0.5, 1e-3  # of a command's variance: judgement; 1 us of PWM's 1000
+# judgement: correlation with what it should be of what has a wrong sign, where both move by so much (m/s, m)
+REVERSED, MOVES = -0.7, 0.3
 MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V
 
 
 def contradicted(log: Samples) -> list[Finding]:
     """(column, (rows,) mask, why) of what cannot be: see the module."""
-    return [*_height(log), *_specific_force(log), *_voltage(log)]
+    reversed_axes = _signs(log)
+    accused = {column for column, _, _ in reversed_axes}
+    climb = [] if "vel_d_m_s" in accused else _climb(log)
+    return [*reversed_axes, *climb, *_height(log), *_specific_force(log), *_voltage(log)]
 
 
 def motors_too_many(log: Samples, rotors: set[int]) -> list[Finding]:
@@ -93,13 +99,77 @@ def _height(log: Samples) -> list[Finding]:
     ]
 
 
+def _climb(log: Samples) -> list[Finding]:
+    """A height that falls where the vertical velocity climbs."""
+    if not log.has("height_m"):
+        return []
+    first, last, size = windows(log, ACCEL_S)
+    rows = first[:, None] + np.arange(size)
+    flown = flying_rows(log)[rows].all(axis=1)
+    lasted = log["time_s"][last] - log["time_s"][first]
+    with np.errstate(invalid="ignore"):  # what is not finite is left out below
+        path = -log["vel_d_m_s"][rows].mean(axis=1) * lasted
+        rise = log["height_m"][last] - log["height_m"][first]
+    if not _against(rise, path, flown):
+        return []
+    why = "it falls where the vertical velocity climbs: its sign is wrong"
+    return [("height_m", np.ones(log.rows, bool), why)]
+
+
+def _signs(log: Samples) -> list[Finding]:
+    """Velocities and accelerometers of the wrong sign: each must be what the others make of it.
+
+    Over a window the velocity gains what the specific force and gravity give it, whatever the rotors do.
+    """
+    first, last, size = windows(log, ACCEL_S)
+    if len(first) < 2 * PIECES:
+        return []
+    rows = first[:, None] + np.arange(size)
+    angles = np.stack([log[f"{n}_rad"] for n in ("yaw", "pitch", "roll")], axis=1)
+    force = np.stack([log[f"accel_{axis}_m_s2"] for axis in "xyz"], axis=1)
+    velocity = np.stack([log[f"vel_{axis}_m_s"] for axis in "ned"], axis=1)
+    known: Mask = np.all(np.isfinite(np.hstack([angles, force])), axis=1)
+    use: Mask = np.all((flying_rows(log) & known)[rows], axis=1)
+    turned = Rotation.from_euler("ZYX", np.where(known[:, None], angles, 0.0))
+    lasted = (log["time_s"][last] - log["time_s"][first])[:, None]
+    with np.errstate(invalid="ignore"):  # what is not finite is left out below
+        mean_gain = (velocity[last] - velocity[first]) / lasted
+    given = turned.apply(np.where(known[:, None], force, 0.0))[rows].mean(axis=1) + GRAVITY_NED
+    finite: Mask = np.all(np.isfinite(mean_gain), axis=1)
+    wanted = np.where(finite[:, None], mean_gain, 0.0) - GRAVITY_NED
+    every = np.zeros((log.rows, 3))
+    every[rows.ravel()] = np.repeat(wanted, size, axis=0)
+    due = turned.apply(every, inverse=True)[rows].mean(axis=1)
+    with np.errstate(invalid="ignore"):
+        read = force[rows].mean(axis=1)
+    pairs = [
+        (f"vel_{axis}_m_s", mean_gain[:, k], given[:, k], "accelerometers tell")
+        for k, axis in enumerate("ned")
+    ]
+    pairs += [(f"accel_{axis}_m_s2", read[:, k], due[:, k], "velocity tells") for k, axis in enumerate("xy")]
+    everywhere = np.ones(log.rows, bool)
+    return [
+        (column, everywhere, f"it goes against what the {other}: its sign is wrong")
+        for column, mine, others, other in pairs
+        if _against(mine * ACCEL_S, others * ACCEL_S, use & finite)
+    ]
+
+
+def _against(mine: Array, others: Array, use: Mask) -> bool:
+    """Whether two things (windows,) that are one move, and move against one another."""
+    use = use & np.isfinite(mine) & np.isfinite(others)
+    if use.sum() < 2 * PIECES or min(np.std(mine[use]), np.std(others[use])) < MOVES:
+        return False
+    return float(np.corrcoef(mine[use], others[use])[0, 1]) < REVERSED
+
+
 def _specific_force(log: Samples) -> list[Finding]:
     """The vertical accelerometer, against what keeps the logged velocity from running away."""
     measured, allowed = _downwards(log)
     if len(measured) < 2 * PIECES:
         return []
 
-    def ratio(use: NDArray[np.bool_]) -> float:
+    def ratio(use: Mask) -> float:
         return float(np.sum(measured[use]) / min(float(np.sum(allowed[use])), -1e-9))
 
     piece = np.arange(len(measured)) * PIECES // len(measured)

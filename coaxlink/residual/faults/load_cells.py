@@ -5,15 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.frames import STAND_CHANNELS, StandFrame
+from coaxlink.data.resolution import is_coarse, resolution_of
+from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.load import Load
-from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
-from coaxlink.residual.faults.row_ranges import Mask
+from coaxlink.residual.channels.stand import COLUMN_OF, dictionary_of, fitted_model
+from coaxlink.residual.faults.row_ranges import Mask, robust_fit
+from coaxlink.rotor.model import LOADS
+from coaxlink.rotor.polynomial import design_matrix
 
 STUCK_ROWS = 4
 REPEATED_ROWS = 3
 CLIPPED_ROWS = 6
 MARGIN = 0.02  # of the reference load: this near a limit the noise is cut off on one side
+# a load that is gone for some rows (judgement: no effect of physics takes so much): the share of it that is
+# left, where it is a fair share of the reference; what a row next to it reads, of no other load than twice
+GONE, LOADED, THERE, LIKE = 0.05, 0.25, 0.5, 2.0
+LEAST_GONE, MOST_GONE = 3, 0.4  # rows; share of the log
 ARM = (0.002, 0.5)  # m: torque over thrust of any rotor between a hand's width and 4 m
 USUAL_ARM = 0.03
 
@@ -38,12 +45,51 @@ def stuck_rows(frame: StandFrame, channel: int) -> Mask:
     return out
 
 
+def dropped_rows(frame: StandFrame, channel: int, usable: Mask) -> Mask:
+    """(rows,) where a cell reads next to nothing between rows in which it reads the load.
+
+    Not where the other cells of the rotor read nothing either: it may rest.
+    """
+    none = np.zeros(len(usable), bool)
+    load = _expected(frame, channel, usable)
+    size = float(frame.reference[channel])
+    measured = frame.measured[:, channel]
+    gone = usable & (np.abs(load) > LOADED * size) & (np.abs(measured) < GONE * np.abs(load))
+    other = channel + 1 if channel % 2 == 0 else channel - 1
+    if other in frame.present:
+        gone &= np.abs(frame.measured[:, other]) > THERE * np.abs(_expected(frame, other, usable))
+    elif frame.driven:
+        return none
+    if not LEAST_GONE <= gone.sum() <= MOST_GONE * len(gone):
+        return none
+    rows = np.flatnonzero(gone)
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+        beside = [r for r in (run[0] - 1, run[-1] + 1) if 0 <= r < len(gone) and usable[r]]
+        nearest = {r: run[0] if r < run[0] else run[-1] for r in beside}
+        none[run] = any(
+            1.0 / LIKE < load[r] / load[at] < LIKE and measured[r] / load[r] > THERE
+            for r, at in nearest.items()
+        )
+    return none if none.sum() >= LEAST_GONE else np.zeros(len(usable), bool)
+
+
+def _expected(frame: StandFrame, channel: int, usable: Mask) -> Array:
+    """(rows,) what the model gives at these speeds, or without one what most rows agree on."""
+    if not frame.free_base:
+        return np.asarray(frame.loads_at(frame.speeds)[:, channel])
+    x = design_matrix(dictionary_of(LOADS[channel], 2), frame.speeds[:, 0], frame.speeds[:, 1])
+    return np.asarray(x @ robust_fit(x, frame.measured[:, channel], usable))
+
+
 def repeated_rows(frame: StandFrame) -> Mask:
-    """(rows,) whose loads stand in the log before, all of them digit by digit."""
-    loads = [c for c in frame.present if c < 4]
-    values = frame.measured[:, loads]
-    out = np.zeros(len(values), bool)
-    if len(loads) < 2:
+    """(rows,) whose loads, coarse ones aside, stand in the log before, all of them digit by digit."""
+    measured = frame.measured
+    # a coarse cell reads the same whenever the rotors turn alike
+    fine = [
+        c for c in frame.present if c < 4 and not is_coarse(measured[:, c], resolution_of(measured[:, c]))
+    ]
+    values, out = measured[:, fine], np.zeros(len(measured), bool)
+    if len(fine) < 2:
         return out
     _, first, inverse = np.unique(values, axis=0, return_index=True, return_inverse=True)
     turning = np.any(np.abs(values) > 1e-9, axis=1)

@@ -19,6 +19,8 @@ from coaxlink.frames import GRAVITY_NED, IMU_COLUMNS, Array
 
 Mask = NDArray[np.bool_]
 Finding = tuple[str, Mask, str]  # column, rows, why
+ATTITUDE = ("roll", "pitch", "yaw")
+UPRIGHT = 0.1  # cosine: nearer to the vertical these angles say nothing
 KINDS = {"accel": "m_s2", "gyro": "rad_s"}
 STUCK_S, STUCK_TIMES = 0.5, 12  # how long, and how many times longer than the log's own repeats
 DEAD = 0.5  # of the log: an axis that reads the same for so long never worked
@@ -52,7 +54,34 @@ def stuck(log: Samples) -> list[Finding]:
             rows = held[:, k] & (proven[:, k] if coarse[k] else True)
             if rows.any():
                 found.append((name, rows, "one reading repeats exactly while the vehicle flies"))
-    return found
+    return [*found, *_stuck_attitude(log, flying, step_s)]
+
+
+def _stuck_attitude(log: Samples, flying: Mask, step_s: float) -> list[Finding]:
+    """Angles that stand still while the gyros tell that the vehicle turns."""
+    names = [f"{name}_rad" for name in ATTITUDE]
+    held = np.stack([held_rows(log[name], flying, step_s) for name in names], axis=1)
+    if not held.any():
+        return []
+    first, last, size = windows(log, WINDOW_S)
+    time = (log["time_s"][last] - log["time_s"][first])[:, None]
+    angles = np.unwrap(np.stack([log[name] for name in names], axis=1), axis=0)
+    turned = (angles[last] - angles[first]) / time
+    rates = _means(log, [f"gyro_{axis}_rad_s" for axis in "xyz"], first, size)
+    roll, pitch, _ = angles[(first + last) // 2].T
+    about = rates[:, 1] * np.sin(roll) + rates[:, 2] * np.cos(roll)  # the vertical's part, before its tilt
+    upright = np.maximum(np.cos(pitch), UPRIGHT)
+    due = np.stack(
+        [
+            rates[:, 0] + about * np.sin(pitch) / upright,
+            rates[:, 1] * np.cos(roll) - rates[:, 2] * np.sin(roll),
+            about / upright,
+        ],
+        axis=1,
+    )
+    proven = _proven(log, held, due - turned, (first, last, size), 0.0)
+    why = "one reading repeats exactly while the gyros tell that the vehicle turns"
+    return [(name, proven[:, k], why) for k, name in enumerate(names) if proven[:, k].any()]
 
 
 def copied(log: Samples) -> list[Finding]:
@@ -112,7 +141,18 @@ def _contradicted(log: Samples, names: list[str], held: Mask, step: float) -> Ma
     """
     first, last, size = windows(log, WINDOW_S)
     due = _due(log, first, last, gyro=names[0].startswith("gyro"))
-    differs = due - _means(log, names, first, size)
+    return _proven(log, held, due - _means(log, names, first, size), (first, last, size), step)
+
+
+def _proven(
+    log: Samples,
+    held: Mask,
+    differs: Array,
+    at: tuple[NDArray[np.intp], NDArray[np.intp], int],
+    step: float,
+) -> Mask:
+    """(rows, 3) runs of `held` in which the other sensors differ (windows, 3) by more than elsewhere."""
+    first, last, size = at
     inside = np.stack([held[first + size // 2, k] for k in range(3)], axis=1)
     flying = flying_rows(log)[first + size // 2]
     proven = np.zeros_like(held)
@@ -153,7 +193,7 @@ def _means(log: Samples, names: list[str], first: NDArray[np.intp], size: int) -
 def _due(log: Samples, first: NDArray[np.intp], last: NDArray[np.intp], *, gyro: bool) -> Array:
     """(windows, 3) what the axes should have read on average: body rates, or specific force."""
     time = (log["time_s"][last] - log["time_s"][first])[:, None]
-    angles = np.unwrap(np.stack([log[f"{n}_rad"] for n in ("roll", "pitch", "yaw")], axis=1), axis=0)
+    angles = np.unwrap(np.stack([log[f"{n}_rad"] for n in ATTITUDE], axis=1), axis=0)
     turned = (angles[last] - angles[first]) / time
     roll, pitch, yaw = angles[(first + last) // 2].T
     sr, cr, sp, cp, sy, cy = (f(x) for x in (roll, pitch, yaw) for f in (np.sin, np.cos))

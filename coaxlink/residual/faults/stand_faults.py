@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame, rows_of
 from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
 from coaxlink.residual.faults.column_labels import mislabels
-from coaxlink.residual.faults.load_cells import clipped_rows, names_of, odd_arms, repeated_rows, stuck_rows
+from coaxlink.residual.faults.load_cells import (
+    clipped_rows,
+    dropped_rows,
+    names_of,
+    odd_arms,
+    repeated_rows,
+    stuck_rows,
+)
 from coaxlink.residual.faults.row_ranges import Mask
 from coaxlink.residual.faults.tachometers import coarse_step, lies, stuck_readings
 from coaxlink.residual.faults.throttle_labels import crossed_throttles
@@ -69,6 +76,7 @@ def find_suspects(frame: StandFrame) -> Suspicion:
     _look_at_cells(found)
     _look_at_labels(found)
     if not found.silent:
+        _look_at_plugs(found)
         _look_at_drives(found)
     return Suspicion(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
 
@@ -106,6 +114,15 @@ def _look_at_cells(found: _Finding) -> None:
     repeated = repeated_rows(frame) & ~found.bad
     if repeated.any():
         found.rows("all loads", repeated, "these readings stand in the log before, digit by digit")
+
+
+def _look_at_plugs(found: _Finding) -> None:
+    frame = found.frame
+    for c in [c for c in frame.present if c < 4 and COLUMN_OF[STAND_CHANNELS[c]] not in found.columns]:
+        dropped = dropped_rows(frame, c, ~found.bad)
+        if dropped.any():
+            why = "it reads nothing for some rows while the rotor pulls: a plug or a wire is loose"
+            found.rows(COLUMN_OF[STAND_CHANNELS[c]], dropped, why)
 
 
 def _look_at_labels(found: _Finding) -> None:

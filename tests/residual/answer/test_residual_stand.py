@@ -83,6 +83,36 @@ def test_stuck_and_repeated_rows_are_named_and_left_out(paper):
     assert [s.rows for s in repeated.suspect_data] == ["201-230"] and repeated.effects == ()
 
 
+def test_a_cell_that_drops_to_nothing_is_named_and_left_out(paper):
+    """A loose plug: for a few rows now and then one cell reads next to nothing and the others go on."""
+    for model in (paper, None):
+        columns, rows = run(seed=8), np.r_[104:107, 121:123, 140:146, 211:212]
+        columns["upper_torque_Nm"][rows] = 0.001 * np.arange(len(rows))
+        answer = refine_stand(Samples(columns, "rig.csv"), model)
+        (suspect,) = answer.suspect_data
+        assert (suspect.column, suspect.rows) == ("upper_torque_Nm", "105-107, 122-123, 141-146, 212")
+        assert answer.effects == () and answer.unexplained == ()
+
+
+def test_a_rotor_at_rest_dropped_nothing(paper):
+    """Both of its cells read nothing: it was stopped, and its throttle does not say so."""
+    columns, rows = run(seed=8, rpm=False), slice(121, 126)
+    columns["upper_torque_Nm"][rows] = columns["upper_thrust_N"][rows] = 0.0
+    answer = refine_stand(Samples(columns, "rig.csv"), paper)
+    assert "a plug" not in "".join(s.why for s in answer.suspect_data)
+
+
+@pytest.mark.parametrize("seed", range(8, 11))
+def test_two_coarse_cells_that_agree_for_a_while_are_no_copy(paper, seed):
+    """In steps of two noises two torques that are near one another often read the same."""
+    columns, step = run(seed=seed), 0.02
+    a, b = (np.round(columns[f"{rotor}_torque_Nm"] / step) * step for rotor in ("upper", "lower"))
+    near = np.flatnonzero(np.abs(a - b) < 0.15)
+    b[near] = np.where(np.arange(len(near)) % 8 < 7, a[near], a[near] + step)  # seven times in a row
+    columns |= {"upper_torque_Nm": a, "lower_torque_Nm": b}
+    assert refine_stand(Samples(columns, "rig.csv"), paper).suspect_data == ()
+
+
 def test_a_bump_of_no_known_physics_is_unexplained(paper):
     answer = refine_stand(samples(seed=9, bump=4.0), paper)
     assert answer.effects == ()

@@ -143,6 +143,18 @@ def test_one_column_copied_into_another(paper) -> None:
     assert nothing_claimed(answer)
 
 
+def test_a_copy_is_found_among_coarse_readings_too(paper) -> None:
+    """Swings of both speeds, torques in steps of two noises, and thirty rows of one column in the other."""
+    columns = run(seed=3)
+    for name in ("upper_torque_Nm", "lower_torque_Nm"):
+        columns[name] = np.round(columns[name] / 0.02) * 0.02
+    order = np.random.default_rng(0).permutation(len(columns["time_s"]))  # no level is held
+    columns = {n: v if n == "time_s" else v[order] for n, v in columns.items()}
+    columns["lower_torque_Nm"][100:130] = columns["upper_torque_Nm"][100:130]
+    (suspect,) = refine_stand(Samples(columns, "rig.csv"), paper).suspect_data
+    assert suspect.column == "upper_torque_Nm, lower_torque_Nm" and suspect.rows == "101-130"
+
+
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("rows", [slice(None), PART])
 def test_throttles_swapped(paper, rows: slice, given: bool) -> None:

@@ -45,6 +45,9 @@ def stands_still(log):
         ("accel_z_m_s2", lambda log: {"accel_z_m_s2": 0.91 * log["accel_z_m_s2"]}),
         ("accel_z_m_s2", lambda log: {"accel_z_m_s2": log["accel_z_m_s2"] - 0.8}),
         ("voltage_V", lambda log: {"voltage_V": 1000.0 * log["voltage_V"]}),
+        ("vel_d_m_s", lambda log: {"vel_d_m_s": -log["vel_d_m_s"]}),
+        ("vel_e_m_s", lambda log: {"vel_e_m_s": -log["vel_e_m_s"]}),
+        ("height_m", lambda log: {"height_m": 5.0 - log["height_m"]}),
     ],
 )
 def test_what_the_rest_of_the_log_contradicts_is_accused(column, harm, clean):
@@ -110,6 +113,22 @@ def test_what_is_not_finite_accuses_nobody_and_warns_of_nothing(name, clean):
     endless = np.where(np.arange(len(clean[name])) % 700 < 3, np.inf, clean[name])
     log = Samples(clean | {name: endless}, "damaged")
     assert [*contradicted(log), *stuck(log), *copied(log)] == []
+
+
+@pytest.mark.parametrize("name", ["roll", "pitch", "yaw"])
+def test_an_angle_that_stands_still_while_the_gyros_turn_is_accused(name, clean):
+    time, column = clean["time_s"], f"{name}_rad"
+    stands = (time > 25.0) & (time < 48.0)
+    log = Samples(clean | {column: np.where(stands, clean[column][stands][0], clean[column])}, "fault")
+    (found,) = stuck(log)
+    assert found[0] == column and "gyros" in found[2]
+    assert np.mean(found[1] == stands) > 0.99
+
+
+def test_an_angle_that_stands_still_with_the_vehicle_is_sound(clean):
+    """A heading that is held on the ground, or told in whole degrees, repeats itself for that."""
+    whole = np.radians(np.round(np.degrees(clean["yaw_rad"])))
+    assert stuck(Samples(clean | {"yaw_rad": whole}, "sound")) == []
 
 
 def test_a_height_that_stands_still_takes_nothing_else_from_the_answer(clean):
