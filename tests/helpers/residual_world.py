@@ -99,6 +99,7 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
         if "weak" in e:
             sick[i, e["weak"][0] - 1] -= e["weak"][1]
     slow, onset, dropped = np.ones((B, 8)), get("onset"), get("dropped")  # dropped: share of the mass
+    over = get("over")  # seconds that what begins takes to come; 0: at once
     for i, e in enumerate(effects):
         if "slow" in e:
             slow[i, e["slow"][0] - 1] -= e["slow"][1]
@@ -125,15 +126,16 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
         volts_now = SUPPLY * (1 - sag * (0.15 + 0.85 * t / seconds)) - sag * 0.02 * u.sum(axis=1)
         volts += (volts_now - volts) * dt / 0.05
         target = command * (1 - 0.92 * (1 - volts / SUPPLY))[:, None]
-        begun = (t >= onset)[:, None]
-        target = target * np.where(begun, slow, 1.0)
-        mass_now = mass * np.where(begun[:, 0], 1.0 - dropped, 1.0)
+        eased = 0.5 - 0.5 * np.cos(np.pi * np.clip((t - onset) / np.maximum(over, 1e-9), 0.0, 1.0))
+        begun = np.where(over > 0.0, eased, t >= onset)[:, None]
+        target = target * (1.0 + begun * (slow - 1.0))
+        mass_now = mass * (1.0 - begun[:, 0] * dropped)
         u = u + (target - u) * (dt / np.maximum(tau, dt))[:, None]
         thrust, torque = rotor_loads(u)
-        thrust = thrust * np.where(begun, sick, 1.0)
-        torque = torque * np.where(begun, 1 - 0.4 * (1 - sick), 1.0)
+        thrust = thrust * (1.0 + begun * (sick - 1.0))
+        torque = torque * (1.0 + 0.4 * begun * (sick - 1.0))
         air = np.einsum("bji,bj->bi", R, v - wind - gust)
-        hub = air[:, None, :] + np.cross(w[:, None, :], PLACE - shift[:, None, :])
+        hub = air[:, None, :] + np.cross(w[:, None, :], PLACE - (begun * shift)[:, None, :])
         thrust = thrust * (1 / (1 - inflow[:, None] * hub[:, :, 2] / 4.0))
         height = np.maximum(-p[:, 2], 0.05)
         thrust = thrust * (1 + ground / (1 + (height / 0.45) ** 2.5))[:, None]
@@ -142,7 +144,7 @@ def fly(effects, seconds=64.0, log_rate=50.0, seed=0, lag=0.02, noise=1.0):
         speed = np.linalg.norm(air[:, :2], axis=1)
         pull = drag * np.sqrt(thrust.sum(axis=1) / (MASS * G)) * (1 + 0.06 * speed) * MASS * G / 3.0
         force[:, :2] -= pull[:, None] * air[:, :2]
-        arm = PLACE[None] - shift[:, None, :]
+        arm = PLACE[None] - (begun * shift)[:, None, :]
         moment = np.stack(
             [-(arm[:, :, 1] * thrust).sum(1), (arm[:, :, 0] * thrust).sum(1), (TURN * torque).sum(1)], axis=1
         )

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.effects.onset import COMES
 from coaxlink.effects.tracing import Array
 from coaxlink.residual.regression.blocks import Blocks, accumulate, bootstrap, held_out
 from coaxlink.residual.regression.dependence import hats
@@ -155,10 +156,14 @@ def _no_cause(p: Problem, joint: Joint, k: int, floor: Array) -> str | None:
     if over > MUCH_LEFT and share[best] < MOST_OF_IT:
         return f"leaves {q.channels[best]} at {over:.1f} times the noise: not its cause"
     rows, begins = float(q.blocks.rows.sum()), "onset_s" in m.shape
+    # what comes gradually is a smooth trend itself, of two numbers: another must do clearly better, and where
+    # this one takes most of it, how exactly it came is no doubt that it did
+    least, as_told = (-LITTLE, "better than") if "over_s" in m.shape else (LITTLE, "as well as")
+    least = -np.inf if "over_s" in m.shape and share[best] > MOST_OF_IT else least
     for trend in c.trends:
         lead = 0.5 * rows * float(np.sum(np.log(c.squares(trend) / after)[mine])) if begins else np.inf
-        if lead < LITTLE:
-            return "a smooth trend over the flight does as well as a sudden beginning"
+        if lead < least:
+            return f"a smooth trend over the flight does {as_told} its beginning"
         if (
             over > LEFT
             and share[best] < MOST_OF_IT
@@ -170,7 +175,7 @@ def _no_cause(p: Problem, joint: Joint, k: int, floor: Array) -> str | None:
 
 def _steady_option(p: Problem, m: Member) -> Option | None:
     """The effect in the member's shape, there from the start."""
-    shape: dict[str, Any] = {key: v for key, v in m.shape.items() if key != "onset_s"}
+    shape: dict[str, Any] = {key: v for key, v in m.shape.items() if key not in COMES}
     return next((o for o in p.options if o.name == m.name and dict(o.shape) == shape), None)
 
 

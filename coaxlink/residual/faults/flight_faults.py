@@ -29,6 +29,9 @@ FAILS = 3.0
 REVERSED = -0.7  # correlation of a gyro with the attitude's own rate
 # a sound gyro's scale is off by less; what a filter or slow rows do falls with frequency, a scale does not
 SCALE, SCALE_HZ, PIECES = 0.05, (1.2, 0.6), 8
+# what moves the vehicle before its command: judgement, twice what clocks of one autopilot are apart; shifts that
+# are tried, band of the torques that tell, and how like the two must be where one is shifted
+LEADS_S, SHIFTS_S, BAND_HZ, ALIKE = 0.02, np.linspace(-0.15, 0.15, 31), 0.5, 0.7
 SPARED = {"height_m", "voltage_V"}  # columns a flight can be judged without
 
 
@@ -50,7 +53,7 @@ def flight_suspects(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[list[S
         for column, rows, why in [*motors_too_many(log, rotors), *contradicted(log)]:
             out.append(Suspect(column, rows_text(rows), why))
             dead |= column not in SPARED
-    wrong = [*_reversed(frame), *_swapped(frame)]
+    wrong = [*_reversed(frame), *_swapped(frame), *_early(frame)]
     return [*out, *wrong], bad, bool(wrong) or dead
 
 
@@ -98,6 +101,55 @@ def _reversed(frame: FlightFrame) -> list[Suspect]:
         if all(low > 1.0 + SCALE for low, _ in scales) or all(high < 1.0 - SCALE for _, high in scales):
             why = f"it reads {np.mean(scales[-1]):.2f} times the attitude's own rate: its scale is wrong"
             out.append(Suspect(f"gyro_{axis}_rad_s", "all", why))
+    return out
+
+
+def _early(frame: FlightFrame) -> list[Suspect]:
+    """Torques that come before their commands, as if motors had a lag less than none: a clock is off."""
+    due = frame.airframe.body_loads(*frame.airframe.loads(frame.model, np.clip(frame.commands, 0.0, None)))
+    sides = [_band(frame, x[:, 3:5]) for x in (frame.measured, due)]
+    measured = sides[0][frame.keep]
+    shifted = [_shifted(frame, sides[1], shift)[frame.keep] for shift in SHIFTS_S]
+    pieces = np.array_split(np.arange(len(frame.keep)), PIECES)
+    power = np.stack([np.sum(measured[p] ** 2, axis=0) for p in pieces])
+    cross = np.stack([[np.sum(measured[p] * x[p], axis=0) for x in shifted] for p in pieces])
+    own = np.stack([[np.sum(x[p] ** 2, axis=0) for x in shifted] for p in pieces])
+
+    def lead(use: NDArray[np.intp]) -> tuple[float, float]:
+        """Seconds by which the torques come first, and how like the two then are."""
+        scale = np.sqrt(np.maximum(power[use].sum(axis=0) * own[use].sum(axis=0), 1e-300))
+        alike = np.mean(cross[use].sum(axis=0) / scale, axis=1)
+        return -float(SHIFTS_S[int(np.argmax(alike))]), float(np.max(alike))
+
+    every = np.arange(PIECES)
+    first, alike = lead(every)
+    parts = np.array([lead(np.delete(every, k))[0] for k in every])
+    reach = 4.0 * float(np.sqrt((PIECES - 1) / PIECES * np.sum((parts - parts.mean()) ** 2)))
+    if alike < ALIKE or first - reach < LEADS_S:
+        return []
+    why = (
+        f"torques come {1000.0 * first:.0f} ms before their commands: stamps of motors or of sensors are off"
+    )
+    return [Suspect("time_s", "all", why)]
+
+
+def _band(frame: FlightFrame, loads: Array) -> Array:
+    """(rows, K) between BAND_HZ and what is judged."""
+    out = np.zeros_like(loads)
+    for number in np.unique(frame.stretch):
+        rows = np.flatnonzero(frame.stretch == number)
+        smooth = low_pass(loads[rows], frame.rate_hz, frame.cutoff_hz)
+        out[rows] = smooth - low_pass(loads[rows], frame.rate_hz, BAND_HZ)
+    return out
+
+
+def _shifted(frame: FlightFrame, loads: Array, later_s: float) -> Array:
+    """(rows, K) as they were so much earlier, within stretches."""
+    out = np.zeros_like(loads)
+    for number in np.unique(frame.stretch):
+        rows = np.flatnonzero(frame.stretch == number)
+        time = frame.time_s[rows]
+        out[rows] = np.stack([np.interp(time - later_s, time, x) for x in loads[rows].T], axis=1)
     return out
 
 

@@ -2,7 +2,8 @@
 
 Blocks are contiguous in time, so the normal equations of a column that starts at a block's edge are sums over
 the blocks behind it: every edge of every effect is tried at the cost of a small solve. Where a start in
-mid-flight explains far more than a state that was always there, the effect is offered with that start too.
+mid-flight explains far more than a state that was always there, the effect is offered with that start too,
+or, where that explains more still, as one that comes gradually: ice, a load that slides, a tank.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from coaxlink.effects.onset import MARGIN_S
 from coaxlink.effects.tracing import Array, Shape
 from coaxlink.residual.regression.blocks import accumulate
 from coaxlink.residual.regression.gates import autocorrelation_time
@@ -21,6 +23,10 @@ from coaxlink.residual.search.trial import columns_of
 GAIN = 40.0  # of a log-likelihood ratio over the same effect without a beginning, all edges looked at
 EDGE_BLOCKS = 3  # on either side
 MOST = 3  # starts offered for each effect
+# ramps that are tried about the best start: seconds over those flown, middles in ramps beside it
+OVER, MIDDLE = (0.15, 0.3, 0.6, 0.9), (-0.25, 0.0, 0.25)
+RAMP_GAIN = 15.0  # of a log-likelihood ratio over the sudden start: two numbers more, and twelve tried
+AS_A_SAG = ("mass_change",)  # what changes the lift slowly is a supply as well, where no voltage was logged
 
 
 def with_onsets(
@@ -49,7 +55,8 @@ def with_onsets(
         for _, option, start in [f for f in found if f[1].name == name][:MOST]:
             key = (name, option.shape.get("rotor"), option.shape.get("slower"))
             if key not in offered:
-                new.append((option, _sharper(p, scan, option, start, reduce)))
+                sharp = _sharper(p, scan, option, start, reduce)
+                new.append((option, _ramped(p, scan, option, sharp, reduce)))
     return _offering(p, new, reduce) if new else p
 
 
@@ -114,6 +121,32 @@ def _sharper(
         start = float(places[int(np.argmax([gain(float(x)) for x in places]))])
         reach /= 3.0
     return {**option.shape, "onset_s": start}
+
+
+def _ramped(
+    p: Problem, scan: _Scan, option: Option, sudden: Shape, reduce: Callable[[Array], Array]
+) -> Shape:
+    """The shape as one that comes gradually, where that explains clearly more than its sudden start."""
+    if option.name in AS_A_SAG and p.frame.voltage is None:
+        return sudden
+
+    def gain(shape: Shape) -> float:
+        return scan.gain_of(reduce(option.effect.columns(p.frame, shape)) / p.sigma[:, None])
+
+    flown = p.frame.time_s[p.frame.keep]
+    first, last = float(flown[0]), float(flown[-1])
+    ramps = []
+    for share in OVER:
+        over = share * (last - first)
+        for middle in MIDDLE:
+            begins = sudden["onset_s"] + (middle - 0.5) * over
+            onset = float(np.clip(begins, first, last - MARGIN_S))
+            ramps.append({**sudden, "onset_s": onset, "over_s": over})
+    at_once, gains = gain(sudden), [gain(r) for r in ramps]
+    best = int(np.argmax(gains))
+    rest = max(scan.left - gains[best], 1e-9)
+    more = (gains[best] - at_once) * p.residual.size / rest / scan.inflation
+    return ramps[best] if more > RAMP_GAIN else sudden
 
 
 def _offering(p: Problem, new: Sequence[tuple[Option, Shape]], reduce: Callable[[Array], Array]) -> Problem:

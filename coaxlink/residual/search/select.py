@@ -97,9 +97,14 @@ def _simplest(good: list[Trial]) -> Trial:
     """The best, unless a special case of it does as well within the tie margin."""
     best = good[0]
     for other in good[1:]:
-        if (other.option.name, best.option.name) in NESTED and other.gain >= (1.0 - TIE) * best.gain:
+        if _special_case(other, best) and other.gain >= (1.0 - TIE) * best.gain:
             return other
     return best
+
+
+def _special_case(a: Trial, b: Trial) -> bool:
+    """Whether b explains in general what a does; what comes gradually is no special case: it has numbers more."""
+    return (a.option.name, b.option.name) in NESTED and "over_s" not in a.option.shape
 
 
 def _with_another(judge: Judge, out: Selection, trials: list[Trial], barred: Collection[str]) -> Trial | None:
@@ -119,7 +124,7 @@ def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) ->
     start = judge.sums(out.members)
     rivals = []
     for t in good:
-        if t is winner or any({t.option.name, winner.option.name} == set(pair) for pair in NESTED):
+        if t is winner or _special_case(t, winner) or _special_case(winner, t):
             continue
         other = judge.sums([*out.members, t.option])
         lead = other - best  # (B,) by block

@@ -137,6 +137,15 @@ def test_a_height_that_stands_still_takes_nothing_else_from_the_answer(clean):
     assert answer.effects == () and "ground_effect" in {r.name for r in answer.rejected}
 
 
+@pytest.mark.parametrize("late_s", [0.08, 0.12])
+def test_motors_that_are_stamped_late_leave_nothing_to_claim(late_s, clean):
+    time = clean["time_s"]
+    shifted = {f"motor{n}": np.interp(time - late_s, time, clean[f"motor{n}"]) for n in range(1, 9)}
+    answer = ask(clean | shifted)
+    assert [s.column for s in answer.suspect_data] == ["time_s"] and answer.effects == ()
+    assert "before their commands" in answer.suspect_data[0].why
+
+
 def test_two_motors_exchanged_are_named(clean):
     answer = ask(clean | {"motor2": clean["motor7"], "motor7": clean["motor2"]})
     assert [s.column for s in answer.suspect_data] == ["motor2, motor7"]

@@ -22,6 +22,10 @@ HIDDEN = {
     "heavy": {"mass": 0.03},
     "clean": {},
     "chipped and late": {"weak": (6, 0.12), "onset": 27.7, "lag": 0.05},
+    "sliding": {"cg": (0.02, -0.015), "onset": 12.0, "over": 30.0},
+    "icing": {"weak": (5, 0.15), "onset": 15.0, "over": 25.0},
+    "spraying": {"dropped": 0.12, "onset": 10.0, "over": 36.0},
+    "sagging": {"battery": 0.12},
 }
 
 
@@ -84,6 +88,38 @@ def test_a_payload_that_falls_is_a_mass(flights):
     got = numbers(answer, "mass_change")
     assert got["onset_s"] == pytest.approx(30.0, abs=0.3)
     assert got["mass_kg"] == pytest.approx(19.0, abs=0.1)
+
+
+def test_a_load_that_slides_is_a_centre_that_comes_gradually(flights):
+    answer = found(flights["sliding"])
+    assert [e.name for e in answer.effects] == ["cg_offset"]
+    got = numbers(answer, "cg_offset")
+    assert got["offset_x_m"] == pytest.approx(0.02, abs=0.001)
+    assert got["offset_y_m"] == pytest.approx(-0.015, abs=0.001)
+    assert got["onset_s"] + 0.5 * got["over_s"] == pytest.approx(27.0, abs=1.0)
+    assert answer.model.effects[0].parameters.keys() == {"offset_x_m", "offset_y_m"}  # as it landed
+
+
+def test_ice_on_a_rotor_is_a_failure_that_comes_gradually(flights):
+    answer = found(flights["icing"])
+    assert [e.name for e in answer.effects] == ["degraded_rotor"]
+    got = numbers(answer, "degraded_rotor")
+    assert (got["rotor"], got["thrust_loss"]) == (5, pytest.approx(0.15, abs=0.01))
+    assert got["onset_s"] + 0.5 * got["over_s"] == pytest.approx(27.5, abs=2.0)
+
+
+def test_a_tank_that_empties_is_told_from_a_supply_that_sags(flights):
+    answer = found(flights["spraying"])
+    assert [e.name for e in answer.effects] == ["mass_change"]
+    assert numbers(answer, "mass_change")["mass_kg"] == pytest.approx(17.6, abs=0.3)
+    assert [e.name for e in found(flights["sagging"]).effects] == ["battery_voltage"]
+
+
+@pytest.mark.parametrize("name", ["spraying", "sagging"])
+def test_without_a_voltage_either_may_be_the_other(flights, name):
+    log = flights[name]
+    answer = found(Samples({n: v for n, v in log.columns.items() if n != "voltage_V"}, name))
+    assert "mass_change" not in {e.name for e in answer.effects}
 
 
 def test_a_little_more_mass_is_told_from_thrust_by_the_torques(flights):
