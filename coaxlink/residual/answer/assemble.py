@@ -15,7 +15,7 @@ from coaxlink.residual.base.rebased_model import rebased_flight
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
 from coaxlink.residual.regression.blocks import bootstrap, error_interval, held_out, solve
-from coaxlink.residual.regression.dependence import dependences
+from coaxlink.residual.regression.dependence import colour_limit, dependences, is_coloured, time_course
 from coaxlink.residual.regression.joint_model import ONSET, Joint, Part
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import (
@@ -84,7 +84,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         floor = _separated(p.frame, j.floor)
         found = dependences(doubted, j.variables, q.block, fold, q.reference, floor) if j.labelled else []
         attributed = _unexplained(p, found)
-        unexplained = (*attributed, *_silent(j, attributed, squares_after))
+        unexplained = (*attributed, *_silent(j, attributed, squares_after, after))
     return Refinement(
         kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
         channels=_channels(j, squares_before, squares_after),
@@ -278,19 +278,24 @@ def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
     return out
 
 
-def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array) -> list[Unexplained]:
-    """Channels far above their noise though nothing recorded was found that they follow."""
+def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array, left: Array) -> list[Unexplained]:
+    """Channels far above their noise though nothing recorded was found that they follow.
+
+    Not where what is left (rows, C) is noise of a colour, as gusts and ringing are.
+    """
     q, rows, out = j.joint.problem, j.problem.blocks.rows, []
     if not j.labelled:
         return []
     gusty = any(o.name == "wind" for o in j.claimed)
+    limit = colour_limit(j.floor, q.reference, flown=isinstance(q.frame, FlightFrame))
     for c, name in enumerate(q.channels):
         low, _ = error_interval(squares[:, c], rows)
         rms = float(q.sigma[c]) * _rms(squares[:, c], rows)
         excess = float(np.sqrt(max(rms**2 - j.floor[c] ** 2, 0.0)))
         if name in {u.channel for u in attributed} or float(q.sigma[c]) * low < SILENT * j.floor[c]:
             continue
-        if excess > (GUSTS if gusty else SILENT_SIZE) * q.reference[c]:
+        enough = excess > (GUSTS if gusty else SILENT_SIZE) * q.reference[c]
+        if enough and not is_coloured(*time_course(left[:, c]), limit[c]):
             where = f"{rms / j.floor[c]:.1f} times the noise between neighbouring rows, by nothing recorded"
             where += ": the wind is not steady" if gusty else ""
             out.append(Unexplained(name, ("time_s",), excess, where))

@@ -22,7 +22,7 @@ from coaxlink.residual.channels.flight_problem import (
 from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.checks.drag_in_wind import drag_beside
 from coaxlink.residual.checks.mass_or_thrust import Scales, behind_voltage, doubt, scales, why_mass
-from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled_lift, undone, without
+from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled, undone, without
 from coaxlink.residual.faults.flight_faults import flight_suspects, without_accused
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_base
@@ -103,7 +103,7 @@ def judge_flight(
     f = _Flight(bare, composed(bare, known), known)
     progress("fitting candidates")
     c = _chosen(f, flight_problem(f.frame), mislabelled, progress)
-    lifted = settled_lift(c.joint, c.floor)
+    lifted = settled(c.joint, c.floor, "force_z")
     doubts: tuple[Ambiguous, ...] = ()
     if lifted and not mislabelled:
         c, doubts = _weighed(f, c)
@@ -153,7 +153,11 @@ def _weighed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Ambiguous, ...]]:
         return c, ()
     estimated = _scales(c, f)
     mass = next((o for o in c.problem.options if o.name == "mass_change" and not o.shape), None)
-    why = behind_voltage(estimated) if "battery_voltage" in c.names else why_mass(estimated)
+    why = why_mass(estimated)
+    if "battery_voltage" in c.names:
+        # torques that gusts make come back as commands against them: no scale of the inertia is told by these
+        told = settled(c.joint, c.floor, "torque_x", "torque_y")
+        why = behind_voltage(estimated) if told else ""
     if not why or mass is None:
         return c, () if "battery_voltage" in c.names else tuple(doubt(f.frame, estimated))
     beside = replace(c.selection, members=[*c.selection.members, mass])

@@ -136,6 +136,8 @@ def flight_variables(frame: FlightFrame) -> dict[str, Array]:
         "yaw_rad": frame.attitude[:, 2],
         "yaw_rate_rad_s": frame.rates[:, 2],
     }
+    for k, rotor in enumerate(frame.airframe.rotors):
+        out[f"motor{rotor.number}"] = frame.speeds[:, k]
     if lower:
         out["lower_speeds"] = frame.speeds[:, lower].mean(axis=1)
     if frame.height is not None:

@@ -179,8 +179,8 @@ def _steady_option(p: Problem, m: Member) -> Option | None:
     return next((o for o in p.options if o.name == m.name and dict(o.shape) == shape), None)
 
 
-def settled_lift(joint: Joint, floor: Array) -> bool:
-    """Whether the lift is explained well enough for its level to mean anything."""
+def settled(joint: Joint, floor: Array, *channels: str) -> bool:
+    """Whether channels are explained well enough for their level, or their scale, to mean anything."""
     q = joint.problem
-    c = q.channels.index("force_z")
-    return bool(channel_errors(q, q.options)[c] < MUCH_LEFT * floor[c])
+    use = [q.channels.index(name) for name in channels]
+    return bool(np.all((channel_errors(q, q.options) < MUCH_LEFT * floor)[use]))

@@ -29,8 +29,8 @@ FAILS = 3.0
 REVERSED = -0.7  # correlation of a gyro with the attitude's own rate
 # a sound gyro's scale is off by less; what a filter or slow rows do falls with frequency, a scale does not
 SCALE, SCALE_HZ, PIECES = 0.05, (1.2, 0.6), 8
-# what moves the vehicle before its command: judgement, twice what clocks of one autopilot are apart; shifts that
-# are tried, band of the torques that tell, and how like the two must be where one is shifted
+# what moves the vehicle before its command (judgement: twice what clocks of one autopilot are apart); shifts
+# that are tried, band of the torques that tell, and how like the two must be where one is shifted
 LEADS_S, SHIFTS_S, BAND_HZ, ALIKE = 0.02, np.linspace(-0.15, 0.15, 31), 0.5, 0.7
 SPARED = {"height_m", "voltage_V"}  # columns a flight can be judged without
 

@@ -2,7 +2,8 @@
 
 Each channel's residual is held against each variable through a smooth of eight hats; a dependence counts
 when it is found again on held-out blocks, stands far outside coloured noise over all looks, and is large
-enough to matter.
+enough to matter. Noise with a colour (gusts, ringing, the drift of a cell) is a smooth course over time too:
+one that is found between neighbouring rows counts only if it is none that such noise would run.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from coaxlink.residual.regression.gates import autocorrelation_time
 
@@ -23,9 +24,15 @@ HATS = 8
 FINE_S = 1.2  # between the knots of a flight's fine smooth of time
 FINE_MOST = 20_000_000  # rows times knots: a longer flight is not looked at that finely
 FINE_ROWS = 4  # rows a hat of a fine smooth, at least
+MOTOR = "motor"  # variables of one motor each
+ANGLES, HARMONICS = ("yaw_rad",), 3  # what begins anew after a turn
 ALPHA = 1e-4
 SHARE = 0.12  # of the residual's variance, held out
 SIZE = 0.006  # of the reference load, 95th percentile
+# judgement: of a course's power, what one frequency holds of a periodic disturbance and of no coloured noise;
+# cycles in the log, fewer are a trend; times the noise from row to row, what drift and ringing of cells leave
+LINE, CYCLES, COLOURED = 0.5, 3, 1.7
+GUST = 0.02  # of the reference load, judgement: half a metre a second of vertical gust at an inflow of 10 m/s
 
 
 @dataclass(frozen=True)
@@ -83,20 +90,61 @@ def dependences(
     """
     out: list[Dependence] = []
     looks = max(1, len(variables) * residual.shape[1])
-    inflation = autocorrelation_time(residual, block)
+    limit = colour_limit(floor, reference, flown="upper_speed" not in variables)
+    bent = _less_straight(residual, [v for name, v in variables.items() if name.startswith(MOTOR)])
     for name, values, basis, folding in _bases(variables, fold):
+        left = bent if name.startswith(MOTOR) else residual
         for c in range(residual.shape[1]):
-            scale = float(inflation[c]) if folding is fold else 1.0
-            found = _one(residual[:, c], basis, folding, scale)
+            found = _one(left[:, c], basis, folding, block if folding is fold else None)
             if found is None:
                 continue
             share, statistic, smooth, width = found
             size = float(np.quantile(np.abs(smooth), 0.95) / reference[c])
             p_value = min(1.0, looks * float(chi2.sf(statistic, width)))
             rms = float(np.sqrt(np.mean(smooth**2)))
+            if name == "time_s" and folding is not fold and is_coloured(smooth, width, limit[c]):
+                continue
             if share > SHARE and p_value < ALPHA and size > SIZE and rms > 0.5 * floor[c]:
                 out.append(Dependence(c, name, share, size, rms, _where(values, smooth)))
     return sorted(out, key=lambda d: (d.channel, -d.share))
+
+
+def _less_straight(residual: Array, speeds: list[Array]) -> Array:
+    """(rows, C) without what goes straight with motors' speeds: a gust does, for the motors answer it."""
+    if not speeds:
+        return residual
+    columns = np.stack([np.ones(len(residual)), *speeds], axis=1)
+    return np.asarray(residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0])
+
+
+def colour_limit(floor: Array, reference: Array, *, flown: bool) -> Array:
+    """(C,) rms of a course over time up to which it may be noise: in flight a gust's, on a stand a cell's."""
+    return GUST * reference if flown else COLOURED * floor
+
+
+def is_coloured(course: Array, width: int, limit: float) -> bool:
+    """Whether a course over time (rows,), of so many numbers, is one that stationary coloured noise runs.
+
+    Such noise is normal at every moment (the largest of so many normal numbers is known) and has no line in
+    its spectrum; a burst and a periodic disturbance are found so, a trend by the smooth of eight hats.
+    """
+    course = course - np.mean(course)
+    spread = float(np.std(course))
+    most = float(norm.isf(0.5 * ALPHA / max(width, 1)))
+    if spread > limit or float(np.max(np.abs(course))) > most * spread:
+        return False
+    power = np.abs(np.fft.rfft(course)) ** 2
+    k = int(np.argmax(power))
+    return k < CYCLES or float(power[k - 1 : k + 2].sum()) <= LINE * float(power.sum())
+
+
+def time_course(residual: Array) -> tuple[Array, int]:
+    """(rows,) of a residual smoothed over as many hats as a fine look over time has, and their number."""
+    width = max(HATS, min(len(residual) // FINE_ROWS // 2, 200))
+    rows = np.arange(len(residual), dtype=float)
+    basis = hats(rows, np.linspace(0.0, rows[-1], width))
+    gram = basis.T @ basis + 1e-6 * np.eye(width) * len(rows)
+    return np.asarray(basis @ np.linalg.solve(gram, basis.T @ residual)), width
 
 
 def _bases(
@@ -111,6 +159,9 @@ def _bases(
         knots = knots_of(values)
         if knots is not None:
             yield name, values, hats(values, knots), fold
+        if name in ANGLES and np.ptp(values) > np.pi:
+            waves = [f(k * values) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)]
+            yield name, values, np.stack([np.ones(len(values)), *waves], axis=1), fold
     near = np.arange(len(fold)) % 5
     on_stand = "upper_speed" in variables
     # a flight is low-passed: neighbours share their noise up to half a second
@@ -138,9 +189,12 @@ def _bases(
 
 
 def _one(
-    r: Array, basis: Array, fold: NDArray[np.intp], inflation: float
+    r: Array, basis: Array, fold: NDArray[np.intp], block: NDArray[np.intp] | None
 ) -> tuple[float, float, Array, int] | None:
-    """Held-out share, chi-square, in-sample smooth and width of one residual on one basis."""
+    """Held-out share, chi-square, in-sample smooth and width of one residual on one basis.
+
+    With `block` (rows,) neighbours of one block are not independent: what the smooth leaves says how far.
+    """
     width = basis.shape[1]
     ridge = 1e-6 * np.eye(width) * len(r)
     left = np.zeros_like(r)
@@ -157,6 +211,7 @@ def _one(
     smooth = basis @ np.linalg.solve(basis.T @ basis + ridge, basis.T @ r)
     smooth = smooth - smooth.mean()
     rest = r - r.mean() - smooth
+    inflation = 1.0 if block is None else float(autocorrelation_time(rest[:, None], block)[0])
     statistic = float((power - np.sum(rest**2)) / (np.mean(rest**2) * inflation))
     return share, statistic, smooth, width
 

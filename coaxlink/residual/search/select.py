@@ -103,7 +103,7 @@ def _simplest(good: list[Trial]) -> Trial:
 
 
 def _special_case(a: Trial, b: Trial) -> bool:
-    """Whether b explains in general what a does; what comes gradually is no special case: it has numbers more."""
+    """Whether b explains in general what a does; what comes gradually has numbers more, and is no such."""
     return (a.option.name, b.option.name) in NESTED and "over_s" not in a.option.shape
 
 

@@ -1,0 +1,71 @@
+"""What is left and hangs together: bursts, lines and recorded causes are told, noise with a colour is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from coaxlink.residual.regression.dependence import dependences
+
+ROWS, HZ = 1200, 10.0
+TIME = np.arange(ROWS) / HZ
+BLOCK = np.arange(ROWS) * 40 // ROWS
+FOLD = BLOCK % 5
+
+
+def gusts(seed: int, memory_s: float = 0.8) -> np.ndarray:
+    """(rows,) of unit power, a per cent of the load: an autoregressive model of first order."""
+    keep = np.exp(-1.0 / (HZ * memory_s))
+    white = np.random.default_rng(seed).standard_normal(ROWS + 200)
+    return lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white)[200:]
+
+
+def found(left: np.ndarray, **variables: np.ndarray) -> list[str]:
+    """Names of variables that a channel of a flight goes with; its noise from row to row is a tenth."""
+    every = {"time_s": TIME, **variables}
+    size, noise = np.array([100.0]), np.array([0.1])
+    return [d.variable for d in dependences(left[:, None], every, BLOCK, FOLD, size, noise)]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_gusts_go_with_nothing(seed: int) -> None:
+    motors = {f"motor{n}": 0.5 + 0.05 * gusts(100 * seed + n) for n in range(1, 5)}
+    answered = {"motor5": 0.5 - 0.05 * gusts(seed)}  # a motor that answers the gust
+    assert found(gusts(seed), **motors, **answered, yaw_rad=0.03 * TIME) == []
+
+
+def test_what_no_gust_brings_is_told_though_it_wanders_as_one() -> None:
+    assert "time_s" in found(3.0 * gusts(2, 3.0))
+
+
+def test_a_burst_is_told_among_gusts() -> None:
+    assert found(gusts(3) + 9.0 * np.exp(-(((TIME - 70.0) / 1.5) ** 2))) == ["time_s"]
+
+
+def test_a_periodic_disturbance_is_told_among_gusts() -> None:
+    assert found(gusts(4) + 2.0 * np.sin(2.0 * np.pi * TIME / 9.3)) == ["time_s"]
+
+
+def test_a_trend_is_told_among_gusts() -> None:
+    assert "time_s" in found(gusts(5) + 3.0 * TIME / TIME[-1])
+
+
+def test_what_bends_over_one_motors_speed_has_its_name() -> None:
+    speeds = {f"motor{n}": 0.5 + 0.08 * gusts(20 + n, 2.0) for n in range(1, 5)}
+    bump = 4.0 * np.exp(-(((speeds["motor3"] - 0.52) / 0.03) ** 2))
+    assert found(0.5 * gusts(6) + bump, **speeds)[0] == "motor3"
+
+
+def test_what_comes_twice_a_turn_goes_with_the_heading() -> None:
+    yaw = np.angle(np.exp(1j * (0.35 * TIME + 2.5 * np.sin(TIME / 7.0))))
+    assert found(gusts(7) + 1.5 * np.cos(2.0 * yaw), yaw_rad=yaw)[0] == "yaw_rad"
+
+
+@pytest.mark.parametrize(("size", "told"), [(0.12, False), (1.0, True)])
+def test_a_cell_may_wander_by_a_little_on_a_stand(size: float, told: bool) -> None:
+    """Of noise with a colour as of what drives it: up to twice the noise from row to row, no more."""
+    left = size * gusts(8, 3.0) + 0.1 * np.random.default_rng(9).standard_normal(ROWS)
+    speed = 0.5 + 0.3 * np.sin(TIME / 3.0)
+    names = found(left, upper_speed=speed, lower_speed=0.5 + 0.3 * np.cos(TIME / 4.1))
+    assert ("time_s" in names) == told
