@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.resolution import is_coarse, resolution_of
@@ -18,8 +19,9 @@ REPEATED_ROWS = 3
 CLIPPED_ROWS = 6
 MARGIN = 0.02  # of the reference load: this near a limit the noise is cut off on one side
 # a load that is gone for some rows (judgement: no effect of physics takes so much): the share of it that is
-# left, where it is a fair share of the reference; what a row next to it reads, of no other load than twice
-GONE, LOADED, THERE, LIKE = 0.05, 0.25, 0.5, 2.0
+# left, where it is a fair share of the reference; what the nearest rows at like speeds (of full speed) read
+GONE, LOADED, THERE, LIKE, PLACES = 0.05, 0.25, 0.5, 0.05, 2
+TURNS = 0.2  # of full speed, judgement: a rotor near rest has no load to lose, whatever wake it stands in
 LEAST_GONE, MOST_GONE = 3, 0.4  # rows; share of the log
 ARM = (0.002, 0.5)  # m: torque over thrust of any rotor between a hand's width and 4 m
 USUAL_ARM = 0.03
@@ -46,7 +48,7 @@ def stuck_rows(frame: StandFrame, channel: int) -> Mask:
 
 
 def dropped_rows(frame: StandFrame, channel: int, usable: Mask) -> Mask:
-    """(rows,) where a cell reads next to nothing between rows in which it reads the load.
+    """(rows,) where a cell reads next to nothing, and at the same speeds the load in other rows.
 
     Not where the other cells of the rotor read nothing either: it may rest.
     """
@@ -55,6 +57,7 @@ def dropped_rows(frame: StandFrame, channel: int, usable: Mask) -> Mask:
     size = float(frame.reference[channel])
     measured = frame.measured[:, channel]
     gone = usable & (np.abs(load) > LOADED * size) & (np.abs(measured) < GONE * np.abs(load))
+    gone &= frame.speeds[:, channel // 2] > TURNS
     other = channel + 1 if channel % 2 == 0 else channel - 1
     if other in frame.present:
         gone &= np.abs(frame.measured[:, other]) > THERE * np.abs(_expected(frame, other, usable))
@@ -62,14 +65,12 @@ def dropped_rows(frame: StandFrame, channel: int, usable: Mask) -> Mask:
         return none
     if not LEAST_GONE <= gone.sum() <= MOST_GONE * len(gone):
         return none
-    rows = np.flatnonzero(gone)
-    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-        beside = [r for r in (run[0] - 1, run[-1] + 1) if 0 <= r < len(gone) and usable[r]]
-        nearest = {r: run[0] if r < run[0] else run[-1] for r in beside}
-        none[run] = any(
-            1.0 / LIKE < load[r] / load[at] < LIKE and measured[r] / load[r] > THERE
-            for r, at in nearest.items()
-        )
+    # at the same speeds it reads the load at other times: else the rotor has none there, whatever a fit says
+    rows, others = np.flatnonzero(gone), np.flatnonzero(usable & ~gone)
+    far, near = cKDTree(frame.speeds[others]).query(frame.speeds[rows], k=PLACES, distance_upper_bound=LIKE)
+    share = np.append(measured[others] / load[others], np.nan)  # the tree's number for none
+    found = np.isfinite(far).all(axis=1)
+    none[rows[found]] = np.min(share[near[found]], axis=1, initial=np.inf) > THERE
     return none if none.sum() >= LEAST_GONE else np.zeros(len(usable), bool)
 
 

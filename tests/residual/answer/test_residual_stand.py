@@ -102,6 +102,17 @@ def test_a_rotor_at_rest_dropped_nothing(paper):
     assert "a plug" not in "".join(s.why for s in answer.suspect_data)
 
 
+def test_a_rotor_that_stands_in_a_wake_dropped_nothing():
+    """At rest it has no torque, and a little above the wake turns it: no polynomial goes so steeply."""
+    columns = run(seed=8)
+    columns["lower_rpm"] = np.where(columns["lower_throttle"] < 0.15, 0.0, columns["lower_rpm"])
+    rest = columns["lower_rpm"] < 1.0
+    columns["lower_torque_Nm"] = np.where(rest, 0.0, columns["lower_torque_Nm"] - 1.0)
+    columns["lower_thrust_N"] = np.where(rest, -8.0, columns["lower_thrust_N"])
+    answer = refine_stand(Samples(columns, "rig.csv"))
+    assert "a plug" not in "".join(s.why for s in answer.suspect_data)
+
+
 @pytest.mark.parametrize("seed", range(8, 11))
 def test_two_coarse_cells_that_agree_for_a_while_are_no_copy(paper, seed):
     """In steps of two noises two torques that are near one another often read the same."""
