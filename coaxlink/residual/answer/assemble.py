@@ -15,7 +15,7 @@ from coaxlink.residual.base.rebased_model import rebased_flight
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
 from coaxlink.residual.regression.blocks import bootstrap, error_interval, held_out, solve
-from coaxlink.residual.regression.dependence import colour_limit, dependences, is_coloured, time_course
+from coaxlink.residual.regression.dependence import colour_limit, dependences, is_coloured, time_path
 from coaxlink.residual.regression.joint_model import ONSET, Joint, Part
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import (
@@ -295,7 +295,7 @@ def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array, left: 
         if name in {u.channel for u in attributed} or float(q.sigma[c]) * low < SILENT * j.floor[c]:
             continue
         enough = excess > (GUSTS if gusty else SILENT_SIZE) * q.reference[c]
-        if enough and not is_coloured(*time_course(left[:, c]), limit[c]):
+        if enough and not is_coloured(*time_path(left[:, c]), limit[c]):
             where = f"{rms / j.floor[c]:.1f} times the noise between neighbouring rows, by nothing recorded"
             where += ": the wind is not steady" if gusty else ""
             out.append(Unexplained(name, ("time_s",), excess, where))

@@ -156,8 +156,8 @@ def _weighed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Ambiguous, ...]]:
     why = why_mass(estimated)
     if "battery_voltage" in c.names:
         # torques that gusts make come back as commands against them: no scale of the inertia is told by these
-        told = settled(c.joint, c.floor, "torque_x", "torque_y")
-        why = behind_voltage(estimated) if told else ""
+        explained = settled(c.joint, c.floor, "torque_x", "torque_y")
+        why = behind_voltage(estimated) if explained else ""
     if not why or mass is None:
         return c, () if "battery_voltage" in c.names else tuple(doubt(f.frame, estimated))
     beside = replace(c.selection, members=[*c.selection.members, mass])

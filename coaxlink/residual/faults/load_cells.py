@@ -53,6 +53,9 @@ def dropped_rows(frame: StandFrame, channel: int, usable: Mask) -> Mask:
     Not where the other cells of the rotor read nothing either: it may rest.
     """
     none = np.zeros(len(usable), bool)
+    usable = usable & np.isfinite(frame.speeds).all(axis=1) & np.isfinite(frame.measured[:, channel])
+    if not usable.any():
+        return none
     load = _expected(frame, channel, usable)
     size = float(frame.reference[channel])
     measured = frame.measured[:, channel]
