@@ -141,22 +141,21 @@ def fit_with_workings(
     top = max(t.ceiling_N for t, _ in options)
     weight = airframe.mass_kg * GRAVITY_M_S2
 
+    arm = float(np.mean([np.hypot(*r.position_m[:2]) for r in airframe.rotors]))
+
     def cost(trade: Trade) -> float:
         given_away = AUTHORITY_PRICE * (1.0 - trade.ceiling_N / top)
+        # where pairs differ or stand apart (a Y6, a weak rotor), columns by level tip the vehicle
+        missed = trade.error[0] + (trade.error[1] + trade.error[2]) / arm
         # less power than the exact law needs is a wrench that was not delivered
-        return abs(trade.power_excess) + given_away + trade.error[0] / weight
-
-    def tipped(trade: Trade) -> float:
-        # between shares these hardly differ; where one rotor is weak, columns by level tip the vehicle
-        arm = float(np.mean([np.hypot(*r.position_m[:2]) for r in airframe.rotors]))
-        return (trade.error[1] + trade.error[2]) / (weight * arm)
+        return abs(trade.power_excess) + given_away + missed / weight
 
     chosen, x = min(options, key=lambda option: cost(option[0]))
     columns = fit.columns(chosen.share, x)
     if chosen.error[0] > CLOSE * weight:
         refined = fit.by_rotor(columns)
         found = fit.weigh(chosen.share, refined, least)
-        if cost(found) + tipped(found) < cost(chosen) + tipped(chosen):
+        if cost(found) < cost(chosen):
             columns, chosen = refined, found
     ct, yaw, curve = columns
     table = FittedTable(ct, yaw, table_axes(airframe), curve, chosen, tuple(t for t, _ in options))

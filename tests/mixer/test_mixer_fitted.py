@@ -11,7 +11,7 @@ import pytest
 from coaxlink.airframe import Airframe, load_airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
-from coaxlink.rotor.model import load_rotor_model
+from coaxlink.rotor.model import RotorModel, load_rotor_model
 from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot as ap
 from firmware_params import px4
@@ -70,6 +70,23 @@ def test_single_rotors_beside_pairs_are_not_fitted_at_the_price_of_power() -> No
     table = fit_table(Vehicle(load_airframe(EXAMPLES / "mixed_hexa.toml"), CRM))
     assert table.chosen.error[0] < 0.25
     assert abs(table.chosen.power_excess) < 0.03
+
+
+@pytest.mark.parametrize(
+    "factors",
+    [(0.976, 0.960, 0.993, 1.013), (0.971, 1.048, 1.006, 0.948), (1.0, 0.956, 1.058, 1.033)],
+    ids=["thrust", "torque", "lower"],
+)
+def test_a_model_a_little_off_has_as_good_a_table(factors: tuple[float, ...]) -> None:
+    # a model updated by flights moves by per cents; its table on itself must not jump
+    airframe = load_airframe(EXAMPLES / "y6.toml")
+    terms = {
+        load: {term: f * c for term, c in own.items()}
+        for (load, own), f in zip(CRM.terms().items(), factors, strict=True)
+    }
+    model = RotorModel.from_terms(CRM.form, CRM.speed_max_rpm, terms)
+    thrust, roll, pitch, _ = fit_table(Vehicle(airframe, model)).chosen.error
+    assert thrust < 0.3 and max(roll, pitch) < 0.07
 
 
 def test_ardupilots_own_law_delivers_it_too() -> None:
