@@ -29,6 +29,7 @@ from firmware_params.px4 import Px4Table, RotorEntry, realise
 
 SHARES = (0.45, 0.50, 0.55, 0.60, 0.70, 0.85, 1.00)
 AUTHORITY_PRICE = 0.05  # a hundredth of thrust ceiling is worth 0.05 % of power
+MISS_PRICE = 3.0  # a hundredth of the weight (or of weight x arm) not delivered is worth 3 % of power
 ENVELOPE = (0.765, 1.326)  # thrusts, of the weight: 150 to 260 N of the paper's vehicle
 CLOSE = 3e-4  # of the weight: a table this close needs no refinement by rotor
 
@@ -148,7 +149,7 @@ def fit_with_workings(
         # where pairs differ or stand apart (a Y6, a weak rotor), columns by level tip the vehicle
         missed = trade.error[0] + (trade.error[1] + trade.error[2]) / arm
         # less power than the exact law needs is a wrench that was not delivered
-        return abs(trade.power_excess) + given_away + missed / weight
+        return abs(trade.power_excess) + given_away + MISS_PRICE * missed / weight
 
     chosen, x = min(options, key=lambda option: cost(option[0]))
     columns = fit.columns(chosen.share, x)

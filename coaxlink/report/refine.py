@@ -30,7 +30,15 @@ def verdict(result: Refinement) -> str:
         )
     if result.unexplained:
         return "no known effect explains what is left"
+    if result.surface:
+        return f"no effect found, but the loads are no polynomials of the speeds: {surface(result)}"
     return "nothing to explain: the residual is at the noise floor or below what would matter"
+
+
+def surface(result: Refinement) -> str:
+    """What a smooth surface over both speeds holds beyond polynomials, channel by channel."""
+    sizes = [f"{number(s.rms)} {s.unit} ({s.share:.1%}) of {s.channel}" for s in result.surface]
+    return f"a smooth surface over them holds {', '.join(sizes)}"
 
 
 def remarks(result: Refinement) -> Iterator[str]:
@@ -44,6 +52,8 @@ def remarks(result: Refinement) -> Iterator[str]:
         )
     for u in result.unexplained:
         yield f"unexplained: {u.channel} still follows {', '.join(u.depends_on)} ({u.where})"
+    if result.surface and not result.at_floor:
+        yield f"beside that the loads are no polynomials of the speeds: {surface(result)}"
     for s in result.suspect_data:
         yield f"suspect: {s.column}, rows {s.rows}: {s.why}"
     for r in result.rejected:

@@ -95,6 +95,16 @@ class Rejected:
 
 
 @dataclass(frozen=True)
+class SmoothSurface:
+    """What a load is beyond the polynomials of a base fitted to the log itself, over both speeds."""
+
+    channel: str
+    rms: float  # over the judged rows, in the channel's unit
+    share: float  # of the channel's reference load
+    unit: str
+
+
+@dataclass(frozen=True)
 class Step:
     """One thing the selection tried: `gain` is the drop of the held-out squared error, in noise variances."""
 
@@ -136,6 +146,7 @@ class Refinement:
     corrections: Mapping[str, float] = field(default_factory=dict)  # small base corrections, by name
     trace: tuple[Step, ...] = ()
     notes: tuple[str, ...] = ()
+    surface: tuple[SmoothSurface, ...] = ()  # no effect: a base of its own form holds it
     series: Series | None = None
     source: str = ""
 
@@ -145,7 +156,8 @@ class Refinement:
         return not (self.effects or self.unexplained or self.ambiguous or self.suspect_data)
 
     def to_json(self) -> dict[str, Any]:
-        """The JSON object of `refine` in the contract (extra keys: corrections, trace, notes, source).
+        """The JSON object of `refine` in the contract (extra keys: corrections, trace, surface, notes,
+        source).
 
         A number that could not be computed is null: JSON knows neither nan nor infinity.
         """
@@ -206,6 +218,9 @@ class Refinement:
                     "why": s.why,
                 }
                 for s in self.trace
+            ],
+            "surface": [
+                {"channel": s.channel, "rms": s.rms, "share": s.share, "unit": s.unit} for s in self.surface
             ],
             "notes": list(self.notes),
         }

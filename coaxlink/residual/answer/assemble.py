@@ -26,6 +26,7 @@ from coaxlink.residual.result import (
     Refinement,
     Rejected,
     Series,
+    SmoothSurface,
     Suspect,
     Unexplained,
 )
@@ -36,6 +37,10 @@ from coaxlink.rotor import RotorModel
 
 DRAWS = 200
 SERIES_ROWS = 4000
+SURFACE, LEAST_SURFACE = (
+    " surface ",
+    0.5,
+)  # in a base column's name; times the noise, from where on it is told
 # times the noise, share of the reference load: more is said to be unexplained; no wind is without gusts
 SILENT, SILENT_SIZE, GUSTS = 1.3, 0.004, 0.0008
 
@@ -106,8 +111,21 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         corrections={name: float(final[i]) for i, name in enumerate(q.base_names)},
         trace=tuple(j.selection.trace),
         notes=(*p.frame.notes, *j.notes, *(note for log in logs for note in log.notes)),
+        surface=_surface(q, final, j.floor),
         series=_series(j, before, after),
         source="; ".join(log.source for log in logs),
+    )
+
+
+def _surface(p: Problem, final: Array, floor: Array) -> tuple[SmoothSurface, ...]:
+    """What surfaces over the speeds hold of each channel, from half its noise (C,) on."""
+    columns = [i for i, name in enumerate(p.base_names) if SURFACE in name]
+    held = p.design[:, :, columns] @ final[columns] * p.sigma
+    rms = np.sqrt(np.mean(held**2, axis=0))
+    return tuple(
+        SmoothSurface(name, float(rms[c]), float(rms[c] / p.reference[c]), p.units[c])
+        for c, name in enumerate(p.channels)
+        if rms[c] > LEAST_SURFACE * floor[c]
     )
 
 

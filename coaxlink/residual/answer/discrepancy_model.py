@@ -95,10 +95,7 @@ def _notes(bare: StandFrame, processes: Mapping[int, Process], unknown: int) -> 
     """What was said before, but of curves that the processes take the place of."""
     names = ", ".join(STAND_CHANNELS[c] for c in processes)
     notes = [note for note in bare.notes if POLYNOMIALS not in note]
-    notes.append(
-        f"{names}: {POLYNOMIALS}; errors are beside a Gaussian process over the speeds, which a rotor file"
-        " does not hold"
-    )
+    notes.append(f"{names}: {POLYNOMIALS}; errors are beside a Gaussian process over the speeds")
     if unknown:
         notes.append(f"{unknown} rows at speeds that no other part of the log covers: not judged")
     return tuple(notes)

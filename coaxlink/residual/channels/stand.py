@@ -139,8 +139,7 @@ def stand_frame(
         keep = turning_rows
         names_of_loads = " and ".join(STAND_CHANNELS[c] for c in surfaces)
         notes.append(
-            f"{names_of_loads}: {POLYNOMIALS}; errors are beside a free curve over the ratio of the speeds,"
-            " which a rotor file does not hold"
+            f"{names_of_loads}: {POLYNOMIALS}; errors are beside a free curve over the ratio of the speeds"
         )
     frame = StandFrame(
         model=base,
