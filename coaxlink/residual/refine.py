@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
+from coaxlink.residual.agreement import agreed, leaves_open
 from coaxlink.residual.answer.flight import judge_flight
 from coaxlink.residual.answer.stand import judge_stand
 from coaxlink.residual.result import Refinement
@@ -62,11 +63,13 @@ def refine_stand(
     several = _several(logs)
 
     def run() -> Refinement:
-        if by_evidence():
-            from coaxlink.diagnosis.judge import diagnose_stand
+        selected = judge_stand(several, model, progress)
+        if not leaves_open(selected):
+            return selected
+        from coaxlink.diagnosis.judge import diagnose_stand
 
-            return diagnose_stand(several, model, progress)
-        return judge_stand(several, model, progress)
+        progress("weighing what is left")
+        return agreed(selected, diagnose_stand(several, model, progress), several)
 
     return _answered(several, run)
 
