@@ -8,6 +8,7 @@ from typing import Any
 from coaxlink.residual.result import Refinement
 
 DIGITS = 3
+COLOURED = 1.5  # times the noise between neighbouring rows: no noise floor any more
 
 
 def tables(result: Refinement) -> Iterator[Any]:
@@ -32,7 +33,14 @@ def verdict(result: Refinement) -> str:
         return "no known effect explains what is left"
     if result.surface:
         return f"no effect found, but the loads are no polynomials of the speeds: {surface(result)}"
-    return "nothing to explain: the residual is at the noise floor or below what would matter"
+    coloured = [name for name, c in result.channels.items() if c.rmse_after > COLOURED * c.noise_floor]
+    if coloured:
+        times = max(result.channels[name].rmse_after / result.channels[name].noise_floor for name in coloured)
+        return (
+            f"no effect found: what is left of {', '.join(coloured)}, up to {times:.1f} times the scatter of "
+            "neighbouring rows, hangs together in time as gusts and ringing do, or is too small to matter"
+        )
+    return "nothing to explain: the residual is at the noise floor"
 
 
 def surface(result: Refinement) -> str:

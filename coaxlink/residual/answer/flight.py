@@ -153,16 +153,15 @@ def _weighed(f: _Flight, c: _Choice) -> tuple[_Choice, tuple[Ambiguous, ...]]:
         return c, ()
     estimated = _scales(c, f)
     mass = next((o for o in c.problem.options if o.name == "mass_change" and not o.shape), None)
-    why = why_mass(estimated)
-    if "battery_voltage" in c.names:
-        # torques that gusts make come back as commands against them: no scale of the inertia is told by these
-        explained = settled(c.joint, c.floor, "torque_x", "torque_y")
-        why = behind_voltage(estimated) if explained else ""
+    # torques that hold more (gusts that come back as commands, an inertia far off) tell no scale
+    explained = settled(c.joint, c.floor, "torque_x", "torque_y")
+    sagging = "battery_voltage" in c.names
+    why = "" if not explained else behind_voltage(estimated) if sagging else why_mass(estimated)
     if not why or mass is None:
-        return c, () if "battery_voltage" in c.names else tuple(doubt(f.frame, estimated))
+        return c, () if sagging else tuple(doubt(f.frame, estimated, explained))
     beside = replace(c.selection, members=[*c.selection.members, mass])
     trial = f.fitted(c.problem, beside, all_of=True)
-    if disbelieved(c.problem, trial.joint, trial.floor):
+    if disbelieved(c.problem, trial.joint, trial.floor, derived=(mass.name,)):
         return c, ()
     size = max(abs(estimated.lift), float(np.max(np.abs(estimated.torque))))
     beside.trace.append(Step(9, "add", mass.name, 0.0, 0.0, size, True, why))

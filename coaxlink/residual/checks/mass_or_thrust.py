@@ -97,14 +97,16 @@ def behind_voltage(s: Scales) -> str:
     return f"the reference voltage took the lift, and roll and pitch torque are off by {100 * share:+.1f} %"
 
 
-def doubt(frame: FlightFrame, s: Scales) -> list[Ambiguous]:
-    """What is said where the lift is off and the torques do not side with a mass."""
-    if s.verdict in ("none", "mass"):
+def doubt(frame: FlightFrame, s: Scales, explained: bool) -> list[Ambiguous]:
+    """What is said where the lift is off and the torques, if `explained`, do not side with a mass."""
+    if s.verdict == "none" or (s.verdict == "mass" and explained):
         return []
     mass, way = frame.airframe.mass_kg, "more" if s.lift > 0 else "less"
     low, high = 100.0 * (s.torque - SURE * s.sigma), 100.0 * (s.torque + SURE * s.sigma)
     why = f"roll torque {low[0]:+.1f} to {high[0]:+.1f} %, pitch torque {low[1]:+.1f} to {high[1]:+.1f} %"
-    if s.verdict == "level":
+    if not explained:
+        why = f"the torques hold more than that ({why}) and do not tell"
+    elif s.verdict == "level":
         why = f"the torques are off alike ({why}): a level of thrust is likelier"
     elif np.any(SURE * s.sigma > LIKE * abs(s.lift)):
         why = f"too calm a flight to see whether the torques are off alike ({why}): roll and pitch it briskly"

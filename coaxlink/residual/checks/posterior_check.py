@@ -32,6 +32,7 @@ KNOT_BLOCKS = 2.5  # from knot to knot, at least: held-out blocks lie between th
 MUCH_LEFT = 2.5  # of the floor, in the channel that the member explains best
 MOST_OF_IT = 0.95  # of that channel's squared error: what takes this much may leave more
 SPOILT = 0.05  # of the logarithm of errors, channels together
+NEEDED = 0.01  # of some channel's error
 BENDS, LEFT = 0.5, 2.0  # share that a smooth trend takes of what was left; times the floor
 
 
@@ -44,10 +45,13 @@ class Doubt:
     why: str
 
 
-def disbelieved(p: Problem, joint: Joint, floor: Array, had: Collection[str] = ()) -> list[Doubt]:
+def disbelieved(
+    p: Problem, joint: Joint, floor: Array, had: Collection[str] = (), *, derived: Collection[str] = ()
+) -> list[Doubt]:
     """Effects of a flight's joint fit that fail a posterior check; `p` is the problem they were chosen in.
 
-    `had` are names that the model carries already: those are not struck out.
+    `had` are names that the model carries already: those are not struck out. `derived` ones have another
+    reason than a smaller error.
     """
     q = joint.problem
     draws = bootstrap(q.blocks, columns_of(q), DRAWS)
@@ -57,6 +61,8 @@ def disbelieved(p: Problem, joint: Joint, floor: Array, had: Collection[str] = (
             continue
         onset = "onset_s" in m.shape
         why = nil(joint, k, draws) or spoils(joint, k)
+        if why is None and m.name not in derived:
+            why = needless(joint, k)
         if why is None and m.effect.sudden:
             why = _no_cause(p, joint, k, floor)
         if why is not None:
@@ -103,6 +109,18 @@ def spoils(joint: Joint, k: int) -> str | None:
     rest = [o for i, o in enumerate(q.options) if i != k]
     after, before = (float(np.sum(np.log(channel_errors(q, options)))) for options in (q.options, rest))
     return "what it takes from one channel it adds to others" if after > before + SPOILT else None
+
+
+def needless(joint: Joint, k: int) -> str | None:
+    """Why effect k is not asked for: what it acts on errs no more without it, base and others fitted anew.
+
+    What it takes elsewhere is then the base's: a mass that is none lets thrust levels stray to mend torques.
+    """
+    q = joint.problem
+    mine = np.array([name in joint.members[k].effect.channels for name in q.channels])
+    rest = [o for i, o in enumerate(q.options) if i != k]
+    after, before = channel_errors(q, q.options)[mine], channel_errors(q, rest)[mine]
+    return "what it acts on errs no more without it" if np.all(after > (1.0 - NEEDED) * before) else None
 
 
 def _seconds(p: Problem) -> float:

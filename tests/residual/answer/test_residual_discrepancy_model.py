@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 from residual_rig import steady_loads
 from residual_stand_logs import log_of, names, over, ramps
 
+from coaxlink.report.refine import verdict
 from coaxlink.residual import refine_stand
 from coaxlink.residual.answer import stand as judge_stand
 from coaxlink.residual.answer.discrepancy_model import with_discrepancy_model
@@ -49,6 +51,14 @@ def test_a_fitted_base_follows_a_pair_that_polynomials_do_not():
     assert names(calm) == [] and not calm.unexplained
     assert over(calm) < 1.1
     assert any("Gaussian process" in note for note in calm.notes)
+    # what polynomials do not follow is told first, with its size, and in the JSON
+    held = {s.channel: s.rms for s in calm.surface}
+    powers = np.stack([a**i * b**j for i in range(5) for j in range(5 - i)], axis=1)
+    torque = rough(a, b)[3]
+    missed = np.std(torque - powers @ np.linalg.lstsq(powers, torque, rcond=None)[0])
+    assert held["lower_torque"] == pytest.approx(missed, rel=0.3)
+    assert verdict(calm).startswith("no effect found, but the loads are no polynomials of the speeds")
+    assert {s["channel"] for s in calm.to_json()["surface"]} == set(held)
     celsius = 15.0 + 18.0 * np.tanh(6.0 * (t / t[-1] - 0.5))
     thin = rough(a, b) * 288.15 / (celsius + 273.15)
     warm = refine_stand(log_of(t, a, b, thin, air_temperature_C=celsius))

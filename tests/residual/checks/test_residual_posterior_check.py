@@ -29,8 +29,10 @@ def flights():
     return dict(zip(HIDDEN, fly(list(HIDDEN.values()), seconds=56.0, seed=7), strict=True))
 
 
-def ask(log):
-    airframe = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+def ask(log, inertia=(1.0, 1.0, 1.0)):
+    declared = load_airframe(files.example("x8_paper.toml"))
+    moments = tuple(np.multiply(declared.inertia_kg_m2, inertia).tolist())
+    airframe = replace(declared, motor_lag_s=0.02, inertia_kg_m2=moments)
     return refine(Samples(log, "flight"), airframe, load_rotor_model(files.example("rotor_paper.toml")))
 
 
@@ -61,6 +63,12 @@ def test_a_mass_does_not_hide_behind_the_reference_voltage(flights):
 
 def test_a_sagging_battery_alone_brings_no_mass(flights):
     assert [e.name for e in ask(flights["sagging"]).effects] == ["battery_voltage"]
+
+
+def test_moments_of_inertia_that_are_far_off_are_no_mass(flights):
+    # a mass would let the thrust's level stray to mend the torques; the force asks for none
+    answer = ask(flights["clean"], (1.0 / 1.38, 1.0 / 1.22, 1.0 / 1.3))
+    assert "mass_change" not in [e.name for e in answer.effects]
 
 
 @pytest.mark.parametrize(("axis", "scale"), [("x", 1.25), ("z", 0.8)])

@@ -1,0 +1,103 @@
+"""What the selection leaves open is asked of the posterior; what it says is taken only where it may be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from residual_rig import FULL_RPM, steady_loads
+
+from coaxlink import files
+from coaxlink.data import Samples
+from coaxlink.residual import refine_stand
+from coaxlink.residual.agreement import agreed, follows_clock, leaves_open, recorded
+from coaxlink.residual.answer.stand import judge_stand
+from coaxlink.residual.result import Ambiguous, FoundEffect, Refinement, Suspect, Unexplained
+from coaxlink.rotor import load_rotor_model
+
+TIME = np.linspace(0.0, 600.0, 200)
+SAGGING = 25.0 - TIME / 300.0
+RESTED = SAGGING + 1.5 * np.sin(TIME / 20.0)
+
+
+def said(*effects, open_ends=(), doubts=(), suspects=()):
+    found = tuple(FoundEffect(name, (), (), {}, {"nats": nats}, "") for name, nats in effects)
+    return Refinement("stand", {}, found, open_ends, doubts, suspects, (), None)
+
+
+def log(**columns):
+    return [Samples({"time_s": TIME, **columns}, "test")]
+
+
+OPEN = said(open_ends=(Unexplained("lower_thrust", ("time_s",), 1.0, ""),))
+
+
+def test_only_what_is_left_without_a_name_is_asked_about():
+    assert leaves_open(OPEN) and not leaves_open(said())
+    assert not leaves_open(said(("rotor_lag", 9.0), open_ends=OPEN.unexplained))
+    assert not leaves_open(said(suspects=(Suspect("lower_rpm", "all", ""),), open_ends=OPEN.unexplained))
+
+
+@pytest.mark.parametrize(
+    ("effects", "columns", "taken"),
+    [
+        ([("hysteresis", 20.0)], {}, True),
+        ([("hysteresis", -3.0)], {}, False),  # its own evidence speaks against it
+        ([("hysteresis", 20.0), ("rotor_lag", 20.0)], {}, False),  # two at once
+        ([("sensor_drift", 200.0)], {"voltage_V": RESTED}, False),  # an air that nobody logged does that too
+        ([("motor_heating", 200.0)], {"motor_temperature_C": RESTED}, False),
+        ([("battery_voltage", 200.0)], {"voltage_V": RESTED}, True),
+        ([("battery_voltage", 200.0)], {"lower_voltage_V": RESTED}, True),
+        ([("battery_voltage", 200.0)], {"voltage_V": SAGGING}, False),  # the clock's own course
+    ],
+)
+def test_a_name_is_taken_where_its_cause_is_recorded(effects, columns, taken):
+    posterior = said(*effects)
+    answer = agreed(OPEN, posterior, log(**columns))
+    assert [e.name for e in answer.effects] == ([effects[0][0]] if taken else [])
+    assert bool(answer.unexplained) != taken
+    if taken:
+        assert answer.effects[0].evidence["method"] == "posterior"
+
+
+def test_rivals_and_accused_columns_are_taken():
+    doubt = Ambiguous(("battery_voltage", "motor_heating"), "")
+    assert agreed(OPEN, said(doubts=(doubt,)), log(voltage_V=RESTED)).ambiguous == (doubt,)
+    unrecorded = Ambiguous(("motor_heating", "sensor_drift"), "")
+    assert agreed(OPEN, said(doubts=(unrecorded,)), log()) is OPEN
+    accused = said(suspects=(Suspect("lower_rpm", "3 to 9", ""),))
+    assert agreed(OPEN, accused, log()) is accused
+
+
+def test_a_slow_course_is_the_clocks():
+    assert follows_clock(TIME, SAGGING) and not follows_clock(TIME, RESTED)
+    assert follows_clock(TIME, np.full(200, 25.0)) and follows_clock(TIME[:3], RESTED[:3])
+    assert recorded(["rotor_lag"], log()) and not recorded(["air_density"], log())
+
+
+def stalling(seed, share):
+    """Columns of slow triangles; the lower rotor stalls above 0.80 of its speed until it is below 0.52."""
+    rng, t = np.random.default_rng(seed), np.arange(900.0)
+    upper, lower = (0.25 + 0.7 * np.abs(turns % 2.0 - 1.0) for turns in (t / 97.0 + 0.3, t / 41.0))
+    loads, stalled, on = steady_loads(upper, lower), np.zeros(len(t)), False
+    for row, speed in enumerate(lower):
+        on = speed > 0.8 or (on and speed > 0.52)
+        stalled[row] = on
+    loads[2] -= share * stalled * lower**2
+    loads[3] += 0.02 * share * stalled * lower**2
+    loads += np.array([[0.4], [0.008], [0.4], [0.008]]) * rng.standard_normal(loads.shape)
+    columns = {"time_s": t}
+    for name, u in (("upper", upper), ("lower", lower)):
+        columns[f"{name}_rpm"] = FULL_RPM * u + 2.0 * rng.standard_normal(len(t))
+    names = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+    return Samples(columns | dict(zip(names, loads, strict=True)), "test")
+
+
+@pytest.mark.parametrize(("given", "share"), [(True, 3.0), (False, 1.5)])
+def test_a_stall_that_stays_until_slower_is_hysteresis(given, share):
+    model = load_rotor_model(files.example("rotor_paper.toml")) if given else None
+    samples = stalling(3, share)
+    alone = judge_stand([samples], model, lambda _: None)
+    assert alone.effects == () and alone.unexplained
+    answer = refine_stand(samples, model)
+    assert [e.name for e in answer.effects] == ["hysteresis"]
+    assert answer.effects[0].evidence["probability"] > 0.99
