@@ -13,10 +13,8 @@ from coaxlink.diagnosis.claims import NOTHING, Claims, added_by, claims, forms_o
 from coaxlink.diagnosis.hypotheses import ODDS, Hypothesis, form_name
 from coaxlink.diagnosis.parts import Block
 from coaxlink.diagnosis.posterior import CLAIMED, Posterior
-from coaxlink.diagnosis.unlogged import with_unlogged
-from coaxlink.frames import Array, StandFrame
+from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, answer
-from coaxlink.residual.experiments.manoeuvres import flight_experiment
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
 from coaxlink.residual.regression.joint_model import ONSET, Fitter, straight
 from coaxlink.residual.regression.problem import Problem, build
@@ -36,12 +34,10 @@ def answered(
     suspects: Sequence[Suspect],
     notes: Sequence[str],
     logs: Sequence[Samples],
-    *,
-    floor: Array | None = None,
 ) -> Refinement:
     """The answer to these logs; `found` is None where nothing may be claimed."""
     best = found.best if found else None
-    said = with_unlogged(ch, found, claims(ch, found)) if found else NOTHING
+    said = claims(ch, found) if found else NOTHING
     doubts = _doubts(ch, found, said) if found else ()
     sure = said.sure
     doubtful = {n for d in doubts for n in d.names}
@@ -53,12 +49,11 @@ def answered(
     joint = Fitter(problem, ch.bare, fixed, ch.reduce).linear(members) if members else straight(problem, [])
     claimed = [o for o in joint.problem.options if o.name in sure]
     unexplained = _unexplained(ch, found, said) if found else ()
-    level = _floor(ch, best) if floor is None else floor
     judged = Judged(
         problem,
         Selection(members=claimed),
         joint,
-        level,
+        _floor(ch, best),
         {"time_s": ch.frame.time_s[ch.frame.keep], **ch.variables},  # it may stand still in a damaged log
         ch.known,
         tuple(suspects),
@@ -137,8 +132,7 @@ def _doubts(ch: Channels, found: Posterior, said: Claims) -> tuple[Ambiguous, ..
             rivals.append(Rival(m.effect, m.parameters(ch.bare)))
     plan = None
     if len(rivals) == 2:
-        proposed = stand_experiment if isinstance(ch.frame, StandFrame) else flight_experiment
-        plan = proposed(ch.bare, found.best.fit.noise, rivals)
+        plan = stand_experiment(ch.bare, found.best.fit.noise, rivals)
     told = (
         plan.text
         if plan

@@ -21,7 +21,6 @@ EFFECT_SIZE = 0.1
 class Channels:
     """Everything that hypotheses about one log share."""
 
-    kind: str
     frame: Any  # with what the model knows of already
     bare: Any  # without it
     known: tuple[Part, ...]

@@ -29,14 +29,14 @@ def discrepancy(ch: Channels, m: Member, mine: Array) -> Block | None:
             continue
         _, cause = m.effect.cause(ch.bare, m.shape, name)
         z = np.asarray(cause, float)[ch.frame.keep]
-        speeds = ch.speeds[c] if name.startswith("lower") and ch.kind == "stand" else ch.speeds[c][:1]
+        speeds = ch.speeds[c] if name.startswith("lower") else ch.speeds[c][:1]
         process = _beside(*(waves(u, OVER_SPEED) for u in speeds if np.ptp(u) > 0.0 or u is speeds[0]))
         if np.ptp(z) > 0.0:
             low, high = np.quantile(z, [0.005, 0.995])
             if high > low:
                 over = waves(np.clip(z, low, high), OVER_CAUSE)
                 # a vehicle's loads depend on many speeds: their mean says nothing that the cause does not
-                process = over if ch.kind == "flight" else products(over, process)
+                process = products(over, process)
         if (
             m.effect.stage == 0
         ):  # of what is late, how late: what a second lag, or another form of it, would change

@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.diagnosis.answer import answered
 from coaxlink.diagnosis.channels import Channels
 from coaxlink.diagnosis.faults import weighed_faults
-from coaxlink.diagnosis.flight import flight_channels
-from coaxlink.diagnosis.flight_search import flight_posterior
 from coaxlink.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
 from coaxlink.diagnosis.noise import Colour, colour_of, white
 from coaxlink.diagnosis.posterior import Posterior, posterior
 from coaxlink.diagnosis.search import Search
 from coaxlink.diagnosis.stand import stand_channels
-from coaxlink.residual.channels.flight import flight_frame, reduce_columns
-from coaxlink.residual.channels.flight_problem import flight_floor
 from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
-from coaxlink.residual.faults.flight_faults import flight_suspects, without_accused
 from coaxlink.residual.faults.stand_faults import find_suspects
-from coaxlink.residual.result import Refinement, Suspect
+from coaxlink.residual.result import Refinement
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
 ROUNDS = 2  # of colour: what is left of the best set says what the noise is
 SAME_COLOUR = 0.05  # of a coefficient
 STARTS = 4  # sets that the next round begins with
-LEAST_FLIGHT_ROWS = 80
-LEADING = 0.2  # of the declared lag: no motor answers five times as fast as the one that was measured
 ALL_ROWS = 20_000  # of the last fit
 SPEEDS = ("upper_rpm", "lower_rpm")
 IN_DOUBT = "a tachometer is accused: every load is predicted from speeds, so no effect is claimed"
@@ -89,44 +81,6 @@ def mapped(ch: Channels, colour: Colour, best: Hypothesis | None = None) -> Chan
             score = max(score, scorer.linearised(best.members, (), best.fit.noise)[0].score)
         scores[name] = score + (float(ODDS) - np.log(len(ch.maps)) if name else 0.0)
     return ch.with_map(max(scores, key=lambda name: scores[name]))
-
-
-def diagnose_flight(
-    several: Sequence[Samples], airframe: Airframe, model: RotorModel, progress: Progress
-) -> Refinement:
-    """What these flights say of the model. Raises InputError when a log lacks what every flight needs."""
-    progress("aligning")
-    bare = flight_frame(several, airframe, model)
-    suspects, bad, silent = flight_suspects(bare, several)
-    bare = without_accused(bare, suspects)
-    if bad.any() and np.sum(~bad[bare.keep]) > LEAST_FLIGHT_ROWS:
-        bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
-    ch = flight_channels(bare)
-    found = None if silent else flight_posterior(ch, progress)
-    if found and _leading(found.best, airframe.motor_lag_s):
-        why = "loads come sooner than their commands: stamps of the motors or of the sensors are off"
-        suspects, found = [*suspects, Suspect("time_s", "all", why)], None
-    progress("judging")
-    every = flight_channels(bare, most=ALL_ROWS)
-    members = found.best.members if found else ()
-    left = bare.measured - Scorer(every, white(every.count)).predict(members)
-    floor = flight_floor(bare, left, reduce_columns(bare, left))
-    return answered(every, found, suspects, _flight_notes(ch), several, floor=floor)
-
-
-def _leading(h: Hypothesis, declared_s: float) -> bool:
-    """Whether the set needs motors without a lag where one is declared: what leads is a clock, no motor."""
-    lags = [m.shape["lag_s"] for m in h.members if m.name == "rotor_lag" and "lag_s" in m.shape]
-    return any(lag < LEADING * declared_s for lag in lags)
-
-
-def _flight_notes(ch: Channels) -> list[str]:
-    notes = list(ch.notes)
-    if ch.bare.voltage is None:
-        notes.append("voltage_V is not in the log: a sagging supply would look like a change of thrust")
-    if ch.bare.airframe.motor_lag_s == 0.0:
-        notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
-    return notes
 
 
 def _same(a: Colour, b: Colour) -> bool:

@@ -80,7 +80,6 @@ def stand_channels(
     variables = {n: v for n, v in stand_variables(frame).items() if np.ptp(v) > 0}
     target = reduce(frame.measured - frame.predicted)
     return Channels(
-        kind="stand",
         frame=frame,
         bare=bare,
         known=tuple(known),

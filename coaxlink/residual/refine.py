@@ -41,10 +41,6 @@ def refine(
     several = _several(logs)
 
     def run() -> Refinement:
-        if by_evidence():
-            from coaxlink.diagnosis.judge import diagnose_flight
-
-            return diagnose_flight(several, airframe, model, progress)
         return judge_flight(several, airframe, model, progress)
 
     return _answered(several, run)
@@ -63,11 +59,13 @@ def refine_stand(
     several = _several(logs)
 
     def run() -> Refinement:
+        from coaxlink.diagnosis.judge import diagnose_stand
+
+        if posterior_alone():
+            return diagnose_stand(several, model, progress)
         selected = judge_stand(several, model, progress)
         if not leaves_open(selected):
             return selected
-        from coaxlink.diagnosis.judge import diagnose_stand
-
         progress("weighing what is left")
         return agreed(selected, diagnose_stand(several, model, progress), several)
 
@@ -95,6 +93,6 @@ def _answered(logs: Sequence[Samples], run: Callable[[], Refinement]) -> Refinem
         ) from error
 
 
-def by_evidence() -> bool:
-    """Whether the engine in the making (`coaxlink.diagnosis`) answers; not for users."""
+def posterior_alone() -> bool:
+    """Whether stands are answered by the posterior alone: benchmarks hold both methods side by side."""
     return os.environ.get("COAXLINK_ENGINE", "") == "evidence"

@@ -99,7 +99,6 @@ TAKE_BOTH = {
     "coaxlink.frames.FlightFrame.__init__",
     "coaxlink.residual.channels.flight.flight_frame",  # tracing: effects are part of the prediction
     "coaxlink.residual.answer.flight.judge_flight",
-    "coaxlink.diagnosis.judge.diagnose_flight",
     "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
     "coaxlink.residual.refine.refine",
     "coaxlink.vehicle.vehicle.usual_lift",  # in a Vehicle that is being made
