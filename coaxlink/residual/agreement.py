@@ -7,11 +7,12 @@ good as one another and err on different ones (docs/evidence.md). So only what t
 unexplained is asked about, and an answer is taken from the posterior where it
 
     accuses a column, or
-    names one effect whose cause the log records, with positive evidence, or
+    names one effect whose cause the log records, with positive evidence, and the error shows it, or
     holds several names for one of which the log records the cause.
 
 A supply or an air that nobody logged changes all loads with time and load, as heat and a cell's drift do: of
 what acts on all loads, only a supply or an air that was logged, and goes another way than the clock, counts.
+On noise with a colour hundreds of nats come together without the error falling; so it has to fall.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
-from coaxlink.residual.result import Refinement
+from coaxlink.residual.regression.gates import GAIN
+from coaxlink.residual.result import FoundEffect, Refinement
 
 POSTERIOR = "posterior"  # in an effect's evidence: the method that named it
 # what acts on all loads at once, and the columns that bear it out: heat and drift have none of their own
@@ -48,12 +50,18 @@ def agreed(selection: Refinement, posterior: Refinement, logs: Sequence[Samples]
         return posterior
     names = [effect.name for effect in posterior.effects]
     rivals = [name for doubt in posterior.ambiguous for name in doubt.names]
-    positive = all(effect.evidence.get("nats", 0.0) > 0.0 for effect in posterior.effects)
+    positive = all(effect.evidence.get("nats", 0.0) > 0.0 and lowers(effect) for effect in posterior.effects)
     single = len(names) == 1 and recorded(names, logs)
     if not positive or not (single or (not names and recorded(rivals, logs))):
         return selection
     effects = tuple(replace(e, evidence={**e.evidence, "method": POSTERIOR}) for e in posterior.effects)
     return replace(posterior, effects=effects)
+
+
+def lowers(effect: FoundEffect) -> bool:
+    """Whether a channel's squared held-out error falls as the selection asks (`GAIN`), and none rises."""
+    left = [(after / before) ** 2 for before, after in effect.rmse.values()]
+    return min(left) <= 1.0 - GAIN and max(left) <= 1.0
 
 
 def recorded(names: Iterable[str], logs: Sequence[Samples]) -> bool:

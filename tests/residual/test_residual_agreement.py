@@ -19,8 +19,9 @@ SAGGING = 25.0 - TIME / 300.0
 RESTED = SAGGING + 1.5 * np.sin(TIME / 20.0)
 
 
-def said(*effects, open_ends=(), doubts=(), suspects=()):
-    found = tuple(FoundEffect(name, (), (), {}, {"nats": nats}, "") for name, nats in effects)
+def said(*effects, open_ends=(), doubts=(), suspects=(), after=0.8):
+    errors = {"lower_thrust": (1.0, after), "lower_torque": (1.0, 1.0)}
+    found = tuple(FoundEffect(name, (), (), errors, {"nats": nats}, "") for name, nats in effects)
     return Refinement("stand", {}, found, open_ends, doubts, suspects, (), None)
 
 
@@ -57,6 +58,14 @@ def test_a_name_is_taken_where_its_cause_is_recorded(effects, columns, taken):
     assert bool(answer.unexplained) != taken
     if taken:
         assert answer.effects[0].evidence["method"] == "posterior"
+
+
+@pytest.mark.parametrize("after", [0.99, 1.01])
+def test_a_name_is_taken_where_the_error_falls(after):
+    assert agreed(OPEN, said(("rotor_lag", 257.0), after=after), log()) is OPEN
+    worse = said(("rotor_lag", 257.0), after=0.8)
+    worse.effects[0].rmse["lower_torque"] = (1.0, 1.02)
+    assert agreed(OPEN, worse, log()) is OPEN
 
 
 def test_rivals_and_accused_columns_are_taken():
