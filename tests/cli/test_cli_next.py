@@ -19,7 +19,7 @@ from coaxlink.live.counts import Counters
 
 
 def answer(*effects, **rest):
-    parts = {"suspect_data": (), "ambiguous": (), "unexplained": ()} | rest
+    parts = {"suspect_data": (), "ambiguous": (), "unexplained": (), "surface": ()} | rest
     return SimpleNamespace(effects=[SimpleNamespace(name=n) for n in effects], **parts)
 
 
@@ -51,6 +51,7 @@ def test_what_a_table_can_hold_names_the_file_and_the_condition():
             "--plan PLAN.toml writes the run that separates a from b",
         ),
         (answer(unexplained=[SimpleNamespace(depends_on=("yaw_rad",))]), "yaw_rad"),
+        (answer(surface=["a surface holds 3 N"]), "identify LOG --form surface --out ROTOR.toml"),
     ],
 )
 def test_other_answers(found, said):
