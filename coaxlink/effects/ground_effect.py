@@ -24,6 +24,7 @@ from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import FlightFrame
 
 SCALES_M = (0.15, 0.2, 0.27, 0.36, 0.48, 0.6, 0.75, 0.95, 1.2, 1.6)
+GROUND_FELT_M = 1.5  # a vehicle that stays above feels none
 LOWEST_M = 0.08  # a disc is never nearer to the ground
 LEAST_BEND = 0.3  # a gain that steepens near the ground ends at about three times its first term
 POWERS = (0.7, 5.0)
@@ -52,7 +53,7 @@ def _missing(frame: FlightFrame) -> str | None:
     if frame.height is None:
         return "height_m is not in the log"
     lowest = float(np.min(frame.height[frame.keep]))
-    return None if lowest < 1.5 else f"never below {lowest:.1f} m"
+    return None if lowest < GROUND_FELT_M else f"never below {lowest:.1f} m"
 
 
 def _shapes(_: FlightFrame) -> Sequence[Shape]:

@@ -25,6 +25,7 @@ from coaxlink.data import Samples
 from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
+from coaxlink.health.accelerometer import vertical_zero
 from coaxlink.health.columns import CHANNELS, Column, independent, lasting, left, passing, rows_of
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
 from coaxlink.rotor.model import LOADS, RotorModel
@@ -41,6 +42,8 @@ SLOPE_SD = 0.1  # of what a command more means in speed over what the command do
 WEIGHED = 0.005  # of the mass: a luggage scale
 DETERMINED, BARELY = 0.5, 0.8  # of the prior's sd: less is determined, more is not
 # what the coefficients themselves are, or the weighing
+VERTICAL_ZERO = "accel_z_bias_m_s2"
+BY_SPEED = ("voltage",)  # changes speeds: where these were measured it changes nothing else
 OWN = ("upper_", "lower_", "single_", "lift_today", "torque_today", "thrust_", "torque_")
 
 
@@ -114,7 +117,7 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
         order = np.array([sum(parse_term(term)) for _, term in names])
         covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2
         notes += ("no rotor speeds in the logs: commands stand for them, full throttle within 10 %",)
-    X, y, sds, frames = _system(logs, airframe, prior, names)
+    X, y, sds, frames = _system(logs, airframe, prior, names, measured)
     count = len(names)
     precision = np.zeros((X.shape[1], X.shape[1]))
     precision[:count, :count] = np.linalg.inv(covariance + 1e-12 * np.diag(np.diag(covariance)))
@@ -217,16 +220,26 @@ def _mean(values: Array, rows: NDArray[np.bool_], width: int) -> Array:
 
 
 def _system(
-    logs: Sequence[Samples], airframe: Airframe, prior: RotorModel, names: Sequence[tuple[str, str]]
+    logs: Sequence[Samples],
+    airframe: Airframe,
+    prior: RotorModel,
+    names: Sequence[tuple[str, str]],
+    measured: bool,
 ) -> tuple[Array, Array, Array, list[FlightFrame]]:
     """X (n, K + nuisances), y (n,), the nuisances' sds, and the frames; rows whitened and tempered."""
     blocks: list[tuple[Array, Array, Array]] = []
     targets, shared, today, frames = [], [], [], []
     for log in logs:
         frame = _within(flight_frame([log], airframe, prior), log)
+        zero, zero_sd = vertical_zero(frame)
+        moved = frame.measured.copy()
+        moved[:, 2] -= zero * frame.airframe.mass_kg
+        frame = replace(frame, measured=moved)
         frames.append(frame)
         own = rows_of(frame, _terms(frame, names))
-        parts = [[c for c in make(frame) if not c.name.startswith(OWN)] for make in (lasting, passing)]
+        without = (*OWN, *(BY_SPEED if measured else ()))
+        parts = [[c for c in make(frame) if not c.name.startswith(without)] for make in (lasting, passing)]
+        parts[1] = [replace(c, sd=zero_sd) if c.name == VERTICAL_ZERO else c for c in parts[1]]
         none = np.zeros_like(frame.thrust)
         weight = Column("weighing", WEIGHED, frame.airframe.body_loads(frame.thrust, none))
         parts[0].append(weight)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coaxlink.effects.ground_effect import GROUND_FELT_M
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.priors import (
     CG_DRAWN_M,
@@ -36,7 +37,9 @@ CG_PAYLOAD_M, INERTIA_PAYLOAD = 0.03, 0.1  # something else hangs there today
 TRIM = 0.002  # of the reference torques: what no linear model of a vehicle's trim gets right
 LEVEL_TODAY = 0.02  # of upper against lower rotors: voltage acts on both
 VOLTAGE_SLOPE = 0.10  # of lift for a tenth of the voltage, less what LIFT_TODAY has
-PASSING = 0.02  # of the reference load: wind, climb and speed in hover-like flight
+PASSING = 0.02  # of the reference load: climb and speed in hover-like flight
+WIND = 0.05  # of the reference load along an axis: rotors' drag and inflow in a wind of 5 m/s
+DAMPING_S = 0.05  # of the reference load a rad/s: a hub that turns climbs on one side (0.25 m, 0.5 N s/m a rotor)
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,16 @@ def passing(frame: FlightFrame) -> Iterator[Column]:
             values = np.zeros_like(frame.predicted)
             values[:, c] = reference[c] * speeds[:, k] / usual
             yield Column(f"{axis}_{c}", PASSING, values)
-    if frame.height is not None:
+    for c, k in ((2, 2), (3, 1), (4, 0)):
+        for way, axis in (("north", frame.north), ("east", frame.east)):
+            air = np.zeros_like(frame.predicted)
+            air[:, c] = reference[c] * axis[:, k]
+            yield Column(f"air_{way}_{c}", WIND, air)
+    for c in (3, 4, 5):
+        damping = np.zeros_like(frame.predicted)
+        damping[:, c] = reference[c] * frame.rates[:, c - 3]
+        yield Column(f"damping_{c}", DAMPING_S, damping)
+    if frame.height is not None and float(np.min(frame.height[frame.keep])) < GROUND_FELT_M:
         near = np.exp(-np.maximum(frame.height, 0.0) / 0.8)[:, None]  # He, Lee and Leang 2019
         yield Column("ground", 0.2, lift * near)
 
