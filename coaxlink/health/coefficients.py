@@ -6,7 +6,8 @@ measured.
 X_k is what a unit more of a coefficient adds to force and torques, all pairs sharing one model; the
 nuisances are `columns`' (centre of mass, instruments, wind, voltage), without what the coefficients
 themselves are. Speeds are the ESCs' where the log has rpm; else commands stand for them, and a scale between
-both joins the prior. Source: Bishop 2006, *Pattern Recognition and Machine Learning*, section 3.3.
+both joins the prior. The lift's rows are of two-stage least squares (`instruments`).
+Source: Bishop 2006, *Pattern Recognition and Machine Learning*, section 3.3.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import vertical_zero
-from coaxlink.health.columns import CHANNELS, Column, independent, lasting, left, passing, rows_of
+from coaxlink.health.columns import CHANNELS, Column, independent, lasting, passing, ridge, rows_of
+from coaxlink.health.instruments import endogenous, explained, instruments
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.polynomial import design_matrix, parse_term
@@ -247,10 +249,17 @@ def _system(
         y = rows_of(frame, (frame.measured - frame.predicted)[..., None])[:, :, 0]
         usual = np.abs([prior.terms()[load][term] for load, term in names]) * NO_PRIOR + 1e-9
         sds = np.concatenate([usual, *[[c.sd for c in part] for part in parts]])
-        rest = left(y, np.concatenate([own, *stacked], axis=-1), sds)
+        follows = [endogenous(part) for part in parts]
+        free = np.concatenate([s[..., ~f] for s, f in zip(stacked, follows, strict=True)], axis=-1)
+        known = instruments(frame, free)
+        seen = [explained(own, known)]
+        for block, follow in zip(stacked, follows, strict=True):
+            seen.append(np.where(follow, explained(block, known), block))
+        theta = ridge(y, np.concatenate(seen, axis=-1), sds)
+        rest = y - np.concatenate([own, *stacked], axis=-1) @ theta
         noise = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-6 * frame.reference[list(CHANNELS)])
         scale = np.sqrt(independent(rest / noise)) / noise
-        a, b, c = ((block * scale[None, :, None]).reshape(-1, block.shape[-1]) for block in (own, *stacked))
+        a, b, c = ((block * scale[None, :, None]).reshape(-1, block.shape[-1]) for block in seen)
         blocks.append((a, b, c))
         targets.append((y * scale).ravel())
         shared = [column.sd for column in parts[0]]

@@ -39,7 +39,9 @@ LEVEL_TODAY = 0.02  # of upper against lower rotors: voltage acts on both
 VOLTAGE_SLOPE = 0.10  # of lift for a tenth of the voltage, less what LIFT_TODAY has
 PASSING = 0.02  # of the reference load: climb and speed in hover-like flight
 WIND = 0.05  # of the reference load along an axis: rotors' drag and inflow in a wind of 5 m/s
-DAMPING_S = 0.05  # of the reference load a rad/s: a hub that turns climbs on one side (0.25 m, 0.5 N s/m a rotor)
+DAMPING_S = (
+    0.05  # of the reference load a rad/s: a hub that turns climbs on one side (0.25 m, 0.5 N s/m a rotor)
+)
 
 
 @dataclass(frozen=True)
@@ -117,9 +119,9 @@ def passing(frame: FlightFrame) -> Iterator[Column]:
             values[:, c] = reference[c] * speeds[:, k] / usual
             yield Column(f"{axis}_{c}", PASSING, values)
     for c, k in ((2, 2), (3, 1), (4, 0)):
-        for way, axis in (("north", frame.north), ("east", frame.east)):
+        for way, unit in (("north", frame.north), ("east", frame.east)):
             air = np.zeros_like(frame.predicted)
-            air[:, c] = reference[c] * axis[:, k]
+            air[:, c] = reference[c] * unit[:, k]
             yield Column(f"air_{way}_{c}", WIND, air)
     for c in (3, 4, 5):
         damping = np.zeros_like(frame.predicted)
@@ -173,17 +175,21 @@ def rows_of(frame: FlightFrame, columns: Array) -> Array:
     return reduce_columns(frame, columns)[:, list(CHANNELS)]
 
 
-def left(y: Array, X: Array, sd: Array) -> Array:
-    """(kept, 4) residual of a ridge fit, each channel's noise found as it goes."""
+def ridge(y: Array, X: Array, sd: Array) -> Array:
+    """(K,) of a ridge fit of (kept, 4) on (kept, 4, K), each channel's noise found as it goes."""
     scale = np.std(y, axis=0) + 1e-12
-    rest = y
+    theta = np.zeros(X.shape[-1])
     for _ in range(4):
         A = (X / scale[None, :, None]).reshape(-1, X.shape[-1])
         b = (y / scale).ravel()
         theta = np.linalg.solve(A.T @ A + np.diag(1 / sd**2), A.T @ b)
-        rest = y - X @ theta
-        scale = np.sqrt(np.mean(rest**2, axis=0)) + 1e-12
-    return rest
+        scale = np.sqrt(np.mean((y - X @ theta) ** 2, axis=0)) + 1e-12
+    return theta
+
+
+def left(y: Array, X: Array, sd: Array) -> Array:
+    """(kept, 4) residual of a ridge fit."""
+    return np.asarray(y - X @ ridge(y, X, sd))
 
 
 def independent(rest: Array) -> float:
