@@ -1,0 +1,103 @@
+"""What wind and sensors do to a model that flights tell: it is kept out of the rotors' coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coaxlink.data import read_flight_log
+from coaxlink.files import example
+from coaxlink.health import coefficients
+from coaxlink.health.accelerometer import USUAL_M_S2, vertical_zero
+from coaxlink.health.coefficients import coefficients_from_flights
+from coaxlink.health.columns import passing
+from coaxlink.health.instruments import explained
+from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.tables.px4 import report_px4
+from coaxlink.vehicle import load_vehicle
+from sim.effects import Effect
+from sim.flights import write_flight
+from sim.physics.rotors import read_pair
+from sim.quick.flight import World, fly_quick, make_design
+from sim.vehicle import read_vehicle
+
+FRAME, ROTORS = example("x8_demo.toml"), example("rotor_paper.toml")
+BREEZE = (Effect("wind", 4.0, 0.0, {"direction_deg": 70.0}, "dryden"), Effect("axial_inflow", 0.5))
+
+
+@pytest.fixture(scope="module")
+def windy(tmp_path_factory):
+    """(vehicle, logs of a hover, a circle and a wandering in gusts that take lift)."""
+    vehicle, folder = load_vehicle(FRAME, ROTORS), tmp_path_factory.mktemp("windy")
+    made = make_design(read_vehicle(FRAME), read_pair(ROTORS), report_px4(vehicle, "fitted").params)
+    logs = []
+    for seed, plan in enumerate(("hover", "circle", "hover", "wander")):
+        path = folder / f"{seed}.csv"
+        write_flight(path, fly_quick(made, World(BREEZE, seed, plan, 55.0), 8)[1])
+        logs.append(read_flight_log(path))
+    return vehicle, logs
+
+
+def lift(model, speeds):
+    """Of a pair, N."""
+    terms = {k: v for k, v in model.terms().items() if "thrust" in k}
+    u = np.array(speeds, float)
+    return sum(
+        c * design_matrix([t], u[:, 0], u[:, 1])[:, 0] for own in terms.values() for t, c in own.items()
+    )
+
+
+def test_a_gust_that_is_answered_is_not_the_rotors_slope(windy, monkeypatch):
+    vehicle, logs = windy
+    hover = np.array(coefficients_from_flights(logs, vehicle.declared, vehicle.rotors).hover)
+    speeds = [hover * np.sqrt(share) for share in (0.8, 1.2)]
+
+    def slope():
+        """Error of the lift's change between 0.8 and 1.2 of the weight, as a share of it."""
+        model = coefficients_from_flights(logs, vehicle.declared, vehicle.rotors).model
+        found, true = (np.diff(lift(m, speeds))[0] for m in (model, vehicle.rotors))
+        return abs(found / true - 1.0)
+
+    with_instruments = slope()
+    monkeypatch.setattr(coefficients, "explained", lambda columns, known: columns)
+    assert with_instruments < 0.03
+    assert slope() > 2.0 * with_instruments
+
+
+def test_only_the_lift_is_seen_through_instruments():
+    random = np.random.default_rng(0)
+    known = random.standard_normal((200, 3))
+    columns = np.repeat(
+        known @ random.standard_normal((3, 2)) + random.standard_normal((200, 2)), 4, axis=0
+    ).reshape(200, 4, 2)
+    seen = explained(columns, known)
+    assert np.array_equal(seen[:, 1:], columns[:, 1:])
+    assert np.allclose(known.T @ (columns - seen)[:, 0], 0.0, atol=1e-9)
+    assert np.linalg.matrix_rank(np.column_stack([known, seen[:, 0]])) == 3
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.08, -0.08])
+def test_the_accelerometers_zero_is_read_from_the_velocity(windy, zero):
+    vehicle, logs = windy
+    frame = flight_frame([logs[0]], vehicle.declared, vehicle.rotors)
+    force = frame.specific_force + np.array([0.0, 0.0, zero])
+    found, sd = vertical_zero(replace(frame, specific_force=force))
+    assert sd < 0.01
+    assert found == pytest.approx(zero, abs=3.0 * sd)
+
+
+def test_an_accelerometer_that_is_at_odds_with_the_velocity_says_nothing(windy):
+    vehicle, logs = windy
+    frame = flight_frame([logs[0]], vehicle.declared, vehicle.rotors)
+    assert vertical_zero(replace(frame, specific_force=1.05 * frame.specific_force)) == (0.0, USUAL_M_S2)
+
+
+def test_the_ground_is_a_part_only_of_flights_that_feel_it(windy):
+    vehicle, logs = windy
+    frame = flight_frame([logs[0]], vehicle.declared, vehicle.rotors)
+    low = replace(frame, height=frame.height - np.min(frame.height) + 0.5)
+    names = [{c.name for c in passing(f)} for f in (frame, low)]
+    assert names[1] - names[0] == {"ground"} and not names[0] - names[1]
