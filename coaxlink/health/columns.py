@@ -11,12 +11,15 @@ source beside it. They are what keeps a payload strapped on askew from being cal
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.effects.ground_effect import GROUND_FELT_M
 from coaxlink.frames import Array, FlightFrame
+from coaxlink.health.onsets import ROUNDS, Onset, finer, onsets
 from coaxlink.health.priors import (
     CG_DRAWN_M,
     CG_MOVED_M,
@@ -37,6 +40,12 @@ CG_PAYLOAD_M, INERTIA_PAYLOAD = 0.03, 0.1  # something else hangs there today
 TRIM = 0.002  # of the reference torques: what no linear model of a vehicle's trim gets right
 LEVEL_TODAY = 0.02  # of upper against lower rotors: voltage acts on both
 VOLTAGE_SLOPE = 0.10  # of lift for a tenth of the voltage, less what LIFT_TODAY has
+FREE = 0.2  # of a rotor's loads, where noise is what is left
+EVENT = 6.0  # robust standard deviations: one normal row in 5e8
+EVENT_S = 0.4  # so far the low-pass of the rows feels one
+MOST_EVENTS = 0.1  # of the rows
+LOUDER = 0.05  # of noise or of independent rows: less is not worth another look
+SMALL = 1e-3  # of a speed, for a derivative
 PASSING = 0.02  # of the reference load: climb and speed in hover-like flight
 WIND = 0.05  # of the reference load along an axis: rotors' drag and inflow in a wind of 5 m/s
 DAMPING_S = (
@@ -62,6 +71,10 @@ class Flight:
     passing: Array  # (n, Q)
     thrust: Array  # (n, N) what a unit more of each rotor's thrust adds
     torque: Array  # (n, N)
+    slower: Array  # (n, N) of a motor that turns slower, for all of its thrust at the slope it begins with
+    yaw_push: Array  # (n,) a torque of weight x arm about yaw
+    time_s: Array  # (n,)
+    cutoff_hz: float  # of the rows' low-pass
     lasting_sd: Array  # (P,)
     passing_sd: Array  # (Q,)
     passing_names: tuple[str, ...]
@@ -152,22 +165,124 @@ def reduced(frame: FlightFrame) -> Flight:
     unit = np.eye(len(frame.airframe.rotors))
     thrust = np.stack([frame.airframe.body_loads(frame.thrust * e, 0 * frame.torque) for e in unit], axis=-1)
     torque = np.stack([frame.airframe.body_loads(0 * frame.thrust, frame.torque * e) for e in unit], axis=-1)
-    rotors = [rows_of(frame, thrust), rows_of(frame, torque)]
-    # noise is what not even free rotors and free corrections explain
-    everything = np.concatenate([*stacked, *rotors], axis=-1)
-    sds = np.concatenate([*[[c.sd for c in part] for part in parts], np.full(2 * len(unit), 0.2)])
-    rest = left(y, everything, sds)
+    rotors = [rows_of(frame, c) for c in (thrust, torque, _slower(frame))]
+    push = np.zeros_like(frame.predicted)
+    push[:, 5] = frame.reference[3] * np.sqrt(2.0)  # weight x arm
+    rotors.append(rows_of(frame, push[..., None]))
+    # noise is what not even free rotors and free corrections explain, changed once in the flight if need be
+    everything = np.concatenate([*stacked, *rotors[:2]], axis=-1)
+    sds = np.concatenate([*[[c.sd for c in part] for part in parts], np.full(2 * len(unit), FREE)])
+    time = frame.time_s[frame.keep]
+    rest = changed_once(y, everything, sds, 2 * len(unit), time, frame.cutoff_hz)
+    steady = ~passing_events(rest, time)
+    if not steady.all():
+        y, time, everything = y[steady], time[steady], everything[steady]
+        stacked, rotors = ([block[steady] for block in blocks] for blocks in (stacked, rotors))
+        rest = changed_once(y, everything, sds, 2 * len(unit), time, frame.cutoff_hz)
     noise = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-6 * frame.reference[list(CHANNELS)])
     scaled = noise[None, :, None]
-    lasts, passes, thrusts, torques = (
+    lasts, passes, thrusts, torques, slower, pushed = (
         np.asarray((block / scaled).reshape(-1, block.shape[-1])) for block in (*stacked, *rotors)
     )
     return Flight(
-        np.asarray((y / noise).ravel()), lasts, passes, thrusts, torques,
+        np.asarray((y / noise).ravel()), lasts, passes, thrusts, torques, slower, pushed[:, 0],
+        np.repeat(time, len(CHANNELS)), frame.cutoff_hz,
         np.array([c.sd for c in parts[0]]), np.array([c.sd for c in parts[1]]),
         tuple(c.name for c in parts[1]), independent(rest / noise),
-        len(frame.keep) / JUDGED_RATE_HZ, noise,
+        len(time) / JUDGED_RATE_HZ, noise,
     )  # fmt: skip
+
+
+def passing_events(rest: Array, time_s: Array) -> NDArray[np.bool_]:
+    """(kept,) rows in and near what is over within a second: a touch, a jump of commands, a wrong lag.
+
+    No row where there are more of them than events are: then noise has heavy tails.
+    """
+    usual = SIGMA_PER_MAD * np.median(np.abs(rest), axis=0) + 1e-300
+    out = time_s[(np.abs(rest) > EVENT * usual).any(axis=1)]
+    if len(out) == 0:
+        return np.zeros(len(time_s), bool)
+    place = np.searchsorted(out, time_s)
+    before, behind = (out[np.clip(place + k, 0, len(out) - 1)] for k in (-1, 0))
+    near = np.minimum(np.abs(time_s - before), np.abs(time_s - behind)) <= EVENT_S
+    return near if np.mean(near) < MOST_EVENTS else np.zeros(len(time_s), bool)
+
+
+def louder(flight: Flight, rest: Array) -> Flight | None:
+    """The flight with the noise that the likeliest hypothesis leaves; None where that is no more.
+
+    `rest` (n,) in the flight's present noise. Where the model is not the vehicle's, free rotors and a change
+    of all of them explain what no single hypothesis does, and noise is taken too small.
+    """
+    channels = rest.reshape(-1, len(CHANNELS))
+    more = np.maximum(np.sqrt(np.mean(channels**2, axis=0)), 1.0)
+    share = min(flight.share, independent(channels / more))
+    if float(np.sum(np.log(more))) < LOUDER and share > (1.0 - LOUDER) * flight.share:
+        return None
+    scale = np.tile(more, len(channels))
+
+    def less(values: Array) -> Array:
+        return np.asarray((values.T / scale).T)
+
+    return replace(
+        flight, y=less(flight.y), lasting=less(flight.lasting), passing=less(flight.passing),
+        thrust=less(flight.thrust), torque=less(flight.torque), slower=less(flight.slower),
+        yaw_push=less(flight.yaw_push), share=share, noise=flight.noise * more,
+    )  # fmt: skip
+
+
+def _slower(frame: FlightFrame) -> Array:
+    """(rows, 6, N) added by each motor that turns slower, for all of its thrust at the slope it begins with.
+
+    The other rotor of its pair is loaded or unloaded as the model's own derivatives say.
+    """
+    columns = []
+    for i in range(frame.speeds.shape[1]):
+        speeds = frame.speeds.copy()
+        speeds[:, i] *= 1.0 - SMALL
+        slowed = frame.turning_at(speeds)
+        lost = float(np.sum((frame.thrust - slowed.thrust)[frame.keep, i]))
+        whole = float(np.sum(frame.thrust[frame.keep, i])) / lost if lost > 0.0 else 0.0
+        columns.append(whole * (slowed.predicted - frame.predicted))
+    return np.stack(columns, axis=-1)
+
+
+def changed_once(y: Array, X: Array, sd: Array, last: int, time_s: Array, cutoff_hz: float) -> Array:
+    """(kept, 4) residual of `left`, or of one whose `last` columns change once, where that explains most.
+
+    A change counts where the likelihood's gain, for rows that go together, exceeds what so many more numbers
+    cost (Schwarz 1978): what sets in within a flight is no noise.
+    """
+    rest = left(y, X, sd)
+    scale = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-300)
+    flat = (X / scale[None, :, None]).reshape(-1, X.shape[-1])
+    inverse = np.linalg.inv(flat.T @ flat + np.diag(sd**-2.0))
+    off = (rest / scale).ravel()
+
+    def explained(onset: Onset) -> float:
+        own = flat[:, -last:] * np.repeat(onset.course(time_s, cutoff_hz), y.shape[1])[:, None]
+        cross = own.T @ flat
+        told = own.T @ own + np.diag(sd[-last:] ** -2.0) - cross @ inverse @ cross.T
+        pull = own.T @ off
+        return float(pull @ np.linalg.solve(told, pull))
+
+    known = tuple(o for o in onsets(time_s) if o.sudden)
+    best = known[0]
+    for again in range(ROUNDS + 1):
+        best = known[int(np.argmax([explained(o) for o in known]))]
+        if again < ROUNDS:
+            known = tuple(
+                o for o in finer(known, best) if abs(o.middle_s - best.middle_s) < 2.0 * best.width_s
+            )
+    own = X[..., -last:] * best.course(time_s, cutoff_hz)[:, None, None]
+    found = left(y, np.concatenate([X, own], axis=-1), np.concatenate([sd, sd[-last:]]))
+    free = len(time_s) * independent(found / np.std(found, axis=0))
+    price = 0.5 * (last + 1) * np.log(max(free, 1.0))
+    return found if 0.5 * free * (_log_power(rest) - _log_power(found)) > price else rest
+
+
+def _log_power(rest: Array) -> float:
+    return float(np.sum(np.log(np.mean(rest**2, axis=0) + 1e-300)))
 
 
 def rows_of(frame: FlightFrame, columns: Array) -> Array:

@@ -1,37 +1,27 @@
-"""Verdict over flights: which rotor, from which flight on, with what probability.
+"""Verdict over flights: which rotor, since when, with what probability.
 
-Hypotheses: nothing is wrong; or one rotor gives less from one of the flights on. Each with and without a
-payload that moved the centre of mass. All are linear and Gaussian (`columns`), so each has an exact evidence
-(Bishop 2006, section 3.5) and Bayes' theorem does the rest; residuals' correlation in time counts (`share`).
+Hypotheses: nothing is wrong; or one rotor gives less, from before one of the flights on or from some moment
+within it. Each beside every payload: as drawn, strapped on otherwise in a flight, or slid within one. All are
+linear and Gaussian (`columns`), so each has an exact evidence (Bishop 2006, section 3.5) and Bayes' theorem
+does the rest (`hypotheses`); residuals' correlation in time counts (`share`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
 
 from coaxlink.frames import Array
-from coaxlink.health.columns import (
-    CG_PAYLOAD_M,
-    INERTIA_PAYLOAD,
-    THRUST_SPECIMEN,
-    TORQUE_SPECIMEN,
-    Flight,
-)
-from coaxlink.health.priors import LOSS_SD, MATTERS, TORQUE_APART, TORQUE_WITH_THRUST
+from coaxlink.health.columns import THRUST_SPECIMEN, TORQUE_SPECIMEN, Flight
+from coaxlink.health.hypotheses import FAULT_ODDS, KINDS, Comparison, chipped_prior, compared
+from coaxlink.health.onsets import Onset
+from coaxlink.health.priors import LIFT_TODAY, MATTERS, TORQUE_WITH_THRUST
 
-FAULT_ODDS = 1 / 50  # that a vehicle somebody wants judged has a rotor that lost something
-PAYLOAD_ODDS = 1 / 5  # that its payload is not where it was
-WATCH, GROUND = 0.05, 0.5  # probabilities that a rotor lost more than that
+WATCH, GROUND = 0.05, 0.5  # probabilities that a rotor lost more than MATTERS
 NORMAL_95 = 1.96
-NONE = -1
-_Key = tuple[
-    int, int, int
-]  # flight of a payload, rotor that lost something, flight since when; NONE for none
 
 
 @dataclass(frozen=True)
@@ -83,6 +73,9 @@ class Suspect:
     probability: float  # that it lost more than MATTERS
     loss: Interval  # share of its thrust, given that it is this one
     since: str  # the flight
+    onset_s: Interval | None  # in that flight's own time; None: it was there from its start
+    gradual: bool  # it came over a part of the flight and not at once
+    kind: str  # the likeliest of `hypotheses.KINDS`
 
 
 @dataclass(frozen=True)
@@ -103,7 +96,15 @@ class Health:
             "probability": self.probability,
             "matters": MATTERS,
             "suspects": [
-                {"rotor": s.number, "probability": s.probability, "loss": s.loss.as_json(), "since": s.since}
+                {
+                    "rotor": s.number,
+                    "probability": s.probability,
+                    "loss": s.loss.as_json(),
+                    "since": s.since,
+                    "onset_s": s.onset_s.as_json() if s.onset_s else None,
+                    "gradual": s.gradual,
+                    "kind": s.kind,
+                }
                 for s in self.suspects
             ],
             "payload_moved": self.payload,
@@ -123,143 +124,54 @@ class Health:
         }
 
 
-@dataclass(frozen=True)
-class _Space:
-    """Sufficient statistics of all flights: unknowns are lasting, specimen gains, passing of each flight."""
-
-    gram: Array  # (p, p) of X, the flights' rows tempered
-    moment: Array  # (p,) X'y
-    precision: Array  # (p,) of the prior
-    faults: Array  # (p, K, N, 2) X'F: for each flight and rotor, lost thrust and torque
-    own: Array  # (K, N, 2, N, 2) F'F, of one flight
-    fault_moment: Array  # (K, N, 2) F'y
-
-
 def judge(
     flights: Sequence[Flight], names: Sequence[str], numbers: Sequence[int], pairs: Sequence[tuple[int, int]]
 ) -> Health:
     """Health of the rotors over flights, oldest first. `pairs`: (upper, lower) indices into the rotors."""
-    rotors, count = flights[0].thrust.shape[1], len(flights)
-    weights: dict[_Key, float] = {}
-    found: dict[_Key, tuple[float, float]] = {}
-    for payload in range(NONE, count):
-        space = _space(flights, payload)
-        inverse = np.asarray(np.linalg.inv(space.gram + np.diag(space.precision)), float)
-        odds = np.log(1 - PAYLOAD_ODDS if payload == NONE else PAYLOAD_ODDS / count)
-        base = odds + _evidence(space, inverse)
-        weights[payload, NONE, NONE] = base + np.log(1 - FAULT_ODDS)
-        for rotor, first in product(range(rotors), range(count)):
-            gain, mean, sd = _fault(space, inverse, rotor, first)
-            weights[payload, rotor, first] = base + gain + np.log(FAULT_ODDS / rotors / count)
-            found[payload, rotor, first] = mean, sd
-    top = max(weights.values())
-    mass = {k: float(np.exp(w - top)) for k, w in weights.items()}
-    total = sum(mass.values())
-    mass = {k: m / total for k, m in mass.items()}
+    rotors = flights[0].thrust.shape[1]
+    found = compared(flights)
     suspects = tuple(
-        sorted(
-            (_suspect(i, numbers[i], mass, found, names) for i in range(rotors)), key=lambda s: -s.probability
-        )
+        sorted((_suspect(i, numbers[i], found, names) for i in range(rotors)), key=lambda s: -s.probability)
     )
     probability = min(sum(s.probability for s in suspects), 1.0)
     verdict = "ground it" if probability >= GROUND else "watch" if probability >= WATCH else "sound"
     each = tuple(
         _of_flight(flight, name, numbers, pairs) for flight, name in zip(flights, names, strict=True)
     )
-    moved = sum(m for k, m in mass.items() if k[0] != NONE)
-    detects = _detects(_space(flights, NONE), rotors)
-    return Health(verdict, probability, suspects, each, float(moved), detects)
+    return Health(verdict, probability, suspects, each, found.payload, _detects(found, rotors))
 
 
-def _space(flights: Sequence[Flight], payload: int) -> _Space:
-    """`payload`: the flight in which something else may hang there, NONE for none."""
-    rotors = flights[0].thrust.shape[1]
-    lasting = flights[0].lasting.shape[1] + 2 * rotors
-    sizes = [f.passing.shape[1] for f in flights]
-    starts = lasting + np.concatenate([[0], np.cumsum(sizes)])
-    p = int(starts[-1])
-    gram, moment = np.zeros((p, p)), np.zeros(p)
-    sd = np.ones(p)
-    faults = np.zeros((p, len(flights), rotors, 2))
-    own = np.zeros((len(flights), rotors, 2, rotors, 2))
-    fault_moment = np.zeros((len(flights), rotors, 2))
-    for k, f in enumerate(flights):
-        gains = np.concatenate([f.thrust, f.torque], axis=1)
-        X = np.concatenate([f.lasting, gains, f.passing], axis=1) * np.sqrt(f.share)
-        y = f.y * np.sqrt(f.share)
-        index = np.concatenate([np.arange(lasting), np.arange(starts[k], starts[k + 1])])
-        gram[np.ix_(index, index)] += X.T @ X
-        moment[index] += X.T @ y
-        F = -np.stack([f.thrust, f.torque], axis=-1) * np.sqrt(f.share)  # (n, N, 2)
-        flat = F.reshape(len(F), -1)
-        faults[index, k] = (X.T @ flat).reshape(len(index), rotors, 2)
-        own[k] = (flat.T @ flat).reshape(rotors, 2, rotors, 2)
-        fault_moment[k] = (flat.T @ y).reshape(rotors, 2)
-        specimen = np.repeat([THRUST_SPECIMEN, TORQUE_SPECIMEN], rotors)
-        sd[:lasting] = np.concatenate([f.lasting_sd, specimen])
-        today = f.passing_sd.copy()
-        for i, name in enumerate(f.passing_names):
-            if k == payload and name.startswith(("cg_", "imu_place")):
-                today[i] = CG_PAYLOAD_M
-            elif k == payload and name.startswith("inertia"):
-                today[i] = INERTIA_PAYLOAD
-        sd[starts[k] : starts[k + 1]] = today
-    return _Space(gram, moment, 1 / sd**2, faults, own, fault_moment)
-
-
-def _evidence(space: _Space, inverse: Array) -> float:
-    """log p(y), less what is the same for all hypotheses."""
-    _, log_det = np.linalg.slogdet(space.gram + np.diag(space.precision))
-    return 0.5 * float(space.moment @ inverse @ space.moment - log_det + np.sum(np.log(space.precision)))
-
-
-def _prior(rotor_sd: float = LOSS_SD) -> Array:
-    """(2, 2) covariance of a fault's lost thrust and torque."""
-    a = rotor_sd**2
-    return np.array(
-        [[a, TORQUE_WITH_THRUST * a], [TORQUE_WITH_THRUST * a, TORQUE_WITH_THRUST**2 * a + TORQUE_APART**2]]
+def _suspect(rotor: int, number: int, found: Comparison, names: Sequence[str]) -> Suspect:
+    own = [f[:, rotor] for f in found.chances]  # (R, kinds) a flight
+    matters = sum(float(np.sum(c * m[:, rotor])) for c, m in zip(own, found.matters, strict=True))
+    flight = int(np.argmax([c.sum() for c in own]))
+    here, onsets = own[flight], found.onsets[flight]
+    within = here[1:].sum() > here[0].sum()
+    onset = None
+    if within:
+        onset = _quantiles(onsets[1:], here[1:].sum(axis=1))
+    slow = np.array([o.over_s > 0.0 for o in onsets])
+    total = max(float(here.sum()), 1e-300)
+    mean, square = (
+        float(np.sum(here * m[:, rotor]) / total) for m in (found.mean[flight], found.square[flight])
     )
+    # a share of the thrust at the commanded speed, and that is known to LIFT_TODAY (voltage, air)
+    half = NORMAL_95 * float(np.sqrt(max(square - mean**2, 0.0) + (LIFT_TODAY * mean) ** 2))
+    loss = Interval(mean, mean - half, mean + half)
+    kind = KINDS[int(np.argmax(sum(c.sum(axis=0) for c in own)))]
+    gradual = bool(within and here[slow].sum() > here[1:].sum() / 2)
+    return Suspect(number, matters, loss, names[flight], onset, gradual, kind)
 
 
-def _fault(space: _Space, inverse: Array, rotor: int, first: int) -> tuple[float, float, float]:
-    """log of the evidence gained by a fault of a rotor from a flight on; mean and sd of its thrust's loss."""
-    cross = space.faults[:, first:, rotor].sum(axis=1)  # (p, 2)
-    own = space.own[first:, rotor, :, rotor].sum(axis=0)
-    fault_moment = space.fault_moment[first:, rotor].sum(axis=0)
-    S = own - cross.T @ inverse @ cross
-    r = fault_moment - cross.T @ inverse @ space.moment
-    prior = _prior()
-    posterior = np.linalg.inv(S + np.linalg.inv(prior))
-    mean = posterior @ r
-    gain = 0.5 * float(r @ mean - np.linalg.slogdet(np.eye(2) + prior @ S)[1])
-    sd = float(np.sqrt(posterior[0, 0]))
-    # a fault takes thrust away: half of the prior's plane, and what of the posterior lies there
-    return gain + np.log(2 * _above(float(mean[0]), sd, 0.0) + 1e-300), float(mean[0]), sd
-
-
-def _above(mean: float, sd: float, least: float) -> float:
-    """P(x > least) of a normal."""
-    from scipy.special import ndtr
-
-    return float(ndtr((mean - least) / sd))
-
-
-def _suspect(
-    rotor: int,
-    number: int,
-    mass: dict[_Key, float],
-    found: dict[_Key, tuple[float, float]],
-    names: Sequence[str],
-) -> Suspect:
-    own = {k: m for k, m in mass.items() if k[1] == rotor}
-    likely = 0.0
-    for key, m in own.items():
-        mean, sd = found[key]
-        likely += m * _above(mean, sd, MATTERS) / max(_above(mean, sd, 0.0), 1e-300)
-    best = max(own, key=lambda k: own[k])
-    mean, sd = found[best]
-    loss = Interval(mean, mean - NORMAL_95 * sd, mean + NORMAL_95 * sd)
-    return Suspect(number, float(likely), loss, names[best[2]])
+def _quantiles(onsets: Sequence[Onset], weights: Array) -> Interval:
+    """Median and 95 % of when it began; the grid's next times on either side belong to it."""
+    starts, widths = np.array([[o.start_s, o.width_s] for o in onsets], float).T
+    order = np.argsort(starts)
+    share = np.cumsum(weights[order]) / np.sum(weights)
+    low, middle, high = (order[np.searchsorted(share, q * share[-1])] for q in (0.025, 0.5, 0.975))
+    return Interval(
+        float(starts[middle]), float(starts[low] - widths[low]), float(starts[high] + widths[high])
+    )
 
 
 def _of_flight(
@@ -269,7 +181,7 @@ def _of_flight(
     rotors = flight.thrust.shape[1]
     X = np.concatenate([flight.thrust, flight.torque, flight.lasting, flight.passing], axis=1)
     precision = np.concatenate([np.zeros(2 * rotors), 1 / flight.lasting_sd**2, 1 / flight.passing_sd**2])
-    prior = _prior() + np.diag([THRUST_SPECIMEN**2, TORQUE_SPECIMEN**2])
+    prior = chipped_prior() + np.diag([THRUST_SPECIMEN**2, TORQUE_SPECIMEN**2])
     A = flight.share * X.T @ X + np.diag(precision)
     block = np.linalg.inv(prior)
     for i in range(rotors):
@@ -305,17 +217,12 @@ def _of_flight(
     return FlightHealth(name, flight.seconds, found, tuple(together))
 
 
-def _detects(space: _Space, rotors: int) -> float:
+def _detects(found: Comparison, rotors: int) -> float:
     """The loss of thrust that would bring the verdict `watch` in the median rotor, all else as expected.
 
-    Its evidence must outweigh the prior odds of one rotor: 0.5 (loss / sd)^2 = log(rotors / FAULT_ODDS).
+    Of a chipped blade before the last flight. Its evidence must outweigh the prior odds of one rotor:
+    0.5 (loss / sd)^2 = log(rotors / FAULT_ODDS).
     """
-    inverse = np.linalg.inv(space.gram + np.diag(space.precision))
-    last = space.own.shape[0] - 1
-    sds = []
-    for i in range(rotors):
-        cross = space.faults[:, last, i]
-        S = space.own[last, i, :, i] - cross.T @ inverse @ cross
-        ratio = np.array([1.0, TORQUE_WITH_THRUST])
-        sds.append(1 / np.sqrt(max(float(ratio @ S @ ratio), 1e-300)))
-    return float(np.median(sds) * np.sqrt(2 * np.log(rotors / FAULT_ODDS * WATCH)))
+    ratio = np.array([1.0, TORQUE_WITH_THRUST])
+    told = np.maximum(np.einsum("a,nab,b->n", ratio, found.last[:, :2, :2], ratio), 1e-300)
+    return float(np.median(told**-0.5) * np.sqrt(2 * np.log(rotors / FAULT_ODDS * WATCH)))

@@ -29,6 +29,7 @@ from coaxlink.frames import Array
 from coaxlink.health.priors import (
     CG_DRAWN_M,
     DELAY_TODAY_S,
+    DISTURBED,
     LIFT_TODAY,
     LOSS_SD,
     MATTERS,
@@ -48,7 +49,6 @@ MEMORY = 300  # blocks over which noise and the filters' scores are forgotten
 WINDOW = 25  # onsets looked back to: the two seconds that a loss may take to be named, and a little
 LASTING = 5  # blocks that an onset is old: the first holds a part of it, motors and loops settle in the next
 SETTLING = 30  # blocks before anything is said: three times what four unknowns need
-DISTURBED = 0.05  # of weight, and weight x arm: sd of a sudden disturbance
 SCALE = 0.10  # of the wrench: inertia as drawn, voltage, air
 MODEL = 0.03  # of a rotor's load beside its usual one: what a rotor model is good to
 RANGE = (0.1, 0.98)  # of full speed: beyond, an ESC starts, stops or has nothing left, and no model holds

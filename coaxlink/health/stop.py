@@ -32,9 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.frames import Array
-from coaxlink.health.priors import LOSS_SD
+from coaxlink.health.priors import DISTURBED, LOSS_SD
 from coaxlink.health.sequential import (
-    DISTURBED,
     GUST_S,
     JOLTS_S,
     RATIOS,

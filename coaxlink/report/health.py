@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from coaxlink.health.judge import GROUND, WATCH, Health
+from coaxlink.health.judge import GROUND, WATCH, Health, Suspect
 from coaxlink.health.priors import MATTERS
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.looks import THRUST, TORQUE
@@ -24,7 +24,7 @@ def verdict_line(health: Health) -> str:
         return f"sound: the probability that a rotor lost more than {share} is {chance}"
     loss = f"{100 * first.loss.value:.0f} % ({100 * first.loss.low:.0f} to {100 * first.loss.high:.0f})"
     return (
-        f"{health.verdict}: rotor {first.number}, {loss} of its thrust gone since {first.since}; "
+        f"{health.verdict}: rotor {first.number}, {loss} of its thrust gone {_since(first)}; "
         f"the probability that a rotor lost more than {share} is {chance}"
     )
 
@@ -35,7 +35,8 @@ def remarks(health: Health) -> Iterator[str]:
         if suspect.probability > LIKELY and health.verdict != "sound":
             yield (
                 f"rotor {suspect.number}: {_percent(suspect.probability)}, {100 * suspect.loss.value:.0f} % "
-                f"+/- {50 * (suspect.loss.high - suspect.loss.low):.0f} since {suspect.since}"
+                f"+/- {50 * (suspect.loss.high - suspect.loss.low):.0f} {_since(suspect)}, "
+                f"most likely {suspect.kind}"
             )
     if health.payload > GROUND:
         yield f"the centre of mass was elsewhere in one flight ({_percent(health.payload)}): payload, pack?"
@@ -47,6 +48,16 @@ def remarks(health: Health) -> Iterator[str]:
         f"by that chance: sound below {100 * WATCH:.0f} %, watch, ground it from {100 * GROUND:.0f} % on; "
         "shares are of the model's load at the commanded speeds, after what all rotors have in common"
     )
+
+
+def _since(suspect: Suspect) -> str:
+    """When it set in; times are the log's own."""
+    if suspect.onset_s is None:
+        return f"since {suspect.since}"
+    how = "gradually from" if suspect.gradual else "from"
+    began = suspect.onset_s
+    apart = (began.high - began.low) / 2
+    return f"{how} {began.value:.1f} s (+/- {apart:.1f}) of {suspect.since} on"
 
 
 def _percent(probability: float) -> str:

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
-from coaxlink.health.columns import Flight
+from coaxlink.health.columns import Flight, louder, passing_events
 from coaxlink.health.judge import judge
 
 N, ROWS = 8, 400
+TIMES = 100.0 + np.arange(ROWS) / 10.0
 PAIRS = ((0, 5), (1, 4), (2, 7), (3, 6))
 PLACE = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * 0.18
 SPIN = np.array([1, -1, 1, -1, 1, -1, 1, -1.0])
 
 
-def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5):
-    """A flight of four channels: rotors' loads wander, `loss` = (rotor, thrust, torque) is gone."""
+def slower(thrust, torque):
+    """(rows, 4, N) of motors that turn slower: own loads gone, the rotor below gets better air."""
+    out = -thrust - torque
+    for upper, lower in PAIRS:
+        out[..., upper] += 0.4 * thrust[..., lower]
+    return out
+
+
+def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5, course=1.0, weak=None):
+    """A flight of four channels: rotors' loads wander, `loss` = (rotor, thrust, torque) is gone.
+
+    `course` (rows, 1): how much of the loss, of `weak` = (rotor, lost speed as thrust) and of `cg` is there.
+    """
     lift = 25.0 * (1 + 0.15 * rng.standard_normal((ROWS, N)))
     drag = 0.02 * lift * (1 + 0.05 * rng.standard_normal((ROWS, N)))
     thrust = np.zeros((ROWS, 4, N))
@@ -27,10 +40,15 @@ def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5):
     centre[:, 1, 0], centre[:, 2, 1] = total, total
     noise = np.array([0.4, 0.03, 0.03, 0.02])
     gains = specimen * rng.standard_normal(N)
-    y = thrust @ gains + centre @ np.array(cg) + noise * rng.standard_normal((ROWS, 4))
+    y = thrust @ gains + course * (centre @ np.array(cg)) + noise * rng.standard_normal((ROWS, 4))
     if loss:
         rotor, of_thrust, of_torque = loss
-        y = y - of_thrust * thrust[..., rotor] - of_torque * torque[..., rotor]
+        y = y - course * (of_thrust * thrust[..., rotor] + of_torque * torque[..., rotor])
+    slow = slower(thrust, torque)
+    if weak:
+        y = y + course * weak[1] * slow[..., weak[0]]
+    push = np.zeros((ROWS, 4, 1))
+    push[:, 3] = total[:, None] * 0.25
     alike = np.concatenate([thrust.sum(-1, keepdims=True), torque.sum(-1, keepdims=True)], axis=-1)
 
     def flat(columns):
@@ -38,7 +56,8 @@ def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5):
 
     return Flight(
         (y / noise).ravel(), flat(centre), flat(np.concatenate([alike, centre], axis=-1)), flat(thrust),
-        flat(torque), np.array([5e-3, 5e-3]), np.array([0.1, 0.05, 3e-3, 3e-3]),
+        flat(torque), flat(slow), flat(push)[:, 0], np.repeat(TIMES, 4), 4.0,
+        np.array([5e-3, 5e-3]), np.array([0.1, 0.05, 3e-3, 3e-3]),
         ("lift_today", "torque_today", "cg_right_m", "cg_forward_m"), share, ROWS / 10.0, noise,
     )  # fmt: skip
 
@@ -95,3 +114,76 @@ def test_rows_that_go_together_count_less():
         found = health(flight(rng, (1, 0.2, 0.1), share=share))
         widths.append(found.suspects[0].loss.high - found.suspects[0].loss.low)
     assert widths[1] > widths[0]
+
+
+def since(start_s, over_s=0.0):
+    """(rows, 1) of what sets in so many seconds into the flight, low-passed at 4 Hz as a frame's rows are."""
+    fine = np.arange(ROWS * 50) / 500.0
+    raw = np.clip((fine - start_s) / max(over_s, 1e-9), 0.0, 1.0)
+    smooth = sosfiltfilt(butter(2, 4.0, fs=500.0, output="sos"), raw)
+    return np.interp(TIMES - TIMES[0], fine, smooth)[:, None]
+
+
+@pytest.mark.parametrize(("rotor", "torque"), [(1, 0.85), (4, 0.85), (2, -0.8), (7, -0.8)])
+def test_a_loss_within_a_flight_is_named_with_its_time(rotor, torque):
+    rng = np.random.default_rng(20 + rotor)
+    found = health(flight(rng, (rotor, 0.12, 0.12 * torque), course=since(23.4)))
+    first = found.suspects[0]
+    assert found.verdict == "ground it" and first.number == rotor + 1
+    assert first.onset_s.low <= 123.4 <= first.onset_s.high < first.onset_s.low + 1.5
+    assert first.loss.low < 0.12 < first.loss.high
+    assert not first.gradual
+    assert first.kind == ("a blade that lost a part" if torque > 0 else "a rough blade")
+    assert "rotor" in found.as_json()["suspects"][0] and found.as_json()["suspects"][0]["onset_s"][0] > 123
+
+
+def test_a_loss_that_comes_gradually_is_told_from_one_at_once():
+    rng = np.random.default_rng(30)
+    found = health(flight(rng), flight(rng, (3, 0.15, 0.12), course=since(12.0, 18.0)))
+    first = found.suspects[0]
+    assert first.number == 4 and first.gradual and first.since == "flight 2"
+    assert first.onset_s.low < 112.0 < first.onset_s.high
+
+
+@pytest.mark.parametrize("rotor", [0, 5])
+def test_a_motor_that_turns_slower_is_told_from_a_blade(rotor):
+    rng = np.random.default_rng(40 + rotor)
+    first = health(flight(rng, weak=(rotor, 0.15), course=since(15.0))).suspects[0]
+    assert first.number == rotor + 1 and first.kind == "a motor that turns slower"
+    assert first.loss.low < 0.15 < first.loss.high
+
+
+def test_what_was_there_from_the_start_has_no_time():
+    rng = np.random.default_rng(50)
+    first = health(flight(rng), flight(rng, (2, 0.15, 0.12))).suspects[0]
+    assert first.onset_s is None and not first.gradual
+
+
+def test_a_load_that_slides_is_no_rotor():
+    rng = np.random.default_rng(60)
+    found = health(flight(rng, cg=(0.02, 0.01), course=since(20.0)))
+    assert found.verdict == "sound" and found.payload > 0.9
+
+
+def test_what_is_over_within_a_second_is_no_rotor():
+    rng = np.random.default_rng(70)
+    time = np.arange(600) / 10.0
+    rest = rng.standard_normal((600, 4))
+    rest[300:304] += 20.0
+    found = time[passing_events(rest, time)]
+    assert 29.6 <= found.min() < 30.0 and 30.3 < found.max() <= 30.8
+    assert not passing_events(rng.standard_normal((600, 4)), time).any()
+    rest[::5] += 20.0  # that many are no events
+    assert not passing_events(rest, time).any()
+
+
+def test_noise_is_what_the_likeliest_hypothesis_leaves():
+    rng = np.random.default_rng(80)
+    own = flight(rng)
+    same = louder(own, rng.standard_normal(4 * ROWS))
+    more = louder(own, rng.standard_normal(4 * ROWS) * np.tile([1.0, 3.0, 1.0, 1.0], ROWS))
+    assert same is None
+    assert more.noise / own.noise == pytest.approx([1.0, 3.0, 1.0, 1.0], rel=0.15)
+    assert np.std(own.y.reshape(-1, 4)[:, 1]) / np.std(more.y.reshape(-1, 4)[:, 1]) == pytest.approx(
+        3.0, rel=0.15
+    )
