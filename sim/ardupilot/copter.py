@@ -14,6 +14,7 @@ from sim.ardupilot.mixer import SCRIPTED, Mixer
 from sim.ardupilot.own_values import OwnValues
 from sim.ardupilot.scripts import Scripts
 from sim.ardupilot.store import Store
+from sim.physics.plant import FOOT_Z_M
 from sim.px4.autopilot import RATE_HZ, AttitudeGoal, Autopilot, Goal, Mode, Reading, Refused
 from sim.px4.cascade import Demand, Three
 from sim.px4.tuning import tune
@@ -263,11 +264,16 @@ class Copter(Autopilot):
         super().take_off(altitude_m)
 
     def offboard(self, goal: Goal | AttitudeGoal) -> None:
-        """GUIDED follows what it is told; a landed vehicle waits for a take-off."""
-        if self.ap_mode != GUIDED or not self.armed or self.landed:
+        """GUIDED follows what it is told; on the ground that ends a take-off, and waits for the next."""
+        if self.ap_mode != GUIDED or not self.armed:
+            return
+        if self.mode == Mode.TAKEOFF and self.reading.height < FOOT_Z_M + 0.06:
+            self.landed = True  # mode_guided.cpp: another submode, which does not leave the ground
+            self._enter(Mode.HOLD)
+        if self.landed:
             return
         super().offboard(goal)
-        if self.mode == Mode.HOLD:
+        if self.mode in (Mode.HOLD, Mode.TAKEOFF):
             self.mode = Mode.OFFBOARD
 
     @property

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from sim.ardupilot.store import Store
-from sim.line.ftp import Files, Manners
+from sim.line.ftp import FAIL, Files, Manners
 
 PARAMS = "@PARAM/param.pck"
-MANNERS = Manners()
+MANNERS = Manners(unknown=FAIL)  # so MAVSDK, which lists with times, lists nothing of it
 
 
 class Card(Files):

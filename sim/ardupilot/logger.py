@@ -30,6 +30,7 @@ SIZES = {
     "M": "B",
     "n": "4s",
 }
+PERSISTS_S = 15.0  # it goes on so long after disarming (HAL_LOGGER_ARM_PERSIST)
 LOGS_DISARMED = (1, 2, 3)  # 2: but on USB, where nobody is; 3 gives up a log without arming at the next boot
 ARMED, DISARMED, LANDED, AIRBORNE = 10, 11, 18, 28
 
@@ -147,6 +148,7 @@ class DataFlashLogger(Logger):
         self._layouts = {name: kind.layout for name, kind in KINDS.items()}
         self._now = 0
         self._boot_log: bytearray | None = None
+        self._armed_s = -math.inf
         self._state: tuple[Any, ...] = ()
         super().__init__(autopilot)
         autopilot.files.folders.add(FOLDER)
@@ -154,14 +156,14 @@ class DataFlashLogger(Logger):
     def booted(self) -> None:
         """Every boot has a log of its own."""
         self.close()
-        self._boot_log = None
+        self._boot_log, self._armed_s = None, -math.inf
 
     def wanted(self) -> bool:
-        store = self.autopilot.store
-        return bool(
-            int(store["LOG_BACKEND_TYPE"]) & 1
-            and (self.autopilot.armed or store["LOG_DISARMED"] in LOGS_DISARMED)
-        )
+        store, now = self.autopilot.store, self.autopilot.plant.time_s
+        if self.autopilot.armed:
+            self._armed_s = now
+        flown = now - self._armed_s < PERSISTS_S
+        return bool(int(store["LOG_BACKEND_TYPE"]) & 1 and (flown or store["LOG_DISARMED"] in LOGS_DISARMED))
 
     def record(self, now_us: int) -> None:
         self._now = now_us

@@ -31,6 +31,7 @@ class Manners:
     one_session: bool = False  # a second open file is refused until the first is closed
     counts_written: bool = False  # a write is answered by the bytes taken
     empty_folder_ends: bool = True  # an empty folder is answered as its end, else as a list of nothing
+    unknown: int = UNKNOWN  # what a request is answered that it does not know
 
 
 class Files:
@@ -164,7 +165,7 @@ class Server:
         """What moves, makes and removes."""
         f, place = self._files, self._files.clean(path)
         if code not in (REMOVE, MAKE_DIRECTORY, REMOVE_DIRECTORY, TRUNCATE, RENAME):
-            return False, bytes([UNKNOWN]), 0
+            return False, bytes([self._manners.unknown]), 0
         target = data.partition(b"\0")[2].strip(b"\0").decode(errors="replace")
         if not f.writable(path) or (code == RENAME and not f.writable(target)):
             return False, bytes([PROTECTED]), 0

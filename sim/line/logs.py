@@ -29,7 +29,7 @@ class LogTransfer:
         }
 
     def _logs(self) -> list[str]:
-        return [] if self._autopilot.logger is None else self._autopilot.logger.logs()
+        return [] if self._autopilot.logger is None else self._autopilot.logger.listed()
 
     def _list(self, message: Any) -> None:
         logs = self._logs()

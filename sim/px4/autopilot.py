@@ -97,6 +97,7 @@ class Autopilot(Navigator):
         self.demand: Demand = IDLE
         self.reading: Reading = self.sensors.read()
         self._enter(Mode.HOLD)
+        self._after_disarming = Mode.HOLD
         self._offboard_goal = self.goal
         self.attitude_goal: AttitudeGoal | None = None
         self._offboard_at = self._live_at = -math.inf
@@ -114,6 +115,8 @@ class Autopilot(Navigator):
             return
         if self.mixer.mix is None:
             raise Refused("Arming denied: the control allocation has no valid rotors")
+        if self.mode == Mode.OFFBOARD and not self.offboard_fresh:
+            raise Refused("Arming denied: Resolve system health failures first")
         if self.links.required and not self.links.there(self.plant.time_s):
             raise Refused("Arming denied: no connection to the ground control station")
         if self.landed and self.plant.charge < 0.4:
@@ -132,8 +135,8 @@ class Autopilot(Navigator):
     def _stop(self, why: str) -> None:
         self.armed = False
         self.cascade.reset()
-        if self.mode != Mode.OFFBOARD:
-            self._enter(Mode.HOLD)
+        if self.mode != Mode.OFFBOARD:  # UserModeIntention.cpp: back to what was chosen before the landing
+            self._enter(self._after_disarming)
         self.say(6, why)
         self._flight_over()
 
@@ -151,13 +154,16 @@ class Autopilot(Navigator):
             raise Refused("Switching to Mission denied: no valid mission available")
         if mode == Mode.TAKEOFF:
             self.take_off(math.nan)
-        else:
-            self._enter(mode)
+            return
+        self._enter(mode)
+        if mode not in (Mode.LAND, Mode.RTL):
+            self._after_disarming = Mode.OFFBOARD if mode == Mode.OFFBOARD else Mode.HOLD
 
     def take_off(self, altitude_m: float) -> None:
         """Climb to `altitude_m` above home (NaN: MIS_TAKEOFF_ALT)."""
         height = altitude_m if math.isfinite(altitude_m) else float(self.settings["MIS_TAKEOFF_ALT"])
         self._enter(Mode.TAKEOFF)
+        self._after_disarming = Mode.HOLD
         n, e, _ = self._position()
         self._target = (n, e, -height)
 

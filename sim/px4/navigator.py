@@ -25,6 +25,7 @@ class Navigator:
     mode: Mode
     goal: Goal
     reading: Reading
+    armed: bool
     landed: bool
     cruise: float
     say: Callable[[int, str], None]
@@ -73,7 +74,7 @@ class Navigator:
         """Where to be 4 ms from now, by mode."""
         if self.mode == Mode.OFFBOARD:
             self.goal = self._offboard_goal
-            if self.landed and self._goes_up(position):
+            if self.armed and self.landed and self._goes_up(position):
                 self.landed = False
             return
         if self.on_mission and self._fly_mission(position):

@@ -16,6 +16,7 @@ from mavsdk.plugins.ftp import FtpResult
 from firmware_params.ardupilot.scripts import loader_params, loader_script, matrix_script
 from sim.ardupilot.copter import GUIDED, Copter
 from sim.ardupilot.files import MANNERS
+from sim.ardupilot.logger import DataFlashLogger
 from sim.line.ftp import Server
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
@@ -89,14 +90,15 @@ def test_a_guided_flight(link: Any) -> None:
 
 
 def test_mavsdk_connects_reads_parameters_and_moves_files(tmp_path: Path) -> None:
-    from mavsdk.plugins.ftp import Ftp
+    from mavsdk.plugins.ftp import Ftp, FtpError
     from mavsdk.plugins.param import Param
 
     with standin("--firmware", "ardupilot", "--speed", "2") as port, mavsdk_system(port) as system:
         assert Param(system).get_param_float("MOT_THST_EXPO") == pytest.approx(0.65)
         ftp = Ftp(system)
         ftp.create_directory("scripts")
-        assert [e.name for e in ftp.list_directory("/").entries] == ["logs", "scripts"]
+        with pytest.raises(FtpError):  # as the real one: it asks for times, and does not ask again without
+            ftp.list_directory("/")
         script, back = tmp_path / "table.lua", tmp_path / "back"
         script.write_text(matrix_script(REDUCED, title="test"))
         back.mkdir()
@@ -259,6 +261,38 @@ def test_setpoints_are_for_guided_and_in_the_air_only(board: Board) -> None:
     assert board.copter.landed and not board.copter.armed
 
 
+def test_a_set_point_before_it_is_up_ends_a_take_off(board: Board) -> None:
+    """As mode_guided.cpp, flown on the real one: another submode, which does not leave the ground."""
+    c = board.copter
+    c.set_ap_mode(GUIDED)
+    c.arm()
+    c.take_off(3.0)
+    board.run(0.1)
+    c.offboard(Goal((0.0, 0.0, -3.0)))
+    board.run(5.0)
+    assert c.landed and c.armed
+    c.take_off(3.0)
+    board.run(8.0)
+    assert not c.landed and c.plant.position[2] < -2.5
+
+
+def test_its_log_goes_on_for_a_while_after_disarming(board: Board) -> None:
+    logger, c = DataFlashLogger(board.copter), board.copter
+    c.arm()
+
+    def grown(seconds: float) -> int:
+        for _ in range(round(250 * seconds)):
+            c.step()
+            logger.record(round(1e6 * c.plant.time_s))
+        return sum(len(c.files.files[path]) for path in logger.logs())
+
+    flown = grown(1.0)
+    c.disarm()
+    persists = grown(14.0)
+    over = grown(2.0)
+    assert persists > 5 * flown and over < 1.1 * persists and grown(2.0) == over
+
+
 def ftp(server: Server, sent: list[bytes], seq: int, code: int, data: bytes = b"", offset: int = 0) -> bytes:
     server.hear(struct.pack("<HBBBBBBI", seq, 0, code, len(data), 0, 0, 0, offset) + data.ljust(239, b"\0"))
     return sent[-1]
@@ -282,6 +316,7 @@ def test_files_over_mavlink(board: Board) -> None:
     count = len(sent)
     ftp(server, sent, 903, 4, b"/nothing")
     assert len(sent) == count + 1 and sent[-1] == sent[-2]  # a repeated request gets the same answer
+    assert ftp(server, sent, 904, 16, b"/APM/scripts")[3] == 129 and sent[-1][12] == 1  # Fail, not unknown
     before = store.values()
     packed = store.packed()
     head = struct.pack("<HHH", 0x671B, len(store.names), len(packed))
