@@ -1,7 +1,8 @@
 """MAVSDK on a session's line: what the vehicle sends goes to both, what MAVSDK sends goes out through it.
 
-So the line stays ours: one peer, recorded, any address that coaxlink knows. MAVSDK has the commands, the
-set-points and the logs.
+So the line stays ours: one peer, recorded, any address that coaxlink knows. MAVSDK has the set-points and the
+logs. Arming and take-off are commands of ours: what MAVSDK does around them depends on the mode that it last
+heard of, a second ago, and its take-off leaves PX4's `MIS_TAKEOFF_ALT` changed.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
+
+from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import InputError, LinkError, SafetyRefusal
 from coaxlink.mavlink import Session
@@ -72,6 +75,18 @@ def request(what: str, session: Session, call: Callable[[], object]) -> None:
         text = str(error)
         if "TIMEOUT" in text.upper() or "NO_SYSTEM" in text.upper() or "CONNECTION" in text.upper():
             raise LinkError(session.address, f"{what}: no answer ({text})") from error
-        said = session.latest("STATUSTEXT")
-        words = f"; it says: {said.text}" if said is not None else ""
-        raise SafetyRefusal(f"{what}: the autopilot refused ({text}){words}") from error
+        raise SafetyRefusal(f"{what}: the autopilot refused ({text}){_its_words(session)}") from error
+
+
+def command(what: str, session: Session, number: int, *parameters: float) -> None:
+    """A command of ours. Raises SafetyRefusal with the vehicle's own words, LinkError on silence."""
+    result = session.command(number, *parameters)
+    if result != mavlink.MAV_RESULT_ACCEPTED:
+        known = mavlink.enums["MAV_RESULT"].get(result)
+        answer = known.name if known else result
+        raise SafetyRefusal(f"{what}: the autopilot refused ({answer}){_its_words(session)}")
+
+
+def _its_words(session: Session) -> str:
+    said = session.latest("STATUSTEXT")
+    return f"; it says: {said.text}" if said is not None else ""

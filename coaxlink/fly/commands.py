@@ -21,7 +21,7 @@ from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 from coaxlink.fly.trajectory import Plan, Setpoint
 from coaxlink.mavlink.session import Session
 
-OFFBOARD = 6  # PX4 main mode
+OFFBOARD, AUTO, LOITER = 6, 4, 3  # PX4 main modes, and a sub mode
 GUIDED = 4  # ArduCopter mode
 READY_S = 15.0  # how long a vehicle that has just started may take until its own checks let it arm
 SILENCE_S = 15.0  # wall time without a position before the link counts as lost; a busy machine may stall
@@ -60,9 +60,11 @@ class Vehicle:
         return -float(self._position().z)
 
     def arm(self) -> None:
-        """Arm the motors; an ArduCopter in guided mode, where it may be told to take off."""
+        """Arm the motors: an ArduCopter in guided mode, where it may be told to take off, a PX4 in hold."""
         if self.session.identity.is_ardupilot:
             self._mode(GUIDED)
+        else:  # after a flight it is in offboard mode again, where without set-points it does not arm
+            self._mode(AUTO, LOITER)
         self._wait_ready()
         self._command("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         self._until(lambda: self.session.armed, 5.0, "it said yes to arming but did not arm")

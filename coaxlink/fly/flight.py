@@ -16,20 +16,20 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed, CoaxlinkError, LinkError, SafetyRefusal
-from coaxlink.fly.bridge import Bridge, request
+from coaxlink.fly.bridge import Bridge, command, request
 from coaxlink.fly.limits import Limits, State, breach, plan_faults
 from coaxlink.fly.trajectory import Plan, Setpoint
 from coaxlink.mavlink import Session
 
 # message id: rate in Hz; what the limits are held against
-STREAMS = {32: 20.0, 30: 20.0, 1: 2.0, 147: 2.0, 245: 2.0}
+STREAMS = {32: 20.0, 30: 20.0, 33: 2.0, 1: 2.0, 147: 2.0, 245: 2.0}
 READY_S = 20.0  # wall time in which a vehicle must pass its own pre-arm checks
 REPORTED_S = 10.0  # wall time in which it must say what is left in the battery: twenty of its messages
 SILENCE_S = 15.0  # wall time without a position
 CLIMB_S = 40.0  # vehicle's time to the first height
 LAND_S = 120.0  # vehicle's time to the ground
 REACHED = 0.9  # of the height
-PX4_AUTO, PX4_OFFBOARD, AP_GUIDED, AP_LAND = 4, 6, 4, 9
+PX4_AUTO, PX4_LOITER, PX4_OFFBOARD, AP_GUIDED, AP_LAND = 4, 3, 6, 4, 9
 WANTED = ("LOCAL_POSITION_NED", "HEARTBEAT")
 Watch = Callable[[str, float, State], None]
 
@@ -199,13 +199,17 @@ class Pilot:
                 flown.battery = (flown.battery[0], self.battery())
 
     def _take_off(self, height_m: float, inbox: queue.SimpleQueue[Any]) -> None:
-        request("take-off height", self.session, lambda: self.action.set_takeoff_altitude(height_m))
+        custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         if self.session.identity.is_ardupilot:
-            # armed outside of guided mode it would not take off; MAVSDK's offboard mode is guided there
-            self._aim(Setpoint((0.0, 0.0, 0.0)))
-            request("guided mode", self.session, self.offboard.start)
-        request("arming", self.session, self.action.arm)
-        request("take-off", self.session, self.action.takeoff)
+            # armed outside of guided mode it would not take off; a set-point before it is up calls that off
+            command("guided mode", self.session, mavlink.MAV_CMD_DO_SET_MODE, custom, AP_GUIDED)
+            how = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)  # above home; it takes no NaN
+        else:
+            # disarmed after a flight it is in offboard mode again, where without set-points it does not arm
+            command("hold mode", self.session, mavlink.MAV_CMD_DO_SET_MODE, custom, PX4_AUTO, PX4_LOITER)
+            how = (0.0, 0.0, 0.0, math.nan, math.nan, math.nan, self._altitude() + height_m)
+        command("arming", self.session, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        command("take-off", self.session, mavlink.MAV_CMD_NAV_TAKEOFF, *how)
         emptied(inbox)
         began: float | None = None
         mode_watch = ModeWatch()
@@ -283,6 +287,14 @@ class Pilot:
         if (problem := breach(state, self.limits)) is not None:
             raise OverLimit(f"flight ended and landed: {problem}")
         return state
+
+    def _altitude(self) -> float:
+        """Where the ground is above the sea, m, as PX4's take-off counts."""
+        name = "GLOBAL_POSITION_INT"
+        ground = self.session.latest(name) or self.session.wait(name, SILENCE_S)
+        if ground is None:
+            raise SafetyRefusal("take-off: it sends no global position, which a take-off to a height needs")
+        return float(ground.alt) / 1e3
 
     def _height(self, position: Any) -> float:
         return float(self._start.z - position.z)

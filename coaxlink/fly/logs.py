@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from coaxlink import files
-from coaxlink.errors import CheckFailed, InputError
+from coaxlink.errors import CheckFailed, InputError, LinkError
 from coaxlink.fly.bridge import Bridge
+from coaxlink.mavlink import Session
+from coaxlink.mavlink.ftp import Files
+from firmware_params.ardupilot.scripts import file_crc
 
 STALLED_S = 30.0  # without progress; a radio at 57600 baud still moves
-SETTLES = 10  # looks at a file that the autopilot may still write
-FOLDERS = ("/fs/microsd/log", "/APM/LOGS", "/logs")
+SETTLED_S = 1.5  # wall time without growth; ArduPilot's buffer goes to the card every second
+SETTLES_S = 60.0  # ArduPilot writes 15 s of its own time more after disarming; a simulation may be slow
+CRC_S = 30.0  # of wall time: a board reads a long log at a megabyte a second and more
+FOLDERS = ("/fs/microsd/log", "/log", "/APM/LOGS", "/logs")  # boards and simulations of PX4, of ArduPilot
 DIFFERS = "differs"
 Progress = Callable[[float], None]
 
@@ -75,57 +81,66 @@ class Logs:
         if results[0] != LogFilesResult.SUCCESS:
             raise CheckFailed(f"the log did not come down ({results[0].name})")
         size = part.stat().st_size
-        crc = _compared(self.bridge, part, size)
+        crc = _compared(self.bridge.session, part, size)
         if crc == DIFFERS:
             raise CheckFailed(f"{part}: its CRC32 differs from the card's")
         part.replace(path)
         return Fetched(path, size, files.sha256(path), crc)
 
     def _newest(self, before: list[Any] | None) -> Any:
-        """The newest entry, once its size stands still."""
-        known = {e.id: e.size_bytes for e in before or ()}
+        """The entry that is new or has grown, once its size stands still.
+
+        PX4 numbers logs anew at every listing, in the order of the card's folders: a number is no name.
+        """
         last: Any = None
-        for _ in range(SETTLES):
+        began = grew = time.monotonic()
+        while True:
             found = self.entries()
             if not found:
                 raise CheckFailed("the autopilot serves no log")
-            new = [e for e in found if known.get(e.id, 0) != e.size_bytes and e.size_bytes > 0]
+            known = Counter((e.date, e.size_bytes) for e in before or ())
+            new = []
+            for entry in found:
+                key = (entry.date, entry.size_bytes)
+                if known[key]:
+                    known[key] -= 1
+                elif entry.size_bytes > 0:
+                    new.append(entry)
             if not new:
                 raise CheckFailed("the autopilot wrote no new log")
-            entry = max(new, key=lambda e: e.id)
-            if last is not None and (last.id, last.size_bytes) == (entry.id, entry.size_bytes):
-                return entry
-            last = entry
-            time.sleep(0.2)
-        return last
+            newest, now = max(new, key=lambda e: (e.date, e.id)), time.monotonic()
+            if last is None or last.size_bytes != newest.size_bytes:
+                grew = now
+            if now - grew > SETTLED_S or now - began > SETTLES_S:
+                return newest
+            last = newest
+            time.sleep(0.5)
 
 
-def _compared(bridge: Bridge, path: Path, size: int) -> str:
-    """Whether the card's own CRC32 of a file of this size is that of `path`."""
-    from mavsdk.exceptions import MavsdkError
-    from mavsdk.plugins.ftp import Ftp
+def _compared(session: Session, path: Path, size: int) -> str:
+    """Whether the card's own CRC32 of a file of this size is that of `path`.
 
-    ftp = Ftp(bridge.system)
-    for root in FOLDERS:
-        try:
-            for place in _files(ftp, root, size, 2):
-                return "same" if ftp.are_files_identical(str(path), place) else DIFFERS
-        except MavsdkError:
-            continue
-    return "not known: no file of this size is listed"
+    By requests of ours: MAVSDK lists folders with their times, which ArduPilot's MAVFTP does not know.
+    """
+    listed = Files(session)
+    slow = Files(session, timeout_s=CRC_S)
+    ours = file_crc(path.read_bytes())
+    try:
+        places = [place for root in FOLDERS for place in _places(listed, root, size, 2)]
+        if not places:
+            return "not known: no file of this size is listed"
+        return "same" if any(slow.crc(place) == ours for place in places) else DIFFERS
+    except (CheckFailed, LinkError) as error:
+        return f"not known: {error}"
 
 
-def _files(ftp: Any, folder: str, size: int, depth: int) -> list[str]:
-    listed = ftp.list_directory(folder).entries
-    found = [f"{folder}/{e.name}" for e in listed if e.size_bytes == size and not _is_folder(e)]
-    for e in listed if depth else ():
-        if _is_folder(e):
-            found += _files(ftp, f"{folder}/{e.name}", size, depth - 1)
+def _places(board: Files, folder: str, size: int, depth: int) -> list[str]:
+    entries = board.entries(folder) or []
+    found = [f"{folder}/{name}" for name, bytes_ in entries if bytes_ == size]
+    for name, bytes_ in entries if depth else ():
+        if bytes_ is None:
+            found += _places(board, f"{folder}/{name}", size, depth - 1)
     return found
-
-
-def _is_folder(entry: Any) -> bool:
-    return "DIR" in str(getattr(entry.entry_type, "name", entry.entry_type)).upper()
 
 
 def readable(path: Path) -> str | None:

@@ -193,11 +193,16 @@ class Files:
                 raise
 
     def listing(self, folder: str) -> list[str] | None:
-        """Names of the files in a folder, None when there is no such folder.
+        """Names of the files in a folder, None when there is no such folder. Raises as `entries`."""
+        found = self.entries(folder)
+        return None if found is None else [name for name, size in found if size is not None]
+
+    def entries(self, folder: str) -> list[tuple[str, int | None]] | None:
+        """Names in a folder and bytes, None for a folder's; None when there is no such folder.
 
         Raises CheckFailed for a listing without an end and for names that would leave the folder.
         """
-        names: list[str] = []
+        names: list[tuple[str, int | None]] = []
         blocks: set[bytes] = set()
         count = 0
         while True:
@@ -216,11 +221,13 @@ class Files:
             if count > MOST_NAMES or (body in blocks and entries != [b"S"] * len(entries)):
                 raise CheckFailed(f"{folder}: the board's listing has no end ({count} names so far)")
             blocks.add(body)
-            found = [e[1:].split(b"\t")[0].decode(errors="replace") for e in entries if e[:1] == b"F"]
-            for name in found:
+            for entry in entries:
+                kind, (name, _, size) = entry[:1], entry[1:].decode(errors="replace").partition("\t")
+                if kind not in (b"F", b"D") or (kind == b"D" and name in (".", "..")):
+                    continue
                 if "/" in name or name in ("", ".", "..") or name_problem(name, _CHUNK):
                     raise CheckFailed(f"{folder}: the board lists '{name}', which is no name of a file")
-            names += found
+                names.append((name, (int(size) if size.isdecimal() else 0) if kind == b"F" else None))
 
     # -- inside --------------------------------------------------------------------------------------------
 

@@ -68,6 +68,24 @@ def test_a_plan_is_flown_and_its_log_comes_down(tmp_path, firmware, ending):
     assert (tmp_path / "flight.tlog").stat().st_size > 10_000
 
 
+def test_a_second_flight_brings_its_own_log_and_leaves_the_settings(tmp_path):
+    """PX4 lists a card's logs by no age, and its take-off height is its owner's."""
+    plans = [tmp_path / f"{seconds}.toml" for seconds in (2, 9)]
+    for plan in plans:
+        plan.write_text(f'height_m = 2.0\n[[pieces]]\nwhat = "wait"\nseconds = {plan.stem}.0\n')
+    logs = []
+    with standin(*WORLD) as port:
+        lenient(port)
+        for plan in plans:
+            code, _, told, found = fly(port, tmp_path / plan.stem, "--plan", plan, "--yes")
+            assert code == 0 and found["crc"] == "same", told
+            logs.append(tmp_path / plan.stem / "flight.ulg")
+        with connect(f"udpout:127.0.0.1:{port}") as session:
+            assert Parameters(session).read("MIS_TAKEOFF_ALT").value == 2.5
+    short, long = ((t := read_flight_log(log)["time_s"])[-1] - t[0] for log in logs)
+    assert long > short + 5.0
+
+
 def test_refusals_leave_the_motors_off(tmp_path):
     with standin(*WORLD) as port:
         unasked = fly(port, tmp_path)
