@@ -108,7 +108,7 @@ def repeated_rows(frame: StandFrame) -> Mask:
 def clipped_rows(frame: StandFrame, channel: int) -> tuple[Mask, float] | None:
     """(rows,) at a limit or so near it that it cuts the noise, and the limit; None for a cell without one."""
     values = frame.measured[:, channel]
-    levels, counts = np.unique(values, return_counts=True)
+    levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
     if len(levels) < 10:
         return None
     for limit, count, sign in ((levels[-1], counts[-1], 1.0), (levels[0], counts[0], -1.0)):

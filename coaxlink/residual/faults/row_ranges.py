@@ -31,7 +31,7 @@ PARTS: Sequence[tuple[tuple[float, float], ...]] = (
 def stretches(gain: Array) -> list[slice]:
     """Runs of rows whose summed gain (rows,) is largest, each of at least `LEAST_GAIN`, best first."""
     out: list[slice] = []
-    left = gain.astype(float).copy()
+    left = np.where(np.isfinite(gain), gain, -CAP)  # a row without a number belongs to no run
     for _ in range(MOST):
         path = np.concatenate([[0.0], np.cumsum(left)])
         low = np.minimum.accumulate(path)
@@ -53,7 +53,8 @@ def parts_of(rows: int) -> list[Mask]:
 def robust_fit(x: Array, y: Array, weights: Mask) -> Array:
     """(K,) coefficients of columns x (rows, K) for y (rows,) on the rows of a mask; a few outliers do not
     count (squares first, then ever more like absolute values)."""
-    x, y = x[weights], y[weights]
+    use = weights & np.isfinite(y)
+    x, y = x[use], y[use]
     scale = np.sqrt(np.mean(x**2, axis=0)) + 1e-12
     fit = np.linalg.lstsq(x / scale, y, rcond=1e-6)[0]
     for _ in range(12):

@@ -1,24 +1,32 @@
-"""Damaged copies of a flight log: each is answered or refused in one line, none ends in a traceback.
+"""Damaged copies of a log: each is answered or refused in one line, none ends in a traceback.
 
-    python benchmarks/damaged_flights.py [--copies 200] [--through 30] [--seed 0]
+    python benchmarks/damaged_logs.py [--kind stand] [--kind flight] [--copies 200] [--through 200] [--seed 0]
 
-A flight of a minute on the example X8 with a weak rotor; every other copy goes by way of a CSV. A copy has
-one to three damages: columns that are constant, missing, empty in places, repeated, huge, tiny, negative,
-endless or exchanged; gaps, doubled and jumping times, a flight cut short. All copies are read and looked
-through for faults, the first `--through` of them go through `refine`. A warning counts as a traceback.
+A flight of a minute on the example X8 with a weak rotor, and a stand log whose supply sags, held against the
+paper's rotor or (every third) against nothing; every other copy goes by way of a CSV. A copy has one to three
+damages: columns that are constant, missing, empty in places, repeated, huge, tiny (1e-300 among them),
+negative, endless or exchanged; gaps, doubled and jumping times, a log cut short, to two rows or none. All
+copies are read and looked through for faults, the first `--through` of them go through `refine`. A warning
+counts as a traceback.
 """
 
 from __future__ import annotations
 
 import argparse
 import collections
+import subprocess
+import sys
 import tempfile
 import traceback
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from coaxlink.data import Samples
 
 Columns = dict[str, np.ndarray]
 Damage = Callable[[Columns, list[str], np.random.Generator], Columns]
@@ -86,6 +94,7 @@ DAMAGES: dict[str, Damage] = {
     "repeated": of_columns(lambda x, r: np.resize(x[: max(len(x) // 5, 1)], len(x)), part=True),
     "huge": of_columns(lambda x, r: HUGE * x, part=True),
     "tiny": of_columns(lambda x, r: TINY * x, part=True),
+    "vanishing": of_columns(lambda x, r: 1e-300 * x, part=True),
     "negative": of_columns(lambda x, r: -x, part=True),
     "endless": of_columns(lambda x, r: np.where(r.random(len(x)) < 0.01, np.inf, x), part=True),
     "noise": of_columns(lambda x, r: r.standard_normal(len(x)), part=True),
@@ -114,29 +123,85 @@ def flown() -> Columns:
     return fly_quick(made, World((weak,), 1, "wander", 60.0), 8)[1]
 
 
-def main() -> int:
-    """Print what became of the copies; 1 where one ended in a traceback."""
+def measured() -> Columns:
+    """The stand log that is damaged."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "stand.csv"
+        command = [sys.executable, "-m", "coaxlink", "sim", "--stand", str(place), "--seed", "1"]
+        subprocess.run([*command, "--truth", str(EXAMPLES / "truth_battery.toml")], check=True)
+        table = np.genfromtxt(place, delimiter=",", names=True, deletechars="")
+        return {name: np.asarray(table[name], float) for name in table.dtype.names}
+
+
+Answer = Callable[[Path, "Samples | None", int], None]
+
+
+def of_flights() -> Answer:
+    """How a copy of the flight is answered: by its file or its columns, and its number."""
     from coaxlink.airframe import load_airframe
-    from coaxlink.data import Samples, read_flight_log
-    from coaxlink.errors import CoaxlinkError
+    from coaxlink.data import read_flight_log
     from coaxlink.residual import refine
     from coaxlink.residual.channels.flight import flight_frame
     from coaxlink.residual.faults.flight_faults import flight_suspects
     from coaxlink.rotor import load_rotor_model
 
+    airframe = load_airframe(EXAMPLES / "x8_demo.toml")
+    model = load_rotor_model(EXAMPLES / "rotor_paper.toml")
+
+    def answer(place: Path, columns: Samples | None, through: int) -> None:
+        log = columns or read_flight_log(place)
+        if through:
+            refine(log, airframe, model).to_json()
+        else:
+            flight_suspects(flight_frame([log], airframe, model), [log])
+
+    return answer
+
+
+def of_stands() -> Answer:
+    """How a copy of the stand log is answered."""
+    from coaxlink.data import read_stand_log
+    from coaxlink.residual import refine_stand
+    from coaxlink.rotor import load_rotor_model
+
+    model = load_rotor_model(EXAMPLES / "rotor_paper.toml")
+
+    def answer(place: Path, columns: Samples | None, through: int) -> None:
+        log = columns or read_stand_log(place)
+        if through:
+            refine_stand(log, None if through % 3 == 0 else model).to_json()
+
+    return answer
+
+
+def main() -> int:
+    """Print what became of the copies; 1 where one ended in a traceback."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--kind", action="append", choices=("stand", "flight"))
     parser.add_argument("--copies", type=int, default=200)
-    parser.add_argument("--through", type=int, default=30)
+    parser.add_argument("--through", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     o = parser.parse_args()
     warnings.simplefilter("error")
-    airframe = load_airframe(EXAMPLES / "x8_demo.toml")
-    model = load_rotor_model(EXAMPLES / "rotor_paper.toml")
-    whole, ends = flown(), collections.Counter[str]()
+    bad = 0
+    for kind in o.kind or ("stand", "flight"):
+        made, answer = (measured(), of_stands()) if kind == "stand" else (flown(), of_flights())
+        ends = damaged(made, answer, o.copies, o.through, o.seed)
+        print(f"{kind}: " + ", ".join(f"{name} {count}" for name, count in ends.items()))
+        bad += ends["traceback"]
+    return 1 if bad else 0
+
+
+def damaged(log: Columns, answer: Answer, copies: int, through: int, seed: int) -> collections.Counter[str]:
+    """How many copies of a log ended how."""
+    from coaxlink.data import Samples
+    from coaxlink.errors import CoaxlinkError
+
+    ends = collections.Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
-        for copy in range(o.copies):
-            random = np.random.default_rng([o.seed, copy])
-            columns, done = dict(whole), []
+        for copy in range(copies):
+            random = np.random.default_rng([seed, copy])
+            columns, done = dict(log), []
             for _ in range(int(random.integers(1, 4))):
                 kind = str(random.choice(list(DAMAGES)))
                 names = [n for n in columns if n != "time_s"]
@@ -146,27 +211,19 @@ def main() -> int:
             place = Path(folder) / f"{copy}.csv"
             try:
                 if copy % 2:  # as a binary log's reader hands them on: also with what a CSV may not have
-                    log = Samples(columns, place.name)
+                    given = Samples(columns, place.name)
                 else:
-                    rows = np.stack(list(columns.values()), axis=1)
+                    rows, given = np.stack(list(columns.values()), axis=1), None
                     np.savetxt(place, rows, "%.9g", ",", header=",".join(columns), comments="")
-                    log = read_flight_log(place)
-                frame = flight_frame([log], airframe, model)
-                flight_suspects(frame, [log])
-                ends["looked through"] += 1
-                if copy < o.through:
-                    refine(log, airframe, model)
-                    ends["answered"] += 1
+                answer(place, given, copy + 1 if copy < through else 0)
+                ends["answered" if copy < through else "looked through"] += 1
             except CoaxlinkError as error:
                 ends["refused"] += 1
-                if copy < o.through:
-                    ends["of the first, refused"] += 1
                 assert "\n" not in str(error), error
             except Exception:
                 ends["traceback"] += 1
                 print(f"copy {copy}: {'; '.join(done)}\n{traceback.format_exc(limit=-3)}", flush=True)
-    print(", ".join(f"{name} {count}" for name, count in ends.items()))
-    return 1 if ends["traceback"] else 0
+    return ends
 
 
 if __name__ == "__main__":
