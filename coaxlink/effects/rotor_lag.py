@@ -110,6 +110,8 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
 
 def _no_time(frame: StandFrame) -> str | None:
     step = float(np.median(np.diff(frame.time_s))) if len(frame.time_s) > 2 else np.inf
+    if not step > 0.0:
+        return "most rows repeat the time of the row before"
     if not step < 0.6:
         return f"rows are {step:.1f} s apart: a lag has settled between them"
     return drivable(frame)
