@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -14,14 +13,7 @@ from coaxlink.diagnosis.channels import Channels, possible
 from coaxlink.diagnosis.meters import calmed
 from coaxlink.diagnosis.parts import Block, in_channel, products, waves
 from coaxlink.effects import stand_effects
-from coaxlink.effects.battery_voltage import governed_shapes
-from coaxlink.effects.dead_band import cell_shapes, of_cells
-from coaxlink.effects.hysteresis import angle_shapes, relay_shapes
-from coaxlink.effects.motor_heating import magnet_shapes, winding_shapes
-from coaxlink.effects.rotor_lag import ringing_shapes
-from coaxlink.effects.rotor_spacing import alike_shapes
-from coaxlink.effects.sensor_drift import amplifier_shapes, room_shapes
-from coaxlink.effects.tracing import Shape, Tracing
+from coaxlink.effects.further_forms import further_shapes, of_what_is_logged
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.channels.stand import base_corrections, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
@@ -67,7 +59,7 @@ def stand_channels(
     reduce, present, keep = reducing(frame), list(frame.present), frame.keep
     reference = frame.reference[present]
     names = tuple(STAND_CHANNELS[c] for c in present)
-    able, unable = possible(frame, [_of_cells(frame, e) for e in stand_effects()])
+    able, unable = possible(frame, [of_what_is_logged(frame, e) for e in stand_effects()])
     able = [e for e in able if not e.accused]
     weights = np.abs(reduce(frame.predicted))
     mapped = np.hypot(weights, reduce(_wake(frame)))
@@ -98,29 +90,10 @@ def stand_channels(
         forms=_forms(names, variables, weights, reference, present, u, drive, frame.throttles is not None),
         effects=tuple(able),
         reduce=reduce,
-        more_shapes=_more_shapes,
+        more_shapes=further_shapes,
         notes=(*frame.notes, *notes),
         impossible=tuple(unable),
     )
-
-
-def _of_cells(frame: StandFrame, effect: Tracing[Any]) -> Tracing[Any]:
-    """The effect, or what of it a log without throttles can show."""
-    return of_cells(effect) if effect.name == "dead_band" and effect.missing(frame) is not None else effect
-
-
-def _more_shapes(frame: StandFrame, effect: Tracing[Any]) -> Sequence[Shape]:
-    """Forms that stand in for what another effect does: without them the other would be claimed."""
-    more = {
-        "battery_voltage": (governed_shapes,),
-        "dead_band": (cell_shapes,),
-        "motor_heating": (magnet_shapes, winding_shapes),
-        "rotor_lag": (ringing_shapes,),
-        "sensor_drift": (amplifier_shapes, room_shapes),
-        "rotor_spacing": (alike_shapes,),
-        "hysteresis": (relay_shapes, angle_shapes),
-    }.get(effect.name, ())
-    return [shape for shapes in more for shape in shapes(frame)]
 
 
 def _wake(frame: StandFrame) -> Array:

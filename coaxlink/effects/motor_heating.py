@@ -56,6 +56,11 @@ def magnet_shapes(frame: StandFrame) -> Sequence[Shape]:
     return [{"magnets": 1.0}] if frame.context("motor_temperature_C") is not None else []
 
 
+def one_motor_shapes(frame: StandFrame) -> Sequence[Shape]:
+    """One motor of the pair that warms up, a worn bearing's or a short one's: 0 the upper, 1 the lower."""
+    return [{**shape, "side": float(side)} for shape in _heat_shapes(frame) for side in (0, 1)]
+
+
 LOSSES = ("speed_loss_per_100K", "own_speed_loss")
 OWN_S = (20.0, 60.0, 180.0)  # starts of the fit: windings of motors of 0.1 to 1 kg (judgement)
 
@@ -113,8 +118,10 @@ def _heat_columns(frame: StandFrame, shape: Shape) -> Array:
         heat = [_heat(frame, {})[:, None], _own_heat(frame, shape["own_s"])]
         felt_at = loaded(drive(frame), shape)
         return np.stack([frame.slowed(-felt_at * h) for h in heat], axis=-1)
-    felt = _felt(shape, _heat(frame, shape))
-    return frame.slowed(-loaded(drive(frame), shape) * felt[:, None])[..., None]
+    felt = np.tile(_felt(shape, _heat(frame, shape))[:, None], 2)
+    if "side" in shape:
+        felt[:, 1 - round(shape["side"])] = 0.0
+    return frame.slowed(-loaded(drive(frame), shape) * felt)[..., None]
 
 
 def _heat_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
@@ -137,7 +144,7 @@ STAND: Tracing[StandFrame] = Tracing(
     needs=("motor_temperature_C",),
     channels=STAND_CHANNELS,
     units={"speed_loss_per_100K": "1", "memory_s": "s", "load": "1", "fading": "1", "magnets": "1"}
-    | {"own_s": "s", "own_speed_loss": "1"},
+    | {"own_s": "s", "own_speed_loss": "1", "side": "1"},
     missing=_no_heat,
     shapes=_heat_shapes,
     columns=_heat_columns,
@@ -157,12 +164,15 @@ def _static(bench: StaticBench, p: Numbers) -> str:
     degrees = bench.at.motor_temperature_C
     if degrees is None or "memory_s" in p:
         raise LeftOut(_TEMPERATURE_UNKNOWN)
+    if "side" in p:
+        raise LeftOut(_ONE_MOTOR)
     felt = float(_felt(p, np.array((degrees - 25.0) / 100.0)))
     factor = 1.0 - p["speed_loss_per_100K"] * felt
     turn(bench, factor, p, "motor_temperature_C", degrees)
     return f"commands for windings at {degrees:.0f} C, where rotors turn at {factor:.3f} of them"
 
 
+_ONE_MOTOR = "one motor of the stand's pair is hot: a fault of that motor, not of its kind"
 _TEMPERATURE_UNKNOWN = "speed follows the winding's temperature, which no mixer knows"
 EFFECT = PhysicalEffect(
     name="motor_heating",
@@ -177,6 +187,8 @@ EFFECT = PhysicalEffect(
             source="as for the case, of a winding at most 100 K above it"),
         Parameter("magnets", "1", 0.0, 1.0,
             source="a switch, 0 or 1: magnets weaken more than windings resist"),
+        Parameter("side", "1", 0.0, 1.0,
+            source="a number of the pair's rotors (0 upper, 1 lower), each as likely"),
         Parameter("memory_s", "s", 1.0, 10_000.0,
             source="wide: any value between the bounds; windings warm within a minute, cases within a "
                    "quarter of an hour"),
