@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from coaxlink.residual.result import Refinement
 
 DIGITS = 3
+SURE = 0.999  # more is not told apart: of claims held above it some are wrong (docs/evidence.md)
 COLOURED = 1.5  # times the noise between neighbouring rows: no noise floor any more
 
 
@@ -49,11 +50,20 @@ def surface(result: Refinement) -> str:
     return f"a smooth surface over them holds {', '.join(sizes)}"
 
 
+def _probable(evidence: Mapping[str, Any]) -> str:
+    """How probable a claim is, never certain, and by how much no other name is."""
+    p = evidence["probability"]
+    said = "probability above 0.999" if p > SURE else f"probability {p:.3f}"
+    if "nats" not in evidence or evidence.get("method") == "posterior":
+        return said
+    return f"{said}, {evidence['nats']:.0f} nats ahead of any other name"
+
+
 def remarks(result: Refinement) -> Iterator[str]:
     """What a reader must know besides the tables."""
     for e in result.effects:
         if "probability" in e.evidence:
-            yield f"{e.name}: probability {e.evidence['probability']:.3f}"
+            yield f"{e.name}: {_probable(e.evidence)}"
     for a in result.ambiguous:
         yield f"ambiguous: {' or '.join(a.names)}" + (
             f"; to separate: {a.separate_by}" if a.separate_by else ""

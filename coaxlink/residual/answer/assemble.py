@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -61,6 +61,8 @@ class Judged:
     doubts: tuple[Ambiguous, ...] = ()  # beside those of the selection
     open_ends: tuple[Unexplained, ...] | None = None  # what is unexplained, where that is known already
     impossible: tuple[tuple[str, str], ...] = ()  # effects that cannot be tried beside the problem's, and why
+    # nats by which each claim is ahead of what could stand in for it; a claim without an entry was not asked
+    ahead: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
     def claimed(self) -> list[Option]:
@@ -97,7 +99,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         unexplained=unexplained,
         ambiguous=(
             *(
-                _separable(j.selection.problem or p, j.selection, a, j.variables)
+                separable(j.selection.problem or p, j.selection, a, j.variables)
                 for a in j.selection.ambiguous
             ),
             *j.doubts,
@@ -211,12 +213,18 @@ def _found(j: Judged, k: int, final: Array, draws: Array, squares_after: Array) 
 
 
 def _evidence(j: Judged, name: str) -> dict[str, Any]:
-    """Why it was chosen; for an effect that the model had, what its numbers were."""
+    """Why it was chosen, how probable it is against chance and its rivals; what numbers the model had."""
     steps = [s for s in j.selection.trace if s.kept and s.name.endswith(name)]
     out: dict[str, Any] = {}
     if steps:
         last = steps[-1]
         out = {"p_value": last.p_value, "gain_in_noise_variances": last.gain, "size_of_reference": last.size}
+    if name in j.ahead:
+        chance = min(float(out.get("p_value", 0.0)), 1.0)
+        others = float(np.sum(np.exp(-np.clip(j.ahead[name], 0.0, 700.0))))
+        out["probability"] = round((1.0 - chance) / (1.0 + others), 4)
+        if j.ahead[name]:
+            out["nats"] = round(min(j.ahead[name]), 1)
     was = [dict(parameters) for effect, parameters in j.known if effect.name == name]
     return out | ({"was": was[0]} if was else {})
 
@@ -247,7 +255,7 @@ def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:
     )
 
 
-def _separable(
+def separable(
     p: Problem, selection: Selection, doubt: Ambiguous, variables: Mapping[str, Array]
 ) -> Ambiguous:
     """The doubt with the place where its explanations, each as fitted to these data, differ most."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.answer.assemble import Judged, answer
+from coaxlink.residual.answer.doubts import with_rivals
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.residual.channels.flight_problem import (
     base_columns,
@@ -26,8 +27,8 @@ from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled
 from coaxlink.residual.faults.flight_faults import flight_suspects, without_accused
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_base
-from coaxlink.residual.regression.joint_model import SHORT, Joint, Part, composed
-from coaxlink.residual.regression.problem import Problem
+from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed
+from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Refinement, Step
 from coaxlink.residual.search.change_point import with_onsets
 from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
@@ -103,6 +104,7 @@ def judge_flight(
     f = _Flight(bare, composed(bare, known), known)
     progress("fitting candidates")
     c = _chosen(f, flight_problem(f.frame), mislabelled, progress)
+    chosen = c.names
     lifted = settled(c.joint, c.floor, "force_z")
     doubts: tuple[Ambiguous, ...] = ()
     if lifted and not mislabelled:
@@ -119,7 +121,11 @@ def judge_flight(
     variables = flight_variables(f.frame)
     parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled, doubts)
     judged = Judged(settled_base(c.problem), c.selection, c.joint, floor, variables, *parts)
-    return answer(judged, several)
+
+    def fitted(options: Sequence[Option], _: Mapping[str, Member]) -> Joint:
+        return f.fitted(c.problem, Selection(members=list(options)), all_of=True).joint
+
+    return answer(with_rivals(judged, c.problem, fitted, derived=c.names - chosen), several)
 
 
 def _chosen(f: _Flight, problem: Problem, mislabelled: bool, progress: Progress) -> _Choice:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from coaxlink.data.samples import Samples
+from coaxlink.effects import stand_effects
+from coaxlink.effects.further_forms import in_all_forms
 from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.answer.discrepancy_model import floor_beside, log_error, with_discrepancy_model
+from coaxlink.residual.answer.doubts import with_rivals
 from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_problem, stand_variables
 from coaxlink.residual.checks.posterior_check import undone
@@ -20,16 +24,18 @@ from coaxlink.residual.faults.stand_faults import find_suspects
 from coaxlink.residual.faults.tachometer_gain import wrong_gain
 from coaxlink.residual.regression.irls import channel_errors
 from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed
-from coaxlink.residual.regression.problem import Problem
+from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import Refinement, Step
 from coaxlink.residual.search.form_error import within_forms
 from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
-from coaxlink.residual.search.select import Selection, select
+from coaxlink.residual.search.select import LITTLE, Selection, select
 from coaxlink.residual.search.time_trend import explained_by_time
+from coaxlink.residual.search.trial import Judge
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
 ROUNDS = 3  # of judging again
+TRIED = 3  # effects that are moved to their best shape where none passes in a shape of the grid
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
 # order of a fitted base; whose share is taken off first (all effects, all but a drift); from what excess on
@@ -82,8 +88,10 @@ def judge_stand(
         gain = None if mislabelled or few else wrong_gain(problem)
         if gain is not None:
             suspects, mislabelled = (*suspects, gain), True
-        selection = Selection() if mislabelled or few else select(problem)
         reduce = reducing(bare)
+        selection = Selection() if mislabelled or few else select(problem)
+        if not (mislabelled or few or selection.members or selection.doubtful):
+            selection = _tried(problem, selection, bare, known, reduce)
         selection, start, fitted = _again(problem, selection, bare, known, reduce)
         joint, acting = fitted or fit_jointly(problem, selection, bare, known, reduce, start)
         gone = explained_by_time(joint, acting, reduce)
@@ -114,7 +122,49 @@ def judge_stand(
     judged = best[1]
     if judged.problem.frame.free_base and judged.labelled and len(judged.problem.frame.keep) >= LEAST_ROWS:
         judged = with_discrepancy_model(judged)
+    judged = _against_rivals(judged)
     return answer(judged, several)
+
+
+def _tried(
+    problem: Problem,
+    selection: Selection,
+    bare: Any,
+    known: Sequence[Part],
+    reduce: Callable[[Array], Array],
+) -> Selection:
+    """Where nothing passes every gate in a shape of the grid: what does in its best, alone or with another.
+
+    What a wrong shape leaves, and what a second effect does, hangs together in time as noise does not:
+    neither of two large effects is beyond chance while the other is not there.
+    """
+    promising = [t.option for t in Judge(problem).best_of_each([]) if t.gain > LITTLE]
+    sets = [[o] for o in promising[:TRIED]] + [list(pair) for pair in combinations(promising[:TRIED], 2)]
+    for options in sets:
+        joint, _ = fit_jointly(problem, Selection(members=options), bare, known, reduce)
+        if joint.problem.frame is not bare or len(joint.members) != len(options):
+            continue
+        about = fitter_of(problem, bare, known, {o.name for o in options}, reduce).beside(joint)
+        judge, mine = Judge(about), about.options[: len(options)]
+        if all(judge.trial([x for x in mine if x is not o], o).why_not is None for o in mine):
+            return replace(selection, members=options)
+    return selection
+
+
+def _against_rivals(j: Judged) -> Judged:
+    """With doubts for the claims that another effect, in any of its forms, equals."""
+    frame, names = j.problem.frame, {m.name for m in j.joint.members}
+    known = [part for part in j.known if part[0].name not in names]
+    every = [in_all_forms(frame, effect) for effect in stand_effects()]
+    if not j.selection.members:
+        return j
+    problem = stand_problem(composed(frame, known), every)
+
+    def fitted(options: Sequence[Option], settled: Mapping[str, Member]) -> Joint:
+        chosen = Selection(members=list(options))
+        return fit_jointly(problem, chosen, frame, known, reducing(frame), settled)[0]
+
+    return with_rivals(j, problem, fitted, floor=lambda joint: floor_beside(frame, joint))
 
 
 def _far_off(j: Judged, bar: float) -> bool:

@@ -23,6 +23,7 @@ from coaxlink.residual.regression.problem import Index, Option, Problem, from_de
 Part = tuple[Tracing[Any], Mapping[str, float]]
 STEPS = 5
 ONSET = "onset_s"
+FORMS = 3  # of a member, each from the one before
 SHORT = 40_000  # judged rows times channels: candidates are taken through the members
 HALVINGS = (1.0, 0.5, 0.2, 0.05)
 SETTLED = 1e-4  # of the square sum
@@ -302,27 +303,39 @@ def fit(fitter: Fitter, members: Sequence[Member], alternatives: bool = True) ->
         return best
     rows = fitter.problem.residual.size / _inflation(best.problem)
     for name in [m.name for m in members]:
-        mine = next((m for m in best.members if m.name == name), None)
-        if mine is None:
-            continue
-        improved: Shape = {}
-        for shape, coefficients in mine.effect.finer(fitter.bare, mine.shape, mine.coefficients):
-            if improved and set(shape) == set(improved):
-                continue  # this form from another start
-            other = member(fitter.bare, mine.effect, shape, coefficients)
-            trial, now = fitter.settle([other if m.name == name else m for m in best.members])
-            refused = _refused(fitter, trial)
-            if refused and name not in refused:
-                trial, now = fitter.settle([m for m in trial.members if m.name not in refused])
-                refused = _refused(fitter, trial)
-            richer = (score - now) * rows / max(score, 1e-12) > RICHER
-            # of as few numbers: whichever predicts better
-            richer = richer or (len(other.keys) <= len(mine.keys) and now < BETTER * score)
-            # a form that physics allows takes the place of one it does not
-            allowed = now < AS_GOOD * score and bool(_refused(fitter, best))
-            if not refused and (richer or allowed):
-                best, score, improved = trial, now, shape
+        for _ in range(FORMS):
+            better = _other_form(fitter, best, score, name, rows)
+            if better is None:
+                break
+            best, score = better
     return best
+
+
+def _other_form(
+    fitter: Fitter, best: Joint, score: float, name: str, rows: float
+) -> tuple[Joint, float] | None:
+    """The joint fit with a member in the best of its other forms, and its score; None: none gains enough."""
+    mine = next((m for m in best.members if m.name == name), None)
+    if mine is None:
+        return None
+    improved: Shape = {}
+    for shape, coefficients in mine.effect.finer(fitter.bare, mine.shape, mine.coefficients):
+        if improved and set(shape) == set(improved):
+            continue  # this form from another start
+        other = member(fitter.bare, mine.effect, shape, coefficients)
+        trial, now = fitter.settle([other if m.name == name else m for m in best.members])
+        refused = _refused(fitter, trial)
+        if refused and name not in refused:
+            trial, now = fitter.settle([m for m in trial.members if m.name not in refused])
+            refused = _refused(fitter, trial)
+        richer = (score - now) * rows / max(score, 1e-12) > RICHER
+        # of as few numbers: whichever predicts better
+        richer = richer or (len(other.keys) <= len(mine.keys) and now < BETTER * score)
+        # a form that physics allows takes the place of one it does not
+        allowed = now < AS_GOOD * score and bool(_refused(fitter, best))
+        if not refused and (richer or allowed):
+            best, score, improved = trial, now, shape
+    return (best, score) if improved else None
 
 
 def needed(fitter: Fitter, joint: Joint) -> Joint:

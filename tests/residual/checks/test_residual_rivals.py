@@ -1,0 +1,114 @@
+"""Claims against their rivals: what equals one makes a doubt of it, what beats one takes its place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from residual_rig import FULL_RPM, steady_loads
+from scipy.signal import lsim
+
+from coaxlink import files
+from coaxlink.data import Samples
+from coaxlink.residual.answer.stand import judge_stand
+from coaxlink.rotor import load_rotor_model
+
+LOADS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+NOISE = np.array([[0.4], [0.008], [0.4], [0.008]])
+PAPER = load_rotor_model(files.example("rotor_paper.toml"))
+
+
+def stand(speeds, loads, seed, *, rpm=True, **columns):
+    """A log of speeds (rows, 2) and loads (4, rows) with white noise."""
+    rng = np.random.default_rng(seed)
+    loads = loads + NOISE * rng.standard_normal(loads.shape)
+    if rpm:
+        reading = FULL_RPM * speeds + 2.0 * rng.standard_normal(speeds.shape)
+        columns |= {"upper_rpm": reading[:, 0], "lower_rpm": reading[:, 1]}
+    return Samples(columns | dict(zip(LOADS, loads, strict=True)), "test")
+
+
+def ask(samples, model=None):
+    return judge_stand([samples], model, lambda _: None)
+
+
+def names(answer):
+    return {effect.name for effect in answer.effects}
+
+
+def sessions(spacing, seed):
+    """Six sessions over one grid, each in an air of its own; (6,) spacings."""
+    levels = np.linspace(0.2, 0.95, 8)
+    u = np.stack(np.meshgrid(levels, levels, indexing="ij"), axis=-1).reshape(-1, 2)
+    pressure = np.array([96.0, 99.5, 94.0, 101.0, 97.5, 92.0]) * 1e3
+    each, speeds = len(u), np.tile(u, (6, 1))
+    pa, air = np.repeat(pressure, each), np.repeat(pressure / 101_325.0, each)
+    loads = steady_loads(*speeds.T) * air
+    return stand(
+        speeds, loads, seed, time_s=3.0 * np.arange(len(pa)), air_pressure_Pa=pa,
+        air_temperature_C=np.full(len(pa), 15.0), rotor_spacing_m=np.repeat(spacing, each),
+    )  # fmt: skip
+
+
+IN_STEP = 0.12 + 0.06 * (np.array([96.0, 99.5, 94.0, 101.0, 97.5, 92.0]) - 92.0) / 9.0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_causes_in_step_are_a_doubt_and_no_name(seed):
+    answer = ask(sessions(IN_STEP, seed))
+    assert not answer.effects
+    (doubt,) = answer.ambiguous
+    assert {"air_density", "rotor_spacing"} <= set(doubt.names)
+    assert doubt.separate_by
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_cause_that_goes_its_own_way_is_named(seed):
+    answer = ask(sessions(IN_STEP[[3, 0, 5, 1, 4, 2]], seed))
+    assert names(answer) == {"air_density"} and not answer.ambiguous
+
+
+def walk(rows, seed):
+    """(rows, 2) speeds that wander slowly through 0.2 to 1."""
+    rng = np.random.default_rng(seed)
+    steps = 0.12 * rng.standard_normal((rows, 2))
+    return 0.2 + 0.8 * np.abs((np.cumsum(steps, axis=0) + rng.uniform(0, 2, 2)) % 2.0 - 1.0)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_an_effect_is_judged_in_its_best_shape(seed):
+    """Wave drag near full speed and less lift: of no one shape of the grid, most of it within the tilt."""
+    speeds = walk(700, seed)
+    loads = steady_loads(*speeds.T)
+    for side in (0, 1):
+        steep = speeds[:, side] ** 5
+        loads[2 * side] *= 1.0 - 0.02 * steep
+        loads[2 * side + 1] *= 1.0 + 0.03 * steep
+    answer = ask(stand(speeds, loads, seed, time_s=0.5 * np.arange(700.0)), PAPER)
+    assert names(answer) == {"blade_speed_law"}
+
+
+def test_a_speed_loop_that_rings_has_no_hysteresis_beside_its_lag():
+    """Throttles in sines, speeds behind them with a damping of a half: one effect, in a further form."""
+    t = np.arange(2000.0) / 20.0
+    throttle = 0.6 + 0.13 * np.stack(
+        [np.sin(2.1 * t) + np.sin(5.3 * t + 1.0), np.sin(2.9 * t + 2.0) + np.sin(7.1 * t)], axis=1
+    )
+    loop = ([36.0], [1.0, 6.0, 36.0])
+    speeds = np.stack([lsim(loop, x - x[0], t)[1] + x[0] for x in throttle.T], axis=1)
+    speeds = np.clip(speeds, 0.1, 1.0)
+    given = {"upper_throttle": throttle[:, 0], "lower_throttle": throttle[:, 1]}
+    answer = ask(stand(speeds, steady_loads(*speeds.T), 5, rpm=False, time_s=t, **given))
+    assert names(answer) == {"rotor_lag"}
+
+
+def test_two_large_effects_that_hide_one_another_are_both_named():
+    """A distance that a servo moves up and down and a zero that creeps: either alone leaves the other."""
+    t = 0.3 * np.arange(1200.0)
+    speeds = 0.25 + 0.7 * np.abs(np.stack([t / 11.0, t / 17.0 + 0.4], axis=1) % 2.0 - 1.0)
+    loads = steady_loads(*speeds.T)
+    spacing = 0.15 + 0.05 * np.sin(2.0 * np.pi * t / 150.0)
+    alone = steady_loads(0.0 * speeds[:, 0], speeds[:, 1])
+    loads[2:] += 0.35 * (alone[2:] - loads[2:]) * (spacing / 0.15 - 1.0)
+    loads[2] += 5.0 * np.sqrt(t / t[-1])
+    answer = ask(stand(speeds, loads, 6, time_s=t, rotor_spacing_m=spacing))
+    assert names(answer) == {"rotor_spacing", "sensor_drift"}
