@@ -88,6 +88,25 @@ def _same(a: Colour, b: Colour) -> bool:
     return all(len(x) == len(y) and bool(np.allclose(x, y, atol=SAME_COLOUR)) for x, y in pairs)
 
 
+def reads_wrong(several: Sequence[Samples], model: RotorModel | None) -> bool:
+    """Whether a fault of an instrument is more probable than that these logs hold nothing at all.
+
+    A base fitted to the log itself, or a smooth map, may follow what a saturated cell reads.
+    Raises InputError as `diagnose_stand` does.
+    """
+    samples = joined(several)
+    ch = stand_channels(samples, model)
+    if len(ch.frame.keep) < LEAST_ROWS:
+        return False
+    colour = white(ch.count)
+    ch = mapped(ch, colour)
+    nothing = Scorer(ch, colour).empty
+    return (
+        weighed_faults(samples, ch, nothing, lambda other: mapped(stand_channels(other, model), colour))
+        is not None
+    )
+
+
 def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progress: Progress) -> Refinement:
     """What these stand logs say of the model, or of their own fit.
 

@@ -12,7 +12,8 @@ unexplained is asked about, and an answer is taken from the posterior where it
 
 A supply or an air that nobody logged changes all loads with time and load, as heat and a cell's drift do: of
 what acts on all loads, only a supply or an air that was logged, and goes another way than the clock, counts.
-On noise with a colour hundreds of nats come together without the error falling; so it has to fall.
+On noise with a colour hundreds of nats come together without the error falling; so it has to fall, and what
+is left far above its noise, most of it still there, had another cause.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array
+from coaxlink.residual.checks.residual_check import ENOUGH
 from coaxlink.residual.regression.gates import GAIN
 from coaxlink.residual.result import FoundEffect, Refinement
 
@@ -50,7 +52,10 @@ def agreed(selection: Refinement, posterior: Refinement, logs: Sequence[Samples]
         return posterior
     names = [effect.name for effect in posterior.effects]
     rivals = [name for doubt in posterior.ambiguous for name in doubt.names]
-    positive = all(effect.evidence.get("nats", 0.0) > 0.0 and lowers(effect) for effect in posterior.effects)
+    positive = all(
+        effect.evidence.get("nats", 0.0) > 0.0 and lowers(effect) and explains(effect, posterior)
+        for effect in posterior.effects
+    )
     single = len(names) == 1 and recorded(names, logs)
     if not positive or not (single or (not names and recorded(rivals, logs))):
         return selection
@@ -62,6 +67,17 @@ def lowers(effect: FoundEffect) -> bool:
     """Whether a channel's squared held-out error falls as the selection asks (`GAIN`), and none rises."""
     left = [(after / before) ** 2 for before, after in effect.rmse.values()]
     return min(left) <= 1.0 - GAIN and max(left) <= 1.0
+
+
+def explains(effect: FoundEffect, answer: Refinement) -> bool:
+    """Whether no channel that it acts on is left far above its noise, most of that still there."""
+    left, most = ENOUGH[-1]
+    for name, (before, after) in effect.rmse.items():
+        noise = max(answer.channels[name].noise_floor, 1e-12)
+        taken = (before**2 - after**2) / max(before**2 - noise**2, 1e-12)
+        if after > left * noise and taken < most:
+            return False
+    return True
 
 
 def recorded(names: Iterable[str], logs: Sequence[Samples]) -> bool:

@@ -59,12 +59,12 @@ def refine_stand(
     several = _several(logs)
 
     def run() -> Refinement:
-        from coaxlink.diagnosis.judge import diagnose_stand
+        from coaxlink.diagnosis.judge import diagnose_stand, reads_wrong
 
         if posterior_alone():
             return diagnose_stand(several, model, progress)
         selected = judge_stand(several, model, progress)
-        if not leaves_open(selected):
+        if not (leaves_open(selected) or (selected.at_floor and reads_wrong(several, model))):
             return selected
         progress("weighing what is left")
         return agreed(selected, diagnose_stand(several, model, progress), several)

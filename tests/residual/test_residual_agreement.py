@@ -10,8 +10,7 @@ from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.residual import refine_stand
 from coaxlink.residual.agreement import agreed, follows_clock, leaves_open, recorded
-from coaxlink.residual.answer.stand import judge_stand
-from coaxlink.residual.result import Ambiguous, FoundEffect, Refinement, Suspect, Unexplained
+from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Suspect, Unexplained
 from coaxlink.rotor import load_rotor_model
 
 TIME = np.linspace(0.0, 600.0, 200)
@@ -22,7 +21,8 @@ RESTED = SAGGING + 1.5 * np.sin(TIME / 20.0)
 def said(*effects, open_ends=(), doubts=(), suspects=(), after=0.8):
     errors = {"lower_thrust": (1.0, after), "lower_torque": (1.0, 1.0)}
     found = tuple(FoundEffect(name, (), (), errors, {"nats": nats}, "") for name, nats in effects)
-    return Refinement("stand", {}, found, open_ends, doubts, suspects, (), None)
+    noise = {name: ChannelError("N", 0.7, 1.0, 0.8, (1.0, 1.0), (0.8, 0.8), 100, 1.0) for name in errors}
+    return Refinement("stand", noise, found, open_ends, doubts, suspects, (), None)
 
 
 def log(**columns):
@@ -68,6 +68,13 @@ def test_a_name_is_taken_where_the_error_falls(after):
     assert agreed(OPEN, worse, log()) is OPEN
 
 
+def test_what_stays_far_above_the_noise_had_another_cause():
+    partly = said(("hysteresis", 146.0))
+    partly.effects[0].rmse["upper_thrust"] = (9.0, 7.0)
+    partly.channels["upper_thrust"] = ChannelError("N", 0.7, 9.0, 7.0, (9.0, 9.0), (7.0, 7.0), 100, 9.0)
+    assert agreed(OPEN, partly, log()) is OPEN
+
+
 def test_rivals_and_accused_columns_are_taken():
     doubt = Ambiguous(("battery_voltage", "motor_heating"), "")
     assert agreed(OPEN, said(doubts=(doubt,)), log(voltage_V=RESTED)).ambiguous == (doubt,)
@@ -105,8 +112,21 @@ def stalling(seed, share):
 def test_a_stall_that_stays_until_slower_is_hysteresis(given, share):
     model = load_rotor_model(files.example("rotor_paper.toml")) if given else None
     samples = stalling(3, share)
-    alone = judge_stand([samples], model, lambda _: None)
-    assert alone.effects == () and alone.unexplained
     answer = refine_stand(samples, model)
     assert [e.name for e in answer.effects] == ["hysteresis"]
-    assert answer.effects[0].evidence["probability"] > 0.99
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_saturated_cell_is_accused_where_a_fitted_base_follows_it(seed):
+    """Speeds that wander through their range; the upper thrust reads no more than three quarters of it."""
+    rng = np.random.default_rng(seed)
+    speeds = 0.2 + 0.8 * np.abs(np.cumsum(0.12 * rng.standard_normal((2, 1500)), axis=1) % 2.0 - 1.0)
+    noise = np.array([[0.4], [0.008], [0.4], [0.008]])
+    loads = steady_loads(*speeds) + noise * rng.standard_normal((4, 1500))
+    limit = 0.75 * loads[0].max()
+    loads[0] = np.where(loads[0] > limit, limit + 0.05 * rng.standard_normal(1500), loads[0])
+    names = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+    rpm = FULL_RPM * speeds + 2.0 * rng.standard_normal(speeds.shape)
+    columns = {"time_s": 0.5 * np.arange(1500.0), "upper_rpm": rpm[0], "lower_rpm": rpm[1]}
+    answer = refine_stand(Samples(columns | dict(zip(names, loads, strict=True)), "test"))
+    assert [s.column for s in answer.suspect_data] == ["upper_thrust_N"] and not answer.effects
