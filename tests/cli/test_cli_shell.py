@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+import shellingham
 import typer
 
 import coaxlink
@@ -96,11 +97,27 @@ def test_completion_knows_verbs_and_options(tmp_path):
         asked = env | {"COMP_WORDS": words, "COMP_CWORD": str(at)}
         assert subprocess.run(command, env=asked, capture_output=True, text=True).stdout.split() == [found]
     del env["_COAXLINK_COMPLETE"]
-    assert (
-        subprocess.run([*command, "--install-completion", "bash"], env=env, capture_output=True).returncode
-        == 0
-    )
+    # a shell of our own: the one that began the tests may have ended
+    in_bash = ["bash", "-c", '"$@" --install-completion; exit $?', "-", *command]
+    assert subprocess.run(in_bash, env=env, capture_output=True).returncode == 0
     assert "_COAXLINK_COMPLETE" in (tmp_path / ".bash_completions" / "coaxlink.sh").read_text()
+
+
+@pytest.mark.parametrize(
+    ("shell_found", "said"), [(("tcsh", "/bin/tcsh"), "found tcsh"), (None, "found none")]
+)
+def test_a_shell_that_cannot_be_completed_for_is_one_line(capsys, monkeypatch, shell_found, said):
+    def detect():
+        if shell_found is None:
+            raise shellingham.ShellDetectionFailure
+        return shell_found
+
+    monkeypatch.setattr(shellingham, "detect_shell", detect)
+    assert run(build_app(), ["--install-completion"]) == 2
+    assert capsys.readouterr().err == (
+        "coaxlink: --install-completion: one of bash, zsh, fish, powershell, pwsh is expected to start it, "
+        f"{said}\n"
+    )
 
 
 def test_ctrl_c_leaves_one_line_at_every_moment():

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from coaxlink.absent import absent
+from coaxlink.cli.shared.completion import require_shell
 from coaxlink.cli.shared.options import by_option
 from coaxlink.errors import CoaxlinkError
 from firmware_params.plain import plain_lines
@@ -35,6 +36,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; users see one line, never a traceback."""
     command = typer.main.get_command(app)
     try:
+        require_shell(arguments)
         outcome = command.main(args=list(arguments), prog_name="coaxlink", standalone_mode=False)
     except CoaxlinkError as error:
         say(f"coaxlink: {error}")
