@@ -166,6 +166,28 @@ def test_no_scheduler_is_one_line() -> None:
     assert said.stdout == "tcp://127.0.0.1:9: no Dask scheduler answers there\n", said.stderr
 
 
+def test_a_result_that_its_worker_took_along_is_made_again(monkeypatch) -> None:
+    """As Dask relays it: the result of a future that is lost is taken for an error's three parts."""
+    relay: dict[str, object] = {"__name__": "distributed.cfexecutor"}
+    exec("def relayed(result):\n    typ, exc, tb = result", relay)
+
+    class Lossy(ThreadPoolExecutor):
+        def submit(self, function, *args, **kwargs):
+            if next(counted) == 1:
+                return super().submit(lambda: relay["relayed"](function(*args, **kwargs)))
+            return super().submit(function, *args, **kwargs)
+
+    @contextlib.contextmanager
+    def executor(machine):
+        with Lossy(1) as pool:
+            yield pool, 1
+
+    counted = itertools.count()
+    monkeypatch.setattr(engine, "_executor", executor)
+    done = [n for d in run(work, {}, iter(range(CELLS)), Machine(scheduler="tcp://x:1")) for n in d.cells]
+    assert sorted(done) == list(range(CELLS)) and next(counted) > 2
+
+
 def test_a_scheduler_that_goes_away_is_one_line_and_the_rows_so_far_are_kept(monkeypatch) -> None:
     class Left(ThreadPoolExecutor):
         def submit(self, *args, **kwargs):

@@ -155,9 +155,11 @@ def _against_rivals(j: Judged) -> Judged:
     """With doubts for the claims that another effect, in any of its forms, equals."""
     frame, names = j.problem.frame, {m.name for m in j.joint.members}
     known = [part for part in j.known if part[0].name not in names]
-    every = [in_all_forms(frame, effect) for effect in stand_effects()]
     if not j.selection.members:
         return j
+    # of a long log the plain forms: the others' columns are many
+    long = j.problem.residual.size > SHORT
+    every = [effect if long else in_all_forms(frame, effect) for effect in stand_effects()]
     problem = stand_problem(composed(frame, known), every)
 
     def fitted(options: Sequence[Option], settled: Mapping[str, Member]) -> Joint:
