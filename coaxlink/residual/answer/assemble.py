@@ -36,6 +36,7 @@ from coaxlink.rotor import Effect as ModelEffect
 from coaxlink.rotor import RotorModel
 
 DRAWS = 200
+MANY_READINGS = 1000  # independent ones, more than a run has: rows like these do not separate two effects
 SERIES_ROWS = 4000
 SURFACE, LEAST_SURFACE = (
     " surface ",
@@ -86,12 +87,13 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     unexplained = j.open_ends
     if unexplained is None:
         # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
-        doubted = held_out_residual(q, held_out(q.blocks, columns_of(q, list(q.options)))[1])
+        squares_doubted, fits_doubted = held_out(q.blocks, columns_of(q, list(q.options)))
+        doubted = held_out_residual(q, fits_doubted)
         fold = q.blocks.fold[q.block]
         floor = _separated(p.frame, j.floor)
         found = dependences(doubted, j.variables, q.block, fold, q.reference, floor) if j.labelled else []
         attributed = _unexplained(p, found)
-        unexplained = (*attributed, *_silent(j, attributed, squares_after, after))
+        unexplained = (*attributed, *_silent(j, attributed, squares_doubted, doubted))
     return Refinement(
         kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
         channels=_channels(j, squares_before, squares_after),
@@ -260,7 +262,7 @@ def separable(
 ) -> Ambiguous:
     """The doubt with the place where its explanations, each as fitted to these data, differ most."""
     ones = np.ones(p.blocks.count)
-    guesses, rivals = [], []
+    guesses, rivals, causes = [], [], []
     for name in doubt.names:
         trial = selection.last.get(name)
         option = next((m for m in selection.doubtful if m.name == name), trial.option if trial else None)
@@ -269,6 +271,7 @@ def separable(
             guesses.append(p.design @ fit * p.sigma)
             named = option.numbers(p.frame, fit[option.columns])
             rivals.append(Rival(option.effect, named))
+            causes.append(option.effect.cause(p.frame, option.shape, p.channels[0])[0])
     if len(guesses) < 2:
         return doubt
     proposed = stand_experiment if isinstance(p.frame, StandFrame) else flight_experiment
@@ -286,11 +289,21 @@ def separable(
     where = ", ".join(text for _, text in sorted(conditions)[:3]) or "no single condition"
     size = float(np.median(apart[rows, c]))
     repeats = int(np.ceil((6.0 * float(p.sigma[c]) / max(size, 1e-12)) ** 2))
+    if repeats > MANY_READINGS and causes[0] != causes[1]:
+        return replace(doubt, separate_by=_in_step(causes[0], causes[1]))
     text = (
         f"they differ most in {p.channels[c]}, by {size:.2g} {p.units[c]}, at {where}: "
         f"about {repeats} independent readings there and as many far from there would decide"
     )
     return replace(doubt, separate_by=text)
+
+
+def _in_step(first: str, second: str) -> str:
+    """The run that parts two causes which went in step through the whole log."""
+    if "time_s" in (first, second):
+        other = second if first == "time_s" else first
+        return f"they went in step: a run in which {other} goes up and down, not once with the clock"
+    return f"they went in step: a run in which {first} moves while {second} stands still, or the other way"
 
 
 def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
