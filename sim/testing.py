@@ -11,6 +11,8 @@ from contextlib import contextmanager
 
 from sim.errors import SimError
 
+END_S = 120.0  # a guard against hanging: a stand-in on a busy machine took more than ten seconds to end
+
 
 @contextmanager
 def standin(*arguments: str, kind: str = "udpin") -> Iterator[int]:
@@ -29,14 +31,14 @@ def standins(*arguments: str, kind: str = "udpin") -> Iterator[list[int]]:
             assert process.stdout is not None
             ready = process.stdout.readline().strip()
             if not ready.startswith("ready"):
-                process.wait(10.0)
+                process.wait(END_S)
                 talk.seek(0)
                 raise SimError(talk.read().strip() or "the stand-in ended without a word")
             yield [int(name.rpartition(":")[2]) for name in ready.split() if name.count(":") == 2]
         finally:
             process.send_signal(signal.SIGTERM)
             try:
-                code = process.wait(10.0)
+                code = process.wait(END_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 code = process.wait()
