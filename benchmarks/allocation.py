@@ -311,10 +311,10 @@ def ring(arms: int, *, paired: bool) -> Airframe:
     for level, z in (("upper", -0.07), ("lower", 0.07)) if paired else (("single", 0.0),):
         for k in range(arms):
             angle, spin = 2 * np.pi * (k + 0.5) / arms, 1 if k % 2 == (level == "lower") else -1
-            place = (0.4 * np.cos(angle), 0.4 * np.sin(angle), z)
+            position = (0.4 * np.cos(angle), 0.4 * np.sin(angle), z)
             number = k + 1 + (arms if level == "lower" else 0)
             other = None if level == "single" else k + 1 + (arms if level == "upper" else 0)
-            rotors.append(Rotor(number, place, (0.0, 0.0, -1.0), spin, level, other))
+            rotors.append(Rotor(number, position, (0.0, 0.0, -1.0), spin, level, other))
     return Airframe("ring", 2.5 * len(rotors), (1, 1, 1), tuple(rotors))
 
 

@@ -98,8 +98,8 @@ class Looker:
         time.sleep(0.15)  # what is still under way arrives
         now = self._board.clean.board(self._names, self._paths)
         off = {n: [k for k, v in w.items() if now[k] != v] for n, w in self._wholes.items()}
-        whole = next((n for n, keys in off.items() if not keys), None)
-        return (whole, {}) if whole else ("mixture", {n: keys[:6] for n, keys in off.items()})
+        one_table = next((n for n, keys in off.items() if not keys), None)
+        return (one_table, {}) if one_table else ("mixture", {n: keys[:6] for n, keys in off.items()})
 
 
 def series(draw, losses, board, known, folder, rows) -> None:
@@ -215,27 +215,27 @@ def main() -> None:
     options.add_argument("--uploads", type=int, default=1000)
     options.add_argument("--workers", type=int, default=6)
     options.add_argument("--keep", type=Path, metavar="ROWS.jsonl", help="rows as they come; go on from them")
-    asked = options.parse_args()
-    rows = _kept(asked.keep)
+    args_ = options.parse_args()
+    rows = _recorded(args_.keep)
     have = collections.Counter(row["loss"] for row in rows)
-    losses = [loss for n in range(asked.uploads // len(LOSSES)) for loss in LOSSES if n >= have[loss]]
+    losses = [loss for n in range(args_.uploads // len(LOSSES)) for loss in LOSSES if n >= have[loss]]
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        known = (px4_tables if asked.firmware == "px4" else ardupilot_tables)(folder / "tables")
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        known = (px4_tables if args_.firmware == "px4" else ardupilot_tables)(folder / "tables")
         queue = multiprocessing.Queue()
         # each worker has its share of every loss, one after the other
         running = [
             multiprocessing.Process(
                 target=worker,
-                args=(n, asked.firmware, losses[n :: asked.workers], known, folder / f"w{n}", queue),
+                args=(n, args_.firmware, losses[n :: args_.workers], known, folder / f"w{n}", queue),
             )
-            for n in range(asked.workers)
+            for n in range(args_.workers)
         ]
         for one in running:
             one.start()
         try:
-            collect(queue, len(running), rows, asked.keep)
+            collect(queue, len(running), rows, args_.keep)
         except KeyboardInterrupt:  # enough: report what there is
             for one in running:
                 one.terminate()
@@ -265,7 +265,7 @@ def collect(queue: multiprocessing.Queue, left: int, rows: list[dict], keep: Pat
             print(f"... {len(rows)} uploads", file=sys.stderr, flush=True)
 
 
-def _kept(path: Path | None) -> list[dict]:
+def _recorded(path: Path | None) -> list[dict]:
     if path is None or not path.exists():
         return []
     return [json.loads(line) for line in path.read_text().splitlines()]

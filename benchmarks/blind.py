@@ -87,9 +87,9 @@ def main() -> None:
     )
     todo = list(numbered(wanted))
     if not a.report:
-        kept = a.folder / "logs" if a.make else answers
+        made_in = a.folder / "logs" if a.make else answers
         ending = ".task.json" if a.make else ".json"
-        missing = [k for k, c in enumerate(todo) if not (kept / f"{c.name}{ending}").exists()]
+        missing = [k for k, c in enumerate(todo) if not (made_in / f"{c.name}{ending}").exists()]
         for done in run(work, wanted, iter(missing), Machine(a.jobs, a.scheduler)):
             for name, truth, answer in zip(*(done.rows[c] for c in ("name", "truth", "answer")), strict=True):
                 write(a.folder / "truth" / f"{name}.json", truth)

@@ -98,8 +98,8 @@ def cases(a: Wanted) -> Iterator[Case]:
     for s in range(a.first, a.first + max(a.seeds, a.clean)):
         for kind, family, hidden in groups:
             wanted = "+".join(hidden) in only if only else True
-            asked = kind in a.kind and family in families and s < a.first + a.seeds
-            if wanted and asked and (family != "law" or has_law(kind, hidden)):
+            requested = kind in a.kind and family in families and s < a.first + a.seeds
+            if wanted and requested and (family != "law" or has_law(kind, hidden)):
                 yield Case(kind, family, hidden, s)
         for kind, family in (("stand", "other"), ("flight", "same")):
             if kind in a.kind and (not only or "clean" in only) and s < a.first + a.clean:

@@ -145,9 +145,9 @@ def _fly(hidden: tuple[str, ...], seed: int, worth: float, family: str, folder: 
     body = folder / f"{seed}-{zlib.crc32(repr((hidden, family)).encode()):08x}.airframe.toml"
     body.write_text(text)
     vehicle = read_vehicle(body)
-    told = truth_toml(hidden, worth, random, family, vehicle.rotors)
+    truth_text = truth_toml(hidden, worth, random, family, vehicle.rotors)
     secret = body.with_suffix(".truth")
-    secret.write_text(told)
+    secret.write_text(truth_text)
     battery = Battery(
         charge=float(random.uniform(0.8, 0.97)), resistance_ohm=float(random.uniform(0.018, 0.03))
     )
@@ -176,7 +176,7 @@ def _fly(hidden: tuple[str, ...], seed: int, worth: float, family: str, folder: 
         if fault not in WORTH:
             _spoil(log, fault, worth, random, vehicle.rotors)
     truth: dict[str, object] = {
-        "airframe": name, "plan": plan, "noise": noise, "every": every, "worth": worth, "told": told,
+        "airframe": name, "plan": plan, "noise": noise, "every": every, "worth": worth, "told": truth_text,
         "rows": len(log["time_s"]), "attempt": attempt,
     }  # fmt: skip
     return Made(log, body.name, truth)

@@ -129,9 +129,9 @@ def table(cases: list[Case], folder: Path, answers: Path) -> tuple[str, dict[str
     """The report and its numbers, of whatever has been answered."""
     verdicts = []
     for case in cases:
-        told, said = folder / "truth" / f"{case.name}.json", answers / f"{case.name}.json"
+        truth_file, said = folder / "truth" / f"{case.name}.json", answers / f"{case.name}.json"
         if said.exists():
-            truth = json.loads(told.read_text()) if told.exists() else {}
+            truth = json.loads(truth_file.read_text()) if truth_file.exists() else {}
             verdicts.append(judge(case, truth, json.loads(said.read_text())))
     lines = [f"{len(verdicts)} of {len(cases)} answered"]
     head = f"{'kind':6s} {'family':6s} {'hidden':46s} {'>= 3 %':>8s} {'< 3 %':>7s}"

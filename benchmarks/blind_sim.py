@@ -83,6 +83,6 @@ def make(hidden: tuple[str, ...], seed: int, worth: float, family: str) -> Made:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "truth.toml"
         path.write_text(text)
-        told = bench.read_bench(path)
-    columns = bench.measure(read_pair(EXAMPLES / "rotor_paper.toml"), told, seed=seed)
+        bench_file = bench.read_bench(path)
+    columns = bench.measure(read_pair(EXAMPLES / "rotor_paper.toml"), bench_file, seed=seed)
     return Made(columns, "rotor_paper.toml", {"worth": worth, "told": text})

@@ -24,16 +24,16 @@ def ardupilot_tables(folder: Path) -> list[tuple[Path, dict[str, bytes | None]]]
     """Four tables as files, and what the board holds of each: bits of parameters, CRCs of both scripts."""
     made = []
     for law, frame_class in (("reduced", 17), ("standard", 17), ("reduced", 15), ("standard", 15)):
-        place = folder / f"{law}{frame_class}"
-        _table("ardupilot", law, place, "--frame-class", str(frame_class))
-        (path,) = place.glob("*.param")
+        table_folder = folder / f"{law}{frame_class}"
+        _table("ardupilot", law, table_folder, "--frame-class", str(frame_class))
+        (path,) = table_folder.glob("*.param")
         lines = [line.split(",") for line in path.read_text().splitlines() if not line.startswith("#")]
         held: dict[str, bytes | None] = {n: struct.pack("<f", float(v)) for n, v in lines}
         for name in SCRIPTS:
-            script = place / "scripts" / name
+            script = table_folder / "scripts" / name
             crc = zlib.crc32(script.read_bytes(), 0xFFFFFFFF) ^ 0xFFFFFFFF if script.exists() else None
             held[f"/APM/scripts/{name}"] = None if crc is None else struct.pack("<I", crc)
-        made.append((place, held))
+        made.append((table_folder, held))
     return made
 
 

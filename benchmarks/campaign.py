@@ -96,10 +96,10 @@ def main() -> None:
     parser.add_argument("--refined", type=int, default=40, help="flights whose logs `refine` is given")
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
-    told: dict[str, object] = {}
+    results: dict[str, object] = {}
 
     def tell(name: str, value: object, text: str) -> None:
-        told[name] = value
+        results[name] = value
         print(f"{text}   (load {os.getloadavg()[0]:.1f})", flush=True)
 
     engine_cost(2)  # imports what this process needs once
@@ -111,17 +111,17 @@ def main() -> None:
         f"engine: {100 * own:.2f} % of the work at cells of 50 ms; start {start_up:.1f} s",
     )
     with tempfile.TemporaryDirectory() as scratch:
-        place = Path(scratch)
-        fly(place / "warm", 8, 2)  # compiles what is not yet compiled
+        scratch_folder = Path(scratch)
+        fly(scratch_folder / "warm", 8, 2)  # compiles what is not yet compiled
         ratios = []
         for k in range(2):
-            one, two = (fly(place / f"{k}-{w}", o.scale, w) for w in (1, 2))
+            one, two = (fly(scratch_folder / f"{k}-{w}", o.scale, w) for w in (1, 2))
             ratios.append(one[0] / two[0])
             text = f"{o.scale} flights: 1 worker {one[0]:.1f} s, 2 {two[0]:.1f} s, ratio {ratios[-1]:.2f}"
             tell(f"ratio_{k}", ratios[-1], f"{text}; processor {one[1]:.0f} and {two[1]:.0f} s")
-        small = fly(place / "small", 100, 2)
+        small = fly(scratch_folder / "small", 100, 2)
         tell("mb_100", small[2], f"100 flights: largest process {small[2]:.0f} MB")
-        big = fly(place / "big", o.flights, 2)
+        big = fly(scratch_folder / "big", o.flights, 2)
         tell("mb_many", big[2], f"{o.flights} flights: largest process {big[2]:.0f} MB")
         tell(
             "wall_s",
@@ -129,15 +129,15 @@ def main() -> None:
             f"{o.flights} flights of 60 s: {big[0]:.0f} s, {big[1] / o.flights:.3f} s of processor each",
         )
         if o.refined:
-            spec = place / "refined.toml"
+            spec = scratch_folder / "refined.toml"
             spec.write_text(REFINED.format(flights=o.refined))
-            done = subprocess.run([*COAXLINK, str(spec), "--out", str(place / "refined")],
+            done = subprocess.run([*COAXLINK, str(spec), "--out", str(scratch_folder / "refined")],
                                   capture_output=True, text=True, check=True)  # fmt: skip
             for line in (done.stdout + done.stderr).splitlines():
                 if line.startswith("refine named"):
                     tell("refined", line, line)
     if o.json:
-        o.json.write_text(json.dumps(told, indent=1))
+        o.json.write_text(json.dumps(results, indent=1))
 
 
 if __name__ == "__main__":

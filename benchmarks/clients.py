@@ -112,27 +112,27 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--runs", type=int, default=8)
     options.add_argument("--json", type=Path)
-    asked = options.parse_args()
+    args_ = options.parse_args()
     for module in ("coaxlink.mavlink.parameters", "mavsdk.plugins.param", "pymavlink.mavparm"):
         importlib.import_module(module)  # before the forks, so that no client pays for its start
 
     rows = []
-    with tempfile.TemporaryDirectory() as place:
-        known = [bits for _, bits in px4_tables(Path(place))]
+    with tempfile.TemporaryDirectory() as scratch:
+        known = [bits for _, bits in px4_tables(Path(scratch))]
     names = [n for n in known[0] if known[0][n] != known[1][n]]
     print(f"{len(names)} values")
     print(*(f"{h:>10}" for h in ("loss", "client", "right", "said so", "median s", "max s")))
     for loss in LOSSES:
         for client in CLIENTS:
-            got = series(client, loss, asked.runs, names, known)
+            got = series(client, loss, args_.runs, names, known)
             rows += got
             right, said = (sum(r[k] for r in got) for k in ("right", "said"))
             seconds = [r["seconds"] for r in got]
             cells = (f"{loss:.2f}", client, f"{right}/{len(got)}", f"{said}/{len(got)}")
             times = (f"{statistics.median(seconds):.2f}", f"{max(seconds):.2f}")
             print(*(f"{cell:>10}" for cell in (*cells, *times)), flush=True)
-    if asked.json:
-        asked.json.write_text(json.dumps(rows, indent=1))
+    if args_.json:
+        args_.json.write_text(json.dumps(rows, indent=1))
 
 
 def series(

@@ -63,22 +63,22 @@ def exchanged(columns: Columns, names: list[str], random: np.random.Generator) -
     return columns | {names[0]: columns[other], other: columns[names[0]]}
 
 
-def kept(columns: Columns, rows: np.ndarray) -> Columns:
+def rows_of(columns: Columns, rows: np.ndarray) -> Columns:
     return {name: values[rows] for name, values in columns.items()}
 
 
 def gap(columns: Columns, names: list[str], random: np.random.Generator) -> Columns:
     rows = np.ones(len(columns["time_s"]), bool)
     rows[some_rows(columns, random)] = False
-    return kept(columns, np.flatnonzero(rows))
+    return rows_of(columns, np.flatnonzero(rows))
 
 
 def cut(columns: Columns, names: list[str], random: np.random.Generator) -> Columns:
-    return kept(columns, np.arange(int(len(columns["time_s"]) * random.random() ** 2)))
+    return rows_of(columns, np.arange(int(len(columns["time_s"]) * random.random() ** 2)))
 
 
 def doubled(columns: Columns, names: list[str], random: np.random.Generator) -> Columns:
-    return kept(columns, np.sort(random.integers(0, len(columns["time_s"]), len(columns["time_s"]))))
+    return rows_of(columns, np.sort(random.integers(0, len(columns["time_s"]), len(columns["time_s"]))))
 
 
 def jump(columns: Columns, names: list[str], random: np.random.Generator) -> Columns:
@@ -126,10 +126,10 @@ def flown() -> Columns:
 def measured() -> Columns:
     """The stand log that is damaged."""
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / "stand.csv"
-        command = [sys.executable, "-m", "coaxlink", "sim", "--stand", str(place), "--seed", "1"]
+        path = Path(folder) / "stand.csv"
+        command = [sys.executable, "-m", "coaxlink", "sim", "--stand", str(path), "--seed", "1"]
         subprocess.run([*command, "--truth", str(EXAMPLES / "truth_battery.toml")], check=True)
-        table = np.genfromtxt(place, delimiter=",", names=True, deletechars="")
+        table = np.genfromtxt(path, delimiter=",", names=True, deletechars="")
         return {name: np.asarray(table[name], float) for name in table.dtype.names}
 
 
@@ -148,8 +148,8 @@ def of_flights() -> Answer:
     airframe = load_airframe(EXAMPLES / "x8_demo.toml")
     model = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 
-    def answer(place: Path, columns: Samples | None, through: int) -> None:
-        log = columns or read_flight_log(place)
+    def answer(path: Path, columns: Samples | None, through: int) -> None:
+        log = columns or read_flight_log(path)
         if through:
             refine(log, airframe, model).to_json()
         else:
@@ -166,8 +166,8 @@ def of_stands() -> Answer:
 
     model = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 
-    def answer(place: Path, columns: Samples | None, through: int) -> None:
-        log = columns or read_stand_log(place)
+    def answer(path: Path, columns: Samples | None, through: int) -> None:
+        log = columns or read_stand_log(path)
         if through:
             refine_stand(log, None if through % 3 == 0 else model).to_json()
 
@@ -208,14 +208,14 @@ def damaged(log: Columns, answer: Answer, copies: int, through: int, seed: int) 
                 chosen = random.choice(names, min(int(random.integers(1, 4)), len(names)), replace=False)
                 columns = DAMAGES[kind](columns, [str(n) for n in chosen], random)
                 done.append(f"{kind} {' '.join(chosen)}")
-            place = Path(folder) / f"{copy}.csv"
+            path = Path(folder) / f"{copy}.csv"
             try:
                 if copy % 2:  # as a binary log's reader hands them on: also with what a CSV may not have
-                    given = Samples(columns, place.name)
+                    given = Samples(columns, path.name)
                 else:
                     rows, given = np.stack(list(columns.values()), axis=1), None
-                    np.savetxt(place, rows, "%.9g", ",", header=",".join(columns), comments="")
-                answer(place, given, copy + 1 if copy < through else 0)
+                    np.savetxt(path, rows, "%.9g", ",", header=",".join(columns), comments="")
+                answer(path, given, copy + 1 if copy < through else 0)
                 ends["answered" if copy < through else "looked through"] += 1
             except CoaxlinkError as error:
                 ends["refused"] += 1

@@ -46,15 +46,15 @@ def make(folder: Path, vehicles: int, weeks: int) -> None:
     table = px4.table_to_params(px4_table(load_vehicle(airframe), "fitted"))
     design = make_design(read_vehicle(airframe), read_pair(EXAMPLES / "rotor_paper.toml"), table)
     for vehicle in range(1, vehicles + 1):
-        place = folder / f"vehicle-{vehicle:02d}"
-        place.mkdir(parents=True, exist_ok=True)
+        vehicle_folder = folder / f"vehicle-{vehicle:02d}"
+        vehicle_folder.mkdir(parents=True, exist_ok=True)
         for week in range(weeks):
             lost = weak(vehicle, week)
             rotor = float(AILING.get(vehicle, (1,))[0])
             effects = (Effect("degraded_rotor", lost, 0.0, {"rotor": rotor}),) if lost else ()
             world = World(effects, 1000 * vehicle + week, "wander", 40.0)
             date = START + datetime.timedelta(days=7 * week + vehicle % 5)
-            log = place / f"{date.isoformat()}.csv"
+            log = vehicle_folder / f"{date.isoformat()}.csv"
             if not log.exists():
                 write_flight(log, fly_quick(design, world, LOG_EVERY)[1])
 
@@ -84,9 +84,9 @@ def main() -> None:
     start = time.monotonic()
     subprocess.run(command, check=True)
     print(f"looked through: {time.monotonic() - start:.0f} s")
-    told = json.loads(answer.read_text())
+    result = json.loads(answer.read_text())
     truth = {(f"vehicle-{v:02d}", f"rotor {r}") for v, (r, _, _) in AILING.items() if v <= o.vehicles}
-    found = {(f["vehicle"], f["part"]) for f in told["findings"] if f["believed"]}
+    found = {(f["vehicle"], f["part"]) for f in result["findings"] if f["believed"]}
     print(f"ailing: {sorted(truth)}; found: {sorted(found)}")
     sys.exit(0 if truth == found else 1)
 

@@ -34,9 +34,9 @@ def main() -> None:
     kinds = [o.only] if o.only else list(MAKERS)
     cases = [(kinds[n % len(kinds)], o.seed * 1_000_000 + n // len(kinds)) for n in range(o.files)]
     outcomes: list[Outcome] = []
-    with tempfile.TemporaryDirectory() as place:
-        sound_files(Path(place))
-        for outcome in run(sorted(cases), Path(place)):
+    with tempfile.TemporaryDirectory() as scratch:
+        sound_files(Path(scratch))
+        for outcome in run(sorted(cases), Path(scratch)):
             outcomes.append(outcome)
             if outcome.result in BAD:
                 print(f"{outcome.result}: {outcome.kind} {outcome.number}: {outcome.text}", flush=True)

@@ -42,9 +42,9 @@ def sim(folder: Path, name: str, seed: int, effects: list[tuple[str, float, int]
     for what, size, rotor in effects:
         text += f'[[effects]]\nname = "{what}"\nsize = {size}\n' + (f"rotor = {rotor}\n" if rotor else "")
     truth.write_text(text)
-    told = ("--truth", truth) if text else ()
+    truth_option = ("--truth", truth) if text else ()
     plan = "paper" if seed % 2 else "vigorous"
-    call = (*COMMAND, "sim", "--fly", plan, "--log", log, "--seed", seed, *told)
+    call = (*COMMAND, "sim", "--fly", plan, "--log", log, "--seed", seed, *truth_option)
     subprocess.run([str(c) for c in call], check=True, capture_output=True)
     return log
 
@@ -68,8 +68,8 @@ def own(count: int, seed: int) -> list[str]:
     airframe = HERE.parent / "examples" / "x8_demo.toml"
     counts: Counter[tuple[str, str]] = Counter()
     right = faulty = inside = 0
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
         for i in range(count):
             what = list(SIZES)[int(random.integers(len(SIZES)))]
             size = SIZES[what] * float(random.uniform(0.5, 1.0))
@@ -104,9 +104,9 @@ def worlds() -> list[str]:
     truth = json.loads((WORLDS / "truth.json").read_text())
     counts: Counter[tuple[str, str]] = Counter()
     right = called = 0
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory() as scratch:
         for name, t in truth.items():
-            found = judged(Path(place), [WORLDS / t["log"]], WORLDS / t["airframe"], WORLDS / t["rotor"])
+            found = judged(Path(scratch), [WORLDS / t["log"]], WORLDS / t["airframe"], WORLDS / t["rotor"])
             broken = "degraded_rotor" in t["effects"]
             verdict = found.get("verdict", "not judged")
             counts["a degraded rotor" if broken else "none", verdict] += 1

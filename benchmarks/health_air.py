@@ -146,8 +146,8 @@ def stops(job: tuple[int, int, str, bool]) -> list[tuple[dict[str, Any], tuple[f
         flown, log = fly_quick(made, true, EVERY)
         truth["seconds"] = flown.seconds + 5.0
         if not kind or truth["seconds"] > truth["onset_s"]:  # not down before
-            seen = {k: v[: int(truth["seconds"] * RATE / EVERY) - 5] for k, v in log.items()}
-            rows.append((truth, watch_stops(vehicle, seen)))
+            flight_log = {k: v[: int(truth["seconds"] * RATE / EVERY) - 5] for k, v in log.items()}
+            rows.append((truth, watch_stops(vehicle, flight_log)))
     return rows
 
 
@@ -190,8 +190,8 @@ def flights(job: tuple[int, int, float, bool, tuple[float, ...]]) -> list[tuple[
         vehicle, (made, true), truth = world(seed, loss, steps)
         flown, log = fly_quick(made, true, EVERY)
         truth["seconds"] = flown.seconds + 5.0
-        seen = {k: v[: int((flown.seconds + 5.0) * RATE / EVERY) - 5] for k, v in log.items()}
-        rows.append((truth, watch(vehicle, seen, hours), flown.failsafe))
+        flight_log = {k: v[: int((flown.seconds + 5.0) * RATE / EVERY) - 5] for k, v in log.items()}
+        rows.append((truth, watch(vehicle, flight_log, hours), flown.failsafe))
     return rows
 
 
@@ -238,7 +238,7 @@ def main() -> None:
         count_stops(o)
         return
     hours = HOURS if o.curve else (100.0,)
-    began, told = time.monotonic(), {}
+    began, results = time.monotonic(), {}
     count = round(o.hours * 3600.0 / SECONDS)
     clean = run(o.seed, count, 0.0, not o.no_steps, hours, o.workers) if count else []
     flown = sum(truth["seconds"] for truth, _, _ in clean) / 3600.0
@@ -246,7 +246,7 @@ def main() -> None:
     for h in hours:
         false = [(truth["vehicle"], truth["law"], truth["plan"]) for truth, calls, _ in clean if h in calls]
         by = losses(weak, h)
-        told[str(h)] = {"false": len(false), "hours": flown, **by}
+        results[str(h)] = {"false": len(false), "hours": flown, **by}
         print(f"one in {h:g} h: {len(false)} false in {flown:.1f} h {dict(Counter(false))}; {by}")
         for plan in PLANS:
             part = [row for row in weak if row[0]["plan"] == plan]
@@ -256,7 +256,7 @@ def main() -> None:
         print("   ", kind, losses([row for row in weak if row[0]["kind"] == kind], 100.0))
     print(f"crashed {sum(bool(f) for *_, f in clean)}; {time.monotonic() - began:.0f} s")
     if o.json:
-        o.json.write_text(json.dumps(told, indent=1))
+        o.json.write_text(json.dumps(results, indent=1))
 
 
 if __name__ == "__main__":

@@ -48,8 +48,8 @@ Result = dict[str, Any]
 
 def run(name: str, seed: int, speed: float) -> Result:
     """One loop through the verb, as a user types it; its JSON without the long parts."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
         truth = ROOT / "examples" / f"truth_{LED.get(name, name)}.toml"
         if name in CLEAN:
             truth = folder / "clean.toml"

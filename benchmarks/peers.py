@@ -134,10 +134,10 @@ def lasso(task: Task) -> Answer:
         model = LassoCV(cv=4, max_iter=1000).fit(pairwise(x), y)
         return lambda z: np.asarray(model.predict(pairwise(z)))
 
-    whole = LassoCV(cv=4, max_iter=1000).fit(pairwise(task.x), task.y)
-    order = np.argsort(-np.abs(whole.coef_))
-    kept = [pair_names(task.names)[k] for k in order if whole.coef_[k] != 0.0]
-    return crossed(task, fit, tuple(kept))
+    first = LassoCV(cv=4, max_iter=1000).fit(pairwise(task.x), task.y)
+    order = np.argsort(-np.abs(first.coef_))
+    chosen = [pair_names(task.names)[k] for k in order if first.coef_[k] != 0.0]
+    return crossed(task, fit, tuple(chosen))
 
 
 def sindy(task: Task) -> Answer:
@@ -266,24 +266,24 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="kept log by log, and gone on with")
     parser.add_argument("--again", action="store_true", help="ask refine anew of the logs that are kept")
     a = parser.parse_args()
-    kept = json.loads(a.json.read_text()) if a.json and a.json.exists() else []
+    judged = json.loads(a.json.read_text()) if a.json and a.json.exists() else []
     for k, (hidden, made) in enumerate(logs(a.seeds, a.clean)):
-        if k < len(kept):
+        if k < len(judged):
             if a.again:
-                kept[k]["answers"]["coaxlink refine"] = ours(hidden, made)
+                judged[k]["answers"]["coaxlink refine"] = ours(hidden, made)
             continue
-        kept.append({"hidden": hidden, "answers": judge(hidden, made)})
-        said = "; ".join(f"{n}: {v['first'] or '-'}" for n, v in kept[-1]["answers"].items())
+        judged.append({"hidden": hidden, "answers": judge(hidden, made)})
+        said = "; ".join(f"{n}: {v['first'] or '-'}" for n, v in judged[-1]["answers"].items())
         print(f"# {hidden or 'clean'}: {said}", flush=True)
         if a.json:
-            a.json.write_text(json.dumps(kept))
+            a.json.write_text(json.dumps(judged))
     print(
         f"{'':20s} {'after / noise':>14s} {'cause first':>12s} {'claims, clean':>14s} "
         f"{'terms':>6s} {'s a log':>8s}"
     )
     for name in [*PEERS, "coaxlink refine"]:
-        mine = [r["answers"][name] for r in kept if r["hidden"]]
-        calm = [r["answers"][name] for r in kept if not r["hidden"]]
+        mine = [r["answers"][name] for r in judged if r["hidden"]]
+        calm = [r["answers"][name] for r in judged if not r["hidden"]]
         over, terms = (float(np.median([v[k] for v in mine])) for k in ("over", "terms"))
         seconds = float(np.median([v["seconds"] for v in [*mine, *calm]]))
         cause = f"{sum(v['cause'] for v in mine)}/{len(mine)}"

@@ -43,8 +43,8 @@ def relay(listen: socket.socket, vehicle: tuple[str, int], share: Any, seed: int
             if there[1] is None or (loss and draw.random() < loss):
                 continue
             if loss and draw.random() < 0.005:
-                place = draw.randrange(len(data))
-                data = data[:place] + bytes([data[place] ^ (1 << draw.randrange(8))]) + data[place + 1 :]
+                offset = draw.randrange(len(data))
+                data = data[:offset] + bytes([data[offset] ^ (1 << draw.randrange(8))]) + data[offset + 1 :]
             copies = 2 if loss and draw.random() < 0.02 else 1
             for _ in range(copies):
                 slow = 0.06 * draw.random() if loss and draw.random() < 0.05 else 0.0

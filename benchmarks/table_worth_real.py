@@ -168,20 +168,20 @@ def fly(binary: Path, airframe: Path, params: dict[str, float], seed: int) -> tu
 
             with session.listen(("ATTITUDE_TARGET", "ATTITUDE_QUATERNION")) as inbox:
                 track = vehicle.follow(Plan(FLIGHT), mark)
-                told, status = rows()
+                own_rows, status = rows()
                 heard = []
                 while (message := session.take(inbox, 0.0)) is not None:
                     heard.append(message)
     starts = {name: t for t, name in reversed(list(zip(track.time_s, track.segment, strict=True)))}
     late = float(np.diff(track.time_s).max())
-    return figures(told, heard, starts), f"{status}; set-points at most {late:.2f} s apart"
+    return figures(own_rows, heard, starts), f"{status}; set-points at most {late:.2f} s apart"
 
 
-def figures(told: NDArray[np.float64], heard: list[Any], starts: dict[str, float]) -> dict[str, float]:
+def figures(own_rows: NDArray[np.float64], heard: list[Any], starts: dict[str, float]) -> dict[str, float]:
     """Of the plant's rows (segment, s, down m, yaw rad, W), and PX4's messages by its own clock."""
     at = {}
     for n, segment in enumerate(FLIGHT):  # after the last set-point PX4 does as it likes
-        mine = told[told[:, 0] == n]
+        mine = own_rows[own_rows[:, 0] == n]
         at[segment.name] = mine[mine[:, 1] < mine[0, 1] + segment.duration_s]
 
     def off(name: str, before: str, *more: str) -> NDArray[np.float64]:

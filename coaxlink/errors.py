@@ -40,8 +40,8 @@ class InputError(CoaxlinkError):
 
     def __init__(self, source: str | Path, where: str, problem: str) -> None:
         self.source, self.where, self.problem = str(source), where, problem
-        place = f"{self.source}: {where}" if where else self.source
-        super().__init__(f"{place}: {problem}")
+        prefix = f"{self.source}: {where}" if where else self.source
+        super().__init__(f"{prefix}: {problem}")
 
 
 class LinkError(CoaxlinkError):

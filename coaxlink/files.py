@@ -48,10 +48,10 @@ def refuse_unwritable(path: Path | None) -> None:
     """Find out before the work whether a result can be put there. Raises InputError; leaves nothing."""
     if path is None:
         return
-    place = path.parent
+    folder = path.parent
     try:
-        place.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=place):
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         raise InputError(path, "", f"cannot be written ({error.strerror})") from error
@@ -132,14 +132,14 @@ def keep_private(folder: Path) -> str:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         closed = not folder.lstat().st_mode & 0o077  # then nobody else reaches what is in it
-        for place in (folder, *folder.rglob("*")):
-            about = place.lstat()
+        for path in (folder, *folder.rglob("*")):
+            about = path.lstat()
             if stat.S_ISLNK(about.st_mode):
-                return f"{place} is a link"
+                return f"{path} is a link"
             if about.st_uid != os.geteuid():
-                return f"{place} is another user's ({about.st_uid})"
+                return f"{path} is another user's ({about.st_uid})"
             if about.st_mode & 0o022 and not closed:
-                return f"{place} can be written by others"
+                return f"{path} can be written by others"
         for above in folder.absolute().parents:
             mode = above.stat().st_mode
             if mode & 0o002 and not mode & stat.S_ISVTX:

@@ -154,7 +154,7 @@ def noise_floor(residual: Array, runs: Array, gain: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(clipped**2, axis=0) / gain))
 
 
-def neighbour_floor(residual: Array, places: Array) -> Array:
+def neighbour_floor(residual: Array, points: Array) -> Array:
     """Noise of each channel (C,) from what planes through nearest neighbours leave of (rows, C).
 
     `places` (rows, D) is where the rows stand. It uses nearly all that few rows can tell of their noise;
@@ -162,13 +162,13 @@ def neighbour_floor(residual: Array, places: Array) -> Array:
     """
     from scipy.spatial import cKDTree
 
-    near = cKDTree(places).query(places, k=min(NEIGHBOURS, len(places)))[1]  # (rows, k), itself among them
-    arms = places[near] - places[:, None]
+    near = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)))[1]  # (rows, k), itself among them
+    arms = points[near] - points[:, None]
     scale = np.maximum(np.abs(arms).max(axis=(1, 2), keepdims=True), 1e-12)
     planes = np.concatenate([np.ones((*near.shape, 1)), arms / scale], axis=2)  # (rows, k, 1 + D)
     # the row of the hat matrix that makes the plane's value at the row itself
     hat = np.linalg.pinv(planes, rcond=1e-6)[:, 0]  # (rows, k)
-    own = np.einsum("rk,rk->r", hat, near == np.arange(len(places))[:, None])
+    own = np.einsum("rk,rk->r", hat, near == np.arange(len(points))[:, None])
     left = residual - np.einsum("rk,rkc->rc", hat, residual[near])
     left = left / np.sqrt(np.maximum(1.0 - own, 1e-6))[:, None]
     limit = 4.0 * SIGMA_PER_MAD * np.median(np.abs(left), axis=0)

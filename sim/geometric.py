@@ -78,17 +78,17 @@ def fly_law(
     controller = Controller(
         plant.vehicle.mass_kg, plant.vehicle.inertia_kg_m2, EVERY * STEP_S, gains or Gains()
     )
-    place, missed = [], []
+    positions, missed = [], []
     for step in range(round(seconds / (EVERY * STEP_S))):
         t = step * EVERY * STEP_S
         goal = paper(t)
-        asked = controller.wrench(goal, plant)
-        plant.advance(np.clip(law(asked), 0.0, 1.0), EVERY)
+        demanded = controller.wrench(goal, plant)
+        plant.advance(np.clip(law(demanded), 0.0, 1.0), EVERY)
         if t > SETTLE_S:
-            place.append(np.abs(plant.position - paper(t + EVERY * STEP_S).position))
-            missed.append(np.abs(steady_wrench(plant, plant.speeds) - asked))
+            positions.append(np.abs(plant.position - paper(t + EVERY * STEP_S).position))
+            missed.append(np.abs(steady_wrench(plant, plant.speeds) - demanded))
     f, roll, pitch, yaw = np.mean(missed, axis=0).tolist()
-    return dict(zip(ROWS, [*np.mean(place, axis=0).tolist(), roll, pitch, yaw, f], strict=True))
+    return dict(zip(ROWS, [*np.mean(positions, axis=0).tolist(), roll, pitch, yaw, f], strict=True))
 
 
 def rotation(q: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -66,14 +66,14 @@ def read_plan(path: Path) -> tuple[Callable[[float], Goal], float]:
     height = read_number(path, "height_m", document.get("height_m", 3.0))
     if not 0.3 <= height <= LIMITS["height_m"]:
         raise WorldError(path, "height_m", f"0.3 to 100 is expected, found {height:g}")
-    place: Four = (0.0, 0.0, height, 0.0)
+    start: Four = (0.0, 0.0, height, 0.0)
     pieces: list[Piece] = []
     at = 0.0
     for number, table in enumerate(tables, 1):
-        piece = _piece(path, f"pieces[{number}]", table, place, at)
+        piece = _piece(path, f"pieces[{number}]", table, start, at)
         pieces.append(piece)
         at += piece.seconds
-        place = piece.first if piece.cycles else piece.last
+        start = piece.first if piece.cycles else piece.last
     if at > LONGEST_S:
         raise WorldError(path, "pieces", f"no more than {LONGEST_S:g} s are flown")
 
@@ -84,7 +84,7 @@ def read_plan(path: Path) -> tuple[Callable[[float], Goal], float]:
     return follow, at
 
 
-def _piece(path: Path, where: str, table: Any, place: Four, at: float) -> Piece:
+def _piece(path: Path, where: str, table: Any, start: Four, at: float) -> Piece:
     if not isinstance(table, dict):
         raise WorldError(path, where, "a table is expected")
     refuse_unknown(path, where, table, ("seconds", "cycles", *KEYS, "what"))
@@ -94,11 +94,11 @@ def _piece(path: Path, where: str, table: Any, place: Four, at: float) -> Piece:
         raise WorldError(path, f"{where}.seconds", f"half a second or more is expected, found {seconds:g}")
     if not isinstance(cycles, int) or isinstance(cycles, bool) or not 0 <= cycles <= 2 * seconds:
         raise WorldError(path, f"{where}.cycles", f"a whole number, at most two a second, found {cycles!r}")
-    last = list(place)
+    last = list(start)
     for k, key in enumerate(KEYS):
         if key in table:
             value = read_number(path, f"{where}.{key}", table[key])
             if abs(value) > LIMITS[key] or (key == "height_m" and value < 0.3):
                 raise WorldError(path, f"{where}.{key}", f"out of reach: {value:g}")
             last[k] = math.radians(value) if key == "yaw_deg" else value
-    return Piece(at, seconds, place, (last[0], last[1], last[2], last[3]), cycles)
+    return Piece(at, seconds, start, (last[0], last[1], last[2], last[3]), cycles)

@@ -57,7 +57,7 @@ class TlogPort(Port):
             raise WorldError(path, "", f"cannot be written ({error.strerror})") from error
         self.peers = [Peer(self, ("", 0), 1)]  # type: ignore[arg-type]
         self.peers[0].faulty = False  # the wire's faults are not the log's
-        self._asked = -1
+        self._requested_boot = -1
 
     @property
     def sockets(self) -> list[socket.socket]:
@@ -68,9 +68,9 @@ class TlogPort(Port):
         self._file.write(struct.pack(">Q", stamp_us(self._autopilot)) + data)
 
     def receive(self) -> list[tuple[Peer, bytes]]:
-        if self._asked == self._autopilot.boots:
+        if self._requested_boot == self._autopilot.boots:
             return []
-        self._asked = self._autopilot.boots  # a reboot forgets rates
+        self._requested_boot = self._autopilot.boots  # a reboot forgets rates
         mav = m.MAVLink(None, srcSystem=254, srcComponent=190)
         own = ARDUPILOT_RATES if self._autopilot.id_parameter == "MAV_SYSID" else PX4_RATES
         found = []

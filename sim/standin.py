@@ -91,11 +91,11 @@ class Standin:
             self._memory.step()
         if self._booting:
             return
-        told = False
+        sent = False
         for conversation in self._conversations.values():
-            told |= conversation.stream(POSITION)
+            sent |= conversation.stream(POSITION)
             conversation.list_on()
-        if self._lockstep and told and self.autopilot.led:
+        if self._lockstep and sent and self.autopilot.led:
             self._await("goal", stamp_us(self.autopilot) // 1000 * 1000)
 
     def hear(self) -> None:

@@ -27,7 +27,7 @@ def trusts(request: pytest.FixtureRequest) -> Callable[[Path], bool]:
 
 
 @pytest.fixture
-def kept(tmp_path: Path) -> Path:
+def trusted(tmp_path: Path) -> Path:
     folder = tmp_path / "cache" / "code"
     folder.mkdir(parents=True)
     folder.chmod(0o755)
@@ -37,9 +37,9 @@ def kept(tmp_path: Path) -> Path:
 
 
 def test_what_is_ours_alone_is_trusted_and_a_new_folder_is_closed(
-    trusts: Callable[[Path], bool], kept: Path, tmp_path: Path
+    trusts: Callable[[Path], bool], trusted: Path, tmp_path: Path
 ) -> None:
-    assert trusts(kept)
+    assert trusts(trusted)
     before = os.umask(0o002)
     try:
         new = tmp_path / "new" / "code"
@@ -53,37 +53,43 @@ def test_what_is_ours_alone_is_trusted_and_a_new_folder_is_closed(
 
 
 @pytest.mark.parametrize("mode", [0o775, 0o757, 0o777])
-def test_a_folder_that_others_can_write_is_not(trusts: Callable[[Path], bool], kept: Path, mode: int) -> None:
-    kept.chmod(mode)
-    assert not trusts(kept)
+def test_a_folder_that_others_can_write_is_not(
+    trusts: Callable[[Path], bool], trusted: Path, mode: int
+) -> None:
+    trusted.chmod(mode)
+    assert not trusts(trusted)
 
 
 @pytest.mark.parametrize("mode", [0o664, 0o646])
-def test_a_file_that_others_can_write_is_not(trusts: Callable[[Path], bool], kept: Path, mode: int) -> None:
-    (kept / "loop.o").chmod(mode)
-    assert not trusts(kept)
+def test_a_file_that_others_can_write_is_not(
+    trusts: Callable[[Path], bool], trusted: Path, mode: int
+) -> None:
+    (trusted / "loop.o").chmod(mode)
+    assert not trusts(trusted)
 
 
-def test_a_link_is_not_followed(trusts: Callable[[Path], bool], kept: Path, tmp_path: Path) -> None:
-    (tmp_path / "link").symlink_to(kept)
+def test_a_link_is_not_followed(trusts: Callable[[Path], bool], trusted: Path, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(trusted)
     assert not trusts(tmp_path / "link")
-    (kept / "other.o").symlink_to("/etc/hostname")
-    assert not trusts(kept)
+    (trusted / "other.o").symlink_to("/etc/hostname")
+    assert not trusts(trusted)
 
 
-def test_a_folder_above_that_everybody_can_rename_is_not(trusts: Callable[[Path], bool], kept: Path) -> None:
-    kept.parent.chmod(0o777)
-    assert not trusts(kept)
-    kept.parent.chmod(0o1777)  # as /tmp: only the owner renames
-    assert trusts(kept)
+def test_a_folder_above_that_everybody_can_rename_is_not(
+    trusts: Callable[[Path], bool], trusted: Path
+) -> None:
+    trusted.parent.chmod(0o777)
+    assert not trusts(trusted)
+    trusted.parent.chmod(0o1777)  # as /tmp: only the owner renames
+    assert trusts(trusted)
 
 
 def test_another_users_file_is_not(
-    trusts: Callable[[Path], bool], kept: Path, monkeypatch: pytest.MonkeyPatch
+    trusts: Callable[[Path], bool], trusted: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     us = os.geteuid()
     monkeypatch.setattr(os, "geteuid", lambda: us + 1)
-    assert not trusts(kept)
+    assert not trusts(trusted)
 
 
 def test_a_place_that_cannot_be_looked_into_is_not(trusts: Callable[[Path], bool], tmp_path: Path) -> None:
@@ -98,14 +104,14 @@ def test_the_compiled_loop_of_a_folder_open_to_others_is_not_loaded_and_mix_says
     if not code.available():
         pytest.skip("the compiled loop runs on 64-bit Linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert not code.kept() and code.refused() == ""
+    assert not code.cached() and code.refused() == ""
     folder = code.code_folder()
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "planted.nbc").write_bytes(b"not what we compiled")
     folder.chmod(0o700)
-    assert code.kept()
+    assert code.cached()
     folder.chmod(0o777)
-    assert not code.kept()
+    assert not code.cached()
     examples = Path(__file__).parents[1] / "examples"
     command = [
         sys.executable,
@@ -120,12 +126,12 @@ def test_the_compiled_loop_of_a_folder_open_to_others_is_not_loaded_and_mix_says
     assert "can be written by others" in done.stderr
     assert "Traceback" not in done.stderr
 
-    asked: dict[str, Any] = {}
+    requested: dict[str, Any] = {}
 
     def njit(signature: Any, **options: Any) -> Any:
-        asked.update(options)
+        requested.update(options)
         return lambda function: function
 
     monkeypatch.setattr("numba.njit", njit)
     code.load.__wrapped__()
-    assert asked["cache"] is False  # anew, instead of what lies there, and not kept
+    assert requested["cache"] is False  # anew, instead of what lies there, and not kept

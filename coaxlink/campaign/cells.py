@@ -24,7 +24,7 @@ class Cell:
 
 def cell(spec: Spec, number: int) -> Cell:
     """The cell of that number, from 0; the same whoever asks, in whatever order."""
-    draw, place = divmod(number, len(spec.laws))
+    draw, law_index = divmod(number, len(spec.laws))
     values = _on_grid(spec, draw) if spec.grid else _at_random(spec, draw)
     for name in spec.effects:
         if f"effects.{name}.chance" in spec.quantities:
@@ -32,7 +32,7 @@ def cell(spec: Spec, number: int) -> Cell:
             if not _share(spec.seed, draw, f"effects.{name}") < chance:
                 values[f"effects.{name}.size"] = 0.0
     seed = zlib.crc32(f"{spec.seed}/{draw}".encode()) >> 1
-    return Cell(number, draw, spec.laws[place], seed, values)
+    return Cell(number, draw, spec.laws[law_index], seed, values)
 
 
 def _share(seed: int, draw: int, name: str) -> float:

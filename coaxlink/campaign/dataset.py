@@ -113,7 +113,7 @@ class Dataset:
             self._open.setdefault(number // RANGE, {})[number] = row
             self._fresh.append(row)
             self.done += 1
-        full = [k for k, kept in self._open.items() if len(kept) == self._size(k)]
+        full = [k for k, finished_rows in self._open.items() if len(finished_rows) == self._size(k)]
         for k in full:
             self._settle(k)
         if len(self._fresh) >= FLUSH_ROWS or time.monotonic() - self._flushed > FLUSH_S:
@@ -126,9 +126,9 @@ class Dataset:
             return
         numbers = {int(row[0]) for row in self._fresh}
         tag = hashlib.sha256(repr(sorted(numbers)).encode()).hexdigest()[:8]
-        place = self.rows / f"loose-{min(numbers):09d}-{tag}.parquet"
-        _write(place, self.columns, self._fresh)
-        self._loose[place] = numbers
+        path = self.rows / f"loose-{min(numbers):09d}-{tag}.parquet"
+        _write(path, self.columns, self._fresh)
+        self._loose[path] = numbers
         self._fresh = []
 
     def _size(self, k: int) -> int:
@@ -139,31 +139,31 @@ class Dataset:
 
     def _settle(self, k: int) -> None:
         """All rows of a range as one sorted file; loose files that are no longer needed go."""
-        kept = self._open.pop(k)
-        _write(self._file(k), self.columns, [kept[number] for number in sorted(kept)])
+        finished_rows = self._open.pop(k)
+        _write(self._file(k), self.columns, [finished_rows[number] for number in sorted(finished_rows)])
         self._settled.add(k)
         self._fresh = [row for row in self._fresh if int(row[0]) // RANGE != k]
-        for place, numbers in list(self._loose.items()):
-            numbers -= set(kept)
+        for path, numbers in list(self._loose.items()):
+            numbers -= set(finished_rows)
             if not numbers:
-                place.unlink(missing_ok=True)
-                del self._loose[place]
+                path.unlink(missing_ok=True)
+                del self._loose[path]
 
     def _resume(self) -> None:
         """Take up what is there. Raises InputError where it is of another campaign."""
-        place = self.folder / MANIFEST
-        if place.exists():
-            found = files.read_json(place)
+        path = self.folder / MANIFEST
+        if path.exists():
+            found = files.read_json(path)
             for key, wanted in self._decides.items():
                 if not isinstance(found, dict) or found.get(key) != json.loads(json.dumps(wanted)):
                     problem = (
                         "the folder holds another campaign, or rows of another version: name another `out`"
                     )
-                    raise InputError(place, key, problem)
+                    raise InputError(path, key, problem)
         elif any(self.rows.iterdir()):
             raise InputError(self.rows, "", "rows without a manifest: name another `out`")
         else:
-            files.write_json(place, {**self._decides, "finished": False})
+            files.write_json(path, {**self._decides, "finished": False})
         for k in range(-(-self.cells // RANGE)):
             if self._file(k).exists():
                 self._settled.add(k)
@@ -184,7 +184,7 @@ class Dataset:
                 self._loose[loose] = numbers
             else:
                 loose.unlink()
-        for k in [k for k, kept in self._open.items() if len(kept) == self._size(k)]:
+        for k in [k for k, finished_rows in self._open.items() if len(finished_rows) == self._size(k)]:
             self._settle(k)
 
     def _finish(self) -> None:

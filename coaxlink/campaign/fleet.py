@@ -42,7 +42,7 @@ _DATE = re.compile(r"(20\d\d)[-_.]?(\d{1,2})[-_.]?(\d{1,2})(?:[T_/ -]+(\d{1,2})[
 class Log:
     """One log of a fleet; `place` is a path or a URL."""
 
-    place: str
+    address: str
     name: str  # under the fleet's folder
     vehicle: str
     date: datetime.datetime
@@ -215,20 +215,20 @@ def _date(name: str) -> datetime.datetime | None:
 
 
 def _index(folder: str) -> dict[str, tuple[str, datetime.datetime | None]]:
-    place = f"{folder.rstrip('/')}/{INDEX}"
+    address = f"{folder.rstrip('/')}/{INDEX}"
     if "://" in folder:
-        fs, path = _filesystem(place)
+        fs, path = _filesystem(address)
         text = fs.cat_file(path).decode("utf-8", "replace")
     else:
-        text = files.read_text(Path(place))
+        text = files.read_text(Path(address))
     rows = csv.DictReader(io.StringIO(text))
     if not {"log", "vehicle", "date"} <= set(rows.fieldnames or ()):
-        raise InputError(place, "line 1", "the columns log, vehicle, date are expected")
+        raise InputError(address, "line 1", "the columns log, vehicle, date are expected")
     listed: dict[str, tuple[str, datetime.datetime | None]] = {}
     for row in rows:
         date = _date(row["date"] or "")
         if date is None:
-            raise InputError(place, f"line {rows.line_num}", f"a date is expected, found {row['date']!r}")
+            raise InputError(address, f"line {rows.line_num}", f"a date is expected, found {row['date']!r}")
         listed[row["log"] or ""] = (row["vehicle"] or "", date)
     return listed
 
@@ -241,16 +241,16 @@ def analyse_logs(task: Task, cells: Sequence[int]) -> Rows:
         problem, found = "", []
         try:
             with tempfile.TemporaryDirectory() as scratch:
-                path = Path(log.place)
-                if "://" in log.place:
-                    fs, remote = _filesystem(log.place)
+                path = Path(log.address)
+                if "://" in log.address:
+                    fs, remote = _filesystem(log.address)
                     path = Path(scratch) / Path(log.name).name
                     fs.get_file(remote, str(path))
                 found = [vars(f) for f in task.analyse(path)]
         except CoaxlinkError as error:
             problem = str(error)
         except OSError as error:
-            problem = f"{log.place}: cannot be read ({error})"
+            problem = f"{log.address}: cannot be read ({error})"
         row = (number, log.name, log.vehicle, log.date.isoformat(), problem, json.dumps(found))
         for name, value in zip(COLUMNS, row, strict=True):
             rows[name].append(value)

@@ -236,19 +236,21 @@ def _effect(path: Path, name: str, table: Any, known: Mapping[str, Known]) -> di
     allowed = ("size", "chance", "onset_s", "law", *form.keys)
     found = {}
     for key, value in table.items():
-        place = f"{where}.{key}"
+        full_key = f"{where}.{key}"
         if key not in allowed:
-            raise InputError(path, place, f"{name} knows no such key; one of {', '.join(allowed)}")
+            raise InputError(path, full_key, f"{name} knows no such key; one of {', '.join(allowed)}")
         if key == "law":
-            found[place] = _quantity(path, place, value, text=True)
-            for law in found[place].values:
+            found[full_key] = _quantity(path, full_key, value, text=True)
+            for law in found[full_key].values:
                 if law not in form.laws:
-                    raise InputError(path, place, f"one of {', '.join(form.laws)} is expected, found {law!r}")
+                    raise InputError(
+                        path, full_key, f"one of {', '.join(form.laws)} is expected, found {law!r}"
+                    )
         elif key == "rotor" and value == ANY_ROTOR:
-            found[place] = Quantity((ANY_ROTOR,))
+            found[full_key] = Quantity((ANY_ROTOR,))
         else:
             least, most = {"chance": (0.0, 1.0), "onset_s": (0.0, 3600.0)}.get(key, (-math.inf, math.inf))
-            found[place] = _quantity(path, place, value, least=least, most=most)
+            found[full_key] = _quantity(path, full_key, value, least=least, most=most)
     return found
 
 
@@ -282,10 +284,10 @@ def _draws(
 
 def _take(path: Path, key: str, name: str, texts: dict[str, str]) -> None:
     """The contents of a file beside the campaign's, or a shipped one, and of the rotors an airframe names."""
-    place = path.parent / name
-    place = place if place.is_file() else files.example(name)
-    texts[name] = files.read_text(place)
+    file = path.parent / name
+    file = file if file.is_file() else files.example(name)
+    texts[name] = files.read_text(file)
     if key == "airframe":
-        rotor = files.read_toml(place).get("rotor_model")
+        rotor = files.read_toml(file).get("rotor_model")
         if isinstance(rotor, str) and rotor not in texts:
-            texts[rotor] = files.read_text(place.parent / rotor)
+            texts[rotor] = files.read_text(file.parent / rotor)

@@ -40,8 +40,8 @@ def airframe(
 
     if source and connect:
         raise InputError("airframe", "", "one of --from and --connect is expected, found both")
-    for place in (picture, json_file):
-        files.refuse_unwritable(place)
+    for output in (picture, json_file):
+        files.refuse_unwritable(output)
     frame = load_airframe(file)
     path = rotor or frame.rotor_model
     model = load_rotor_model(path) if path else None
@@ -70,7 +70,7 @@ def report(
     if board and differs:
         findings += check_against(frame, board)
     out = console()
-    fits = board and len(board.places) == len(frame.rotors)
+    fits = board and len(board.mounts) == len(frame.rotors)
     out.print(draw(frame, board if fits else None), markup=False)
     for finding in findings:
         out.print(f"{finding.severity}: {finding}", markup=False)
@@ -96,7 +96,7 @@ def report(
                     "spin": "ccw" if r.yaw_sign > 0 else "cw",
                     "level": r.level,
                     "pair": r.pair,
-                    "output": board.places[n].output if board and fits else "",
+                    "output": board.mounts[n].output if board and fits else "",
                 }
                 for n, r in enumerate(frame.rotors)
             ],

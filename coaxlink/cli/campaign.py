@@ -119,10 +119,10 @@ def _replay(spec: Spec, number: int, folder: Path, json: Path | None) -> None:
     from coaxlink.campaign.cells import cell
     from coaxlink.simulated.campaign_cells import Payload, code_hash, columns, fly_cell, fly_cells
 
-    place = folder / f"cell-{number:09d}"
-    files.refuse_unwritable(place / "flight.csv")
+    cell_folder = folder / f"cell-{number:09d}"
+    files.refuse_unwritable(cell_folder / "flight.csv")
     one = cell(spec, number)
-    fly_cell(spec, one, place / "flight.csv", place)
+    fly_cell(spec, one, cell_folder / "flight.csv", cell_folder)
     rows = fly_cells(Payload(spec, code_hash()), [number])
     row: dict[str, Any] = {name: rows[name][0] for name in columns(spec)}
     screen = console()
@@ -131,8 +131,8 @@ def _replay(spec: Spec, number: int, folder: Path, json: Path | None) -> None:
             screen.print(f"{name:28s} {value:.6g}" if isinstance(value, float) else f"{name:28s} {value}")
     if json is not None:
         files.write_json(json, row)
-    say(f"wrote {place}: airframe.toml, its rotors, truth.toml, flight.csv")
-    say(f"next: coaxlink refine {place / 'flight.csv'} --airframe {place / 'airframe.toml'}")
+    say(f"wrote {cell_folder}: airframe.toml, its rotors, truth.toml, flight.csv")
+    say(f"next: coaxlink refine {cell_folder / 'flight.csv'} --airframe {cell_folder / 'airframe.toml'}")
 
 
 def _write(text: str) -> None:

@@ -70,8 +70,8 @@ def compare(
     from coaxlink.tables.curved_law import curved_law
     from coaxlink.vehicle import Vehicle
 
-    for place in (out, report, json_file):
-        files.refuse_unwritable(place)
+    for output in (out, report, json_file):
+        files.refuse_unwritable(output)
     vehicle, _ = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
     frame = vehicle.airframe

@@ -64,11 +64,11 @@ def _progress() -> Iterator[tuple[Any, Watch]]:
     with Progress(
         TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), console=screen
     ) as progress:
-        whole = progress.add_task("coaxlink demo", total=STEPS)
+        bar = progress.add_task("coaxlink demo", total=STEPS)
         flight = progress.add_task("", visible=False)
 
         def step(text: str, plan: Plan | None = None) -> None:
-            progress.update(whole, description=text, advance=1)
+            progress.update(bar, description=text, advance=1)
             progress.update(flight, visible=False, total=plan.duration_s if plan else None)
             if not screen.is_terminal:
                 say(text)

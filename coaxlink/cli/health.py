@@ -45,8 +45,8 @@ def health(
     from coaxlink.report.health import figure, health_page, health_table, remarks, verdict_line
     from coaxlink.report.pictures.figures import format_of, write_figure
 
-    for place in (plot, report, json):
-        files.refuse_unwritable(place)
+    for output in (plot, report, json):
+        files.refuse_unwritable(output)
     if plot:
         format_of(plot)
     if not logs:
@@ -123,7 +123,7 @@ def _fleet(
         raise InputError(folder, "", "a picture or a page is of one vehicle: name its logs")
     vehicles: dict[str, list[Path]] = {}
     for log in find_logs(folder):
-        vehicles.setdefault(log.vehicle, []).append(Path(log.place))
+        vehicles.setdefault(log.vehicle, []).append(Path(log.address))
     found, problems = {}, {}
     screen = console()
     for name, logs in vehicles.items():

@@ -146,7 +146,7 @@ def identify(
     screen = console()
     checked = [_checks(result, diameter) for result in results]
     for result, checks in zip(results, checked, strict=True):
-        say(f"{result.bench.samples.source}: {result.bench.samples.rows} rows")
+        say(f"{result.data.samples.source}: {result.data.samples.rows} rows")
         for line in checks["odd"]:
             say(f"! {line}")
         for line in checks["data"]:
@@ -160,13 +160,13 @@ def identify(
         save_rotor_model(out, over.at(over.middle if at_spacing is None else at_spacing))
         say(f"wrote {out}")
     elif out:
-        for result, path in zip(results, _places(out, len(results)), strict=True):
+        for result, path in zip(results, _output_files(out, len(results)), strict=True):
             save_rotor_model(path, result.model)
             say(f"wrote {path}")
     runs = _plan(results, next_runs) if next_runs else []
     curves = _learn(results, options) if learning else []
     if json:
-        models = [{"file": r.bench.samples.source, **r.as_json()} for r in results]
+        models = [{"file": r.data.samples.source, **r.as_json()} for r in results]
         for model, curve in zip(models, curves, strict=False):
             model["learning_curve"] = curve
         for model, checks, plan in zip(models, checked, runs or [{}] * len(models), strict=True):
@@ -186,7 +186,7 @@ def _checks(result: Identification, diameter_m: float | None) -> dict[str, Any]:
     from coaxlink.rotor.plausible import oddities, poor_errors
 
     covered = coverage(result)
-    samples = result.bench.samples
+    samples = result.data.samples
     meant = sizes(samples, diameter_m)
     turns, units = electrical_turns(samples, diameter_m), other_units(samples, diameter_m)
     open_units = (
@@ -196,7 +196,7 @@ def _checks(result: Identification, diameter_m: float | None) -> dict[str, Any]:
     )
     return {
         "odd": [line for line in (turns, open_units) if line]
-        + [*oddities(result.bench, result.form), *poor_errors(result)],
+        + [*oddities(result.data, result.form), *poor_errors(result)],
         "data": [*([meant] if meant else []), *covered.lines()],
         "coverage": covered.as_json(),
     }
@@ -210,12 +210,12 @@ def _plan(results: list[Identification], path: Path) -> list[dict[str, Any]]:
     from coaxlink.rotor.next_runs import next_runs
 
     found = []
-    for result, place in zip(results, _places(path, len(results)), strict=True):
+    for result, file in zip(results, _output_files(path, len(results)), strict=True):
         runs = next_runs(result)
         head = "".join(f"# {line}\n" for line in runs.lines())
-        files.write_atomic(place, head + tomli_w.dumps(runs.document()))
+        files.write_atomic(file, head + tomli_w.dumps(runs.document()))
         for line in runs.lines():
-            say(f"{place}: {line}")
+            say(f"{file}: {line}")
         found.append(
             {"before": runs.before, "after": runs.after, "seconds": runs.seconds, "share": runs.share}
         )
@@ -230,12 +230,12 @@ def _draw(results: list[Identification], plot: Path | None, report: Path | None)
     from coaxlink.report.pictures.figures import write_figures
     from coaxlink.report.pictures.identify_plots import figures
 
-    pages = _places(report, len(results)) if report else [None] * len(results)
+    pages = _output_files(report, len(results)) if report else [None] * len(results)
     for result, page in zip(results, pages, strict=True):
-        made = Made.now([result.bench.samples.source])
+        made = Made.now([result.data.samples.source])
         if plot:
             drawn = figures(result, made.line())
-            folder = plot if len(results) == 1 else plot / Path(result.bench.samples.source).stem
+            folder = plot if len(results) == 1 else plot / Path(result.data.samples.source).stem
             write_figures(folder, drawn)
             say(f"wrote {', '.join(drawn)} (.png, .svg, .pdf) to {folder}")
         if page:
@@ -294,13 +294,13 @@ def _learn(results: list[Identification], options: Options) -> list[list[dict[st
     from coaxlink.report.pictures.identify_curve import curve_table
     from coaxlink.rotor.learning import learning_curve
 
-    curves = [learning_curve(result.form, result.bench, options) for result in results]
+    curves = [learning_curve(result.form, result.data, options) for result in results]
     for curve in curves:
         console().print(curve_table(curve))
     return [[asdict(lesson) for lesson in curve] for curve in curves]
 
 
-def _places(out: Path, count: int) -> list[Path]:
+def _output_files(out: Path, count: int) -> list[Path]:
     """Where each model goes: the name asked for, numbered when one call makes several."""
     if count == 1:
         return [out]

@@ -70,8 +70,8 @@ def init(
 
     if out.exists() and not force:
         raise InputError(out, "", "is there already; --force replaces it")
-    for place in (out, picture, json_file):
-        files.refuse_unwritable(place)
+    for output in (out, picture, json_file):
+        files.refuse_unwritable(output)
     model = load_rotor_model(rotor) if rotor else None
     layout = _layout(template, source, script, connect, timeout, mass)
     if problem := name_problem(name or out.stem):

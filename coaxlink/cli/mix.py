@@ -160,16 +160,16 @@ def _native(compiled: bool | None) -> Any:
     """The compiled loop if it is asked for, or there and not unwanted."""
     from coaxlink.live import compiled as code
 
-    if compiled is False or (compiled is None and not code.kept()):
+    if compiled is False or (compiled is None and not code.cached()):
         if compiled is None and (why := code.refused()):
             say(f"the compiled loop that is kept is not run: {why}; --compiled makes one for this run")
         return None
     if not code.available():
         raise InputError("--compiled", "", "the compiled loop runs on 64-bit Linux only")
-    if not code.kept():
+    if not code.cached():
         why = code.distrusted()
-        kept = f"for this run alone ({why})" if why else "once for this processor and version"
-        say(f"compiling the live loop, {kept}: 12 s or more")
+        times = f"for this run alone ({why})" if why else "once for this processor and version"
+        say(f"compiling the live loop, {times}: 12 s or more")
     try:
         return code.load()
     except ImportError as error:
@@ -188,8 +188,8 @@ def _lead(frame: Airframe, lead_ms: float | None, rate_hz: float) -> tuple[float
         )
     from math import exp
 
-    whole = 1.0 - exp(-1.0 / (rate_hz * quick)) if quick > 0 else 1.0
-    gain = whole / (1.0 - exp(-1.0 / (rate_hz * lag)))
+    wanted = 1.0 - exp(-1.0 / (rate_hz * quick)) if quick > 0 else 1.0
+    gain = wanted / (1.0 - exp(-1.0 / (rate_hz * lag)))
     what = f"motors led from {1e3 * lag:g} to {1e3 * quick:g} ms"
     say(f"{what}: a step in the demand is commanded {gain:.1f} times as high")
     return lag, quick

@@ -81,8 +81,8 @@ def refine(
     from coaxlink.residual import refine_stand as run_stand
     from coaxlink.rotor import load_rotor_model, save_rotor_model
 
-    for place in (out, report, plan, json):
-        files.refuse_unwritable(place)
+    for output in (out, report, plan, json):
+        files.refuse_unwritable(output)
     folder = folder_of(logs[0])
     if folder is not None:
         _fleet(folder, len(logs), out or plan, airframe, rotor, (workers, scheduler), report, json)

@@ -32,7 +32,7 @@ def restore(
     system: SystemOption = None,
     signing_key: SigningOption = None,
     backup_dir: BackupOption = Path("backups"),
-    whole: Annotated[
+    everything: Annotated[
         bool, typer.Option("--all", help="All parameters, not just what the upload wrote.")
     ] = False,
 ) -> None:
@@ -60,7 +60,7 @@ def restore(
     ):
         talk = conversation(yes or dry_run)
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
-        outcome = worker.restore(saved, dry_run=dry_run, whole=whole)
+        outcome = worker.restore(saved, dry_run=dry_run, everything=everything)
     finish(outcome, json_file)
 
 

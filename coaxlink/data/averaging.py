@@ -39,8 +39,8 @@ def shortened(samples: Samples, most: int = MOST) -> Samples:
         parts = speed[: count * size].reshape(count, size)
         steady &= np.ptp(parts, axis=1) <= STEADY * max(float(np.abs(speed).max()), 1e-300)
     if 2 * steady.sum() < count:
-        kept = samples.take(np.arange(0, samples.rows, size))
-        return kept.with_notes(f"every {size}th of {samples.rows} rows: the speeds never hold still")
+        sparse = samples.take(np.arange(0, samples.rows, size))
+        return sparse.with_notes(f"every {size}th of {samples.rows} rows: the speeds never hold still")
     columns = {
         name: column[: count * size].reshape(count, size).mean(axis=1)[steady]
         for name, column in samples.columns.items()

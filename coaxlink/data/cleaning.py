@@ -42,8 +42,8 @@ def turning(samples: Samples) -> Samples:
     if not known or on_the_move.all():
         return samples
     idle = samples.take(~on_the_move)
-    places = [idle.place(i) for i in range(idle.rows)]
-    shown = ", ".join(places[:6]) + (f" and {len(places) - 6} more" if len(places) > 6 else "")
+    idle_rows = [idle.place(i) for i in range(idle.rows)]
+    shown = ", ".join(idle_rows[:6]) + (f" and {len(idle_rows) - 6} more" if len(idle_rows) > 6 else "")
     read = ", ".join(
         f"{name} {np.median(idle[name]):.3g}"
         for name in idle.columns

@@ -35,13 +35,13 @@ def columns_of(frame: pandas.DataFrame) -> tuple[dict[str, NDArray[np.float64]],
     if time is not None and TIME not in frame.columns:
         columns[TIME], note = time
         notes.append(note)
-    for place, name in enumerate(frame.columns):
+    for index, name in enumerate(frame.columns):
         if not isinstance(name, str):
             problem = f"a name with its unit is expected (upper_thrust_N), found {name!r}"
-            raise InputError("DataFrame", f"column {place + 1}", problem)
+            raise InputError("DataFrame", f"column {index + 1}", problem)
         if name in columns:
             raise InputError("DataFrame", f"column {name}", "the name comes twice")
-        columns[name] = _numbers(name, frame.iloc[:, place], pd)
+        columns[name] = _numbers(name, frame.iloc[:, index], pd)
     if not columns or not len(frame):
         raise InputError("DataFrame", "", f"rows and columns are expected, found shape {frame.shape}")
     return columns, tuple(notes)

@@ -167,16 +167,16 @@ def _symbol(index: int, text: str, words: list[str], written: str, lettered: boo
     rest = words[1:]
     for quantity in _SYMBOLS[words[0]]:
         unit = find_unit(quantity, written) if written else None
-        kept = rest
+        label_words = rest
         if not written and rest:
-            unit, kept = _unit_in_words(quantity, rest, lettered)
-        if any(w not in _LETTERS | _LABELS | _UPPER | _LOWER and not w.isdigit() for w in kept):
+            unit, label_words = _unit_in_words(quantity, rest, lettered)
+        if any(w not in _LETTERS | _LABELS | _UPPER | _LOWER and not w.isdigit() for w in label_words):
             continue
         if unit is None and (written or words[0] in "fiuvp"):
             continue
         if unit is None and quantity != "time" and plain(text)[:1] == "t" == text.strip()[:1]:
             continue  # a small t without a unit is the time
-        return _heading(index, text, quantity, kept, unit, True)
+        return _heading(index, text, quantity, label_words, unit, True)
     return None
 
 

@@ -22,19 +22,19 @@ def join(logs: Sequence[Samples]) -> Samples:
     """
     if len(logs) == 1:
         return logs[0]
-    kept: dict[str, list[np.ndarray]] = {}
+    parts_by_name: dict[str, list[np.ndarray]] = {}
     names = [name for log in logs for name in log.columns]
     dropped = []
     for name in dict.fromkeys(names):
         filled = [_filled(log, name) for log in logs]
         known = [column for column in filled if column is not None]
         if len(known) == len(logs):
-            kept[name] = known
+            parts_by_name[name] = known
         else:
             dropped.append(name)
     for side in ("upper", "lower"):
         if any(log.has(f"{side}_{what}") for log in logs for what in SPEEDS) and not any(
-            f"{side}_{what}" in kept for what in SPEEDS
+            f"{side}_{what}" in parts_by_name for what in SPEEDS
         ):
             lacking = next(log for log in logs if not log.has(f"{side}_rpm"))
             raise InputError(
@@ -44,7 +44,7 @@ def join(logs: Sequence[Samples]) -> Samples:
     notes.append(f"joined: {', '.join(f'{log.source} ({log.rows} rows)' for log in logs)}")
     if dropped:
         notes.append(f"left out, not in every log: {', '.join(dropped)}")
-    columns = {name: np.concatenate(parts) for name, parts in kept.items()}
+    columns = {name: np.concatenate(parts) for name, parts in parts_by_name.items()}
     return Samples(columns, " + ".join(log.source for log in logs), tuple(notes))
 
 

@@ -236,11 +236,11 @@ def _check(path: Path, headings: Sequence[str], line: int) -> None:
         raise InputError(
             path, f"line {line}", f"at most {MOST_COLUMNS} columns are read, found {len(headings)}"
         )
-    seen: set[str] = set()
+    used: set[str] = set()
     for i, name in enumerate(headings, start=1):
         if len(name) > LONGEST_HEADING:
             found = f"a heading of at most {LONGEST_HEADING} characters is expected, found {len(name)}"
             raise InputError(path, f"line {line}, column {i}", found)
-        if name and name in seen:
+        if name and name in used:
             raise InputError(path, f"line {line}, column {name!r}", "the heading stands there twice")
-        seen.add(name)
+        used.add(name)

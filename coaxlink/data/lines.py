@@ -28,14 +28,14 @@ def read_lines(path: Path, progress: Progress | None = None) -> Iterator[list[Li
         with path.open("rb") as stream:
             size = max(path.stat().st_size, 1)
             head = stream.read(PIECE)
-            encoding, skip = _encoding(path, head, whole=size <= len(head))
+            encoding, skip = _encoding(path, head, complete=size <= len(head))
             decoder = codecs.getincrementaldecoder(encoding)()
             piece, rest, number, done = head[skip:], "", 1, skip
             while True:
                 done += len(piece)
                 text = rest + _decoded(path, decoder, piece, encoding, done)
                 last = not piece
-                lines = text.replace("\r\n", "\n").split("\n") if last else _whole_lines(text)
+                lines = text.replace("\r\n", "\n").split("\n") if last else _complete_lines(text)
                 rest = "" if last else lines.pop()
                 lines = [part for line in lines for part in (line.split("\r") if "\r" in line else [line])]
                 yield list(zip(range(number, number + len(lines)), lines, strict=True))
@@ -52,12 +52,12 @@ def read_lines(path: Path, progress: Progress | None = None) -> Iterator[list[Li
         raise InputError(path, "", f"cannot be read ({error.strerror})") from error
 
 
-def _whole_lines(text: str) -> list[str]:
+def _complete_lines(text: str) -> list[str]:
     """Lines of a piece; the last one may go on, and a return at its end may be half of a line's end."""
     return text.replace("\r\n", "\n").split("\n")
 
 
-def _encoding(path: Path, head: bytes, *, whole: bool) -> tuple[str, int]:
+def _encoding(path: Path, head: bytes, *, complete: bool) -> tuple[str, int]:
     """Name of the encoding and the bytes of its mark."""
     for mark, name in _BOMS:
         if head.startswith(mark):
@@ -71,7 +71,7 @@ def _encoding(path: Path, head: bytes, *, whole: bool) -> tuple[str, int]:
             found = "utf-16-le" if zeros[0] > zeros[1] else "utf-16-be"
     if found == "utf-8":
         try:
-            codecs.getincrementaldecoder("utf-8")().decode(head[skip:], final=whole)
+            codecs.getincrementaldecoder("utf-8")().decode(head[skip:], final=complete)
         except UnicodeDecodeError:
             found = "latin-1"
     text = head[skip : skip + 4000].decode(found, "ignore")
@@ -84,8 +84,8 @@ def _decoded(path: Path, decoder: codecs.IncrementalDecoder, piece: bytes, encod
     try:
         text = decoder.decode(piece, final=not piece)
     except UnicodeDecodeError as error:
-        place = done - len(piece) + error.start
-        raise InputError(path, f"byte {place}", f"not text ({encoding.upper()} expected)") from error
+        offset = done - len(piece) + error.start
+        raise InputError(path, f"byte {offset}", f"not text ({encoding.upper()} expected)") from error
     odd = _CONTROL.search(text)
     if odd is not None:
         near = done - len(piece) + odd.start()

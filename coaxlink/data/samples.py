@@ -76,8 +76,8 @@ class Samples:
 
     def without(self, *names: str) -> Samples:
         """A copy without these columns."""
-        kept = {name: column for name, column in self.columns.items() if name not in names}
-        return replace(self, columns=kept)
+        rest = {name: column for name, column in self.columns.items() if name not in names}
+        return replace(self, columns=rest)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """The columns as a pandas DataFrame, one row a sample; source, notes and resolution in its attrs.
@@ -112,9 +112,9 @@ class Samples:
 
         columns, notes = columns_of(frame)
         about = frame.attrs
-        kept = tuple(str(note) for note in about.get("notes", ()))
+        earlier = tuple(str(note) for note in about.get("notes", ()))
         resolution = {k: float(v) for k, v in about.get("resolution", {}).items() if k in columns}
-        return cls(columns, source or str(about.get("source", "")), kept + notes, resolution=resolution)
+        return cls(columns, source or str(about.get("source", "")), earlier + notes, resolution=resolution)
 
     def with_notes(self, *notes: str) -> Samples:
         """A copy with remarks added."""

@@ -96,8 +96,8 @@ def _follows_other(samples: Samples, load: str, effort: str) -> bool:
         X = np.stack([np.ones_like(u), u, u**2], axis=1)
         y = samples[load]
         left.append(float(np.sum((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2)))
-    whole = float(np.sum((samples[load] - samples[load].mean()) ** 2))
-    return left[0] > UNEXPLAINED * whole and left[0] > FOLLOWS * left[1]
+    total = float(np.sum((samples[load] - samples[load].mean()) ** 2))
+    return left[0] > UNEXPLAINED * total and left[0] > FOLLOWS * left[1]
 
 
 def check_units(

@@ -123,18 +123,18 @@ def _head(path: Path, pieces: Iterator[list[Line]]) -> tuple[list[Line], Iterato
 
     A quote that is open at the end of a piece is followed into the next one.
     """
-    whole = _whole_quotes(pieces)
+    unsplit = _unsplit_quotes(pieces)
     first: list[Line] = []
     while len(first) < HEAD:
-        piece = next(whole, None)
+        piece = next(unsplit, None)
         if piece is None:
             break
         first += piece
     joined = list(joined_quotes(path, first)) if any('"' in line for _, line in first) else first
-    return joined, whole
+    return joined, unsplit
 
 
-def _whole_quotes(pieces: Iterable[list[Line]]) -> Iterator[list[Line]]:
+def _unsplit_quotes(pieces: Iterable[list[Line]]) -> Iterator[list[Line]]:
     """The pieces, each cut before a line whose quote is still open at its end."""
     held: list[Line] = []
     for piece in pieces:
@@ -161,9 +161,9 @@ class _Body:
 
     def take(self, lines: list[Line]) -> None:
         """Rows of text lines (quotes may run over several)."""
-        kept = [(n, line) for n, line in lines if line and not line.isspace()]
-        if kept and not self._fast(kept):
-            self.take_rows(self._split(kept))
+        filled = [(n, line) for n, line in lines if line and not line.isspace()]
+        if filled and not self._fast(filled):
+            self.take_rows(self._split(filled))
 
     def _fast(self, lines: list[Line]) -> bool:
         """Take lines by numpy's parser if they are plainly numbers; else leave them, False.
@@ -194,8 +194,8 @@ class _Body:
         self._filled[numeric] = True
         nothing = np.full(len(lines), np.nan)
         columns = [nothing] * layout.width
-        for place, i in enumerate(numeric):
-            columns[i] = np.ascontiguousarray(values[:, place])
+        for column, i in enumerate(numeric):
+            columns[i] = np.ascontiguousarray(values[:, column])
         self._add(columns, np.fromiter((n for n, _ in lines), np.int64, len(lines)))
         return True
 
@@ -251,8 +251,8 @@ class _Body:
         """All that was taken. Raises InputError when there is no row."""
         layout = self.layout
         if not self._rows:
-            place = f"line {layout.heading_line + 1}"
-            raise InputError(self.path, place, "no rows: numbers are expected under the heading line")
+            where = f"line {layout.heading_line + 1}"
+            raise InputError(self.path, where, "no rows: numbers are expected under the heading line")
         columns = []
         for i in range(layout.width):
             values = np.concatenate(self._pieces[i])

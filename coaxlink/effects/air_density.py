@@ -21,7 +21,7 @@ from coaxlink.constants import (
 )
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import MOST, LiveView, Part, nothing
-from coaxlink.effects.static import LeftOut, StaticBench
+from coaxlink.effects.static import LeftOut, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.signals import without_row_noise
@@ -141,15 +141,15 @@ STAND: Tracing[StandFrame] = Tracing(
 )  # fmt: skip
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
     if "reference_density_kg_m3" not in p:
         raise LeftOut(_NO_REFERENCE)
-    rho = bench.at.air_density_kg_m3
+    rho = vehicle.at.air_density_kg_m3
     if rho is None:
         raise LeftOut(_NEEDS_DENSITY)
     thrust, torque = load_gains(p, rho)
-    bench.thrust *= thrust
-    bench.torque *= torque
+    vehicle.thrust *= thrust
+    vehicle.torque *= torque
     return f"thrust {100 * (thrust - 1):+.1f} % in air of {rho:.3f} kg/m3"
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import MOST, LiveView, Part, nothing
-from coaxlink.effects.static import LeftOut, Loads, StaticBench
+from coaxlink.effects.static import LeftOut, Loads, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import FlightFrame
 from coaxlink.load import Load
@@ -147,26 +147,26 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
-    climb = bench.at.climb_m_s
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
+    climb = vehicle.at.climb_m_s
     if climb is None:
         raise LeftOut(_NEEDS_CLIMB)
-    usual = bench.usual_lift(bench.airframe, bench.model)
+    usual = vehicle.usual_lift(vehicle.airframe, vehicle.model)
 
     def change(_: RotorModel, loads: Loads) -> Loads:
         upper = climb_loss(p, climb, loads.upper, loads.upper_thrust, usual)
         lower = climb_loss(p, climb, loads.lower, loads.lower_thrust, usual)
         return loads.plus({Load.UPPER_THRUST: -upper, Load.LOWER_THRUST: -lower})
 
-    bench.changes.append(change)
+    vehicle.changes.append(change)
     lost = climb_loss(p, climb, 0.5, 0.25 * usual, usual)
     return f"{-float(lost):+.2f} N a rotor at half speed, climbing at {climb:.2f} m/s"
 
 
 def _live(view: LiveView, p: Numbers) -> Part:
-    place = np.array([r.position_m for r in view.airframe.rotors])
+    positions = np.array([r.position_m for r in view.airframe.rotors])
     axis = np.array([r.axis for r in view.airframe.rotors])
-    by_rate = np.cross(place, axis)  # (w x r) . a = w . (r x a)
+    by_rate = np.cross(positions, axis)  # (w x r) . a = w . (r x a)
     usual = view.usual_lift
 
     def part(speeds: Sequence[float]) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from coaxlink.effects.live import LiveView, Part, SpeedPart
-from coaxlink.effects.static import StaticBench
+from coaxlink.effects.static import StaticVehicle
 from coaxlink.effects.tracing import Tracing
 from coaxlink.errors import InputError
 from coaxlink.frames import FlightFrame, StandFrame
@@ -62,7 +62,7 @@ class PhysicalEffect:
     parameters: tuple[Parameter, ...]
     flight: Tracing[FlightFrame] | None = None
     stand: Tracing[StandFrame] | None = None
-    static: Callable[[StaticBench, Numbers], str] | None = None
+    static: Callable[[StaticVehicle, Numbers], str] | None = None
     live: Callable[[LiveView, Numbers], Part] | None = None
     live_speed: Callable[[LiveView, Numbers], SpeedPart] | None = None
     required: tuple[str, ...] = ()  # numbers that static and live mixing cannot do without

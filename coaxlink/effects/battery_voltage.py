@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import LOAD, drive, load_finer, loaded, turn, turning
 from coaxlink.effects.live import LiveView, SpeedPart
-from coaxlink.effects.static import LeftOut, StaticBench
+from coaxlink.effects.static import LeftOut, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside
 from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
 
@@ -222,16 +222,16 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
-    volts = bench.at.voltage_V
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
+    volts = vehicle.at.voltage_V
     if volts is None:
         raise LeftOut(_NEEDS_VOLTAGE)
     if "cap" in p:
         ratio = volts / p["reference_voltage_V"]
-        bench.turn_at(lambda u: u - p["speed_exponent"] * lost_to_cap(p, u, ratio))
+        vehicle.turn_at(lambda u: u - p["speed_exponent"] * lost_to_cap(p, u, ratio))
         return f"commands for {volts:.2f} V, where no rotor turns faster than {p['cap'] * ratio:.3f}"
     factor = float(speed_factor(p, volts)) if volts > 0 else 0.0
-    turn(bench, factor, p, "voltage_V", volts)
+    turn(vehicle, factor, p, "voltage_V", volts)
     return f"commands for {volts:.2f} V, where rotors turn at {factor:.3f} of them"
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.static import Loads, StaticBench
+from coaxlink.effects.static import Loads, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.load import Load, of_rotor
@@ -127,7 +127,7 @@ STAND: Tracing[StandFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
     names = _blade_names(p)
     lift, drag = p[names[0]], p[names[-1]]
 
@@ -136,7 +136,7 @@ def _static(bench: StaticBench, p: Numbers) -> str:
         each = zip(Load, (lift * upper, drag * upper, lift * lower, drag * lower), strict=True)
         return loads.plus({load: loads[load] * share for load, share in each})
 
-    bench.changes.append(change)
+    vehicle.changes.append(change)
     if "tip" in p:
         return f"loads fall off above speed {p['tip']:g}"
     return f"loads grow with another power of speed ({lift:+.3f} at full speed)"

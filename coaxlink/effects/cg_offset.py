@@ -14,7 +14,7 @@ import numpy as np
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import LiveView, Part
 from coaxlink.effects.onset import COMES, OVER, onset_limits, since
-from coaxlink.effects.static import StaticBench
+from coaxlink.effects.static import StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside, present
 from coaxlink.frames import FlightFrame
 
@@ -59,13 +59,13 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
     x, y = p["offset_x_m"], p["offset_y_m"]
     moved = (
         replace(r, position_m=(r.position_m[0] - x, r.position_m[1] - y, r.position_m[2]))
-        for r in bench.airframe.rotors
+        for r in vehicle.airframe.rotors
     )
-    bench.airframe = replace(bench.airframe, rotors=tuple(moved))
+    vehicle.airframe = replace(vehicle.airframe, rotors=tuple(moved))
     forward, right = (round(1e3 * d, 1) + 0.0 for d in (x, y))
     return f"rotor places from the true centre of mass, {forward:+.1f} mm forward, {right:+.1f} mm right"
 

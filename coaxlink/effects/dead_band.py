@@ -13,7 +13,7 @@ import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import changed_by, drivable, drive
-from coaxlink.effects.static import LeftOut, StaticBench
+from coaxlink.effects.static import LeftOut, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 
@@ -188,7 +188,7 @@ STAND: Tracing[StandFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
     if "cells" in p:
         raise LeftOut(_OF_THE_CELLS)
     if not {"stretched", "bend"} & set(p):  # above the band the command is the speed
@@ -198,7 +198,7 @@ def _static(bench: StaticBench, p: Numbers) -> str:
     def speed_of(command: Array) -> Array:
         return np.asarray(np.maximum(command + share * (turned(p, command) - command), 0.0))
 
-    bench.turn_at(speed_of)
+    vehicle.turn_at(speed_of)
     half = float(speed_of(np.array(0.5)))
     return f"commands count from {p['band']:g} on, where motors start: at 0.5 they turn at {half:.3f}"
 

@@ -15,7 +15,7 @@ import numpy as np
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import LiveView, Part
 from coaxlink.effects.onset import COMES, OVER, onset_limits, since
-from coaxlink.effects.static import StaticBench
+from coaxlink.effects.static import StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside, present
 from coaxlink.errors import InputError
 from coaxlink.frames import FlightFrame
@@ -131,11 +131,11 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
-    rotor = _index(p, len(bench.thrust))
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
+    rotor = _index(p, len(vehicle.thrust))
     thrust, torque = (1.0 - loss for loss in losses(p))
-    bench.thrust[rotor] *= max(thrust, LEAST_GAIN)
-    bench.torque[rotor] *= max(torque, LEAST_GAIN)
+    vehicle.thrust[rotor] *= max(thrust, LEAST_GAIN)
+    vehicle.torque[rotor] *= max(torque, LEAST_GAIN)
     pull, drag = 100 * thrust, 100 * torque
     return f"rotor {rotor + 1} counts for {pull:.1f} % of its thrust and {drag:.1f} % of its torque"
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coaxlink.effects.static import StaticBench, refuse_speed
+from coaxlink.effects.static import StaticVehicle, refuse_speed
 from coaxlink.effects.tracing import Array, Shape
 from coaxlink.frames import StandFrame
 
@@ -53,13 +53,13 @@ def turning(command: Array, share: float, numbers: Shape) -> Array:
     return np.asarray(command + share * loaded(np.asarray(command, float), numbers))
 
 
-def turn(bench: StaticBench, factor: float, numbers: Shape, condition: str, value: float) -> None:
+def turn(vehicle: StaticVehicle, factor: float, numbers: Shape, condition: str, value: float) -> None:
     """Let rotors turn at `factor` of their commands, or at another share where the motor is loaded (`load`).
 
     Raises InputError where no drive does that at this condition.
     """
     if "load" not in numbers:
-        bench.turn(factor, condition, value)
+        vehicle.turn(factor, condition, value)
         return
     refuse_speed(factor, condition, value)
-    bench.turn_at(lambda u: turning(u, factor - 1.0, numbers))
+    vehicle.turn_at(lambda u: turning(u, factor - 1.0, numbers))

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from coaxlink.airframe import Airframe
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.live import MOST, LiveView, Part, nothing
-from coaxlink.effects.static import LeftOut, StaticBench
+from coaxlink.effects.static import LeftOut, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import FlightFrame
 
@@ -162,12 +162,12 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
-    height = bench.at.height_m
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
+    height = vehicle.at.height_m
     if height is None:
         raise LeftOut(_NEEDS_HEIGHT)
-    gains = thrust_gain(p, height - _below(bench.airframe, 0.0, 0.0))
-    bench.thrust *= 1.0 + gains
+    gains = thrust_gain(p, height - _below(vehicle.airframe, 0.0, 0.0))
+    vehicle.thrust *= 1.0 + gains
     return f"thrust {100 * float(gains.mean()):+.1f} % at {height:.2f} m above ground"
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.static import Loads, StaticBench
+from coaxlink.effects.static import Loads, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import StandFrame
 from coaxlink.load import Load
@@ -66,14 +66,14 @@ STAND: Tracing[StandFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
     thrust, torque = p["thrust_loss_N"], p["torque_loss_Nm"]
 
     def change(_: RotorModel, loads: Loads) -> Loads:
         term = drawn(p, loads.upper, loads.lower)
         return loads.plus({Load.UPPER_THRUST: -thrust * term, Load.UPPER_TORQUE: -torque * term})
 
-    bench.changes.append(change)
+    vehicle.changes.append(change)
     powers = f"u_l^{p['lower_power']:g} u_u^{p['upper_power']:g}"
     return f"the upper rotor loses {thrust:.2f} N {powers} to the lower one"
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.onset import COMES, OVER, onset_limits, since
-from coaxlink.effects.static import StaticBench
+from coaxlink.effects.static import StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside, present
 from coaxlink.frames import FlightFrame
 
@@ -56,8 +56,8 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
-    declared, bench.airframe = bench.airframe.mass_kg, replace(bench.airframe, mass_kg=p["mass_kg"])
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
+    declared, vehicle.airframe = vehicle.airframe.mass_kg, replace(vehicle.airframe, mass_kg=p["mass_kg"])
     return f"{p['mass_kg']:.2f} kg instead of {declared:.2f}: hover thrust and envelope follow"
 
 

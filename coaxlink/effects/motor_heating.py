@@ -12,7 +12,7 @@ import numpy as np
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
 from coaxlink.effects.drive import LOAD, drivable, drive, loaded, turn
-from coaxlink.effects.static import LeftOut, StaticBench
+from coaxlink.effects.static import LeftOut, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_CHANNELS, StandFrame
 
@@ -160,15 +160,15 @@ STAND: Tracing[StandFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
-    degrees = bench.at.motor_temperature_C
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
+    degrees = vehicle.at.motor_temperature_C
     if degrees is None or "memory_s" in p:
         raise LeftOut(_TEMPERATURE_UNKNOWN)
     if "side" in p:
         raise LeftOut(_ONE_MOTOR)
     felt = float(_felt(p, np.array((degrees - 25.0) / 100.0)))
     factor = 1.0 - p["speed_loss_per_100K"] * felt
-    turn(bench, factor, p, "motor_temperature_C", degrees)
+    turn(vehicle, factor, p, "motor_temperature_C", degrees)
     return f"commands for windings at {degrees:.0f} C, where rotors turn at {factor:.3f} of them"
 
 

@@ -37,20 +37,20 @@ def hub_drag(frame: FlightFrame, velocity: Array, shape: Shape, turning: bool = 
     """(rows, 6) drag of unit coefficient for the body's velocity (rows, 3) through the air."""
     out = np.zeros((len(velocity), 6))
     for i, rotor in enumerate(frame.airframe.rotors):
-        place, axis = np.array(rotor.position_m), np.array(rotor.axis)
+        position, axis = np.array(rotor.position_m), np.array(rotor.axis)
         hub = velocity
         if turning:
-            hub = hub + frame.rates @ _cross(place)  # w x r = -C w
+            hub = hub + frame.rates @ _cross(position)  # w x r = -C w
         hub = hub - np.outer(hub @ axis, axis)
         force = -_weight(frame, i, hub, shape)[:, None] * hub
         out[:, :3] += force
-        out[:, 3:] += force @ _cross(place).T
+        out[:, 3:] += force @ _cross(position).T
     return out
 
 
-def _cross(place: Array) -> Array:
+def _cross(position: Array) -> Array:
     """(3, 3) matrix C of a place with C f = place x f."""
-    x, y, z = place
+    x, y, z = position
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
@@ -80,8 +80,8 @@ def drag_cause(frame: FlightFrame, _: Shape, channel: str) -> tuple[str, Array]:
 
 def _columns(frame: FlightFrame, shape: Shape) -> Array:
     # the moment comes apart from the force: drag may act away from the hubs' planes
-    whole = hub_drag(frame, frame.velocity, shape)
-    force, moment = whole.copy(), whole.copy()
+    drag = hub_drag(frame, frame.velocity, shape)
+    force, moment = drag.copy(), drag.copy()
     force[:, 3:], moment[:, :3] = 0.0, 0.0
     return np.stack([force, moment], axis=-1)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.static import LeftOut, Loads, StaticBench
+from coaxlink.effects.static import LeftOut, Loads, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.load import Load, of_rotor
@@ -68,8 +68,8 @@ def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shap
 
 def alike_shapes(frame: StandFrame) -> list[Shape]:
     """Both rotors gain or lose by the same share: what each draws through the other is less."""
-    places = [{}] if frame.free_base else [{"apart": a} for a in APART]
-    return [{"alike": 1.0, **place, **form} for place in places for form in ({}, {"decay": 1.0})]
+    forms = [{}] if frame.free_base else [{"apart": a} for a in APART]
+    return [{"alike": 1.0, **form_, **form} for form_ in forms for form in ({}, {"decay": 1.0})]
 
 
 def _spacing_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
@@ -113,11 +113,11 @@ STAND: Tracing[StandFrame] = Tracing(
 )
 
 
-def _static(bench: StaticBench, p: Numbers) -> str:
+def _static(vehicle: StaticVehicle, p: Numbers) -> str:
     if "reference_spacing_m" not in p:
         raise LeftOut(_NO_REFERENCE)
-    places = np.array([r.position_m for r in bench.airframe.rotors])
-    gaps = [float(np.linalg.norm(places[u] - places[w])) for u, w in bench.airframe.pairs]
+    positions = np.array([r.position_m for r in vehicle.airframe.rotors])
+    gaps = [float(np.linalg.norm(positions[u] - positions[w])) for u, w in vehicle.airframe.pairs]
     if not gaps:
         raise LeftOut("this airframe has no pairs")
     gap = float(np.mean(gaps))
@@ -134,7 +134,7 @@ def _static(bench: StaticBench, p: Numbers) -> str:
             Load.LOWER_TORQUE: -p.get("wake_torque_share", 0.0) * off * drag,
         })  # fmt: skip
 
-    bench.changes.append(change)
+    vehicle.changes.append(change)
     return f"pairs {1e3 * gap:.0f} mm apart, logged about {1e3 * p['reference_spacing_m']:.0f} mm"
 
 

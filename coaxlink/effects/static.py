@@ -63,7 +63,7 @@ def refuse_speed(factor: float, condition: str, value: float) -> None:
 
 
 @dataclass
-class StaticBench:
+class StaticVehicle:
     """A vehicle being put together: effects change it one after the other."""
 
     airframe: Airframe

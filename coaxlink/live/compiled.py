@@ -46,14 +46,14 @@ def code_folder() -> Path:
 
     modules = (k, live_state, law_kernel, dual, loads, quadratic, schur, warm)
     about = [Path(str(m.__file__)).read_bytes() for m in modules] + [Path(__file__).read_bytes()]
-    place = Path(k.__file__)  # numba keeps code for one place and time of its source
-    about.append(f"{place} {place.stat().st_mtime_ns}".encode())
+    source = Path(k.__file__)  # numba keeps code for one place and time of its source
+    about.append(f"{source} {source.stat().st_mtime_ns}".encode())
     processor = (llvm.get_default_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
     about += [x.encode() for x in (*processor, version("numba"), version("llvmlite"), np.__version__)]
     return files.code_folder(f"live-{hashlib.sha256(b''.join(about)).hexdigest()[:16]}")
 
 
-def kept() -> bool:
+def cached() -> bool:
     """Whether the code is there, and may be run."""
     return _is_there() and not distrusted()
 

@@ -21,8 +21,8 @@ class Histogram:
 
     def add(self, seconds: float) -> None:
         """Count one time; what is outside goes into the end bins."""
-        place = int(PER_DECADE * math.log10(seconds / LOWEST_S)) if seconds > LOWEST_S else 0
-        self.bins[min(place, len(self.bins) - 1)] += 1
+        index = int(PER_DECADE * math.log10(seconds / LOWEST_S)) if seconds > LOWEST_S else 0
+        self.bins[min(index, len(self.bins) - 1)] += 1
         self.total += 1
         if seconds > self.largest_s:
             self.largest_s = seconds
@@ -30,10 +30,10 @@ class Histogram:
     def percentile(self, percent: float) -> float:
         """The time (s) below which `percent` of all lie; 0 when nothing was counted."""
         wanted, cumulative = self.total * percent / 100.0, 0
-        for place, count in enumerate(self.bins):
+        for index, count in enumerate(self.bins):
             cumulative += count
             if count and cumulative >= wanted:
-                return min(LOWEST_S * 10.0 ** ((place + 0.5) / PER_DECADE), self.largest_s)
+                return min(LOWEST_S * 10.0 ** ((index + 0.5) / PER_DECADE), self.largest_s)
         return self.largest_s
 
 

@@ -35,12 +35,12 @@ LOOPBACK = "127.0.0.1"
 
 def parse_forward(where: str) -> Address:
     """Where a ground station is. Raises InputError."""
-    scheme, _, place = where.partition(":")
+    scheme, _, host_port = where.partition(":")
     if scheme == "udpin":
-        place = place.removeprefix("//")
-        if not place.rpartition(":")[0]:
-            place = f"{LOOPBACK}:{place.removeprefix(':')}"
-        url = f"udpin:{place}"
+        host_port = host_port.removeprefix("//")
+        if not host_port.rpartition(":")[0]:
+            host_port = f"{LOOPBACK}:{host_port.removeprefix(':')}"
+        url = f"udpin:{host_port}"
     else:
         url = where if scheme == "udpout" else f"udpout:{where}"
     try:
@@ -64,7 +64,7 @@ class Forwarder:
         self._socket, self._peer = _open(address)
         self._socket.settimeout(WAIT_S)
         self._heard_s = 0.0
-        self._scanner = _whole_frames()
+        self._scanner = _complete_frames()
         self._stopping = threading.Event()
         self._leave: Any = None
         self._thread = threading.Thread(target=self._run, name="coaxlink-forward", daemon=True)
@@ -73,7 +73,7 @@ class Forwarder:
         self.strangers = 0  # datagrams of others than the ground station
 
     @property
-    def place(self) -> tuple[str, int]:
+    def own_address(self) -> tuple[str, int]:
         """Our own host and port."""
         host, port = self._socket.getsockname()[:2]
         return host, port
@@ -81,7 +81,7 @@ class Forwarder:
     @property
     def exposed(self) -> bool:
         """Whether another machine may be the first to speak."""
-        return self._listens and not ipaddress.ip_address(self.place[0]).is_loopback
+        return self._listens and not ipaddress.ip_address(self.own_address[0]).is_loopback
 
     def __enter__(self) -> Forwarder:
         hear = self._session.subscribe(self._from_vehicle, whole_system=True)
@@ -127,7 +127,7 @@ class Forwarder:
         frames = self._scanner.feed(data)
         if peer != self._peer:
             if not frames:
-                self._scanner = _whole_frames()
+                self._scanner = _complete_frames()
                 self.strangers += 1
                 return
             self._peer = peer
@@ -143,7 +143,7 @@ class Forwarder:
         return self._peer is None or (peer[0] == self._peer[0] and now - self._heard_s > LEFT_S)
 
 
-def _whole_frames() -> codec.Scanner:
+def _complete_frames() -> codec.Scanner:
     seeds = codec.known_seeds()
     return codec.Scanner(set(seeds), seeds)
 
@@ -151,21 +151,21 @@ def _whole_frames() -> codec.Scanner:
 def _open(address: Address) -> tuple[socket.socket, Any]:
     """The socket, and where the ground station is; None until it has spoken."""
     try:
-        family, _, _, _, place = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
+        family, _, _, _, peer = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
     except OSError as error:
         raise InputError("`forward`", address.text, "no such host") from error
     line = socket.socket(family, socket.SOCK_DGRAM)
     try:
         if address.kind == "udpin":
-            line.bind(place)
+            line.bind(peer)
             return line, None
         # only the interface that leads there: for a ground station on this machine that is loopback
-        line.connect(place)
+        line.connect(peer)
         here = line.getsockname()
         line.close()
         line = socket.socket(family, socket.SOCK_DGRAM)
         line.bind((here[0], 0, *here[2:]))
-        return line, place
+        return line, peer
     except OSError as error:
         line.close()
         raise LinkError(address.text, f"`forward` cannot be opened ({error.strerror})") from error

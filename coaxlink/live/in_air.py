@@ -228,9 +228,9 @@ class InAir:
 
 def weakened(vehicle: Vehicle, rotor: int, loss: float) -> Vehicle:
     """The vehicle with that share of one rotor's thrust gone, and of its torque in the usual proportion."""
-    kept = max(1.0 - loss, 0.0), max(1.0 - TORQUE_WITH_THRUST * loss, 0.0)
+    gains = max(1.0 - loss, 0.0), max(1.0 - TORQUE_WITH_THRUST * loss, 0.0)
     rotors = tuple(
-        replace(r, thrust_gain=r.thrust_gain * kept[0], torque_gain=r.torque_gain * kept[1])
+        replace(r, thrust_gain=r.thrust_gain * gains[0], torque_gain=r.torque_gain * gains[1])
         if r.number == rotor
         else r
         for r in vehicle.declared.rotors

@@ -105,7 +105,7 @@ def command(state, dt, speeds, slots):
     Motor n's speed is speeds[slots[n]]. dt (s) is how long the last commands stood; the motors followed them
     meanwhile. Whatever the speeds, commands stay finite and in 0..1.
     """
-    count, motors, commands, speeds_kept = state.count, state.motors, state.commands, state.speeds
+    count, motors, commands, law_speeds = state.count, state.motors, state.commands, state.speeds
     factor, lag, quick = state.factor, state.lag_s, state.quick_s
     for n in range(count):
         motors[n] = follow(motors[n], commands[n] * factor, dt, lag)
@@ -117,7 +117,7 @@ def command(state, dt, speeds, slots):
             return False
     for n in range(count):
         speed = speeds[slots[n]]
-        speeds_kept[n] = speed
+        law_speeds[n] = speed
         commands[n] = min(max(lead(speed, motors[n], dt, lag, quick) / factor, 0.0), 1.0)
     for n in range(count, MOTORS):
         commands[n] = 0.0

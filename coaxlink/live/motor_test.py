@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.airframe import Airframe, Rotor
 from coaxlink.errors import SafetyRefusal
 from coaxlink.mavlink.parameters import Parameters
-from firmware_params.ardupilot import motor_test_places
+from firmware_params.ardupilot import motor_test_sequence
 from firmware_params.errors import TableError
 
 if TYPE_CHECKING:
@@ -31,15 +31,15 @@ class MotorAnswer:
     """What was seen when motor `number` was told to turn."""
 
     number: int
-    place: str
+    mount: str
     right: bool
 
     def to_json(self) -> dict[str, Any]:
         """As `coaxlink mix --props-off --json` writes it."""
-        return {"motor": self.number, "expected": self.place, "right": self.right}
+        return {"motor": self.number, "expected": self.mount, "right": self.right}
 
 
-def place(rotor: Rotor) -> str:
+def mount(rotor: Rotor) -> str:
     """Where a rotor is and which way it turns, in words."""
     x, y, _ = rotor.position_m
     words = [
@@ -59,38 +59,40 @@ def turn_motors(
     Raises SafetyRefusal when the vehicle is armed (asked again before every motor) or will not turn one.
     """
     answers = []
-    places = _places(session, airframe)
+    numbers_ = _test_numbers(session, airframe)
     for rotor in airframe.rotors:
         if session.armed:
             raise SafetyRefusal("the vehicle is armed: motors are tested disarmed, propellers off")
-        _turn(session, rotor.number, places[rotor.number], throttle)
-        where = place(rotor)
+        _turn(session, rotor.number, numbers_[rotor.number], throttle)
+        where = mount(rotor)
         answers.append(MotorAnswer(rotor.number, where, ask(rotor.number, where)))
     return tuple(answers)
 
 
-def _places(session: Session, airframe: Airframe) -> dict[int, int]:
+def _test_numbers(session: Session, airframe: Airframe) -> dict[int, int]:
     """Parameter 1 of DO_MOTOR_TEST for each motor: its number on PX4, its place in ArduPilot's test order."""
     numbers = [r.number for r in airframe.rotors]
     if session.identity.is_px4:
         return {n: n for n in numbers}
     read = Parameters(session).read_many(["FRAME_CLASS", "FRAME_TYPE"])
     try:
-        places = motor_test_places(int(read["FRAME_CLASS"].value), int(read["FRAME_TYPE"].value))
+        numbers_ = motor_test_sequence(int(read["FRAME_CLASS"].value), int(read["FRAME_TYPE"].value))
     except TableError as e:
         raise SafetyRefusal(f"{e}: in which order this frame tests its motors cannot be told") from None
-    if max(numbers) > len(places):
-        raise SafetyRefusal(f"the frame on board has {len(places)} motors, the airframe file {len(numbers)}")
-    return {n: places[n - 1] for n in numbers}
+    if max(numbers) > len(numbers_):
+        raise SafetyRefusal(
+            f"the frame on board has {len(numbers_)} motors, the airframe file {len(numbers)}"
+        )
+    return {n: numbers_[n - 1] for n in numbers}
 
 
-def _turn(session: Session, number: int, place: int, throttle: float) -> None:
+def _turn(session: Session, number: int, test_number: int, throttle: float) -> None:
     unsupported = mavlink.MAV_RESULT_UNSUPPORTED
     result = unsupported
     if session.identity.is_px4:
         result = session.command(mavlink.MAV_CMD_ACTUATOR_TEST, throttle, SECONDS, 0, 0, number)
     if result == unsupported:
-        result = session.command(mavlink.MAV_CMD_DO_MOTOR_TEST, place, 0, 100.0 * throttle, SECONDS, 1)
+        result = session.command(mavlink.MAV_CMD_DO_MOTOR_TEST, test_number, 0, 100.0 * throttle, SECONDS, 1)
     if result != mavlink.MAV_RESULT_ACCEPTED:
         known = mavlink.enums["MAV_RESULT"].get(result)
         raise SafetyRefusal(f"motor {number}: the autopilot answered {known.name if known else result}")

@@ -95,9 +95,9 @@ def read_record(path: Path) -> tuple[dict[str, Any], NDArray[Any]]:
     if not data.startswith(MAGIC) or end < 0:
         raise InputError(path, "", "not a live record (`record`)")
     body = data[end + 1 :]
-    whole = len(body) // RECORD.size * RECORD.size
+    length = len(body) // RECORD.size * RECORD.size
     with files.reading(path):
         about = bounded.parse_json(data[len(MAGIC) : end].decode("utf-8", "replace"))
     if not isinstance(about, dict):
         raise InputError(path, "line 2", "a JSON object is expected")
-    return about, np.frombuffer(body[:whole], _TYPE)
+    return about, np.frombuffer(body[:length], _TYPE)

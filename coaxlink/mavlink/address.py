@@ -53,10 +53,10 @@ def parse_address(text: str) -> Address:
     raise InputError(text or "`url`", "", f"not a connection: {_EXPECTED} is expected")
 
 
-def _network(text: str, kind: str, place: str) -> Address:
-    host, separator, port = place.rpartition(":")
+def _network(text: str, kind: str, host_port: str) -> Address:
+    host, separator, port = host_port.rpartition(":")
     if not separator:
-        host, port = ("", place) if place.isdigit() else (place, "")
+        host, port = ("", host_port) if host_port.isdigit() else (host_port, "")
     listens = kind in ("udpin", "tcpin")
     if not port.isdigit() or not 1 <= int(port) <= 65535:
         raise InputError(text, "", f"a port between 1 and 65535 is expected: {_EXPECTED}")

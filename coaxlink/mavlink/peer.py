@@ -146,7 +146,9 @@ class Bound:
             self.signs = bool(message.get_header().incompat_flags & mavlink.MAVLINK_IFLAG_SIGNED)
             for second in self.strangers.beat():
                 what = f"a second vehicle answers as system {known.system}"
-                self._news.append(f"{what}: {second.name} (board {second.uid}), beside {self.place}")
+                self._news.append(
+                    f"{what}: {second.name} (board {second.uid}), beside {self.vehicle_address}"
+                )
         elif known.uid and uid_of(message) != known.uid:
             self._other = f"board {uid_of(message)}"
             return False
@@ -165,9 +167,11 @@ class Bound:
         for s in self.strangers:
             if now - s.heard_s < _HERE_S:
                 what = "another vehicle of its ids" if s.beside else "messages under its ids"
-                said.append(f"{what} at {s.name}: not believed ({s.datagrams}); it is at {self.place}")
+                said.append(
+                    f"{what} at {s.name}: not believed ({s.datagrams}); it is at {self.vehicle_address}"
+                )
         if self._other:
-            said.append(f"behind {self.place} another answers under the same ids: {self._other}")
+            said.append(f"behind {self.vehicle_address} another answers under the same ids: {self._other}")
         return said
 
     def refuse_others(self, *, alone: bool = True) -> None:
@@ -183,15 +187,15 @@ class Bound:
                 raise SafetyRefusal(self._two(known, stranger))
         if self._other:
             two = f"board {known.uid or 'unknown'} ({known.name}) and {self._other}"
-            raise SafetyRefusal(f"two answer as system {known.system} at {self.place}: {two}")
+            raise SafetyRefusal(f"two answer as system {known.system} at {self.vehicle_address}: {two}")
 
     @property
-    def place(self) -> str:
+    def vehicle_address(self) -> str:
         """Where the vehicle is: its address, or the line."""
         return address_text(self.peer) if self.peer else self._line
 
     def _two(self, known: Identity, second: Stranger) -> str:
-        ours = f"{self.place} (board {known.uid or 'unknown'})"
+        ours = f"{self.vehicle_address} (board {known.uid or 'unknown'})"
         advice = "give one of them another system id, or a line of its own"
         if second.uid == known.uid and known.unique:
             advice = f"{advice}; if it is one board with two ways to here, close one"

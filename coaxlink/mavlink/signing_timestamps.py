@@ -91,15 +91,15 @@ class Book:
             try:
                 with self._alone():
                     there = self._read()
-                    whole = {**self.heard, **there[1]}
+                    merged = {**self.heard, **there[1]}
                     for stream, at in most[1].items():
-                        whole[stream] = max(at, whole.get(stream, 0))
+                        merged[stream] = max(at, merged.get(stream, 0))
                     total = max(most[0], there[0])
-                    files.write_json(self._path, _document(total, whole))
+                    files.write_json(self._path, _document(total, merged))
             except InputError as error:
                 self.trouble = f"signing's timestamps cannot be stored: {error.problem}"
                 return
-            self.sent, self.heard, self.trouble = total, whole, ""
+            self.sent, self.heard, self.trouble = total, merged, ""
 
     def _keep_up(self) -> None:
         while not self._closed:

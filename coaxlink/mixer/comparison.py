@@ -70,7 +70,7 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
     yaws = np.zeros((33, 4))
     yaws[:, 0], yaws[:, 3] = weight, np.linspace(0.0, 32.0, 33) * weight * 1.6e-3
     turned = flown(yaws)[0]
-    kept = np.abs(turned[:, 0] - turned[0, 0]) < 0.02 * weight
+    on_thrust = np.abs(turned[:, 0] - turned[0, 0]) < 0.02 * weight
     radians = model.speed_max_rpm * RAD_S_PER_RPM
     return Row(
         label,
@@ -79,6 +79,6 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
         float(power.mean()),
         float(delivered[:, 0].sum() / (power.sum() * radians)),
         float(max(flown(rising)[0][:, 0].max(), lifted.max())),
-        float(turned[kept, 3].max()),
+        float(turned[on_thrust, 3].max()),
         lifted - level[:, 0],
     )

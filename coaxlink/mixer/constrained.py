@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Kept:
+class HeldLimit:
     """One limit: what the fitted table does, what this one does, and what it would be without the limit."""
 
     limit: Limit
@@ -58,7 +58,7 @@ class ConstrainedTable:
 
     table: FittedTable
     fitted: FittedTable  # without any
-    kept: tuple[Kept, ...]
+    limits: tuple[HeldLimit, ...]
 
 
 def constrained_table(
@@ -79,17 +79,17 @@ def constrained_table(
             got = "" if value is None else f": the nearest gets to {limit.shown(value)}"
             with_others = ", the other limits holding" if len(limits) > 1 else ""
             raise CheckFailed(f"no table near the fitted one keeps: {limit}{got}{with_others}")
-    kept = []
+    held = []
     for n, limit in enumerate(limits):
         others = [*limits[:n], *limits[n + 1 :]]
         # a limit that costs nothing leaves the table where it is
         without = search.trade(
             x if search.missed(start, limit) <= 0 and others else search.under(start, others)
         )
-        kept.append(Kept(limit, search.worst(start, limit), search.worst(x, limit), without))
+        held.append(HeldLimit(limit, search.worst(start, limit), search.worst(x, limit), without))
     ct, yaw, curve = search.columns(x)
     table = FittedTable(ct, yaw, fitted.axes, curve, search.trade(x), fitted.trade)
-    return ConstrainedTable(table, fitted, tuple(kept))
+    return ConstrainedTable(table, fitted, tuple(held))
 
 
 class _Search:
@@ -237,20 +237,20 @@ class _Search:
         # what no step takes off the error stays under the root
         error = cp.norm(cp.hstack([R @ w + q.T @ at[:rows], outside]))
         cost = ERROR_PRICE * error + cp.abs(at[rows] + J[rows] @ w) - AUTHORITY_PRICE * top
-        place = rows + 1 + self.n
-        bound = [top <= at[rows + 1 : place] + J[rows + 1 : place] @ w, cp.abs(d) <= radius]
+        row = rows + 1 + self.n
+        bound = [top <= at[rows + 1 : row] + J[rows + 1 : row] @ w, cp.abs(d) <= radius]
         keep = np.isfinite(self.low)
         bound.append(d[keep] >= ((self.low - x) / self.size)[keep])
         keep = np.isfinite(self.high)
         bound.append(d[keep] <= ((self.high - x) / self.size)[keep])
         for n, limit in enumerate(limits):
             count, scale = len(self._values(x, limit)), self.scales[limit.kind]
-            value, slope = at[place : place + count], J[place : place + count]
+            value, slope = at[row : row + count], J[row : row + count]
             if limit.high is not None:
                 bound.append(value + slope @ w <= limit.high / scale + slack[n])
             if limit.low is not None:
                 bound.append(value + slope @ w >= limit.low / scale - slack[n])
-            place += count
+            row += count
         solve(cp.Problem(cp.Minimize(cost + PENALTY * cp.sum(slack)), bound))
         return None if d.value is None else np.asarray(d.value * self.size)
 

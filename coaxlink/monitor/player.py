@@ -26,7 +26,7 @@ class Recording(Protocol):
     def begin(self, collector: Collector) -> None:
         """Make the collector follow the recorded vehicle, knowing nothing of it yet."""
 
-    def play(self, collector: Collector, from_s: float, to_s: float, *, only_kept: bool = False) -> None:
+    def play(self, collector: Collector, from_s: float, to_s: float, *, only_lasting: bool = False) -> None:
         """Give the collector what came in [from_s, to_s)."""
 
 
@@ -67,7 +67,7 @@ class Player:
         collector = self._watch.collector
         warm = max(to - WARM_S, 0.0)
         self.recording.begin(collector)
-        self.recording.play(collector, 0.0, warm, only_kept=True)
+        self.recording.play(collector, 0.0, warm, only_lasting=True)
         self.recording.play(collector, warm, _beyond(to))
         self.position_s = to
 

@@ -60,22 +60,22 @@ class Tape:
         self._target = next((who for who in senders if who), None)
         if self._target is None:
             raise InputError(path, "", "no heartbeat of an autopilot in this tlog")
-        self._kept = self._lasting()
+        self._lasting_indices = self._lasting()
         self._beats = [k for k, who in enumerate(senders) if who == self._target]
 
     def _lasting(self) -> list[int]:
         """Where parameters and texts are, and before each text what tells its time on the vehicle."""
-        kept: list[int] = []
+        lasting: list[int] = []
         stamped: int | None = None
         for k, frame in enumerate(self._frames):
             number = _number(frame)
             if number in _STAMPED and _header(frame)[1:] == self._target:
                 stamped = k
             elif number in _KEPT:
-                if number == _TEXT and stamped is not None and stamped not in kept[-1:]:
-                    kept.append(stamped)
-                kept.append(k)
-        return kept
+                if number == _TEXT and stamped is not None and stamped not in lasting[-1:]:
+                    lasting.append(stamped)
+                lasting.append(k)
+        return lasting
 
     def begin(self, collector: Collector) -> None:
         """Forget what was played before."""
@@ -84,17 +84,19 @@ class Tape:
         collector.follow(*self._target)
         self._give(collector, self._beats[0], mavlink.MAVLink(None), counted=False)
 
-    def play(self, collector: Collector, from_s: float, to_s: float, *, only_kept: bool = False) -> None:
-        """Give `collector` what came in [from_s, to_s); `only_kept`: parameters and texts only."""
+    def play(self, collector: Collector, from_s: float, to_s: float, *, only_lasting: bool = False) -> None:
+        """Give `collector` what came in [from_s, to_s); `only_lasting`: parameters and texts only."""
         parser = mavlink.MAVLink(None)
         first, end = bisect_left(self._times, from_s), bisect_left(self._times, to_s)
-        places: Sequence[int] = range(first, end)
-        if only_kept:  # the last heartbeat goes before: it says how parameters are to be read
+        indices: Sequence[int] = range(first, end)
+        if only_lasting:  # the last heartbeat goes before: it says how parameters are to be read
             beat = bisect_left(self._beats, end)
-            kept = self._kept[bisect_left(self._kept, first) : bisect_left(self._kept, end)]
-            places = [*self._beats[max(beat - 1, 0) : beat], *kept]
-        for k in places:
-            self._give(collector, k, parser, counted=not only_kept)
+            lasting = self._lasting_indices[
+                bisect_left(self._lasting_indices, first) : bisect_left(self._lasting_indices, end)
+            ]
+            indices = [*self._beats[max(beat - 1, 0) : beat], *lasting]
+        for k in indices:
+            self._give(collector, k, parser, counted=not only_lasting)
 
     def _give(self, collector: Collector, k: int, parser: Any, *, counted: bool) -> None:
         frame = self._frames[k]
@@ -140,9 +142,9 @@ class SampleTape:
         collector.follow(1, 1)
         collector.put_parameters(self.parameters)
 
-    def play(self, collector: Collector, from_s: float, to_s: float, *, only_kept: bool = False) -> None:
+    def play(self, collector: Collector, from_s: float, to_s: float, *, only_lasting: bool = False) -> None:
         """As `Tape.play`."""
-        if not only_kept:
+        if not only_lasting:
             for k in range(bisect_left(self._times, from_s), bisect_left(self._times, to_s)):
                 for message in self._messages(int(self._rows[k])):
                     self._send(collector, message, self._times[k])

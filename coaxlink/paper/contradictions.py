@@ -86,16 +86,16 @@ def _relaxation(crm: RotorModel) -> Entry:
     terms = dictionary(2, 2)
     u, v = GRID
     b = tolerance_form(design_matrix(terms, u, v), crm.lower_thrust(u, v), 10.0)
-    kept = {t: float(c) for t, c in zip(terms, b, strict=True) if abs(c) > 1e-3}
-    linear = sum(1 for t in kept if "^" not in t)
+    nonzero = {t: float(c) for t, c in zip(terms, b, strict=True) if abs(c) > 1e-3}
+    linear = sum(1 for t in nonzero if "^" not in t)
     return Entry(
         "contradiction-3",
         "Relaxing the LASSO tolerance to 10 N does not leave a quadratic model",
         CONTRADICTED,
-        f"on the nine raw terms of the eq. 17 lower thrust the l1 norm keeps {', '.join(kept)}: it prefers linear "
+        f"on the nine raw terms of the eq. 17 lower thrust the l1 norm keeps {', '.join(nonzero)}: it prefers linear "
         "terms, which are larger on speeds below 1, and it shrinks what it keeps",
         (
-            *(Line(f"kept: {t}", None, c, "N") for t, c in kept.items()),
+            *(Line(f"kept: {t}", None, c, "N") for t, c in nonzero.items()),
             Line("linear terms kept", 0.0, float(linear), ""),
         ),
     )

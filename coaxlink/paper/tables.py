@@ -95,9 +95,9 @@ def table_2(identified: Identification) -> Entry:
 
 def figure_4(identified: Identification) -> Entry:
     """How many lower-thrust terms are left, and what error, as the tolerance of eq. 4 is relaxed."""
-    bench = identified.bench
-    X = design_matrix(dictionary(2, 2), bench.speeds.upper, bench.speeds.lower)
-    y = bench.loads[Load.LOWER_THRUST.key]
+    stand_data = identified.data
+    X = design_matrix(dictionary(2, 2), stand_data.speeds.upper, stand_data.speeds.lower)
+    y = stand_data.loads[Load.LOWER_THRUST.key]
     scale = np.sqrt(np.mean(X**2, axis=0))
     lines = []
     for eps in SWEEP_N:

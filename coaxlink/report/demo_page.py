@@ -69,7 +69,7 @@ def _rotor(result: DemoResult) -> Iterator[str]:
     identified = result.identification
     yield "<h2>The rotor model that was flown, from the stand</h2>"
     yield (
-        f'<p class="dim">{identified.bench.samples.rows} points of a thrust stand, errors held out. '
+        f'<p class="dim">{identified.data.samples.rows} points of a thrust stand, errors held out. '
         "u_u and u_l are the upper and the lower rotor's speed over full speed.</p>"
     )
     errors = [row for row in error_rows(identified) if row[0] in COAXIAL]

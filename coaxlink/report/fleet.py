@@ -60,12 +60,12 @@ def picture(fleet: Fleet) -> bytes:
     over.set_title("findings that false alarms do not explain", fontsize=10)
     if fleet.believed:
         over.legend(fontsize=8)
-    for place, vehicle in enumerate(shown):
+    for row, vehicle in enumerate(shown):
         mine = [(date, len(found)) for v, date, found in fleet.rows if v == vehicle]
         when = [datetime.datetime.fromisoformat(d) for d, _ in mine]
         for found, colour, marker in ((False, "#b8c4d0", "o"), (True, "#c0392b", "X")):
             at = [day for day, (_, n) in zip(when, mine, strict=True) if bool(n) == found]
-            under.scatter(at, [place] * len(at), c=colour, marker=marker, s=26 if found else 14)
+            under.scatter(at, [row] * len(at), c=colour, marker=marker, s=26 if found else 14)
     under.set_yticks(range(len(shown)), shown, fontsize=7)
     under.invert_yaxis()
     under.set_title("logs; cross: something found", fontsize=10)

@@ -145,7 +145,7 @@ def figure(health: Health, stamp: str = "") -> Any:
     drawing = Figure(figsize=(2.6 * columns, 2.2 * rows + 0.8), layout="constrained")
     drawing.suptitle(label(verdict_line(health).split(";")[0]), fontsize=9)
     axes = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    places = list(range(1, len(health.flights) + 1))
+    numbers = list(range(1, len(health.flights) + 1))
     for i, rotor in enumerate(rotors):
         axis = axes[i // columns][i % columns]
         axis.axhspan(1 - MATTERS, 1 + MATTERS, color="#d9dde2", lw=0)
@@ -153,11 +153,13 @@ def figure(health: Health, stamp: str = "") -> Any:
             found = [getattr(flight.rotors[i], load) for flight in health.flights]
             middle = [v.value for v in found]
             spread = [[v.value - v.low for v in found], [v.high - v.value for v in found]]
-            axis.errorbar([p + shift for p in places], middle, spread, ls="", ms=3, **look.points, label=load)
+            axis.errorbar(
+                [p + shift for p in numbers], middle, spread, ls="", ms=3, **look.points, label=load
+            )
         pair = f" (with {rotor.pair})" if rotor.pair is not None else ""
         axis.set_title(f"rotor {rotor.number}{pair}", fontsize=8)
-        axis.set_xticks(places)
-        axis.set_xlim(0.5, len(places) + 0.5)
+        axis.set_xticks(numbers)
+        axis.set_xlim(0.5, len(numbers) + 0.5)
         axis.tick_params(labelsize=7)
     for axis in list(axes.ravel())[len(rotors) :]:
         axis.set_visible(False)

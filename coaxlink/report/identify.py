@@ -48,7 +48,7 @@ def remarks(result: Identification) -> Iterator[str]:
             yield f"{load}: {for_the_table(result, load)}"
     for row in result.outliers:
         yield (
-            f"outlier: {row.place}, {row.load} = {row.measured:.4g} where {row.expected:.4g} is expected "
+            f"outlier: {row.where}, {row.load} = {row.measured:.4g} where {row.expected:.4g} is expected "
             f"({row.deviations:.0f} standard deviations); weighted down"
         )
 

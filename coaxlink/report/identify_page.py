@@ -32,10 +32,10 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
     said = list(remarks(result))
     more = said[FEW:]
     return document(
-        f"{NAMES[result.form]} of {result.bench.samples.source}",
+        f"{NAMES[result.form]} of {result.data.samples.source}",
         [
             answer(sentence(result)),
-            f"<p>{result.bench.samples.rows} rows; all errors on blocks the fit did not use.</p>",
+            f"<p>{result.data.samples.rows} rows; all errors on blocks the fit did not use.</p>",
             *(shown[name] for name in FIRST if name in shown),
             "<h2>Errors of every form</h2>",
             html_table(("channel", "form", "RMSE", "of the range", "R", "rows"), list(_errors(result))),

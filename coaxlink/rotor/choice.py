@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from coaxlink.rotor.metrics import ChannelError
 
 if TYPE_CHECKING:
-    from coaxlink.rotor.identification import Bench, Values
+    from coaxlink.rotor.identification import StandData, Values
 
 EXACT = 1e-9  # of the largest load: what rounding of a fit leaves is no error
 SURE = 2.0  # standard errors: one in forty by chance
 Comparison = Mapping[str, Mapping[str, ChannelError]]
 
 
-def simplest(data: Bench, predicted: Mapping[str, Values]) -> str:
+def simplest(data: StandData, predicted: Mapping[str, Values]) -> str:
     """The first form of the ladder whose held-out error is within one standard error of the best."""
     loss = _losses(data, predicted)
     best = min(loss, key=lambda name: float(loss[name].sum()))
@@ -26,7 +26,7 @@ def simplest(data: Bench, predicted: Mapping[str, Values]) -> str:
 
 
 def beyond(
-    chosen: str, predicted: Mapping[str, Values], comparison: Comparison, data: Bench
+    chosen: str, predicted: Mapping[str, Values], comparison: Comparison, data: StandData
 ) -> Iterator[str]:
     """What a surface follows and polynomials do not: as sure as auto is of it, else two standard errors."""
     polynomial = "crm" if chosen == "surface" else chosen
@@ -53,8 +53,8 @@ def reason(chosen: str, comparison: Comparison) -> str:
     """Why auto took a form: its held-out error beside that of the next simpler and the next richer one."""
     said = f"auto: {chosen} is the simplest form within one standard error of the best"
     tried = list(comparison)
-    place = tried.index(chosen)
-    beside = [tried[i] for i in (place - 1, place, place + 1) if 0 <= i < len(tried)]
+    index = tried.index(chosen)
+    beside = [tried[i] for i in (index - 1, index, index + 1) if 0 <= i < len(tried)]
     if not comparison[chosen] or len(beside) < 2:
         return said
     channel = _clearest(comparison, *beside[:2])
@@ -63,7 +63,7 @@ def reason(chosen: str, comparison: Comparison) -> str:
     return f"{said} ({channel} held out: {errors})"
 
 
-def _losses(data: Bench, predicted: Mapping[str, Values]) -> Values:
+def _losses(data: StandData, predicted: Mapping[str, Values]) -> Values:
     """{form: (folds,)} squared errors of every fold, each load in units of its best form's."""
     loss = {}
     for name, values in predicted.items():

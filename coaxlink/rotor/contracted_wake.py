@@ -127,9 +127,9 @@ def _at(rotor: Calibrated, inflow: Array, through: Array, grown: float, ratio: f
 
 def _interpolated(at: Array, values: Array) -> Array:
     """(S, N) values of each row, given on the annuli, at other radii (S, N)."""
-    place = np.clip((at - _R[0]) / (_R[1] - _R[0]), 0.0, ANNULI - 1.0)
-    low = np.minimum(place.astype(int), ANNULI - 2)
-    share = place - low
+    annulus = np.clip((at - _R[0]) / (_R[1] - _R[0]), 0.0, ANNULI - 1.0)
+    low = np.minimum(annulus.astype(int), ANNULI - 2)
+    share = annulus - low
     rows = np.arange(len(values))[:, None]
     return np.asarray(values[rows, low] * (1 - share) + values[rows, low + 1] * share)
 

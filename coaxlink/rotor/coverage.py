@@ -55,7 +55,7 @@ class Coverage:
 
 def coverage(result: Identification) -> Coverage:
     """The coverage of the log behind an identification."""
-    data = result.bench
+    data = result.data
     u, v = data.speeds.upper, data.speeds.lower
     first, again = _repeats(u, v)
     repeatability = {}
@@ -74,7 +74,7 @@ def coverage(result: Identification) -> Coverage:
 
 def known_to(result: Identification, load: str) -> NDArray[np.float64]:
     """(rows,) standard error of a load's model at the rows that it was fitted on, N or N m."""
-    data, fit = result.bench, result.fits[load]
+    data, fit = result.data, result.fits[load]
     mask = np.isfinite(data.loads[load])
     X = design_matrix(fit.terms, data.speeds.upper[mask], data.speeds.lower[mask])
     left = np.linalg.qr(X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-300))[0]
@@ -85,12 +85,12 @@ def known_to(result: Identification, load: str) -> NDArray[np.float64]:
 
 def for_the_table(result: Identification, load: str) -> str:
     """What terms that cannot be told apart mean for a table made of the model."""
-    u, v = result.bench.speeds.upper, result.bench.speeds.lower
+    u, v = result.data.speeds.upper, result.data.speeds.lower
     unit = "N" if load.endswith("thrust_N") else "N m"
     sure = (
         f"the sum of them is known to {float(known_to(result, load).max()):.2g} {unit} where it was measured"
     )
-    if speed_correlation(result.bench.speeds) > CORRELATED:
+    if speed_correlation(result.data.speeds) > CORRELATED:
         both = (u > 0) & (v > 0)
         ratio = v[both] / u[both]
         return (
@@ -110,11 +110,11 @@ def _range(u: NDArray[np.float64]) -> tuple[float, float]:
 
 def _cells(u: NDArray[np.float64], v: NDArray[np.float64]) -> float:
     top = max(float(u.max()), float(v.max()), 1e-300)
-    place = [np.minimum((s / top * CELLS).astype(int), CELLS - 1) for s in (u, v)]
+    cell = [np.minimum((s / top * CELLS).astype(int), CELLS - 1) for s in (u, v)]
     pair = bool(np.any(v > 0)) and bool(np.any(u > 0))
     if pair:
-        return len(set(zip(*place, strict=True))) / CELLS**2
-    return len(set((place[0] if np.any(u > 0) else place[1]).tolist())) / CELLS
+        return len(set(zip(*cell, strict=True))) / CELLS**2
+    return len(set((cell[0] if np.any(u > 0) else cell[1]).tolist())) / CELLS
 
 
 def _repeats(u: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -94,8 +94,8 @@ class LoadFit:
     @property
     def freely(self) -> Polynomial:
         """The load as the data alone have it, where physical sense was asked for."""
-        kept = self.coefficients if self.free is None else self.free
-        pairs = zip(self.terms, kept, strict=True)
+        values = self.coefficients if self.free is None else self.free
+        pairs = zip(self.terms, values, strict=True)
         return Polynomial.from_terms({t: float(b) for t, b in pairs if b != 0.0})
 
     def predict(self, upper: NDArray[np.float64], lower: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -42,7 +42,7 @@ Values = dict[str, NDArray[np.float64]]  # load: (rows,), NaN where not measured
 class Outlier:
     """A row that the robust fit does not believe: down-weighted, reported, kept."""
 
-    place: str
+    where: str
     load: str
     measured: float
     expected: float
@@ -50,7 +50,7 @@ class Outlier:
 
 
 @dataclass(frozen=True)
-class Bench:
+class StandData:
     """What identification sees of a log: speeds, measured loads, folds."""
 
     samples: Samples
@@ -77,7 +77,7 @@ class Identification:
     intervals: Mapping[str, Intervals]  # of the coefficients, whatever terms there may be
     given: Mapping[str, Intervals]  # of the model's values, were its terms the only ones there can be
     outliers: tuple[Outlier, ...]
-    bench: Bench
+    data: StandData
     predicted: Values  # held-out predictions of the chosen form
     notes: tuple[str, ...] = field(default=())
     without: Mapping[str, ChannelError] = field(
@@ -90,7 +90,7 @@ class Identification:
         return {
             "form": self.form,
             "speed_max_rpm": self.model.speed_max_rpm,
-            "rows": self.bench.samples.rows,
+            "rows": self.data.samples.rows,
             "terms": self.model.terms(),
             "channels": {name: error.as_json() for name, error in self.channels.items()},
             "nrmse_normaliser": NORMALISER,
@@ -133,7 +133,7 @@ class Identification:
         }
 
 
-def bench(samples: Samples, speed_max_rpm: float | None = None) -> Bench:
+def stand_data(samples: Samples, speed_max_rpm: float | None = None) -> StandData:
     """Speeds, loads and folds of a stand log. Raises InputError when nothing can be identified from it."""
     samples = shortened(samples)
     speeds = normalised_speeds(samples, speed_max_rpm)
@@ -145,7 +145,7 @@ def bench(samples: Samples, speed_max_rpm: float | None = None) -> Bench:
     for load in LOADS:
         name = load.replace(".", "_")
         loads[load] = samples[name] if samples.has(name) else np.full(samples.rows, np.nan)
-    found = Bench(samples, speeds, loads, folds(blocks(samples, speeds)))
+    found = StandData(samples, speeds, loads, folds(blocks(samples, speeds)))
     if not found.measured:
         raise InputError(samples.source, "", f"too few rows to identify anything: {samples.rows}, 6 at least")
     return found
@@ -172,10 +172,10 @@ def identify(
         except ValueError as error:
             raise InputError("`form`", "", str(error)) from error
     with threadpool_limits(limits=1, user_api="blas"):  # of many small products: see `threads`
-        return _identified(bench(samples, speed_max_rpm), form, options, compare)
+        return _identified(stand_data(samples, speed_max_rpm), form, options, compare)
 
 
-def _identified(data: Bench, form: str, options: Options, compare: bool) -> Identification:
+def _identified(data: StandData, form: str, options: Options, compare: bool) -> Identification:
     tried = [f for f in forms.FORMS if compare or form in (f, "auto")]
     tried += [form] if form not in (*forms.FORMS, "auto") else []
     predicted = {name: held_out(name, data, options) for name in tried}
@@ -203,7 +203,7 @@ def _identified(data: Bench, form: str, options: Options, compare: bool) -> Iden
     return replace(result, model=replace(model, identified=_provenance(result)))
 
 
-def fit_form(form: str, data: Bench, rows: NDArray[np.bool_], options: Options) -> dict[str, LoadFit]:
+def fit_form(form: str, data: StandData, rows: NDArray[np.bool_], options: Options) -> dict[str, LoadFit]:
     """Every measured load of a form fitted on the masked rows (rows,)."""
     fits: dict[str, LoadFit] = {}
     for load in data.measured:
@@ -220,7 +220,7 @@ def fit_form(form: str, data: Bench, rows: NDArray[np.bool_], options: Options) 
     return fits
 
 
-def _shared(load: str, data: Bench, rows: NDArray[np.bool_]) -> dict[str, LoadFit]:
+def _shared(load: str, data: StandData, rows: NDArray[np.bool_]) -> dict[str, LoadFit]:
     """One k for both rotors (srm)."""
     partner = Load.of(load).partner.key
     pairs = [(load, data.speeds.upper if load.startswith("upper") else data.speeds.lower)]
@@ -241,7 +241,7 @@ def _shared(load: str, data: Bench, rows: NDArray[np.bool_]) -> dict[str, LoadFi
     return shared
 
 
-def held_out(form: str, data: Bench, options: Options) -> Values:
+def held_out(form: str, data: StandData, options: Options) -> Values:
     """Predictions of each row by a model that has not seen its block."""
     predicted = {load: np.full(data.samples.rows, np.nan) for load in LOADS}
     for number in np.unique(data.fold):
@@ -251,7 +251,7 @@ def held_out(form: str, data: Bench, options: Options) -> Values:
     return predicted
 
 
-def channel_errors(data: Bench, predicted: Values) -> dict[str, ChannelError]:
+def channel_errors(data: StandData, predicted: Values) -> dict[str, ChannelError]:
     """Errors of the coaxial channels and of each load."""
     errors = {}
     for name, pair in COAXIAL.items():
@@ -263,7 +263,7 @@ def channel_errors(data: Bench, predicted: Values) -> dict[str, ChannelError]:
     return errors
 
 
-def _scatter(data: Bench, options: Options) -> Values:
+def _scatter(data: StandData, options: Options) -> Values:
     """Residuals of the richest fit of each load (rows,): what is left is noise, or an outlier."""
     residuals = {}
     for load in data.measured:
@@ -282,22 +282,22 @@ def _scatter(data: Bench, options: Options) -> Values:
     return residuals
 
 
-def _given(data: Bench, fits: Mapping[str, LoadFit], options: Options) -> dict[str, Intervals]:
+def _given(data: StandData, fits: Mapping[str, LoadFit], options: Options) -> dict[str, Intervals]:
     """Intervals on the chosen terms alone: how well the rows fix the numbers once the terms are granted."""
     found = {}
     for load, fit in fits.items():
         if fit.smooth:  # its prior is part of it: least squares on its terms alone says nothing
             found[load] = fit.intervals
             continue
-        kept = [t for t, b in zip(fit.terms, fit.coefficients, strict=True) if b != 0.0]
+        nonzero = [t for t, b in zip(fit.terms, fit.coefficients, strict=True) if b != 0.0]
         mask = np.isfinite(data.loads[load])
-        X = design_matrix(kept, data.speeds.upper[mask], data.speeds.lower[mask])
+        X = design_matrix(nonzero, data.speeds.upper[mask], data.speeds.lower[mask])
         y = data.loads[load][mask]
-        found[load] = term_intervals(kept, X, y, row_weights(X, y, options))
+        found[load] = term_intervals(nonzero, X, y, row_weights(X, y, options))
     return found
 
 
-def _floors(data: Bench, residuals: Values) -> dict[str, float]:
+def _floors(data: StandData, residuals: Values) -> dict[str, float]:
     floors = {}
     u, v = data.speeds.upper, data.speeds.lower
     for name, pair in COAXIAL.items():
@@ -308,7 +308,7 @@ def _floors(data: Bench, residuals: Values) -> dict[str, float]:
     return floors
 
 
-def _outliers(data: Bench, residuals: Values) -> tuple[Outlier, ...]:
+def _outliers(data: StandData, residuals: Values) -> tuple[Outlier, ...]:
     found = []
     for load, residual in residuals.items():
         scale = SIGMA_PER_MAD * float(np.nanmedian(np.abs(residual)))
@@ -329,7 +329,7 @@ def speed_correlation(speeds: Speeds) -> float:
     return float(np.corrcoef(u, v)[0, 1]) if np.ptp(u) > 0 and np.ptp(v) > 0 else 0.0
 
 
-def _notes(data: Bench, requested: str, chosen: str, reason: str) -> Sequence[str]:
+def _notes(data: StandData, requested: str, chosen: str, reason: str) -> Sequence[str]:
     count = len(np.unique(data.fold))
     said = [
         f"u = 1 is {data.speeds.speed_max_rpm:.0f} rpm ({data.speeds.source})"
@@ -353,11 +353,11 @@ def _notes(data: Bench, requested: str, chosen: str, reason: str) -> Sequence[st
 
 
 def _provenance(result: Identification) -> dict[str, Any]:
-    path = Path(result.bench.samples.source)
+    path = Path(result.data.samples.source)
     return {
         "file": path.name,
         "sha256": files.sha256(path) if path.is_file() else "",
-        "rows": result.bench.samples.rows,
+        "rows": result.data.samples.rows,
         "law": LAWS.get(result.form, "LASSO on standardised terms, refitted on the support, blocks held out"),
         "errors": {name: error.as_json() for name, error in result.channels.items()},
         "noise_floor": dict(result.noise_floor),

@@ -97,11 +97,11 @@ def _block_covariance(
     alike = np.array([centred @ np.roll(centred, lag) / n for lag in range(length)])
     if length == 1:
         return np.asarray(alike[0] * inverse @ inverse.T)
-    whole = toeplitz(alike)
+    correlation = toeplitz(alike)
     total = np.zeros((len(inverse), len(inverse)))
     for start in range(0, n, length):
         part = inverse[:, start : start + length]
-        total += part @ whole[: part.shape[1], : part.shape[1]] @ part.T
+        total += part @ correlation[: part.shape[1], : part.shape[1]] @ part.T
     return total
 
 

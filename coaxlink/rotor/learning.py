@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.rotor.fit import Options
-from coaxlink.rotor.identification import CHANNELS, COAXIAL, Bench, fit_form
+from coaxlink.rotor.identification import CHANNELS, COAXIAL, StandData, fit_form
 
 DRAWS = 3  # choices of training blocks a size and held-out block
 
@@ -21,7 +21,7 @@ class Lesson:
     rmse: dict[str, float]  # channel: N or N m, on blocks left out
 
 
-def learning_curve(form: str, data: Bench, options: Options, *, seed: int = 0) -> tuple[Lesson, ...]:
+def learning_curve(form: str, data: StandData, options: Options, *, seed: int = 0) -> tuple[Lesson, ...]:
     """Errors of a form fitted on 2, 3, ... of the log's blocks, each block left out in turn."""
     random = np.random.default_rng(seed)
     numbers = np.unique(data.fold)
@@ -49,7 +49,7 @@ def _sizes(blocks: int) -> list[int]:
 
 def _score(
     form: str,
-    data: Bench,
+    data: StandData,
     fitted: np.ndarray,
     out: np.ndarray,
     options: Options,

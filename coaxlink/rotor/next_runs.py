@@ -66,7 +66,7 @@ class NextRuns:
 
 def next_runs(result: Identification) -> NextRuns:
     """The fewest points, chosen one by one, that halve the model's error over a table's speeds."""
-    data = result.bench
+    data = result.data
     pair = bool(np.any(data.speeds.lower > 0))
     steps = np.linspace(SLOWEST, TOP, LEVELS)
     spots = np.array([(a, b) for a in steps for b in (steps if pair else (0.0,))])
@@ -95,7 +95,7 @@ class _Load:
     """The covariance of one load's coefficients, and what it means at every spot of the table."""
 
     def __init__(self, result: Identification, load: str, spots: Array) -> None:
-        data, fit = result.bench, result.fits[load]
+        data, fit = result.data, result.fits[load]
         mask = np.isfinite(data.loads[load])
         X = design_matrix(fit.terms, data.speeds.upper[mask], data.speeds.lower[mask])
         y = data.loads[load][mask]
@@ -141,11 +141,11 @@ def _serpentine(spots: Array) -> NDArray[np.int64]:
 
 def _throttles(result: Identification, speeds: Array) -> tuple[Array, bool]:
     """The throttles that gave these speeds in the log; the speeds themselves where it has none."""
-    samples = result.bench.samples
+    samples = result.data.samples
     out = speeds.copy()
-    known = not result.bench.speeds.from_throttle
+    known = not result.data.speeds.from_throttle
     for column, side in enumerate(("upper", "lower")):
-        u = getattr(result.bench.speeds, side)
+        u = getattr(result.data.speeds, side)
         if not np.any(u > 0):
             continue
         if not samples.has(f"{side}_throttle"):
@@ -157,4 +157,4 @@ def _throttles(result: Identification, speeds: Array) -> tuple[Array, bool]:
         slope = rising[-1] / max(float(levels[-1]), 1e-9)
         beyond = np.maximum(speeds[:, column] - levels[-1], 0.0) * slope
         out[:, column] = np.clip(np.interp(speeds[:, column], levels, rising) + beyond, 0.0, 1.0)
-    return out, known or result.bench.speeds.from_throttle
+    return out, known or result.data.speeds.from_throttle

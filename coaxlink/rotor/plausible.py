@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.rotor import forms
-from coaxlink.rotor.identification import COAXIAL, CORRELATED, Bench, Identification
+from coaxlink.rotor.identification import COAXIAL, CORRELATED, Identification, StandData
 
 OVER = 1.02  # of the speed that u = 1 means: rpm sensors agree within 2 per cent
 SHORT = 0.6  # of it: a table is used up to 1, and squares extrapolated from here are off by their square
@@ -21,7 +21,7 @@ POOR = 0.05
 SHOWN = 4
 
 
-def oddities(data: Bench, form: str) -> tuple[str, ...]:
+def oddities(data: StandData, form: str) -> tuple[str, ...]:
     """What a person should look at in the log before they believe a model of it, one line each."""
     return tuple(
         line for look in (_no_speed, _beyond, _stalled, _idle_power, _wrong_way) for line in look(data)
@@ -43,13 +43,13 @@ def poor_errors(result: Identification) -> Iterator[str]:
         )
 
 
-def _sides(data: Bench) -> Iterator[tuple[str, NDArray[np.float64]]]:
+def _sides(data: StandData) -> Iterator[tuple[str, NDArray[np.float64]]]:
     for side, u in (("upper", data.speeds.upper), ("lower", data.speeds.lower)):
         if np.any(u > 0):
             yield side, u
 
 
-def _beyond(data: Bench) -> Iterator[str]:
+def _beyond(data: StandData) -> Iterator[str]:
     if data.speeds.source != "given":
         return
     for side, u in _sides(data):
@@ -58,7 +58,7 @@ def _beyond(data: Bench) -> Iterator[str]:
             rows = np.flatnonzero(u > OVER)
             yield (
                 f"{side}: {len(rows)} rows run faster than `speed_max_rpm`, up to {top:.2f} of it "
-                f"({_places(data, rows)}): is it the motor's highest speed under load?"
+                f"({_row_names(data, rows)}): is it the motor's highest speed under load?"
             )
         elif top < SHORT:
             yield (
@@ -66,7 +66,7 @@ def _beyond(data: Bench) -> Iterator[str]:
             )
 
 
-def _no_speed(data: Bench) -> Iterator[str]:
+def _no_speed(data: StandData) -> Iterator[str]:
     if data.speeds.from_throttle:
         yield (
             "no speed was measured: the units in the headings can hardly be held against the readings "
@@ -74,7 +74,7 @@ def _no_speed(data: Bench) -> Iterator[str]:
         )
 
 
-def _stalled(data: Bench) -> Iterator[str]:
+def _stalled(data: StandData) -> Iterator[str]:
     """Thrust that no longer grows in the fastest fifth, the other rotor's share taken off."""
     for side, u in _sides(data):
         load = data.loads[f"{side}.thrust_N"]
@@ -95,7 +95,7 @@ def _stalled(data: Bench) -> Iterator[str]:
             )
 
 
-def _idle_power(data: Bench) -> Iterator[str]:
+def _idle_power(data: StandData) -> Iterator[str]:
     for side, _ in _sides(data):
         power = _power(data, side)
         load = data.loads[f"{side}.thrust_N"]
@@ -103,11 +103,11 @@ def _idle_power(data: Bench) -> Iterator[str]:
             continue
         rows = np.flatnonzero((power > DRAWS * power.max()) & (np.abs(load) < IDLE * np.nanmax(np.abs(load))))
         if len(rows):
-            where = _places(data, rows)
+            where = _row_names(data, rows)
             yield f"{side}: {len(rows)} rows draw power without thrust ({where}): cell or propeller?"
 
 
-def _power(data: Bench, side: str) -> NDArray[np.float64] | None:
+def _power(data: StandData, side: str) -> NDArray[np.float64] | None:
     samples = data.samples
     if samples.has(f"{side}_power_W"):
         return samples[f"{side}_power_W"]
@@ -117,7 +117,7 @@ def _power(data: Bench, side: str) -> NDArray[np.float64] | None:
     return samples[volts] * samples[f"{side}_current_A"]
 
 
-def _wrong_way(data: Bench) -> Iterator[str]:
+def _wrong_way(data: StandData) -> Iterator[str]:
     """Rows at speed in which a load has the wrong sign."""
     for load in data.measured:
         side, quantity = load.split(".")
@@ -129,10 +129,10 @@ def _wrong_way(data: Bench) -> Iterator[str]:
         )
         if len(rows):
             name = quantity.rpartition("_")[0]
-            yield f"{side}: {name} against its rotor in {len(rows)} rows at speed ({_places(data, rows)})"
+            yield f"{side}: {name} against its rotor in {len(rows)} rows at speed ({_row_names(data, rows)})"
 
 
-def _few_rows(data: Bench, form: str) -> Iterator[str]:
+def _few_rows(data: StandData, form: str) -> Iterator[str]:
     for load in data.measured:
         terms = len(forms.load_terms(form, load))
         rows = int(np.isfinite(data.loads[load]).sum())
@@ -143,6 +143,6 @@ def _few_rows(data: Bench, form: str) -> Iterator[str]:
             )
 
 
-def _places(data: Bench, rows: NDArray[np.int64]) -> str:
+def _row_names(data: StandData, rows: NDArray[np.int64]) -> str:
     shown = ", ".join(data.samples.place(int(row)) for row in rows[:SHOWN])
     return shown + (f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else "")

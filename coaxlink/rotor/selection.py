@@ -143,8 +143,8 @@ def _one_standard_error(paths: Sequence[_Path], data: _Data, weights: NDArray[np
     # (K, candidates); what rounding makes of a Gram matrix is no difference: a log without noise has no other
     rounding = ROUNDING**2 * float(weights @ data.y**2) / len(paths[0].errors)
     errors = np.maximum(np.concatenate([p.errors for p in paths], axis=1), rounding)
-    place = [(p, i) for p in paths for i in range(len(p.lambdas))]
-    models = [p.values(i) for p, i in place]
+    candidates = [(p, i) for p in paths for i in range(len(p.lambdas))]
+    models = [p.values(i) for p, i in candidates]
     total, excess = errors.sum(axis=0), _excess(errors)
     orders_of = np.array([_order(m, data) for m in models])
     order = int(orders_of[excess <= 1.0].min())
@@ -159,7 +159,7 @@ def _one_standard_error(paths: Sequence[_Path], data: _Data, weights: NDArray[np
     if agreed is None:
         own = list(models[chosen])
         intervals = term_intervals(own, data.design(own), data.y, weights)
-    path, index = place[chosen]
+    path, index = candidates[chosen]
     shrunk = dict(zip(path.terms, path.shrunk[index], strict=True))
     sizes = np.array([len(m) for m in models])
     return LoadFit(
@@ -169,7 +169,7 @@ def _one_standard_error(paths: Sequence[_Path], data: _Data, weights: NDArray[np
         float(path.lambdas[index]),
         np.array([shrunk.get(term, 0.0) for term in terms]),
         intervals,
-        _history(place, sizes, np.sqrt(total / len(data.y)), excess, chosen),
+        _history(candidates, sizes, np.sqrt(total / len(data.y)), excess, chosen),
         alone=agreed is None,
     )
 
@@ -192,29 +192,29 @@ def _excess(errors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _history(
-    place: Sequence[tuple[_Path, int]],
+    candidates: Sequence[tuple[_Path, int]],
     sizes: NDArray[np.int64],
     rmse: NDArray[np.float64],
     excess: NDArray[np.float64],
     chosen: int,
 ) -> tuple[Candidate, ...]:
     """The best candidate of every order and size, and the chosen one."""
-    kept: dict[tuple[int, int], int] = {}
-    for i, (p, _) in enumerate(place):
+    best: dict[tuple[int, int], int] = {}
+    for i, (p, _) in enumerate(candidates):
         key = (p.order, int(sizes[i]))
-        if key not in kept or rmse[i] < rmse[kept[key]]:
-            kept[key] = i
-    kept[(place[chosen][0].order, int(sizes[chosen]))] = chosen
+        if key not in best or rmse[i] < rmse[best[key]]:
+            best[key] = i
+    best[(candidates[chosen][0].order, int(sizes[chosen]))] = chosen
     return tuple(
         Candidate(
             order,
-            float(place[i][0].lambdas[place[i][1]]),
+            float(candidates[i][0].lambdas[candidates[i][1]]),
             size,
             float(rmse[i]),
             float(min(excess[i], 1e9)),
             i == chosen,
         )
-        for (order, size), i in sorted(kept.items())
+        for (order, size), i in sorted(best.items())
     )
 
 
@@ -231,9 +231,9 @@ def _by_tolerance(data: _Data, tolerance: float, options: Options) -> LoadFit:
     scale = np.where(scale > 0, scale, 1.0)
     shrunk = tolerance_form(X / scale, data.y, tolerance) / scale
     support = shrunk != 0
-    kept = [t for t, on in zip(terms, support, strict=True) if on]
+    selected = [t for t, on in zip(terms, support, strict=True) if on]
     weights = row_weights(X[:, support], data.y, options)
     b = np.zeros(len(terms))
     b[support] = least_squares(X[:, support], data.y, weights)
-    intervals = term_intervals(kept, X[:, support], data.y, weights)
+    intervals = term_intervals(selected, X[:, support], data.y, weights)
     return LoadFit(tuple(terms), b, LOWEST, 0.0, shrunk, intervals, alone=True)

@@ -101,11 +101,11 @@ class _Rows:
 
     @classmethod
     def of(cls, result: Identification, load: str) -> _Rows | None:
-        y = result.bench.loads[load]
+        y = result.data.loads[load]
         mask = np.isfinite(y)
         if not mask.any():
             return None
-        return cls(result.bench.speeds.upper[mask], result.bench.speeds.lower[mask], y[mask])
+        return cls(result.data.speeds.upper[mask], result.data.speeds.lower[mask], y[mask])
 
 
 def _terms(fits: Sequence[LoadFit | None]) -> list[str]:
@@ -134,8 +134,8 @@ def _left_out(
     """RMSE on each spacing by a model that has not seen it."""
     errors = []
     for out in sorted(set(spacings)):
-        kept = [i for i, s in enumerate(spacings) if s != out]
-        a, b = _fit([rows[i] for i in kept], [spacings[i] for i in kept], terms, middle, sloped=sloped)
+        others = [i for i, s in enumerate(spacings) if s != out]
+        a, b = _fit([rows[i] for i in others], [spacings[i] for i in others], terms, middle, sloped=sloped)
         for r, s in zip(rows, spacings, strict=True):
             if s == out:
                 errors.append(r.y - design_matrix(terms, r.upper, r.lower) @ (a + b * (s - middle)))

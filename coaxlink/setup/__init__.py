@@ -6,7 +6,7 @@ from coaxlink.setup.document import airframe_toml
 from coaxlink.setup.drawing import draw
 from coaxlink.setup.from_ardupilot import ardupilot_layout
 from coaxlink.setup.from_px4 import px4_layout
-from coaxlink.setup.layout import Layout, Place
+from coaxlink.setup.layout import Layout, Mount
 from coaxlink.setup.templates import TEMPLATES, template
 
 __all__ = [
@@ -14,7 +14,7 @@ __all__ = [
     "Body",
     "Layout",
     "MissingError",
-    "Place",
+    "Mount",
     "airframe_toml",
     "ardupilot_layout",
     "check_against",

@@ -42,22 +42,22 @@ def check_airframe(airframe: Airframe, model: RotorModel | None = None) -> tuple
 
 def check_against(airframe: Airframe, board: Layout) -> tuple[Finding, ...]:
     """Findings where a board numbers, turns or places its motors otherwise than the airframe does."""
-    if len(board.places) != len(airframe.rotors):
-        text = f"{len(airframe.rotors)} rotors here, {len(board.places)} on the board"
+    if len(board.mounts) != len(airframe.rotors):
+        text = f"{len(airframe.rotors)} rotors here, {len(board.mounts)} on the board"
         return (Finding("airframe.count", "error", text, board.source),)
     found = []
-    for rotor, place in zip(airframe.rotors, board.places, strict=True):
+    for rotor, mount in zip(airframe.rotors, board.mounts, strict=True):
         wrong = []
         for name, here, there, arm in (
-            ("front or rear", rotor.position_m[0], place.x, airframe_arm(airframe)),
-            ("left or right", rotor.position_m[1], place.y, airframe_arm(airframe)),
+            ("front or rear", rotor.position_m[0], mount.x, airframe_arm(airframe)),
+            ("left or right", rotor.position_m[1], mount.y, airframe_arm(airframe)),
         ):
             if here * there < 0 and abs(here) > _SIDE * arm and abs(there) > _SIDE * board.arm:
                 wrong.append(name)
-        if place.spin != ("ccw" if rotor.yaw_sign > 0 else "cw"):
-            wrong.append(f"spin ({place.spin} on the board)")
-        if place.level and rotor.level != "single" and place.level != rotor.level:
-            wrong.append(f"level ({place.level} on the board)")
+        if mount.spin != ("ccw" if rotor.yaw_sign > 0 else "cw"):
+            wrong.append(f"spin ({mount.spin} on the board)")
+        if mount.level and rotor.level != "single" and mount.level != rotor.level:
+            wrong.append(f"level ({mount.level} on the board)")
         if wrong:
             text = f"rotor {rotor.number} is another on the board: {', '.join(wrong)}"
             found.append(Finding("airframe.order", "error", text, board.source))
@@ -69,7 +69,7 @@ def check_against(airframe: Airframe, board: Layout) -> tuple[Finding, ...]:
 def _elsewhere(airframe: Airframe, board: Layout) -> Iterator[Finding]:
     apart = {
         r.number: math.hypot(r.position_m[0] - p.x, r.position_m[1] - p.y)
-        for r, p in zip(airframe.rotors, board.places, strict=True)
+        for r, p in zip(airframe.rotors, board.mounts, strict=True)
     }
     number = max(apart, key=lambda n: apart[n])
     if apart[number] > _APART * airframe_arm(airframe):
@@ -86,7 +86,7 @@ def _elsewhere(airframe: Airframe, board: Layout) -> Iterator[Finding]:
 def _scaled(airframe: Airframe, board: Layout) -> tuple[float, float]:
     """What the lengths here are best multiplied by to be the board's, and how far a rotor is off then, m."""
     here = [(r.position_m[0], r.position_m[1]) for r in airframe.rotors]
-    there = [(p.x, p.y) for p in board.places]
+    there = [(p.x, p.y) for p in board.mounts]
     product = sum(a * c + b * d for (a, b), (c, d) in zip(here, there, strict=True))
     scale = product / sum(a * a + b * b for a, b in here)
     left = max(math.hypot(scale * a - c, scale * b - d) for (a, b), (c, d) in zip(here, there, strict=True))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from coaxlink.airframe import Airframe, Rotor
 from coaxlink.errors import InputError
-from coaxlink.setup.layout import Layout, Place
+from coaxlink.setup.layout import Layout, Mount
 
 Inertia = tuple[float, float, float]
 
@@ -45,7 +45,7 @@ def missing(layout: Layout, body: Body) -> dict[str, str]:
     if not layout.metres and body.arm_m is None:
         found["arm_m"] = "from the centre to a rotor"
     pairs = [stack for stack in layout.stacks() if len(stack) > 1]
-    if body.spacing_m is None and any(layout.places[n].z is None for stack in pairs for n in stack):
+    if body.spacing_m is None and any(layout.mounts[n].z is None for stack in pairs for n in stack):
         found["spacing_m"] = "between the two rotors of a pair"
     unknown = _levels(layout, body.upper)[1]
     if unknown:
@@ -61,13 +61,13 @@ def completed(layout: Layout, body: Body) -> Airframe:
     levels = _levels(layout, body.upper)[0]
     partners = {n: other for stack in layout.stacks() for n in stack for other in stack if other != n}
     rotors = []
-    for n, place in enumerate(layout.places):
+    for n, mount in enumerate(layout.mounts):
         rotors.append(
             Rotor(
                 n + 1,
-                (place.x * scale, place.y * scale, _height(place, levels[n], layout, body)),
-                place.axis,
-                1 if place.spin == "ccw" else -1,
+                (mount.x * scale, mount.y * scale, _height(mount, levels[n], layout, body)),
+                mount.axis,
+                1 if mount.spin == "ccw" else -1,
                 levels[n],
                 partners[n] + 1 if n in partners else None,
             )
@@ -91,7 +91,7 @@ def inertia_estimate(mass_kg: float, rotors: tuple[Rotor, ...]) -> Inertia:
 
 def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str]]:
     """The level of each rotor, and the pairs ("1 or 6") of which nobody says it."""
-    count = len(layout.places)
+    count = len(layout.mounts)
     wrong = [n for n in upper if not 1 <= n <= count]
     if wrong:
         raise InputError("`upper`", str(wrong[0]), f"rotor numbers from 1 to {count} are expected")
@@ -100,7 +100,7 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str
         if len(stack) == 1:
             continue
         a, b = stack
-        known = _known_level(layout.places[a], layout.places[b])
+        known = _known_level(layout.mounts[a], layout.mounts[b])
         said = {n: n + 1 in upper for n in stack}
         if upper and said[a] == said[b]:
             both = "both" if said[a] else "neither"
@@ -125,16 +125,16 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str
     return levels, unknown
 
 
-def _known_level(a: Place, b: Place) -> str | None:
+def _known_level(a: Mount, b: Mount) -> str | None:
     """Of `a`, from heights or from the frame; None where neither tells."""
     if a.z is not None and b.z is not None and a.z != b.z:
         return "upper" if a.z < b.z else "lower"  # z is down
     return a.level if a.level and b.level and a.level != b.level else None
 
 
-def _height(place: Place, level: str, layout: Layout, body: Body) -> float:
-    if place.z is not None:
-        return place.z
+def _height(mount: Mount, level: str, layout: Layout, body: Body) -> float:
+    if mount.z is not None:
+        return mount.z
     if level == "single":
         return 0.0
     half = 0.5 * _positive("`spacing_m`", body.spacing_m)

@@ -35,7 +35,7 @@ def _rows(airframe: Airframe, layout: Layout | None) -> list[str]:
     for n, rotor in enumerate(airframe.rotors):
         x, y, z = rotor.position_m
         row = f"{rotor.number:>5}  {rotor.level:<6}  {_turn(rotor):<5}  {rotor.pair or '-':>4}"
-        output = layout.places[n].output if layout else ""
+        output = layout.mounts[n].output if layout else ""
         rows.append(f"{row}  {x:+.3f}  {y:+.3f}  {z:+.3f}   {output}".rstrip())
     return rows
 

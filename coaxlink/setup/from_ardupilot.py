@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from coaxlink.errors import InputError
-from coaxlink.setup.layout import Layout, Place
+from coaxlink.setup.layout import Layout, Mount
 from coaxlink.setup.templates import frame_layout
 from firmware_params.ardupilot import scripts, servo_function
 from firmware_params.ardupilot.frames import FRAMES
@@ -34,14 +34,14 @@ def ardupilot_layout(
             "no coaxial frame known here; start from a template",
         )
     outputs = _outputs(params)
-    places = tuple(
-        Place(p.x, p.y, p.z, p.spin, p.level, " and ".join(outputs.get(n, ())))
-        for n, p in enumerate(layout.places, start=1)
+    mounts = tuple(
+        Mount(p.x, p.y, p.z, p.spin, p.level, " and ".join(outputs.get(n, ())))
+        for n, p in enumerate(layout.mounts, start=1)
     )
     notes = list(layout.notes)
-    if any(p.level is None for p in places):
+    if any(p.level is None for p in mounts):
         notes.append("which rotor of a pair is the upper one stands nowhere on this board")
-    return Layout(layout.source, places, metres=False, notes=tuple(notes))
+    return Layout(layout.source, mounts, metres=False, notes=tuple(notes))
 
 
 def _scripted(
@@ -60,15 +60,15 @@ def _scripted(
     except TableError as error:
         raise InputError(source, f"FRAME_CLASS {frame}", f"{error}; start from a template") from error
     top = [max(abs(f[axis]) for f in factors) or 1.0 for axis in range(2)]
-    places = []
+    mounts = []
     for n, (roll, pitch, yaw, _) in enumerate(factors, start=1):
         if yaw == 0.0:
             raise InputError(source, f"rotor {n}", "no yaw factor: which way it turns is not known")
         x, y = pitch / top[1], -roll / top[0]
         length = math.hypot(x, y) or 1.0
-        places.append(Place(x / length, y / length, None, "ccw" if yaw > 0 else "cw"))
+        mounts.append(Mount(x / length, y / length, None, "ccw" if yaw > 0 else "cw"))
     note = "arm angles from the script's factors, whose axes are scaled apart: hold them against the vehicle"
-    return Layout(f"{source}: FRAME_CLASS {frame}, the table of its script", tuple(places), False, (note,))
+    return Layout(f"{source}: FRAME_CLASS {frame}, the table of its script", tuple(mounts), False, (note,))
 
 
 def _outputs(params: Mapping[str, float | int]) -> dict[int, list[str]]:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 
 from coaxlink.errors import InputError
-from coaxlink.setup.layout import Layout, Place
+from coaxlink.setup.layout import Layout, Mount
 from firmware_params import px4
 from firmware_params.errors import TableError
 
@@ -28,22 +28,22 @@ def px4_layout(params: Mapping[str, float | int], source: str) -> Layout:
     outputs = _outputs(params)
     heights = [rotor.position_m[2] for rotor in table.rotors]
     flat = max(heights) - min(heights) < _FLAT_M
-    places = []
+    mounts = []
     for n, rotor in enumerate(table.rotors, start=1):
         if rotor.km == 0.0:
             raise InputError(source, f"CA_ROTOR{n - 1}_KM", "0: which way the rotor turns is not known")
         x, y, z = rotor.position_m
         spin = "ccw" if rotor.km > 0 else "cw"
-        places.append(
-            Place(x, y, None if flat else z, spin, None, " and ".join(outputs.get(n, ())), rotor.axis)
+        mounts.append(
+            Mount(x, y, None if flat else z, spin, None, " and ".join(outputs.get(n, ())), rotor.axis)
         )
     notes = []
     if flat:
         notes.append("CA_ROTOR*_PZ are all alike: which rotor of a pair is the upper one stands nowhere")
-    unassigned = [n for n in range(1, len(places) + 1) if n not in outputs]
+    unassigned = [n for n in range(1, len(mounts) + 1) if n not in outputs]
     if outputs and unassigned:
         notes.append(f"no output is assigned to motor {', '.join(map(str, unassigned))}")
-    return Layout(source, tuple(places), metres=True, notes=tuple(notes))
+    return Layout(source, tuple(mounts), metres=True, notes=tuple(notes))
 
 
 def _outputs(params: Mapping[str, float | int]) -> dict[int, list[str]]:
@@ -52,6 +52,6 @@ def _outputs(params: Mapping[str, float | int]) -> dict[int, list[str]]:
     for name, value in params.items():
         match = _OUTPUT.fullmatch(name)
         if match and value >= _FIRST_MOTOR:
-            place = f"{match[1] or match[3]} {match[2] or match[4]}"
-            found.setdefault(int(value) - _FIRST_MOTOR + 1, []).append(place)
+            connector = f"{match[1] or match[3]} {match[2] or match[4]}"
+            found.setdefault(int(value) - _FIRST_MOTOR + 1, []).append(connector)
     return found

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from coaxlink.errors import InputError
 
 UP = (0.0, 0.0, -1.0)
-_SAME_PLACE = 0.1  # of the longest arm: two rotors of a pair stand one above the other within this
+_SAME_AXIS = 0.1  # of the longest arm: two rotors of a pair stand one above the other within this
 
 
 @dataclass(frozen=True)
-class Place:
+class Mount:
     """One rotor, in the firmware's order."""
 
     x: float  # forward, m; or of the unit circle where the layout has no scale
@@ -29,26 +29,26 @@ class Layout:
     """Rotors in the order of the firmware's motor numbers."""
 
     source: str  # in words, for the file and the screen
-    places: tuple[Place, ...]
+    mounts: tuple[Mount, ...]
     metres: bool  # False: directions only, an arm length is still to come
     notes: tuple[str, ...] = field(default=())
 
     @property
     def arm(self) -> float:
         """The longest distance of a rotor from the centre, m (1 where the layout has no scale)."""
-        return max(math.hypot(p.x, p.y) for p in self.places)
+        return max(math.hypot(p.x, p.y) for p in self.mounts)
 
     def stacks(self) -> list[tuple[int, ...]]:
         """Indices of rotors that stand one above the other, (1 or 2 each), in the order of the first.
 
         Raises InputError where three or more share a place.
         """
-        reach, left, found = _SAME_PLACE * self.arm, list(range(len(self.places))), []
+        reach, left, found = _SAME_AXIS * self.arm, list(range(len(self.mounts))), []
         while left:
             first = left[0]
-            a = self.places[first]
+            a = self.mounts[first]
             stack = tuple(
-                n for n in left if math.hypot(self.places[n].x - a.x, self.places[n].y - a.y) <= reach
+                n for n in left if math.hypot(self.mounts[n].x - a.x, self.mounts[n].y - a.y) <= reach
             )
             if len(stack) > 2:
                 numbers = ", ".join(str(n + 1) for n in stack)

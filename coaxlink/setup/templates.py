@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from coaxlink.errors import InputError
-from coaxlink.setup.layout import Layout, Place
+from coaxlink.setup.layout import Layout, Mount
 from firmware_params.ardupilot.frames import DODECAHEXA, FRAMES, OCTAQUAD, Y6, Motor
 
 # ArduCopter's frames are PX4's as well: its airframes 12001 (octo coax) and 11001 (hexa coax, which is Y6B)
@@ -28,14 +28,14 @@ def template(name: str) -> Layout:
 
 def frame_layout(motors: tuple[Motor, ...], source: str) -> Layout:
     """The layout of one of ArduCopter's own frames."""
-    places = []
+    mounts = []
     for motor in motors:
         angle = math.radians(motor.angle_deg)
         spin = "ccw" if motor.yaw > 0 else "cw"
-        places.append(
-            Place(_clean(math.cos(angle)), _clean(math.sin(angle)), None, spin, motor.layer or None)
+        mounts.append(
+            Mount(_clean(math.cos(angle)), _clean(math.sin(angle)), None, spin, motor.layer or None)
         )
-    return Layout(source, tuple(places), metres=False)
+    return Layout(source, tuple(mounts), metres=False)
 
 
 def _clean(value: float) -> float:

@@ -71,8 +71,10 @@ def code_hash() -> str:
     digest = hashlib.sha256()
     here, world = Path(str(coaxlink.__file__)).parent, Path(str(sim.__file__)).parent
     parts = ("mixer", "tables", "vehicle", "rotor", "residual", "effects", "data")
-    places = [p for folder in (world, *(here / part for part in parts)) for p in sorted(folder.rglob("*.py"))]
-    for path in (Path(__file__), here / "campaign" / "cells.py", here / "campaign" / "spec.py", *places):
+    sources = [
+        p for folder in (world, *(here / part for part in parts)) for p in sorted(folder.rglob("*.py"))
+    ]
+    for path in (Path(__file__), here / "campaign" / "cells.py", here / "campaign" / "spec.py", *sources):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -119,10 +121,10 @@ def fly_cell(spec: Spec, one: Cell, log: Path | None = None, out: Path | None = 
             if every:
                 from sim.flights import write_flight
 
-                place = log or Path(scratch) / "flight.csv"
-                write_flight(place, columns_)
+                flight_log = log or Path(scratch) / "flight.csv"
+                write_flight(flight_log, columns_)
                 if spec.refine:
-                    row |= _refined(place, vehicle, world.effects)
+                    row |= _refined(flight_log, vehicle, world.effects)
             if out is not None:
                 from sim.truth import Truth, truth_text
 

@@ -15,8 +15,8 @@ from firmware_params import ardupilot, px4
 
 def file_name(name: str) -> str:
     """A vehicle's name as a file name: in the folder it is put in, and short enough for any file system."""
-    kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip("-.")[:60]
-    return kept.strip("-.") or "vehicle"
+    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip("-.")[:60]
+    return safe.strip("-.") or "vehicle"
 
 
 def px4_files(frame: Airframe, report: TableReport, made_from: str) -> dict[str, str]:

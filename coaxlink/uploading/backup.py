@@ -90,9 +90,9 @@ def write_backup(
         *(note.lines() if note else ()),
         f"Sum: {_checksum(numbers, _by_name(files), note):08x}",
     ]
-    for place, data in files.items():
+    for board_path, data in files.items():
         if data is not None:
-            write_atomic(path.with_suffix(_FILES) / Path(place).name, data)
+            write_atomic(path.with_suffix(_FILES) / Path(board_path).name, data)
     try:
         if plain:
             ardupilot.write_param_file(path, numbers, header)
@@ -151,7 +151,7 @@ def _note(lines: Sequence[str]) -> Note | None:
 
 
 def _by_name(files: BoardFiles) -> dict[str, bytes]:
-    return {Path(place).name: data for place, data in files.items() if data is not None}
+    return {Path(board_path).name: data for board_path, data in files.items() if data is not None}
 
 
 def _checksum(params: Mapping[str, Number], files: Mapping[str, bytes], note: Note | None) -> int:

@@ -80,7 +80,7 @@ class ArduPilotBoard(Board):
             raise SafetyRefusal(f"another vehicle: the table is for {wanted} motors, the board drives {now}")
         if not new_geometry and is_table(plan.cargo):
             self._refuse_other_motors(plan, snapshot)
-        values = self._as_kept(plan.params, snapshot)
+        values = self._as_stored(plan.params, snapshot)
         return Content(values, self._folder.planned(plan.cargo, table=is_table(plan.cargo)))
 
     def loads(self, name: str) -> bool:
@@ -98,7 +98,7 @@ class ArduPilotBoard(Board):
             and abs(v) != float("inf")
         }
         there = {n: d for n, d in backup.files.items() if is_table([n]) or n in choice.files}
-        content = Content(self._as_kept(known, snapshot), self._folder.planned(there))
+        content = Content(self._as_stored(known, snapshot), self._folder.planned(there))
         gone = {f"{self._folder.path}/{n}": None for n in choice.files if n not in backup.files}
         content = content.over(Content(files=gone))
         checked = content.values.get(_CHECKSUM)
@@ -184,7 +184,7 @@ class ArduPilotBoard(Board):
                 f"another vehicle: {moved[0]} ({len(moved)} rotors differ); `new_geometry` to mean it"
             )
 
-    def _as_kept(self, params: Mapping[str, float | int], snapshot: Snapshot) -> dict[str, Value]:
+    def _as_stored(self, params: Mapping[str, float | int], snapshot: Snapshot) -> dict[str, Value]:
         """As the board will keep them. Raises SafetyRefusal for an unknown name."""
         values = {}
         for name, value in params.items():

@@ -172,8 +172,8 @@ def present_ap(url: str) -> tuple[dict[str, Number], ApTable | None]:
         numbers = {n: v.value for n, v in parameters.read_all().values.items()}
         if scripts.LAST not in numbers and await_loader(files, parameters):
             numbers = {n: v.value for n, v in parameters.read_all().values.items()}
-        places = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
-        read = (files.read(place) for place in places)  # not before the frame asks for it
+        paths = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
+        read = (files.read(p) for p in paths)  # not before the frame asks for it
         return numbers, present_table(numbers, lambda: next((d for d in read if d is not None), None))
 
 

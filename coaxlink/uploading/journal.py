@@ -54,9 +54,9 @@ class Journal:
 
     def __init__(self, identity: Identity, folder: Path | None = None) -> None:
         self.board = identity.uid or f"system{identity.system}"
-        place = folder or files.state_folder()
-        self.path = place / f"{self.board}.journal.json"
-        self.record_path = place / f"{self.board}.verified.json"
+        home = folder or files.state_folder()
+        self.path = home / f"{self.board}.journal.json"
+        self.record_path = home / f"{self.board}.verified.json"
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:

@@ -37,17 +37,17 @@ def board_limits(board: Files, identity: Identity) -> Mapping[str, Limits] | Non
     """Limits by name as the board has them, None when it has none to read. Raises LinkError."""
     if not (identity.capabilities or 0) & mavlink.MAV_PROTOCOL_CAPABILITY_FTP:
         return None
-    kept = state_folder() / f"parameters-{identity.git_hash}.json" if identity.git_hash.strip("0") else None
+    cached = state_folder() / f"parameters-{identity.git_hash}.json" if identity.git_hash.strip("0") else None
     try:
-        if kept and kept.exists():
-            return parse_limits(files.read_text(kept))
+        if cached and cached.exists():
+            return parse_limits(files.read_text(cached))
         data = board.read(PATH)
         if data is None:
             return None
         text = lzma.LZMADecompressor(memlimit=_MEMORY).decompress(data, _LARGEST).decode()
         limits = parse_limits(text)
-        if kept:
-            files.write_atomic(kept, text)
+        if cached:
+            files.write_atomic(cached, text)
         return limits
     except (
         CheckFailed,

@@ -85,8 +85,8 @@ def load_plan(source: Path) -> Plan:
             px4.read_mixer_csv(mixer)  # raises for what the fork would not take
             paths, cargo = [source, mixer], {mixer.name: files.read_bytes(mixer)}
     except ParamsFileError as error:
-        place = f"line {error.line}" if error.line else ""
-        raise InputError(error.path, place, error.problem) from error
+        where = f"line {error.line}" if error.line else ""
+        raise InputError(error.path, where, error.problem) from error
     return Plan("px4", tuple(paths), read.params, read.types, read.header, cargo)
 
 

@@ -70,7 +70,7 @@ def verify(
         found = parameters.read_many(plan.params, missing_ok=True)
         wanted = _wanted(plan, parameters, found)
         source = ", ".join(map(str, plan.files))
-        crcs = {_place(plan, name): scripts.file_crc(data) for name, data in plan.cargo.items()}
+        crcs = {_board_path(plan, name): scripts.file_crc(data) for name, data in plan.cargo.items()}
     elif last is not None:
         wanted, source, crcs = dict(last.values), f"upload of {last.time}", last.scripts
         found = parameters.read_many(wanted, missing_ok=True)
@@ -83,9 +83,9 @@ def verify(
     if late and session.identity.is_ardupilot and await_loader(board, parameters, late, script_s):
         found = parameters.read_many(wanted, missing_ok=True)
     differ = [n for n, v in wanted.items() if n not in found or not v.same(found[n])]
-    kept = _learned(session, parameters, [n for n in differ if n in found])
-    wrong = [_mismatch(wanted[n], found.get(n)) for n in differ if n not in kept]
-    learned = [_mismatch(wanted[n], found[n]) for n in kept]
+    learnable = _learned(session, parameters, [n for n in differ if n in found])
+    wrong = [_mismatch(wanted[n], found.get(n)) for n in differ if n not in learnable]
+    learned = [_mismatch(wanted[n], found[n]) for n in learnable]
     if crcs:
         wrong += _wrong_scripts(board, crcs)
     if session.identity.uid:
@@ -122,7 +122,7 @@ def _wanted(plan: Plan, parameters: Parameters, found: Mapping[str, Value]) -> d
     return wanted
 
 
-def _place(plan: Plan, name: str) -> str:
+def _board_path(plan: Plan, name: str) -> str:
     """A file's path where it is known without the board; ArduPilot's script folder is not."""
     return px4.csv_mixer.BOARD_PATH if plan.firmware == "px4" else name
 

@@ -98,10 +98,10 @@ class Uploader:
             lambda: self._carry_out(first, plan.params, wanted, dry_run, reboot, complete=True)
         )
 
-    def restore(self, backup: Backup, *, dry_run: bool = False, whole: bool = False) -> Outcome:
+    def restore(self, backup: Backup, *, dry_run: bool = False, everything: bool = False) -> Outcome:
         """Put back what the upload after a backup wrote, only on the board it was taken from.
 
-        With `whole` also all else that is not the board's own, passing over what it refuses of that.
+        With `everything` also all else that is not the board's own, passing over what it refuses of that.
         """
         self._files = (str(backup.path),)
 
@@ -114,7 +114,7 @@ class Uploader:
                 refuse_values(firmware, backup.params, backup.path)
 
         def wanted(board: Snapshot) -> Content:
-            return self._board.saved(backup, board, self._chosen(backup, board, whole))
+            return self._board.saved(backup, board, self._chosen(backup, board, everything))
 
         named = backup.note.names if backup.note else ()
         return self._ended(lambda: self._carry_out(first, named, wanted, dry_run, False, complete=False))
@@ -126,15 +126,15 @@ class Uploader:
         files = self._board.others(board, {})
         return self._board.write_backup(self._backup_folder, board, files, Note())
 
-    def _chosen(self, backup: Backup, board: Snapshot, whole: bool) -> Choice:
+    def _chosen(self, backup: Backup, board: Snapshot, everything: bool) -> Choice:
         identity = self._session.identity
-        owner = Ownership(identity, board.values, self._board.metadata() if whole else None)
+        owner = Ownership(identity, board.values, self._board.metadata() if everything else None)
         choice = choose(
             backup,
             touched=self._journal.touched(),
             holds=self._board.holds,
             loads=self._board.loads,
-            kind=owner.kind if whole else None,
+            kind=owner.kind if everything else None,
         )
         if not choice.noted:
             self._talk.say("this backup does not say what was uploaded after it: all that a table can hold")
@@ -144,7 +144,7 @@ class Uploader:
             names = ", ".join(f"{n} ({why})" for n, why in self._left_out.items())
             self._talk.say(f"left as they are, the board's own: {names}")
         elif others:
-            self._talk.say(f"{len(others)} other parameters differ from the backup and stay (`whole`)")
+            self._talk.say(f"{len(others)} other parameters differ from the backup and stay (`everything`)")
         self._board.spare = choice.rest
         return choice
 
@@ -231,11 +231,11 @@ class Uploader:
     def _save(self, board: Snapshot, present: Content, interrupted: Entry | None, requested: Content) -> None:
         files = {**self._board.others(board, present.files), **present.files}
         if interrupted:  # a backup of half a table would be no way back
-            whole = self._board.keepable(interrupted.old, board)
-            board = Snapshot({**board.values, **whole.values}, board.hash)
-            files |= whole.files
+            lasting = self._board.keepable(interrupted.old, board)
+            board = Snapshot({**board.values, **lasting.values}, board.hash)
+            files |= lasting.files
         names = frozenset(n for n in requested.values if n not in self._board.spare)
-        note = Note(names, frozenset(Path(place).name for place in requested.files))
+        note = Note(names, frozenset(Path(p).name for p in requested.files))
         path = self._board.write_backup(self._backup_folder, board, files, note)
         self._backup = str(path)
         count = sum(data is not None for data in files.values())

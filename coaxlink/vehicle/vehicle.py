@@ -16,7 +16,7 @@ import numpy as np
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.effects import effect
-from coaxlink.effects.static import Conditions, LeftOut, StaticBench
+from coaxlink.effects.static import Conditions, LeftOut, StaticVehicle
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import Effect
@@ -56,33 +56,35 @@ class Vehicle:
     speed_per_command: float = field(init=False)  # what u = 1 of `model` means in the speeds of `rotors`
 
     def __post_init__(self) -> None:
-        bench = StaticBench(self.declared, self.rotors, self.conditions, *self.declared.gains, usual_lift)
+        vehicle = StaticVehicle(self.declared, self.rotors, self.conditions, *self.declared.gains, usual_lift)
         compensated: dict[str, str] = {}
         left_out: dict[str, str] = {}
-        kept: list[Effect] = []
+        live: list[Effect] = []
         for named in sorted(self.rotors.effects, key=_turn):
             known = effect(named.name)
             if self.measured_live and (known is None or known.surface is None):
-                kept.append(named)
+                live.append(named)
                 continue
             try:
                 if known is None or known.static is None:
                     raise LeftOut(known.no_static if known else "not known to the mixers")
                 known.check(named.parameters)
-                compensated[named.name] = known.static(bench, named.parameters)
+                compensated[named.name] = known.static(vehicle, named.parameters)
             except LeftOut as reason:
                 left_out[named.name] = str(reason)
-        model = changed_model(bench.model, bench.changes) if bench.changes else bench.model
-        turned = [change for change in bench.changes if change not in bench.drive]
-        by_speed = model if not bench.drive else changed_model(bench.model, turned) if turned else bench.model
+        model = changed_model(vehicle.model, vehicle.changes) if vehicle.changes else vehicle.model
+        turned = [change for change in vehicle.changes if change not in vehicle.drive]
+        by_speed = (
+            model if not vehicle.drive else changed_model(vehicle.model, turned) if turned else vehicle.model
+        )
         for name, value in (
-            ("airframe", _airframe(bench)),
-            ("model", replace(scaled_speed(model, bench.speed), effects=())),
+            ("airframe", _airframe(vehicle)),
+            ("model", replace(scaled_speed(model, vehicle.speed), effects=())),
             ("speed_model", replace(by_speed, effects=())),
             ("compensated", compensated),
             ("left_out", left_out),
-            ("live_effects", tuple(kept)),
-            ("speed_per_command", bench.speed),
+            ("live_effects", tuple(live)),
+            ("speed_per_command", vehicle.speed),
         ):
             object.__setattr__(self, name, value)
 
@@ -144,9 +146,9 @@ def _turn(named: Effect) -> int:
     return -1 if known is None or known.surface is None else known.surface
 
 
-def _airframe(bench: StaticBench) -> Airframe:
+def _airframe(vehicle: StaticVehicle) -> Airframe:
     rotors = tuple(
         replace(r, thrust_gain=float(f), torque_gain=float(q))
-        for r, f, q in zip(bench.airframe.rotors, bench.thrust, bench.torque, strict=True)
+        for r, f, q in zip(vehicle.airframe.rotors, vehicle.thrust, vehicle.torque, strict=True)
     )
-    return replace(bench.airframe, rotors=rotors)
+    return replace(vehicle.airframe, rotors=rotors)

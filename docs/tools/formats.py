@@ -74,8 +74,8 @@ def page() -> str:
 
 def _toml(title: str, schema: dict[str, Any], file: str, example: str, more: str) -> str:
     """A heading, the keys, an example and the schema itself."""
-    whole = json.loads((EXAMPLES / file).read_text())
-    if whole != schema:
+    shipped = json.loads((EXAMPLES / file).read_text())
+    if shipped != schema:
         raise SystemExit(f"examples/{file} is not the reader's own schema")
     text = (EXAMPLES / example).read_text().rstrip()
     lines = text.splitlines()

@@ -58,18 +58,18 @@ def scan() -> tuple[dict[str, set[str]], dict[str, set[str]], dict[str, set[str]
     sent, used, parameters = defaultdict(set), defaultdict(set), defaultdict(set)
     for package in ("coaxlink", "firmware_params"):
         for file in sorted((ROOT / package).rglob("*.py")):
-            place = (
+            module = (
                 file.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__")
             )
             for name, kind in _names(ast.parse(file.read_text())):
                 if kind == "class" and (made := SENT.fullmatch(name)) and made[1].upper() in MESSAGES:
-                    sent[made[1].upper()].add(place)
+                    sent[made[1].upper()].add(module)
                 elif name in BY_ID:
-                    used[BY_ID[name]].add(place)
+                    used[BY_ID[name]].add(module)
                 elif kind == "text" and name in MESSAGES:
-                    used[name].add(place)
+                    used[name].add(module)
                 elif kind == "text" and PARAMETER.fullmatch(name) and name not in MESSAGES:
-                    parameters[re.sub(r"\{\}|%d", "n", name)].add(place)
+                    parameters[re.sub(r"\{\}|%d", "n", name)].add(module)
     return dict(sent), dict(used), dict(parameters)
 
 
@@ -98,5 +98,5 @@ def _code(name: str) -> str:
     return f"`{name}`" if name else "none"
 
 
-def _rooms(places: set[str]) -> str:
-    return ", ".join(f"`{place}`" for place in sorted(places))
+def _rooms(modules: set[str]) -> str:
+    return ", ".join(f"`{module}`" for module in sorted(modules))

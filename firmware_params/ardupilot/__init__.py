@@ -3,7 +3,7 @@
 from firmware_params.ardupilot.param_file import ParamFile, param_text, read_param_file, write_param_file
 from firmware_params.ardupilot.parameters import PARAMETERS, as_stored, out_of_range, servo_function
 from firmware_params.ardupilot.realise import ApMix, Demand, Output, realise
-from firmware_params.ardupilot.table import ApTable, MotorParameters, motor_test_places, used_factors
+from firmware_params.ardupilot.table import ApTable, MotorParameters, motor_test_sequence, used_factors
 
 __all__ = [
     "PARAMETERS",
@@ -14,7 +14,7 @@ __all__ = [
     "Output",
     "ParamFile",
     "as_stored",
-    "motor_test_places",
+    "motor_test_sequence",
     "out_of_range",
     "param_text",
     "read_param_file",

@@ -176,8 +176,8 @@ class ApMix:
 
     def _range(self, d: Demand, part: Sequence[float]) -> tuple[float, float]:
         low = min(1.0, *part)
-        kept = [t for i, t in enumerate(part) if not (d.boost and i == d.motor_lost)]
-        high = max(-1.0, *kept)
+        remaining = [t for i, t in enumerate(part) if not (d.boost and i == d.motor_lost)]
+        high = max(-1.0, *remaining)
         if d.boost and part[d.motor_lost] > high:
             high = d.boost_ratio * high + (1.0 - d.boost_ratio) * part[d.motor_lost]
         return low, high

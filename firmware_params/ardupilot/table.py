@@ -71,7 +71,7 @@ def expo_for(factor: float, spin_min: float, spin_max: float = 1.0) -> float:
     return quadratic / (quadratic + linear)
 
 
-def motor_test_places(frame_class: int, frame_type: int) -> tuple[int, ...]:
+def motor_test_sequence(frame_class: int, frame_type: int) -> tuple[int, ...]:
     """Where motor 1, 2, ... stand in the order of the firmware's motor test (its parameter 1, from 1).
 
     Our scripts (classes 15 and 17) number them as the motors. Raises TableError for a frame not known here.

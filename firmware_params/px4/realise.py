@@ -133,21 +133,21 @@ def realise(source: Mapping[str, float | int] | Px4Table) -> Px4Mix:
         raise TableError(findings[0].text)
     stored = params_to_table(params)
     full = effectiveness(stored)
-    kept = full.copy()
+    cut = full.copy()
     for n, axis in enumerate(AXES):
         largest = float(np.abs(full[n]).max())
         if largest <= WEAK_AXIS and largest > 0.0:
-            kept[n] = 0.0
+            cut[n] = 0.0
             findings.append(_weak_axis(axis, largest))
         elif largest == 0.0 and n in (ROLL, PITCH, YAW, THRUST_Z):
             findings.append(Finding("px4.no-authority", "error", f"no rotor acts on {axis}"))
-    mix, scale = _normalised(pseudo_inverse(kept.astype(np.float32)))
-    findings += _dropped_mix(kept, mix)
+    mix, scale = _normalised(pseudo_inverse(cut.astype(np.float32)))
+    findings += _dropped_mix(cut, mix)
     if table.reversible:
         note = "reversible motors (CA_R_REV) are mixed here as one-way ones"
         findings.append(Finding("px4.reversible", "warning", note, f"CA_R_REV = {table.reversible}"))
     return Px4Mix(
-        kept,
+        cut,
         mix.astype(np.float64),
         scale.astype(np.float64),
         stored.thr_mdl_fac,
@@ -208,11 +208,11 @@ def _weak_axis(axis: str, largest: float) -> Finding:
     return Finding("px4.weak-axis", severity, text, f"largest {largest:.4g}; scale every CT up")
 
 
-def _dropped_mix(kept: NDArray[np.float64], mix: _Floats) -> list[Finding]:
+def _dropped_mix(cut: NDArray[np.float64], mix: _Floats) -> list[Finding]:
     found = []
     for n in (ROLL, PITCH, YAW, THRUST_Z):
-        if kept[n].any() and not mix[:, n].any():
+        if cut[n].any() and not mix[:, n].any():
             text = f"PX4 zeroes {AXES[n]}: every entry of its mix is below {SMALL_MIX} before normalising"
-            evidence = f"largest effectiveness {np.abs(kept[n]).max():.4g}; scale every CT down"
+            evidence = f"largest effectiveness {np.abs(cut[n]).max():.4g}; scale every CT down"
             found.append(Finding("px4.small-mix", "error", text, evidence))
     return found

@@ -234,15 +234,15 @@ class Copter(Autopilot):
         self.ap_mode = number
         self._enter({RTL: Mode.RTL, LAND: Mode.LAND, AUTO: Mode.MISSION}.get(number, Mode.HOLD))
 
-    def test_motor(self, place: int, kind: int, value: float, seconds: float) -> bool:
+    def test_motor(self, test_number: int, kind: int, value: float, seconds: float) -> bool:
         """Turn the motor at a place of the test order (from 1): percent (kind 0) or microseconds (1)."""
         low, high = self.store["MOT_PWM_MIN"], self.store["MOT_PWM_MAX"]
         builtin = self.mixer.frame_class == 4 and self.rotors == 8
         order = OCTAQUAD_X_ORDER if builtin else tuple(range(self.rotors))
-        if self.armed or not self.landed or not 1 <= place <= len(order) or kind not in (0, 1):
+        if self.armed or not self.landed or not 1 <= test_number <= len(order) or kind not in (0, 1):
             return False
         command = value / 100.0 if kind == 0 else (value - low) / max(high - low, 1.0)
-        return self.bench.turn(order[place - 1], command, seconds, self.plant.time_s, 600.0)
+        return self.motor_test.turn(order[test_number - 1], command, seconds, self.plant.time_s, 600.0)
 
     def start_mission(self) -> None:
         """MAV_CMD_MISSION_START: as if the throttle were raised in AUTO. Raises Refused."""
@@ -279,8 +279,8 @@ class Copter(Autopilot):
     @property
     def offboard_fresh(self) -> bool:
         """A position stays; a speed or an attitude times out."""
-        place = self.attitude_goal is None and not math.isnan(self._offboard_goal.position[2])
-        return place or super().offboard_fresh
+        position_held = self.attitude_goal is None and not math.isnan(self._offboard_goal.position[2])
+        return position_held or super().offboard_fresh
 
     @property
     def takes_live(self) -> bool:
@@ -338,7 +338,7 @@ class Copter(Autopilot):
         spool = "SHUT_DOWN" if not self.armed else "GROUND_IDLE" if self.landed else "THROTTLE_UNLIMITED"
         motors = self.mixer.pwm(d.roll, d.pitch, d.yaw, d.thrust, spool)
         self._pwm = [int(low)] * self.rotors
-        tested = [] if self.armed else self.bench.commands(self.plant.time_s).tolist()
+        tested = [] if self.armed else self.motor_test.commands(self.plant.time_s).tolist()
         motors = [
             round(low + (high - low) * u) if u else p for u, p in zip(tested, motors, strict=False)
         ] or motors

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sim.line.logger import Logger
-from sim.physics.escs import told
+from sim.physics.escs import reported_escs
 from sim.px4.cascade import euler
 
 FOLDER = "logs"
@@ -85,7 +85,7 @@ def _battery(a: Any, t: int) -> list[tuple[Any, ...]]:
 
 
 def _escs(a: Any, t: int) -> list[tuple[Any, ...]]:
-    escs = told(a)
+    escs = reported_escs(a)
     if escs is None:
         return []
     every = zip(escs.rpm, escs.volts, escs.amps, strict=True)

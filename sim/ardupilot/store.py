@@ -32,7 +32,7 @@ class Store:
         self._unsaved: dict[str, float] = {}  # what storage holds where the value at work is another
         self.announce: Callable[[str], None] = lambda name: None  # a value that the firmware saved
         self._listeners: list[Callable[[str], None]] = []
-        self._kept: dict[str, float] = {}  # values of script tables, which outlive the script
+        self._script_values: dict[str, float] = {}  # values of script tables, which outlive the script
         self._scripted: list[str] = []
         for n in range(1, vehicle.rotors + 1):
             self.preset(f"SERVO{n}_FUNCTION", float(servo_function(n)))
@@ -63,7 +63,7 @@ class Store:
 
     def memory(self) -> dict[str, float]:
         """What a power cut leaves: also the values of scripts that do not run now."""
-        return self._kept | self._values | self._unsaved
+        return self._script_values | self._values | self._unsaved
 
     def recall(self, values: Mapping[str, float]) -> None:
         """What was kept over a power cut; names that nobody knows belong to scripts."""
@@ -71,7 +71,7 @@ class Store:
             if name in self._values:
                 self.preset(name, value)
             else:
-                self._kept[name] = value
+                self._script_values[name] = value
         self._list()
 
     def type(self, name: str) -> int:
@@ -90,9 +90,9 @@ class Store:
         """The firmware sets and saves a value of its own, if it has it."""
         if name not in self._values:
             return
-        kept = as_stored(name, value, self._types[name])
-        if kept != self._values[name] or name in self._unsaved:
-            self._values[name] = kept
+        stored = as_stored(name, value, self._types[name])
+        if stored != self._values[name] or name in self._unsaved:
+            self._values[name] = stored
             self._saved(name)
 
     def live(self, name: str, value: float) -> None:
@@ -116,11 +116,11 @@ class Store:
         """Keep a value as its type allows, unchecked; False for an unknown name or what is not finite."""
         if name not in self._values or not math.isfinite(value):
             return False
-        kept = as_stored(name, value, self._types[name])
-        changed = kept != self._values[name] or self._unsaved.pop(name, kept) != kept
-        self._values[name] = kept
+        stored = as_stored(name, value, self._types[name])
+        changed = stored != self._values[name] or self._unsaved.pop(name, stored) != stored
+        self._values[name] = stored
         if name in self._scripted:
-            self._kept[name] = kept
+            self._script_values[name] = stored
         if changed:
             if name == "SCR_ENABLE":
                 self._list()
@@ -133,7 +133,7 @@ class Store:
         if name in self._values and name not in self._scripted:
             return False
         self._types[name] = FLOAT
-        self._values[name] = self._kept.get(name, as_stored(name, default, FLOAT))
+        self._values[name] = self._script_values.get(name, as_stored(name, default, FLOAT))
         if name not in self._scripted:
             self._scripted.append(name)
         self._list()
@@ -144,7 +144,7 @@ class Store:
         self._values |= self._unsaved
         self._unsaved = {}
         for name in self._scripted:
-            self._kept[name] = self._values.pop(name)
+            self._script_values[name] = self._values.pop(name)
             del self._types[name]
         self._scripted = []
         self._list()
@@ -171,18 +171,18 @@ class Store:
         magic, count, length = struct.unpack_from("<HHH", data)
         if magic != MAGIC or length != len(data):
             return False
-        found, place, last = {}, 6, ""
+        found, at, last = {}, 6, ""
         forms = dict(PACKED.values())
         try:
             for _ in range(count):
-                while data[place] == 0:
-                    place += 1
-                form = forms[data[place] & 15]
-                common, size = data[place + 1] & 15, (data[place + 1] >> 4) + 1
-                last = last[:common] + data[place + 2 : place + 2 + size].decode()
-                place += 2 + size
-                found[last] = float(struct.unpack_from(form, data, place)[0])
-                place += struct.calcsize(form)
+                while data[at] == 0:
+                    at += 1
+                form = forms[data[at] & 15]
+                common, size = data[at + 1] & 15, (data[at + 1] >> 4) + 1
+                last = last[:common] + data[at + 2 : at + 2 + size].decode()
+                at += 2 + size
+                found[last] = float(struct.unpack_from(form, data, at)[0])
+                at += struct.calcsize(form)
         except (KeyError, IndexError, struct.error, UnicodeDecodeError):
             return False
         if not set(found) <= set(self._values):

@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as m
 
-from sim.physics.escs import told
+from sim.physics.escs import reported_escs
 from sim.px4 import telemetry as common
 from sim.px4.telemetry import short, stamp_ms, stamp_us
 
@@ -99,7 +99,7 @@ def rangefinder(a: Any) -> Any:
 
 def esc_telemetry(a: Any) -> list[Any]:
     """11030 and those after it, four ESCs each: they come together, for a request of the first."""
-    escs = told(a)
+    escs = reported_escs(a)
     if escs is None:
         return []
     out = []

@@ -61,7 +61,7 @@ class Px4Bridge:
         self._speed, self._due = speed, 0.0
         self._messages = HilMessages(plant, seed)
         self.steps = self.timeouts = self.stale = self.links = 0
-        self._told, self._heard = False, 0.0
+        self._warned, self._heard = False, 0.0
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BACKLOG)
@@ -92,7 +92,7 @@ class Px4Bridge:
                 stream, _ = self._listener.accept()
             except (TimeoutError, ConnectionAbortedError):
                 continue
-            self.links, self._told, self._heard = self.links + 1, False, time.monotonic()
+            self.links, self._warned, self._heard = self.links + 1, False, time.monotonic()
             with stream:
                 stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 try:
@@ -127,8 +127,8 @@ class Px4Bridge:
         if not lockstep:
             return
         self.timeouts += 1
-        if not self._told:
-            self._told = True
+        if not self._warned:
+            self._warned = True
             self._say(
                 f"lock-step: no HIL_ACTUATOR_CONTROLS {self.patience_s:g} s after the reading at "
                 f"{self.plant.time_s:.3f} s: the last are held, the next is sent (further ones are counted)"

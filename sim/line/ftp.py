@@ -44,11 +44,11 @@ class Files:
 
     def clean(self, path: str) -> str:
         """One name for one place."""
-        place = "/".join(part for part in path.split("/") if part not in ("", "."))
+        name = "/".join(part for part in path.split("/") if part not in ("", "."))
         for home in self._homes:
-            if place == home or place.startswith(home + "/"):
-                return place[len(home) + 1 :]
-        return place
+            if name == home or name.startswith(home + "/"):
+                return name[len(home) + 1 :]
+        return name
 
     def make(self, folder: str) -> None:
         """A folder, with those it lies in."""
@@ -57,8 +57,8 @@ class Files:
 
     def writable(self, path: str) -> bool:
         """Whether a peer may change what is there."""
-        place = path.lstrip("/")
-        return ".." not in place.split("/") and not place.startswith(self._protected)
+        name = path.lstrip("/")
+        return ".." not in name.split("/") and not name.startswith(self._protected)
 
     def read(self, path: str) -> bytes | None:
         """What is there now, or None."""
@@ -71,19 +71,19 @@ class Files:
 
     def begin(self, path: str, data: bytes) -> bool:
         """A peer opens `path` for writing, with this in it; False without its folder."""
-        place = self.clean(path)
-        if place.rpartition("/")[0] not in self.folders or place in self.folders:
+        name = self.clean(path)
+        if name.rpartition("/")[0] not in self.folders or name in self.folders:
             return False
-        self.files[place] = data
+        self.files[name] = data
         return True
 
     def keep(self, path: str, data: bytes) -> bool:
         """What is written so far; False when the card is full."""
-        place = self.clean(path)
-        used = sum(len(d) for p, d in self.files.items() if p != place and not p.startswith(LOGS))
+        name = self.clean(path)
+        used = sum(len(d) for p, d in self.files.items() if p != name and not p.startswith(LOGS))
         if used + len(data) > FULL:
             return False
-        self.files[place] = data
+        self.files[name] = data
         return True
 
     def end(self, path: str, data: bytes) -> bool:
@@ -163,7 +163,7 @@ class Server:
 
     def _change(self, code: int, path: str, size: int, data: bytes) -> Answer:
         """What moves, makes and removes."""
-        f, place = self._files, self._files.clean(path)
+        f, name = self._files, self._files.clean(path)
         if code not in (REMOVE, MAKE_DIRECTORY, REMOVE_DIRECTORY, TRUNCATE, RENAME):
             return False, bytes([self._manners.unknown]), 0
         target = data.partition(b"\0")[2].strip(b"\0").decode(errors="replace")
@@ -171,27 +171,27 @@ class Server:
             return False, bytes([PROTECTED]), 0
         new = f.clean(target)
         if code == MAKE_DIRECTORY:
-            if place in f.folders or place in f.files:
+            if name in f.folders or name in f.files:
                 return False, bytes([EXISTS]), 0
-            if place.rpartition("/")[0] not in f.folders:
+            if name.rpartition("/")[0] not in f.folders:
                 return False, bytes([NOT_FOUND]), 0
-            f.folders.add(place)
+            f.folders.add(name)
         elif code == REMOVE_DIRECTORY:
-            if place not in f.folders or not place:
+            if name not in f.folders or not name:
                 return False, bytes([NOT_FOUND]), 0
-            if f.listing(place):
+            if f.listing(name):
                 return False, NOT_EMPTY, 0
-            f.folders.discard(place)
-        elif place not in f.files:
+            f.folders.discard(name)
+        elif name not in f.files:
             return False, bytes([NOT_FOUND]), 0
         elif code == REMOVE:
-            del f.files[place]
+            del f.files[name]
         elif code == TRUNCATE:
-            f.files[place] = bytes(f.files[place][:size]).ljust(min(size, FULL), b"\0")
+            f.files[name] = bytes(f.files[name][:size]).ljust(min(size, FULL), b"\0")
         else:
             if new.rpartition("/")[0] not in f.folders or new in f.folders:
                 return False, bytes([NOT_FOUND]), 0
-            f.files[new] = f.files.pop(place)
+            f.files[new] = f.files.pop(name)
         return True, b"", 0
 
     def _list(self, path: str, offset: int) -> Answer:

@@ -42,10 +42,10 @@ class LogTransfer:
                 self._send(m.MAVLink_log_entry_message(number, len(logs), last, 0, size))
 
     def _request(self, message: Any) -> None:
-        logs, place = self._logs(), message.id - self._first
-        if not 0 <= place < len(logs):
+        logs, index = self._logs(), message.id - self._first
+        if not 0 <= index < len(logs):
             return
-        self._data = bytes(self._autopilot.files.files[logs[place]])
+        self._data = bytes(self._autopilot.files.files[logs[index]])
         self._number, self._at = message.id, message.ofs
         self._end = min(message.ofs + message.count, len(self._data))
         self._sent_at = time.monotonic()

@@ -38,7 +38,7 @@ class Memory:
     def __init__(self, path: Path, autopilot: Any, *, lazy: bool) -> None:
         self._path, self._autopilot, self._lazy = path, autopilot, lazy
         self._due_s: float | None = None
-        self._kept_s = 0.0
+        self._saved_s = 0.0
         self._values: dict[str, Any] = {}
         self._card: dict[str, Any] = {}
 
@@ -65,7 +65,7 @@ class Memory:
 
     def save(self) -> None:
         """Keep the parameters as they are now."""
-        self._values, self._due_s, self._kept_s = self._autopilot.store.memory(), None, time.monotonic()
+        self._values, self._due_s, self._saved_s = self._autopilot.store.memory(), None, time.monotonic()
         self._write()
 
     def step(self) -> None:
@@ -80,7 +80,7 @@ class Memory:
     def _changed(self) -> None:
         if self._due_s is None:
             now = time.monotonic()
-            self._due_s = max(now + PX4_WAIT_S, self._kept_s + PX4_APART_S) if self._lazy else now
+            self._due_s = max(now + PX4_WAIT_S, self._saved_s + PX4_APART_S) if self._lazy else now
 
     def _on_card(self) -> dict[str, Any]:
         files = self._autopilot.files

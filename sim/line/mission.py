@@ -35,7 +35,7 @@ class Item:
     z: float
     autocontinue: int = 1
 
-    def place(self, home: Any, here: Three) -> Three:
+    def position(self, home: Any, here: Three) -> Three:
         """Where it is, NED from home; (0, 0) is the place one is at."""
         north, east = here[:2] if self.x == 0 and self.y == 0 else home.local(self.x * 1e-7, self.y * 1e-7)
         return north, east, home.alt - self.z if self.frame in ABOVE_SEA else -self.z
@@ -129,7 +129,7 @@ class Mission:
             return None
         if self._start is None:
             self._start = here
-        north, east, down = item.place(home, self._start)
+        north, east, down = item.position(home, self._start)
         if item.command == TAKEOFF:
             target = (self._start[0], self._start[1], min(down, self._start[2]))
             return None if self._there(here, target, math.inf, 0.3, now_s, 0.0) else Leg(target)

@@ -31,7 +31,7 @@ class MissionTransfer:
         self._kind, self._count = 0, 0
         self._items: list[Item] | None = None  # of an upload that runs
         self._peer = (255, 190)
-        self._asked_at, self._tries = 0.0, 0
+        self._requested_at, self._tries = 0.0, 0
         self.handlers: dict[str, Callable[[Any], None]] = {
             "MISSION_COUNT": self._begin,
             "MISSION_ITEM_INT": self._item,
@@ -60,12 +60,12 @@ class MissionTransfer:
 
     def _ask(self, again: bool = False) -> None:
         assert self._items is not None
-        self._asked_at, self._tries = time.monotonic(), self._tries + 1 if again else 0
+        self._requested_at, self._tries = time.monotonic(), self._tries + 1 if again else 0
         self._send(self._request(*self._peer, len(self._items), self._kind))
 
     def go_on(self) -> None:
         """Ask again for what did not come; give up in the end."""
-        if self._items is None or time.monotonic() - self._asked_at < AGAIN_S:
+        if self._items is None or time.monotonic() - self._requested_at < AGAIN_S:
             return
         if self._tries >= TRIES:
             self._ack(CANCELLED, self._kind)
@@ -133,8 +133,8 @@ class MissionTransfer:
         current = int(message.mission_type == 0 and message.seq == mission.current)
         head = (*source, message.seq, i.frame, i.command, current, i.autocontinue, *i.params)
         if message.get_type() == "MISSION_REQUEST":
-            place = (i.x * 1e-7, i.y * 1e-7, i.z, message.mission_type)
-            self._send(m.MAVLink_mission_item_message(*head, *place))
+            position = (i.x * 1e-7, i.y * 1e-7, i.z, message.mission_type)
+            self._send(m.MAVLink_mission_item_message(*head, *position))
         else:
             self._send(m.MAVLink_mission_item_int_message(*head, i.x, i.y, i.z, message.mission_type))
 

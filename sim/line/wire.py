@@ -81,18 +81,18 @@ class Wire:
         f, draw = self.faults, self._random.random
         now = self.clock() - self._start
         # every datagram draws the same numbers, so that one fault does not shift all others
-        lost, copied, late, bent = (
+        lost, copied, late, corrupted = (
             draw() < f.loss,
             draw() < f.copies,
             draw() < f.disorder,
             draw() < f.corruption,
         )
-        place, lag = self._random.randrange(8 * max(len(data), 1)), 0.05 * draw()
+        bit, lag = self._random.randrange(8 * max(len(data), 1)), 0.05 * draw()
         if lost or any(a <= now < b for a, b in f.dead_s):
             return []
-        if bent and data:
+        if corrupted and data:
             changed = bytearray(data)
-            changed[place // 8] ^= 1 << place % 8
+            changed[bit // 8] ^= 1 << bit % 8
             data = bytes(changed)
         wait = f.delay_s + (lag if late else 0.0)
         arrivals = [data] * (1 + copied)

@@ -28,13 +28,13 @@ def folder() -> Path:
     return base / "coaxlink" / f"plant-{hashlib.sha256(text).hexdigest()[:16]}"
 
 
-def private(place: Path) -> bool:
+def private(folder: Path) -> bool:
     """Make a folder for code that will be run; whether nobody but this user can have put anything in it."""
     try:
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        closed = not place.lstat().st_mode & 0o077
-        about = [p.lstat() for p in (place, *place.rglob("*"))]
-        above = [p.stat().st_mode for p in place.absolute().parents]
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        closed = not folder.lstat().st_mode & 0o077
+        about = [p.lstat() for p in (folder, *folder.rglob("*"))]
+        above = [p.stat().st_mode for p in folder.absolute().parents]
     except OSError:
         return False
     ours = all(
@@ -48,10 +48,10 @@ def cached(**options: Any) -> Callable[[Callable[..., None]], Any]:
     """`numba.njit`, compiled once for this source; every time, where others could change the cache."""
 
     def decorate(function: Callable[..., None]) -> Any:
-        place = folder()
-        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(place)
+        cache_folder = folder()
+        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder)
         try:
-            return numba.njit(cache=private(place), **options)(function)
+            return numba.njit(cache=private(cache_folder), **options)(function)
         except (RuntimeError, OSError):
             return numba.njit(**options)(function)
         finally:

@@ -121,8 +121,8 @@ def lag_of(p, h):  # type: ignore[no-untyped-def]
     if up <= 0.0 or down <= 0.0:
         return False, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0
     half = (math.exp(-0.5 * h / up), math.exp(-0.5 * h / down), 0.5 * h / up if second else 0.0)
-    whole = (math.exp(-h / up), math.exp(-h / down), h / up if second else 0.0)
-    return second, half, whole, 1.0 / up, 1.0 / down
+    full = (math.exp(-h / up), math.exp(-h / down), h / up if second else 0.0)
+    return second, half, full, 1.0 / up, 1.0 / down
 
 
 @inlined

@@ -23,7 +23,7 @@ class Escs:
     amps: list[float]
 
 
-def told(a: Any) -> Escs | None:
+def reported_escs(a: Any) -> Escs | None:
     """By the autopilot `a` and its way (`a.escs`); None where no ESC has a wire."""
     if a.escs == NONE:
         return None

@@ -148,13 +148,13 @@ def weighed(y, a, b, c, d, h):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def glide(y, load, u, target, geo, quad, poly, blades, b, half, whole, h):  # type: ignore[no-untyped-def]
+def glide(y, load, u, target, geo, quad, poly, blades, b, half, full, h):  # type: ignore[no-untyped-def]
     """(y, load, speeds, loads) after a step in calm air from its first load: it changes with time alone."""
     a = rigid(y, load, b)
     load = still(turn(target + (u - target) * half[0], geo, quad, poly, blades), geo)
     s = rigid(along(y, a, 0.5 * h), load, b)
     c = rigid(along(y, s, 0.5 * h), load, b)
-    u = target + (u - target) * whole[0]
+    u = target + (u - target) * full[0]
     air = turn(u, geo, quad, poly, blades)
     load = still(air, geo)
     d = rigid(along(y, c, h), load, b)
@@ -257,11 +257,11 @@ def calm_air(p, blades):  # type: ignore[no-untyped-def]
 
 
 @plain
-def run(state, command, p, places, slots, lanes, tilted, quad, poly, blades, h, steps, out):  # type: ignore[no-untyped-def]
+def run(state, command, p, positions, slots, lanes, tilted, quad, poly, blades, h, steps, out):  # type: ignore[no-untyped-def]
     """`steps` steps of h seconds at constant command (N); state is advanced in place."""
     n = 2 * len(lanes)
     w = np.empty(W_ROWS * n)
-    calm = laid_out(state, command, p, places, slots, w, n) and calm_air(p, blades)
+    calm = laid_out(state, command, p, positions, slots, w, n) and calm_air(p, blades)
     lag = lag_of(p, h)
     jx, jy, jz = p[IXX], p[IYY], p[IZZ]
     b = (1 / p[MASS], 1 / jx, 1 / jy, 1 / jz, (jz - jy) / jx, (jx - jz) / jy, (jy - jx) / jz, p[GRAVITY])
@@ -284,13 +284,13 @@ def run(state, command, p, places, slots, lanes, tilted, quad, poly, blades, h, 
         read(w, W_GT, lanes),
         read(w, W_GQ, lanes),
     )
-    u, led, asked, heat = (
+    u, led, demanded, heat = (
         read(w, W_U, lanes),
         read(w, W_LED, lanes),
         read(w, W_COMMAND, lanes),
         read(w, W_HEAT, lanes),
     )
-    target = asked
+    target = demanded
     if not lag[0]:
         led = target
     flow = read(w, W_FLOW, lanes), lower(read(w, W_OUTER, lanes))
@@ -300,7 +300,7 @@ def run(state, command, p, places, slots, lanes, tilted, quad, poly, blades, h, 
     while done < steps:
         more = min(SUPPLY_EVERY, steps - done)
         if bends:
-            target = retarget(asked, heat, state[VOLTAGE], p)
+            target = retarget(demanded, heat, state[VOLTAGE], p)
             if not lag[0]:
                 led = target
         heat = supply(state, u, torque, heat, p, h * more)

@@ -125,8 +125,8 @@ class Sensors:
 
     def memory(self) -> NDArray[np.float64]:
         """(42,) biases of accelerometer and gyro, what of the wandering is kept and fresh, its two stages."""
-        kept = (self._keep, self._fresh, self._push, self._wander)
-        return np.concatenate([self._accel_bias, self._gyro_bias, *kept])
+        states = (self._keep, self._fresh, self._push, self._wander)
+        return np.concatenate([self._accel_bias, self._gyro_bias, *states])
 
     @property
     def turns(self) -> NDArray[np.float64]:

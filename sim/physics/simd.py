@@ -168,7 +168,7 @@ def total(typingctx, x):  # type: ignore[no-untyped-def]
     return types.float64(x), build
 
 
-def _place(context: Any, builder: Any, kind: Any, array: Any, row: Any, n: int) -> Any:
+def _address(context: Any, builder: Any, kind: Any, array: Any, row: Any, n: int) -> Any:
     view = context.make_array(kind)(context, builder, array)
     at = builder.gep(view.data, [builder.mul(row, ir.Constant(row.type, n))])
     return builder.bitcast(at, ir.VectorType(DOUBLE, n).as_pointer())
@@ -180,7 +180,7 @@ def read(typingctx, array, row, lanes):  # type: ignore[no-untyped-def]
     kind = Lanes(2 * len(lanes))
 
     def build(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        loaded = builder.load(_place(context, builder, sig.args[0], args[0], args[1], kind.n))
+        loaded = builder.load(_address(context, builder, sig.args[0], args[0], args[1], kind.n))
         loaded.align = 8
         return loaded
 
@@ -192,8 +192,8 @@ def write(typingctx, array, row, value):  # type: ignore[no-untyped-def]
     """Store lanes as row `row` of a flat array."""
 
     def build(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        place = _place(context, builder, sig.args[0], args[0], args[1], sig.args[2].n)
-        builder.store(args[2], place).align = 8
+        address = _address(context, builder, sig.args[0], args[0], args[1], sig.args[2].n)
+        builder.store(args[2], address).align = 8
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), build

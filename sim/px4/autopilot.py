@@ -91,7 +91,7 @@ class Autopilot(Navigator):
         self.armed, self.landed = False, True
         self.boots, self.booted_s = self.boots + 1, self.plant.time_s
         self.links = Links(self)
-        self.bench = MotorTest(self.rotors)
+        self.motor_test = MotorTest(self.rotors)
         self.actuators = [math.nan] * 6  # of MAV_CMD_DO_SET_ACTUATOR, -1..1
         self.system = min(max(int(self.store[self.id_parameter]), 1), 250)  # MAVLink's system id
         self.demand: Demand = IDLE
@@ -230,8 +230,8 @@ class Autopilot(Navigator):
             last = self.rotors  # a zero after the motors, for an output without one
             functions = [int(self.store[f"PWM_MAIN_FUNC{n}"]) - 101 for n in range(1, self.rotors + 1)]
             legacy = self.mixer.legacy
-            places = [(n, f + 101 - ACTUATOR_SET) for n, f in enumerate(functions)]
-            self._free = [] if legacy else [(n, k) for n, k in places if 0 <= k < 6]
+            numbered = [(n, f + 101 - ACTUATOR_SET) for n, f in enumerate(functions)]
+            self._free = [] if legacy else [(n, k) for n, k in numbered if 0 <= k < 6]
             self._wires = [n if legacy else f if 0 <= f < last else last for n, f in enumerate(functions)]
         return self._wires
 
@@ -256,15 +256,15 @@ class Autopilot(Navigator):
         else:
             motors = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
             command = np.append(motors, 0.0)[self._wiring()]
-            for n, place in self._free:
-                value = self.actuators[place]
+            for n, slot in self._free:
+                value = self.actuators[slot]
                 command[n] = 0.5 * (value + 1.0) if math.isfinite(value) else 0.0
         # a PWM output has a thousand steps
         return np.asarray(np.round(np.nan_to_num(command), 3), np.float64)
 
     def _tested(self) -> NDArray[np.float64]:
         """(N,) what a motor test turns."""
-        motors = np.append(self.bench.commands(self.plant.time_s), 0.0)
+        motors = np.append(self.motor_test.commands(self.plant.time_s), 0.0)
         return np.asarray(motors[self._wiring()], np.float64)
 
     def _decide(self, reading: Reading) -> Demand:

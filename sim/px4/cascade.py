@@ -71,12 +71,12 @@ def read_gains(store: Settings) -> list[float]:
     for k, (axis, rate, short) in enumerate(
         (("ROLL", "ROLLRATE", "RR"), ("PITCH", "PITCHRATE", "PR"), ("YAW", "YAWRATE", "YR"))
     ):
-        whole = get(f"MC_{rate}_K")
+        factor = get(f"MC_{rate}_K")
         g[loops.ATTITUDE + k] = get(f"MC_{axis}_P")
         g[loops.RATE_MAX + k] = math.radians(get(f"MC_{rate}_MAX"))
-        g[loops.RATE_P + k] = get(f"MC_{rate}_P") * whole
-        g[loops.RATE_I + k] = get(f"MC_{rate}_I") * whole
-        g[loops.RATE_D + k] = get(f"MC_{rate}_D") * whole
+        g[loops.RATE_P + k] = get(f"MC_{rate}_P") * factor
+        g[loops.RATE_I + k] = get(f"MC_{rate}_I") * factor
+        g[loops.RATE_D + k] = get(f"MC_{rate}_D") * factor
         g[loops.RATE_FF + k], g[loops.RATE_LIMIT + k] = get(f"MC_{rate}_FF"), get(f"MC_{short}_INT_LIM")
     g[loops.FASTEST], g[loops.TILT] = get("MPC_XY_VEL_MAX"), math.radians(get("MPC_TILTMAX_AIR"))
     g[loops.CLIMB], g[loops.SINK] = get("MPC_Z_VEL_MAX_UP"), get("MPC_Z_VEL_MAX_DN")

@@ -28,5 +28,5 @@ def step_towards(goal: Goal, target: Three, cruise: float, climb: float, yaw: fl
     vertical = math.copysign(min(climb, _approach(abs(rise), 1.5)), rise)
     speeds = [*wanted, vertical]
     out = [v[k] + min(max(speeds[k] - v[k], -3.0 * dt), 3.0 * dt) for k in range(3)]
-    place = [p[k] + out[k] * dt for k in range(3)]
-    return Goal((place[0], place[1], place[2]), (out[0], out[1], out[2]), (0.0, 0.0, 0.0), yaw)
+    position = [p[k] + out[k] * dt for k in range(3)]
+    return Goal((position[0], position[1], position[2]), (out[0], out[1], out[2]), (0.0, 0.0, 0.0), yaw)

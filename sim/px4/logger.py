@@ -18,7 +18,7 @@ import numpy as np
 
 from firmware_params.px4.parameters import INT32
 from sim.line.logger import Logger
-from sim.physics.escs import Escs, told
+from sim.physics.escs import Escs, reported_escs
 from sim.px4.autopilot import Mode
 
 FOLDER = "log/sess{:03d}"
@@ -105,7 +105,7 @@ def _battery(a: Any, now: int) -> tuple[Any, ...]:
 
 
 def _escs(a: Any, now: int) -> tuple[Any, ...]:
-    escs = told(a) or Escs([], [], [])
+    escs = reported_escs(a) or Escs([], [], [])
     rows: list[Any] = []
     count = min(len(escs.rpm), 8)
     for k in range(8):
@@ -256,9 +256,9 @@ class UlogLogger(Logger):
     def parameters(self, names: list[str]) -> bytes:
         store, out = self.autopilot.store, b""
         for name in names:
-            whole = store.type(name) == INT32
-            value = struct.pack("<i", int(store[name])) if whole else struct.pack("<f", store[name])
-            out += keyed("P", f"{'int32_t' if whole else 'float'} {name}", value)
+            integer = store.type(name) == INT32
+            value = struct.pack("<i", int(store[name])) if integer else struct.pack("<f", store[name])
+            out += keyed("P", f"{'int32_t' if integer else 'float'} {name}", value)
         return out
 
     def record(self, now_us: int) -> None:

@@ -37,12 +37,12 @@ def forget(m):
     m[M_MOVED] = m[M_TURNED] = 0.0
 
 
-def accelerate(place, speed, feed, position, velocity, g, m, dt):
+def accelerate(target, speed, feed, position, velocity, g, m, dt):
     """m[M_OUT:] is the acceleration (m/s^2) for a goal's place, speed and acceleration, NaN for none."""
     for k in range(3):
         wanted = 0.0
-        if not math.isnan(place[k]):
-            wanted += g[POSITION + k] * (place[k] - position[k])
+        if not math.isnan(target[k]):
+            wanted += g[POSITION + k] * (target[k] - position[k])
         if not math.isnan(speed[k]):
             wanted += speed[k]
         m[M_WANTED + k] = wanted
@@ -98,8 +98,8 @@ def learn_hover(attitude, g, m, dt):
     lift = G - m[M_ACCEL + 2]
     if upright < 0.9 or lift < 5.0 or m[M_THRUST] < 0.1:
         return
-    seen = m[M_THRUST] * upright * G / lift
-    hover = m[M_HOVER] + (seen - m[M_HOVER]) * dt / 2.0
+    observed = m[M_THRUST] * upright * G / lift
+    hover = m[M_HOVER] + (observed - m[M_HOVER]) * dt / 2.0
     low, high = max(g[HOVER] - g[HOVER_RANGE], 0.1), min(g[HOVER] + g[HOVER_RANGE], 0.9)
     m[M_HOVER] = min(max(hover, low), high)
 
@@ -153,9 +153,9 @@ def low_passed(rates, g, m, dt):
                 m[M_GYRO + 4 * k + j] = rates[k]
         return rates
     w = math.tan(math.pi * cutoff * dt)
-    whole = 1.0 + math.sqrt(2.0) * w + w * w
-    gain, first = w * w / whole, 2.0 * (w * w - 1.0) / whole
-    second = (1.0 - math.sqrt(2.0) * w + w * w) / whole
+    denominator = 1.0 + math.sqrt(2.0) * w + w * w
+    gain, first = w * w / denominator, 2.0 * (w * w - 1.0) / denominator
+    second = (1.0 - math.sqrt(2.0) * w + w * w) / denominator
     for k in range(3):
         at = M_GYRO + 4 * k
         r, x1, y1 = rates[k], m[at], m[at + 2]

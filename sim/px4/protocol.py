@@ -82,7 +82,7 @@ class Conversation:
         for one in message if isinstance(message, list) else [message]:
             self.peer.send(one)
 
-    def stream(self, asked: int = 0) -> bool:
+    def stream(self, requested: int = 0) -> bool:
         """Send what has come due at this reading; whether message `asked` was among it."""
         now, sent = stamp_us(self.autopilot), False
         for message_id, interval in self.interval_us.items():
@@ -92,7 +92,7 @@ class Conversation:
             self._due_us[message_id] = max(due + interval, now + 0.5 * interval)
             if message_id != 140:
                 self.send(self.builders[message_id](self.autopilot))
-                sent |= message_id == asked
+                sent |= message_id == requested
         return sent
 
     def demand_due(self) -> bool:
@@ -270,7 +270,9 @@ class Conversation:
             return self._actuator_test(p), None
         elif command == 209 and a.version < (1, 14, 0):
             done = (
-                not a.armed and p[1] == 0 and a.bench.turn(int(p[0]) - 1, p[2] / 100.0, p[3], a.plant.time_s)
+                not a.armed
+                and p[1] == 0
+                and a.motor_test.turn(int(p[0]) - 1, p[2] / 100.0, p[3], a.plant.time_s)
             )
             return (ACCEPTED if done else DENIED), None
         elif command == 187:
@@ -289,7 +291,7 @@ class Conversation:
         if a.armed or a.store["COM_MOT_TEST_EN"] != 1:
             return DENIED
         value = p[0] if math.isfinite(p[0]) else 0.0
-        return ACCEPTED if a.bench.turn(round(p[4]) - 1, value, p[1], a.plant.time_s) else DENIED
+        return ACCEPTED if a.motor_test.turn(round(p[4]) - 1, value, p[1], a.plant.time_s) else DENIED
 
     def _set_actuators(self, p: list[float]) -> int:
         """Free actuators 1..6 (outputs 301..306), since 1.14; the one before moves an auxiliary group."""

@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as m
 
 from firmware_params.px4.messages import MAVLink_esc_status_message
-from sim.physics.escs import told
+from sim.physics.escs import reported_escs
 from sim.px4.autopilot import Autopilot, Mode
 from sim.px4.cascade import euler
 
@@ -227,7 +227,7 @@ def mission_current(a: Autopilot) -> Any:
 
 def esc_status(a: Autopilot) -> list[Any]:
     """291, four ESCs a message."""
-    escs = told(a)
+    escs = reported_escs(a)
     if escs is None:
         return []
     more = -len(escs.rpm) % 4

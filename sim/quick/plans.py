@@ -52,14 +52,14 @@ def wander(t: Array, seed: int) -> Array:
     goals = hover(t, seed)
     for k, (size, w, way) in enumerate(zip(sizes, paces, ways, strict=True)):
         wave, run, back = np.sin(w * since), w * np.cos(w * since), -w * w * np.sin(w * since)
-        place = way * size * ease * wave
+        offset = way * size * ease * wave
         speed = way * size * (slope * wave + ease * run)
         feed = way * size * (bend * wave + 2 * slope * run + ease * back)
         if k < 3:
-            goals[:, k] += place
+            goals[:, k] += offset
             goals[:, 3 + k], goals[:, 6 + k] = speed, feed
         else:
-            goals[:, 9] = place
+            goals[:, 9] = offset
     return goals
 
 

@@ -61,11 +61,11 @@ def band_target(law: str, band: float, throttle: Array, turning: NDArray[np.bool
         return throttle
     if law == "soft":  # a rounded corner instead of a sharp one
 
-        def bent(x: Array | float) -> Array:
+        def curved(x: Array | float) -> Array:
             return np.asarray(0.5 * (x + np.sqrt(np.square(x) + (0.6 * band) ** 2)))
 
-        low, high = bent(-band), bent(1.0 - band)
-        return (bent(throttle - band) - low) / (high - low)
+        low, high = curved(-band), curved(1.0 - band)
+        return (curved(throttle - band) - low) / (high - low)
     if law == "breakaway":  # friction at rest: it starts late and then keeps turning
         start = np.where(turning, 0.7 * band, 1.3 * band)
         return np.where(throttle > start, (throttle - 0.7 * band) / (1.0 - 0.7 * band), 0.0)
@@ -143,8 +143,8 @@ def strange(law: str, size: float, u: Array, v: Array, thrust: Array, t: Array) 
     """Something of no physics."""
     window = np.sign(np.sin(t / 17.0))
     if law == "bumps":
-        places = ((0.35, 0.55, 1.0), (0.7, 0.3, -1.0), (0.6, 0.8, 1.0))
-        hills = sum(s * np.exp(-((u - a) ** 2 + (v - b) ** 2) / 0.02) for a, b, s in places)
+        bumps = ((0.35, 0.55, 1.0), (0.7, 0.3, -1.0), (0.6, 0.8, 1.0))
+        hills = sum(s * np.exp(-((u - a) ** 2 + (v - b) ** 2) / 0.02) for a, b, s in bumps)
         return size * np.asarray(hills) * np.where(window > 0, 1.4, 0.6)
     return size * np.sin(0.7 * thrust) * window
 

@@ -54,11 +54,11 @@ def read_schedule(path: Path) -> Schedule:
     if len(pieces) > MOST_PIECES:
         raise WorldError(path, "pieces", f"at most {MOST_PIECES} are expected, found {len(pieces)}")
     rows = [_piece(path, number, table, rate) for number, table in enumerate(pieces, 1)]
-    whole = np.concatenate(rows)
-    if len(whole) / rate > LONGEST_S:
+    rows_ = np.concatenate(rows)
+    if len(rows_) / rate > LONGEST_S:
         raise WorldError(path, "pieces", f"no more than {LONGEST_S:g} s are run")
-    time = np.arange(1, len(whole) + 1) / rate
-    return Schedule(time, *whole.T)
+    time = np.arange(1, len(rows_) + 1) / rate
+    return Schedule(time, *rows_.T)
 
 
 def _piece(path: Path, number: int, table: Any, rate: float) -> NDArray[np.float64]:

@@ -26,11 +26,11 @@ def main(folder: Path, cells: int, dies: int) -> None:
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1",
         local_directory=str(folder),
     ) as cluster, data.Dataset(folder / "dask", COLUMNS, cells, {"digest": "x"}) as rows:  # fmt: skip
-        seen: list[int] = []
+        received: list[int] = []
         for done in run(work, payload, rows.missing(), Machine(scheduler=cluster.scheduler_address)):
-            seen += done.cells
+            received += done.cells
             rows.add(done.rows)
-    sys.stdout.write(json.dumps(seen))
+    sys.stdout.write(json.dumps(received))
 
 
 if __name__ == "__main__":

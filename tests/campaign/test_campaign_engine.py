@@ -69,9 +69,9 @@ def test_a_stopped_campaign_is_readable_and_knows_what_is_missing(tmp_path) -> N
 def test_loose_rows_that_a_kill_left_beside_their_sorted_file_are_not_counted_twice(tmp_path) -> None:
     _here(tmp_path, upto=90)
     loose = next((tmp_path / "rows").glob("loose-*"))
-    kept = loose.read_bytes()
+    content = loose.read_bytes()
     _here(tmp_path)
-    loose.write_bytes(kept)  # as if killed between the two
+    loose.write_bytes(content)  # as if killed between the two
     assert columns_of(tmp_path)["cell"].tolist() == list(range(CELLS))
     with Dataset(tmp_path, COLUMNS, CELLS, {"digest": "x"}) as rows:
         assert rows.complete and not list(rows.missing()) and not loose.exists()
@@ -97,11 +97,11 @@ def test_a_killed_worker_of_this_machine_costs_no_row(tmp_path) -> None:
     _here(tmp_path / "plain")
     payload = {"flag": str(tmp_path / "flag"), "dies": 60}
     with Dataset(tmp_path / "killed", COLUMNS, CELLS, {"digest": "x"}) as rows:
-        seen = []
+        done_cells = []
         for done in run(work, payload, rows.missing(), Machine(2)):
-            seen += done.cells
+            done_cells += done.cells
             rows.add(done.rows)
-    assert (tmp_path / "flag").exists() and sorted(seen) == list(range(CELLS))
+    assert (tmp_path / "flag").exists() and sorted(done_cells) == list(range(CELLS))
     assert _hashes(tmp_path / "plain") == _hashes(tmp_path / "killed")
 
 
@@ -121,8 +121,8 @@ def test_a_pool_that_breaks_while_tasks_are_given_out_costs_no_row(monkeypatch) 
 
     counted = itertools.count()
     monkeypatch.setattr(engine, "_executor", executor)
-    seen = [cell for done in run(work, {}, iter(range(CELLS)), Machine(2)) for cell in done.cells]
-    assert sorted(seen) == list(range(CELLS))
+    done_cells = [cell for done in run(work, {}, iter(range(CELLS)), Machine(2)) for cell in done.cells]
+    assert sorted(done_cells) == list(range(CELLS))
 
 
 @pytest.mark.parametrize("system", ["Linux", "macOS"])
@@ -203,12 +203,12 @@ def test_a_scheduler_that_goes_away_is_one_line_and_the_rows_so_far_are_kept(mon
         with Left(1) as pool:
             yield pool, 1
 
-    counted, seen = itertools.count(), []
+    counted, done_cells = itertools.count(), []
     monkeypatch.setattr(engine, "_executor", executor)
     with pytest.raises(LinkError, match="tcp://x:1: the scheduler is gone"):
         for done in run(work, {}, iter(range(CELLS)), Machine(scheduler="tcp://x:1")):
-            seen += done.cells
-    assert 0 < len(seen) == len(set(seen)) < CELLS
+            done_cells += done.cells
+    assert 0 < len(done_cells) == len(set(done_cells)) < CELLS
 
 
 def test_tasks_grow_to_a_second_of_work_and_keep_groups_whole() -> None:

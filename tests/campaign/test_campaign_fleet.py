@@ -20,8 +20,10 @@ START = datetime.datetime(2026, 1, 5)
 
 def _row(number: int, vehicle: str, week: int, *found: tuple[str, str, float]) -> tuple[object, ...]:
     date = (START + datetime.timedelta(weeks=week)).isoformat()
-    told = [{"name": n, "part": p, "value": v, "ci": [v - 0.01, v + 0.01], "unit": "1"} for n, p, v in found]
-    return number, f"{vehicle}/{date}.ulg", vehicle, date, "", json.dumps(told)
+    findings = [
+        {"name": n, "part": p, "value": v, "ci": [v - 0.01, v + 0.01], "unit": "1"} for n, p, v in found
+    ]
+    return number, f"{vehicle}/{date}.ulg", vehicle, date, "", json.dumps(findings)
 
 
 def test_a_rotor_that_weakens_is_found_and_one_false_alarm_is_not() -> None:
@@ -78,9 +80,9 @@ def test_growth_holds_the_slope_as_often_as_it_says() -> None:
 
 def test_whose_log_and_of_when(tmp_path) -> None:
     for name in ("a/2026-03-04_10_20.ulg", "a/log_7_20260102.bin", "b-1 2026-5-6.csv", "notes.txt"):
-        place = tmp_path / name
-        place.parent.mkdir(exist_ok=True)
-        place.write_text("")
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("")
     for folder in (str(tmp_path), f"file://{tmp_path}"):
         found = [(log.vehicle, log.date.isoformat(), log.name) for log in find_logs(folder)]
         assert found == [

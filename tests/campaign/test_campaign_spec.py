@@ -93,6 +93,6 @@ def test_a_grid_has_every_combination_so_often(tmp_path) -> None:
     text = "draw = 'grid'\nrepeats = 2\nlaws = ['fitted']\nmass_share = { low = 1, high = 2, steps = 3 }\n"
     spec = _spec(tmp_path, text + "plan = ['hover', 'circle']\n")
     cells = [cell(spec, n) for n in range(spec.cells)]
-    seen = Counter((c.values["mass_share"], c.values["plan"]) for c in cells)
-    assert seen == {(m, p): 2 for m in (1.0, 1.5, 2.0) for p in ("hover", "circle")}
+    counted = Counter((c.values["mass_share"], c.values["plan"]) for c in cells)
+    assert counted == {(m, p): 2 for m in (1.0, 1.5, 2.0) for p in ("hover", "circle")}
     assert len({c.seed for c in cells}) == 12

@@ -34,14 +34,14 @@ def _rows(folder) -> list[str]:
     return [hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted((folder / "rows").iterdir())]
 
 
-def test_a_campaign_is_flown_told_taken_up_and_replayed(spec, tmp_path) -> None:
+def test_a_campaign_is_flown_summed_up_resumed_and_replayed(spec, tmp_path) -> None:
     done = coaxlink("campaign", spec, "--json", "s.json", "--workers", "1")
     assert done.code == 0, done.err
     assert "24 of 24 flights (100 %)" in done.err and "reduced against standard" in done.out
     folder = tmp_path / "campaign-small"
     assert (folder / "report.html").read_text().startswith("<!doctype html>")
-    told = json.loads((tmp_path / "s.json").read_text())
-    assert told["laws"]["reduced"]["flown"] == 12 and told["manifest"]["finished"] is True
+    summary = json.loads((tmp_path / "s.json").read_text())
+    assert summary["laws"]["reduced"]["flown"] == 12 and summary["manifest"]["finished"] is True
     again = coaxlink("campaign", spec)
     assert again.code == 0 and "24 of 24 are there already" in again.err
 
@@ -52,9 +52,9 @@ def test_a_campaign_is_flown_told_taken_up_and_replayed(spec, tmp_path) -> None:
     alone = coaxlink("campaign", spec, "--replay", "5", "--json", "row.json")
     assert alone.code == 0, alone.err
     row = json.loads((tmp_path / "row.json").read_text())
-    kept = {name: column[5] for name, column in table.items()}
-    assert row.keys() == kept.keys()
-    for name, value in kept.items():  # freshly compiled or from the cache: the last bit may differ
+    stored = {name: column[5] for name, column in table.items()}
+    assert row.keys() == stored.keys()
+    for name, value in stored.items():  # freshly compiled or from the cache: the last bit may differ
         same = pytest.approx(value, rel=1e-12, nan_ok=True) if isinstance(value, float) else value
         assert row[name] == same, name
     assert (folder / "cell-000000005" / "truth.toml").read_text().startswith('[[effects]]\nname = "wind"')

@@ -50,7 +50,7 @@ def test_height_share_and_what_no_gain_takes_off_are_those_of_the_flights():
     assert "3.54 N of error are left with the standard table and 0.20 N" in left and "0.15 N" in left
 
 
-def told(refinement):
+def sentence(refinement):
     off = flight(1900.0)
     off = replace(off, allocation=replace(off.allocation, thrust_error_N=18.0))
     return " ".join(
@@ -60,14 +60,14 @@ def told(refinement):
 
 def test_the_story_names_what_was_found_and_what_it_takes_off():
     found = FoundEffect("battery_voltage", ("force_z",), (), {"force_z": (8.0, 0.25)}, {}, "")
-    said = told(Refinement("flight", CHANNELS, (found,), (), (), (), (), None))
+    said = sentence(Refinement("flight", CHANNELS, (found,), (), (), (), (), None))
     assert "18.00 N of thrust" in said and "(40.00 N" in said
     assert "coaxlink found battery_voltage" in said
     assert "downward force from 8 to 0.25 N (noise alone: 0.2)" in said and "forward force" not in said
 
 
 def test_a_story_without_an_effect_claims_none():
-    said = told(Refinement("flight", CHANNELS, (), (), (), (), (), None))
+    said = sentence(Refinement("flight", CHANNELS, (), (), (), (), (), None))
     assert "found" not in said and "falls" not in said and "nothing to explain" in said
 
 

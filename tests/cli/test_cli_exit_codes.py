@@ -124,17 +124,17 @@ def test_arming_under_way_ends_all_writing_and_either_verb_finishes_later(board,
     code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
     assert code == 4
     no(err, "armed while it was written: nothing more was written")
-    told = json.loads(Path("u.json").read_text())
-    assert told["result"] == "failed" and board.sets and len(board.sets) <= 20
+    answer = json.loads(Path("u.json").read_text())
+    assert answer["result"] == "failed" and board.sets and len(board.sets) <= 20
     changed = {n for n, v in held(board).items() if v != before[n]}
-    assert set(told["standing"]["new"]) == changed == set(board.sets)
-    assert set(told["standing"]["old"]) == {c["name"] for c in told["changed"]} - changed != set()
+    assert set(answer["standing"]["new"]) == changed == set(board.sets)
+    assert set(answer["standing"]["old"]) == {c["name"] for c in answer["changed"]} - changed != set()
     assert list(Path("state").glob("*.journal.json"))
-    code, _, err = run(capsys, verb, "t" if verb == "upload" else told["backup"], "--connect", board.url)
+    code, _, err = run(capsys, verb, "t" if verb == "upload" else answer["backup"], "--connect", board.url)
     assert code == 4 and "disarm it first" in err
     assert len(board.sets) == len(changed)  # armed: not one more
     board.armed = False
-    source = "t" if verb == "upload" else told["backup"]
+    source = "t" if verb == "upload" else answer["backup"]
     assert run(capsys, verb, source, "--connect", board.url, "--yes")[0] == 0
     assert not list(Path("state").glob("*.journal.json"))
     if verb == "restore":

@@ -26,10 +26,10 @@ def test_the_ailing_rotor_of_a_fleet_is_named(tmp_path):
     (tmp_path / "good" / "2026-03-01.csv").write_text("not a log")
     options = ["--airframe", airframe, "--workers", "1"]
     answer, page = tmp_path / "f.json", tmp_path / "f.html"
-    told = coaxlink("refine", tmp_path, *options, "--json", answer, "--report", page)
-    assert told.code == 0, told.err
-    assert "weak: degraded_rotor, rotor 5: in 3 of 3 logs since 2026-01-01" in told.out
-    assert "says nothing: good/2026-03-01.csv" in told.err and "Traceback" not in told.err
+    done = coaxlink("refine", tmp_path, *options, "--json", answer, "--report", page)
+    assert done.code == 0, done.err
+    assert "weak: degraded_rotor, rotor 5: in 3 of 3 logs since 2026-01-01" in done.out
+    assert "says nothing: good/2026-03-01.csv" in done.err and "Traceback" not in done.err
     believed = [f for f in json.loads(answer.read_text())["findings"] if f["believed"]]
     assert [(f["vehicle"], f["part"]) for f in believed] == [("weak", "rotor 5")]
     assert all(abs(value - 0.1) < 0.01 for value in believed[0]["values"])

@@ -49,11 +49,11 @@ def off(rotor: Path, u: Array = U, v: Array = V, alone: bool = False, throttle: 
 
 
 def pick(
-    names: dict[str, str], seen: dict[str, Array] = SEEN, **scale: float
+    names: dict[str, str], given: dict[str, Array] = SEEN, **scale: float
 ) -> dict[str, Array | list[str]]:
     """Columns by heading; `scale` by quantity or whole name (upper_torque=-1)."""
     return {
-        heading: seen[name] * scale.get(name.split("_")[1], 1.0) * scale.get(name, 1.0)
+        heading: given[name] * scale.get(name.split("_")[1], 1.0) * scale.get(name, 1.0)
         for heading, name in names.items()
     }
 

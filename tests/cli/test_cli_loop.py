@@ -42,8 +42,8 @@ def test_a_weak_rotor_is_found_and_flown_around(tmp_path, capsys):
     assert "compensated: degraded_rotor: rotor 3" in screen.out
     out = tmp_path / "loop"
     assert loop["log_after"] == str(out / "after.tlog")
-    kept = {p.name for p in out.iterdir()}
-    assert kept == {
+    names = {p.name for p in out.iterdir()}
+    assert names == {
         "after.tlog", "before.tlog", "backups", "report.html", "rotor.toml", "rotor_refined.toml", "tables",
     }  # fmt: skip
     page = (out / "report.html").read_text()

@@ -60,12 +60,12 @@ def test_a_bug_is_said_to_be_one_and_kept_whole_in_a_file(capsys, tmp_path, monk
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert run(shell(ZeroDivisionError("a\x1b[2J\nb")), ["fail"]) == 70
     error = capsys.readouterr().err
-    (kept,) = tmp_path.iterdir()
+    (details,) = tmp_path.iterdir()
     assert error == (
         "coaxlink: this is a fault of coaxlink, please report it: "
-        f"ZeroDivisionError: a\\x1b[2J; details in {kept}\n"
+        f"ZeroDivisionError: a\\x1b[2J; details in {details}\n"
     )
-    assert "raise error" in kept.read_text()
+    assert "raise error" in details.read_text()
 
 
 def test_the_help_comes_unasked_and_by_its_short_name(capsys):
@@ -94,8 +94,8 @@ def test_completion_knows_verbs_and_options(tmp_path):
     command = [sys.executable, "-m", "coaxlink"]
     env = {**os.environ, "HOME": str(tmp_path), "_COAXLINK_COMPLETE": "complete_bash"}
     for words, at, found in (("coaxlink up", 1, "upload"), ("coaxlink upload --conn", 2, "--connect")):
-        asked = env | {"COMP_WORDS": words, "COMP_CWORD": str(at)}
-        assert subprocess.run(command, env=asked, capture_output=True, text=True).stdout.split() == [found]
+        complete = env | {"COMP_WORDS": words, "COMP_CWORD": str(at)}
+        assert subprocess.run(command, env=complete, capture_output=True, text=True).stdout.split() == [found]
     del env["_COAXLINK_COMPLETE"]
     # a shell of our own: the one that began the tests may have ended
     in_bash = ["bash", "-c", '"$@" --install-completion; exit $?', "-", *command]

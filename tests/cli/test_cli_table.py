@@ -43,8 +43,8 @@ def test_writes_a_file_that_qgc_reads_and_says_the_mix(tmp_path, capsys):
     assert code == 0 and "lower/upper u^2 = 1.4877" in out and "ceiling 405.9 N" in out
     path = tmp_path / "t" / "paper-x8.params"
     assert str(path) in err and sorted(p.name for p in (tmp_path / "t").iterdir()) == [path.name, "vehicle"]
-    kept = tmp_path / "t" / "vehicle" / "airframe.toml"  # for `upload`
-    assert kept.read_bytes() == (EXAMPLES / "x8_paper.toml").read_bytes()
+    copy = tmp_path / "t" / "vehicle" / "airframe.toml"  # for `upload`
+    assert copy.read_bytes() == (EXAMPLES / "x8_paper.toml").read_bytes()
     read = px4.read_params_file(path)
     assert read.params["CA_ROTOR_COUNT"] == 8 and read.params["THR_MDL_FAC"] == 1.0
     assert read.params["MPC_THR_HOVER"] == pytest.approx(0.404)

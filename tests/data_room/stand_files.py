@@ -131,11 +131,11 @@ def sheet(path: Path, sheets: dict[str, list[list[object]]]) -> Path:
             for r, row in enumerate(sheets[name], 1):
                 cells = ""
                 for c, value in enumerate(row):
-                    place = f"{chr(65 + c)}{r}"
+                    cell = f"{chr(65 + c)}{r}"
                     if isinstance(value, str):
-                        cells += f'<c r="{place}" t="inlineStr"><is><t>{value}</t></is></c>'
+                        cells += f'<c r="{cell}" t="inlineStr"><is><t>{value}</t></is></c>'
                     elif value is not None:
-                        cells += f'<c r="{place}"><v>{value}</v></c>'
+                        cells += f'<c r="{cell}"><v>{value}</v></c>'
                 rows += f'<row r="{r}">{cells}</row>'
             book.writestr(
                 f"xl/worksheets/sheet{i}.xml",

@@ -19,16 +19,16 @@ needs_shared = pytest.mark.skipif(
 def damaged(data: bytes, dice: random.Random) -> bytes:
     """Cut short, with bytes flipped, a piece taken out, or noise put in."""
     out = bytearray(data)
-    place, kind = dice.randrange(len(out)), dice.randrange(4)
+    offset, kind = dice.randrange(len(out)), dice.randrange(4)
     if kind == 0:
-        del out[place:]
+        del out[offset:]
     elif kind == 1:
         for _ in range(20):
             out[dice.randrange(len(out))] = dice.randrange(256)
     elif kind == 2:
-        del out[place : place + dice.randrange(1, 2000)]
+        del out[offset : offset + dice.randrange(1, 2000)]
     else:
-        out[place:place] = dice.randbytes(dice.randrange(1, 60))
+        out[offset:offset] = dice.randbytes(dice.randrange(1, 60))
     return bytes(out)
 
 

@@ -137,11 +137,11 @@ def test_vibration_above_the_motor_rate_does_not_alias(tmp_path: Path) -> None:
 
 
 def test_a_pause_in_the_log_is_left_out(tmp_path: Path) -> None:
-    whole = recorded(tmp_path / "gap.tlog").data
+    complete = recorded(tmp_path / "gap.tlog").data
     records, at = [], 0
-    while at < len(whole):
-        size = 8 + 12 + whole[at + 9]
-        records.append(bytes(whole[at : at + size]))
+    while at < len(complete):
+        size = 8 + 12 + complete[at + 9]
+        records.append(bytes(complete[at : at + size]))
         at += size
     cut = [r for i, r in enumerate(records) if not len(records) * 0.4 < i < len(records) * 0.6]
     path = tmp_path / "cut.tlog"

@@ -37,16 +37,16 @@ def check(path: Path) -> None:
 @pytest.mark.parametrize("mark", [",", ";", "\t", "|", " "])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_delimiters_and_line_ends(tmp_path: Path, mark: str, end: str) -> None:
-    whole = text(mark, end).replace("thrust (N)", "thrust_N")
-    table = read_table(write(tmp_path, whole.encode()))
+    content = text(mark, end).replace("thrust (N)", "thrust_N")
+    table = read_table(write(tmp_path, content.encode()))
     assert table.headings == ("rpm", "thrust_N")
     assert table.numbers(1).tolist() == [r[1] for r in ROWS] and table.lines.tolist() == [2, 3, 4]
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"])
 def test_encodings(tmp_path: Path, encoding: str) -> None:
-    whole = text().replace("rpm", "Drehzahl (1/min) \u00b5")
-    table = read_table(write(tmp_path, whole.encode(encoding)))
+    content = text().replace("rpm", "Drehzahl (1/min) \u00b5")
+    table = read_table(write(tmp_path, content.encode(encoding)))
     assert table.headings[0] == "Drehzahl (1/min) \u00b5" and table.numbers(1).tolist()[1] == 9.0
 
 
@@ -68,11 +68,11 @@ def test_a_comma_that_may_be_either_is_refused(tmp_path: Path) -> None:
 
 
 def test_preamble_comments_units_blank_lines_and_repeated_headings(tmp_path: Path) -> None:
-    whole = (
+    content = (
         'Test stand 7, 15" propeller\n# operator: nobody\n\nrpm,thrust (N)\n[1/min],[N]\n1000.5,-2.25\n\n,\n'
         "// a pause\n2000,9\nrpm,thrust (N)\n[1/min],[N]\n% again\n3000.25,20.125\n"
     )
-    check(write(tmp_path, whole.encode()))
+    check(write(tmp_path, content.encode()))
     table = read_table(tmp_path / "log.csv")
     assert table.units == ("1/min", "N") and table.lines.tolist() == [6, 10, 14]
     said = " ".join(table.notes)
@@ -84,8 +84,8 @@ def test_headings_in_a_comment(tmp_path: Path) -> None:
 
 
 def test_group_headings_over_the_headings(tmp_path: Path) -> None:
-    whole = "Upper,,Lower,\nrpm,N,rpm,N\n1000,3,1100,2\n"
-    assert read_table(write(tmp_path, whole.encode())).headings == (
+    content = "Upper,,Lower,\nrpm,N,rpm,N\n1000,3,1100,2\n"
+    assert read_table(write(tmp_path, content.encode())).headings == (
         "Upper rpm",
         "Upper N",
         "Lower rpm",
@@ -94,14 +94,14 @@ def test_group_headings_over_the_headings(tmp_path: Path) -> None:
 
 
 def test_a_heading_over_two_lines_in_quotes(tmp_path: Path) -> None:
-    whole = '"rpm","thrust\n(N)"\n' + "".join(f"{a},{b}\n" for a, b in ROWS)
-    check(write(tmp_path, whole.encode()))
+    content = '"rpm","thrust\n(N)"\n' + "".join(f"{a},{b}\n" for a, b in ROWS)
+    check(write(tmp_path, content.encode()))
     assert read_table(tmp_path / "log.csv").lines.tolist() == [3, 4, 5]
 
 
 def test_text_columns_and_gaps_keep_their_place(tmp_path: Path) -> None:
-    whole = "rpm,message,gap,late\n" + "".join(f"{i},ok,,{'' if i < 9000 else 7}\n" for i in range(12000))
-    table = read_table(write(tmp_path, whole.encode()))
+    content = "rpm,message,gap,late\n" + "".join(f"{i},ok,,{'' if i < 9000 else 7}\n" for i in range(12000))
+    table = read_table(write(tmp_path, content.encode()))
     assert table.numbers(0)[-1] == 11999 and table.numbers_or_none(1) is None
     assert table.column_is_empty(2) and not table.column_is_empty(3)
     with pytest.raises(InputError, match=r"line 2, column 'late': a number is expected, found an empty cell"):
@@ -119,10 +119,10 @@ def test_fast_and_slow_ways_agree(tmp_path: Path) -> None:
 
 
 def test_progress_runs_from_begin_to_end(tmp_path: Path) -> None:
-    seen: list[float] = []
+    shares: list[float] = []
     row = b"1234.5,6789.25,12.125,0.5\n"
-    read_table(write(tmp_path, b"a,b,c,d\n" + row * 800_000), seen.append)
-    assert len(seen) >= 3 and seen == sorted(seen) and seen[-1] == 1.0
+    read_table(write(tmp_path, b"a,b,c,d\n" + row * 800_000), shares.append)
+    assert len(shares) >= 3 and shares == sorted(shares) and shares[-1] == 1.0
 
 
 def test_spreadsheets(tmp_path: Path) -> None:
@@ -160,12 +160,12 @@ def test_what_is_no_table_is_one_line(tmp_path: Path, data: bytes, expected: str
 def test_numbers_are_not_read_cell_by_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A gigabyte is only read in time if the rows behind the first ones go through numpy."""
     slow: list[int] = []
-    whole = _Body.take_rows
+    original = _Body.take_rows
 
     def counted(self: _Body, rows: Iterable[Row]) -> None:
-        kept = list(rows)
-        slow.append(len(kept))
-        whole(self, kept)
+        taken = list(rows)
+        slow.append(len(taken))
+        original(self, taken)
 
     monkeypatch.setattr(_Body, "take_rows", counted)
     rows = "".join(f"{i},{i / 7:.5f},,ok\n" for i in range(50_000))

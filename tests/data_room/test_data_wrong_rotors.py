@@ -58,29 +58,29 @@ def draw(folder: Path, seed: int) -> tuple[Path, dict[str, np.ndarray], str]:
     )
     u, v = grid(int(random.integers(5, 9))) if random.random() < 0.75 else equal()
     true = readings(pair, u, v, seed)
-    seen = dict(true)
+    logged = dict(true)
     done = []
     if random.random() < 0.5:  # whole rotors under each other's name
         turned = {"upper": "lower", "lower": "upper"}
-        seen = {turned[k[:5]] + k[5:]: x for k, x in true.items()}
+        logged = {turned[k[:5]] + k[5:]: x for k, x in true.items()}
         done.append("rotors")
     if random.random() < 0.5:
         quantity = str(random.choice(list(UNITS)))
         unit = str(random.choice([u for u in UNITS[quantity] if u not in ("N", "N m", "rpm")]))
         sides = SIDES if random.random() < 0.6 else (str(random.choice(SIDES)),)
         for side in sides:
-            seen[f"{side}_{quantity}"] = seen[f"{side}_{quantity}"] * UNITS[quantity][unit]
+            logged[f"{side}_{quantity}"] = logged[f"{side}_{quantity}"] * UNITS[quantity][unit]
         done.append(f"{quantity} of {' and '.join(sides)} in {unit}")
     for name in [f"{s}_{q}" for s in SIDES for q in ("thrust", "torque")]:
         if random.random() < 0.25:
-            seen[name] = -seen[name]
+            logged[name] = -logged[name]
             done.append(f"-{name}")
     style = str(random.choice(list(SHOWN)))
     columns = {}
     for side, letter, number in (("upper", "A", "1"), ("lower", "B", "2")):
         for quantity, heading in SHOWN[style].items():
             text = heading.format(side=side, Side=side.title(), letter=letter, number=number)
-            columns[text] = seen[f"{side}_{quantity}"]
+            columns[text] = logged[f"{side}_{quantity}"]
     if random.random() < 0.5:
         columns = dict(reversed(columns.items()))
     path = write(folder / f"{seed}.csv", table(columns))
@@ -157,7 +157,7 @@ def real_pair(seed: int) -> tuple[dict[str, np.ndarray], str, str]:
 
 
 def test_letters_on_poor_logs_are_right_or_asked_for(tmp_path: Path) -> None:
-    told = 0
+    decided = 0
     for seed in range(200):
         true, first, second = real_pair(seed)
         columns = {
@@ -169,9 +169,9 @@ def test_letters_on_poor_logs_are_right_or_asked_for(tmp_path: Path) -> None:
             log = read_stand([write(tmp_path / "log.csv", table(columns))], Reading(), lambda text: None)[0]
         except InputError:
             continue
-        told += 1
+        decided += 1
         assert not wrong(log, true), seed
-    assert told > 100
+    assert decided > 100
 
 
 @pytest.mark.parametrize("quantity, unit", [(q, u) for q, units in UNITS.items() for u in units])

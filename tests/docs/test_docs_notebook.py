@@ -37,10 +37,10 @@ def kinds(cell):
 
 @pytest.mark.timeout(1800)
 def test_the_notebook_of_the_whole_way_runs_and_shows_what_it_says(tmp_path):
-    kept = nbformat.read(PAGE, 4)
-    code = [cell for cell in kept.cells if cell.cell_type == "code"]
+    notebook = nbformat.read(PAGE, 4)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(cell.outputs for cell in code[1:])  # whoever reads it on a web page sees the pictures
-    ran = nbformat.v4.new_notebook(metadata=kept.metadata)
+    ran = nbformat.v4.new_notebook(metadata=notebook.metadata)
     ran.cells = [nbformat.v4.new_code_cell(STRICT), *(nbformat.v4.new_code_cell(c.source) for c in code)]
     nbformat.write(ran, tmp_path / "ran.ipynb")
     with tempfile.TemporaryDirectory() as folder:  # a socket's path is at most 107 characters long

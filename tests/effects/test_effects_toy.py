@@ -104,15 +104,15 @@ def stand(loss, seed=3):
     u, v = np.tile(u, 2), np.tile(v, 2)
     volts = rng.permutation(np.linspace(21.0, 25.2, len(u)))
     upper, upper_q, lower, lower_q = loads(u, v)
-    kept = 1.0 - loss * (volts - FROM_V)
+    left = 1.0 - loss * (volts - FROM_V)
     rpm = CRM.speed_max_rpm
     return Samples(
         {
             "time_s": 2.0 * np.arange(len(u)),
             "upper_rpm": rpm * u,
             "lower_rpm": rpm * v,
-            "upper_thrust_N": upper * kept + rng.normal(0, 0.15, len(u)),
-            "lower_thrust_N": lower * kept + rng.normal(0, 0.15, len(u)),
+            "upper_thrust_N": upper * left + rng.normal(0, 0.15, len(u)),
+            "lower_thrust_N": lower * left + rng.normal(0, 0.15, len(u)),
             "upper_torque_Nm": upper_q + rng.normal(0, 0.004, len(u)),
             "lower_torque_Nm": lower_q + rng.normal(0, 0.004, len(u)),
             "voltage_V": volts,

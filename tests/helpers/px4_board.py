@@ -37,8 +37,8 @@ def params_text(ct_upper=46.98, ct_lower=69.89, count=8, **override):
         if not n.startswith("CA_ROTOR") or n == "CA_ROTOR_COUNT" or _index(n) < count
     }
     values |= {"THR_MDL_FAC": 1.0, "MPC_THR_HOVER": 0.4} | override
-    whole = {"CA_AIRFRAME", "CA_METHOD", "CA_ROTOR_COUNT", "SYS_AUTOSTART"}
-    lines = [f"1\t1\t{n}\t{v}\t{6 if n in whole else 9}" for n, v in values.items() if v is not None]
+    fixed = {"CA_AIRFRAME", "CA_METHOD", "CA_ROTOR_COUNT", "SYS_AUTOSTART"}
+    lines = [f"1\t1\t{n}\t{v}\t{6 if n in fixed else 9}" for n, v in values.items() if v is not None]
     return "# a table\n" + "\n".join(lines) + "\n"
 
 

@@ -33,13 +33,13 @@ def slowed(by: float) -> Iterator[None]:
         last_s = start["monotonic"] + (last_s - start["monotonic"]) * by
         return call(self, number, peer, last_s, quiet_s * by, turn_s)
 
-    def told(self: Any) -> Iterator[Any]:
+    def slow_answered(self: Any) -> Iterator[Any]:
         zero = start["monotonic"] * 1e9
         for stamp, came, sent, *rest in answered(self):
             yield (stamp, *(round(zero + (ns - zero) / by) for ns in (came, sent)), *rest)
 
     factor = by
-    Exchange.__call__, Exchange.answered = called, told  # type: ignore[method-assign]
+    Exchange.__call__, Exchange.answered = called, slow_answered  # type: ignore[method-assign]
     for name in SLOWED:
         setattr(time, name, slow(name))
     try:

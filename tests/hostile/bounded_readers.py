@@ -97,14 +97,14 @@ def readers() -> dict[str, Callable[[Path], object]]:
         (own.open_entry if path == own.path else own.last)()
 
     def signing_state(path: Path) -> None:
-        place = path.with_name("state")
+        state_folder = path.with_name("state")
         key = bytes(32)
-        first = Signer(key, place)
+        first = Signer(key, state_folder)
         first.tick()
         first.close()
-        (kept,) = place.glob("*.json")
-        shutil.copy(path, kept)
-        Signer(key, place).close()
+        (file,) = state_folder.glob("*.json")
+        shutil.copy(path, file)
+        Signer(key, state_folder).close()
 
     def signing_key(path: Path) -> None:
         path.chmod(0o600)
@@ -112,7 +112,7 @@ def readers() -> dict[str, Callable[[Path], object]]:
 
     def limits(path: Path) -> None:
         packed_text = lzma.compress(path.read_bytes())
-        board = SimpleNamespace(read=lambda place: packed_text)
+        board = SimpleNamespace(read=lambda path_: packed_text)
         board_limits(board, replace(PX4, capabilities=32, git_hash="0" * 16))
 
     def memory(path: Path) -> None:
@@ -227,10 +227,10 @@ def _one(read: Callable[[Path], object], path: Path) -> tuple[str, str]:
     except BaseException as error:
         import traceback
 
-        place = traceback.extract_tb(error.__traceback__)[-1]
+        last = traceback.extract_tb(error.__traceback__)[-1]
         return (
             "traceback",
-            f"{type(error).__name__}: {str(error)[:150]} ({Path(place.filename).name}:{place.lineno})",
+            f"{type(error).__name__}: {str(error)[:150]} ({Path(last.filename).name}:{last.lineno})",
         )
 
 
@@ -248,8 +248,8 @@ def _serve(folder: Path) -> None:
     contents = {kind: path.read_bytes() for kind, path in kinds.items()}
     others = list(contents.values())
     for kind, path in kinds.items():  # imports, compiled code: none of it is the first file's doing
-        with tempfile.TemporaryDirectory() as place:
-            work = Path(shutil.copytree(path.parent, Path(place) / "w")) / path.name
+        with tempfile.TemporaryDirectory() as scratch:
+            work = Path(shutil.copytree(path.parent, Path(scratch) / "w")) / path.name
             assert _one(table[kind], work)[0] == "ok", (kind, _one(table[kind], work))
     resource.setrlimit(resource.RLIMIT_AS, (int(_megabytes("VmSize") * 2**20) + GB,) * 2)
     signal.signal(signal.SIGPROF, _late)
@@ -257,8 +257,8 @@ def _serve(folder: Path) -> None:
     out.flush()
     for line in sys.stdin:
         kind, _, number = line.rstrip("\n").partition("\t")
-        with tempfile.TemporaryDirectory() as place:
-            work = Path(shutil.copytree(kinds[kind].parent, Path(place) / "w")) / kinds[kind].name
+        with tempfile.TemporaryDirectory() as scratch:
+            work = Path(shutil.copytree(kinds[kind].parent, Path(scratch) / "w")) / kinds[kind].name
             work.write_bytes(damaged(contents[kind], f"{kind}/{number}", others))
             Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here
             before, start = _megabytes("VmRSS"), time.process_time()
@@ -270,7 +270,7 @@ def _serve(folder: Path) -> None:
             signal.setitimer(signal.ITIMER_PROF, 0)
             answer = {
                 "result": result,
-                "text": text.replace(place, ""),
+                "text": text.replace(scratch, ""),
                 "seconds": time.process_time() - start,
             }
             out.write(json.dumps(answer | {"peak_MB": max(_megabytes("VmHWM") - before, 0.0)}) + "\n")

@@ -106,12 +106,12 @@ def damaged(data: bytes, seed: str, others: list[bytes]) -> bytes:
     return data
 
 
-def _place(data: bytes, dice: random.Random) -> int:
+def _offset(data: bytes, dice: random.Random) -> int:
     return dice.randrange(len(data) + 1)
 
 
 def _cut(data, dice, others):
-    return data[: _place(data, dice)]
+    return data[: _offset(data, dice)]
 
 
 def _flip(data, dice, others):
@@ -129,29 +129,29 @@ def _bit(data, dice, others):
 
 
 def _remove(data, dice, others):
-    at = _place(data, dice)
+    at = _offset(data, dice)
     return data[:at] + data[at + dice.randrange(1, 400) :]
 
 
 def _noise(data, dice, others):
-    at = _place(data, dice)
+    at = _offset(data, dice)
     return data[:at] + dice.randbytes(dice.randrange(1, 100)) + data[at:]
 
 
 def _double(data, dice, others):
-    first, second = sorted((_place(data, dice), _place(data, dice)))
+    first, second = sorted((_offset(data, dice), _offset(data, dice)))
     return data[:second] + data[first:second] * dice.choice((1, 1, 2, 50)) + data[second:]
 
 
 def _foreign(data, dice, others):
     other = dice.choice(others)
-    at, start = _place(data, dice), _place(other, dice)
+    at, start = _offset(data, dice), _offset(other, dice)
     return data[:at] + other[start : start + dice.randrange(1, 5000)] + data[at:]
 
 
 def _token(data, dice, others):
     for _ in range(dice.choice((1, 1, 4))):
-        at = _place(data, dice)
+        at = _offset(data, dice)
         data = data[:at] + dice.choice(TOKENS) + data[at:]
     return data
 
@@ -173,7 +173,7 @@ def _word(data, dice, others):
 
 
 def _deep(data, dice, others):
-    at = dice.choice((0, len(data), _place(data, dice)))
+    at = dice.choice((0, len(data), _offset(data, dice)))
     return data[:at] + dice.choice(DEEP) + data[at:]
 
 
@@ -207,7 +207,7 @@ def _bytes(data, dice, others):
 
 def _fill(data, dice, others):
     """Length fields and counts at their largest, values of all ones."""
-    at = _place(data, dice)
+    at = _offset(data, dice)
     size = dice.choice((1, 2, 4, 8))
     return data[:at] + dice.choice((b"\xff", b"\x7f", b"\0")) * size + data[at + size :]
 

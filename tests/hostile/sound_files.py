@@ -32,9 +32,9 @@ def sound_files(folder: Path) -> dict[str, Path]:
     """{kind: its file}, each in a folder of its own with what belongs beside it."""
     made = {}
     for kind, make in MAKERS.items():
-        place = folder / kind.replace(" ", "-")
-        place.mkdir(parents=True)
-        made[kind] = make(place)
+        kind_folder = folder / kind.replace(" ", "-")
+        kind_folder.mkdir(parents=True)
+        made[kind] = make(kind_folder)
     return made
 
 
@@ -103,11 +103,11 @@ def workbook(rows: str) -> bytes:
         "xl/worksheets/sheet1.xml": f'<worksheet xmlns="{space}/spreadsheetml/2006/main"><sheetData>'
         f"{sheet}</sheetData></worksheet>",
     }
-    kept = io.BytesIO()
-    with zipfile.ZipFile(kept, "w", zipfile.ZIP_STORED) as archive:  # stored: damage reaches the XML
+    stored = io.BytesIO()
+    with zipfile.ZipFile(stored, "w", zipfile.ZIP_STORED) as archive:  # stored: damage reaches the XML
         for name, text in parts.items():
             archive.writestr(name, text)
-    return kept.getvalue()
+    return stored.getvalue()
 
 
 def _cell(text: str) -> str:

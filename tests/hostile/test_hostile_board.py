@@ -122,7 +122,7 @@ def test_a_checksum_of_too_few_bytes_is_refused(board, body):
 
 @pytest.mark.parametrize("code", [0, 1, 2, 5, 7, 9, 77, 255])
 def test_any_error_code_is_one_line(board, code):
-    board.serve = lambda asked, offset, data: code
+    board.serve = lambda request, offset, data: code
     with connect(board.url) as session:
         for ask in (lambda: Files(session).read("a\x1b[2J"), lambda: Files(session).listing("a\nb")):
             with pytest.raises(CheckFailed) as error:

@@ -37,9 +37,9 @@ def sound(kind):
     """A sound file of that kind, as bytes."""
 
     def make(folder):
-        place = folder / "sound"
-        place.mkdir()
-        return MAKERS[kind](place).read_bytes()
+        sound_folder = folder / "sound"
+        sound_folder.mkdir()
+        return MAKERS[kind](sound_folder).read_bytes()
 
     return make
 
@@ -49,11 +49,11 @@ def backup(value, kind):
 
     def make(folder):
         lines = sound("backup PX4")(folder).decode().splitlines()
-        kept = [line for line in lines if not line.startswith("# Sum")]
+        rest = [line for line in lines if not line.startswith("# Sum")]
         name = "CA_ROTOR_COUNT" if kind == 6 else "CA_ROTOR0_CT"
-        at = next(i for i, line in enumerate(kept) if f"\t{name}\t" in line)
-        kept[at] = f"1\t1\t{name}\t{value}\t{kind}"
-        return "\n".join(kept) + "\n"
+        at = next(i for i, line in enumerate(rest) if f"\t{name}\t" in line)
+        rest[at] = f"1\t1\t{name}\t{value}\t{kind}"
+        return "\n".join(rest) + "\n"
 
     return make
 

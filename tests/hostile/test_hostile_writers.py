@@ -153,9 +153,9 @@ def test_a_figure_draws_it(name):
     axis.set_xlabel(label(name))
     axis.set_title(label(name))
     for format in ("png", "svg"):
-        kept = io.BytesIO()
-        figure.savefig(kept, format=format)  # a warning about a missing glyph would fail the test
-    assert harmless(label(name)) and b"<script" not in kept.getvalue()
+        content = io.BytesIO()
+        figure.savefig(content, format=format)  # a warning about a missing glyph would fail the test
+    assert harmless(label(name)) and b"<script" not in content.getvalue()
 
 
 @each
@@ -221,8 +221,8 @@ def test_a_wrong_option_is_one_line(capsys, name):
 @each
 def test_a_name_of_a_file_stays_in_its_folder(tmp_path, name):
     made = file_name(name)
-    place = tmp_path / "out" / f"{made}.params"
-    assert place.resolve().parent == (tmp_path / "out").resolve()
-    files.write_atomic(place, "x")
+    file = tmp_path / "out" / f"{made}.params"
+    assert file.resolve().parent == (tmp_path / "out").resolve()
+    files.write_atomic(file, "x")
     assert [p.name for p in (tmp_path / "out").iterdir()] == [f"{made}.params"]
     assert harmless(made) and not made.startswith((".", "-"))

@@ -109,15 +109,15 @@ def test_of_two_losses_the_larger_is_told_and_a_few_samples_are_none() -> None:
             session=SimpleNamespace(loss=0.0),
         )  # fmt: skip
 
-    def told(*numbers: int) -> Arrival:
+    def arrival_of(*numbers: int) -> Arrival:
         found = live_arrival.of(live(*numbers))
         assert found is not None
         return found
 
-    assert (told(100, 0, 100, 20).never, told(100, 0, 100, 20).by) == (800, "timesync")
-    assert (told(100, 60, 100, 100).never, told(100, 60, 100, 100).by) == (600, "outputs")
+    assert (arrival_of(100, 0, 100, 20).never, arrival_of(100, 0, 100, 20).by) == (800, "timesync")
+    assert (arrival_of(100, 60, 100, 100).never, arrival_of(100, 60, 100, 100).by) == (600, "outputs")
     assert live_arrival.of(live(5, 5, 5, 1)) is None
-    assert told(100, 0, 100, 0).by == "outputs"  # one that answers no TIMESYNC at all
+    assert arrival_of(100, 0, 100, 0).by == "outputs"  # one that answers no TIMESYNC at all
     assert not Arrival(1000, 30, 4, "outputs").noteworthy  # 13 % of 30 may be chance
     assert Arrival(1000, 1000, 130, "outputs").noteworthy
 

@@ -131,13 +131,13 @@ class Thief:
     """Four of five motor commands of a companion never reach the vehicle."""
 
     def __init__(self) -> None:
-        self.seen = self.kept = 0
+        self.passed = self.taken = 0
 
     def carry(self, data: bytes) -> list[bytes]:
         if data[0] == 0xFD and data[7] == 139 and data[50:51] != b"\xff":
-            self.seen += 1
-            if self.seen % 5:
-                self.kept += 1
+            self.passed += 1
+            if self.passed % 5:
+                self.taken += 1
                 return []
         return [data]
 
@@ -165,7 +165,7 @@ def test_the_bridge_counts_what_it_took_and_the_rest_never_arrived(copter: Any, 
     assert arrival["sent"] > 50
     # a machine that stalls sends more than the script's queue of four holds
     if stolen:
-        assert arrival["never_arrived"] == pytest.approx(thief.kept, rel=0.2)
+        assert arrival["never_arrived"] == pytest.approx(thief.taken, rel=0.2)
         assert arrival["share"] > 0.6
     else:
         assert arrival["share"] < 0.1

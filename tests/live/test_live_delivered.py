@@ -53,9 +53,9 @@ def test_desired_and_delivered_agree_to_a_tenth_of_a_newton(
     for k in range(round(4.0 / TICK_S)):
         t = k * TICK_S
         angle, rate = 0.25 * t * t, 0.5 * t  # a circle of 2 m, faster and faster
-        place = (2.0 * math.sin(angle), 2.0 - 2.0 * math.cos(angle), -4.0)
+        position = (2.0 * math.sin(angle), 2.0 - 2.0 * math.cos(angle), -4.0)
         speed = (2.0 * rate * math.cos(angle), 2.0 * rate * math.sin(angle), 0.0)
-        a.offboard(Goal(place, speed))
+        a.offboard(Goal(position, speed))
         if k == 0:
             a.set_mode(Mode.OFFBOARD)
         flight.rush(TICK_S)

@@ -149,9 +149,9 @@ def test_the_motors_do_not_jump_when_the_demand_stops(live: Live) -> None:
     flight.fly(0.4)
     u = np.array([row[2] for row in flight.rows])
     # the law's lower rotors turn about 0.13 faster than its upper ones, the own mixer's alike
-    whole = np.abs(u[-1] - u[0]).max()
-    assert whole > 0.05
-    assert np.abs(np.diff(u, axis=0)).max() < 0.75 * whole
+    step = np.abs(u[-1] - u[0]).max()
+    assert step > 0.05
+    assert np.abs(np.diff(u, axis=0)).max() < 0.75 * step
 
 
 @real_time

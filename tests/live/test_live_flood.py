@@ -82,9 +82,9 @@ def test_a_frame_in_two_datagrams_is_still_put_together(rig: Any) -> None:
     for n in range(10):
         rig.say(demand(1_000_000 + 4000 * n, HOVER, sequence=n))
         rig.hear()
-    whole = frame_of(mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 11)
-    rig.say(whole[:20])
-    rig.say(whole[20:])
+    frame_ = frame_of(mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 11)
+    rig.say(frame_[:20])
+    rig.say(frame_[20:])
     rig.say(demand(1_100_000, HOVER, sequence=12))
     assert rig.hear().time_usec == 1_100_000
     rig.say(demand(1_104_000, HOVER, sequence=13))

@@ -69,15 +69,15 @@ def test_towards_a_ground_station_that_is_named_nobody_elses_words_pass(
 ) -> None:
     session = Session()
     with Forwarder(session, f"127.0.0.1:{ground.getsockname()[1]}") as forward:  # type: ignore[arg-type]
-        assert forward.place[0] == "127.0.0.1"  # no interface of the network
+        assert forward.own_address[0] == "127.0.0.1"  # no interface of the network
         assert not forward.exposed
         forward.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
-        _, place = ground.recvfrom(2048)
-        stranger.sendto(frame(ASK), place)
+        _, own_address = ground.recvfrom(2048)
+        stranger.sendto(frame(ASK), own_address)
         until(lambda: forward.strangers == 1)
-        ground.sendto(frame(ASK), place)
+        ground.sendto(frame(ASK), own_address)
         until(lambda: session.to_vehicle == [frame(ASK)])
-        ground.sendto(frame(RIVAL), place)
+        ground.sendto(frame(RIVAL), own_address)
         until(lambda: forward.held_back == 1)
     assert session.to_vehicle == [frame(ASK)]
 
@@ -89,12 +89,12 @@ def test_at_a_port_of_ours_the_first_that_speaks_mavlink_is_the_ground_station(
         port = free.getsockname()[1]
     session = Session()
     with Forwarder(session, f"udpin:{port}") as forward:  # type: ignore[arg-type]
-        assert forward.place == ("127.0.0.1", port)
-        stranger.sendto(b"\xfd junk that is no frame", forward.place)
+        assert forward.own_address == ("127.0.0.1", port)
+        stranger.sendto(b"\xfd junk that is no frame", forward.own_address)
         until(lambda: forward.strangers == 1)
-        ground.sendto(frame(ASK), forward.place)
+        ground.sendto(frame(ASK), forward.own_address)
         until(lambda: len(session.to_vehicle) == 1)
-        stranger.sendto(frame(ASK), forward.place)
+        stranger.sendto(frame(ASK), forward.own_address)
         until(lambda: forward.strangers == 2)
         forward.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
         assert ground.recv(2048)

@@ -51,10 +51,10 @@ def hostile(rng: random.Random) -> Iterator[bytes]:
         packer.seq = rng.randrange(256)
         data = bytes(message.pack(packer, force_mavlink1=rng.random() < 0.05))
         if 0.46 <= kind < 0.56:
-            bent = bytearray(data)
+            corrupted = bytearray(data)
             for _ in range(rng.randint(1, 4)):
-                bent[rng.randrange(len(bent))] = rng.randrange(256)
-            data = bytes(bent)
+                corrupted[rng.randrange(len(corrupted))] = rng.randrange(256)
+            data = bytes(corrupted)
         elif 0.56 <= kind < 0.60:
             data = rng.randbytes(rng.randint(0, 120))
         elif 0.60 <= kind < 0.64:

@@ -38,7 +38,7 @@ class Line:
     """A session that only hears and keeps what is sent."""
 
     def __init__(self):
-        self.sent, self.callbacks, self.asked = [], [], []
+        self.sent, self.callbacks, self.requested = [], [], []
 
     def subscribe(self, callback):
         self.callbacks.append(callback)
@@ -48,7 +48,7 @@ class Line:
         return None
 
     def request_stream(self, number, rate_hz):
-        self.asked.append(number)
+        self.requested.append(number)
         return True
 
     def send(self, message):
@@ -93,9 +93,9 @@ def test_rotors_are_called_one_after_the_other_and_said_to_both_sides(flight):
     with HealthWatch(live, said.append, ground) as watch:
         fly(live, watch, log)
     assert not watch.problem and not live.session.callbacks
-    told = watch.account()
-    assert [c["rotor"] for c in told["calls"]] == list(ONSETS)
-    for call, onset in zip(told["calls"], ONSETS.values(), strict=True):
+    result = watch.account()
+    assert [c["rotor"] for c in result["calls"]] == list(ONSETS)
+    for call, onset in zip(result["calls"], ONSETS.values(), strict=True):
         assert 0.0 < call["time_s"] - 1.0 - onset < 2.0 and call["loss"] == pytest.approx(0.12, abs=0.04)
     assert [c.rotor for c in said] == [3, 3, 8, 8]  # again once the size is settled
     for line in (live.session, ground):

@@ -97,9 +97,9 @@ def test_only_a_demand_alone_in_its_datagram_is_taken() -> None:
     # a newer dialect's longer demand, checksum and all: the loop in Python cuts it, the log has no place
     longer = struct.pack("<BBBBBBBHB", 0xFD, 200, 0, 0, 0, 1, 1, 140, 0) + bytes(199) + b"\1"
     assert not alone(longer + struct.pack("<H", k.checksum(longer, 1, len(longer), 181)))
-    for place in range(len(mine)):
+    for index in range(len(mine)):
         damaged = bytearray(mine)
-        damaged[place] ^= 0x41
+        damaged[index] ^= 0x41
         assert not alone(bytes(damaged))
 
 
@@ -147,15 +147,15 @@ def test_with_the_lead_a_lagging_motor_turns_as_asked_within_bounds() -> None:
     state, speed, plain = plain_state(), 0.0, 0.0
     state.count, state.lag_s = 8, 0.02
     commands = state.commands
-    misses, late, asked = [], [], 0.0
+    misses, late, wanted = [], [], 0.0
     for step in range(200):
-        asked = 0.5 + 0.02 * math.sin(step / 5)
-        assert k.command(state, 0.004, [asked] * 8, range(8))
+        wanted = 0.5 + 0.02 * math.sin(step / 5)
+        assert k.command(state, 0.004, [wanted] * 8, range(8))
         for _ in range(400):
             speed += (commands[0] - speed) * 1e-5 / 0.02
-            plain += (asked - plain) * 1e-5 / 0.02
-        misses.append(abs(speed - asked))
-        late.append(abs(plain - asked))
+            plain += (wanted - plain) * 1e-5 / 0.02
+        misses.append(abs(speed - wanted))
+        late.append(abs(plain - wanted))
     assert max(misses[20:]) < 2e-5
     assert max(late[20:]) > 2e-3
     assert commands[0] <= 1.0
@@ -337,13 +337,13 @@ def test_nothing_from_another_address_is_answered_or_stops_it(native: Any, compi
         if compiled:
             assert rig.hot_answers > 300
         assert rig.session.bound.strangers.datagrams > 400
-        parser, told = mavlink.MAVLink(None), set()
+        parser, heard = mavlink.MAVLink(None), set()
         while True:
             try:
-                told |= {message.get_type() for message in parser.parse_buffer(other.recv(2048)) or []}
+                heard |= {message.get_type() for message in parser.parse_buffer(other.recv(2048)) or []}
             except TimeoutError:
                 break
-        assert told == {"COMMAND_LONG"}  # it was asked who it is, and got no motor command
+        assert heard == {"COMMAND_LONG"}  # it was asked who it is, and got no motor command
     finally:
         rig.close()
         other.close()

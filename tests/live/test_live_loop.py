@@ -96,7 +96,7 @@ def test_the_companion_flies_the_vehicle_on_its_own_loop() -> None:
     flight.rows.clear()
     flight.autopilot.go_to((2.0, 1.0, -5.0), 0.4)
     flight.fly(5.0)
-    place = flight.autopilot.plant.position.copy()
+    position = flight.autopilot.plant.position.copy()
     w, _, _, z = flight.autopilot.plant.quaternion.tolist()
     driven = np.mean([row[1] for row in flight.rows])
     live.session.tap = None
@@ -104,7 +104,7 @@ def test_the_companion_flies_the_vehicle_on_its_own_loop() -> None:
     flight.close()
     assert live.error is None
     assert driven > 0.9
-    assert place == pytest.approx([2.0, 1.0, -5.0], abs=0.4)
+    assert position == pytest.approx([2.0, 1.0, -5.0], abs=0.4)
     assert 2 * math.atan2(z, w) == pytest.approx(0.4, abs=0.1)
     assert flight.outputs_are_sound()
     assert flight.steepest_deg < 25.0

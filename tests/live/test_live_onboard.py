@@ -184,13 +184,13 @@ def test_it_flies_the_stand_in_and_the_demand_is_what_the_rotors_deliver() -> No
         assert copter.steepest_deg < 5.0
         per_motor = standard_coefficients(CRM).p * X8.effectiveness()[0]  # hover wants no yaw
         wanted = per_motor @ used_factors(ApTable(4))
-        got, asked = [], []
+        got, demanded = [], []
         for _ in range(250):
             demand = [a.demand.roll, a.demand.pitch, a.demand.yaw, a.demand.thrust]
             copter.rush(0.004)
             got.append(X8.wrench(*X8.loads(CRM, np.array(a.command))))
-            asked.append(wanted @ demand)
-        miss = np.abs(np.mean(got, axis=0) - np.mean(asked, axis=0))
+            demanded.append(wanted @ demand)
+        miss = np.abs(np.mean(got, axis=0) - np.mean(demanded, axis=0))
         assert miss[0] < 0.3  # pulses of 1 us and the loop's own delay are left
         assert miss[1:3].max() < 0.05
         a.armed = False

@@ -128,18 +128,18 @@ def test_measured_rpm_makes_it_sooner():
 
 def test_rpm_that_fails_alone_stops_nobody():
     flight = Mixed("x8_demo.toml", escs="measured")
-    reading = telemetry.told
+    reading = telemetry.reported_escs
 
     def torn(a):
         escs = reading(a)
         escs.rpm[3] = 0.0
         return escs
 
-    telemetry.told = torn
+    telemetry.reported_escs = torn
     try:
         flight.fly(2.0)
     finally:
-        telemetry.told = reading
+        telemetry.reported_escs = reading
     assert not flight.calls and flight.core.law is flight.before
 
 

@@ -58,9 +58,9 @@ def test_after_any_stop_the_third_fresh_demand_is_answered_and_none_that_waited(
     assert clock.mixer.state == "live"
     clock.now += stopped_s
     # the kernel kept the first quarter of a second of what came, in order
-    kept = [clock.stamp + PERIOD_US * (n + 1) for n in range(60)]
-    for n, stamp in enumerate(kept):
-        clock.waiting = len(kept) - 1 - n
+    stamps = [clock.stamp + PERIOD_US * (n + 1) for n in range(60)]
+    for n, stamp in enumerate(stamps):
+        clock.waiting = len(stamps) - 1 - n
         clock.now += 0.0002
         assert clock.demand(stamp) == []
     clock.stamp += round(stopped_s * 1e6)

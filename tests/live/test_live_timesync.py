@@ -49,13 +49,13 @@ def test_the_vehicles_clock_is_the_one_of_the_shortest_round_trip(line: Line) ->
     assert sync.age_s(1, 1.0) is None
     for there, back in ((3_000_000, 9_000_000), (1_000_000, 1_000_000), (20_000_000, 1_000_000)):
         sync.tick()
-        asked = line.now
-        assert line.sent[-1] == (0, asked)
+        sent_at = line.now
+        assert line.sent[-1] == (0, sent_at)
         line.now += there
         vehicle = line.now + ahead
         line.now += back
-        line.hear(vehicle, asked)
-        line.hear(vehicle + 10**9, asked)  # twice: not believed
+        line.hear(vehicle, sent_at)
+        line.hear(vehicle + 10**9, sent_at)  # twice: not believed
         line.now += 1_000_000_000
     assert sync.round_trip_s == pytest.approx(0.002)
     stamp_us = (line.now + ahead) // 1000

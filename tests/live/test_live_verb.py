@@ -25,7 +25,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
 from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.live.motor_test import place, turn_motors
+from coaxlink.live.motor_test import mount, turn_motors
 from coaxlink.live.record import MAGIC, RECORD, LiveRecord, read_record
 from coaxlink.mavlink import connect
 
@@ -179,9 +179,9 @@ def test_a_cut_record_is_read_to_its_last_whole_row_and_a_foreign_file_is_refuse
     for k in range(3):
         record.add(k, 0.5 * k, [0.1] * 4, [0.2] * 8, [0.3] * 4, 1e-4, "live")
     record.close()
-    whole = path.read_bytes()
-    assert len(whole) == len(MAGIC) + len('{"law": "x"}\n') + 3 * RECORD.size
-    path.write_bytes(whole[:-5])
+    content = path.read_bytes()
+    assert len(content) == len(MAGIC) + len('{"law": "x"}\n') + 3 * RECORD.size
+    path.write_bytes(content[:-5])
     header, rows = read_record(path)
     assert header == {"law": "x"}
     assert rows["stamp_us"].tolist() == [0, 1]
@@ -194,21 +194,21 @@ def test_a_cut_record_is_read_to_its_last_whole_row_and_a_foreign_file_is_refuse
 @real_time
 def test_motors_are_turned_one_by_one_on_the_ground_and_never_when_armed(flight: Flight) -> None:
     frame = load_airframe(EXAMPLES / "x8_demo.toml")
-    assert place(frame.rotors[0]) == "front right, upper, counter-clockwise from above"
-    assert place(frame.rotors[7]) == "rear left, lower, clockwise from above"
+    assert mount(frame.rotors[0]) == "front right, upper, counter-clockwise from above"
+    assert mount(frame.rotors[7]) == "rear left, lower, clockwise from above"
     ground = Flight(airborne=False)
     turned: list[float] = []
     execute = ground.standin.autopilot
     done = threading.Event()
     answers: list[Any] = []
-    asked: list[int] = []
+    motors: list[int] = []
 
     def work() -> None:
         with connect(ground.address) as session:
             session.subscribe(lambda m: turned.append(m.command) if m.get_type() == "COMMAND_ACK" else None)
 
             def ask(number: int, where: str) -> bool:
-                asked.append(number)
+                motors.append(number)
                 return number != 3
 
             answers.extend(turn_motors(session, frame, ask))
@@ -224,7 +224,7 @@ def test_motors_are_turned_one_by_one_on_the_ground_and_never_when_armed(flight:
     thread.join(1.0)
     ground.close()
     assert done.is_set()
-    assert asked == list(range(1, 9))
+    assert motors == list(range(1, 9))
     assert [a.number for a in answers if not a.right] == [3]
     assert turned.count(310) == 8
 

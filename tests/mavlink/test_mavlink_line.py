@@ -22,10 +22,10 @@ from coaxlink.uploading.worker import Uploader
 
 def table(folder):
     """A folder as `coaxlink table` writes it."""
-    place = folder / "table"
-    place.mkdir(exist_ok=True)
-    (place / "px4.params").write_text(params_text())
-    return place
+    out = folder / "table"
+    out.mkdir(exist_ok=True)
+    (out / "px4.params").write_text(params_text())
+    return out
 
 
 def free_port():
@@ -79,7 +79,7 @@ def until(met, patience_s=60.0):
 
 
 def test_forged_heartbeats_move_nothing_and_are_told():
-    with listening() as (session, board, port), forger(port, BEAT) as place:
+    with listening() as (session, board, port), forger(port, BEAT) as address:
         until(lambda: session.bound.strangers.datagrams > 20)
         parameters = Parameters(session)
         for value in (6.0, 7.0, 8.0):
@@ -87,8 +87,8 @@ def test_forged_heartbeats_move_nothing_and_are_told():
         assert board.params["CA_ROTOR0_CT"][0] == 8.0
         assert session.bound.peer == board.address
         assert session.armed is False  # the forged ones say armed
-        (told,) = session.bound.news()
-        assert f"{place[0]}:{place[1]}" in told and str(board.address[1]) in told
+        (warning,) = session.bound.news()
+        assert f"{address[0]}:{address[1]}" in warning and str(board.address[1]) in warning
         confirm(session)
 
 
@@ -101,8 +101,8 @@ def test_a_second_vehicle_of_the_same_ids_is_refused_with_both_addresses(tmp_pat
         worker = Uploader(session, backup_folder=tmp_path)
         outcome = worker.upload(load_plan(table(tmp_path)))
         assert outcome.result == "refused" and outcome.error.exit_code == 4
-        for place in (board.address, second.address):
-            assert f"{place[0]}:{place[1]}" in outcome.reason
+        for address in (board.address, second.address):
+            assert f"{address[0]}:{address[1]}" in outcome.reason
         assert board.sets == [] and second.sets == []
         with pytest.raises(SafetyRefusal, match="two vehicles answer as system 1"):
             verify(session, load_plan(table(tmp_path)))
@@ -177,10 +177,10 @@ def test_a_forger_who_was_there_first_is_not_taken_for_the_vehicle():
 def test_where_nobody_answers_the_first_that_was_heard_is_the_vehicle():
     port = free_port()
     with (
-        forger(port, BEAT, every_s=0.05) as place,
+        forger(port, BEAT, every_s=0.05) as address,
         connect(f"udpin:127.0.0.1:{port}", timeout_s=0.5) as session,
     ):
-        assert session.bound.peer == place and session.identity.version is None
+        assert session.bound.peer == address and session.identity.version is None
         assert session.wait("HEARTBEAT", 2.0) is not None
 
 
@@ -270,16 +270,16 @@ def test_a_flood_of_addresses_is_borne_in_bounded_memory():
 
 def test_one_who_never_answers_is_asked_for_hours_at_a_steady_pace():
     others, packer, ids = strangers.Strangers(None), m.MAVLink(None, 1, 1), (1, 1)
-    beat, now, asked = bytes(BEAT.pack(packer)), 0.0, []
+    beat, now, requests = bytes(BEAT.pack(packer)), 0.0, []
     while now < 4 * 3600.0:
         now += 0.5
         if others.take(beat, ("10.0.0.1", 1), ids, now):
-            asked.append(now)
+            requests.append(now)
     assert others.datagrams == 8 * 3600
-    assert asked[1] - asked[0] == pytest.approx(1.0, abs=0.3)
-    assert asked[-1] - asked[-2] == strangers.ASK_MOST_S
+    assert requests[1] - requests[0] == pytest.approx(1.0, abs=0.3)
+    assert requests[-1] - requests[-2] == strangers.ASK_MOST_S
     assert not others.undecided(now)
-    bent = bytearray(beat)
-    bent[-1] ^= 1
-    assert others.take(bytes(bent), ("10.0.0.2", 1), ids, now) is None  # noise makes no stranger
+    corrupted = bytearray(beat)
+    corrupted[-1] ^= 1
+    assert others.take(bytes(corrupted), ("10.0.0.2", 1), ids, now) is None  # noise makes no stranger
     assert others.get(("10.0.0.2", 1)) is None

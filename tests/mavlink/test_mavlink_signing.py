@@ -23,11 +23,11 @@ def test_both_sides_sign_and_timestamps_are_kept(key_file, tmp_path):
             assert session.latest("HEARTBEAT").get_signed()
         assert vehicle.params["CA_ROTOR0_CT"][0] == 7.0
         assert all(message.get_signed() for message in vehicle.heard)
-        (kept,) = (tmp_path / "state").glob("*.signing.json")
-        first = json.loads(kept.read_text())
+        (book,) = (tmp_path / "state").glob("*.signing.json")
+        first = json.loads(book.read_text())
         with connect(vehicle.url, signing_key=key_file):
             pass
-        second = json.loads(kept.read_text())
+        second = json.loads(book.read_text())
         assert second["timestamp"] > first["timestamp"]
         assert second["streams"][0][:3] == [3, 1, 1] and second["streams"][0][3] > first["streams"][0][3]
 

@@ -88,8 +88,8 @@ def test_nothing_of_a_killed_session_can_be_played_back(key_file, tmp_path, firm
         finally:
             tap.close()
         assert all(frame[2] & 1 for frame in tap.said)
-        (kept,) = (tmp_path / "state").glob("*.signing.json")
-        book = json.loads(kept.read_text())
+        (file,) = (tmp_path / "state").glob("*.signing.json")
+        book = json.loads(file.read_text())
         limits = {tuple(stream): last for *stream, last in book["streams"]}
         assert max(_stamp(frame) for frame in tap.said) < book["timestamp"]
         heard = {(f[-13], f[5], f[6]) for f in tap.heard}

@@ -69,7 +69,7 @@ def test_ceiling_and_yaw_hold_on_board_and_what_they_cost_is_said():
     thrust, _ = X8.loads(CRM, board.speeds(board.hover()))
     share = [thrust[u] / (thrust[u] + thrust[w]) for u, w in X8.pairs]
     assert min(share) > 0.45 and max(share) < 0.6
-    ceiling, yaw, share_limit = made.kept
+    ceiling, yaw, share_limit = made.limits
     assert made.table.chosen.power > ceiling.without.power  # the ceiling is paid for
     assert ceiling.without.ceiling_N < 440.0 and yaw.without.yaw_Nm < 7.0
     # a limit that the others keep already costs nothing
@@ -89,15 +89,15 @@ def test_no_other_split_keeps_the_ceiling_at_less_power():
 def test_one_rotor_is_spared_and_the_others_work_around_it():
     made = constrained_table(Vehicle(X8, CRM), [Limit("speed", high=0.7, rotors=(7,))])
     speeds = Board(made.table).speeds(Board(made.table).hover())
-    assert speeds[6] < 0.7 and made.kept[0].before > 0.8
-    assert made.kept[0].now == pytest.approx(0.7, abs=2e-4)
+    assert speeds[6] < 0.7 and made.limits[0].before > 0.8
+    assert made.limits[0].now == pytest.approx(0.7, abs=2e-4)
     assert speeds[6] < min(speeds[4], speeds[5], speeds[7]) - 0.03
 
 
 def test_a_table_that_keeps_everything_is_the_fitted_one():
     made = constrained_table(Vehicle(X8, CRM), [Limit("ceiling_N", low=400.0), Limit("equal", of="mirror")])
     assert np.array_equal(made.table.ct, made.fitted.ct) and made.table.curve == made.fitted.curve
-    assert all(k.without.power == made.table.chosen.power for k in made.kept)
+    assert all(k.without.power == made.table.chosen.power for k in made.limits)
 
 
 def test_what_cannot_be_kept_is_refused_with_how_far_one_gets():

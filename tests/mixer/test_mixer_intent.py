@@ -12,8 +12,8 @@ PLACES = [(1, 1, 1), (1, -1, -1), (-1, -1, 1), (-1, 1, -1)]  # forward, right, s
 def quad(factor):
     parameters = {"CA_AIRFRAME": 0, "CA_ROTOR_COUNT": 4, "CA_METHOD": 2, "THR_MDL_FAC": factor}
     for n, (x, y, spin) in enumerate(PLACES):
-        place = {"PX": 0.2 * x, "PY": 0.2 * y, "PZ": 0.0, "AX": 0.0, "AY": 0.0, "AZ": -1.0}
-        for key, value in {**place, "CT": CT, "KM": spin * KM}.items():
+        geometry = {"PX": 0.2 * x, "PY": 0.2 * y, "PZ": 0.0, "AX": 0.0, "AY": 0.0, "AZ": -1.0}
+        for key, value in {**geometry, "CT": CT, "KM": spin * KM}.items():
             parameters[f"CA_ROTOR{n}_{key}"] = value
     return parameters
 

@@ -78,7 +78,7 @@ def _setpoints(name: str, demand: Any) -> np.ndarray:
     return _table(name)[0] @ np.asarray(demand, float)
 
 
-def _bent(name: str, setpoints: np.ndarray) -> np.ndarray:
+def _commands(name: str, setpoints: np.ndarray) -> np.ndarray:
     """The larger root of fac u^2 + (1 - fac) u = s."""
     fac = _table(name)[1]
     return (fac - 1.0 + np.sqrt((1.0 - fac) ** 2 + 4.0 * fac * setpoints)) / (2.0 * fac)
@@ -86,7 +86,7 @@ def _bent(name: str, setpoints: np.ndarray) -> np.ndarray:
 
 def _flown(name: str, demand: Any) -> np.ndarray:
     """Without desaturation: for demands that need none."""
-    return _wrench(_bent(name, _setpoints(name, demand)))[0]
+    return _wrench(_commands(name, _setpoints(name, demand)))[0]
 
 
 def _where(lift: Callable[[float], float], wanted: float) -> float:
@@ -128,10 +128,11 @@ def test_gains_and_their_span_are_those_of_finite_differences(name: str) -> None
 def test_power_and_ceiling_are_the_rotor_files_own(name: str) -> None:
     row, mix = _row(name), _table(name)[0]
     hover = _hover(name)
-    assert row.hover_W == pytest.approx(_wrench(_bent(name, _setpoints(name, [hover, 0, 0, 0])))[1], rel=1e-4)
+    level = _commands(name, _setpoints(name, [hover, 0, 0, 0]))
+    assert row.hover_W == pytest.approx(_wrench(level)[1], rel=1e-4)
     # desaturation keeps the ratio of the columns: the first rotor at full speed ends it
     full = mix[:, 0] / mix[:, 0].max()
-    assert row.ceiling_N == pytest.approx(_wrench(_bent(name, full))[0][0], rel=1e-4)
+    assert row.ceiling_N == pytest.approx(_wrench(_commands(name, full))[0][0], rel=1e-4)
     assert row.minutes(700.0, 0.8) == pytest.approx(60.0 * 700.0 * 0.8 / row.hover_W)
 
 
@@ -145,7 +146,7 @@ def test_the_first_rotor_at_its_bound_is_the_one_of_a_fine_grid(name: str, axis:
         for d in np.linspace(0.0, 1.0, 4001):
             s = base + sign * d * turn
             if s.min() <= 1e-7 or s.max() >= 1.0:
-                moment = abs(_wrench(_bent(name, np.clip(s, 0.0, 1.0)))[0][axis])
+                moment = abs(_wrench(_commands(name, np.clip(s, 0.0, 1.0)))[0][axis])
                 found.append((moment, {int(n) + 1 for n in np.flatnonzero((s <= 1e-3) | (s >= 0.999))}, s))
                 break
     moment, rotors, s = found[1] if found[1][0] < 0.999 * found[0][0] else found[0]  # a tie: the first
@@ -177,7 +178,7 @@ def test_coupling_and_what_a_constant_gain_leaves(name: str) -> None:
 def test_unregulated_speed_controllers_change_the_gain_as_scaled_speeds_do() -> None:
     def slope(share: float) -> float:
         def lift(t: float) -> float:
-            return float(_wrench(share * _bent("standard", _setpoints("standard", [t, 0, 0, 0])))[0][0])
+            return float(_wrench(share * _commands("standard", _setpoints("standard", [t, 0, 0, 0])))[0][0])
 
         h = _where(lift, WEIGHT)
         return (lift(h + 1e-3) - lift(h - 1e-3)) / 2e-3

@@ -53,9 +53,9 @@ def test_a_motor_at_full_command_is_at_max_and_one_step_below_is_not() -> None:
 def test_a_motor_at_its_least_is_at_min_only_in_flight(
     armed: bool, down: float, autopilot: int, least: float | None, pulse: int, bound: str
 ) -> None:
-    told = [] if least is None else [parameter("MOT_SPIN_MIN", least)]
+    parameters = [] if least is None else [parameter("MOT_SPIN_MIN", least)]
     pulses = (pulse, *[1500] * 7)
-    view = see(heartbeat(armed, autopilot=autopilot), *told, position(down), servo(pulses))
+    view = see(heartbeat(armed, autopilot=autopilot), *parameters, position(down), servo(pulses))
     assert bounds(view) == [bound] + [""] * 7
 
 
@@ -86,7 +86,7 @@ def test_current_and_temperature_are_shown_where_they_are_sent() -> None:
 
 
 @pytest.mark.parametrize(
-    ("remaining", "told", "state", "word"),
+    ("remaining", "threshold", "state", "word"),
     [
         (83, None, 0, "ok"),
         (15, None, 0, "low"),
@@ -99,10 +99,10 @@ def test_current_and_temperature_are_shown_where_they_are_sent() -> None:
         (-1, None, 0, ""),
     ],
 )
-def test_the_battery_s_word(remaining: int, told: float | None, state: int, word: str) -> None:
+def test_the_battery_s_word(remaining: int, threshold: float | None, state: int, word: str) -> None:
     pack = battery(remaining=remaining)
     pack.charge_state = state
-    heard = [] if told is None else [parameter("BAT_LOW_THR", told)]
+    heard = [] if threshold is None else [parameter("BAT_LOW_THR", threshold)]
     vehicle = see(heartbeat(), *heard, pack).vehicle
     assert vehicle is not None and vehicle.battery_word == word
 
@@ -117,9 +117,9 @@ def test_minutes_are_the_autopilot_s_else_by_energy_else_by_the_trend() -> None:
         assert said is not None
         return said.battery_minutes, said.battery_minutes_by
 
-    told = battery()
-    told.time_remaining = 600
-    assert minutes(told, 3.0, 500.0) == (10.0, "autopilot")
+    message = battery()
+    message.time_remaining = 600
+    assert minutes(message, 3.0, 500.0) == (10.0, "autopilot")
     power_W = 24.8 * 31.5
     assert minutes(battery(), 3.0, 500.0) == (pytest.approx(60 * 500 * 0.83 / power_W), "battery_Wh")
     assert minutes(battery(), 3.0) == (3.0, "trend")

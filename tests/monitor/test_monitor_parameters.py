@@ -46,13 +46,13 @@ def test_difference_backup_and_an_upload_that_is_confirmed(
         feed.start()
         app = Monitor(watch.look, trouble=lambda: feed.failure, desk=desk, table=table)
 
-        def told() -> str:
+        def on_screen() -> str:
             return str(app.screen_stack[0].query_one("#told").visual)
 
         async def until(met: Callable[[], bool]) -> None:
             end = time.monotonic() + 600.0
             while not met():
-                assert time.monotonic() < end, told()
+                assert time.monotonic() < end, on_screen()
                 await asyncio.sleep(0.05)
                 app.tick()
 
@@ -60,16 +60,16 @@ def test_difference_backup_and_an_upload_that_is_confirmed(
             async with app.run_test(size=(80, 24)) as pilot:
                 await until(lambda: app.view is not None and app.view.board.state == "read")
                 await pilot.press("3", "d")
-                await until(lambda: "CA_ROTOR0_CT" in told())
-                assert "difference to" in told() and not backups.exists()
+                await until(lambda: "CA_ROTOR0_CT" in on_screen())
+                assert "difference to" in on_screen() and not backups.exists()
                 await pilot.press("b")
-                await until(lambda: "all parameters of the board" in told())
+                await until(lambda: "all parameters of the board" in on_screen())
                 (saved,) = backups.glob("*.params")
                 assert read_backup(saved).params["CA_ROTOR0_CT"] == 6.5
                 await pilot.press("u")
                 await until(lambda: len(app.screen_stack) == 2)
                 await pilot.press("n")
-                await until(lambda: "not confirmed; nothing was changed" in told())
+                await until(lambda: "not confirmed; nothing was changed" in on_screen())
                 assert app.view.board.upper_ct == 6.5
                 await pilot.press("u")
                 await until(lambda: len(app.screen_stack) == 2)
@@ -77,7 +77,7 @@ def test_difference_backup_and_an_upload_that_is_confirmed(
                 await app.action_quit()  # not in the middle of it
                 assert app.is_running
                 await pilot.press("y")
-                await until(lambda: "written and read back" in told())
+                await until(lambda: "written and read back" in on_screen())
                 await until(lambda: app.view.board.kind == "reduced")
         finally:
             feed.stop()

@@ -44,8 +44,8 @@ def tlog(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for name, value in table(73.06, 73.06).items():
             integer = name in INTEGERS
             bits = struct.pack("<i", int(value)) if integer else struct.pack("<f", value)
-            told = struct.unpack("<f", bits)[0]
-            record(mavlink.MAVLink_param_value_message(name.encode(), told, 6 if integer else 9, 9, 1), 0.1)
+            number = struct.unpack("<f", bits)[0]
+            record(mavlink.MAVLink_param_value_message(name.encode(), number, 6 if integer else 9, 9, 1), 0.1)
         for tick in range(10 * SECONDS):
             at = 0.5 + tick / 10
             pulse = 1400 + tick // 10

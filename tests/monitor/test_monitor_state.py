@@ -287,7 +287,7 @@ def test_single_rotors_are_arms_of_their_own(tmp_path: Path, model: RotorModel) 
 
 
 @pytest.mark.parametrize(
-    ("place", "name"),
+    ("position", "name"),
     [
         ((0.2, 0.2), "front right"),
         ((-0.2, -0.2), "rear left"),
@@ -296,8 +296,8 @@ def test_single_rotors_are_arms_of_their_own(tmp_path: Path, model: RotorModel) 
         ((0.0, 0.0), "centre"),
     ],
 )
-def test_arm_names(place: tuple[float, float], name: str) -> None:
-    assert arm_name(*place) == name
+def test_arm_names(position: tuple[float, float], name: str) -> None:
+    assert arm_name(*position) == name
 
 
 def test_effects_of_the_rotor_file_are_said_to_be_left_out(airframe: Airframe, model: RotorModel) -> None:

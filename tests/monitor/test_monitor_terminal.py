@@ -69,23 +69,23 @@ def test_in_a_terminal_of_80_by_24(address: str, tmp_path: Path) -> None:
         )
         return done.stdout
 
-    def seen(*words: str) -> bool:
+    def on_screen(*words: str) -> bool:
         shown = tmux("capture-pane", "-p")
         return all(word in shown for word in words)
 
     tmux("new-session", "-d", "-x", "80", "-y", "24", "--", *monitor(address))
     try:
-        assert wait(lambda: seen("front right", "rear left", "table on board", "5 Health"))
+        assert wait(lambda: on_screen("front right", "rear left", "table on board", "5 Health"))
         for key, words in {
             "2": ("allocation error",),
             "5": ("rotors' health in the air", "not judged", "rotors: not judged"),
             "?": ("coaxlink monitor", "upper"),
         }.items():
             tmux("send-keys", key)
-            assert wait(lambda words=words: seen(*words)), tmux("capture-pane", "-p")  # type: ignore[misc]
+            assert wait(lambda words=words: on_screen(*words)), tmux("capture-pane", "-p")  # type: ignore[misc]
         assert all(len(line) <= 80 for line in tmux("capture-pane", "-p").splitlines())
         tmux("send-keys", "?")
-        assert wait(lambda: seen("rotors' health in the air"))
+        assert wait(lambda: on_screen("rotors' health in the air"))
         tmux("send-keys", "q")
         assert wait(lambda: not tmux("list-sessions"))  # it left by itself
     finally:
@@ -97,8 +97,8 @@ async def drawn(address: str, colours: set[Any], folder: Path) -> bool:
     from aiohttp import ClientSession
 
     port = free_port()
-    asked = [f"--remote-debugging-port={port}", "--remote-allow-origins=*", f"--user-data-dir={folder}"]
-    browser = subprocess.Popen([str(CHROMIUM), *BROWSER, *asked, address], stderr=subprocess.DEVNULL)
+    switches = [f"--remote-debugging-port={port}", "--remote-allow-origins=*", f"--user-data-dir={folder}"]
+    browser = subprocess.Popen([str(CHROMIUM), *BROWSER, *switches, address], stderr=subprocess.DEVNULL)
     try:
         async with ClientSession() as http:
             end = time.monotonic() + WAIT_S

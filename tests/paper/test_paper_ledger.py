@@ -53,8 +53,8 @@ def test_least_squares_reduction_of_eq_17(ledger):
 
 
 def test_what_the_l1_norm_keeps_when_relaxed(ledger):
-    kept = next(e for e in ledger.entries if e.id == "contradiction-3").lines
-    values = {x.what: x.computed for x in kept}
+    found_lines = next(e for e in ledger.entries if e.id == "contradiction-3").lines
+    values = {x.what: x.computed for x in found_lines}
     assert values["kept: u_l^2"] == pytest.approx(
         26.8, abs=0.05
     )  # the facts of the paper, found with other tools

@@ -220,11 +220,11 @@ def held_to_mix(done: NDArray[np.float64], mix: NDArray[np.float64], pure: NDArr
 
 def hover(session: Session, vehicle: Vehicle, seconds: float = 20.0) -> NDArray[np.float64]:
     """Pulse widths (rows, 8) of a hover at 3 m, from SERVO_OUTPUT_RAW; lands."""
-    place = (0.0, 0.0, -3.0)
+    position = (0.0, 0.0, -3.0)
     assert session.request_stream(m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 50.0)
-    vehicle.follow(Plan((Hold("settle", place, 8.0),)))
+    vehicle.follow(Plan((Hold("settle", position, 8.0),)))
     with session.listen(("SERVO_OUTPUT_RAW",)) as heard:
-        vehicle.follow(Plan((Hold("hover", place, seconds),)))
+        vehicle.follow(Plan((Hold("hover", position, seconds),)))
         rows = []
         while (message := session.take(heard, 0.0)) is not None:
             rows.append([getattr(message, f"servo{n}_raw") for n in range(1, 9)])
@@ -268,17 +268,17 @@ def undo(url: str, backup: str, folder: Path, *options: str) -> dict[str, Any]:
     """`coaxlink restore`, which must verify; its JSON."""
     out = folder / "back.json"
     coaxlink("restore", backup, "--connect", url, "--yes", "--json", str(out), *options, cwd=folder)
-    told: dict[str, Any] = json.loads(out.read_text())
-    assert told["result"] == "verified"
-    return told
+    answer: dict[str, Any] = json.loads(out.read_text())
+    assert answer["result"] == "verified"
+    return answer
 
 
 def verified(url: str, tables: Path, folder: Path) -> dict[str, Any]:
     """`coaxlink verify`, which must hold; its JSON."""
     out = folder / "verify.json"
     coaxlink("verify", str(tables), "--connect", url, "--json", str(out))
-    told: dict[str, Any] = json.loads(out.read_text())
-    return told
+    answer: dict[str, Any] = json.loads(out.read_text())
+    return answer
 
 
 def held(url: str, names: Iterable[str]) -> dict[str, float]:

@@ -90,8 +90,8 @@ def test_verified_and_undone_after_a_flight(firmware: str, boot: Boot, tmp_path:
         backup = upload(url, tables, tmp_path)["backup"]
         with connect(url, timeout_s=60.0) as session:
             hover(session, take_off(session))
-        told = verified(url, tables, tmp_path)
-        assert {row["name"] for row in told["learned"]} <= {"MOT_THST_HOVER"}
+        answer = verified(url, tables, tmp_path)
+        assert {row["name"] for row in answer["learned"]} <= {"MOT_THST_HOVER"}
         undo(url, str(tmp_path / backup), tmp_path)
         after = held(url, names)
         assert after == {name: before[name] for name in after}
@@ -115,11 +115,11 @@ def test_a_plug_pulled_in_the_middle_of_the_write(
         with pytest.raises(Pulled), boot(cut=True) as url:
             cut_upload(url, tables, tmp_path, 1 + pull * STEP[firmware, frame_class] % SPAN[frame_class])
         with boot() as url:
-            _made_whole(url, tables, tmp_path)
+            _restored(url, tables, tmp_path)
             verified(url, tables, tmp_path)
 
 
-def _made_whole(url: str, tables: Path, folder: Path) -> None:
+def _restored(url: str, tables: Path, folder: Path) -> None:
     """The same upload again. A busy machine may cost its link the restart: then the old table is whole."""
     for _ in range(3):
         done = coaxlink("upload", str(tables), "--connect", url, "--yes", cwd=folder, fails=True)

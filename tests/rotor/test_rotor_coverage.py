@@ -13,7 +13,7 @@ from rotor_bench import eq17
 from coaxlink.data import Samples
 from coaxlink.data.averaging import shortened
 from coaxlink.rotor.coverage import coverage, for_the_table
-from coaxlink.rotor.identification import Bench, bench, identify
+from coaxlink.rotor.identification import StandData, identify, stand_data
 from coaxlink.rotor.next_runs import next_runs
 from coaxlink.rotor.plausible import oddities
 from sim.stand.schedule import read_schedule
@@ -50,13 +50,13 @@ def full(steps: int = 8) -> tuple[np.ndarray, np.ndarray]:
     return u.ravel(), v.ravel()
 
 
-def said(data: Bench, form: str = "rcrm") -> str:
+def said(data: StandData, form: str = "rcrm") -> str:
     return "\n".join(oddities(data, form))
 
 
 def test_a_sound_log_is_not_odd() -> None:
-    assert said(bench(log(*full()))) == ""
-    assert said(bench(log(*full()), TOP)) == ""
+    assert said(stand_data(log(*full()))) == ""
+    assert said(stand_data(log(*full()), TOP)) == ""
 
 
 def test_a_rotor_alone_is_not_odd_either() -> None:
@@ -64,15 +64,15 @@ def test_a_rotor_alone_is_not_odd_either() -> None:
     alone = Samples(
         {"upper_rpm": TOP * u, "upper_thrust_N": 60 * u**2, "upper_torque_Nm": 1.5 * u**2}, "x.csv"
     )
-    assert said(bench(alone), "crm") == ""
+    assert said(stand_data(alone), "crm") == ""
     found = coverage(identify(alone, "rcrm", compare=False))
     assert found.lower == (0.0, 0.0) and found.cells == pytest.approx(4 / 5)
 
 
 def test_speeds_beyond_or_far_below_the_top() -> None:
-    assert "64 rows" not in said(bench(log(*full()), 0.8 * TOP))
-    assert "run faster than `speed_max_rpm`, up to 1.25 of it" in said(bench(log(*full()), 0.8 * TOP))
-    assert "no row beyond 0.50" in said(bench(log(*full()), 2 * TOP))
+    assert "64 rows" not in said(stand_data(log(*full()), 0.8 * TOP))
+    assert "run faster than `speed_max_rpm`, up to 1.25 of it" in said(stand_data(log(*full()), 0.8 * TOP))
+    assert "no row beyond 0.50" in said(stand_data(log(*full()), 2 * TOP))
 
 
 def test_thrust_that_falls_at_the_top() -> None:
@@ -80,7 +80,7 @@ def test_thrust_that_falls_at_the_top() -> None:
     samples = log(u, v)
     stalled = np.where(u > 0.8, samples["upper_thrust_N"] * (1 - 4 * (u - 0.8)), samples["upper_thrust_N"])
     assert "upper: thrust falls with speed above 0.80" in said(
-        bench(samples.with_columns(upper_thrust_N=stalled))
+        stand_data(samples.with_columns(upper_thrust_N=stalled))
     )
 
 
@@ -89,17 +89,17 @@ def test_power_without_thrust_and_loads_the_wrong_way() -> None:
     samples = log(u, v, voltage_V=24 + 0 * u, upper_current_A=20 * u**3)
     dead = samples["upper_thrust_N"].copy()
     dead[40:43] = 0.0
-    text = said(bench(samples.with_columns(upper_thrust_N=dead)))
+    text = said(stand_data(samples.with_columns(upper_thrust_N=dead)))
     assert "upper: 3 rows draw power without thrust (row 41, row 42, row 43)" in text
     turned = samples["upper_torque_Nm"].copy()
     turned[60] *= -1
     assert "upper: torque against its rotor in 1 rows" in said(
-        bench(samples.with_columns(upper_torque_Nm=turned))
+        stand_data(samples.with_columns(upper_torque_Nm=turned))
     )
 
 
 def test_few_rows_for_a_form() -> None:
-    assert "lower.thrust_N: 16 rows for the 9 terms of crm" in said(bench(log(*full(4))), "crm")
+    assert "lower.thrust_N: 16 rows for the 9 terms of crm" in said(stand_data(log(*full(4))), "crm")
 
 
 def test_coverage_repeats_and_noise() -> None:
@@ -119,8 +119,8 @@ def test_what_a_line_of_speeds_means_for_a_table() -> None:
     result = identify(log(u, u * (1 + 0.005 * np.sin(np.arange(40)))), "mutual", compare=False)
     text = for_the_table(result, "lower.thrust_N")
     assert "fly it only with both rotors between" in text and "of the upper one's" in text
-    whole = identify(log(*full()), "mutual", compare=False)
-    assert "for a table: nothing" in for_the_table(whole, "lower.thrust_N")
+    full_map = identify(log(*full()), "mutual", compare=False)
+    assert "for a table: nothing" in for_the_table(full_map, "lower.thrust_N")
 
 
 def test_the_next_run_is_a_schedule_that_halves_the_error(tmp_path: Path) -> None:

@@ -111,17 +111,17 @@ def test_forms_have_the_terms_they_claim() -> None:
     assert same["upper.thrust_N"]["u_u^2"] == same["lower.thrust_N"]["u_l^2"] == pytest.approx(73.06, abs=0.5)
 
 
-def test_a_wild_row_is_reported_and_does_not_bend_the_model() -> None:
+def test_an_outlier_is_reported_and_does_not_change_the_model() -> None:
     clean = stand(4)
     thrust = clean["lower_thrust_N"].copy()
     thrust[60] += 40.0
-    bent = clean.with_columns(lower_thrust_N=thrust)
-    result = identify(bent, "crm", compare=False)
-    assert [(w.place, w.load) for w in result.outliers] == [("row 61", "lower.thrust_N")]
+    disturbed = clean.with_columns(lower_thrust_N=thrust)
+    result = identify(disturbed, "crm", compare=False)
+    assert [(w.where, w.load) for w in result.outliers] == [("row 61", "lower.thrust_N")]
     u, v = grid()
     off = result.model.lower_thrust(u, v) - eq17(u, v)[2]
     assert np.sqrt(np.mean(off**2)) < 0.4
-    plain = identify(bent, "crm", options=Options(robust=False), compare=False)
+    plain = identify(disturbed, "crm", options=Options(robust=False), compare=False)
     worse = plain.model.lower_thrust(u, v) - eq17(u, v)[2]
     assert np.sqrt(np.mean(off**2)) < np.sqrt(np.mean(worse**2))
     assert not identify(clean, "crm", compare=False).outliers

@@ -10,12 +10,12 @@ from coaxlink.data import Samples
 from coaxlink.data.join import join
 from coaxlink.rotor import identify
 from coaxlink.rotor.fit import Options
-from coaxlink.rotor.identification import bench
+from coaxlink.rotor.identification import stand_data
 from coaxlink.rotor.learning import learning_curve
 
 
 def test_more_blocks_never_hurt_much_and_few_hurt() -> None:
-    curve = learning_curve("crm", bench(stand(0)), Options(max_order=2))
+    curve = learning_curve("crm", stand_data(stand(0)), Options(max_order=2))
     errors = [lesson.rmse["coaxial_thrust"] for lesson in curve]
     assert curve[0].blocks == 2 and curve[-1].blocks == 10
     assert curve[-1].rows == 110
@@ -26,7 +26,9 @@ def test_more_blocks_never_hurt_much_and_few_hurt() -> None:
 
 
 def test_squares_learn_nothing_more_from_more() -> None:
-    errors = [lesson.rmse["lower_thrust"] for lesson in learning_curve("rcrm", bench(stand(0)), Options())]
+    errors = [
+        lesson.rmse["lower_thrust"] for lesson in learning_curve("rcrm", stand_data(stand(0)), Options())
+    ]
     assert errors[-1] > 1.5  # its own shape is what it misses, not rows
 
 

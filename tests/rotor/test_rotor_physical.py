@@ -111,5 +111,5 @@ def test_a_fit_that_makes_sense_is_left_alone() -> None:
 def test_what_no_coefficients_can_meet_keeps_the_fit_and_says_so() -> None:
     u = np.linspace(0.1, 0.9, 20)
     free = LoadFit(("u_u^2",), np.array([-3.0]), 2, 0.0, np.array([-3.0]), NONE)
-    kept = constrained(free, "upper.thrust_N", u, 0 * u, -3.0 * u**2, np.ones(20))
-    assert kept.unmet and kept.coefficients == free.coefficients
+    fitted_ = constrained(free, "upper.thrust_N", u, 0 * u, -3.0 * u**2, np.ones(20))
+    assert fitted_.unmet and fitted_.coefficients == free.coefficients

@@ -67,9 +67,9 @@ def test_the_channel_that_is_named_is_one_in_which_it_is_so() -> None:
 
 
 def test_the_form_asked_for_stays_and_the_surface_is_named() -> None:
-    asked = identify(world(), "crm")
-    assert asked.form == "crm"
-    assert asked.notes[0].startswith("crm does not follow") and "`form` surface" in asked.notes[0]
+    chosen = identify(world(), "crm")
+    assert chosen.form == "crm"
+    assert chosen.notes[0].startswith("crm does not follow") and "`form` surface" in chosen.notes[0]
 
 
 def polynomial_pair() -> Samples:
@@ -88,14 +88,14 @@ def polynomial_pair() -> Samples:
 
 
 def test_a_pair_that_polynomials_follow_stays_a_polynomial() -> None:
-    kept = identify(polynomial_pair(), "auto")
-    assert kept.form == "crm"
-    assert not any("follow" in note for note in kept.notes)
+    found_ = identify(polynomial_pair(), "auto")
+    assert found_.form == "crm"
+    assert not any("follow" in note for note in found_.notes)
 
 
 def test_asked_for_where_polynomials_follow_it_claims_nothing() -> None:
-    asked = identify(polynomial_pair(), "surface")
-    assert asked.form == "surface" and not any("follow" in note for note in asked.notes)
+    chosen = identify(polynomial_pair(), "surface")
+    assert chosen.form == "surface" and not any("follow" in note for note in chosen.notes)
     alone = identify(polynomial_pair(), "surface", compare=False)
     assert not any("follow" in note for note in alone.notes)
 
@@ -122,7 +122,7 @@ def test_poor_logs_give_a_model_of_numbers(case: str) -> None:
 
 
 def test_it_does_what_rotors_do_on_the_whole_range(found: Identification) -> None:
-    u, v = grid(found.bench.speeds.upper, found.bench.speeds.lower)
+    u, v = grid(found.data.speeds.upper, found.data.speeds.lower)
     for load, fit in found.fits.items():
         for rule, C in rules(load, fit.terms, u, v):
             if rule == IN_THE_WAKE:

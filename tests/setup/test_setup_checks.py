@@ -7,7 +7,7 @@ import pytest
 from coaxlink.airframe import load_airframe
 from coaxlink.files import example, examples
 from coaxlink.rotor import load_rotor_model
-from coaxlink.setup import Layout, Place, check_against, check_airframe
+from coaxlink.setup import Layout, Mount, check_against, check_airframe
 
 X8 = load_airframe(example("x8_paper.toml"))
 TURNS = {1: "ccw", -1: "cw"}
@@ -62,14 +62,14 @@ def test_every_shipped_vehicle_is_free_of_errors():
 
 
 def board_of(frame, **changes):
-    places = tuple(
+    mounts = tuple(
         replace(
-            Place(*r.position_m, "ccw" if r.yaw_sign > 0 else "cw", r.level),
+            Mount(*r.position_m, "ccw" if r.yaw_sign > 0 else "cw", r.level),
             **changes.get(f"r{r.number}", {}),
         )
         for r in frame.rotors
     )
-    return Layout("board", places, metres=True)
+    return Layout("board", mounts, metres=True)
 
 
 def test_a_board_with_the_same_rotors():
@@ -93,7 +93,7 @@ def test_a_board_with_other_rotors(change, said):
 
 
 def test_a_board_with_fewer_rotors_or_longer_arms():
-    fewer = Layout("board", board_of(X8).places[:6], metres=True)
+    fewer = Layout("board", board_of(X8).mounts[:6], metres=True)
     assert [f.id for f in check_against(X8, fewer)] == ["airframe.count"]
     # 2: a diagonal for an arm; 1.15: a tape; longer ahead only: another vehicle
     for board, severity in ((scaled(2.0), "error"), (scaled(1.15), "warning"), (stretched(1.5), "error")):
@@ -104,8 +104,8 @@ def test_a_board_with_fewer_rotors_or_longer_arms():
 
 def stretched(factor):
     """The paper's vehicle with its rotors further ahead and behind."""
-    places = [(r, (factor * r.position_m[0], *r.position_m[1:])) for r in X8.rotors]
-    return replace(X8, rotors=tuple(replace(r, position_m=place) for r, place in places))
+    mounts = [(r, (factor * r.position_m[0], *r.position_m[1:])) for r in X8.rotors]
+    return replace(X8, rotors=tuple(replace(r, position_m=position) for r, position in mounts))
 
 
 @pytest.mark.parametrize("mass", [5000.0, 1e300, 1e-4])

@@ -46,7 +46,7 @@ def test_px4_with_heights_needs_only_the_mass():
     assert ring(made) == ring(X8)
     for here, there in zip(made.rotors, X8.rotors, strict=True):
         assert here.position_m == pytest.approx(there.position_m, abs=1e-6)
-    assert [p.output for p in px4_layout(px4_params(X8), "board").places] == [
+    assert [p.output for p in px4_layout(px4_params(X8), "board").mounts] == [
         f"MAIN {n}" for n in range(1, 9)
     ]
 
@@ -101,7 +101,7 @@ def test_ardupilots_octaquad_is_the_papers_numbering():
     assert ring(made) == ring(X8)
     for here, there in zip(made.rotors, X8.rotors, strict=True):
         assert here.position_m == pytest.approx(there.position_m, abs=1e-6)
-    assert layout.places[0].output == "SERVO 1"
+    assert layout.mounts[0].output == "SERVO 1"
 
 
 def test_all_that_is_missing_is_named_at_once():

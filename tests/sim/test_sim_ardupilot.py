@@ -228,9 +228,9 @@ def test_a_loader_takes_a_new_table_in_flight(board: Board) -> None:
     board.run(4.0)
     assert split(board.copter.outputs_us, board) == pytest.approx(1 / 0.672, rel=0.02)
     assert -board.copter.plant.position[2] == pytest.approx(3.0, abs=0.3)
-    kept = board.copter.store["CXL_SUM"]
+    sum_before = board.copter.store["CXL_SUM"]
     board.boot_with(17, coaxlink=loader_script())
-    assert board.copter.store["CXL_SUM"] == kept  # the table is there again after a reboot
+    assert board.copter.store["CXL_SUM"] == sum_before  # the table is there again after a reboot
 
 
 def test_a_script_may_hold_outputs_for_a_while(board: Board) -> None:

@@ -152,8 +152,8 @@ def test_stand_and_flight_turn_the_solved_equations(
     plant.advance(command, 400)
     low = plant.vehicle.level == 1
     felt = [plant.thrust[~low], plant.torque[~low], plant.thrust[low], plant.torque[low]]
-    for seen, expected, scale in zip(felt, direct, (60.0, 1.5, 90.0, 2.2), strict=False):
-        assert seen == pytest.approx(expected, abs=1e-4 * scale)
+    for got, expected, scale in zip(felt, direct, (60.0, 1.5, 90.0, 2.2), strict=False):
+        assert got == pytest.approx(expected, abs=1e-4 * scale)
     drag = -plant.specific_force[0] * 1e9
     assert drag == pytest.approx(4 * edge * (direct[4] + direct[5]), rel=1e-3, abs=1e-6)
 

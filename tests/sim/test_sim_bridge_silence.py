@@ -42,7 +42,7 @@ def in_lockstep(port: int, u: float = 0.0) -> Px4Counterpart:
     return px4
 
 
-def told(said: list[str]) -> list[str]:
+def warnings_(said: list[str]) -> list[str]:
     return [line for line in said if "HIL_ACTUATOR_CONTROLS" in line]
 
 
@@ -56,7 +56,7 @@ def test_a_frame_withheld_while_arming_holds_nothing_up_and_is_told_once_a_link(
                 px4.sensor()  # not answered
                 assert px4.sensor()[0].time_usec and bridge.timeouts > before
                 px4.controls(px4.last.time_usec, np.zeros(8))
-            assert len(told(said)) == links and "0.05 s" in told(said)[-1]
+            assert len(warnings_(said)) == links and "0.05 s" in warnings_(said)[-1]
             px4.socket.close()
     assert re.search(rf"2 links, {bridge.timeouts} by the lock-step time-out of 0.05 s", said[-1]), said
 

@@ -261,12 +261,12 @@ def test_px4_logs_when_its_mode_says_from_the_next_boot_on(mode: int, runs: str)
     a: Any = build(World(EXAMPLES / "x8_demo.toml"), []).autopilot
     a.store.preset("SDLOG_MODE", mode)
     a.boot()
-    seen = ""
+    logging = ""
     for act in (lambda: None, a.arm, lambda: a.disarm(force=True), a.arm):
         act()
         a.step()
-        seen += str(int(a.logger.wanted()))
-    assert seen == runs
+        logging += str(int(a.logger.wanted()))
+    assert logging == runs
 
 
 @pytest.mark.parametrize(("firmware", "suffix"), [("px4", ".ulg"), ("ardupilot", ".BIN")])

@@ -39,8 +39,8 @@ def test_three_fly_at_once(firmware: str, id_name: bytes) -> None:
                 link.mav.param_set_send(system, 1, b"COM_DISARM_PRFLT", -1.0, 9)
         links[2].mav.command_long_send(2, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)  # not its own number: not heard
         links[1].mav.param_request_read_send(2, 1, id_name, -1)
-        told = get(links[1], "PARAM_VALUE", met=lambda v: v.param_id == id_name.decode())
-        number = told.param_value if firmware == "ardupilot" else as_int(told.param_value)
+        answer = get(links[1], "PARAM_VALUE", met=lambda v: v.param_id == id_name.decode())
+        number = answer.param_value if firmware == "ardupilot" else as_int(answer.param_value)
         assert number == 2
         boards = set()
         for system, link in enumerate(links, 1):

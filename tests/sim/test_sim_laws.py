@@ -96,7 +96,7 @@ def test_a_motor_under_load_and_a_giving_governor() -> None:
 
 
 def test_the_packs_relax_as_their_laws_say() -> None:
-    seen = {}
+    volts_of = {}
     for law in ("power", "motor", "shepherd"):
         p = flown(Effect("battery_voltage", 1e-9, 0.0, {}, law))
         p.state[2] = -1e5
@@ -104,7 +104,7 @@ def test_the_packs_relax_as_their_laws_say() -> None:
         for _ in range(12):
             p.advance(HOVER, 1000)
             volts.append(p.voltage)
-        seen[law] = np.array(volts)
+        volts_of[law] = np.array(volts)
         current, charge = p.current, p.charge
         drop = 0.025 * current
         rest = 8 * (3.55 + 0.6 * charge - 0.35 * math.exp(-charge / 0.06))
@@ -117,7 +117,10 @@ def test_the_packs_relax_as_their_laws_say() -> None:
             spent = 1 - charge
             cell = 3.8 - 0.012 * (spent + 0.1 * current * (1 - math.exp(-1.2)) * 360 / 25200) / charge
             assert volts[-1] == pytest.approx(8 * (cell + 0.36 * math.exp(-4 * spent)) - drop, abs=0.03)
-    assert seen["motor"][0] > seen["power"][0] and len({round(float(v[-1]), 2) for v in seen.values()}) == 3
+    assert (
+        volts_of["motor"][0] > volts_of["power"][0]
+        and len({round(float(v[-1]), 2) for v in volts_of.values()}) == 3
+    )
 
 
 def test_lags_of_second_order_and_unequal_ways() -> None:
@@ -147,10 +150,10 @@ def test_rotors_react_to_the_rate_their_lag_gives_them() -> None:
 
 
 def test_weak_short_hung_and_moved() -> None:
-    whole = flown()
+    sound = flown()
     short = flown(Effect("degraded_rotor", 0.2, 0.0, {"rotor": 2.0}, "tip"))
-    assert short.thrust[1] / whole.thrust[1] == pytest.approx(0.8)
-    assert short.torque[1] / whole.torque[1] == pytest.approx(0.8**1.25)
+    assert short.thrust[1] / sound.thrust[1] == pytest.approx(0.8)
+    assert short.torque[1] / sound.torque[1] == pytest.approx(0.8**1.25)
     weak = flown(Effect("degraded_rotor", 0.2, 0.0, {"rotor": 2.0}, "weak_motor"))
     weak.advance(HOVER, 300)
     assert weak.speeds[1] / HOVER[1] == pytest.approx(math.sqrt(0.8))
@@ -191,8 +194,8 @@ def test_dryden_gusts_across_the_wind_forget_faster() -> None:
     air = np.array(felt) - [4.0, 0.0, 0.0]
     assert air.std(axis=0) == pytest.approx([1.5, 1.5, 0.75], rel=0.12)
     lag = 50  # 2.5 s: exp(-1) along, exp(-1) (1 - 1/2) across
-    kept = [np.mean(a[lag:] * a[:-lag]) / np.mean(a * a) for a in air.T]
-    assert kept == pytest.approx([math.exp(-1), 0.5 * math.exp(-1), 0.5 * math.exp(-1)], abs=0.06)
+    correlations = [np.mean(a[lag:] * a[:-lag]) / np.mean(a * a) for a in air.T]
+    assert correlations == pytest.approx([math.exp(-1), 0.5 * math.exp(-1), 0.5 * math.exp(-1)], abs=0.06)
 
 
 def test_a_law_survives_its_file_and_a_bad_one_is_named(tmp_path: Path) -> None:

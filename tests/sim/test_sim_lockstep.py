@@ -80,14 +80,14 @@ def flight() -> Iterator[tuple[Any, Pilot]]:
 
 def test_every_position_is_answered_before_time_goes_on(flight: tuple[Any, Pilot]) -> None:
     standin, pilot = flight
-    told = []
+    lags = []
     for _ in range(250):
         before = len(pilot.heard)
         standin.tick()
         if len(pilot.heard) > before:  # the tick that told it is the tick in which it was answered
-            told.append(round(1e3 * standin.autopilot.reading.time_s) - pilot.heard[-1])
+            lags.append(round(1e3 * standin.autopilot.reading.time_s) - pilot.heard[-1])
     assert len(pilot.heard) >= 28  # 30 a second, asked or not
-    assert len(set(told)) == 1, told
+    assert len(set(lags)) == 1, lags
     assert standin.autopilot.mode == Mode.OFFBOARD
 
 

@@ -26,14 +26,14 @@ class Talk(Port):
         self.peers = [Peer(self, ("", 0), 1)]  # type: ignore[arg-type]
         self.mav, self.parser = m.MAVLink(None, srcSystem=255, srcComponent=190), m.MAVLink(None)
         self.inbox: list[bytes] = []
-        self.told: list[Any] = []
+        self.received: list[Any] = []
 
     @property
     def sockets(self) -> list:
         return []
 
     def sendto(self, data: bytes, address: object) -> None:
-        self.told += self.parser.parse_buffer(data) or []
+        self.received += self.parser.parse_buffer(data) or []
 
     def receive(self) -> list[tuple[Peer, bytes]]:
         found, self.inbox = self.inbox, []
@@ -62,8 +62,8 @@ class Pilot:
             self.standin.tick()
 
     def heard(self, kind: str) -> list[Any]:
-        found = [message for message in self.port.told if message.get_type() == kind]
-        self.port.told = [message for message in self.port.told if message.get_type() != kind]
+        found = [message for message in self.port.received if message.get_type() == kind]
+        self.port.received = [message for message in self.port.received if message.get_type() != kind]
         return found
 
     def command(self, number: int, *p: float) -> int:
@@ -168,8 +168,8 @@ def test_a_motor_is_turned_on_the_bench(px4: Pilot, copter: Pilot) -> None:
     px4.put("COM_MOT_TEST_EN", 0)
     assert px4.command(310, 0.2, 1.0, 0, 0, 6) == 2
     # ArduPilot counts clockwise from the front right, not by motors
-    for place, motor in ((1, 1), (2, 6), (3, 4), (4, 7), (5, 3), (6, 8), (7, 2), (8, 5)):
-        assert copter.command(209, place, 0, 20.0, 0.5, 1) == 0
+    for test_number, motor in ((1, 1), (2, 6), (3, 4), (4, 7), (5, 3), (6, 8), (7, 2), (8, 5)):
+        assert copter.command(209, test_number, 0, 20.0, 0.5, 1) == 0
         copter.run(0.4)
         assert turning(copter) == {motor}
         copter.run(0.6)

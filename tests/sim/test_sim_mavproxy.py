@@ -76,9 +76,9 @@ class Typist:
         x, y, z = (float(found[k]) for k in (1, 2, 3))
         return x, y, z
 
-    def until(self, place: tuple[float, float, float], near: float) -> None:
+    def until(self, goal: tuple[float, float, float], near: float) -> None:
         end = time.monotonic() + 600.0
-        while math.dist(self.position(), place) > near:
+        while math.dist(self.position(), goal) > near:
             assert time.monotonic() < end, self.printed[-15:]
             time.sleep(0.2)
 
@@ -112,8 +112,8 @@ def write_mission(path: Path, home: bool) -> None:
     for seq, (command, north, east, up) in enumerate(rows):
         lon = LON + east * METRE / math.cos(math.radians(LAT))
         frame = 0 if home and seq == 0 else 3
-        place = f"{LAT + north * METRE:.8f}\t{lon:.8f}\t{up:.2f}"
-        text += f"{seq}\t{int(seq == 0)}\t{frame}\t{command}\t{15 * (command == 16)}\t0.5\t0\t0\t{place}\t1\n"
+        goal = f"{LAT + north * METRE:.8f}\t{lon:.8f}\t{up:.2f}"
+        text += f"{seq}\t{int(seq == 0)}\t{frame}\t{command}\t{15 * (command == 16)}\t0.5\t0\t0\t{goal}\t1\n"
     path.write_text(text)
 
 

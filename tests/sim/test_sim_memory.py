@@ -33,15 +33,15 @@ def test_px4_s_own_save_comes_a_moment_after_the_change(tmp_path, monkeypatch):
     memory = tmp_path / "memory.json"
     board = _boot(memory)
 
-    def kept(after_s):
+    def after_restart(after_s):
         clock[0] += after_s
         board.tick()
         return _boot(memory).autopilot.store["CA_ROTOR0_CT"]
 
     board.autopilot.store.write("CA_ROTOR0_CT", FLOAT, 30.0)
-    assert (kept(0.29), kept(0.02)) == (6.5, 30.0)
+    assert (after_restart(0.29), after_restart(0.02)) == (6.5, 30.0)
     board.autopilot.store.write("CA_ROTOR0_CT", FLOAT, 31.0)  # not twice within two seconds
-    assert (kept(1.9), kept(0.2)) == (30.0, 31.0)
+    assert (after_restart(1.9), after_restart(0.2)) == (30.0, 31.0)
 
 
 def test_ardupilot_keeps_values_scripts_and_what_they_added_at_once(tmp_path):

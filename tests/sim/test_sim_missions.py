@@ -34,13 +34,13 @@ def item(seq: int, number: int, north: float, east: float, up: float, *p: float,
 def upload(link: Any, items: list[Any]) -> tuple[int, list[int]]:
     """Result of the upload, and what was asked for."""
     link.mav.mission_count_send(1, 1, len(items), 0)
-    asked = []
+    requested = []
     while (answer := get(link, ["MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"])) is not None:
         if answer.get_type() == "MISSION_ACK":
-            return answer.type, asked
-        asked.append(answer.seq)
+            return answer.type, requested
+        requested.append(answer.seq)
         link.mav.send(items[answer.seq])
-    raise AssertionError(f"the upload ends without a word after {asked}")
+    raise AssertionError(f"the upload ends without a word after {requested}")
 
 
 def square(first: int) -> list[Any]:
@@ -59,8 +59,8 @@ def square(first: int) -> list[Any]:
 def test_pymavlink_flies_a_mission(firmware: str, first: int, mode: int) -> None:
     with flown("--firmware", firmware, "--speed", "8") as link:
         items = square(first)
-        result, asked = upload(link, items)
-        assert result == 0 and sorted(set(asked)) == list(range(len(items)))
+        result, requested = upload(link, items)
+        assert result == 0 and sorted(set(requested)) == list(range(len(items)))
         link.mav.mission_request_list_send(1, 1, 0)
         assert get(link, "MISSION_COUNT").count == len(items)
         for sent in items:
@@ -77,7 +77,7 @@ def test_pymavlink_flies_a_mission(firmware: str, first: int, mode: int) -> None
         assert command(link, 300) == 0
         if not first:
             assert get(link, "HEARTBEAT", met=lambda h: h.base_mode & 128 > 0) is not None
-        reached, seen, path = [], set(), []
+        reached, modes, path = [], set(), []
         while (message := get(link, ["MISSION_ITEM_REACHED", "LOCAL_POSITION_NED", "HEARTBEAT"])) is not None:
             kind = message.get_type()
             if kind == "MISSION_ITEM_REACHED":
@@ -85,10 +85,10 @@ def test_pymavlink_flies_a_mission(firmware: str, first: int, mode: int) -> None
             elif kind == "LOCAL_POSITION_NED":
                 path.append((message.x, message.y, message.z))
             elif message.get_srcSystem() == 1:
-                seen.add(message.custom_mode)
+                modes.add(message.custom_mode)
                 if not message.base_mode & 128 and reached:
                     break
-        assert mode in seen
+        assert mode in modes
         assert reached == [first, first + 1, first + 2, first + 3]
         for corner in ((4, 0, -3), (4, 4, -4)):
             assert min(math.dist(p, corner) for p in path) < 0.5
@@ -103,8 +103,8 @@ def test_what_cannot_be_flown_is_refused() -> None:
         assert upload(link, [item(0, WAYPOINT, 0, 0, 3, frame=17)])[0] == 2
         assert upload(link, [item(0, WAYPOINT, 0, 0, math.nan)])[0] == 5
         link.mav.mission_count_send(1, 1, 2, 0)
-        asked = [get(link, "MISSION_REQUEST_INT").seq for _ in range(3)]
-        assert asked == [0, 0, 0]  # what does not come is asked for again
+        requested = [get(link, "MISSION_REQUEST_INT").seq for _ in range(3)]
+        assert requested == [0, 0, 0]  # what does not come is asked for again
         link.mav.send(item(1, WAYPOINT, 0, 0, 3))  # not what was asked for
         assert get(link, "MISSION_REQUEST_INT").seq == 0
         assert get(link, "MISSION_ACK").type == 15

@@ -171,14 +171,14 @@ def test_axial_inflow_takes_thrust_in_a_climb(plant: Plant) -> None:
 
 def test_degraded_rotor_mass_and_lag(plant: Plant) -> None:
     spin_up(plant, HOVER)
-    whole = plant.thrust.copy()
+    sound = plant.thrust.copy()
     effects = (Effect("degraded_rotor", 0.3, 0.0, {"rotor": 3.0}), Effect("mass_change", 1.5))
     with_effects(plant, *effects, Effect("rotor_lag", 0.03))
     plant.advance(HOVER, 0)
     share = np.ones(8)
     share[2] = 0.7
-    assert plant.thrust == pytest.approx(whole * share)
-    assert plant.specific_force[2] * 21.5 == pytest.approx(-(whole * share).sum())
+    assert plant.thrust == pytest.approx(sound * share)
+    assert plant.specific_force[2] * 21.5 == pytest.approx(-(sound * share).sum())
     plant.advance(HOVER + 0.1, 50)
     assert plant.speeds - HOVER == pytest.approx(0.1 * (1 - math.exp(-1)), rel=1e-9)
 

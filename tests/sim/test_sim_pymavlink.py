@@ -63,10 +63,10 @@ def test_the_list_starts_with_the_hash_of_what_follows(link: Any) -> None:
 def test_a_change_echoes_twice_and_the_same_value_once(link: Any) -> None:
     def echoes(value: float) -> list[float]:
         link.mav.param_set_send(1, 1, b"CA_ROTOR2_CT", value, 9)
-        seen = []
+        received = []
         while (message := get(link, "PARAM_VALUE", 0.4)) is not None:
-            seen.append(message.param_value)
-        return seen
+            received.append(message.param_value)
+        return received
 
     assert echoes(150.0) == [150.0, 150.0]  # out of range, and taken
     assert echoes(150.0) == [150.0]

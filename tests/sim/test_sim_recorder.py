@@ -40,13 +40,13 @@ def test_a_clients_flight_is_kept(tmp_path: Path, firmware: str) -> None:
     assert rows["height_m"].max() > 1.5 and len(rows) > 500
     assert np.diff(rows["time_s"]) == pytest.approx(0.008)
     reader = mavutil.mavlink_connection(str(tlog), dialect="ardupilotmega")
-    seen: dict[str, list] = {}
+    by_type: dict[str, list] = {}
     while (message := reader.recv_match()) is not None:
-        seen.setdefault(message.get_type(), []).append(message)
+        by_type.setdefault(message.get_type(), []).append(message)
     reader.close()
     needed = {"HEARTBEAT", "ATTITUDE", "LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW", "DISTANCE_SENSOR"}
-    assert needed <= set(seen)
-    positions = seen["LOCAL_POSITION_NED"]
+    assert needed <= set(by_type)
+    positions = by_type["LOCAL_POSITION_NED"]
     gaps = np.diff([p.time_boot_ms for p in positions])
     assert np.median(gaps) == 20 and gaps.max() <= 24  # none lost: the log has no wire
     assert positions[-1]._timestamp == pytest.approx(positions[-1].time_boot_ms / 1000, abs=0.01)

@@ -87,8 +87,8 @@ def test_what_a_constant_gain_leaves_is_what_has_another_shape() -> None:
     t = np.linspace(0.0, 1.0, 400)[:, None]
     demands = np.hstack([0.5 + 0.1 * np.sin(7 * t + k) for k in range(4)])
     assert shape_error(demands, 300.0 * demands) == pytest.approx([0.0] * 4, abs=1e-9)
-    bent = 300.0 * demands + np.array([0.0, 1.0, 0.0, 2.0]) * np.sign(np.sin(50 * t))
-    left = shape_error(demands, bent)
+    hysteretic = 300.0 * demands + np.array([0.0, 1.0, 0.0, 2.0]) * np.sign(np.sin(50 * t))
+    left = shape_error(demands, hysteretic)
     assert left == pytest.approx([0.0, 1.0, 0.0, 2.0], abs=0.05)
 
 

@@ -46,8 +46,10 @@ def test_faults_come_as_often_as_they_say(chance: float) -> None:
     assert len(lost) == pytest.approx((1 - chance) * len(DATA), rel=0.02) and set(lost) <= set(DATA)
     copied = Counter(carried(WireFaults(copies=chance)))
     assert sum(n == 2 for n in copied.values()) == pytest.approx(chance * len(DATA), rel=0.2)
-    bent = carried(WireFaults(corruption=chance))
-    changed = [bin(int.from_bytes(a) ^ int.from_bytes(b)).count("1") for a, b in zip(bent, DATA, strict=True)]
+    flipped = carried(WireFaults(corruption=chance))
+    changed = [
+        bin(int.from_bytes(a) ^ int.from_bytes(b)).count("1") for a, b in zip(flipped, DATA, strict=True)
+    ]
     assert set(changed) == {0, 1} and sum(changed) == pytest.approx(chance * len(DATA), rel=0.2)
     moved = carried(WireFaults(disorder=chance))
     assert sorted(moved) == sorted(DATA) and moved != DATA

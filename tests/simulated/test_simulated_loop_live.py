@@ -59,12 +59,12 @@ def test_an_inflow_is_taken_out_live_though_the_companion_sleeps_a_second(tmp_pa
 
 def test_a_flight_that_was_not_the_mixers_is_not_weighed(monkeypatch, tmp_path):
     world = closed_loop.World([], 1, 10.0, tmp_path, PLAN)
-    whole = round(250 * PLAN.duration_s)
-    for cycles, hand_overs in ((0.6 * whole, 1), (whole, 5)):
+    planned = round(250 * PLAN.duration_s)
+    for cycles, hand_overs in ((0.6 * planned, 1), (planned, 5)):
         account = {"cycles": cycles, "hand_overs": hand_overs}
         monkeypatch.setattr(flights, "fly_live", lambda *_, a=account, **__: ("flown", flights.Demands(), a))
         with pytest.raises(CheckFailed, match="not the mixer's flight"):
             closed_loop._fly_live(world, 1, VEHICLE, "before")
-    account = {"cycles": whole, "hand_overs": 1}
+    account = {"cycles": planned, "hand_overs": 1}
     monkeypatch.setattr(flights, "fly_live", lambda *_, **__: ("flown", flights.Demands(), account))
     assert closed_loop._fly_live(world, 1, VEHICLE, "before")[0] == "flown"

@@ -48,12 +48,12 @@ def test_the_files_carry_one_table():
     hover = 20 * 9.80665 / (4 * (46.98 * 46.98 / 69.89 + 69.89))
     assert report.params["MOT_THST_HOVER"] == pytest.approx(hover, abs=2e-4)
     assert report.squared_ratio == pytest.approx([1.487654] * 4, abs=1e-4)
-    kept = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.05)
-    assert kept.params["MOT_THST_EXPO"] == pytest.approx(0.9025 / 0.9975, abs=1e-4)
-    assert kept.squared_ratio == pytest.approx([1.487654] * 4, rel=3e-3)
-    assert "ap.spin-min" not in {f.id for f in kept.findings}
-    bent = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.05, expo=1.0)
-    assert bent.squared_ratio[0] < 1.47 and "ap.spin-min" in {f.id for f in bent.findings}
+    own_curve = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.05)
+    assert own_curve.params["MOT_THST_EXPO"] == pytest.approx(0.9025 / 0.9975, abs=1e-4)
+    assert own_curve.squared_ratio == pytest.approx([1.487654] * 4, rel=3e-3)
+    assert "ap.spin-min" not in {f.id for f in own_curve.findings}
+    other_curve = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.05, expo=1.0)
+    assert other_curve.squared_ratio[0] < 1.47 and "ap.spin-min" in {f.id for f in other_curve.findings}
     loader = report_ap(Vehicle(airframe, model), "reduced", frame_class=17)
     assert loader.params["CXL_N"] == 8 and loader.params["FRAME_CLASS"] == 17
     with pytest.raises(InputError, match="expected 15"):

@@ -36,11 +36,11 @@ def test_scales_are_old_over_new_and_only_held_gains_are_written():
 
 def test_ardupilots_p_i_and_d_are_scaled_each():
     board = {f"ATC_RAT_{a}_{k}": 0.1 for a in ("RLL", "PIT", "YAW") for k in "PID"}
-    kept = preserved_gains(
+    gains_ = preserved_gains(
         "ardupilot", flown(20.0, 30.0, 1.0), flown(10.0, 30.0, 1.0), board, "on board", write=True
     )
-    assert kept.written["ATC_RAT_RLL_D"] == 0.05 and kept.written["ATC_RAT_YAW_I"] == 0.1
-    assert len(kept.written) == 9 and kept.problem == ""
+    assert gains_.written["ATC_RAT_RLL_D"] == 0.05 and gains_.written["ATC_RAT_YAW_I"] == 0.1
+    assert len(gains_.written) == 9 and gains_.problem == ""
 
 
 @pytest.mark.parametrize("new", [0.0, -3.0])

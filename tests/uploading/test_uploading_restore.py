@@ -123,7 +123,7 @@ def test_all_puts_the_rest_back_but_what_the_board_owns(board, tmp_path):
         ("CAL_GYRO0_XOFF", 0.002),
     ):
         _set(board, name, value)
-    outcome, said = _restore(board, path, tmp_path, whole=True)
+    outcome, said = _restore(board, path, tmp_path, everything=True)
     assert outcome.result == "verified" and board.params["MPC_XY_CRUISE"][0] == 5.0
     assert dict(outcome.left_out) == {
         "CAL_GYRO0_XOFF": "learned",
@@ -144,7 +144,7 @@ def test_all_goes_on_past_what_the_board_refuses_of_the_rest(board, tmp_path, ho
     _set(board, "MPC_XY_CRUISE", 7.0)
     _set(board, "SDLOG_PROFILE", 5)
     setattr(board, how, {"MPC_XY_CRUISE"} if how == "refuses" else {"MPC_XY_CRUISE": 7.0})
-    outcome, said = _restore(board, path, tmp_path, whole=True)
+    outcome, said = _restore(board, path, tmp_path, everything=True)
     assert outcome.result == "incomplete" and outcome.error.exit_code == 1
     assert "MPC_XY_CRUISE" in str(outcome.error) and list(outcome.passed_over) == ["MPC_XY_CRUISE"]
     assert outcome.to_json()["passed_over"][0]["why"] == ("read only" if how == "refuses" else "keeps 7")
@@ -159,7 +159,7 @@ def test_what_the_board_refuses_of_the_table_undoes_it_all(board, tmp_path):
     _set(board, "SDLOG_PROFILE", 5)
     table = _held(board)
     board.keeps = {"CA_ROTOR5_CT": board.params["CA_ROTOR5_CT"][0]}
-    outcome, _ = _restore(board, path, tmp_path, whole=True)
+    outcome, _ = _restore(board, path, tmp_path, everything=True)
     assert outcome.result == "rolled_back" and "CA_ROTOR5_CT" in outcome.reason
     assert _held(board) == table
 
@@ -170,7 +170,7 @@ def test_an_interrupted_restore_of_all_is_finished_past_a_refusal(board, tmp_pat
     table = _held(board)
     _set(board, "MPC_XY_CRUISE", 7.0)
     board.refuses, board.arm_after = {"MPC_XY_CRUISE"}, 1
-    outcome, _ = _restore(board, path, tmp_path, whole=True)
+    outcome, _ = _restore(board, path, tmp_path, everything=True)
     assert outcome.result == "failed" and outcome.standing["new"]
     board.armed = False
     with connect(board.url) as session:

@@ -33,7 +33,7 @@ X8 = EXAMPLES / "x8_paper.toml"
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory):
     """Folders by name, each written by the verb."""
-    place = tmp_path_factory.mktemp("tables")
+    folder = tmp_path_factory.mktemp("tables")
     wanted = {
         "px4": ["--firmware", "px4", "--law", "reduced", "--rotor", str(EXAMPLES / "rotor_eq15.toml")],
         "matrix": ["--firmware", "ardupilot", "--law", "reduced"],
@@ -51,9 +51,9 @@ def tables(tmp_path_factory):
     }
     for name, options in wanted.items():
         with pytest.raises(SystemExit) as ended:
-            main(["table", str(X8), *options, "--out", str(place / name)])
+            main(["table", str(X8), *options, "--out", str(folder / name)])
         assert ended.value.code == 0
-    return {name: place / name for name in wanted}
+    return {name: folder / name for name in wanted}
 
 
 def test_px4_takes_a_table_over_a_bad_line_and_gives_it_back(tables, tmp_path):

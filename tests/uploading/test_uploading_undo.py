@@ -33,12 +33,12 @@ _READING = (1, 3, 4, 5, 14)  # MAVFTP: close, list, open to read, read, checksum
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory):
     """Folders by name, each written by the verb."""
-    place = tmp_path_factory.mktemp("tables")
+    folder = tmp_path_factory.mktemp("tables")
     for name, options in LAWS.items():
         with pytest.raises(SystemExit) as ended:
-            main(["table", str(X8), *options, "--out", str(place / name)])
+            main(["table", str(X8), *options, "--out", str(folder / name)])
         assert ended.value.code == 0
-    return {name: place / name for name in LAWS}
+    return {name: folder / name for name in LAWS}
 
 
 def _firmware(table):
@@ -106,10 +106,10 @@ def test_up_flown_verified_undone(tables, tmp_path, table):
 
         other = "PILOT_SPEED_UP" if ardupilot else "MPC_XY_CRUISE"
         parameters.write(other, 3.0, parameters.read(other).type)
-        whole = _worker(session, tmp_path).restore(read_backup(Path(done.backup)), whole=True)
-        assert whole.result == "verified", whole.reason
+        outcome_ = _worker(session, tmp_path).restore(read_backup(Path(done.backup)), everything=True)
+        assert outcome_.result == "verified", outcome_.reason
         assert parameters.read(other).value == before[other]
-        assert set(whole.left_out) >= (
+        assert set(outcome_.left_out) >= (
             {"STAT_FLTTIME", "STAT_BOOTCNT", "BARO1_GND_PRESS"}
             if ardupilot
             else {"COM_FLIGHT_UUID", "LND_FLIGHT_T_LO", "CAL_GYRO0_XOFF", "EKF2_MAG_DECL"}
@@ -122,7 +122,7 @@ def test_a_refusal_of_the_rest_that_no_list_knows(tables, tmp_path, monkeypatch)
     with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
         done = _worker(session, tmp_path).upload(load_plan(tables["ardupilot"]))
         assert done.result == "verified", done.reason
-        outcome = _worker(session, tmp_path).restore(read_backup(Path(done.backup)), whole=True)
+        outcome = _worker(session, tmp_path).restore(read_backup(Path(done.backup)), everything=True)
         assert outcome.result == "incomplete" and outcome.error.exit_code == 1
         assert outcome.passed_over["BARO1_GND_PRESS"] == "permission denied"
         assert Parameters(session).read("FRAME_CLASS").value == 4

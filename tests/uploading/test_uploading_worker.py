@@ -116,9 +116,9 @@ def test_a_second_upload_finds_nothing_to_do(board, tmp_path):
 
 
 def test_a_dry_run_and_a_no_write_nothing(board, tmp_path):
-    seen = []
-    outcome = _upload(board, _plan(tmp_path), tmp_path, Talk(difference=seen.extend), dry_run=True)
-    assert outcome.result == "dry_run" and len(seen) == 18 and not (tmp_path / "backups").exists()
+    differences = []
+    outcome = _upload(board, _plan(tmp_path), tmp_path, Talk(difference=differences.extend), dry_run=True)
+    assert outcome.result == "dry_run" and len(differences) == 18 and not (tmp_path / "backups").exists()
     outcome = _upload(board, _plan(tmp_path), tmp_path, Talk(confirm=lambda: False))
     assert outcome.result == "refused" and "not confirmed" in outcome.reason
     assert board.sets == []
@@ -303,16 +303,16 @@ def test_a_parameter_that_the_list_leaves_out_is_asked_for_by_name(board, tmp_pa
 
 def test_a_board_that_is_not_known_by_its_id_is_asked_again(board, tmp_path):
     """The first requests for it were lost: a journal under another name would never be found again."""
-    answer, asked = board._send_version, []
+    answer, requests = board._send_version, []
 
     def late():
-        asked.append(1)
-        if len(asked) > 7:
+        requests.append(1)
+        if len(requests) > 7:
             answer()
 
     board._send_version = late
     outcome = _upload(board, _plan(tmp_path), tmp_path)
-    assert outcome.result == "verified" and len(asked) > 7
+    assert outcome.result == "verified" and len(requests) > 7
     assert Journal(_Identity).last() is not None
 
 

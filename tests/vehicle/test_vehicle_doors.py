@@ -95,7 +95,7 @@ def test_no_public_function_takes_an_airframe_and_a_rotor_model_apart():
 # each holds the declared airframe against the declared rotors, effects and all, or is called with a Vehicle's
 TAKE_BOTH = {
     "coaxlink.vehicle.vehicle.Vehicle.__init__",
-    "coaxlink.effects.static.StaticBench.__init__",  # a Vehicle that is being made
+    "coaxlink.effects.static.StaticVehicle.__init__",  # a Vehicle that is being made
     "coaxlink.frames.FlightFrame.__init__",
     "coaxlink.residual.channels.flight.flight_frame",  # tracing: effects are part of the prediction
     "coaxlink.residual.answer.flight.judge_flight",

@@ -34,7 +34,7 @@ INTERFERENCE = Effect(
 BLADE = Effect("blade_speed_law", {"exponent_change": 0.12, "power": -0.25})
 
 
-def seen(*effects, **at):
+def vehicle_with(*effects, **at):
     return Vehicle(X8, dataclasses.replace(CRM, effects=effects), Conditions(**at))
 
 
@@ -55,9 +55,9 @@ def delivered(
     if weak is not None:
         pull[weak] *= 0.7
         drag[weak] *= 0.82
-    place = np.array([r.position_m for r in X8.rotors])[:, :2] - shift
+    positions = np.array([r.position_m for r in X8.rotors])[:, :2] - shift
     spin = np.array([1, -1, 1, -1, 1, -1, 1, -1])  # of x8_paper.toml
-    return np.array([pull.sum(), -place[:, 1] @ pull, place[:, 0] @ pull, spin @ drag])
+    return np.array([pull.sum(), -positions[:, 1] @ pull, positions[:, 0] @ pull, spin @ drag])
 
 
 ABOVE = 0.4 + np.array([0.075] * 4 + [-0.075] * 4)  # the discs' own heights
@@ -95,7 +95,7 @@ CASES = {
 @pytest.mark.parametrize("law", ["exact", "coaxial"])
 def test_the_demand_is_delivered_by_rotors_that_have_the_effect(case, law):
     effects, at, truth = CASES[case]
-    s = seen(*effects, **at)
+    s = vehicle_with(*effects, **at)
     assert set(s.compensated) == {e.name for e in effects} and not s.left_out
     u = make_law(law, s).speeds(DEMAND)
     # a loss that does not grow with speed is no polynomial of a rotor that stands: it is met closely
@@ -105,7 +105,7 @@ def test_the_demand_is_delivered_by_rotors_that_have_the_effect(case, law):
 
 
 @pytest.mark.parametrize("effect", [INTERFERENCE, BLADE])
-def test_a_bent_surface_is_delivered_on(effect):
+def test_a_curved_surface_is_delivered_on(effect):
     p = effect.parameters
 
     def bend(a, b, each):
@@ -115,7 +115,7 @@ def test_a_bent_surface_is_delivered_on(effect):
         share = [p["exponent_change"] * (x ** p["power"] - 1) / p["power"] for x in (a, b)]
         return [e * (1 + share[i // 2]) for i, e in enumerate(each)]
 
-    s = seen(effect)
+    s = vehicle_with(effect)
     u = make_law("exact", s).speeds(DEMAND)
     assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=0.35)
     blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
@@ -132,16 +132,16 @@ def test_a_pair_at_another_spacing_than_the_bench_had():
         wake, drag = each[2] - alone.lower_thrust, each[3] - alone.lower_torque
         return [each[0] + 0.5 * b * b, each[1], each[2] - 0.15 * wake, each[3] - 0.1 * drag]
 
-    s = seen(wider)
+    s = vehicle_with(wider)
     u = make_law("exact", s).speeds(DEMAND)
     assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1e-6)
-    unknown = seen(Effect("rotor_spacing", numbers))
+    unknown = vehicle_with(Effect("rotor_spacing", numbers))
     assert "at which spacing" in unknown.left_out["rotor_spacing"]
 
 
 @pytest.mark.parametrize("law", ["fitted", "reduced", "standard"])
 def test_the_linear_laws_know_a_weak_rotor_too(law):
-    s = seen(WEAK)
+    s = vehicle_with(WEAK)
     miss = [
         np.abs(delivered(make_law(law, Vehicle(airframe, model)).speeds(DEMAND), weak=2) - DEMAND)[1:3].max()
         for airframe, model in ((X8, CRM), (s.airframe, s.model))
@@ -150,7 +150,7 @@ def test_the_linear_laws_know_a_weak_rotor_too(law):
 
 
 def test_what_is_not_stated_or_cannot_be_held_is_said():
-    s = seen(SAG, GROUND, INFLOW, Effect("rotor_drag", {"drag_N_s_m": 1.0}), Effect("dust", {}))
+    s = vehicle_with(SAG, GROUND, INFLOW, Effect("rotor_drag", {"drag_N_s_m": 1.0}), Effect("dust", {}))
     assert not s.compensated and s.airframe == X8
     assert s.model.terms() == CRM.terms() and s.model.effects == ()
     assert "voltage_V" in s.left_out["battery_voltage"] and "height_m" in s.left_out["ground_effect"]
@@ -159,7 +159,7 @@ def test_what_is_not_stated_or_cannot_be_held_is_said():
 
 def test_commands_begin_where_motors_start():
     band, share = 0.08, 0.9
-    s = seen(Effect("dead_band", {"band": band, "share": share, "stretched": 1.0}))
+    s = vehicle_with(Effect("dead_band", {"band": band, "share": share, "stretched": 1.0}))
     assert "0.08" in s.compensated["dead_band"]
     u = make_law("exact", s).speeds(DEMAND)
     turned = u + share * ((u - band) / (1.0 - band) - u)
@@ -168,7 +168,7 @@ def test_commands_begin_where_motors_start():
     short = delivered(blind + share * ((blind - band) / (1.0 - band) - blind))
     assert short[0] < DEMAND[0] - 10.0
     # a band that only cuts off needs no other command above it, and no mixer can go below
-    cut = seen(Effect("dead_band", {"band": band, "share": 1.0}))
+    cut = vehicle_with(Effect("dead_band", {"band": band, "share": 1.0}))
     assert "minimum" in cut.left_out["dead_band"] and cut.model.terms() == CRM.terms()
 
 
@@ -189,7 +189,7 @@ def test_every_form_of_a_blade_speed_law_is_delivered_on(numbers, lift, drag):
         share = lift(a), drag(a), lift(b), drag(b)
         return [e * (1.0 + s) for e, s in zip(each, share, strict=True)]
 
-    s = seen(Effect("blade_speed_law", numbers))
+    s = vehicle_with(Effect("blade_speed_law", numbers))
     u = make_law("exact", s).speeds(DEMAND)
     assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1.5)  # the bent surface is a polynomial
     blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
@@ -197,7 +197,7 @@ def test_every_form_of_a_blade_speed_law_is_delivered_on(numbers, lift, drag):
 
 
 def test_a_motor_that_takes_its_idling_off_is_told_more():
-    s = seen(Effect("dead_band", {"band": 0.2, "bend": 2.0, "share": 1.0, "start": 0.25}))
+    s = vehicle_with(Effect("dead_band", {"band": 0.2, "bend": 2.0, "share": 1.0, "start": 0.25}))
     u = make_law("exact", s).speeds(DEMAND)
     assert delivered(np.sqrt(np.maximum(u**2 - 0.04, 0.0))) == pytest.approx(DEMAND, abs=1.2)
     blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
@@ -208,15 +208,15 @@ def test_a_spacing_acts_before_the_blades_whatever_the_file_says():
     gap = Effect(
         "rotor_spacing", {"wake_thrust_share": 0.5, "wake_torque_share": 0.5, "reference_spacing_m": 0.1}
     )
-    one, other = (seen(*order).model for order in ((gap, BLADE), (BLADE, gap)))
+    one, other = (vehicle_with(*order).model for order in ((gap, BLADE), (BLADE, gap)))
     a, b = np.meshgrid([0.3, 0.6], [0.2, 0.7])
     assert one.loads(a, b).lower_thrust == pytest.approx(other.loads(a, b).lower_thrust)
 
 
 def test_air_of_another_density_is_stated():
     air = Effect("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.2})
-    assert "air_density_kg_m3" in seen(air).left_out["air_density"]
-    s = seen(air, air_density_kg_m3=1.0)
+    assert "air_density_kg_m3" in vehicle_with(air).left_out["air_density"]
+    s = vehicle_with(air, air_density_kg_m3=1.0)
     u = make_law("exact", s).speeds(DEMAND)
     pull, drag = X8.loads(CRM, u)
     assert X8.wrench(pull / 1.2, drag / 1.2) == pytest.approx(DEMAND, abs=1e-6)
@@ -230,7 +230,7 @@ def test_live_mixing_is_left_what_it_measures():
 
 
 def test_a_mass_moves_the_hover():
-    assert seen(Effect("mass_change", {"mass_kg": 22.5})).airframe.mass_kg == 22.5
+    assert vehicle_with(Effect("mass_change", {"mass_kg": 22.5})).airframe.mass_kg == 22.5
 
 
 @pytest.mark.parametrize(
@@ -248,4 +248,4 @@ def test_a_mass_moves_the_hover():
 )
 def test_numbers_that_cannot_be_are_refused(effect, at, said):
     with pytest.raises(InputError, match=said):
-        seen(effect, **at)
+        vehicle_with(effect, **at)

@@ -48,8 +48,8 @@ def layout_of_board(url: str, timeout_s: float = WAIT_S) -> Layout:
         if not session.identity.is_ardupilot:
             raise InputError(url, "", f"PX4 or ArduPilot is expected, found {session.identity.name}")
         files = Files(session)
-        places = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
-        read = (files.read(place) for place in places)  # not before the frame asks for it
+        paths = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
+        read = (files.read(p) for p in paths)  # not before the frame asks for it
         return ardupilot_layout(params, source, lambda: next((d for d in read if d is not None), None))
 
 
@@ -58,7 +58,7 @@ def _script_beside(path: Path, script: Path | None) -> bytes | None:
     from coaxlink import files
     from firmware_params.ardupilot import scripts
 
-    place = script or path.parent / "scripts" / scripts.MATRIX_NAME
-    if script is None and not place.is_file():
+    script_path = script or path.parent / "scripts" / scripts.MATRIX_NAME
+    if script is None and not script_path.is_file():
         return None
-    return files.read_bytes(place)
+    return files.read_bytes(script_path)

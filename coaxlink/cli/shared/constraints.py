@@ -39,10 +39,10 @@ def show(made: ConstrainedTable, speed_max_rpm: float) -> None:
     from rich.table import Table
 
     rows = Table("limit", "fitted", "now", "power", "ceiling", "yaw in hover", "mean thrust error", box=None)
-    for kept in made.kept:
-        values = ["" if x is None else kept.limit.shown(x) for x in (kept.before, kept.now)]
-        rows.add_row(str(kept.limit), *values, *_change(kept.without, made.table.chosen, speed_max_rpm))
-    if len(made.kept) > 1:
+    for held in made.limits:
+        values = ["" if x is None else held.limit.shown(x) for x in (held.before, held.now)]
+        rows.add_row(str(held.limit), *values, *_change(held.without, made.table.chosen, speed_max_rpm))
+    if len(made.limits) > 1:
         rows.add_row("all", "", "", *_change(made.fitted.chosen, made.table.chosen, speed_max_rpm))
     out = console()
     out.print("limits hold; what each costs (this table less the one without it, power over the envelope):")
@@ -73,7 +73,7 @@ def as_json(made: ConstrainedTable | None) -> dict[str, Any]:
             "now": _trade(made.table.chosen),
             "kept": [
                 {"limit": k.limit.to_json(), "fitted": k.before, "now": k.now, "without": _trade(k.without)}
-                for k in made.kept
+                for k in made.limits
             ],
         }
     }

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from coaxlink.campaign.fleet import Analyse, Fleet
 
 
-def folder_of(place: Path) -> str | None:
+def folder_of(logs: Path) -> str | None:
     """The folder or bucket that an argument means; None for a file. `s3://bucket` loses a slash as a Path."""
-    text = str(place)
+    text = str(logs)
     scheme, colon, rest = text.partition(":/")
-    if colon and len(scheme) > 1 and not place.exists():
+    if colon and len(scheme) > 1 and not logs.exists():
         return f"{scheme}://{rest.lstrip('/')}" if scheme != "file" else f"file:///{rest.lstrip('/')}"
-    return text if place.is_dir() else None
+    return text if logs.is_dir() else None
 
 
 def tell_fleet(

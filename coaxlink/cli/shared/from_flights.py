@@ -35,8 +35,8 @@ def identify_from_flights(
     for path in logs:
         if not is_flight_log(path):
             raise InputError(path, "", "a flight log is expected with --airframe, found a stand's")
-    for place in (out, json):
-        files.refuse_unwritable(place)
+    for output in (out, json):
+        files.refuse_unwritable(output)
     vehicle = load_vehicle(airframe, rotor)
     with talk().status("reading") as status:
         read = []

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 @contextmanager
 def introduced(session: Session) -> Iterator[Session]:
     """Say who answers and where; at the end, however it comes, who else was there."""
-    known, place = session.identity, session.bound.place
-    where = session.address if place == session.address else f"{place} ({session.address})"
+    known, address = session.identity, session.bound.vehicle_address
+    where = session.address if address == session.address else f"{address} ({session.address})"
     say(f"{known.name} at {where}, board {known.uid or 'unknown'}")
     if known.uid and not known.unique:
         say("boards and simulations share this id: only its address tells this vehicle from another")

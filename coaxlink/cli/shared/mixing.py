@@ -89,10 +89,10 @@ def fly(
     for name, why in effects.left_out.items() if effects else ():
         say(f"not compensated live: {name} ({why})")
     about = {"law": law.name, "airframe": frame.name, "rotors": len(frame.rotors), "rotor_form": model.form}
-    kept = LiveRecord(o.record / "mix.live", about) if o.record else None
+    live_record = LiveRecord(o.record / "mix.live", about) if o.record else None
     live = LiveMixer(
         session, vehicle, law, rate_hz=o.rate, dry_run=o.dry_run, witness=o.witness,
-        compensation=effects, record=kept, own_curve=_own_curve(session),
+        compensation=effects, record=live_record, own_curve=_own_curve(session),
         loop=AttitudeLoop(frame.inertia_kg_m2, load_gains(o.airframe)) if o.loop else None,
         lead_s=lead_s, native=native,
     )  # fmt: skip
@@ -106,8 +106,8 @@ def fly(
             except KeyboardInterrupt:
                 say("stopping: the autopilot flies its own mixer again")
     finally:
-        if kept:
-            kept.close()
+        if live_record:
+            live_record.close()
     summary = {**live.summary(), "health": health.account()}
     if health.problem:
         say(f"rotors were not judged to the end: {health.problem}")
@@ -237,14 +237,14 @@ def motors(session: Session, frame: Airframe, json_file: Path | None) -> None:
     if typed.strip() != "they are off":
         raise SafetyRefusal("motors are tested with the propellers off")
 
-    def ask(number: int, place: str) -> bool:
-        return typer.confirm(f"motor {number}: did this one turn: {place}?", err=True)
+    def ask(number: int, mount: str) -> bool:
+        return typer.confirm(f"motor {number}: did this one turn: {mount}?", err=True)
 
     answers = turn_motors(session, frame, ask)
     if json_file:
         files.write_json(json_file, {"motors": [a.to_json() for a in answers]})
     for a in answers:
-        sys.stdout.write(f"motor {a.number}: {a.place}: {'right' if a.right else 'WRONG'}\n")
+        sys.stdout.write(f"motor {a.number}: {a.mount}: {'right' if a.right else 'WRONG'}\n")
     wrong = [str(a.number) for a in answers if not a.right]
     if wrong:
         raise CheckFailed(

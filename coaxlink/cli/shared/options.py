@@ -53,7 +53,7 @@ OPTIONS = {
     "upper": "--upper",
     "url": "--connect",
     "voltage_V": "--voltage",
-    "whole": "--all",
+    "everything": "--all",
 }
 _NAMED = re.compile(r"`(\w+)`")
 _RESTORE = re.compile(r"`restore` (.+?) over (\S+)")

@@ -24,16 +24,16 @@ Present = Callable[[Mapping[str, float | int], Mapping[str, bytes | None]], None
 
 def keep_vehicle(out: Path, vehicle: Vehicle, rotor_file: Path) -> None:
     """Copy into OUT/vehicle what a table was made from. Raises InputError."""
-    place = out / FOLDER
+    folder = out / FOLDER
     if vehicle.declared.source is None:
         return
-    files.write_atomic(place / _AIRFRAME, vehicle.declared.source.read_bytes())
-    files.write_atomic(place / _ROTORS, rotor_file.read_bytes())
+    files.write_atomic(folder / _AIRFRAME, vehicle.declared.source.read_bytes())
+    files.write_atomic(folder / _ROTORS, rotor_file.read_bytes())
     stated = {name: value for name, value in vars(vehicle.conditions).items() if value is not None}
     if stated:
-        files.write_toml(place / _CONDITIONS, stated)
+        files.write_toml(folder / _CONDITIONS, stated)
     else:
-        (place / _CONDITIONS).unlink(missing_ok=True)
+        (folder / _CONDITIONS).unlink(missing_ok=True)
 
 
 def forget_vehicle(out: Path) -> None:
@@ -57,10 +57,10 @@ def said_first(source: Path, plan: Plan) -> Present:
             say(f"what this does to the rate loops is not known: {error}")
             return
         gains = preserved_gains(plan.firmware, new, old, board, "on board", write=False)
-        kept = any(name in plan.params for gain in gains.axes for name in gain.names)
-        line = gains.line.partition(";")[0] if kept else gains.line
+        in_table = any(name in plan.params for gain in gains.axes for name in gain.names)
+        line = gains.line.partition(";")[0] if in_table else gains.line
         console().print(
-            line + ("; gains that keep the loops are in the table" if kept else ""), soft_wrap=True
+            line + ("; gains that keep the loops are in the table" if in_table else ""), soft_wrap=True
         )
 
     return present

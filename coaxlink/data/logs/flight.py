@@ -129,8 +129,8 @@ def read_flight_csv(path: Path) -> Samples:
             raise InputError(path, f"{samples.place(row)}, column motor{n}", found)
     step = np.diff(samples["time_s"])
     if (step < 0).any():
-        place = samples.place(int(np.argmax(step < 0)) + 1)
-        raise InputError(path, f"{place}, column time_s", "time goes back; increasing stamps are expected")
+        where = samples.place(int(np.argmax(step < 0)) + 1)
+        raise InputError(path, f"{where}, column time_s", "time goes back; increasing stamps are expected")
     repeated = np.concatenate([[False], step == 0])
     if repeated.any():
         samples = samples.take(~repeated).with_notes(

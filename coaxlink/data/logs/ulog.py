@@ -89,14 +89,14 @@ class _Onward(io.BufferedReader):
 
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
         """As of any file. Raises EOFError after CIRCLES steps back none of which led further on."""
-        place = super().seek(offset, whence)
-        if whence == os.SEEK_SET or place > self._furthest:
-            self._furthest, self._circles = place, 0
+        position = super().seek(offset, whence)
+        if whence == os.SEEK_SET or position > self._furthest:
+            self._furthest, self._circles = position, 0
         else:
             self._circles += 1
             if self._circles > CIRCLES:
                 raise EOFError("its messages lead in a circle")
-        return place
+        return position
 
 
 _VELOCITY = (("n", "vx"), ("e", "vy"), ("d", "vz"))

@@ -45,7 +45,7 @@ class NativeExact:
         # (2, 4): wrench of a unit of demand by rank, in the kernel's unit; where that demand stands
         self._units = np.stack([units, np.array([3.0, 0.0, 1.0, 2.0])[p.order]])
         self._slots = np.ascontiguousarray(p.slots, np.int64)
-        self._kept: list[Any] = []
+        self._alive: list[Any] = []
         self.address = int(_function().address)
 
     def command(self, roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
@@ -56,7 +56,7 @@ class NativeExact:
         """As new, standing in the middle of the bounds; it lives until the next one is made."""
         p = self._law.problem
         arrays = self._law.arrays()
-        self._kept = arrays
+        self._alive = arrays
         book = np.zeros(BOOK, np.int64)
         book[:FIRST] = (
             p.arms,
@@ -90,7 +90,7 @@ def _function() -> Any:
 
         return pointer
 
-    floats, whole = pointer_to(types.float64), pointer_to(types.int64)
+    floats, integers = pointer_to(types.float64), pointer_to(types.int64)
 
     def law(book_at, demand_at, command_at):
         book, demand = carray(book_at, BOOK), carray(demand_at, 4)
@@ -98,14 +98,14 @@ def _function() -> Any:
         at = book[FIRST:]
         n = 2 * arms
         c, g = carray(floats(at[0]), (arms, 4, terms)), carray(floats(at[1]), (arms, 16))
-        shape = carray(whole(at[2]), 4)
+        shape = carray(integers(at[2]), 4)
         lo, hi, x = carray(floats(at[3]), n), carray(floats(at[4]), n), carray(floats(at[5]), n)
-        act, lam, el = carray(whole(at[6]), n), carray(floats(at[7]), 4), carray(whole(at[8]), 4)
+        act, lam, el = carray(integers(at[6]), n), carray(floats(at[7]), 4), carray(integers(at[8]), 4)
         cap, mu = carray(floats(at[9]), 4), carray(floats(at[10]), 4)
         work, sums = carray(floats(at[11]), (arms, book[WORK])), carray(floats(at[12]), book[SUMS])
         box, past = carray(floats(at[13]), 3 * n), carray(floats(at[14]), (ROWS, book[PAST]))
         units = carray(floats(book[UNITS]), (2, 4))
-        slots, command = carray(whole(book[SLOTS]), rotors), carray(command_at, rotors)
+        slots, command = carray(integers(book[SLOTS]), rotors), carray(command_at, rotors)
         for j in range(4):
             mu[j] = min(max(demand[int(units[1, j])] * units[0, j], -FAR), FAR)
         optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, past, STEPS)

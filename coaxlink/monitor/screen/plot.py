@@ -34,7 +34,7 @@ def braille(
             bits[row // 4][column // 2] |= _DOTS[column % 2][row % 4]
             owner[row // 4][column // 2] = index
 
-    def place(point: Point) -> tuple[float, float]:
+    def pixel(point: Point) -> tuple[float, float]:
         x = (point[0] - x_range[0]) / (x_range[1] - x_range[0]) * (columns - 1)
         y = (y_range[1] - point[1]) / (y_range[1] - y_range[0]) * (rows - 1)
         return x, min(max(y, 0.0), rows - 1.0)
@@ -42,11 +42,11 @@ def braille(
     for index, points in enumerate(series):
         previous: Point | None = None
         for point in points:
-            x, y = place(point)
+            x, y = pixel(point)
             if previous is None or point[0] - previous[0] > gap:
                 dot(x, y, index)
             else:
-                x0, y0 = place(previous)
+                x0, y0 = pixel(previous)
                 steps = max(math.ceil(abs(x - x0)), math.ceil(abs(y - y0)), 1)
                 for k in range(1, steps + 1):
                     dot(x0 + (x - x0) * k / steps, y0 + (y - y0) * k / steps, index)

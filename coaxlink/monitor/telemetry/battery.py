@@ -67,8 +67,8 @@ class Drain:
         back = self.last is not None and remaining > self.last
         if self.last is None or back or (falls and clock_s < falls[-1][0]):
             return Drain((), remaining)
-        kept = tuple(f for f in falls if f[0] >= clock_s - _WINDOW_S)
-        return Drain((*kept, (clock_s, remaining)), remaining)
+        recent = tuple(f for f in falls if f[0] >= clock_s - _WINDOW_S)
+        return Drain((*recent, (clock_s, remaining)), remaining)
 
     @property
     def minutes(self) -> float | None:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from coaxlink.monitor.telemetry.readings import Readings
-from coaxlink.monitor.telemetry.sources import STALE_S, motor_places
+from coaxlink.monitor.telemetry.sources import STALE_S, motor_outputs
 from firmware_params.ardupilot.messages import ESC_TELEMETRY, NAMES
 
 INFO_STALE_S = 5.0  # ESC_INFO comes about once a second
@@ -30,7 +30,7 @@ class Escs:
 
 def escs_of(readings: Readings, rotors: int, now_s: float) -> Escs:
     """What the ESCs of `rotors` rotors say."""
-    places = motor_places(readings.parameters, rotors)
+    outputs = motor_outputs(readings.parameters, rotors)
     current: dict[int, float] = {}
     temperature: dict[int, float] = {}
     times: list[float] = []
@@ -39,7 +39,7 @@ def escs_of(readings: Readings, rotors: int, now_s: float) -> Escs:
         times.append(arrival.received_s + STALE_S)
     for index, arrival in readings.batches("ESC_INFO").items():
         reported = {index + k: t for k, t in enumerate(arrival.message.temperature)}
-        temperature |= {place: t / 100.0 for place, t in reported.items() if t != _NO_TEMPERATURE}
+        temperature |= {output: t / 100.0 for output, t in reported.items() if t != _NO_TEMPERATURE}
         times.append(arrival.received_s + INFO_STALE_S)
     if not times:
         for first, name in zip(ESC_TELEMETRY.values(), NAMES, strict=True):
@@ -50,12 +50,12 @@ def escs_of(readings: Readings, rotors: int, now_s: float) -> Escs:
                 times.append(arrived.received_s + STALE_S)
     known = any(current.values())
     return Escs(
-        _by_rotor(current if known else {}, places),
-        _by_rotor({place: t for place, t in temperature.items() if t}, places),
+        _by_rotor(current if known else {}, outputs),
+        _by_rotor({output: t for output, t in temperature.items() if t}, outputs),
         bool(times) and now_s > min(times),
     )
 
 
-def _by_rotor(by_index: Mapping[int, float], places: tuple[int | None, ...]) -> Values:
-    found = (by_index.get(-1 if place is None else place) for place in places)
+def _by_rotor(by_index: Mapping[int, float], outputs: tuple[int | None, ...]) -> Values:
+    found = (by_index.get(-1 if output is None else output) for output in outputs)
     return tuple(value if value is not None and math.isfinite(value) else None for value in found)

@@ -170,7 +170,7 @@ class Collector:
         """Forget everything, also whom to watch: a replay begins elsewhere."""
         with self._lock:
             self._target, self._last_s, self._clock_s = None, None, None
-            for kept in (
+            for store in (
                 self._others,
                 self._latest,
                 self._parameters,
@@ -178,7 +178,7 @@ class Collector:
                 self._bins,
                 self._texts,
             ):
-                kept.clear()
+                store.clear()
 
     def pass_by(self, system: int, component: int, sequence: int, received_s: float) -> None:
         """Count a message that nobody here can read: it did not get lost."""

@@ -73,7 +73,7 @@ def measured_speeds(
     return found, notes
 
 
-def motor_places(parameters: Mapping[str, float], rotors: int) -> tuple[int | None, ...]:
+def motor_outputs(parameters: Mapping[str, float], rotors: int) -> tuple[int | None, ...]:
     """(N,) the output (from 0) of each motor; by number where no SERVOn_FUNCTION is known."""
     functions = {
         int(value): n
@@ -104,8 +104,8 @@ def _servo(readings: Readings, rotors: int) -> Source:
     # the second eight are an extension that some senders leave out
     pulses = [float(getattr(arrival.message, f"servo{n}_raw", 0) or 0) for n in range(1, _OUTPUTS + 1)]
     low, high = _pulse_range(readings.parameters)
-    places = motor_places(readings.parameters, rotors)
-    u = tuple(None if p is None or p >= _OUTPUTS else _unit(pulses[p], low, high) for p in places)
+    outputs = motor_outputs(readings.parameters, rotors)
+    u = tuple(None if p is None or p >= _OUTPUTS else _unit(pulses[p], low, high) for p in outputs)
     return Source("SERVO_OUTPUT_RAW", "commanded", u, arrival.received_s)
 
 
@@ -146,12 +146,12 @@ def _esc(
         del live[index]
     at = {index + k: rpm for index, a in live.items() for k, rpm in enumerate(a.message.rpm)}
     # PX4 numbers ESCs by motor, ArduPilot by output
-    places = motor_places(readings.parameters, rotors)
+    outputs = motor_outputs(readings.parameters, rotors)
     u = tuple(
         abs(at[p]) / speed_max_rpm if p in at and math.isfinite(at[p]) else None
-        for p in (-1 if p is None else p for p in places)
+        for p in (-1 if p is None else p for p in outputs)
     )
-    extra = sum(1 for place, rpm in at.items() if rpm and place not in places)
+    extra = sum(1 for output, rpm in at.items() if rpm and output not in outputs)
     driven = commanded.fresh(now_s) and any(c is not None and c > RUNNING for c in commanded.u)
     if driven and not any(u):
         blank = Source(title, "measured", (None,) * rotors, None)

@@ -127,9 +127,9 @@ def _height(readings: Readings, now_s: float) -> tuple[float | None, str, float 
     down = _field(local, "z")
     if local is not None and down is not None:
         return -down, "local", local.received_s
-    place = readings.get("GLOBAL_POSITION_INT")
-    if place is not None:
-        return place.message.relative_alt / 1e3, "global", place.received_s
+    position = readings.get("GLOBAL_POSITION_INT")
+    if position is not None:
+        return position.message.relative_alt / 1e3, "global", position.received_s
     return None, "", None
 
 

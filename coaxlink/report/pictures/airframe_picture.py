@@ -43,7 +43,7 @@ def draw_airframe(path: Path, airframe: Airframe, layout: Layout | None = None) 
                 connectionstyle=f"arc3,rad={0.2 * turn}",
             )
         )
-        output = layout.places[n].output if layout else ""
+        output = layout.mounts[n].output if layout else ""
         words = ", ".join(filter(None, (f"{rotor.number} {rotor.level}", TURNS[turn], output)))
         at = (right, forward + (-0.28 if lower else 0.28) * radius)
         axes.annotate(label(words), at, ha="center", va="center", color=colour)

@@ -68,12 +68,12 @@ def differences(summary: Summary) -> bytes:
     axes = figure.subplots()
     names = list(FIGURES)
     for k, ((law, found), look) in enumerate(zip(summary.paired.items(), LOOKS, strict=False)):
-        place = np.arange(len(names)) + 0.2 * (k - 0.5 * (len(summary.paired) - 1))
+        height = np.arange(len(names)) + 0.2 * (k - 0.5 * (len(summary.paired) - 1))
         base = np.array([p.difference / p.share if p.share else np.nan for p in (found[n] for n in names)])
         middle = np.array([found[n].difference for n in names]) / base
         ends = np.array([found[n].ci for n in names]) / base[:, None]
         spread = np.abs(ends.T - middle)
-        axes.errorbar(100 * middle, place, xerr=100 * spread, ls="", ms=4, label=law, **look.points)
+        axes.errorbar(100 * middle, height, xerr=100 * spread, ls="", ms=4, label=law, **look.points)
     axes.axvline(0.0, color="0.6", lw=1)
     axes.set_yticks(range(len(names)), [WORDS[n] for n in names], fontsize=8)
     axes.invert_yaxis()

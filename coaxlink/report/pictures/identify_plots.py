@@ -33,9 +33,9 @@ TITLES = {load.key: load.label for load in Load}
 def figures(result: Identification, stamp: str = "") -> dict[str, Figure]:
     """Name: figure, of all that this identification has the data for; `stamp` below each."""
     made = {"surfaces": surfaces(result), "residuals": residuals(result)}
-    if {Load.LOWER_THRUST.key, Load.UPPER_THRUST.key} <= set(result.bench.measured):
+    if {Load.LOWER_THRUST.key, Load.UPPER_THRUST.key} <= set(result.data.measured):
         made["tolerance"] = tolerance_sweep(result)
-    if all(load in result.bench.measured for pair in COAXIAL.values() for load in pair):
+    if all(load in result.data.measured for pair in COAXIAL.values() for load in pair):
         with contextlib.suppress(InputError):  # no rpm: speeds came from the throttle
             made["efficiency"] = efficiency(result)
     return {name: stamped(figure, stamp) for name, figure in made.items()}
@@ -43,11 +43,11 @@ def figures(result: Identification, stamp: str = "") -> dict[str, Figure]:
 
 def surfaces(result: Identification) -> Figure:
     """Fig. 2: each load's data over the speeds, and the model through them."""
-    loads = result.bench.measured
+    loads = result.data.measured
     figure = _figure(11.0, 4.4 * ((len(loads) + 1) // 2))
-    u, v = result.bench.speeds.upper, result.bench.speeds.lower
+    u, v = result.data.speeds.upper, result.data.speeds.lower
     for i, load in enumerate(loads):
-        y = result.bench.loads[load]
+        y = result.data.loads[load]
         polynomial = dict(zip(TITLES, _polynomials(result), strict=True))[load]
         if load.startswith("upper") or not np.ptp(v):
             axis = figure.add_subplot((len(loads) + 1) // 2, 2, i + 1)
@@ -76,15 +76,15 @@ def residuals(result: Identification) -> Figure:
     axes = np.atleast_1d(figure.subplots(len(channels), 1, sharex=True))
     for axis, channel in zip(axes, channels, strict=True):
         pair = COAXIAL.get(channel) or tuple(
-            load for load in result.bench.measured if load.replace(".", "_").startswith(channel)
+            load for load in result.data.measured if load.replace(".", "_").startswith(channel)
         )
-        error = np.sum([result.bench.loads[p] - result.predicted[p] for p in pair], axis=0)
+        error = np.sum([result.data.loads[p] - result.predicted[p] for p in pair], axis=0)
         axis.plot(np.arange(1, len(error) + 1), error, ".", color=MODEL, ms=4)
         floor = result.noise_floor.get(channel)
         if floor:
             axis.axhspan(-2 * floor, 2 * floor, color=GRID, alpha=0.18, lw=0, label="2 x noise floor")
             axis.legend(frameon=False, fontsize=8, loc="upper right")
-        for edge in np.flatnonzero(np.diff(result.bench.fold)) + 1.5:
+        for edge in np.flatnonzero(np.diff(result.data.fold)) + 1.5:
             axis.axvline(edge, color=GRID, lw=0.4)
         unit = "N" if "thrust" in channel else "N m"
         axis.set_ylabel(label(f"{channel_words(channel)}, {unit}"))
@@ -119,27 +119,27 @@ def _sweep(
     result: Identification, standardised: bool, points: int
 ) -> tuple[NDArray[np.float64], list[int], list[float]]:
     load = Load.LOWER_THRUST.key
-    y = result.bench.loads[load]
+    y = result.data.loads[load]
     rows = np.isfinite(y)
     y = y[rows]
     X = design_matrix(
-        load_terms("crm", load, 2), result.bench.speeds.upper[rows], result.bench.speeds.lower[rows]
+        load_terms("crm", load, 2), result.data.speeds.upper[rows], result.data.speeds.lower[rows]
     )
     scale = np.sqrt(np.mean(X**2, axis=0)) if standardised else np.ones(X.shape[1])
     floor = float(np.sqrt(np.mean((y - X @ least_squares(X, y, np.ones(len(y)))) ** 2)))
     eps = np.geomspace(1.01 * floor, max(0.5 * float(np.std(y)), 2 * floor), points)
     sizes, errors = [], []
     for tolerance in eps:
-        kept = tolerance_form(X / scale, y, float(tolerance)) != 0
-        b = least_squares(X[:, kept], y, np.ones(len(y)))
-        sizes.append(int(kept.sum()))
-        errors.append(float(np.sqrt(np.mean((y - X[:, kept] @ b) ** 2))))
+        chosen = tolerance_form(X / scale, y, float(tolerance)) != 0
+        b = least_squares(X[:, chosen], y, np.ones(len(y)))
+        sizes.append(int(chosen.sum()))
+        errors.append(float(np.sqrt(np.mean((y - X[:, chosen] @ b) ** 2))))
     return eps, sizes, errors
 
 
 def efficiency(result: Identification) -> Figure:
     """Fig. 5: efficiencies of eq. 5 over the coaxial thrust. Raises InputError without measured speeds."""
-    found = measured_efficiency(result.bench.samples)
+    found = measured_efficiency(result.data.samples)
     columns = [("propeller, N/W", found.propeller)]
     columns += [("motor", found.motor)] if found.motor is not None else []
     columns += [("overall, N/W", found.overall)] if found.overall is not None else []
