@@ -27,6 +27,8 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common as m
 
+from coaxlink.simulated.simulator import free_port
+
 HERE = Path(__file__).parent
 AIRFRAME = HERE.parent / "examples" / "x8_paper.toml"
 
@@ -38,12 +40,6 @@ def build(folder: Path) -> Path:
     binary = folder / "live_latency"
     subprocess.run([compiler, "-O2", "-o", str(binary), str(HERE / "live_latency.c")], check=True)
     return binary
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 def measure(binary: Path, sock: socket.socket, rate: float, cycles: int, warm: int) -> tuple[np.ndarray, int]:

@@ -25,6 +25,8 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from coaxlink.simulated.simulator import free_port
+
 
 class Fleet(threading.Thread):
     """Vehicles of system ids from 1, each on a socket of its own, sending what a hover sends."""
@@ -75,9 +77,7 @@ def main() -> None:
     parser.add_argument("--size", default="80x24")
     given = parser.parse_args()
     columns, rows = map(int, given.size.split("x"))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
     command = [sys.executable, "-m", "coaxlink", "monitor", "--connect", f"udpin:127.0.0.1:{port}"]

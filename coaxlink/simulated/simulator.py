@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import os
 import socket
 import subprocess
 import sys
@@ -14,6 +16,8 @@ from coaxlink.absent import refuse_windows
 from coaxlink.errors import LinkError
 
 READY_S = 60.0  # a first start compiles the plant
+PORTS = range(20000, 32000)  # below what Linux, macOS and Windows give to whom asks for any port
+_CANDIDATES = (PORTS[(os.getpid() * 97 + i) % len(PORTS)] for i in itertools.count())
 
 
 @contextmanager
@@ -56,7 +60,17 @@ def _last_line(talk: IO[str]) -> str:
 
 
 def free_port() -> int:
-    """A UDP port of the loopback interface that nobody holds right now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A UDP and TCP port of the loopback interface that nobody holds right now.
+
+    It is one that the system gives nobody who asks for any port: between this call and the time that the
+    caller binds it only another caller of this function could take it, and each process starts elsewhere.
+    """
+    for port in _CANDIDATES:
+        try:
+            for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
+                with socket.socket(socket.AF_INET, kind) as probe:
+                    probe.bind(("127.0.0.1", port))
+        except OSError:
+            continue
+        return port
+    raise AssertionError("the candidates have no end")

@@ -9,6 +9,8 @@ from cli_board import KEY, VERBS, backup, no, run, verbs
 from px4_board import params_text, x8
 from scripted_autopilot import ScriptedAutopilot
 
+from coaxlink.simulated.simulator import free_port
+
 pytestmark = pytest.mark.usefixtures("here")
 
 
@@ -38,9 +40,7 @@ def test_the_vehicle_on_the_line_must_be_the_one_that_is_meant(board, capsys, ve
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_second_vehicle_of_the_same_ids_is_four_and_both_places_are_named(board, capsys, verb):
     Path("b.params").write_text(backup(board, capsys).read_text())
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     here = ("127.0.0.1", port)
     with ScriptedAutopilot(x8(7.0, 8.0), towards=here) as one, ScriptedAutopilot(x8(), towards=here) as two:
         code, _, err = run(capsys, *verbs(f"udpin:127.0.0.1:{port}")[verb])

@@ -69,4 +69,6 @@ def test_every_command_of_the_afternoon_does_what_it_says(tmp_path, monkeypatch,
     flown = next(out for line, out in said.items() if " fly " in line)
     assert flown.out.startswith("flown: identify")
     judged = next(out for line, out in said.items() if " health " in line)
-    assert "sound" in judged.out
+    # "ground it" has an exit code of its own (above); "watch", at 1 in 20, is what some sound flights get:
+    # one of 80 s tells a loss of 5 % from none by a few times the odds only
+    assert re.search("^(sound|watch): the probability", judged.out, re.MULTILINE)

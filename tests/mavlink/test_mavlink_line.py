@@ -15,6 +15,7 @@ from coaxlink.mavlink import connect, strangers
 from coaxlink.mavlink.confirm import confirm
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Parameters
+from coaxlink.simulated.simulator import free_port
 from coaxlink.uploading.plan import load_plan
 from coaxlink.uploading.verify import verify
 from coaxlink.uploading.worker import Uploader
@@ -26,12 +27,6 @@ def table(folder):
     out.mkdir(exist_ok=True)
     (out / "px4.params").write_text(params_text())
     return out
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from coaxlink.errors import InputError, LinkError
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.reboot import reboot
+from coaxlink.simulated.simulator import free_port
 
 
 @pytest.mark.parametrize(
@@ -108,9 +109,7 @@ def test_a_dead_port_is_a_link_error():
 
 
 def test_a_refused_tcp_port_and_a_taken_udp_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     with pytest.raises(LinkError, match="refused"):
         connect(f"tcp:127.0.0.1:{port}", timeout_s=0.3)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:

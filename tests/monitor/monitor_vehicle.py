@@ -16,13 +16,6 @@ from monitor_messages import HOVER_PULSES, attitude, battery, heartbeat, positio
 from pymavlink.dialects.v20 import common as mavlink
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
 class Vehicle:
     """Sends to 127.0.0.1:`port` until left; `parameters` may be changed at any time."""
 

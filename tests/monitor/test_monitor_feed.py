@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
-from monitor_vehicle import Vehicle, free_port
+from monitor_vehicle import Vehicle
 from test_monitor_board import table
 
 import coaxlink as cx
@@ -19,6 +19,7 @@ from coaxlink.monitor.feed import Feed, check_address
 from coaxlink.monitor.state import View
 from coaxlink.monitor.watch import Watch
 from coaxlink.rotor import load_rotor_model
+from coaxlink.simulated.simulator import free_port
 
 
 @pytest.fixture(autouse=True)

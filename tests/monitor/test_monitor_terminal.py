@@ -8,7 +8,6 @@ import io
 import os
 import shutil
 import signal
-import socket
 import struct
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.files import example
 from coaxlink.monitor.screen.themes import DARK
+from coaxlink.simulated.simulator import free_port
 from sim.testing import standin
 
 WAIT_S = 120.0  # for a machine with other things to do
@@ -43,12 +43,6 @@ def wait(what: Callable[[], bool]) -> bool:
             return False
         time.sleep(0.1)
     return True
-
-
-def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
 
 
 @pytest.fixture(scope="module")

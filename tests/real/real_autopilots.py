@@ -30,6 +30,7 @@ from coaxlink.fly.trajectory import Hold, Plan, table_4_flight
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.mavlink.session import Session
+from coaxlink.simulated.simulator import free_port
 from coaxlink.uploading.plan import load_plan
 from coaxlink.uploading.worker import Uploader
 
@@ -101,13 +102,6 @@ def free_instance() -> int:
             continue
         return instance
     raise AssertionError("no PX4 instance is free on this machine")
-
-
-def free_port() -> int:
-    """A UDP port of loopback that nobody has at the moment."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextmanager

@@ -17,11 +17,12 @@ import pytest
 
 os.environ.setdefault("MAVLINK20", "1")
 from pymavlink import mavutil
-from real_autopilots import AIRFRAME, ROOT, arducopter, free_port, held, px4
+from real_autopilots import AIRFRAME, ROOT, arducopter, held, px4
 from test_real_ardupilot import FACTORY
 from test_real_px4 import factory
 
 from coaxlink.data import read_flight_log
+from coaxlink.simulated.simulator import free_port
 
 BINARIES = {"px4": os.environ.get("PX4_SITL", ""), "ardupilot": os.environ.get("ARDUCOPTER_SITL", "")}
 VARIABLE = {"px4": "PX4_SITL", "ardupilot": "ARDUCOPTER_SITL"}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from real_autopilots import AIRFRAME, PAIRS, ROOT, arducopter, coaxlink, free_port, take_off
+from real_autopilots import AIRFRAME, PAIRS, ROOT, arducopter, coaxlink, take_off
 from test_real_ardupilot import FACTORY
 
 from coaxlink.airframe import load_airframe
@@ -14,6 +14,7 @@ from coaxlink.live.mixer import LiveMixer
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.session import Session
 from coaxlink.rotor import load_rotor_model
+from coaxlink.simulated.simulator import free_port
 from coaxlink.vehicle import Vehicle
 
 BINARY = os.environ.get("ARDUCOPTER_SITL", "")

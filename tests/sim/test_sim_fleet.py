@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from ground import client, command, get
 
+from coaxlink.simulated.simulator import free_port
 from sim.errors import SimError, WorldError
 from sim.testing import standin, standins
 from sim.world import World, build_many
@@ -66,9 +67,7 @@ def test_three_fly_at_once(firmware: str, id_name: bytes) -> None:
 
 
 def test_ports_follow_one_another_and_are_let_go() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        base = probe.getsockname()[1]
+    base = free_port()
     world = World(EXAMPLES / "x8_demo.toml")
     address = f"udpin:127.0.0.1:{base}"
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:

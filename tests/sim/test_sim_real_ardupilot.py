@@ -2,7 +2,6 @@
 
 import math
 import os
-import socket
 import subprocess
 import threading
 import time
@@ -15,6 +14,7 @@ import pytest
 os.environ.setdefault("MAVLINK20", "1")
 from pymavlink import mavutil
 
+from coaxlink.simulated.simulator import free_port
 from sim.ardupilot.mixer import Mixer
 from sim.ardupilot.store import Store
 from sim.bridge.ardupilot_json import ArduPilotBridge
@@ -50,9 +50,7 @@ def flown(tmp_path: Path) -> Iterator[tuple[ArduPilotBridge, Any]]:
     thread = threading.Thread(target=bridge.run, args=(stop.is_set,))
     thread.start()
     (tmp_path / "defaults.parm").write_text(defaults(bridge))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     command = [BINARY, "--model", "JSON:127.0.0.1", "--sim-port-out", bridge.name.rpartition(":")[2]]
     command += ["--speedup", "4", "--rate", "800", "--defaults", str(tmp_path / "defaults.parm"), "--wipe"]
     command += ["--home", "47.397742,8.545594,488,0", "--serial0", f"udpclient:127.0.0.1:{port}"]
