@@ -12,6 +12,7 @@ import struct
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -22,6 +23,7 @@ import numpy as np
 from coaxlink import files
 from coaxlink.live import kernel as k
 from coaxlink.live import state as live_state
+from coaxlink.mavlink.locks import lock
 from coaxlink.mixer.exact import ExactLaw, dual, loads, quadratic, schur, warm
 from coaxlink.mixer.exact import kernel as law_kernel
 
@@ -99,7 +101,10 @@ def load() -> Any:
     keep = not distrusted()
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(code_folder())
     try:
-        return numba.njit(_signature(), cache=keep, nogil=True, **compiled.OPTIONS)(k.exchange)
+        with (code_folder() / "lock").open("w") if keep else nullcontext() as held:
+            if held:
+                lock(held.fileno())  # of two that start together one compiles
+            return numba.njit(_signature(), cache=keep, nogil=True, **compiled.OPTIONS)(k.exchange)
     finally:
         numba.config.CACHE_DIR = before
 

@@ -5,6 +5,8 @@ numba looks at the file of the function alone, and would run an old plant after 
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import hashlib
 import os
 import stat
@@ -13,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.compiler_lock import global_compiler_lock
 
 MODULES = (
     "layout", "simd", "blades", "drive", "forces", "kernel", "stand_blades", "compile_cache", "../px4/loops",
@@ -51,10 +54,26 @@ def cached(**options: Any) -> Callable[[Callable[..., None]], Any]:
         cache_folder = folder()
         before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder)
         try:
-            return numba.njit(cache=private(cache_folder), **options)(function)
+            keep = private(cache_folder)
+            made = numba.njit(cache=keep, **options)(function)
+            return one_at_a_time(made, cache_folder / f"{function.__name__}.lock") if keep else made
         except (RuntimeError, OSError):
             return numba.njit(**options)(function)
         finally:
             numba.config.CACHE_DIR = before
 
     return decorate
+
+
+def one_at_a_time(function: Any, lock: Path) -> Any:
+    """Of processes that start together one compiles; the others wait, and load what it wrote."""
+    compiled = function.compile
+
+    def compile_alone(signature: Any) -> Any:
+        with global_compiler_lock, contextlib.ExitStack() as stack:
+            with contextlib.suppress(OSError):  # without room on the disk each compiles for itself
+                fcntl.flock(stack.enter_context(lock.open("w")), fcntl.LOCK_EX)
+            return compiled(signature)
+
+    function.compile = compile_alone
+    return function
