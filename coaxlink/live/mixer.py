@@ -24,14 +24,15 @@ from coaxlink.errors import SafetyRefusal
 from coaxlink.live.account import account
 from coaxlink.live.counts import Counters
 from coaxlink.live.guard import Guard, Timing, timing_for
+from coaxlink.live.inbox import Inbox
 from coaxlink.live.kernel import LEFT
 from coaxlink.live.mixer_core import CONTROLS, Compensation, DemandScale, MixCore
 from coaxlink.live.paths import PATHS, path_for, require_path
 from coaxlink.live.stall import Stall, backlog
 from coaxlink.live.timesync import TimeSync
-from coaxlink.live.witness import REPORT_HZ, Witness
+from coaxlink.live.witness import REPORT_HZ, Witness, flying
 from coaxlink.mavlink import codec
-from coaxlink.mavlink.transport import Polled, Udp
+from coaxlink.mavlink.transport import Udp
 from coaxlink.mixer import Law
 from coaxlink.vehicle import Vehicle, require_vehicle
 
@@ -53,8 +54,6 @@ STATE, TARGET = codec.ATTITUDE_QUATERNION, codec.ATTITUDE_TARGET
 ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 TURN_S = 0.1  # of the compiled function; then heartbeats, TIMESYNC, the record's disk have theirs
 EFFECTS_TURN_S = 0.02  # how often effects are followed meanwhile
-PATIENCE_S = 0.004  # newer demands may keep an answer waiting so long, and no longer
-FLYING = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
 
 
 class LiveMixer:
@@ -94,7 +93,6 @@ class LiveMixer:
         self.session = session
         self.failed = threading.Event()
         self.error: Exception | None = None
-        self.commands: Sequence[float] = [0.0] * CONTROLS  # the last ones sent
         self.witness = Witness(self.core.count) if witness and not dry_run else None
         self._record = record
         self._loop = loop
@@ -104,11 +102,9 @@ class LiveMixer:
         heard = {ANSWER.number, OUTPUTS.number} | ({STATE.number, TARGET.number} if loop else {DEMAND.number})
         self._scanner = codec.Scanner(heard, codec.known_seeds())
         self._next: deque[tuple[ExactLaw, Vehicle]] = deque(maxlen=1)  # the law to go on with
-        self._waiting: tuple[Any, ...] | None = None  # the newest demand not yet dealt with
-        self._waiting_since = 0.0
         self._echoes: deque[bytes] = deque(maxlen=64)
-        self._line = Polled()
         self.stall = Stall(self.guard.timing.silent_after_s)
+        self.inbox = Inbox(self.stall, self.core.counters)
         self._payload: tuple[Any, ...] = ()
         self._target = (0, 0)
         self._own_mixer = False
@@ -131,7 +127,9 @@ class LiveMixer:
     def start(self) -> None:
         """Check the autopilot, ask for the demand, and answer it from now on."""
         identity = self.session.identity
-        bridged = identity.autopilot == ARDUPILOT and self._find_bridge()
+        if identity.autopilot == ARDUPILOT:
+            self.bridge = self._find_bridge()
+        bridged = self.bridge is not None
         row = require_path(identity.autopilot, identity.version, bridged=bridged)
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self.span_s = (time.monotonic(), 0.0)
@@ -156,16 +154,15 @@ class LiveMixer:
         ):
             self.witness = None
 
-    def _find_bridge(self) -> bool:
-        """Whether our script speaks; then its demand is read by the matrix on board."""
+    def _find_bridge(self) -> BridgeEnd | None:
+        """Our script's end of the line, where it speaks: then its demand is read by the matrix on board."""
         from coaxlink.live.bridge import BridgeEnd, board_factors
 
         bridge = BridgeEnd(self.session)
         if not bridge.find():
-            return False
+            return None
         self.core.use_matrix(board_factors(self.session))
-        self.bridge = bridge
-        return True
+        return bridge
 
     def stop(self, patience_s: float = 0.25) -> None:
         """Fade to the autopilot's own mixer if demands come, then answer no more."""
@@ -230,7 +227,7 @@ class LiveMixer:
             if waiting:
                 return waiting
         exchange, to = self.exchange, line.one_target(peer)
-        if exchange is None or to is None or not self.guard.steady or self._waiting is not None:
+        if exchange is None or to is None or not self.guard.steady or not self.inbox.empty:
             return None
         timing, turn_s = self.guard.timing, TURN_S if self.core.compensation is None else EFFECTS_TURN_S
         try:
@@ -255,7 +252,7 @@ class LiveMixer:
             self._echoes.append(sent[10:-2])
             self._sent(commands, came)
             self.core.book(latency_s, error, bool(given_up))
-            self._keep(stamp, came, held, error, latency_s)
+            self._keep(stamp, came, held, commands, error, latency_s)
             self.session.book(received, sent)
             if self.bridge is not None:
                 self._outdone(DEMAND.unpack(received[10:-2]))
@@ -272,18 +269,13 @@ class LiveMixer:
                 alone = self._alone(data) if quick else None
                 if alone is not None:
                     self._scanner.drop()  # what waited for its other half was noise
-                    self._queue(alone, began)
+                    self.inbox.put(alone, began)
                 else:
                     for frame in self._scanner.feed(data):
                         self._frame(frame, began)
-            if self._waiting is not None:
-                more = self._line.readable(self.session.fileno)
-                if not more or began - self._waiting_since > PATIENCE_S:
-                    demand, self._waiting = self._waiting, None
-                    if self.stall.leftover(demand[0], began, more):
-                        self.core.counters.superseded += 1
-                    else:
-                        self._answer(demand, began)
+            demand = self.inbox.due(began, self.session.fileno)
+            if demand is not None:
+                self._answer(demand, began)
             self._tick(time.perf_counter())
         except Exception as error:
             # what fails once must not fail again at 250 Hz, nor take the whole session down in flight:
@@ -320,21 +312,14 @@ class LiveMixer:
         loop = self._loop
         if loop is None:
             if number == DEMAND.number:
-                self._queue(f, began)
+                self.inbox.put(f, began)
         elif number == TARGET.number:
             loop.aim(f[0] * 1000, f[1:5], f[5:8], f[8])
         elif number == STATE.number:
             torque = loop.torque(f[0] * 1000, f[1:5], f[5:8])
             if torque is not None:
                 controls = self.core.scale.controls(loop.thrust, torque)
-                self._queue((f[0] * 1000, *controls, 0.0, 0.0, 0.0, 0.0, 0), began)
-
-    def _queue(self, demand: tuple[Any, ...], began: float) -> None:
-        if self._waiting is None:
-            self._waiting_since = began
-        else:
-            self.core.counters.superseded += 1
-        self._waiting = demand
+                self.inbox.put((f[0] * 1000, *controls, 0.0, 0.0, 0.0, 0.0, 0), began)
 
     def _on_message(self, message: Any) -> None:
         """On a signed link: pymavlink has checked the signature."""
@@ -369,7 +354,7 @@ class LiveMixer:
         self._say(stamp, commands, began)
         latency_s = time.perf_counter() - began
         core.account(latency_s)
-        self._keep(stamp, began, core.held, core.error, latency_s)
+        self._keep(stamp, began, core.held, commands, core.error, latency_s)
 
     def _outdone(self, demand: tuple[Any, ...]) -> bool:
         """Whether the bridge says that it follows another companion; then this one is done."""
@@ -385,15 +370,20 @@ class LiveMixer:
         self._sent(commands, now)
 
     def _sent(self, commands: list[float], now: float) -> None:
-        self.commands = commands
         if self.witness is not None:
             self.witness.sent(now, commands)
 
     def _keep(
-        self, stamp: int, came: float, held: Sequence[float], error: Sequence[float], latency_s: float
+        self,
+        stamp: int,
+        came: float,
+        held: Sequence[float],
+        commands: Sequence[float],
+        error: Sequence[float],
+        latency_s: float,
     ) -> None:
         if self._record is not None:
-            self._record.add(stamp, came, held, self.commands, error, latency_s, self.guard.state)
+            self._record.add(stamp, came, held, commands, error, latency_s, self.guard.state)
 
     def _pack(self, sequence: int, system: int, component: int) -> bytes:
         frame = ANSWER.pack(sequence, system, component, *self._payload)
@@ -417,13 +407,7 @@ class LiveMixer:
         core.counters.hand_overs = guard.hand_overs
 
     def _watch(self, outputs_us: Sequence[float], now: float) -> None:
-        state = self.session.latest("EXTENDED_SYS_STATE")
-        if (
-            self.witness is None
-            or not self.session.armed
-            or state is None
-            or state.landed_state not in FLYING
-        ):
+        if self.witness is None or not flying(self.session):
             return
         self.witness.reported(now, outputs_us)
         if self.witness.rival:

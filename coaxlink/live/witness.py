@@ -8,8 +8,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+if TYPE_CHECKING:
+    from coaxlink.mavlink.session import Session
 
 WINDOW_S = 0.25  # a report may rest on anything sent within it
 GAP_S = 0.05  # after a longer pause in our answers the outputs are not ours for a while, rightly
@@ -19,6 +24,13 @@ REPORTS = 50  # the newest judged
 STRANGE = 20  # so many of them not ours: two companions take turns, neither is lost track of for long
 NEWCOMER_STRANGE = 8  # the one that never had the motors to itself is the one to go
 SURE = 25  # so many in a row ours: the outputs can be read
+FLYING = (mavlink.MAV_LANDED_STATE_IN_AIR, mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
+
+
+def flying(session: Session) -> bool:
+    """Whether the autopilot says that it is armed and off the ground."""
+    state = session.latest("EXTENDED_SYS_STATE")
+    return bool(session.armed) and state is not None and state.landed_state in FLYING
 
 
 class Witness:

@@ -80,7 +80,7 @@ def test_the_companion_flies_ardupilot_through_the_bridge_and_silence_gives_it_b
     assert live.error is None
     assert live.state in ("live", "fading")
     assert np.mean([row[1] for row in copter.rows[-300:]]) > 0.8
-    sent = np.array(live.commands[:8])
+    sent = np.array(live.core.sent)
     assert np.array(copter.autopilot.command) == pytest.approx(sent, abs=0.03)
     assert copter.outputs_are_sound()
     companion.line.dead = True

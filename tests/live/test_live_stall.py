@@ -30,7 +30,7 @@ class Clock:
             self.session, Vehicle(X8, CRM), "coaxial", own_curve=1.0, witness=False  # type: ignore[arg-type]
         )  # fmt: skip
         self.mixer.start()
-        self.mixer._line = SimpleNamespace(readable=lambda number: self.waiting > 0)  # type: ignore[assignment]
+        self.mixer.inbox.line = SimpleNamespace(readable=lambda number: self.waiting > 0)  # type: ignore[assignment]
         self.stamp = 50_000_000
 
     def demand(self, stamp: int) -> list[Any]:
