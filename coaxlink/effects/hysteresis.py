@@ -3,27 +3,33 @@
 Two kinds of memory. *Sharp*: the load depends on the sign of the last change alone (or only while the speed
 moves). *Worn in*: after a turn the memory changes over a way, as a row of elements does that stick until each
 has slipped its own way (Iwan 1966, J. Applied Mechanics 33, 893; Prandtl's play operators), or it fades with
-the way that was gone since, whatever it was (Dahl 1968, Aerospace Corporation TOR-0158).
+the way that was gone since, whatever it was (Dahl 1968, Aerospace Corporation TOR-0158). And the throttle's
+own path may have play, of a linkage or of a speed controller that ignores small changes of its input: then
+the speed remembers, and both rotors' loads with it (Tao and Kokotovic 1996).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
 
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.effects.base import Parameter, PhysicalEffect, Stage
+from coaxlink.effects.drive import changed_by, drivable, drive
 from coaxlink.effects.tracing import Array, Shape, Tracing, outside
-from coaxlink.frames import STAND_LOADS, StandFrame
+from coaxlink.frames import STAND_CHANNELS, StandFrame
 
 SIDES = {"upper": 0, "lower": 1}
 REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
+GAPS = (0.015, 0.03, 0.045, 0.06, 0.09, 0.13)  # of the throttle; a gap's effect is all there or not
+SHARES = (0.7, 1.4)  # of play in the command, felt by what follows
 RELAY_STEP, RELAY_WIDEST, RELAY_FINER = 0.06, 0.35, (0.02, 0.007)  # of normalised speed
 RELAY_MOST = 2.0  # of normalised speed: what runs further is no speed
 NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
          "power", "reach", "spread", "fading", "lower_over_upper",
-         "relay", "on", "off", "angle")  # fmt: skip
+         "relay", "on", "off", "angle", "command", "share")  # fmt: skip
 ALL = {"both", "sweep", "load"}  # not one rotor's alone
 FREE = {
     "fading": (0.0, 1.0),
@@ -239,7 +245,16 @@ def _weight(frame: StandFrame, side: int, shape: Shape) -> Array:
     return weight
 
 
+def _played(frame: StandFrame, shape: Shape) -> Array:
+    """(rows, 2) speeds behind throttles whose path has play: the middle of it where it was never crossed."""
+    u = drive(frame)
+    states = [slipping(u[:, side], np.array([shape["reach"]]))[:, 0] for side in (0, 1)]
+    return np.asarray(u - 0.5 * shape["reach"] * np.stack(states, axis=1))
+
+
 def _columns(frame: StandFrame, shape: Shape) -> Array:
+    if "command" in shape:
+        return changed_by(frame, _played(frame, shape))[..., None]
     out = np.zeros((len(frame.time_s), 6, 2))
     for name, side in SIDES.items():
         if name in shape and "relay" in shape:
@@ -263,7 +278,9 @@ def _shapes(frame: StandFrame) -> list[dict[str, float]]:
     ]
     worn = [form for form in forms if "reach" in form]
     sides = ["both", "sweep", *(name for name, side in SIDES.items() if _returns(frame, side))]
+    commands = [] if drivable(frame) else [{"command": 1.0, "reach": r} for r in GAPS]
     return [
+        *commands,
         *({side: 1.0, **form} for side in sides for form in forms),
         *({"load": 1.0, **form} for form in worn),
     ]
@@ -276,7 +293,7 @@ def _free(_: StandFrame, shape: Shape) -> dict[str, tuple[float, float]]:
 
 def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     """Worn in, at every load alike or by a power of it, on both rotors by one share or by two."""
-    if "angle" in shape:
+    if "angle" in shape or "command" in shape:
         return []
     if "relay" in shape:
         return [
@@ -304,23 +321,37 @@ def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     return forms
 
 
+def _parameters(_: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
+    if "command" in shape:
+        return {"share": float(c[0]), **shape}
+    return {"thrust_share": float(c[0]), "torque_share": float(c[1]), **shape}
+
+
+def _inverse(_: StandFrame, p: Mapping[str, float]) -> tuple[Shape, Array]:
+    coefficients = ("share",) if "command" in p else ("thrust_share", "torque_share")
+    return {k: v for k, v in p.items() if k not in coefficients}, np.array([p[k] for k in coefficients])
+
+
+def _refuse(p: Mapping[str, float]) -> str | None:
+    if "command" in p:
+        return outside("share", p["share"], *SHARES)
+    return outside("thrust_share", p["thrust_share"], -0.5, 0.5)
+
+
 STAND: Tracing[StandFrame] = Tracing(
     name="hysteresis",
     stage=7,
     physics="a load depends on whether the speed came from above or below",
     source="friction of the rig and stall of the blades on the way down; Iwan 1966",
     needs=("upper_rpm", "lower_rpm"),
-    channels=STAND_LOADS,
+    channels=STAND_CHANNELS,
     units=dict.fromkeys(NAMES, "1"),
     missing=_no_return,
     shapes=_shapes,
     columns=_columns,
-    parameters=lambda _, shape, c: {"thrust_share": float(c[0]), "torque_share": float(c[1]), **shape},
-    inverse=lambda _, p: (
-        {k: v for k, v in p.items() if not k.endswith("share")},
-        np.array([p["thrust_share"], p["torque_share"]]),
-    ),
-    refuse=lambda p: outside("thrust_share", p["thrust_share"], -0.5, 0.5),
+    parameters=_parameters,
+    inverse=_inverse,
+    refuse=_refuse,
     cause=lambda frame, _, channel: (
         "direction of the sweep",
         direction(frame, 1 if channel.startswith("lower") else 0),
@@ -340,6 +371,7 @@ _FORMS = {
     "load": "of each cell's own load",
     "bulge": "of the load where the blades are slow, and stall",
     "moving": "only while the speed moves",
+    "command": "play of the command: speeds follow the throttle behind a gap of `reach`",
     "angle": "over the ratio of both speeds, which sets the blades' angle",
 }
 EFFECT = PhysicalEffect(
@@ -352,6 +384,7 @@ EFFECT = PhysicalEffect(
             for name, what in _FORMS.items()
         ),
         *(Parameter(name, "1", *limits, source=_WAYS) for name, limits in FREE.items()),
+        Parameter("share", "1", *SHARES, source="of play in the command: what follows it feels all of it"),
         Parameter("relay", "1", 0.0, 1.0,
             source="a number of the rotor (0 upper, 1 lower) whose speed flips it"),
         *(Parameter(name, "1", 0.0, 1.5, source=_WAYS) for name in ("on", "off")),

@@ -209,3 +209,24 @@ def test_a_throttle_that_is_off_leaves_a_rotor_at_rest():
     answer = refine_stand(throttled(2.0 * np.arange(121.0), asked, turned), model())
     assert names(answer) == ["dead_band"]
     assert over(answer) < 1.3  # a single sweep tells its noise to one part in ten
+
+
+@pytest.mark.parametrize("tachometers", [False, True])
+def test_play_in_the_command_is_one_hysteresis_of_both_rotors(tachometers):
+    """A speed controller that ignores changes of less than a gap: both speeds, and every load, remember."""
+    t, *asked = ramps(1200)
+    gap, turned = 0.05, []
+    for u in asked:
+        now, out = u[0] - 0.5 * gap, []
+        for target in u:
+            now = min(max(now, target - 0.5 * gap), target + 0.5 * gap)
+            out.append(now)
+        turned.append(np.maximum(np.array(out), 0.0))
+    log = throttled(t, asked, turned)
+    if not tachometers:
+        log = log.without("upper_rpm", "lower_rpm")
+    answer = refine_stand(log, model())
+    assert names(answer) == ["hysteresis"]
+    got = {q.name: q.value for q in answer.effects[0].parameters}
+    assert got["reach"] == pytest.approx(gap, rel=0.1) and got["share"] == pytest.approx(1.0, abs=0.1)
+    assert over(answer) < 1.1
