@@ -28,7 +28,8 @@ COLUMN_OF = {load.channel: load.column for load in Load}
 ORDERS = (2, 3, 4)
 RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
 LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
-LEAST_ROWS = 24
+LEAST_ROWS = 16
+ROWS_A_TERM = 4  # of a polynomial: with fewer it is no base to judge anything by
 APART, MOST_LEVELS = 0.02, 16  # of normalised speed; a speed with more levels than that runs
 MISSED = 0.015  # of the reference load, at one level, by a fitted polynomial
 SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
@@ -114,6 +115,7 @@ def stand_frame(
         place = samples.place(int(np.argmax(back)) + 1)
         notes.append(f"time_s goes back at {place}: rows are counted instead, one a second")
     if model is None:
+        present = _followed(samples, u[keep], present, orders, notes)
         base, keep = _fitted_base(u, plain, keep, present, speeds.speed_max_rpm, orders, notes)
     else:
         base = model
@@ -179,6 +181,30 @@ def _idle(u: Array, dragged: float) -> NDArray[np.bool_]:
     rest = u[:, 1] <= 0.0
     lasting = rest & np.roll(rest, 1) & np.roll(rest, -1)
     return np.asarray((u[:, 0] > IDLE) & (u[:, 1] < np.maximum(IDLE, dragged * u[:, 0])) & ~lasting)
+
+
+def _followed(
+    samples: Samples, u: Array, present: Sequence[int], orders: Sequence[int], notes: list[str]
+) -> list[int]:
+    """Channels without loads that `u` (rows, 2) are too few rows to fit; InputError if no load is left."""
+    short = [c for c in present if c < 4 and not _first_terms(LOADS[c], u, min(orders))]
+    if not short:
+        return list(present)
+    names = ", ".join(STAND_CHANNELS[c] for c in short)
+    why = f"{len(u)} rows, {ROWS_A_TERM} for each term of a load over both speeds are needed"
+    left = [c for c in present if c not in short]
+    if not [c for c in left if c < 4]:
+        raise InputError(samples.source, "", f"{names}: {why}; give a rotor model with --rotor")
+    notes.append(f"{names}: not judged ({why})")
+    return left
+
+
+def _first_terms(load: str, u: Array, order: int) -> list[str]:
+    """The least polynomial of a load that these rows (rows, 2) support; [] where they support none."""
+    for names in (dictionary_of(load, order), plainest_of(load, u)):
+        if len(names) <= len(u) // ROWS_A_TERM:
+            return names
+    return []
 
 
 def _fitted_base(
@@ -255,6 +281,17 @@ def dictionary_of(load: str, order: int) -> list[str]:
     return [term_name(a, b) for a in range(order + 1) for b in range(order + 1) if a + b <= max(order, 4)]
 
 
+def plainest_of(load: str, u: Array) -> list[str]:
+    """Terms of one load's square over what moves of both speeds (rows, 2): for logs of few rows."""
+    from coaxlink.rotor.polynomial import term_name
+
+    moves = np.ptp(u, axis=0) > APART
+    if load.startswith("upper"):
+        return [term_name(a, 0) for a in range(3)]
+    most = 2 * moves
+    return [term_name(a, b) for a in range(most[0] + 1) for b in range(most[1] + 1) if a + b <= 2]
+
+
 def fitted_model(
     u: Array, measured: Array, present: Sequence[int], speed_max_rpm: float, orders: Sequence[int] = ORDERS
 ) -> RotorModel:
@@ -266,8 +303,8 @@ def fitted_model(
             continue
         load, best = LOADS[c], np.inf
         for order in orders:
-            names = dictionary_of(load, order)
-            if len(names) > len(u) // 4:
+            names = _first_terms(load, u, order) if order == min(orders) else dictionary_of(load, order)
+            if not 0 < len(names) <= len(u) // ROWS_A_TERM:
                 break
             x = design_matrix(names, u[:, 0], u[:, 1])
             left = 0.0

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import f as f_test
 
 from coaxlink.residual.regression.blocks import held_out, solve, squares
 from coaxlink.residual.regression.gates import (
@@ -154,8 +154,7 @@ class Judge:
         variance = np.maximum(np.mean(left**2, axis=0), 1e-12)
         inflation = autocorrelation_time(left, self._block)
         drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0) / (variance * inflation)
-        statistic = float(np.sum(drop))
-        p_value = min(1.0, self.looks * float(chi2.sf(max(statistic, 0.0), len(whole) - len(without))))
+        p_value = min(1.0, self.looks * self._chance(drop, len(whole) - len(without), whole))
         change = self._base @ (full - null)[p.base] + added @ (full - null)[beyond]
         size = float(np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0).max())
         mine = self.worth_of(np.setdiff1d(option.columns, option.carried), full)
@@ -192,6 +191,19 @@ class Judge:
             remains,
             p.clear_size if share > CLEAR else SIZE,
         )
+
+    def _chance(self, drop: Array, numbers: int, use: Index) -> float:
+        """Of a fall of the square sums (C,), in variances, by so many numbers where nothing is there.
+
+        F test: the variances were had from the same rows, of which the columns `use` took their share.
+        """
+        p = self.problem
+        rows = float(p.blocks.rows.sum())
+        touched = np.any(self._design[:, :, use] != 0.0, axis=0).sum(axis=1)
+        weight = np.maximum(drop, 0.0) / max(float(np.maximum(drop, 0.0).sum()), 1e-300)
+        free = np.maximum(rows - touched, 1.0)
+        statistic = max(float(np.sum(drop * free / rows)), 0.0)
+        return float(f_test.sf(statistic / numbers, numbers, float(weight @ free)))
 
     def worth_of(self, columns: Index, fit: Array) -> Array:
         """(C,) what columns add under a fit (P,), 95th percentile over the reference load."""

@@ -146,8 +146,8 @@ def test_what_is_missing_is_said(paper):
         del columns[name]
     with pytest.raises(InputError, match="upper_thrust_N"):
         refine_stand(Samples(columns, "rig.csv"), paper)
-    with pytest.raises(InputError, match="rows; 24 are needed to find an effect"):
-        refine_stand(Samples(run(), "rig.csv").take(np.arange(20)))
+    with pytest.raises(InputError, match="rows; 16 are needed to find an effect"):
+        refine_stand(Samples(run(), "rig.csv").take(np.arange(15)))
     few = refine_stand(Samples(run(), "rig.csv").take(np.arange(0, 240, 20)), paper)
     assert few.effects == () and any("too few to identify" in note for note in few.notes)
     assert few.channels["upper_thrust"].rmse_before > 0
