@@ -15,7 +15,7 @@ from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import design_matrix
 
 STUCK_ROWS = 4
-REPEATED_ROWS = 3
+REPEATED_ROWS, BY_CHANCE = 3, 1e-3  # a run of them; logs that have one as long by accident
 CLIPPED_ROWS = 6
 MARGIN = 0.02  # of the reference load: this near a limit the noise is cut off on one side
 # a load that is gone for some rows (judgement: no effect of physics takes so much): the share of it that is
@@ -100,7 +100,8 @@ def repeated_rows(frame: StandFrame) -> Mask:
     twin = (first[inverse.ravel()] != np.arange(len(values))) & turning
     rows = np.flatnonzero(twin)
     for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-        if len(run) >= REPEATED_ROWS:
+        by_chance = (len(rows) - len(run)) / max(len(twin) - len(run), 1)  # that a row has a twin
+        if len(run) >= REPEATED_ROWS and len(twin) * by_chance ** len(run) < BY_CHANCE:
             out[run] = True
     return out
 

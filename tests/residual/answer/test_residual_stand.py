@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from residual_rig import run
+from residual_rig import FULL_RPM, run, steady_loads
 
 from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.residual import refine_stand
+from coaxlink.residual.channels.stand import stand_frame
+from coaxlink.residual.faults.load_cells import repeated_rows
 from coaxlink.rotor import load_rotor_model
 
 CASES = {
@@ -81,6 +83,25 @@ def test_stuck_and_repeated_rows_are_named_and_left_out(paper):
     assert stuck.effects == () and stuck.channels["upper_torque"].rmse_after < 0.0095
     repeated = refine_stand(samples(seed=8, repeated=1), paper)
     assert [s.rows for s in repeated.suspect_data] == ["201-230"] and repeated.effects == ()
+
+
+def test_readings_in_steps_agree_by_chance_and_are_no_copy(paper):
+    """Two speeds held in turn, cells that round to a tenth of their noise: three rows agree."""
+    rng = np.random.default_rng(0)
+    a, b = np.tile(np.repeat([[0.5, 0.7], [0.6, 0.4]], 20, axis=1), 20)
+    loads = steady_loads(a, b) + np.array([[0.2], [0.004], [0.2], [0.004]]) * rng.standard_normal((4, len(a)))
+    names = {"upper_thrust_N": 0.02, "upper_torque_Nm": 0.0004}
+    columns = {n: np.round(load / step) * step for load, (n, step) in zip(loads, names.items(), strict=False)}
+    rpm = {f"{s}_rpm": FULL_RPM * u + rng.standard_normal(len(a)) for s, u in (("upper", a), ("lower", b))}
+    log = Samples({"time_s": np.arange(len(a)) * 1.0, **rpm, **columns}, "steps.csv")
+    frame = stand_frame(log, paper)
+    twins = len(a) - len(np.unique(frame.measured[:, :2], axis=0))
+    assert twins > 20 and not repeated_rows(frame).any()
+    whole = {name: np.concatenate([column, column[100:130]]) for name, column in log.columns.items()}
+    whole["time_s"] = np.arange(len(a) + 30) * 1.0
+    assert np.flatnonzero(repeated_rows(stand_frame(Samples(whole, "copied.csv"), paper))).tolist() == list(
+        range(len(a), len(a) + 30)
+    )
 
 
 def test_a_cell_that_drops_to_nothing_is_named_and_left_out(paper):
