@@ -48,7 +48,9 @@ class _Bench:
     def blocks(self) -> Blocks:
         """The normal equations of the loads alone."""
         b, k = self.problem.blocks, len(self.loads)
-        return replace(b, gram=b.gram[:, :k], moment=b.moment[:, :k], power=b.power[:, :k])
+        return replace(
+            b, gram=b.gram[:k], touched=b.touched[:k], moment=b.moment[:, :k], power=b.power[:, :k]
+        )
 
     def left(self, *options: Option) -> float:
         """Least squares that the base and options leave of the loads at the speeds as read."""
@@ -59,7 +61,7 @@ class _Bench:
     def best(self, side: int, other: float = 0.0) -> tuple[float, float]:
         """The share by which this side's tachometer reads high, and what it leaves."""
         design = self.problem.design[:, : len(self.loads), self.base]
-        gram = self.blocks.gram.sum(axis=(0, 1))[self.base[:, None], self.base]
+        gram = self.blocks.only(self.base).total[0]
         bounds = self.problem.blocks.bounds[self.base]
 
         def cost(gain: float) -> float:

@@ -7,7 +7,7 @@ bounds; effect columns are free.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -45,11 +45,13 @@ def folds_of(count: int, folds: int = FOLDS) -> Index:
 class Blocks:
     """Normal equations by block and channel, whitened by the channels' noise.
 
-    `gram[b, c]` is the (P, P) Gram matrix of the design in block b, channel c; `moment` its (P,) product with
-    the residual; `power` the residual's square sum; `rows` the judged rows of every block.
+    Most columns touch one channel or a few: `gram[c][b]` is the Gram matrix of the columns `touched[c]` of
+    the design in block b, channel c. `moment` is the design's (P,) product with the residual; `power` the
+    residual's square sum; `rows` the judged rows of every block.
     """
 
-    gram: Array  # (B, C, P, P)
+    gram: tuple[Array, ...]  # of every channel (B, T, T)
+    touched: tuple[Index, ...]  # of every channel (T,): the columns that are not zero there
     moment: Array  # (B, C, P)
     power: Array  # (B, C)
     rows: Array  # (B,)
@@ -58,31 +60,45 @@ class Blocks:
     # drawn from a normal distribution and has no limit
     bounds: Array
 
-    @cached_property
+    @property
     def summed(self) -> tuple[Array, Array]:
-        """(B, P, P) Gram matrices and (B, P) moments summed over the channels: all that a fit needs."""
-        return self.gram.sum(axis=1), self.moment.sum(axis=1)
+        """(B, P, P) Gram matrices and (B, P) moments summed over the channels; made anew each time: large."""
+        width = len(self.bounds)
+        total = np.zeros((self.count, width, width))
+        for gram, use in zip(self.gram, self.touched, strict=True):
+            total[:, use[:, None], use] += gram
+        return total, self.moment.sum(axis=1)
 
     @cached_property
     def total(self) -> tuple[Array, Array]:
-        """(P, P) and (P,) of all blocks."""
-        grams, moments = self.summed
-        return grams.sum(axis=0), moments.sum(axis=0)
+        """(P, P) and (P,) of all blocks and channels: all that a fit needs."""
+        return self.of(np.ones(self.count))
 
-    @cached_property
-    def touched(self) -> list[Index]:
-        """Of every channel, the columns that are not zero there."""
-        size = np.einsum("bcpp->cp", self.gram)
-        return [np.flatnonzero(mine) for mine in size]
+    def only(self, columns: Index) -> Blocks:
+        """The normal equations of these columns (k,) alone, renumbered in their order."""
+        place = np.full(len(self.bounds), -1, np.intp)
+        place[columns] = np.arange(len(columns))
+        mine = [np.flatnonzero(place[use] >= 0) for use in self.touched]
+        return replace(
+            self,
+            gram=tuple(g[:, m[:, None], m] for g, m in zip(self.gram, mine, strict=True)),
+            touched=tuple(place[use[m]] for use, m in zip(self.touched, mine, strict=True)),
+            moment=self.moment[:, :, columns],
+            bounds=self.bounds[columns],
+        )
 
     @cached_property
     def trains(self) -> tuple[Array, Array]:
         """(folds, P, P) and (folds, P) of the blocks that each fold is fitted to."""
-        grams, moments = self.summed
-        rest = [self.fold != f for f in np.unique(self.fold)]
-        return np.stack([grams[r].sum(axis=0) for r in rest]), np.stack(
-            [moments[r].sum(axis=0) for r in rest]
-        )
+        grams, moments = zip(*(self.of(1.0 * (self.fold != f)) for f in np.unique(self.fold)), strict=True)
+        return np.stack(grams), np.stack(moments)
+
+    def of(self, weights: Array) -> tuple[Array, Array]:
+        """(P, P) and (P,) of blocks by their weights (B,), summed over the channels."""
+        total = np.zeros((len(self.bounds), len(self.bounds)))
+        for gram, use in zip(self.gram, self.touched, strict=True):
+            total[use[:, None], use] += np.tensordot(weights, gram, axes=1)
+        return total, weights @ self.moment.sum(axis=1)
 
     @property
     def count(self) -> int:
@@ -94,11 +110,10 @@ def accumulate(design: Array, residual: Array, block: Index, fold: Index, bounds
     """Gram matrices of a whitened design (rows, C, P) and residual (rows, C); `block` (rows,) from 0."""
     rows = np.bincount(block)
     channels, width = design.shape[1:]
-    gram = np.zeros((len(rows), channels, width, width))
     moment = np.zeros((len(rows), channels, width))
     power = np.zeros((len(rows), channels))
-    # most columns touch one channel only: the others' zeros are not multiplied
-    touched = [np.flatnonzero(design[:, c].any(axis=0)) for c in range(channels)]
+    touched = tuple(np.flatnonzero(design[:, c].any(axis=0)) for c in range(channels))
+    gram = tuple(np.zeros((len(rows), len(use), len(use))) for use in touched)
     order, start = np.argsort(block, kind="stable"), np.concatenate([[0], np.cumsum(rows)])
     for some in _batches(rows):
         number = np.arange(rows[some].max())
@@ -108,10 +123,10 @@ def accumulate(design: Array, residual: Array, block: Index, fold: Index, bounds
             x, y = design[mine, c][..., use].astype(float), residual[mine, c, None].astype(float)
             x[~inside] = y[~inside] = 0.0
             flipped = x.swapaxes(1, 2)
-            gram[some[:, None, None], c, use[:, None], use] = flipped @ x
+            gram[c][some] = flipped @ x
             moment[some[:, None], c, use] = (flipped @ y)[..., 0]
             power[some, c] = (y.swapaxes(1, 2) @ y)[:, 0, 0]
-    return Blocks(gram, moment, power, rows.astype(float), fold, bounds)
+    return Blocks(gram, touched, moment, power, rows.astype(float), fold, bounds)
 
 
 def _batches(rows: Index) -> list[Index]:
@@ -132,9 +147,7 @@ def solve(blocks: Blocks, use: Index, weights: Array) -> Array:
         grams, moments = blocks.total
         gram, moment = grams[use[:, None], use], moments[use]
     else:
-        grams, moments = blocks.summed
-        gram = np.tensordot(weights, grams[:, use[:, None], use], axes=1)
-        moment = weights @ moments[:, use]
+        gram, moment = blocks.only(use).of(weights)
     return _spread(blocks, use, _bounded(gram, moment, blocks.bounds[use]))
 
 
@@ -201,10 +214,11 @@ def squares(blocks: Blocks, coefficients: Array, which: Array | None = None) -> 
     """(B, C) sum of squared whitened residuals under coefficients (P,); `which` (B,) bool picks blocks."""
     rows = np.arange(blocks.count) if which is None else np.flatnonzero(which)
     out = blocks.power[rows].copy()
-    for channel, touched in enumerate(blocks.touched):
-        use = touched[coefficients[touched] != 0.0]
+    for channel, (gram, touched) in enumerate(zip(blocks.gram, blocks.touched, strict=True)):
+        mine = np.flatnonzero(coefficients[touched] != 0.0)
+        use = touched[mine]
         c = coefficients[use]
-        square = (blocks.gram[rows[:, None, None], channel, use[:, None], use] @ c) @ c
+        square = (gram[rows[:, None, None], mine[:, None], mine] @ c) @ c
         out[:, channel] += square - 2.0 * blocks.moment[rows[:, None], channel, use] @ c
     return np.maximum(out, 0.0)
 
@@ -221,8 +235,7 @@ def held_out(blocks: Blocks, use: Index) -> tuple[Array, Array]:
 
 def held_out_sum(blocks: Blocks, use: Index) -> Array:
     """(B,) squared errors as `held_out` gives them, summed over the channels, at a fraction of the cost."""
-    grams, moments = blocks.summed
-    gram, moment = grams[:, use[:, None], use], moments[:, use]
+    gram, moment = blocks.only(use).summed
     fit = _fold_fits(blocks, use)[np.unique(blocks.fold, return_inverse=True)[1]]  # (B, k)
     square = np.sum((gram @ fit[..., None])[..., 0] * fit, axis=1)
     return np.maximum(blocks.power.sum(axis=1) - 2.0 * np.sum(moment * fit, axis=1) + square, 0.0)
@@ -243,7 +256,9 @@ def bootstrap(blocks: Blocks, use: Index, draws: int, seed: int = 0) -> Array:
     """(draws, P) coefficients with whole blocks drawn again."""
     random = np.random.default_rng(seed)
     weights = random.multinomial(blocks.count, np.full(blocks.count, 1.0 / blocks.count), size=draws)
-    return np.stack([solve(blocks, use, w.astype(float)) for w in weights])
+    grams, moments = blocks.only(use).summed
+    fits = (_bounded(np.tensordot(w, grams, axes=1), w @ moments, blocks.bounds[use]) for w in 1.0 * weights)
+    return np.stack([_spread(blocks, use, fit) for fit in fits])
 
 
 def error_interval(square_sums: Array, rows: Array, draws: int = 400, seed: int = 0) -> tuple[float, float]:

@@ -36,11 +36,10 @@ def channel_errors(p: Problem, options: Sequence[Option]) -> Array:
 def reweighted(p: Problem, sigma: Array) -> Problem:
     """The problem whitened by other scales (C,)."""
     ratio = p.sigma / sigma
-    square = (ratio**2)[:, None]
     blocks = replace(
         p.blocks,
-        gram=p.blocks.gram * square[..., None],
-        moment=p.blocks.moment * square,
+        gram=tuple(gram * scale for gram, scale in zip(p.blocks.gram, ratio**2, strict=True)),
+        moment=p.blocks.moment * (ratio**2)[:, None],
         power=p.blocks.power * ratio**2,
     )
     design = p.design * ratio[:, None].astype(p.design.dtype)
@@ -92,11 +91,7 @@ def _base_of(p: Problem, sigma: Array, rough: float = 1.0) -> Problem:
     `rough` widens what inertia may be off by.
     """
     wider = np.array([rough if name.startswith("inertia_") else 1.0 for name in p.base_names])
-    small = replace(
-        p.blocks,
-        gram=p.blocks.gram[:, :, p.base[:, None], p.base],
-        moment=p.blocks.moment[:, :, p.base],
-        bounds=p.blocks.bounds[p.base] * wider,
-    )
+    small = p.blocks.only(p.base)
+    small = replace(small, bounds=small.bounds * wider)
     only = replace(p, design=p.design[:, :, p.base], blocks=small, base=np.arange(len(p.base)), options=())
     return reweighted(only, sigma)

@@ -241,7 +241,7 @@ class Fitter:
         p, base = self.problem, self._base
         if self._fitted_base:
             return np.einsum("rci,rcj->ij", base, base, optimize=True)
-        return np.asarray(p.blocks.summed[0].sum(axis=0)[p.base[:, None], p.base])
+        return np.asarray(p.blocks.total[0][p.base[:, None], p.base])
 
     def _moved(self, m: Member, values: Array, share: float) -> Member:
         """The member on its way to other values (K + keys,), no further than its limits."""

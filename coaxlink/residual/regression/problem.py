@@ -13,7 +13,7 @@ from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.regression.blocks import Blocks, accumulate, folds_of
 
 Index = NDArray[np.intp]
-LONG_ROWS = 50_000
+LONG_ROWS = 2000  # of a design kept in single precision
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,7 @@ def build(
             options.append(Option(effect, shape, np.arange(at, at + width)))
             bounds += [np.inf] * width
             at += width
-    design = np.concatenate(pieces, axis=-1)
-    pieces.clear()
+    design = _side_by_side(pieces)
     whitened = residual / sigma
     count = int(block.max()) + 1
     blocks = accumulate(design, whitened, block, folds_of(count), np.array(bounds))
@@ -123,6 +122,17 @@ def build(
         options=tuple(options),
         impossible=tuple(impossible),
     )
+
+
+def _side_by_side(pieces: list[NDArray[Any]]) -> NDArray[Any]:
+    """Designs (rows, C, k) next to one another; they are let go one by one, for all of them are many."""
+    design = np.empty((*pieces[0].shape[:2], sum(x.shape[-1] for x in pieces)), pieces[0].dtype)
+    end = design.shape[-1]
+    while pieces:
+        last = pieces.pop()
+        design[..., end - last.shape[-1] : end] = last
+        end -= last.shape[-1]
+    return design
 
 
 def from_design(

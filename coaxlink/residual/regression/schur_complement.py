@@ -35,7 +35,8 @@ class SchurComplement:
         self._fold = np.unique(blocks.fold, return_inverse=True)[1]
         scale = scale[self._fold]
         grams, moments = blocks.summed
-        grams, moments = grams / (scale[:, :, None] * scale[:, None, :]), moments / scale
+        grams, moments = grams / scale[:, :, None], moments / scale
+        grams /= scale[:, None, :]
         inner, mixed = grams[:, base[:, None], base], grams[:, base[:, None], others]
         follows, stands = self._moves[self._fold], self._stands[self._fold]
         met = (inner @ stands[..., None])[..., 0]

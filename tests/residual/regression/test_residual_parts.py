@@ -155,9 +155,15 @@ def test_blocks_of_any_length_and_order_give_their_rows_sums():
     for b in range(5):
         x, y = design[block == b], residual[block == b]
         assert blocks.rows[b] == len(x)
-        assert blocks.gram[b] == pytest.approx(np.einsum("rci,rcj->cij", x, x))
+        for c, use in enumerate(([0, 1, 2], [0, 1])):
+            assert blocks.touched[c].tolist() == use
+            assert blocks.gram[c][b] == pytest.approx(x[:, c, use].T @ x[:, c, use])
         assert blocks.moment[b] == pytest.approx(np.einsum("rci,rc->ci", x, y))
         assert blocks.power[b] == pytest.approx((y**2).sum(axis=0))
+        assert blocks.summed[0][b] == pytest.approx(np.einsum("rci,rcj->ij", x, x))
+        few = blocks.only(np.array([2, 0]))
+        assert few.summed[0][b] == pytest.approx(blocks.summed[0][b][np.ix_([2, 0], [2, 0])])
+        assert few.moment[b] == pytest.approx(blocks.moment[b][:, [2, 0]])
 
 
 @pytest.mark.parametrize("bound", (0.05, 0.5, np.inf))
