@@ -1,14 +1,15 @@
 """What `coaxlink health` says of flights whose truth is known: own simulated ones and the independent worlds.
 
-    python benchmarks/health.py [--flights N] [--onsets N] [--seed S]
+    python benchmarks/health.py [--flights N] [--onsets N | --sound N] [--seed S]
 
 Own: N vehicles, half of them with one rotor that lost 5 to 20 % of its thrust before the second of two
 flights, the other half with another hidden effect or none in both; the verdict over both flights. Onsets: N
 single flights of a minute of vehicles drawn around the paper's X8 and a hexa, each judged alone. In six of
 nine a rotor loses 5 to 20 % (a blade, or a motor that turns slower), from the start, at a drawn time or over
-10 to 30 s; in the others nothing, a load that slides by 2 cm, or half a kilogramme that drops. Worlds: the
-single logs of ../shared/worlds/flight, each with its own airframe and rotor model, where that folder is
-there.
+10 to 30 s; in the others nothing, a load that slides by 2 cm, or half a kilogramme that drops. Sound: N more
+such single flights, all rotors sound: in four of six nothing happens, in the others a load slides or drops;
+a flight that is called is a false alarm. Worlds: the single logs of ../shared/worlds/flight, each with its
+own airframe and rotor model, where that folder is there.
 """
 
 from __future__ import annotations
@@ -130,6 +131,7 @@ def worlds() -> list[str]:
 
 FAULTS = ("from the start", "at once, in flight", "gradual, in flight")
 OTHERS = ("nothing", "a load slides", "half a kilogramme drops")
+SOUND = (*[OTHERS[0]] * 4, *OTHERS[1:])
 PLANS, SECONDS, EVERY, LAWS = ("wander", "circle", "hover"), 60.0, 8, ("share", "tip", "weak_motor")
 
 
@@ -154,8 +156,8 @@ def lost_at_speed(pair: Any, pairs: Any, hover: Any, rotor: int, loss: float) ->
     return float(1.0 - after / before)
 
 
-def onset_flight(seed: int, i: int) -> tuple[str, dict, dict]:
-    """(airframe file, log's columns, truth) of one flight."""
+def onset_flight(seed: int, i: int, kinds: tuple[str, ...]) -> tuple[str, dict, dict]:
+    """(airframe file, log's columns, truth) of one flight; what happens in it is the i-th of `kinds`."""
     from sim.effects import Effect
     from sim.physics.rotors import read_pair
     from sim.quick.flight import World, fly_quick, make_design
@@ -183,7 +185,7 @@ def onset_flight(seed: int, i: int) -> tuple[str, dict, dict]:
     ]
     askew = {"direction_deg": random.uniform(0, 360)}
     cg, onset = random.uniform(0.0, 0.005), random.uniform(15.0, 45.0)
-    kind = [*FAULTS, *FAULTS, *OTHERS][i % 9]
+    kind = kinds[i % len(kinds)]
     truth: dict[str, Any] = {"what": kind, "rotor": 0, "loss": 0.0, "law": "", "onset_s": onset}
     effects.append(Effect("cg_offset", cg, 0.0, askew))
     if kind in FAULTS:
@@ -210,8 +212,8 @@ def onset_flight(seed: int, i: int) -> tuple[str, dict, dict]:
     return name, {column: values[:rows] for column, values in log.items()}, truth
 
 
-def onset_flights(count: int, seed: int) -> list[str]:
-    """The table of single flights, a row a kind."""
+def judged_alone(count: int, seed: int, kinds: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Single flights, what happens in them in turn: the truth and what was said, a row a flight."""
     from coaxlink.data import read_flight_log
     from coaxlink.health.columns import reduced
     from coaxlink.health.judge import judge
@@ -221,7 +223,7 @@ def onset_flights(count: int, seed: int) -> list[str]:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for i in range(count):
-            name, log, truth = onset_flight(seed, i)
+            name, log, truth = onset_flight(seed, i, kinds)
             path = Path(folder) / "flight.csv"
             write_flight(path, log)
             vehicle = vehicle_and_table(name)[0]
@@ -244,6 +246,12 @@ def onset_flights(count: int, seed: int) -> list[str]:
                 }
             )
             print(f"    {i}: {name} {rows[-1]}", flush=True)
+    return rows
+
+
+def onset_flights(count: int, seed: int) -> list[str]:
+    """The table of single flights, a row a kind."""
+    rows = judged_alone(count, seed, (*FAULTS, *FAULTS, *OTHERS))
     lines = [
         "| one flight alone | sound | watch | ground it | of the called: right rotor | loss inside |",
         "|---|---:|---:|---:|---:|---:|",
@@ -259,13 +267,34 @@ def onset_flights(count: int, seed: int) -> list[str]:
     return lines
 
 
+def sound_flights(count: int, seed: int) -> list[str]:
+    """The table of false alarms: sound rotors that are called, with Clopper and Pearson's 95 %."""
+    from scipy.stats import beta
+
+    rows = judged_alone(count, seed, SOUND)
+    lines = ["| sound rotors | sound | watch | ground it | called, 95 % |", "|---|---:|---:|---:|---:|"]
+    for what in OTHERS:
+        verdicts = [r["verdict"] for r in rows if r["what"] == what]
+        n, cells = len(verdicts), [verdicts.count(v) for v in ("sound", "watch", "ground it")]
+        called = n - cells[0]
+        low = float(beta.ppf(0.025, called, n - called + 1)) if called else 0.0
+        high = float(beta.ppf(0.975, called + 1, n - called)) if called < n else 1.0
+        share = f"{100 * called / max(n, 1):.0f} % ({100 * low:.1f} to {100 * high:.0f})"
+        lines.append(f"| {n} {what} | {' | '.join(map(str, cells))} | {share} |")
+    return lines
+
+
 def main() -> int:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flights", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--onsets", type=int, default=0)
+    parser.add_argument("--sound", type=int, default=0)
     options = parser.parse_args()
+    if options.sound:
+        print("\n".join(sound_flights(options.sound, options.seed)))
+        return 0
     if options.onsets:
         print("\n".join(onset_flights(options.onsets, options.seed)))
         return 0
