@@ -6,7 +6,7 @@ measured.
 X_k is what a unit more of a coefficient adds to force and torques, all pairs sharing one model; the
 nuisances are `columns`' (centre of mass, instruments, wind, voltage), without what the coefficients
 themselves are. Speeds are the ESCs' where the log has rpm; else commands stand for them, and a scale between
-both joins the prior. The lift's rows are of two-stage least squares (`instruments`).
+both joins the prior. Columns that follow the commands go through two-stage least squares (`instruments`).
 Source: Bishop 2006, *Pattern Recognition and Machine Learning*, section 3.3.
 """
 

@@ -35,6 +35,7 @@ from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.experiments.manoeuvres import SETTLE_S, Manoeuvre, flown
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.vehicle import Vehicle
+from firmware_params.errors import TableError
 
 SECONDS = 60.0  # of a flight: as one of those that were flown
 REACH_M, RISE_M = 2.0, 1.0  # from the place of take-off, `coaxlink fly --reach`; above the flight's height
@@ -48,6 +49,7 @@ ROWS = 100  # of the envelope of wrenches that a table is judged by
 MODELS, SEED = 8, 1  # drawn from the posterior: their tables' shares differ by more than eight do in the mean
 RANGE_PRICE = np.array([1.0, 3.0, 3.0, 5.0])  # of each axis' range, as a table is fitted (`mixer.fitted`)
 WORTH = 0.9  # of the criterion: another table for less than a tenth is not asked for
+UNFLYABLE = (CoaxlinkError, TableError)  # the rotors cannot fly the vehicle, or PX4 cannot hold its table
 SPLIT_WIDE = 0.01  # of the upper rotors' share of the thrust, either side of the one that is asked for
 
 
@@ -185,8 +187,8 @@ def next_flight(update: Update, airframe: Airframe, *, seconds: float = SECONDS)
         try:
             law = FittedLaw(vehicle, fit_table(vehicle, shares=(share,)))
             worth = table.cost(design.posterior(pieces, law)) / left
-        except CoaxlinkError:
-            continue  # these rotors cannot fly it
+        except UNFLYABLE:
+            continue
         upper = upper_share(vehicle, law)
         splits[upper], laws[upper] = worth, law
     if splits and min(splits.values()) < WORTH:
@@ -265,7 +267,7 @@ def _tables(airframe: Airframe, model: RotorModel, known: Known) -> TableNeeds:
             terms[load][term] = float(value)
         try:
             law = FittedLaw(Vehicle(airframe, RotorModel.from_terms(model.form, model.speed_max_rpm, terms)))
-        except CoaxlinkError:
+        except UNFLYABLE:
             if number == 0:
                 raise
             continue

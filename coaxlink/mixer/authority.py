@@ -7,8 +7,10 @@ import math
 import numpy as np
 
 from coaxlink.constants import GRAVITY_M_S2
+from coaxlink.errors import InputError
 from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.vehicle import Vehicle
+from firmware_params.errors import TableError
 
 # of full speed: flights are judged between 0.1 and 0.98 (`health.coefficients`); 0.05 are left for gusts
 LOW, HIGH = 0.15, 0.93
@@ -29,7 +31,12 @@ def yaw_authority(vehicle: Vehicle) -> float:
     >>> round(yaw_authority(load_vehicle("examples/x8_demo.toml", "examples/rotor_paper.toml")), 1)
     4.9
     """
-    law, airframe = FittedLaw(vehicle), vehicle.airframe
+    airframe = vehicle.airframe
+    try:
+        law = FittedLaw(vehicle)
+    except (TableError, ValueError) as error:
+        source = airframe.source or airframe.name
+        raise InputError(source, "rotors", f"PX4 cannot hold its fitted table: {error}") from error
     weight = airframe.mass_kg * GRAVITY_M_S2
 
     def within(yaw: float) -> bool:

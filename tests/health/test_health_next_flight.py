@@ -212,3 +212,19 @@ def test_the_verb_hands_its_plan_to_fly(hovered, tmp_path, capsys):
         main([str(a) for a in call[:-2]])
     assert "--next PLAN.toml plans the flight" in capsys.readouterr().err
     assert "next" not in json.loads(report.read_text())
+
+
+def test_a_vehicle_without_a_plan_keeps_what_its_flight_told(hovered, tmp_path, capsys, monkeypatch):
+    def nothing(update, airframe):
+        raise InputError("next flight", "", "no piece of a plan keeps these rotors within their range")
+
+    monkeypatch.setattr("coaxlink.health.next_flight.next_flight", nothing)
+    vehicle, path, _ = hovered
+    prior, after, plan = (tmp_path / f"{name}.toml" for name in ("prior", "after", "next"))
+    save_rotor_model(prior, vehicle.model)
+    call = ["identify", path, "--airframe", FRAME, "--rotor", prior, "--out", after, "--next", plan]
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in call])
+    assert ended.value.code == 2
+    assert after.is_file() and not plan.exists()
+    assert capsys.readouterr().err.splitlines()[-1].endswith("keeps these rotors within their range")
