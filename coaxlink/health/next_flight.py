@@ -165,8 +165,11 @@ class TableNeeds:
 def next_flight(update: Update, airframe: Airframe, *, seconds: float = SECONDS) -> NextFlight:
     """The plan for the vehicle's next flight, on a table made of `update.model` or of another split.
 
-    Raises InputError where the vehicle cannot fly any piece of one.
+    `seconds` are filled with pieces of PIECE_S. Raises InputError where there is no room for one, and where
+    the vehicle cannot fly any.
     """
+    if seconds < PIECE_S:
+        raise InputError("next flight", "seconds", f"{PIECE_S:g} s or more are expected, found {seconds:g}")
     known, model = update.known, replace(update.model, effects=())
     vehicle = Vehicle(airframe, model)
     frame = replace(known.frame, model=model)
@@ -207,7 +210,7 @@ def next_flight(update: Update, airframe: Airframe, *, seconds: float = SECONDS)
     return NextFlight(
         tuple(pieces), high, split,
         tuple(Expected(*name, *map(float, row)) for name, *row in zip(known.names, *sds, strict=True)),
-        *(table.errors(c) for c in (now, then, still)), table, splits,
+        table.errors(now), table.errors(then), table.errors(still), table, splits,
     )  # fmt: skip
 
 

@@ -169,11 +169,13 @@ def test_another_split_is_the_same_wrench(hovered):
     assert min(u.min() for u in speeds) > TURNING and max(u.max() for u in speeds) < FULL
 
 
-def test_a_vehicle_that_is_too_heavy_is_refused(hovered):
+def test_what_cannot_be_planned_is_refused(hovered):
     vehicle, _, update = hovered
     heavy: Airframe = replace(vehicle.airframe, mass_kg=60.0)
     with pytest.raises(InputError, match="cannot fly"):
         next_flight(update, heavy)
+    with pytest.raises(InputError, match="12 s or more are expected, found 5"):
+        next_flight(update, vehicle.airframe, seconds=5.0)
 
 
 def test_a_unit_of_each_coefficient_adds_up_to_the_model():
