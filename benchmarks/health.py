@@ -1,14 +1,17 @@
 """What `coaxlink health` says of flights whose truth is known: own simulated ones and the independent worlds.
 
-    python benchmarks/health.py [--flights N] [--onsets N] [--seed S]
+    python benchmarks/health.py [--flights N] [--onsets N | --sound N [--flown]] [--seed S]
 
 Own: N vehicles, half of them with one rotor that lost 5 to 20 % of its thrust before the second of two
 flights, the other half with another hidden effect or none in both; the verdict over both flights. Onsets: N
 single flights of a minute of vehicles drawn around the paper's X8 and a hexa, each judged alone. In six of
 nine a rotor loses 5 to 20 % (a blade, or a motor that turns slower), from the start, at a drawn time or over
-10 to 30 s; in the others nothing, a load that slides by 2 cm, or half a kilogramme that drops. Worlds: the
-single logs of ../shared/worlds/flight, each with its own airframe and rotor model, where that folder is
-there.
+10 to 30 s; in the others nothing, a load that slides by 2 cm, or half a kilogramme that drops. Sound: N more
+such single flights, all rotors sound: in four of six nothing happens, in the others a load slides or drops;
+a flight that is called is a false alarm. They are held against the true pair's model; `--flown`: against the
+one that `identify` makes of an earlier minute of wandering, from a prior whose loads are each 15 % off.
+Worlds: the single logs of ../shared/worlds/flight, each with its own airframe and rotor model, where that
+folder is there.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -130,6 +134,7 @@ def worlds() -> list[str]:
 
 FAULTS = ("from the start", "at once, in flight", "gradual, in flight")
 OTHERS = ("nothing", "a load slides", "half a kilogramme drops")
+SOUND = (*[OTHERS[0]] * 4, *OTHERS[1:])
 PLANS, SECONDS, EVERY, LAWS = ("wander", "circle", "hover"), 60.0, 8, ("share", "tip", "weak_motor")
 
 
@@ -154,8 +159,8 @@ def lost_at_speed(pair: Any, pairs: Any, hover: Any, rotor: int, loss: float) ->
     return float(1.0 - after / before)
 
 
-def onset_flight(seed: int, i: int) -> tuple[str, dict, dict]:
-    """(airframe file, log's columns, truth) of one flight."""
+def onset_flight(seed: int, i: int, kinds: tuple[str, ...]) -> tuple[str, dict, dict, Callable[[], dict]]:
+    """(airframe file, columns, truth, a sound flight before it); what happens is the i-th of `kinds`."""
     from sim.effects import Effect
     from sim.physics.rotors import read_pair
     from sim.quick.flight import World, fly_quick, make_design
@@ -183,7 +188,8 @@ def onset_flight(seed: int, i: int) -> tuple[str, dict, dict]:
     ]
     askew = {"direction_deg": random.uniform(0, 360)}
     cg, onset = random.uniform(0.0, 0.005), random.uniform(15.0, 45.0)
-    kind = [*FAULTS, *FAULTS, *OTHERS][i % 9]
+    kind = kinds[i % len(kinds)]
+    usual = tuple(effects)
     truth: dict[str, Any] = {"what": kind, "rotor": 0, "loss": 0.0, "law": "", "onset_s": onset}
     effects.append(Effect("cg_offset", cg, 0.0, askew))
     if kind in FAULTS:
@@ -205,13 +211,37 @@ def onset_flight(seed: int, i: int) -> tuple[str, dict, dict]:
         hover, pairs = made.hover_command, vehicle.declared.pairs
         truth["loss"] = lost_at_speed(made.pair, pairs, hover, truth["rotor"] - 1, truth["loss"])
     world = World(tuple(effects), int(random.integers(1_000_000)), plan, SECONDS - 5.0)
-    flown, log = fly_quick(made, world, EVERY)
-    rows = int((flown.seconds + 5.0) * 400 / EVERY) - 5
-    return name, {column: values[:rows] for column, values in log.items()}, truth
+
+    def columns(world: Any) -> dict:
+        flown, log = fly_quick(made, world, EVERY)
+        rows = int((flown.seconds + 5.0) * 400 / EVERY) - 5
+        return {column: values[:rows] for column, values in log.items()}
+
+    before = World((*usual, Effect("cg_offset", cg, 0.0, askew)), world.seed + 1, "wander", SECONDS - 5.0)
+    return name, columns(world), truth, lambda: columns(before)
 
 
-def onset_flights(count: int, seed: int) -> list[str]:
-    """The table of single flights, a row a kind."""
+def identified(path: Path, vehicle: Any, seed: int) -> Any:
+    """The model that a flight makes of a prior whose loads are each 15 % too large or too small."""
+    from coaxlink.data import read_flight_log
+    from coaxlink.health.coefficients import coefficients_from_flights
+    from coaxlink.rotor.model import RotorModel
+
+    true = vehicle.rotors
+    factors = 1.0 + 0.15 * np.random.default_rng([seed, 0x0FF]).choice([-1.0, 1.0], 4)
+    terms = {
+        load: {term: f * c for term, c in own.items()}
+        for (load, own), f in zip(true.terms().items(), factors, strict=True)
+    }
+    prior = RotorModel.from_terms(true.form, true.speed_max_rpm, terms)
+    return coefficients_from_flights([read_flight_log(path)], vehicle.declared, prior).model
+
+
+def judged_alone(count: int, seed: int, kinds: tuple[str, ...], flown: bool = False) -> list[dict[str, Any]]:
+    """Single flights, what happens in them in turn: the truth and what was said, a row a flight.
+
+    `flown`: held against a model that an earlier flight made.
+    """
     from coaxlink.data import read_flight_log
     from coaxlink.health.columns import reduced
     from coaxlink.health.judge import judge
@@ -221,12 +251,15 @@ def onset_flights(count: int, seed: int) -> list[str]:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for i in range(count):
-            name, log, truth = onset_flight(seed, i)
-            path = Path(folder) / "flight.csv"
+            name, log, truth, before = onset_flight(seed, i, kinds)
+            path, first_path = Path(folder) / "flight.csv", Path(folder) / "before.csv"
             write_flight(path, log)
             vehicle = vehicle_and_table(name)[0]
-            body = vehicle.declared
-            flight = reduced(flight_frame([read_flight_log(path)], body, vehicle.rotors))
+            body, model = vehicle.declared, vehicle.rotors
+            if flown:
+                write_flight(first_path, before())
+                model = identified(first_path, vehicle, 1000 * seed + i)
+            flight = reduced(flight_frame([read_flight_log(path)], body, model))
             h = judge([flight], ["flight"], [r.number for r in body.rotors], body.pairs)
             first = h.suspects[0]
             own = next((s for s in h.suspects if s.number == truth["rotor"]), first)
@@ -244,6 +277,12 @@ def onset_flights(count: int, seed: int) -> list[str]:
                 }
             )
             print(f"    {i}: {name} {rows[-1]}", flush=True)
+    return rows
+
+
+def onset_flights(count: int, seed: int) -> list[str]:
+    """The table of single flights, a row a kind."""
+    rows = judged_alone(count, seed, (*FAULTS, *FAULTS, *OTHERS))
     lines = [
         "| one flight alone | sound | watch | ground it | of the called: right rotor | loss inside |",
         "|---|---:|---:|---:|---:|---:|",
@@ -259,13 +298,35 @@ def onset_flights(count: int, seed: int) -> list[str]:
     return lines
 
 
+def sound_flights(count: int, seed: int, flown: bool) -> list[str]:
+    """The table of false alarms: sound rotors that are called, with Clopper and Pearson's 95 %."""
+    from scipy.stats import beta
+
+    rows = judged_alone(count, seed, SOUND, flown)
+    lines = ["| sound rotors | sound | watch | ground it | called, 95 % |", "|---|---:|---:|---:|---:|"]
+    for what in OTHERS:
+        verdicts = [r["verdict"] for r in rows if r["what"] == what]
+        n, cells = len(verdicts), [verdicts.count(v) for v in ("sound", "watch", "ground it")]
+        called = n - cells[0]
+        low = float(beta.ppf(0.025, called, n - called + 1)) if called else 0.0
+        high = float(beta.ppf(0.975, called + 1, n - called)) if called < n else 1.0
+        share = f"{100 * called / max(n, 1):.0f} % ({100 * low:.1f} to {100 * high:.0f})"
+        lines.append(f"| {n} {what} | {' | '.join(map(str, cells))} | {share} |")
+    return lines
+
+
 def main() -> int:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flights", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--onsets", type=int, default=0)
+    parser.add_argument("--sound", type=int, default=0)
+    parser.add_argument("--flown", action="store_true", help="with --sound: against a flown model")
     options = parser.parse_args()
+    if options.sound:
+        print("\n".join(sound_flights(options.sound, options.seed, options.flown)))
+        return 0
     if options.onsets:
         print("\n".join(onset_flights(options.onsets, options.seed)))
         return 0

@@ -18,13 +18,16 @@ if TYPE_CHECKING:
     from coaxlink.fly.logs import Logs
     from coaxlink.fly.trajectory import Plan
     from coaxlink.mavlink import Session
+    from coaxlink.vehicle import Vehicle
 
 
 def fly(
     connect: ConnectOption,
     plan: Annotated[
         str,
-        typer.Option(metavar="PLAN", help="hover, circle, steps, identify, or a PLAN.toml of refine --plan."),
+        typer.Option(
+            metavar="PLAN", help="hover, circle, steps, identify, or a PLAN.toml of refine or identify."
+        ),
     ] = "hover",
     height: Annotated[float, typer.Option(metavar="M", help="Height of the named plans.")] = 4.0,
     reach: Annotated[float, typer.Option(metavar="M", help="How far the named plans go.")] = 2.0,
@@ -58,11 +61,11 @@ def fly(
     from coaxlink.mavlink import connect as open_session
 
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
-    course = plan_of(plan, height, reach)
+    body = _vehicle_files(airframe, rotor)
+    course = plan_of(plan, height, reach, *(_doublets(body) if plan == "identify" else ()))
     limits = Limits(radius_m=fence, ceiling_m=ceiling, battery=battery)
     files.refuse_unwritable(json)
     files.refuse_unwritable(out / "flight.tlog")
-    body = _vehicle_files(airframe, rotor)
     flown = Flown(course.duration_s)
     found: dict[str, Any] = {}
     asks = peaks(course)
@@ -108,8 +111,8 @@ def fly(
             files.write_json(json, {**flown.as_json(), "tlog": str(out / "flight.tlog"), **found})
     path = _usable(out, found)
     console().print(f"flown: {plan}, {flown.flown_s:.0f} s; {path}")
-    if body is not None:
-        _refine(path, body, rotor, out)
+    if airframe is not None:
+        _refine(path, airframe, rotor, out)
     else:
         say(f"next: coaxlink refine {path} --airframe AIRFRAME.toml")
 
@@ -122,8 +125,8 @@ def _positive(*options: tuple[str, float]) -> None:
             raise InputError(name, "", f"metres above 0 are expected, found {value:g}")
 
 
-def _vehicle_files(airframe: Path | None, rotor: Path | None) -> Path | None:
-    """The airframe to refine against, read once: a slip shows before take-off, not after the landing."""
+def _vehicle_files(airframe: Path | None, rotor: Path | None) -> Vehicle | None:
+    """The vehicle to refine against, read once: a slip shows before take-off, not after the landing."""
     from coaxlink.errors import InputError
     from coaxlink.vehicle import load_vehicle
 
@@ -131,8 +134,23 @@ def _vehicle_files(airframe: Path | None, rotor: Path | None) -> Path | None:
         if rotor is not None:
             raise InputError("--rotor", "", "is for refining: name the vehicle with --airframe")
         return None
-    load_vehicle(airframe, rotor)
-    return airframe
+    return load_vehicle(airframe, rotor)
+
+
+def _doublets(vehicle: Vehicle | None) -> tuple[float]:
+    """Yaw acceleration of the plan's doublets, rad/s^2, and in words where it comes from."""
+    from coaxlink.errors import InputError
+    from coaxlink.fly.plans import CAUTIOUS_RAD_S2, DOUBLETS, DOUBLETS_S
+    from coaxlink.mixer.authority import doublet_acceleration, doublet_deg
+
+    size, why = CAUTIOUS_RAD_S2, "no --airframe: small enough for a vehicle that hardly yaws"
+    if vehicle is not None:
+        try:
+            size, why = doublet_acceleration(vehicle), "half of what this vehicle's fitted table has in hover"
+        except InputError as error:
+            why = f"small, since the vehicle's own yaw is not known: {error}"
+    say(f"yaw doublets of {doublet_deg(size, DOUBLETS_S, DOUBLETS):.0f} degrees ({why})")
+    return (size,)
 
 
 def _words(limits: Limits) -> str:

@@ -94,7 +94,9 @@ def identify(
     ] = False,
     next_runs: Annotated[
         Path | None,
-        typer.Option("--next", metavar="SCHEDULE.toml", help="Write the run that would halve the error."),
+        typer.Option(
+            "--next", metavar="PLAN.toml", help="Write the stand run, or the flight, that would tell most."
+        ),
     ] = None,
     single: SingleOption = None,
     pitch: PitchOption = None,
@@ -116,7 +118,7 @@ def identify(
         prior_of_single(single, logs or [], how, sizes, speed_max_rpm, out, json, plot)
         return
     if logs and (airframe is not None or rotor is not None):
-        identify_from_flights(logs, airframe, rotor, out, json)
+        identify_from_flights(logs, airframe, rotor, out, json, next_runs)
         return
     from coaxlink import files
     from coaxlink.errors import InputError

@@ -1,4 +1,5 @@
-"""What `coaxlink fly` can fly: named plans sized by a height and a reach, and the files of `refine --plan`.
+"""What `coaxlink fly` can fly: named plans sized by a height and a reach, and the files of `refine --plan`
+and `identify --next`.
 
 Positions are local NED relative to the place of take-off, headings relative to the one there.
 """
@@ -15,9 +16,14 @@ from coaxlink import files
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
 from coaxlink.fly.trajectory import Circle, Hold, Move, Plan, Segment, Swing, planned_flight
+from coaxlink.mixer.authority import doublet_deg
 
 PERIOD_S = 8.0  # of a lap of the paper's 2 m circle; other radii keep its acceleration
 CLIMB = 0.5  # of the reach, up and down
+DOUBLETS_S, DOUBLETS = 12.0, 4
+# of yaw where no vehicle is known: what `doublet_acceleration` has for the weakest of twenty drawn vehicles
+# on their priors' tables (benchmarks/flights_convergence.py); the paper's X8 has six times that
+CAUTIOUS_RAD_S2 = 0.25
 
 
 def hover(height_m: float, reach_m: float) -> Plan:
@@ -60,17 +66,20 @@ def steps(height_m: float, reach_m: float) -> Plan:
     return Plan(tuple(parts))
 
 
-def identify(height_m: float, reach_m: float) -> Plan:
-    """What tells a rotor model most without a stand: hovers, climbs, yaw doublets, swings each way."""
+def identify(height_m: float, reach_m: float, yaw_rad_s2: float = CAUTIOUS_RAD_S2) -> Plan:
+    """What tells a rotor model most without a stand: hovers, climbs, yaw doublets, swings each way.
+
+    `yaw_rad_s2` is the doublets' largest acceleration: `mixer.authority` has a vehicle's.
+    """
     middle = (0.0, 0.0, -height_m)
     up = (0.0, 0.0, -height_m - CLIMB * reach_m)
-    turn = math.radians(70.0)
+    turn = math.radians(doublet_deg(yaw_rad_s2, DOUBLETS_S, DOUBLETS))
     return Plan(
         (
             Hold("hover", middle, 8.0),
             Swing("climbs", middle, up, 12.0, 4),
             Hold("hover", middle, 3.0),
-            Swing("yaw doublets", middle, middle, 12.0, 4, 0.0, turn),
+            Swing("yaw doublets", middle, middle, DOUBLETS_S, DOUBLETS, 0.0, turn),
             Hold("hover", middle, 3.0),
             Swing("forward and back", middle, (reach_m, 0.0, -height_m), 12.0, 3),
             Swing("right and back", middle, (0.0, reach_m, -height_m), 12.0, 3),
@@ -79,7 +88,7 @@ def identify(height_m: float, reach_m: float) -> Plan:
     )
 
 
-NAMED: dict[str, Callable[[float, float], Plan]] = {
+NAMED: dict[str, Callable[..., Plan]] = {
     "hover": hover,
     "circle": circle,
     "steps": steps,
@@ -87,23 +96,29 @@ NAMED: dict[str, Callable[[float, float], Plan]] = {
 }
 
 
-def plan_of(what: str, height_m: float, reach_m: float) -> Plan:
-    """A named plan or a file that `refine --plan` wrote. Raises InputError.
+def plan_of(what: str, height_m: float, reach_m: float, yaw_rad_s2: float = CAUTIOUS_RAD_S2) -> Plan:
+    """A named plan or a file that `refine --plan` or `identify --next` wrote. Raises InputError.
+
+    `yaw_rad_s2` is the largest acceleration of the yaw doublets of `identify`.
 
     >>> plan_of("hover", 3.0, 2.0).duration_s
     20.0
     """
+    if what == "identify":
+        return identify(height_m, reach_m, yaw_rad_s2)
     if what in NAMED:
         return NAMED[what](height_m, reach_m)
     if not what.endswith(".toml"):
         named = ", ".join(NAMED)
-        raise InputError("`plan`", what, f"{named} or a PLAN.toml as refine writes it is expected")
+        raise InputError(
+            "`plan`", what, f"{named} or a PLAN.toml as refine or identify writes it is expected"
+        )
     document = files.read_toml(Path(what))
     try:
         plan = planned_flight(document)
         plan.at(0.0)
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(what, "", f"not a flight plan as refine writes it ({error})") from error
+        raise InputError(what, "", f"not a flight plan as refine or identify writes it ({error})") from error
     return plan
 
 

@@ -6,7 +6,7 @@ measured.
 X_k is what a unit more of a coefficient adds to force and torques, all pairs sharing one model; the
 nuisances are `columns`' (centre of mass, instruments, wind, voltage), without what the coefficients
 themselves are. Speeds are the ESCs' where the log has rpm; else commands stand for them, and a scale between
-both joins the prior. The lift's rows are of two-stage least squares (`instruments`).
+both joins the prior. Columns that follow the commands go through two-stage least squares (`instruments`).
 Source: Bishop 2006, *Pattern Recognition and Machine Learning*, section 3.3.
 """
 
@@ -27,26 +27,24 @@ from coaxlink.data.logs.flight import impossible_commands
 from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import vertical_zero
-from coaxlink.health.columns import CHANNELS, Column, independent, lasting, passing, ridge, rows_of
-from coaxlink.health.instruments import endogenous, explained, instruments
+from coaxlink.health.columns import CHANNELS, independent, ridge, rows_of
+from coaxlink.health.regressors import regressors
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
 from coaxlink.rotor.model import LOADS, RotorModel
 from coaxlink.rotor.polynomial import design_matrix, parse_term
+from coaxlink.signals import lagged
 
 NORMAL_95 = 1.96
 DRIVE_SCALE = 0.10  # sd of full-throttle speed over the table's, where no speed was measured: sag and set-up
-NO_PRIOR = 0.15  # sd of a load's coefficients where the rotor file has neither intervals nor a covariance
+# sd of a load as a whole, and of each of its coefficients beside that, where the rotor file has neither
+# intervals nor a covariance: twice what a data sheet's prior says of its lower rotor (docs/no_stand.md)
+NO_PRIOR = 0.15
 # of full: beyond, an ESC starts, stops or has nothing left, and no model holds; rows for a line
 TURNING, FULL, LEAST_ROWS = 0.1, 0.98, 50
 NEAR_S = 0.2  # a low-passed row has so much of what is around it
 SLOW_S, STEADY_S = 2.0, 0.3  # a pack's voltage answers a load within seconds; a motor within a tenth of one
 SLOPE_SD = 0.1  # of what a command more means in speed over what the command does: an ESC's curve
-WEIGHED = 0.005  # of the mass: a luggage scale
 DETERMINED, BARELY = 0.5, 0.8  # of the prior's sd: less is determined, more is not
-# what the coefficients themselves are, or the weighing
-VERTICAL_ZERO = "accel_z_bias_m_s2"
-BY_SPEED = ("voltage",)  # changes speeds: where these were measured it changes nothing else
-OWN = ("upper_", "lower_", "single_", "lift_today", "torque_today", "thrust_", "torque_")
 
 
 @dataclass(frozen=True)
@@ -68,6 +66,16 @@ class Coefficient:
 
 
 @dataclass(frozen=True)
+class Known:
+    """What a plan for the next flight starts from."""
+
+    names: tuple[tuple[str, str], ...]  # K coefficients: load, term
+    covariance: Array  # (L, L) of the coefficients and of what else lasts from flight to flight
+    scale: Array  # (4,) one over the noise of an independent row, N, N m
+    frame: FlightFrame  # the last flight
+
+
+@dataclass(frozen=True)
 class Update:
     """A rotor model after flights."""
 
@@ -80,6 +88,7 @@ class Update:
     rms: tuple[Array, Array]  # (4,) N, N m of the residual's mean-free rows: before, after
     measured_speeds: bool
     notes: tuple[str, ...]
+    known: Known
 
     def as_json(self) -> dict[str, Any]:
         """The contract's keys of `identify`, and what flights told."""
@@ -119,14 +128,14 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
         order = np.array([sum(parse_term(term)) for _, term in names])
         covariance = covariance + np.outer(order * mean, order * mean) * DRIVE_SCALE**2
         notes += ("no rotor speeds in the logs: commands stand for them, full throttle within 10 %",)
-    X, y, sds, frames = _system(logs, airframe, prior, names, measured)
+    system = _system(logs, airframe, prior, names, measured)
+    frames = system.frames
     count = len(names)
-    precision = np.zeros((X.shape[1], X.shape[1]))
+    precision = np.zeros((system.X.shape[1],) * 2)
     precision[:count, :count] = np.linalg.inv(covariance + 1e-12 * np.diag(np.diag(covariance)))
-    precision[count:, count:] = np.diag(1 / sds**2)
-    A = X.T @ X + precision
-    posterior = np.asarray(np.linalg.inv(A), float)
-    shift = posterior @ (X.T @ y)
+    precision[count:, count:] = np.diag(1 / system.sds**2)
+    posterior = np.asarray(np.linalg.inv(system.X.T @ system.X + precision), float)
+    shift = posterior @ (system.X.T @ system.y)
     found, spread = mean + shift[:count], posterior[:count, :count]
     terms: dict[str, dict[str, float]] = {load: {} for load in LOADS}
     for (load, term), value in zip(names, found, strict=True):
@@ -143,7 +152,10 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     before, after = _rms(frames, model)
     seconds = sum(len(f.keep) for f in frames) / JUDGED_RATE_HZ
     model = replace(model, identified=_provenance(prior, logs, names, found, spread, seconds))
-    return Update(model, coefficients, loads, hover, seconds, (before, after), measured, tuple(notes))
+    known = Known(
+        tuple(names), posterior[: system.lasts, : system.lasts], np.median(system.scales, axis=0), frames[-1]
+    )
+    return Update(model, coefficients, loads, hover, seconds, (before, after), measured, tuple(notes), known)
 
 
 def prior_covariance(
@@ -163,18 +175,24 @@ def prior_covariance(
             raise InputError("rotor", "identified.prior.covariance", "a covariance of its terms is expected")
         return covariance, ("prior: the rotor file's own covariance",)
     bounds = prior.identified.get("intervals", {})
-    sds = []
+    sds, guessed = [], []
     for (load, term), value in zip(names, mean, strict=True):
         interval = bounds.get(load, {}).get(term) if isinstance(bounds, Mapping) else None
         interval = interval if isinstance(interval, list) and len(interval) == 2 else None
-        wide = NO_PRIOR * abs(float(value))
-        sds.append(max((interval[1] - interval[0]) / 2 / NORMAL_95, 1e-9) if interval else wide)
+        guessed.append(0.0 if interval else NO_PRIOR * float(value))
+        sds.append(max((interval[1] - interval[0]) / 2 / NORMAL_95, 1e-9) if interval else abs(guessed[-1]))
+    missing = np.count_nonzero(guessed)
+    guess = f"{100 * NO_PRIOR:.0f} % of each load as a whole and of each coefficient"
     where = (
         "its intervals"
-        if bounds
-        else f"{100 * NO_PRIOR:.0f} % of each coefficient (the file has no intervals)"
+        if not missing
+        else f"{guess} (the file has no intervals)"
+        if missing == len(names)
+        else f"its intervals; where it has none ({missing} of {len(names)}), {guess}"
     )
-    return np.diag(np.array(sds) ** 2), (f"prior: {where}",)
+    # a load that is off as a whole is likelier than coefficients that are off each its own way
+    same = np.array([[a[0] == b[0] for b in names] for a in names])
+    return np.diag(np.array(sds) ** 2) + same * np.outer(guessed, guessed), (f"prior: {where}",)
 
 
 def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples:
@@ -183,9 +201,9 @@ def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples
         speed = mean(rpm) + slope (command - mean(command)),   means over SLOW_S, centred
 
     What a command means drifts with the pack and the windings: rpm tell it, late and coarsely as they come.
-    What happens within seconds they tell too late. The slope is that of both over STEADY_S, where a motor's
-    lag no longer counts, with proportion as its prior: a hover alone says nothing of it. Raises InputError
-    for a rotor that tells no speed.
+    What happens within seconds they tell too late. The slope is that of both over STEADY_S, commands through
+    the declared lag, with proportion as its prior: a hover alone says nothing of it. Raises InputError for a
+    rotor that tells no speed.
     """
     columns = {}
     for rotor in airframe.rotors:
@@ -197,11 +215,10 @@ def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples
                 log.source, f"column rpm{rotor.number}", "no speeds while its motor was commanded"
             )
         period = float(np.median(np.diff(log["time_s"])))
-        (u, v), (x, y) = (
-            [_mean(values, rows, max(round(span / period), 1)) for values in (command, speed)]
-            for span in (SLOW_S, STEADY_S)
-        )
-        x, y = (x - u)[rows], (y - v)[rows]
+        behind = _turning(command, period, airframe.motor_lag_s)
+        slow, short = (max(round(span / period), 1) for span in (SLOW_S, STEADY_S))
+        u, v = (_mean(values, rows, slow) for values in (command, speed))
+        x, y = ((_mean(values, rows, short) - _mean(values, rows, slow))[rows] for values in (behind, speed))
         ratio = float(np.median(speed[rows] / command[rows]))
         noise = float(np.var(y - ratio * x)) * STEADY_S / period  # neighbours share their mean
         own = noise / (SLOPE_SD * ratio) ** 2
@@ -210,6 +227,14 @@ def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples
         speeds = np.where(near, v + slope * (command - np.where(near, u, 0.0)), ratio * command)
         columns[f"motor{rotor.number}"] = np.where(command <= 0, 0.0, np.clip(speeds, 0.0, None))
     return log.with_columns(**columns)
+
+
+def _turning(command: Array, period_s: float, lag_s: float) -> Array:
+    """Commands behind a motor's lag; NaN where they are damaged. White ones lose a tenth of a mean to it."""
+    known = np.isfinite(command)
+    row = np.arange(len(command))
+    filled = np.interp(row, row[known], command[known])
+    return np.where(known, lagged(filled[:, None], period_s, lag_s)[:, 0], np.nan)
 
 
 def _mean(values: Array, rows: NDArray[np.bool_], width: int) -> Array:
@@ -221,16 +246,27 @@ def _mean(values: Array, rows: NDArray[np.bool_], width: int) -> Array:
     return np.where(weight > 0.5 / width, total / np.maximum(weight, 1e-12), np.nan)
 
 
+@dataclass(frozen=True)
+class _System:
+    """One linear regression of all flights, rows whitened and tempered."""
+
+    X: Array  # (n, K + nuisances)
+    y: Array  # (n,)
+    sds: Array  # of the nuisances
+    lasts: int  # the first columns: what lasts from flight to flight, the coefficients first
+    scales: Array  # (flights, 4) one over the noise of an independent row, N, N m
+    frames: list[FlightFrame]
+
+
 def _system(
     logs: Sequence[Samples],
     airframe: Airframe,
     prior: RotorModel,
     names: Sequence[tuple[str, str]],
     measured: bool,
-) -> tuple[Array, Array, Array, list[FlightFrame]]:
-    """X (n, K + nuisances), y (n,), the nuisances' sds, and the frames; rows whitened and tempered."""
+) -> _System:
     blocks: list[tuple[Array, Array, Array]] = []
-    targets, shared, today, frames = [], [], [], []
+    targets, shared, today, frames, scales = [], [], [], [], []
     for log in logs:
         frame = _within(flight_frame([log], airframe, prior), log)
         zero, zero_sd = vertical_zero(frame)
@@ -238,28 +274,16 @@ def _system(
         moved[:, 2] -= zero * frame.airframe.mass_kg
         frame = replace(frame, measured=moved)
         frames.append(frame)
-        own = rows_of(frame, _terms(frame, names))
-        without = (*OWN, *(BY_SPEED if measured else ()))
-        parts = [[c for c in make(frame) if not c.name.startswith(without)] for make in (lasting, passing)]
-        parts[1] = [replace(c, sd=zero_sd) if c.name == VERTICAL_ZERO else c for c in parts[1]]
-        none = np.zeros_like(frame.thrust)
-        weight = Column("weighing", WEIGHED, frame.airframe.body_loads(frame.thrust, none))
-        parts[0].append(weight)
-        stacked = [rows_of(frame, np.stack([c.values for c in part], axis=-1)) for part in parts]
         y = rows_of(frame, (frame.measured - frame.predicted)[..., None])[:, :, 0]
+        raw, seen, parts = regressors(frame, names, measured, zero_sd)
         usual = np.abs([prior.terms()[load][term] for load, term in names]) * NO_PRIOR + 1e-9
         sds = np.concatenate([usual, *[[c.sd for c in part] for part in parts]])
-        follows = [endogenous(part) for part in parts]
-        free = np.concatenate([s[..., ~f] for s, f in zip(stacked, follows, strict=True)], axis=-1)
-        known = instruments(frame, free)
-        seen = [explained(own, known)]
-        for block, follow in zip(stacked, follows, strict=True):
-            seen.append(np.where(follow, explained(block, known), block))
         theta = ridge(y, np.concatenate(seen, axis=-1), sds)
-        rest = y - np.concatenate([own, *stacked], axis=-1) @ theta
+        rest = y - np.concatenate(raw, axis=-1) @ theta
         noise = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-6 * frame.reference[list(CHANNELS)])
         scale = np.sqrt(independent(rest / noise)) / noise
         a, b, c = ((block * scale[None, :, None]).reshape(-1, block.shape[-1]) for block in seen)
+        scales.append(scale)
         blocks.append((a, b, c))
         targets.append((y * scale).ravel())
         shared = [column.sd for column in parts[0]]
@@ -274,7 +298,8 @@ def _system(
         rows.append(np.concatenate([a, b, wide], axis=1))
         start += size
     sds = np.concatenate([shared, *today])
-    return np.concatenate(rows), np.concatenate(targets), sds, frames
+    whole = np.concatenate(rows), np.concatenate(targets)
+    return _System(*whole, sds, len(names) + len(shared), np.array(scales), frames)
 
 
 def _within(frame: FlightFrame, log: Samples) -> FlightFrame:
@@ -287,28 +312,6 @@ def _within(frame: FlightFrame, log: Samples) -> FlightFrame:
     if len(keep) < LEAST_ROWS:
         raise InputError(log.source, "motors", f"between {TURNING:g} and {FULL:g} of full speed nearly never")
     return replace(frame, keep=keep)
-
-
-def _terms(frame: FlightFrame, names: Sequence[tuple[str, str]]) -> Array:
-    """(rows, 6, K) what a unit more of each coefficient adds."""
-    body, u = frame.airframe, frame.speeds
-    none = np.zeros_like(u)
-    out = np.zeros((*frame.predicted.shape, len(names)))
-    for k, (load, term) in enumerate(names):
-        side, quantity = load.split(".")
-        values = np.zeros_like(u)
-        for upper, lower in body.pairs:
-            values[:, upper if side == "upper" else lower] = design_matrix([term], u[:, upper], u[:, lower])[
-                :, 0
-            ]
-        for i in body.singles if side == "upper" else ():
-            values[:, i] = design_matrix([term], u[:, i], 0 * u[:, i])[:, 0]
-        thrust_gain, torque_gain = body.gains
-        if quantity == "thrust_N":
-            out[:, :, k] = body.body_loads(values * thrust_gain, none)
-        else:
-            out[:, :, k] = body.body_loads(none, values * torque_gain)
-    return out
 
 
 def _hover(frames: Sequence[FlightFrame]) -> tuple[float, float]:

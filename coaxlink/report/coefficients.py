@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from coaxlink.health.coefficients import NORMAL_95, Update
+from coaxlink.health.next_flight import NextFlight
 
 CHANNELS = ("force down, N", "roll, N m", "pitch, N m", "yaw, N m")
 
 
-def coefficient_table(update: Update) -> Any:
-    """Rich table: every coefficient before and after."""
+def coefficient_table(update: Update, planned: NextFlight | None = None) -> Any:
+    """Rich table: every coefficient before and after, and the interval expected behind the planned flight."""
     from rich.table import Table
 
     table = Table(title="coefficients: prior and posterior, 95 %", title_justify="left")
@@ -21,6 +22,9 @@ def coefficient_table(update: Update) -> Any:
         table.add_column(heading)
     for heading in ("prior", "after the flights", "these flights"):
         table.add_column(heading, justify="right")
+    if planned:
+        table.add_column("next flight", justify="right")
+    expected = {(c.load, c.term): c.after for c in planned.coefficients} if planned else {}
     before = ""
     for t in update.coefficients:
         if t.load != before:
@@ -28,7 +32,8 @@ def coefficient_table(update: Update) -> Any:
         prior, after = (
             f"{v:.4f} ± {NORMAL_95 * sd:.4f}" for v, sd in ((t.prior, t.prior_sd), (t.value, t.sd))
         )
-        table.add_row(t.load if t.load != before else "", t.term, prior, after, t.verdict)
+        then = [f"± {NORMAL_95 * expected[t.load, t.term]:.4f}"] if planned else []
+        table.add_row(t.load if t.load != before else "", t.term, prior, after, t.verdict, *then)
         before = t.load
     return table
 
@@ -60,6 +65,6 @@ def words(update: Update) -> Iterator[str]:
     largest = max(thrust.values())
     if largest > 0.02 * float(np.sum([update.loads[load][2] for load in thrust])):
         yield (
-            f"upper against lower thrust stays open by {NORMAL_95 * largest:.2g} N a rotor: all flights had "
-            "much the same split; another table (other split) flown the same way would determine it"
+            f"upper against lower thrust stays open by {NORMAL_95 * largest:.2g} N a rotor: flights tell "
+            "their sum, which is what a table needs; --next weighs what a flight at another split would tell"
         )

@@ -21,10 +21,11 @@ MAX_RPM = 7500.0
 REAL = 9  # MAVLink's type of a float parameter
 
 
-def commands():
-    """The lines of every block under <!-- run -->."""
-    blocks = re.findall(r"<!-- run -->\n```sh\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    return [line for block in blocks for line in block.splitlines() if line.strip()]
+def packs():
+    """The lines of every block under <!-- run -->, by the pack they are flown on: the last has its own."""
+    found = re.findall(r"<!-- run -->\n```sh\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    blocks = [[line for line in block.splitlines() if line.strip()] for block in found]
+    return [[line for block in blocks[:-1] for line in block], blocks[-1]]
 
 
 def write_world(folder):
@@ -47,27 +48,34 @@ def test_every_command_of_the_afternoon_does_what_it_says(tmp_path, monkeypatch,
     monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
     write_world(tmp_path)
     said = {}
-    with standin("--speed", "8", "--rotor", str(tmp_path / "world.toml")) as port:
-        with connect(f"udpout:127.0.0.1:{port}") as session:  # this machine may be busy for a moment
-            for name, value in (("COM_OF_LOSS_T", 60.0), ("COM_DISARM_PRFLT", -1.0)):
-                Parameters(session).write(name, value, REAL)
-        for line in commands():
-            words = shlex.split(line.replace(URL, f"udpout:127.0.0.1:{port}"))
-            assert words[0] == "coaxlink"
-            with pytest.raises(SystemExit) as ended:
-                main(words[1:])
-            said[line] = capsys.readouterr()
-            assert ended.value.code == 0, f"{line}\n{said[line].err}"
-    assert len(said) == 8
-    prior, after = (load_rotor_model(tmp_path / f"{name}.toml") for name in ("rotor", "rotor_flown"))
+    for lines in packs():
+        with standin("--speed", "8", "--rotor", str(tmp_path / "world.toml")) as port:
+            with connect(f"udpout:127.0.0.1:{port}") as session:  # this machine may be busy for a moment
+                for name, value in (("COM_OF_LOSS_T", 60.0), ("COM_DISARM_PRFLT", -1.0)):
+                    Parameters(session).write(name, value, REAL)
+            for line in lines:
+                words = shlex.split(line.replace(URL, f"udpout:127.0.0.1:{port}"))
+                assert words[0] == "coaxlink"
+                with pytest.raises(SystemExit) as ended:
+                    main(words[1:])
+                said[line] = capsys.readouterr()
+                assert ended.value.code == 0, f"{line}\n{said[line].err}"
+    assert len(said) == 11
+    prior, after, two = (
+        load_rotor_model(tmp_path / f"{n}.toml") for n in ("rotor", "rotor_flown", "rotor_two")
+    )
     u = np.array([0.53])
     true = 55.9517 * u**2 + 22.4464 * u
     true = true + 2.755 * u**4 + 64.721 * u**2 - 2.547 * u**2 + 12.402 * u - 37.502 * u**2 + 0.801
     lifts = [m.loads(u, u).upper_thrust + m.loads(u, u).lower_thrust for m in (prior, after)]
     assert abs(lifts[1] - true) < 0.03 * true  # the weight of the vehicle tells the sum of a pair
     assert abs(lifts[1] - true) < abs(lifts[0] - true)
-    flown = next(out for line, out in said.items() if " fly " in line)
-    assert flown.out.startswith("flown: identify")
+    assert len(two.identified["flights"]) == 2
+    first, second = (out for line, out in said.items() if " fly " in line)
+    assert first.out.startswith("flown: identify") and "yaw doublets of" in first.err
+    assert second.out.startswith("flown: next.toml")
+    told = next(out for line, out in said.items() if "--next" in line)
+    assert "the flight that would tell most" in told.err
     judged = next(out for line, out in said.items() if " health " in line)
     # "ground it" has an exit code of its own (above); "watch", at 1 in 20, is what some sound flights get:
     # one of 80 s tells a loss of 5 % from none by a few times the odds only

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from coaxlink.data import read_flight_log
 from coaxlink.errors import InputError
 from coaxlink.files import example
-from coaxlink.health.coefficients import TURNING, _by_speed, _within, coefficients_from_flights
+from coaxlink.health.coefficients import (
+    NO_PRIOR,
+    NORMAL_95,
+    TURNING,
+    _by_speed,
+    _within,
+    coefficients_from_flights,
+    prior_covariance,
+)
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor.model import RotorModel
 from coaxlink.tables.px4 import report_px4
@@ -94,3 +105,53 @@ def test_rows_near_a_motors_end_are_left_out(flown):
     ends = log.with_columns(**{f"motor{n}": np.full(len(log["time_s"]), 0.99) for n in range(1, 9)})
     with pytest.raises(InputError, match=r"motors.*nearly never"):
         _within(flight_frame([ends], vehicle.declared, vehicle.rotors), ends)
+
+
+def named(model):
+    """(names, values) of a model's coefficients."""
+    names = [(load, term) for load, own in model.terms().items() for term in own]
+    return names, np.array([model.terms()[load][term] for load, term in names])
+
+
+def test_a_prior_without_intervals_is_off_as_a_whole_too(flown):
+    model = replace(flown[0].rotors, identified={})
+    names, values = named(model)
+    covariance, notes = prior_covariance(model, names, values)
+    assert "of each load as a whole" in notes[0] and "no intervals" in notes[0]
+    for load in model.terms():
+        own = np.array([name == load for name, _ in names]) * values
+        # a load at full speed is no better known than a load as a whole is
+        assert np.sqrt(own @ covariance @ own) > NO_PRIOR * abs(own.sum())
+    other = np.array([[a[0] != b[0] for b in names] for a in names])
+    assert not covariance[other].any()
+
+
+def test_intervals_of_a_file_are_its_prior_and_a_guess_beside_them_is_said(flown):
+    model = flown[0].rotors
+    names, values = named(model)
+    (load, term), value = names[0], float(values[0])
+    bounds = {a: {b: [v - 0.2, v + 0.2] for (c, b), v in zip(names, values, strict=True) if c == a}
+              for a, _ in names}  # fmt: skip
+    covariance, notes = prior_covariance(replace(model, identified={"intervals": bounds}), names, values)
+    assert covariance == pytest.approx(np.eye(len(names)) * (0.2 / NORMAL_95) ** 2)
+    assert notes == ("prior: its intervals",)
+    del bounds[load][term]
+    covariance, notes = prior_covariance(replace(model, identified={"intervals": bounds}), names, values)
+    assert covariance[0, 0] == pytest.approx(2.0 * (NO_PRIOR * value) ** 2)
+    assert f"has none (1 of {len(names)})" in notes[0]
+
+
+def test_loads_in_hover_are_inside_their_intervals_whichever_way_the_prior_is_off(flown):
+    vehicle, fly = flown
+    true = replace(vehicle.rotors, identified={})
+    log = fly("wander", Effect("battery_voltage", 0.3))
+    worst = []
+    for signs in itertools.product((0.85, 1.15), repeat=4):
+        update = coefficients_from_flights([log], vehicle.declared, off(true, signs))
+        pair = true.loads(*(np.array([u]) for u in update.hover))
+        off_by = [
+            (value - float(getattr(pair, load.replace(".", "_").rsplit("_", 1)[0])[0])) / sd
+            for load, (_, _, value, sd) in update.loads.items()
+        ]
+        worst.append(np.abs(off_by).max())
+    assert max(worst) < NORMAL_95

@@ -9,7 +9,7 @@ import pytest
 
 from coaxlink.data import read_flight_log
 from coaxlink.files import example
-from coaxlink.health import coefficients
+from coaxlink.health import regressors
 from coaxlink.health.accelerometer import USUAL_M_S2, vertical_zero
 from coaxlink.health.coefficients import coefficients_from_flights
 from coaxlink.health.columns import passing
@@ -62,21 +62,41 @@ def test_a_gust_that_is_answered_is_not_the_rotors_slope(windy, monkeypatch):
         return abs(found / true - 1.0)
 
     with_instruments = slope()
-    monkeypatch.setattr(coefficients, "explained", lambda columns, known: columns)
+    monkeypatch.setattr(regressors, "explained", lambda columns, known: columns)
     assert with_instruments < 0.03
     assert slope() > 2.0 * with_instruments
 
 
-def test_only_the_lift_is_seen_through_instruments():
+def test_each_channel_is_seen_through_its_own_instruments():
     random = np.random.default_rng(0)
-    known = random.standard_normal((200, 3))
-    columns = np.repeat(
-        known @ random.standard_normal((3, 2)) + random.standard_normal((200, 2)), 4, axis=0
-    ).reshape(200, 4, 2)
+    known = [random.standard_normal((200, 3 + channel)) for channel in range(4)]
+    columns = random.standard_normal((200, 4, 2)) + 1.0
     seen = explained(columns, known)
-    assert np.array_equal(seen[:, 1:], columns[:, 1:])
-    assert np.allclose(known.T @ (columns - seen)[:, 0], 0.0, atol=1e-9)
-    assert np.linalg.matrix_rank(np.column_stack([known, seen[:, 0]])) == 3
+    for channel, own in enumerate(known):
+        assert np.allclose(own.T @ (columns - seen)[:, channel], 0.0, atol=1e-9)
+        assert np.linalg.matrix_rank(np.column_stack([own, seen[:, channel]])) == own.shape[1]
+
+
+def test_the_last_digit_of_a_command_is_not_seen_in_the_torques(windy):
+    """What a log rounds moves no rotor: the coefficients' torques stay as they are without it."""
+    vehicle, logs = windy
+    names = [(load, term) for load, own in vehicle.rotors.terms().items() for term in own]
+    random = np.random.default_rng(2)
+    motors = [f"motor{r.number}" for r in vehicle.declared.rotors]
+    rounded = logs[0].with_columns(
+        **{m: logs[0][m] + random.uniform(-1e-3, 1e-3, logs[0].rows) for m in motors}
+    )
+    frames = [flight_frame([log], vehicle.declared, vehicle.rotors) for log in (logs[0], rounded)]
+    raw, seen = zip(*(regressors.regressors(f, names, True, 0.01)[:2] for f in frames), strict=True)
+    upper, lower = names.index(("upper.thrust_N", "u_u^2")), names.index(("lower.thrust_N", "u_l^2"))
+
+    def apart(columns):
+        """Share of the roll that the upper rotors have and the lower ones have not."""
+        a, b = (columns[0][:, 1, k] - columns[0][:, 1, k].mean() for k in (upper, lower))
+        return float(np.std(a - b * (a @ b) / (b @ b)) / np.std(a))
+
+    assert apart(raw[1]) > 2.0 * apart(raw[0])
+    assert apart(seen[1]) < 0.3 * apart(raw[1])
 
 
 @pytest.mark.parametrize("zero", [0.0, 0.08, -0.08])

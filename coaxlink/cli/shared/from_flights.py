@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from coaxlink.cli.shared.shell import console, say, talk
+
+if TYPE_CHECKING:
+    from coaxlink.health.next_flight import NextFlight
 
 AirframeOption = Annotated[
     Path | None, typer.Option(metavar="AIRFRAME.toml", help="With flight logs: the weighed vehicle.")
@@ -19,13 +22,22 @@ PriorOption = Annotated[
 
 
 def identify_from_flights(
-    logs: Sequence[Path], airframe: Path | None, rotor: Path | None, out: Path | None, json: Path | None
+    logs: Sequence[Path],
+    airframe: Path | None,
+    rotor: Path | None,
+    out: Path | None,
+    json: Path | None,
+    plan: Path | None,
 ) -> None:
-    """Print prior beside posterior and write the model. Raises InputError."""
+    """Print prior beside posterior, with `plan` the flight that would tell most; write them.
+
+    Raises InputError, for a vehicle that can fly no plan after all else is printed and written.
+    """
     from coaxlink import files
     from coaxlink.data import is_flight_log, read_flight_log
     from coaxlink.errors import InputError
     from coaxlink.health.coefficients import coefficients_from_flights
+    from coaxlink.health.next_flight import next_flight
     from coaxlink.report.coefficients import coefficient_table, hover_table, words
     from coaxlink.rotor.model import save_rotor_model
     from coaxlink.vehicle import load_vehicle
@@ -35,7 +47,7 @@ def identify_from_flights(
     for path in logs:
         if not is_flight_log(path):
             raise InputError(path, "", "a flight log is expected with --airframe, found a stand's")
-    for output in (out, json):
+    for output in (out, json, plan):
         files.refuse_unwritable(output)
     vehicle = load_vehicle(airframe, rotor)
     with talk().status("reading") as status:
@@ -45,17 +57,50 @@ def identify_from_flights(
             read.append(read_flight_log(path))
         status.update("updating")
         update = coefficients_from_flights(read, vehicle.declared, vehicle.rotors)
+        planned, problem = None, None
+        if plan:
+            status.update("planning the next flight")
+            try:
+                planned = next_flight(update, vehicle.declared)
+            except InputError as error:  # a model that flies nothing has no plan; its coefficients are said
+                problem = error
     screen = console()
-    screen.print(coefficient_table(update))
+    screen.print(coefficient_table(update, planned))
     screen.print(hover_table(update))
     for line in words(update):
+        say(f"- {line}")
+    for line in planned.words() if planned else ():
         say(f"- {line}")
     if out:
         save_rotor_model(out, update.model)
         say(f"wrote {out}")
     if json:
-        files.write_json(json, update.as_json())
+        files.write_json(json, update.as_json() | ({"next": planned.as_json()} if planned else {}))
+    if problem:
+        raise problem
+    model = out or "ROTOR.toml"
+    limits = _written(plan, planned) if plan and planned else None
+    constrain = f" --constrain {limits}" if limits else ""
     say(
-        "next: coaxlink table AIRFRAME.toml --rotor ROTOR.toml makes a table of it; "
-        "the file is the prior of the next flights"
+        f"next: coaxlink table {airframe} --rotor {model} --firmware px4{constrain} --out DIR makes a table "
+        "of it; the file is the prior of the next flights"
     )
+    if plan:
+        say(f"with that on board: coaxlink fly --plan {plan} --connect URL flies the plan")
+    else:
+        say("--next PLAN.toml plans the flight that would tell most")
+
+
+def _written(plan: Path, planned: NextFlight) -> Path | None:
+    """Write the plan, and beside it the limits of the table that it asks for: their path, if any."""
+    from coaxlink import files
+
+    files.write_toml(plan, planned.document())
+    say(f"wrote {plan}")
+    limits = planned.limits()
+    if limits is None:
+        return None
+    path = plan.with_name(f"{plan.stem}_limits.toml")
+    files.write_toml(path, limits)
+    say(f"wrote {path}")
+    return path

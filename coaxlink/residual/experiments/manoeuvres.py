@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,8 +20,12 @@ from coaxlink.residual.base.flight_corrections import flight_corrections
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.residual.experiments.stand_run import Experiment, Rival, View, joined, separated, view
 
+if TYPE_CHECKING:
+    from coaxlink.mixer import Law
+
 RATE_HZ = 25.0
 LOW_M = 0.8
+SETTLE_S = 2.0  # before the first piece
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,7 @@ def _moves(high: float, low_too: bool) -> list[tuple[Any, ...]]:
 def path(pieces: Sequence[Manoeuvre], high: float) -> tuple[Array, Array]:
     """(rows,) times and (rows, 4) north, east, height, heading in radians."""
     place = np.array([0.0, 0.0, high, 0.0])
-    rows = [np.repeat(place[None], round(2.0 * RATE_HZ), axis=0)]
+    rows = [np.repeat(place[None], round(SETTLE_S * RATE_HZ), axis=0)]
     for piece in pieces:
         wanted = [piece.north_m, piece.east_m, piece.height_m]
         wanted += [None if piece.yaw_deg is None else float(np.radians(piece.yaw_deg))]
@@ -114,8 +118,8 @@ def path(pieces: Sequence[Manoeuvre], high: float) -> tuple[Array, Array]:
     return np.arange(len(whole)) / RATE_HZ, whole
 
 
-def flown(frame: FlightFrame, pieces: Sequence[Manoeuvre], high: float) -> Samples:
-    """The log that a plan would give on the base model, without noise."""
+def flown(frame: FlightFrame, pieces: Sequence[Manoeuvre], high: float, law: Law | None = None) -> Samples:
+    """The log that a plan would give on the base model, without noise; by default flown with Algorithm 1."""
     from coaxlink.mixer import make_law
     from coaxlink.vehicle import Vehicle
 
@@ -135,7 +139,8 @@ def flown(frame: FlightFrame, pieces: Sequence[Manoeuvre], high: float) -> Sampl
     inertia = np.asarray(frame.airframe.inertia_kg_m2)
     moment = inertia * turning + np.cross(rates, inertia * rates)
     wrench = np.concatenate([(frame.airframe.mass_kg * size)[:, None], moment], axis=1)
-    law = make_law("coaxial", Vehicle(frame.airframe, replace(frame.model, effects=())))
+    if law is None:
+        law = make_law("coaxial", Vehicle(frame.airframe, replace(frame.model, effects=())))
     commands = np.array([law.speeds(w) for w in wrench])
     columns = {"time_s": t, "roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw}
     zero = np.zeros_like(t)
