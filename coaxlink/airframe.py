@@ -112,6 +112,10 @@ Vector = tuple[
     Annotated[float, Field(allow_inf_nan=False)],
 ]
 Name = Annotated[str, AfterValidator(plain_name)]
+Gain = Annotated[float, Field(ge=0, le=200, allow_inf_nan=False)]
+Gains = Annotated[
+    tuple[Gain, Gain, Gain] | None, Field(description="Roll, pitch, yaw; docs/live.md has the defaults.")
+]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -133,6 +137,14 @@ class _RotorTable(BaseModel):
     )
 
 
+class _AttitudeLoop(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    attitude_rad_s: Gains = None
+    rate_rad_s: Gains = None
+    integral_rad_s2: Gains = None
+    rate_max_rad_s: Gains = None
+
+
 class _AirframeFile(BaseModel):
     model_config = ConfigDict(title="coaxlink airframe", extra="forbid")
     name: Annotated[Name, Field(description="Names the vehicle in files and reports.")]
@@ -151,7 +163,7 @@ class _AirframeFile(BaseModel):
         Positive | None, Field(description="Energy of the pack that a flight may use, Wh.")
     ] = None
     attitude_loop: Annotated[
-        dict[str, Any] | None,
+        _AttitudeLoop | None,
         Field(description="Gains of the loops that a companion closes itself, rad/s; see docs/live.md."),
     ] = None
     rotors: Annotated[
@@ -175,7 +187,7 @@ def load_airframe(path: str | Path) -> Airframe:
     try:
         parsed = _AirframeFile.model_validate(document)
     except ValidationError as error:
-        raise input_error(path, error, _AirframeFile, _RotorTable) from error
+        raise input_error(path, error, _AirframeFile) from error
     tables = sorted(parsed.rotors, key=lambda r: r.number)
     if [t.number for t in tables] != list(range(1, len(tables) + 1)):
         raise InputError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")

@@ -21,7 +21,9 @@ def verdict_line(health: Health) -> str:
     first = health.suspects[0]
     chance = _percent(health.probability)
     if health.verdict != "ground it":
-        likeliest = "" if health.verdict == "sound" else f"; most likely rotor {first.number}, {_since(first)}"
+        likeliest = (
+            "" if health.verdict == "sound" else f"; most likely rotor {first.number}, {_since(first)}"
+        )
         return f"{health.verdict}: the probability that a rotor lost more than {share} is {chance}{likeliest}"
     loss = f"{100 * first.loss.value:.0f} % ({100 * first.loss.low:.0f} to {100 * first.loss.high:.0f})"
     return (
