@@ -7,6 +7,7 @@ turns the body clockwise, +yaw in FRD (Berra, Trujillo and Heredia 2024, eq. 8 i
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -187,7 +188,7 @@ def load_airframe(path: str | Path) -> Airframe:
     try:
         parsed = _AirframeFile.model_validate(document)
     except ValidationError as error:
-        raise input_error(path, error, _AirframeFile) from error
+        raise _by_number(input_error(path, error, _AirframeFile), document) from error
     tables = sorted(parsed.rotors, key=lambda r: r.number)
     if [t.number for t in tables] != list(range(1, len(tables) + 1)):
         raise InputError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")
@@ -219,6 +220,16 @@ def load_airframe(path: str | Path) -> Airframe:
         path,
         parsed.battery_Wh,
     )
+
+
+def _by_number(error: InputError, document: dict[str, Any]) -> InputError:
+    """The error with `rotors[n]` meaning rotor n, in whatever order the tables stand."""
+    found = re.match(r"rotors\[(\d+)\]", error.where)
+    table = document["rotors"][int(found[1]) - 1] if found else None
+    number = table.get("number") if isinstance(table, dict) else None
+    if found is None or not isinstance(number, int) or isinstance(number, bool):
+        return error
+    return InputError(error.source, f"rotors[{number}]{error.where[found.end() :]}", error.problem)
 
 
 def _check_pairs(path: Path, tables: list[_RotorTable]) -> None:

@@ -67,7 +67,7 @@ def campaign(path: Path) -> object:
 CASES = {
     "airframe": (load_airframe, AIRFRAME, "motor_lag_s", "motor_lag", "motor_lag: unknown; motor_lag_s?"),
     "airframe, case": (load_airframe, AIRFRAME, "mass_kg", "mass_KG", "mass_KG: unknown; mass_kg?"),
-    "a rotor": (load_airframe, AIRFRAME, "level", "levell", "rotors.1.levell: unknown; level?"),
+    "a rotor": (load_airframe, AIRFRAME, "level", "levell", "rotors[1].levell: unknown; level?"),
     "rotor model": (
         load_rotor_model, ROTOR, "\nspeed_max_rpm", "\nspeed_max", "speed_max: unknown; speed_max_rpm?",
     ),
@@ -76,17 +76,17 @@ CASES = {
         load_rotors, ROTOR, "\nspeed_max_rpm", "\nspeed_max", "speed_max: unknown; speed_max_rpm?",
     ),
     "effect": (
-        load_rotors, EFFECT, "degraded_rotor", "degraded_rotr", "effects.1.name: degraded_rotr: unknown; ",
+        load_rotors, EFFECT, "degraded_rotor", "degraded_rotr", "effects[1].name: degraded_rotr: unknown; ",
     ),
     "effect's table": (
-        load_rotors, EFFECT, "parameters", "parameter", "effects.1.parameter: unknown; parameters?",
+        load_rotors, EFFECT, "parameters", "parameter", "effects[1].parameter: unknown; parameters?",
     ),
     "effect's number": (
         load_rotors, EFFECT, "thrust_loss", "thrust_los",
-        "effects.1.parameters.thrust_los: unknown; thrust_loss?",
+        "effects[1].parameters.thrust_los: unknown; thrust_loss?",
     ),
     "limits": (limits, LIMITS, "[[limit]]", "[[limits]]", "limits: unknown; limit?"),
-    "limit": (limits, LIMITS, "min", "mim", "limit.1.mim: unknown; min?"),
+    "limit": (limits, LIMITS, "min", "mim", "limit[1].mim: unknown; min?"),
     "campaign": (campaign, CAMPAIGN, "flights", "flight", "flight: unknown; flights?"),
     "campaign's range": (campaign, CAMPAIGN, "low", "lo", "mass_share.lo: unknown; low?"),
     "campaign's effect": (campaign, CAMPAIGN, "wind", "wnd", "effects.wnd: unknown; wind?"),

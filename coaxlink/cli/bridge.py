@@ -22,7 +22,7 @@ def bridge(
     frame_class: Annotated[
         int | None,
         typer.Option(
-            help="With --on-board: FRAME_CLASS it flies on; 4 (8 motors), 5 (6), 15 or 17 (fitted)."
+            help="With --on-board: FRAME_CLASS it flies on; 4 (8 rotors), 5 (6), 15 or 17 (fitted)."
         ),
     ] = None,
     rotor: Annotated[

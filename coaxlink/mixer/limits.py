@@ -106,7 +106,7 @@ def load_limits(path: str | Path, airframe: Airframe) -> tuple[Limit, ...]:
     for n, raw in enumerate(parsed.limit, start=1):
         limit = Limit(raw.kind, raw.min, raw.max, tuple(raw.rotors), raw.of)
         if problem := _problem(limit, raw, airframe):
-            raise InputError(path, f"limit {n} ({raw.kind})", problem)
+            raise InputError(path, f"limit[{n}] ({raw.kind})", problem)
         found.append(limit)
     return tuple(found)
 

@@ -217,5 +217,5 @@ def _table_at(document: type[BaseModel], loc: tuple[int | str, ...]) -> type[Bas
 
 
 def _key(loc: tuple[int | str, ...]) -> str:
-    """rotors.3.spin: the place of a key, tables of an array counted from 1 as our other lines do."""
-    return ".".join(str(part + 1 if isinstance(part, int) else part) for part in loc)
+    """rotors[3].spin: where a key stands, tables of an array counted from 1 as our other lines do."""
+    return "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in loc).removeprefix(".")

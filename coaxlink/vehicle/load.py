@@ -50,11 +50,11 @@ def load_rotors(path: Path) -> RotorModel:
     model = load_rotor_model(path)
     for count, named in enumerate(model.effects, start=1):
         if meant := misspelt(named.name, [e.name for e in effects()]):
-            raise InputError(path, f"effects.{count}.name", f"{named.name}: unknown; {meant}?")
+            raise InputError(path, f"effects[{count}].name", f"{named.name}: unknown; {meant}?")
         known = effect(named.name)
         odd = unknown_key(named.parameters, known.units) if known else None
         if odd is not None:
-            raise InputError(path, f"effects.{count}.parameters.{odd[0]}", odd[1])
+            raise InputError(path, f"effects[{count}].parameters.{odd[0]}", odd[1])
     return model
 
 
