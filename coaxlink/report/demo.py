@@ -135,7 +135,7 @@ def tables(result: DemoResult) -> Iterator[Any]:
         flight_rows(result.flights),
     )
     yield _table(
-        "Thrust split per arm: upper + lower rotor (lower share)",
+        "Thrust split per pair: upper + lower rotor (lower share)",
         split_headings(result.flights),
         split_rows(result.flights),
     )
