@@ -1,9 +1,9 @@
 """What the `coaxlink` command loads first: from here on Ctrl-C is one line, also while modules load.
 
 Until a verb begins there is nothing to put back, and the process just ends. An exception would not do: where
-the interpreter ignores exceptions (it takes an object away) it prints a traceback and goes on. From then on an
-interrupt is Python's own exception, but not inside an import: half a module would stay behind. So it waits until
-no import is under way.
+the interpreter ignores exceptions (it takes an object away) it prints a traceback and goes on. From then on
+an interrupt is Python's own exception, but not inside an import: half a module would stay behind. So it waits
+until no import is under way.
 """
 
 from __future__ import annotations
