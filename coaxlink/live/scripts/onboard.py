@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from coaxlink.errors import InputError
-from coaxlink.live.bridge import HOLD_MS, PERIOD_MS
 from coaxlink.live.mixer_core import CONTROLS, MatrixScale
+from coaxlink.live.scripts.bridge import HOLD_MS, PERIOD_MS
 from coaxlink.mixer import standard_coefficients
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.exact.lua import law_in_lua, table
