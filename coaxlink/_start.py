@@ -1,7 +1,9 @@
 """What the `coaxlink` command loads first: from here on Ctrl-C is one line, also while modules load.
 
-An interrupt inside an import is no clean one: half a module stays behind, and what the interpreter calls
-meanwhile prints a traceback of its own. So it waits until no import is under way.
+Until a verb begins there is nothing to put back, and the process just ends. An exception would not do: where
+the interpreter ignores exceptions (it takes an object away) it prints a traceback and goes on. From then on
+an interrupt is Python's own exception, but not inside an import: half a module would stay behind. So it waits
+until no import is under way.
 """
 
 from __future__ import annotations
@@ -43,18 +45,22 @@ def _after_imports(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
+def begin() -> None:
+    """A verb begins: from here on an interrupt is an exception, for what has to be put back."""
+    if signal.getsignal(signal.SIGINT) is _leave:
+        import threading  # noqa: F401 - not first inside the handler
+
+        signal.signal(signal.SIGINT, _after_imports)
+
+
 def main() -> None:
     """The command; ends with SystemExit."""
-    import threading  # noqa: F401 - not first inside the handler
-
     from coaxlink.threads import ONE_THREAD
 
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")  # who has set it means it
     from coaxlink.cli import main as command
 
-    if signal.getsignal(signal.SIGINT) is _leave:
-        signal.signal(signal.SIGINT, _after_imports)
     try:
         command()
     except KeyboardInterrupt:  # between the verbs' own nets

@@ -7,6 +7,7 @@ turns the body clockwise, +yaw in FRD (Berra, Trujillo and Heredia 2024, eq. 8 i
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -112,6 +113,10 @@ Vector = tuple[
     Annotated[float, Field(allow_inf_nan=False)],
 ]
 Name = Annotated[str, AfterValidator(plain_name)]
+Gain = Annotated[float, Field(ge=0, le=200, allow_inf_nan=False)]
+Gains = Annotated[
+    tuple[Gain, Gain, Gain] | None, Field(description="Roll, pitch, yaw; docs/live.md has the defaults.")
+]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -133,6 +138,14 @@ class _RotorTable(BaseModel):
     )
 
 
+class _AttitudeLoop(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    attitude_rad_s: Gains = None
+    rate_rad_s: Gains = None
+    integral_rad_s2: Gains = None
+    rate_max_rad_s: Gains = None
+
+
 class _AirframeFile(BaseModel):
     model_config = ConfigDict(title="coaxlink airframe", extra="forbid")
     name: Annotated[Name, Field(description="Names the vehicle in files and reports.")]
@@ -151,7 +164,7 @@ class _AirframeFile(BaseModel):
         Positive | None, Field(description="Energy of the pack that a flight may use, Wh.")
     ] = None
     attitude_loop: Annotated[
-        dict[str, Any] | None,
+        _AttitudeLoop | None,
         Field(description="Gains of the loops that a companion closes itself, rad/s; see docs/live.md."),
     ] = None
     rotors: Annotated[
@@ -175,7 +188,7 @@ def load_airframe(path: str | Path) -> Airframe:
     try:
         parsed = _AirframeFile.model_validate(document)
     except ValidationError as error:
-        raise input_error(path, error, _AirframeFile, _RotorTable) from error
+        raise _by_number(input_error(path, error, _AirframeFile), document) from error
     tables = sorted(parsed.rotors, key=lambda r: r.number)
     if [t.number for t in tables] != list(range(1, len(tables) + 1)):
         raise InputError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")
@@ -207,6 +220,16 @@ def load_airframe(path: str | Path) -> Airframe:
         path,
         parsed.battery_Wh,
     )
+
+
+def _by_number(error: InputError, document: dict[str, Any]) -> InputError:
+    """The error with `rotors[n]` meaning rotor n, in whatever order the tables stand."""
+    found = re.match(r"rotors\[(\d+)\]", error.where)
+    table = document["rotors"][int(found[1]) - 1] if found else None
+    number = table.get("number") if isinstance(table, dict) else None
+    if found is None or not isinstance(number, int) or isinstance(number, bool):
+        return error
+    return InputError(error.source, f"rotors[{number}]{error.where[found.end() :]}", error.problem)
 
 
 def _check_pairs(path: Path, tables: list[_RotorTable]) -> None:

@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable, Mapping
 
 NEAR = 0.6  # difflib's own cut-off for a close match
+SLIP = 0.85  # a letter or two in ten: of names that may be anything, nearer than that is a slip
 
 
 def unknown_key(table: Mapping[str, object], known: Iterable[str]) -> tuple[str, str] | None:
@@ -25,6 +26,19 @@ def problem_of(key: str, known: Iterable[str]) -> str:
     by_case = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(key.casefold(), list(by_case), 1, NEAR)
     return f"unknown; {by_case[near[0]]}?" if near else f"unknown; one of {', '.join(names)} is expected"
+
+
+def misspelt(key: str, known: Iterable[str]) -> str | None:
+    """The known name that `key` is meant to be, where names of other kinds are welcome too, or None.
+
+    >>> misspelt("degraded_rotr", ["degraded_rotor", "wind"]), misspelt("blade_flutter", ["blade_speed_law"])
+    ('degraded_rotor', None)
+    """
+    names = {name.casefold(): name for name in known}
+    if key in names.values():
+        return None
+    near = difflib.get_close_matches(key.casefold(), list(names), 1, SLIP)
+    return names[near[0]] if near else None
 
 
 def is_near(key: str, names: Iterable[str]) -> bool:

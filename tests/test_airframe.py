@@ -105,3 +105,14 @@ def test_a_bad_file_gets_one_line_that_names_the_key(tmp_path: Path, rotors: lis
         load_airframe(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_message_names_a_rotor_by_its_number_in_whatever_order_the_tables_stand(tmp_path):
+    text = (EXAMPLES / "x8_paper.toml").read_text()
+    head, *rotors = text.split("[[rotors]]")
+    path = tmp_path / "x8.toml"
+    last = rotors[7].replace("spin = ", "spins = ")
+    assert "number = 8" in last and "spins" in last
+    path.write_text(head + "[[rotors]]" + "[[rotors]]".join([last, *rotors[:7]]))
+    with pytest.raises(InputError, match=r"rotors\[8\]\.spins: unknown; spin\?"):
+        load_airframe(path)

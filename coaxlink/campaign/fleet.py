@@ -347,7 +347,7 @@ class RefineLog:
         from coaxlink.airframe import load_airframe
         from coaxlink.data import read_flight_log
         from coaxlink.residual import refine
-        from coaxlink.rotor import load_rotor_model
+        from coaxlink.vehicle import load_rotors
 
         beside = log.parent / "airframe.toml"
         frame = load_airframe(beside if beside.is_file() else self.airframe)
@@ -356,7 +356,7 @@ class RefineLog:
             raise InputError(
                 frame.source or "airframe", "rotor_model", "missing: name a rotor file (`rotor`)"
             )
-        answer = refine(read_flight_log(log), frame, load_rotor_model(model))
+        answer = refine(read_flight_log(log), frame, load_rotors(model))
         found = []
         for e in answer.effects:
             by_name = {p.name: p for p in e.parameters}

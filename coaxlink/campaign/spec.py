@@ -15,17 +15,17 @@ logarithm; `steps = N`: so many values in a grid).
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from coaxlink import files
 from coaxlink.errors import InputError
+from firmware_params.keys import unknown_key
 
 LAWS = ("standard", "curved", "reduced", "fitted", "exact")
 PLANS = ("hover", "circle", "wander", "steps")
@@ -134,10 +134,7 @@ class Spec:
 def read_spec(path: Path, known: Mapping[str, Known]) -> Spec:
     """Read a campaign file; `known` are the world's effects. Raises InputError naming the key."""
     document = files.read_toml(path)
-    every = (*PLAIN, *NAMES, *NUMBERS)
-    for key in document:
-        if key not in every:
-            raise InputError(path, key, f"no such key{_meant(key, every)}; one of {', '.join(every)}")
+    _refuse_unknown(path, "", document, (*PLAIN, *NAMES, *NUMBERS))
     for key, kind in PLAIN.items():
         if key in document and not _is(document[key], kind):
             raise InputError(path, key, f"{_kind(kind)} is expected, found {document[key]!r}")
@@ -157,6 +154,7 @@ def read_spec(path: Path, known: Mapping[str, Known]) -> Spec:
     for plan in quantities["plan"].values:
         if plan not in PLANS:
             raise InputError(path, "plan", f"one of {', '.join(PLANS)} is expected, found {plan!r}")
+    _refuse_unknown(path, "effects.", document.get("effects", {}), known)
     for name, table in document.get("effects", {}).items():
         quantities |= _effect(path, name, table, known)
     grid, repeats = document.get("draw", "random") == "grid", document.get("repeats", 1)
@@ -187,9 +185,9 @@ def _kind(kind: type) -> str:
             dict: "tables such as [effects.wind]"}[kind]  # fmt: skip
 
 
-def _meant(key: str, every: tuple[str, ...]) -> str:
-    close = difflib.get_close_matches(key, every, 1)
-    return f" (did you mean {close[0]}?)" if close else ""
+def _refuse_unknown(path: Path, where: str, table: Mapping[str, Any], known: Iterable[str]) -> None:
+    if odd := unknown_key(table, known):
+        raise InputError(path, f"{where}{odd[0]}", odd[1])
 
 
 def _within(path: Path, key: str, value: Any, least: float, most: float) -> float:
@@ -202,10 +200,9 @@ def _quantity(
     path: Path, key: str, value: Any, *, least: float = -math.inf, most: float = math.inf, text: bool = False
 ) -> Quantity:
     if isinstance(value, dict) and not text:
-        extra = sorted(set(value) - {"low", "high", "log", "steps"})
-        if extra or not {"low", "high"} <= set(value):
-            what = f"{key}.{extra[0]}" if extra else key
-            raise InputError(path, what, "a range is { low, high } and perhaps log, steps")
+        _refuse_unknown(path, f"{key}.", value, ("low", "high", "log", "steps"))
+        if not {"low", "high"} <= set(value):
+            raise InputError(path, key, "a range is { low, high } and perhaps log, steps")
         low, high = (_within(path, f"{key}.{end}", value[end], least, most) for end in ("low", "high"))
         log, steps = value.get("log", False), value.get("steps", 0)
         if low > high or (log and low <= 0.0) or not isinstance(log, bool):
@@ -226,19 +223,15 @@ def _quantity(
 
 def _effect(path: Path, name: str, table: Any, known: Mapping[str, Known]) -> dict[str, Quantity]:
     where = f"effects.{name}"
-    if name not in known:
-        raise InputError(
-            path, where, f"no such effect{_meant(name, tuple(known))}; one of {', '.join(known)}"
-        )
     form = known[name]
+    allowed = ("size", "chance", "onset_s", "law", *form.keys)
+    if isinstance(table, dict):
+        _refuse_unknown(path, f"{where}.", table, allowed)
     if not isinstance(table, dict) or "size" not in table:
         raise InputError(path, f"{where}.size", f"is missing: {form.size}")
-    allowed = ("size", "chance", "onset_s", "law", *form.keys)
     found = {}
     for key, value in table.items():
         full_key = f"{where}.{key}"
-        if key not in allowed:
-            raise InputError(path, full_key, f"{name} knows no such key; one of {', '.join(allowed)}")
         if key == "law":
             found[full_key] = _quantity(path, full_key, value, text=True)
             for law in found[full_key].values:

@@ -16,6 +16,7 @@ from typing import Annotated
 import typer
 
 import coaxlink
+from coaxlink import _start
 from coaxlink.cli.shared.shell import interrupted, run
 
 
@@ -48,7 +49,8 @@ def _options(
         # eager: it is an answer of its own, no verb need follow
         typer.Option("--version", help="Print the version and leave.", callback=_version, is_eager=True),
     ] = False,
-) -> None: ...
+) -> None:
+    _start.begin()  # the line is understood as far as the verb
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -36,7 +36,7 @@ def airframe(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.cli.shared.board_source import layout_of_board, layout_of_file
-    from coaxlink.rotor import load_rotor_model
+    from coaxlink.vehicle import load_rotors
 
     if source and connect:
         raise InputError("airframe", "", "one of --from and --connect is expected, found both")
@@ -44,7 +44,7 @@ def airframe(
         files.refuse_unwritable(output)
     frame = load_airframe(file)
     path = rotor or frame.rotor_model
-    model = load_rotor_model(path) if path else None
+    model = load_rotors(path) if path else None
     board = layout_of_file(source) if source else layout_of_board(connect, timeout) if connect else None
     findings = report(frame, model, board, picture, json_file, differs=True)
     wrong = sum(f.severity == "error" for f in findings)

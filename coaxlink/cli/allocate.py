@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from coaxlink.mixer import Allocation
 
 
-REACH = 0.01  # of what is demanded of an axis: rotors agree with their model no better
+REACH = 0.01  # of what is demanded of an axis: a law of other rotors than these misses as much within reach
+MISSED = 1e-4  # where no law could do more, or this one's rotors are these: what rounding does not explain
 REACH_OF = (1.0, 0.1, 0.1, 0.1)  # N, N m: less is demanded of no vehicle that these laws are for
 
 
@@ -70,13 +71,14 @@ def allocate(
         table.add_row(f"{axis} {'N' if k == 0 else 'N m'}", *row)
     out.print(table)
     out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")
-    refuse_out_of_reach(result)
+    refuse_out_of_reach(result, exact=law == "exact" and not law_rotor)
 
 
-def refuse_out_of_reach(result: Allocation) -> None:
+def refuse_out_of_reach(result: Allocation, *, exact: bool) -> None:
     """Raises CheckFailed where an axis is missed and was given up, or a rotor is at its bound.
 
-    An error with every rotor within its bounds is the law's own, not the vehicle's.
+    An error with every rotor within its bounds is the law's own, not the vehicle's; `exact` says that this
+    law has none.
     """
     from coaxlink.airframe import AXES
 
@@ -84,11 +86,12 @@ def refuse_out_of_reach(result: Allocation) -> None:
         return
     import numpy as np
 
+    share = MISSED if exact or all(result.saturated) else REACH
     scale = np.maximum(np.abs(result.wrench), REACH_OF)
     missed = [
         f"{axis} {result.delivered[k]:.4g} of {result.wrench[k]:.4g} {'N' if k == 0 else 'N m'}"
         for k, axis in enumerate(AXES)
-        if abs(result.error[k]) > REACH * scale[k]
+        if abs(result.error[k]) > share * scale[k]
     ]
     if missed:
         bound = [str(n + 1) for n, at in enumerate(result.saturated) if at]

@@ -22,7 +22,7 @@ def bridge(
     frame_class: Annotated[
         int | None,
         typer.Option(
-            help="With --on-board: FRAME_CLASS it flies on; 4 (8 motors), 5 (6), 15 or 17 (fitted)."
+            help="With --on-board: FRAME_CLASS it flies on; 4 (8 rotors), 5 (6), 15 or 17 (fitted)."
         ),
     ] = None,
     rotor: Annotated[
@@ -36,7 +36,7 @@ def bridge(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.errors import InputError
-    from coaxlink.live.bridge import SCRIPT_NAME, bridge_script
+    from coaxlink.live.scripts.bridge import SCRIPT_NAME, bridge_script
     from coaxlink.tables.files import file_name
     from firmware_params import ardupilot
     from firmware_params.ardupilot import scripts as ardupilot_scripts
@@ -46,7 +46,7 @@ def bridge(
     params = {"SCR_ENABLE": 1.0}
     if on_board:
         from coaxlink.cli.shared.effects import say_effects, vehicle_of
-        from coaxlink.live.onboard import INSTRUCTIONS, onboard_script
+        from coaxlink.live.scripts.onboard import INSTRUCTIONS, onboard_script
 
         vehicle, _ = vehicle_of(airframe, rotor)
         say_effects(vehicle)

@@ -103,13 +103,15 @@ def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
     for heads, rows in (
         (("figure", *summary.laws), report.spread_rows(summary)),
         (report.SENSITIVITY_HEADS, report.sensitivity_rows(summary)),
-        (report.WORST_HEADS, report.worst_rows(summary)),
+        # the command that flies one again stands below, once and in one piece
+        (report.WORST_HEADS[:-1], [row[:-1] for row in report.worst_rows(summary)]),
     ):
         if rows:
             table = Table(*heads, box=None)
             for row in rows:
                 table.add_row(*row)
             screen.print(table)
+    say(f"one flight again, with its log: {replay} CELL")
     say(f"wrote {folder / 'report.html'}, {folder / 'summary.json'}; rows: {folder / 'rows' / '*.parquet'}")
 
 

@@ -65,14 +65,14 @@ def init(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.cli.airframe import report
-    from coaxlink.rotor import load_rotor_model
     from coaxlink.setup import Body, MissingError, airframe_toml, completed
+    from coaxlink.vehicle import load_rotors
 
     if out.exists() and not force:
         raise InputError(out, "", "is there already; --force replaces it")
     for output in (out, picture, json_file):
         files.refuse_unwritable(output)
-    model = load_rotor_model(rotor) if rotor else None
+    model = load_rotors(rotor) if rotor else None
     layout = _layout(template, source, script, connect, timeout, mass)
     if problem := name_problem(name or out.stem):
         raise InputError("--name", "", problem)

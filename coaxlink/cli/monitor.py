@@ -146,11 +146,10 @@ def _watch(connect: str, airframe_path: Path | None, rotor_path: Path | None) ->
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.monitor.watch import Watch
-    from coaxlink.rotor import load_rotor_model
-    from coaxlink.vehicle import Vehicle
+    from coaxlink.vehicle import Vehicle, load_rotors
 
     airframe = load_airframe(airframe_path or files.example("x8_paper.toml"))
-    model = load_rotor_model(rotor_path or airframe.rotor_model or files.example("rotor_paper.toml"))
+    model = load_rotors(rotor_path or airframe.rotor_model or files.example("rotor_paper.toml"))
     vehicle = Vehicle(airframe, model)
     for name, why in vehicle.left_out.items():
         say(f"not in the rotors shown: {name}: {why}")

@@ -79,7 +79,8 @@ def refine(
     from coaxlink.report.refine import remarks, tables, verdict
     from coaxlink.residual import refine as run
     from coaxlink.residual import refine_stand as run_stand
-    from coaxlink.rotor import load_rotor_model, save_rotor_model
+    from coaxlink.rotor import save_rotor_model
+    from coaxlink.vehicle import load_rotors
 
     for output in (out, report, plan, json):
         files.refuse_unwritable(output)
@@ -100,7 +101,7 @@ def refine(
     model_file = rotor or (body.rotor_model if body else None)
     if body is not None and model_file is None:
         raise InputError(body.source or "airframe", "rotor_model", "missing: name a rotor file with --rotor")
-    model = load_rotor_model(model_file) if model_file else None
+    model = load_rotors(model_file) if model_file else None
     with talk().status("reading") as status:
         samples = []
         if not flight:

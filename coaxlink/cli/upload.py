@@ -101,6 +101,10 @@ def show(changes: tuple[Change, ...]) -> None:
     console().print(rows)
 
 
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def finish(outcome: Outcome, json_file: Path | None) -> None:
     """Write the JSON, say the result, end with its exit code."""
     from coaxlink import files
@@ -110,8 +114,8 @@ def finish(outcome: Outcome, json_file: Path | None) -> None:
     if outcome.error is not None:
         raise outcome.error
     out = console()
-    changed = f"{len(outcome.changed)} parameters"
-    changed += f" and {len(outcome.scripts)} scripts" if outcome.scripts else ""
+    changed = _counted(len(outcome.changed), "parameter")
+    changed += f" and {_counted(len(outcome.scripts), 'script')}" if outcome.scripts else ""
     if outcome.result == "dry_run":
         out.print(f"dry run: {changed} would change; nothing was written")
     else:

@@ -8,7 +8,6 @@ upper_torque_Nm = { column = "Q1", scale = -0.001, offset = 0 } # ours = scale *
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ from coaxlink.data.headings import UnknownUnitError, recognise
 from coaxlink.data.table import TextTable
 from coaxlink.data.units import Unit, find_unit, quantity_of, unit_names
 from coaxlink.errors import InputError
-from firmware_params.keys import unknown_key
+from firmware_params.keys import misspelt, unknown_key
 
 FORM = '{ column = "HEADING", unit = "UNIT" } or { column = "HEADING", scale = 1.0, offset = 0.0 }'
 
@@ -50,9 +49,8 @@ def map_columns(table: TextTable, path: Path, known: Sequence[str], poles: int |
     columns, used, stated, notes = {}, set(), set(), []
     for name, value in files.read_toml(path).items():
         entry = _entry(path, name, value)
-        near = difflib.get_close_matches(name, known, 1, 0.85)
-        if near and name not in known:
-            raise InputError(path, name, f"no column of ours: {near[0]}?")
+        if meant := misspelt(name, known):  # others are context: any name will do
+            raise InputError(path, name, f"unknown; {meant}?")
         heading = " ".join(entry.column.split())
         if heading not in table.headings:
             raise InputError(table.source, f"column {heading!r}", f"missing ({path} maps it to {name})")

@@ -7,8 +7,9 @@ Positions are local NED relative to the place of take-off, headings relative to 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,11 @@ from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
 from coaxlink.fly.trajectory import Circle, Hold, Move, Plan, Segment, Swing, planned_flight
 from coaxlink.mixer.authority import doublet_deg
+from firmware_params.keys import unknown_key
 
 PERIOD_S = 8.0  # of a lap of the paper's 2 m circle; other radii keep its acceleration
+KEYS = ("height_m", "pieces", "kind", "separates")  # of a file
+PIECE_KEYS = ("what", "seconds", "cycles", "north_m", "east_m", "height_m", "yaw_deg")
 CLIMB = 0.5  # of the reach, up and down
 DOUBLETS_S, DOUBLETS = 12.0, 4
 # of yaw where no vehicle is known: what `doublet_acceleration` has for the weakest of twenty drawn vehicles
@@ -114,12 +118,25 @@ def plan_of(what: str, height_m: float, reach_m: float, yaw_rad_s2: float = CAUT
             "`plan`", what, f"{named} or a PLAN.toml as refine or identify writes it is expected"
         )
     document = files.read_toml(Path(what))
+    _refuse_unknown(what, document)
     try:
         plan = planned_flight(document)
         plan.at(0.0)
-    except (KeyError, TypeError, ValueError) as error:
+    except KeyError as error:
+        raise InputError(what, str(error.args[0]), "missing; refine and identify write it") from error
+    except (TypeError, ValueError) as error:
         raise InputError(what, "", f"not a flight plan as refine or identify writes it ({error})") from error
     return plan
+
+
+def _refuse_unknown(path: str, document: Mapping[str, Any]) -> None:
+    """Raise InputError for a key that no plan has: a piece would go nowhere, or stay at the usual height."""
+    pieces = document.get("pieces", ())
+    tables: list[tuple[str, Mapping[str, Any], tuple[str, ...]]] = [("", document, KEYS)]
+    tables += [(f"pieces[{n}].", p, PIECE_KEYS) for n, p in enumerate(pieces, 1) if isinstance(p, dict)]
+    for where, table, known in tables:
+        if odd := unknown_key(table, known):
+            raise InputError(path, f"{where}{odd[0]}", odd[1])
 
 
 def peaks(plan: Plan) -> dict[str, float]:

@@ -210,12 +210,13 @@ def planned_flight(document: Mapping[str, Any]) -> Plan:
     """A plan as `coaxlink refine --plan` writes it (height_m, pieces), settled in a hover first."""
     place, yaw = (0.0, 0.0, -float(document["height_m"])), 0.0
     segments: list[Segment] = [Hold("settle", place, 4.0)]
-    for piece in document["pieces"]:
+    for number, piece in enumerate(document["pieces"], start=1):
         north, east = (float(piece.get(k, p)) for k, p in zip(("north_m", "east_m"), place[:2], strict=True))
         there = (north, east, -float(piece.get("height_m", -place[2])))
         heading = math.radians(float(piece["yaw_deg"])) if "yaw_deg" in piece else yaw
         cycles = int(piece.get("cycles", 0))
-        segments.append(Swing(piece["what"], place, there, float(piece["seconds"]), cycles, yaw, heading))
+        what = str(piece.get("what", f"piece {number}"))
+        segments.append(Swing(what, place, there, float(piece["seconds"]), cycles, yaw, heading))
         if not cycles:
             place, yaw = there, heading
     return Plan(tuple(segments))

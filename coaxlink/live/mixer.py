@@ -38,9 +38,9 @@ from coaxlink.vehicle import Vehicle, require_vehicle
 
 if TYPE_CHECKING:
     from coaxlink.live.attitude_loop import AttitudeLoop
-    from coaxlink.live.bridge import BridgeEnd
     from coaxlink.live.compiled import Exchange
     from coaxlink.live.record import LiveRecord
+    from coaxlink.live.scripts.bridge import BridgeEnd
     from coaxlink.mavlink.session import Session
     from coaxlink.mixer.exact import ExactLaw
 
@@ -156,7 +156,7 @@ class LiveMixer:
 
     def _find_bridge(self) -> BridgeEnd | None:
         """Our script's end of the line, where it speaks: then its demand is read by the matrix on board."""
-        from coaxlink.live.bridge import BridgeEnd, board_factors
+        from coaxlink.live.scripts.bridge import BridgeEnd, board_factors
 
         bridge = BridgeEnd(self.session)
         if not bridge.find():

@@ -137,7 +137,7 @@ class MixCore:
         airframe, model = vehicle.airframe, vehicle.model
         if len(airframe.rotors) > CONTROLS:
             raise InputError(
-                airframe.source or airframe.name, "rotors", f"live mixing carries {CONTROLS} motors at most"
+                airframe.source or airframe.name, "rotors", f"live mixing carries {CONTROLS} rotors at most"
             )
         self.vehicle = vehicle
         self.law = make_law(law, vehicle) if isinstance(law, str) else law
@@ -210,7 +210,7 @@ class MixCore:
             raise InputError(
                 self._airframe.source or self._airframe.name,
                 "rotors",
-                f"{self.count} rotors here, {len(factors)} motors in the frame on board",
+                f"{self.count} rotors here, {len(factors)} in the frame on board",
             )
         self.scale = MatrixScale(self._airframe, self._standard, factors)
 

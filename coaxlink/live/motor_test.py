@@ -81,7 +81,7 @@ def _test_numbers(session: Session, airframe: Airframe) -> dict[int, int]:
         raise SafetyRefusal(f"{e}: in which order this frame tests its motors cannot be told") from None
     if max(numbers) > len(numbers_):
         raise SafetyRefusal(
-            f"the frame on board has {len(numbers_)} motors, the airframe file {len(numbers)}"
+            f"the frame on board has {len(numbers_)} rotors, the airframe file {len(numbers)}"
         )
     return {n: numbers_[n - 1] for n in numbers}
 
@@ -95,4 +95,4 @@ def _turn(session: Session, number: int, test_number: int, throttle: float) -> N
         result = session.command(mavlink.MAV_CMD_DO_MOTOR_TEST, test_number, 0, 100.0 * throttle, SECONDS, 1)
     if result != mavlink.MAV_RESULT_ACCEPTED:
         known = mavlink.enums["MAV_RESULT"].get(result)
-        raise SafetyRefusal(f"motor {number}: the autopilot answered {known.name if known else result}")
+        raise SafetyRefusal(f"rotor {number}: the autopilot answered {known.name if known else result}")

@@ -45,13 +45,13 @@ PATHS: tuple[LivePath, ...] = (
     LivePath(
         PX4, (1, 14), (1, 14), "", "", False, 0,
         "PX4 {version} ignores SET_ACTUATOR_CONTROL_TARGET (139): removed in 1.14, and no other MAVLink "
-        "message flies eight motors; upload a table instead (coaxlink table, coaxlink upload)",
+        "message flies eight rotors; upload a table instead (coaxlink table, coaxlink upload)",
         "PX4 1.14 source",
     ),
     LivePath(
         PX4, (1, 15), ANY, "", "", False, 0,
         "PX4 {version} ignores SET_ACTUATOR_CONTROL_TARGET (139): removed in 1.14, and no other MAVLink "
-        "message flies eight motors; upload a table instead (coaxlink table, coaxlink upload)",
+        "message flies eight rotors; upload a table instead (coaxlink table, coaxlink upload)",
         "PX4 1.16.1 and main of March 2026, flown in its SITL: 139 is ignored; direct_actuator needs DDS",
     ),
     LivePath(

@@ -101,12 +101,12 @@ def load_limits(path: str | Path, airframe: Airframe) -> tuple[Limit, ...]:
     try:
         parsed = _LimitsFile.model_validate(files.read_toml(path))
     except ValidationError as error:
-        raise input_error(path, error) from error
+        raise input_error(path, error, _LimitsFile) from error
     found = []
     for n, raw in enumerate(parsed.limit, start=1):
         limit = Limit(raw.kind, raw.min, raw.max, tuple(raw.rotors), raw.of)
         if problem := _problem(limit, raw, airframe):
-            raise InputError(path, f"limit {n} ({raw.kind})", problem)
+            raise InputError(path, f"limit[{n}] ({raw.kind})", problem)
         found.append(limit)
     return tuple(found)
 

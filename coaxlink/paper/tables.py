@@ -87,7 +87,7 @@ def table_2(identified: Identification) -> Entry:
         "table-2",
         "Table 2, errors of CRM, R-CRM, SRM and CPCM",
         REPRODUCED if agrees and better else IN_PART,
-        "on a bench made from eq. 17 (the paper's own points are not public), held out in blocks: CRM is an order "
+        "on a stand made from eq. 17 (the paper's own points are not public), held out in blocks: CRM is an order "
         "ahead of R-CRM and R-CRM ahead of SRM and CPCM, as printed; NRMSE is over max - min (contradiction 6)",
         tuple(lines),
     )

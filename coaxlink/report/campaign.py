@@ -24,8 +24,8 @@ PLAIN = {
 
 
 def number(x: float) -> str:
-    """Three significant digits."""
-    return f"{x:.3g}" if math.isfinite(x) else "-"
+    """Three significant digits; 0 for what is nothing in any of the units here."""
+    return "-" if not math.isfinite(x) else f"{x:.3g}" if abs(x) >= NOTHING else "0"
 
 
 def sentences(s: Summary) -> Iterator[str]:
@@ -73,6 +73,10 @@ def _change(share: float) -> str:
     return f"{100 * abs(share):.2g} % {'more' if share > 0.0 else 'less'}"
 
 
+def _chance(p_value: float) -> str:
+    return f"{p_value:.2g}" if p_value >= 0.001 else "below 0.001"
+
+
 def _against(p: Paired) -> str:
     ends = " .. ".join(number(x) for x in p.ci)
     better = f"smaller in {100 * p.better:.0f} % of draws"
@@ -98,11 +102,12 @@ def sensitivity_rows(s: Summary, most: int = 12) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for d in s.clear[:most]:
         ends = "" if d.ci is None else " .. ".join(number(x) for x in d.ci)
-        rows.append((d.law, words(d.figure), d.quantity, f"{d.strength:+.2f}", ends, f"{d.p_value:.1g}"))
+        rows.append((d.law, words(d.figure), d.quantity, f"{d.strength:+.2f}", ends, _chance(d.p_value)))
     return rows
 
 
 WORST_HEADS = ("law", "cell", "value", "failsafe", "replay")
+NOTHING = 1e-6  # m, N, N m, deg, Wh, shares
 SENSITIVITY_HEADS = ("law", "figure", "follows", "strength", "95 %", "p")
 
 

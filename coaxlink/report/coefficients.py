@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,13 +30,23 @@ def coefficient_table(update: Update, planned: NextFlight | None = None) -> Any:
     for t in update.coefficients:
         if t.load != before:
             table.add_section()
-        prior, after = (
-            f"{v:.4f} ± {NORMAL_95 * sd:.4f}" for v, sd in ((t.prior, t.prior_sd), (t.value, t.sd))
+        prior, after = (rounded(v, NORMAL_95 * sd) for v, sd in ((t.prior, t.prior_sd), (t.value, t.sd)))
+        then = (
+            ["± " + rounded(0.0, NORMAL_95 * expected[t.load, t.term]).rpartition(" ")[2]] if planned else []
         )
-        then = [f"± {NORMAL_95 * expected[t.load, t.term]:.4f}"] if planned else []
         table.add_row(t.load if t.load != before else "", t.term, prior, after, t.verdict, *then)
         before = t.load
     return table
+
+
+def rounded(value: float, half: float) -> str:
+    """A value and half its interval, to three digits of the latter.
+
+    >>> rounded(55.9517, 16.4498), rounded(-0.695, 0.2043), rounded(2.0, 0.0)
+    ('56.0 ± 16.4', '-0.695 ± 0.204', '2.0000 ± 0.0000')
+    """
+    decimals = min(max(2 - math.floor(math.log10(half)), 0), 6) if half > 0 else 4
+    return f"{value:.{decimals}f} ± {half:.{decimals}f}"
 
 
 def hover_table(update: Update) -> Any:
@@ -48,7 +59,7 @@ def hover_table(update: Update) -> Any:
     table.add_column("prior", justify="right")
     table.add_column("after the flights", justify="right")
     for load, (prior, prior_sd, value, sd) in update.loads.items():
-        cells = (f"{a:.3f} ± {NORMAL_95 * b:.3f}" for a, b in ((prior, prior_sd), (value, sd)))
+        cells = (rounded(a, NORMAL_95 * b) for a, b in ((prior, prior_sd), (value, sd)))
         table.add_row(load, *cells)
     return table
 

@@ -109,13 +109,13 @@ def flight_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
 
 
 def split_headings(flights: Mapping[str, FlightErrors]) -> tuple[str, ...]:
-    """Of `split_rows`: an arm a column."""
+    """Of `split_rows`: a pair a column."""
     first = next(iter(flights.values())).allocation.split
-    return "flight", *(f"{s.upper} over {s.lower}, N" for s in first)
+    return "flight", *(f"pair {s.upper}/{s.lower}, N" for s in first)
 
 
 def split_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
-    """A row a flight: each arm's upper and lower thrust, and the lower rotor's share of both."""
+    """A row a flight: each pair's upper and lower thrust, and the lower rotor's share of both."""
     return [
         [name] + [f"{s.upper_N:.1f} + {s.lower_N:.1f} ({s.lower_share:.0%})" for s in flight.allocation.split]
         for name, flight in flights.items()
@@ -135,7 +135,7 @@ def tables(result: DemoResult) -> Iterator[Any]:
         flight_rows(result.flights),
     )
     yield _table(
-        "Thrust split per arm: upper + lower rotor (lower share)",
+        "Thrust split per pair: upper + lower rotor (lower share)",
         split_headings(result.flights),
         split_rows(result.flights),
     )

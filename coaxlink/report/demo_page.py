@@ -41,7 +41,7 @@ def _parts(result: DemoResult, made: Made) -> Iterator[str]:
     yield "<h2>The mixers, where nothing is hidden</h2>"
     yield html_table(FLIGHT_HEADINGS, flight_rows(result.flights))
     yield f'<p class="dim">{escape(HOW)} <a href="#words">The words explained</a></p>'
-    yield "<h3>Who carries the weight: upper + lower rotor of each arm, and the lower one's share</h3>"
+    yield "<h3>Who carries the weight: upper + lower rotor of each pair, and the lower one's share</h3>"
     yield html_table(split_headings(result.flights), split_rows(result.flights))
     yield from _worth(result)
     yield "<h2>Something is hidden: found from one flight</h2>"

@@ -98,7 +98,7 @@ def _rows(health: Health) -> tuple[list[str], list[list[str]], list[list[str]]]:
         for i, rotor in enumerate(last[-1].rotors)
     ]  # fmt: skip
     pairs = [
-        [f"{pair.rotors[0]} over {pair.rotors[1]}", *(_cell(f.pairs[i].thrust) for f in last), "", ""]
+        [f"pair {pair.rotors[0]}/{pair.rotors[1]}", *(_cell(f.pairs[i].thrust) for f in last), "", ""]
         for i, pair in enumerate(last[-1].pairs)
     ]
     return heads, rotors, pairs

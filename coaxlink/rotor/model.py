@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -148,7 +148,7 @@ def load_rotor_model(path: Path) -> RotorModel:
     try:
         parsed = _RotorFile.model_validate(document)
     except ValidationError as error:
-        raise input_error(path, error, _RotorFile, _Loads, _Effect) from error
+        raise input_error(path, error, _RotorFile) from error
     sides = {"upper": parsed.upper, "lower": parsed.lower}
     terms = {}
     for load in LOADS:
@@ -180,8 +180,8 @@ def save_rotor_model(path: Path, model: RotorModel) -> None:
     files.write_toml(path, document)
 
 
-def input_error(path: Path, error: ValidationError, *tables: type[BaseModel]) -> InputError:
-    """Our one-line error for the first thing pydantic refuses in a file that is made of `tables`.
+def input_error(path: Path, error: ValidationError, document: type[BaseModel]) -> InputError:
+    """Our one-line error for the first thing pydantic refuses in a file of this form.
 
     An unknown key goes before a missing one that it may be, misspelt; a missing one before the others, since
     it tells a file of another kind.
@@ -189,10 +189,9 @@ def input_error(path: Path, error: ValidationError, *tables: type[BaseModel]) ->
     found = error.errors()
     unknown = next((e for e in found if e["type"] == "extra_forbidden"), None)
     missing = [str(e["loc"][-1]) for e in found if e["type"] == "missing"]
-    if unknown and tables and (not missing or is_near(str(unknown["loc"][-1]), missing)):
+    if unknown and (not missing or is_near(str(unknown["loc"][-1]), missing)):
         loc = unknown["loc"]
-        depth = sum(isinstance(part, str) for part in loc) - 1
-        known = [name for table in (tables[1:] if depth else tables[:1]) for name in table.model_fields]
+        known = _table_at(document, loc[:-1]).model_fields
         return InputError(path, _key(loc), problem_of(str(loc[-1]), known))
     first = next((e for e in found if e["type"] == "missing"), found[0])
     key = _key(first["loc"])
@@ -203,6 +202,20 @@ def input_error(path: Path, error: ValidationError, *tables: type[BaseModel]) ->
     return InputError(path, key, f"{first['msg'].removeprefix('Value error, ')}{shown}")
 
 
+def _table_at(document: type[BaseModel], loc: tuple[int | str, ...]) -> type[BaseModel]:
+    """The form of the table that stands at `loc` of a document."""
+    table = document
+    for part in loc:
+        if isinstance(part, str):
+            waiting: list[Any] = [table.model_fields[part].annotation]
+            while waiting:  # list[Table], Table | None
+                found = waiting.pop()
+                if isinstance(found, type) and issubclass(found, BaseModel):
+                    table = found
+                waiting += get_args(found)
+    return table
+
+
 def _key(loc: tuple[int | str, ...]) -> str:
-    """rotors.3.spin: the place of a key, tables of an array counted from 1 as our other lines do."""
-    return ".".join(str(part + 1 if isinstance(part, int) else part) for part in loc)
+    """rotors[3].spin: where a key stands, tables of an array counted from 1 as our other lines do."""
+    return "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in loc).removeprefix(".")

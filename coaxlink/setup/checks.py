@@ -76,7 +76,7 @@ def _elsewhere(airframe: Airframe, board: Layout) -> Iterator[Finding]:
         scale, left = _scaled(airframe, board)
         evidence = f"{board.source}: the longest arm {board.arm:.3f} m, here {airframe_arm(airframe):.3f} m"
         if left > _APART * board.arm or not 1 / _SCALE <= scale <= _SCALE:
-            text = f"the board has the rotors elsewhere, number {number} by {apart[number]:.3f} m"
+            text = f"the board has the rotors elsewhere, rotor {number} by {apart[number]:.3f} m"
             yield Finding("airframe.place", "error", text, evidence)
         else:
             text = f"the board's arms are {scale:.2f} times as long, in the same directions"

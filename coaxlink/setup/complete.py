@@ -107,7 +107,7 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str
             raise InputError(
                 "`upper`",
                 "",
-                f"one of the pair {a + 1} and {b + 1} is expected, {both} stands there",
+                f"one of pair {a + 1}/{b + 1} is expected, {both} stands there",
             )
         stated = None if not upper else ("upper" if said[a] else "lower")
         if known and stated and known != stated:

@@ -42,7 +42,7 @@ def px4_layout(params: Mapping[str, float | int], source: str) -> Layout:
         notes.append("CA_ROTOR*_PZ are all alike: which rotor of a pair is the upper one stands nowhere")
     unassigned = [n for n in range(1, len(mounts) + 1) if n not in outputs]
     if outputs and unassigned:
-        notes.append(f"no output is assigned to motor {', '.join(map(str, unassigned))}")
+        notes.append(f"no output is assigned to rotor {', '.join(map(str, unassigned))}")
     return Layout(source, tuple(mounts), metres=True, notes=tuple(notes))
 
 

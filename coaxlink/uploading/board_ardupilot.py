@@ -77,7 +77,7 @@ class ArduPilotBoard(Board):
         now = motor_outputs({n: v.value for n, v in snapshot.values.items()})
         wanted = plan.rotor_count
         if wanted and now not in (0, wanted):
-            raise SafetyRefusal(f"another vehicle: the table is for {wanted} motors, the board drives {now}")
+            raise SafetyRefusal(f"another vehicle: the table is for {wanted} rotors, the board drives {now}")
         if not new_geometry and is_table(plan.cargo):
             self._refuse_other_motors(plan, snapshot)
         values = self._as_stored(plan.params, snapshot)

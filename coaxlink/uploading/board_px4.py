@@ -66,7 +66,7 @@ class Px4Board(Board):
         bare = [n for n in range(1, (plan.rotor_count or 0) + 1) if _MOTOR_1 + n - 1 not in outputs]
         if outputs and bare:
             self._talk.say(
-                f"no output of this board drives motor {', '.join(map(str, bare))} (*_FUNCn = 101..112)"
+                f"no output of this board drives rotor {', '.join(map(str, bare))} (*_FUNCn = 101..112)"
             )
 
     def metadata(self) -> Mapping[str, Limits] | None:

@@ -131,10 +131,9 @@ def explain_ap(
             frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
             raise InputError("`board`", "", f"the board flies a matrix that is not known here ({frame})")
         mix = ap.realise(present)
-        if len(mix.factors) != len(airframe.rotors):
-            raise InputError(
-                "`board`", "", f"the board has {len(mix.factors)} motors, {airframe.name} another number"
-            )
+        if len(mix.factors) != (count := len(airframe.rotors)):
+            problem = f"the board has {len(mix.factors)} rotors, {airframe.name} {count}"
+            raise InputError("`board`", "", problem)
         held = behaviour(vehicle, ap_speeds(mix))
         changed = tuple(row for row in _differing(numbers, report.params) if row[0] != "SCR_LD_CHECKSUM")
         before = weigh(vehicle, ap_speeds(mix), _word(ON_BOARD))

@@ -1,12 +1,13 @@
 """What laws, tables and live mixing take: airframe and rotors, every effect in them or named as left out."""
 
 from coaxlink.effects.static import Conditions
-from coaxlink.vehicle.load import load_vehicle, refuse_no_lift
+from coaxlink.vehicle.load import load_rotors, load_vehicle, refuse_no_lift
 from coaxlink.vehicle.vehicle import Vehicle, plain_rotors, refuse_live, require_vehicle, usual_lift
 
 __all__ = [
     "Conditions",
     "Vehicle",
+    "load_rotors",
     "load_vehicle",
     "plain_rotors",
     "refuse_live",

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from coaxlink.airframe import load_airframe
+from coaxlink.effects import effect, effects
 from coaxlink.effects.static import Conditions
 from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.rotor import RotorModel, load_rotor_model
 from coaxlink.vehicle.vehicle import Vehicle
+from firmware_params.keys import misspelt, unknown_key
 
 
 def load_vehicle(
@@ -31,12 +33,29 @@ def load_vehicle(
     path = Path(rotors) if rotors else frame.rotor_model
     if path is None:
         raise InputError(airframe, "rotor_model", "names no rotor model, and no other is given (rotor)")
-    model = load_rotor_model(path)
+    model = load_rotors(path)
     refuse_no_lift(model, path)
     if frame.pairs and not model.lower_thrust.coefficients:
         problem = "none: a rotor alone was identified, and this airframe has pairs; measure both at once"
         raise InputError(path, Load.LOWER_THRUST.key, problem)
     return Vehicle(frame, model, conditions or Conditions(), measured_live)
+
+
+def load_rotors(path: Path) -> RotorModel:
+    """Read a rotor file. Raises InputError naming the file and the key, also for those of its effects.
+
+    An effect of another name is no fault: its number may be measured by others. One that is spelt nearly as
+    one of ours is, and so is a number that the effect does not have: both would be left out in silence.
+    """
+    model = load_rotor_model(path)
+    for count, named in enumerate(model.effects, start=1):
+        if meant := misspelt(named.name, [e.name for e in effects()]):
+            raise InputError(path, f"effects[{count}].name", f"{named.name}: unknown; {meant}?")
+        known = effect(named.name)
+        odd = unknown_key(named.parameters, known.units) if known else None
+        if odd is not None:
+            raise InputError(path, f"effects[{count}].parameters.{odd[0]}", odd[1])
+    return model
 
 
 def refuse_no_lift(model: RotorModel, path: Path) -> None:

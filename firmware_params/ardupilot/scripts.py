@@ -35,7 +35,7 @@ def in_millionths(factors: Sequence[Factors]) -> list[tuple[int, int, int, int]]
     rows = []
     for n, motor in enumerate(factors):
         if not all(abs(f) <= 8.0 for f in motor):
-            raise TableError(f"motor {n + 1}: factors within -8..8 are expected, found {motor}")
+            raise TableError(f"rotor {n + 1}: factors within -8..8 are expected, found {motor}")
         roll, pitch, yaw, throttle = (round(f * MILLION) for f in motor)
         rows.append((roll, pitch, yaw, throttle))
     return rows
@@ -108,7 +108,7 @@ def loader_params(factors: Sequence[Factors], max_motors: int = MAX_LOADER_MOTOR
     """The loader's parameters for a table; CXL_SUM last, since it makes the table live. Raises TableError."""
     rows = in_millionths(factors)
     if not 1 <= len(rows) <= max_motors:
-        raise TableError(f"{len(rows)} motors: the loader holds 1..{max_motors}")
+        raise TableError(f"{len(rows)} rotors: the loader holds 1..{max_motors}")
     params: dict[str, float] = {}
     for n, row in enumerate(rows, start=1):
         params |= {f"{PREFIX}{axis}{n}": value / MILLION for axis, value in zip("RPYT", row, strict=True)}

@@ -93,10 +93,10 @@ def used_factors(table: ApTable) -> NDArray[np.float64]:
     else:
         raise TableError(f"FRAME_CLASS {table.frame_class} type {table.frame_type} is not known here")
     if not 1 <= len(given) <= MAX_MOTORS:
-        raise TableError(f"{len(given)} motors: 1..{MAX_MOTORS} are expected")
+        raise TableError(f"{len(given)} rotors: 1..{MAX_MOTORS} are expected")
     factors = np.array(given, float)
     if not np.isfinite(factors).all():
-        raise TableError("a motor factor is not a finite number")
+        raise TableError("a rotor's factor is not a finite number")
     return factors if table.frame_class == DYNAMIC_MATRIX else _normalised(factors)
 
 

@@ -18,7 +18,7 @@ def findings(table: ApTable, factors: NDArray[np.float64]) -> tuple[Finding, ...
     found = []
     for axis, name in enumerate(("roll", "pitch", "yaw", "throttle")):
         if not np.abs(factors[:, axis]).any():
-            found.append(Finding("ap.no-authority", "error", f"no motor acts on {name}"))
+            found.append(Finding("ap.no-authority", "error", f"no rotor acts on {name}"))
     throttle = factors[:, 3]
     if throttle.max() > 0 and throttle.min() <= _BALANCE * throttle.max():
         text = "the thrust-balance check trips in hover: a throttle factor is a third of the largest or less"
@@ -27,12 +27,12 @@ def findings(table: ApTable, factors: NDArray[np.float64]) -> tuple[Finding, ...
     fair = expo_for(1.0, p.spin_min, p.spin_max)
     if np.ptp(throttle) > 1e-6 and p.thst_expo > fair + 1e-3:
         text = (
-            f"MOT_SPIN_MIN bends the ratio between motors: MOT_THST_EXPO {fair:.3f} keeps it for u^2 rotors"
+            f"MOT_SPIN_MIN bends the ratio between rotors: MOT_THST_EXPO {fair:.3f} keeps it for u^2 rotors"
         )
         evidence = f"MOT_SPIN_MIN = {p.spin_min:g}, MOT_THST_EXPO = {p.thst_expo:g}"
         found.append(Finding("ap.spin-min", "warning", text, evidence))
     if np.ptp(throttle) > 1e-6:
-        text = "saturation ignores throttle factors: motors below 1 can clip on yaw without a limit flag"
+        text = "saturation ignores throttle factors: rotors below 1 can clip on yaw without a limit flag"
         found.append(Finding("ap.silent-clip", "warning", text, f"smallest factor {throttle.min():.3f}"))
     for name, value, low, high in (
         ("MOT_THST_EXPO", p.thst_expo, -1.0, 1.0),

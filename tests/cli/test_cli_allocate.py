@@ -119,3 +119,24 @@ def test_a_wrench_out_of_reach_is_said_in_words_and_is_exit_1(
     assert "thrust N" in said.out and json.loads(out.read_text())["wrench"][0] == 900
     assert coaxlink("allocate", X8, "--law", law, "--wrench", "196.2,1,-1,0.3") == 0
     assert "e-" not in capsys.readouterr().out  # no 3e-14 where there is no error
+
+
+@pytest.mark.parametrize(
+    ("law", "wrench", "code", "said"),
+    [
+        ("exact", "476,0,0,0", 0, ""),
+        ("exact", "477,0,0,0", 1, "thrust 476.1 of 477 N; all rotors at a bound"),  # 0.2 % short
+        ("coaxial", "480,0,0,0", 1, "thrust 476.1 of 480 N; all rotors at a bound"),
+        ("exact", "196.2,0,0,6", 0, ""),
+        ("exact", "196.2,0,0,50", 1, "yaw 8.3"),
+        ("exact", "196.2,500,0,0", 1, "roll 42.73 of 500 N m"),
+        ("exact", "-50,0,0,0", 1, "of -50 N"),
+        ("standard", "196.2,0,0,0.3", 0, ""),  # its own error, every rotor within its bounds
+    ],
+)
+def test_just_out_of_reach_is_out_of_reach(
+    law: str, wrench: str, code: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert coaxlink("allocate", X8, "--law", law, f"--wrench={wrench}") == code
+    err = capsys.readouterr().err
+    assert said in err and ("out of reach" in err) == bool(code)

@@ -38,6 +38,7 @@ def test_a_campaign_is_flown_summed_up_resumed_and_replayed(spec, tmp_path) -> N
     done = coaxlink("campaign", spec, "--json", "s.json", "--workers", "1")
     assert done.code == 0, done.err
     assert "24 of 24 flights (100 %)" in done.err and "reduced against standard" in done.out
+    assert f"coaxlink campaign {spec} --out campaign-small --replay CELL" in done.err
     folder = tmp_path / "campaign-small"
     assert (folder / "report.html").read_text().startswith("<!doctype html>")
     summary = json.loads((tmp_path / "s.json").read_text())

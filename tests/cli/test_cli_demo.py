@@ -59,7 +59,7 @@ def test_the_demo_flies_and_finds_what_the_world_hides(tmp_path, capsys):
     assert 'src="http' not in page
     assert (out / "tables" / "reduced").is_dir()
     screen = capsys.readouterr()
-    assert "Thrust split per arm" in screen.out
+    assert "Thrust split per pair" in screen.out
     assert f"--seed {SEED}" in screen.err
 
 

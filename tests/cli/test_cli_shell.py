@@ -139,3 +139,20 @@ def test_ctrl_c_leaves_one_line_at_every_moment():
             assert done.stderr.endswith("coaxlink: interrupted\n")
             cut_short += 1
     assert cut_short  # at the first moments nothing can be done yet
+
+
+def test_ctrl_c_is_not_lost_where_the_interpreter_ignores_exceptions():
+    """It evaluates annotations before a verb begins; there a KeyboardInterrupt was printed and forgotten."""
+    script = (
+        "import os, signal, sys, typer.main\n"
+        "from coaxlink import _start\n"
+        "class Gone:\n"
+        "    def __del__(self):\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "        sum(range(1000))\n"
+        "made = typer.main.get_command\n"
+        "typer.main.get_command = lambda app: (Gone(), made(app))[1]\n"
+        "_start.main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script, "examples"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "coaxlink: interrupted\n")

@@ -189,7 +189,7 @@ def test_a_map_states_units_and_leaves_the_rest(tmp_path: Path) -> None:
     np.testing.assert_allclose(log["lower_thrust_N"], true["lower_thrust"], rtol=1e-4)
     assert not log.has("lower_torque_Nm") and "left out (not in the map): Torque B (N.m)" in log.notes
     mapping.write_text('uper_rpm = "Speed A (rpm)"\n')
-    with pytest.raises(InputError, match=r"uper_rpm: no column of ours: upper_rpm\?"):
+    with pytest.raises(InputError, match=r"uper_rpm: unknown; upper_rpm\?"):
         read_stand_log(tmp_path / "log.csv", mapping)
     mapping.write_text('upper_rpm = { column = "Speed A (rpm)", unit = "knots" }\n')
     with pytest.raises(InputError, match=r"upper_rpm: unit: rpm, rad/s.* expected, found 'knots'"):

@@ -62,6 +62,9 @@ def test_a_plan_file_of_refine_is_read_and_rubbish_refused(tmp_path):
     plan = plan_of(str(path), 9.0, 9.0)
     assert plan.duration_s == pytest.approx(16.0) and peaks(plan)["radius_m"] == pytest.approx(2.0)
     path.write_text('height_m = 3.0\n[[pieces]]\nwhat = "x"\n')
+    with pytest.raises(InputError, match="seconds: missing"):
+        plan_of(str(path), 1.0, 1.0)
+    path.write_text('height_m = 3.0\n[[pieces]]\nseconds = "x"\n')
     with pytest.raises(InputError, match="not a flight plan"):
         plan_of(str(path), 1.0, 1.0)
     with pytest.raises(InputError, match="hover"):

@@ -18,7 +18,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli.shared.console import PlainConsole
 from coaxlink.cli.shared.shell import console, run, say, talk
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
-from coaxlink.live.onboard import onboard_script
+from coaxlink.live.scripts.onboard import onboard_script
 from coaxlink.report.document import html_table
 from coaxlink.report.html import escape
 from coaxlink.report.pictures.label import label

@@ -17,9 +17,9 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
 from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.live.bridge import SCRIPT_NAME, bridge_script
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.motor_test import turn_motors
+from coaxlink.live.scripts.bridge import SCRIPT_NAME, bridge_script
 from coaxlink.mavlink import connect
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.vehicle import Vehicle

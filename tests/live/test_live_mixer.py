@@ -334,5 +334,5 @@ def test_older_px4_is_accepted() -> None:
 
 def test_more_motors_than_the_message_carries_are_refused() -> None:
     nine = replace(X8, rotors=(*X8.rotors, replace(X8.rotors[0], number=9, level="single", pair=None)))
-    with pytest.raises(InputError, match="8 motors at most"):
+    with pytest.raises(InputError, match="8 rotors at most"):
         MixCore(Vehicle(nine, CRM), SimpleNamespace())  # type: ignore[arg-type]

@@ -14,8 +14,8 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
 from coaxlink.errors import InputError
-from coaxlink.live.bridge import SCRIPT_NAME, board_factors, bridge_script
-from coaxlink.live.onboard import INSTRUCTIONS, onboard_script
+from coaxlink.live.scripts.bridge import SCRIPT_NAME, board_factors, bridge_script
+from coaxlink.live.scripts.onboard import INSTRUCTIONS, onboard_script
 from coaxlink.mixer import standard_coefficients
 from coaxlink.mixer.exact import ExactLaw, kernel
 from coaxlink.mixer.exact.lua import SINGLE

@@ -186,7 +186,7 @@ def test_ardupilot_refuses_what_it_must(tables, tmp_path):
             ((r"MOT_THST_EXPO,[\d.]+\n", "MOT_THST_EXPO,5\n"), "MOT_THST_EXPO = 5 is outside"),
             ((r"FRAME_CLASS,15", "FRAME_CLASS,15.5"), "would be kept as 15"),
             ((r"MOT_SPIN_MIN,0.05", "MOT_SPIN_MIN,nan"), "MOT_SPIN_MIN is nan"),
-            ((r"SERVO[78]_FUNCTION,\d+\n", ""), "for 6 motors, the board drives 8"),
+            ((r"SERVO[78]_FUNCTION,\d+\n", ""), "for 6 rotors, the board drives 8"),
             ((r"SCR_ENABLE", "SCR_ENABLED"), "has no parameter SCR_ENABLED"),
         ):
             outcome = upload(change)

@@ -397,7 +397,7 @@ def test_what_forbids_nothing_is_still_said(board, tmp_path):
     board.version, said = (1, 18, 0), []
     assert _upload(board, _plan(tmp_path), tmp_path, Talk(say=said.append)).result == "verified"
     assert any("PX4 1.18.0 drops of a table is only known up to 1.17" in text for text in said)
-    assert any("no output of this board drives motor 7 (" in text for text in said)
+    assert any("no output of this board drives rotor 7 (" in text for text in said)
     board.params["PWM_MAIN_FUNC7"], board.version, said = (107, 6), (1, 17, 2), []
     assert _upload(board, _plan(tmp_path), tmp_path, Talk(say=said.append)).result == "verified"
     assert not any("drives motor" in text or "only known" in text for text in said)

@@ -15,7 +15,7 @@ from coaxlink.files import example
 from coaxlink.live.effects import LiveEffects
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.mixer_core import MixCore
-from coaxlink.live.onboard import onboard_script
+from coaxlink.live.scripts.onboard import onboard_script
 from coaxlink.mixer import LAWS, allocate, make_law, reduced_coefficients, standard_coefficients
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import FittedLaw, fit_table

@@ -38,7 +38,7 @@ def under(reference_name: str) -> str:
 def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) -> None:
     from rich.table import Table
 
-    out.print(f"\nWhat the law demands of each motor, and what {firmware} does")
+    out.print(f"\nWhat the law demands of each rotor, and what {firmware} does")
     out.print("thousandths of squared speed, for 1 N m of roll, pitch or yaw and for 1 N of thrust")
     rows = Table("rotor", *explained.axes, box=None)
     largest = abs(explained.demanded).max(axis=0)

@@ -238,15 +238,13 @@ def motors(session: Session, frame: Airframe, json_file: Path | None) -> None:
         raise SafetyRefusal("motors are tested with the propellers off")
 
     def ask(number: int, mount: str) -> bool:
-        return typer.confirm(f"motor {number}: did this one turn: {mount}?", err=True)
+        return typer.confirm(f"rotor {number}: did this one turn: {mount}?", err=True)
 
     answers = turn_motors(session, frame, ask)
     if json_file:
         files.write_json(json_file, {"motors": [a.to_json() for a in answers]})
     for a in answers:
-        sys.stdout.write(f"motor {a.number}: {a.mount}: {'right' if a.right else 'WRONG'}\n")
+        sys.stdout.write(f"rotor {a.number}: {a.mount}: {'right' if a.right else 'WRONG'}\n")
     wrong = [str(a.number) for a in answers if not a.right]
     if wrong:
-        raise CheckFailed(
-            f"motors {', '.join(wrong)} are not where, or not turning as, the airframe file says"
-        )
+        raise CheckFailed(f"rotor {', '.join(wrong)}: not where, or not turning as, the airframe file says")

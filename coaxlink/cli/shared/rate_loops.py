@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from coaxlink import files
-from coaxlink.cli.shared.shell import console, say
+from coaxlink.cli.shared.shell import PIPE_WIDTH, console, say
 from coaxlink.errors import CoaxlinkError, InputError
 from firmware_params.keys import unknown_key
 
@@ -59,9 +59,9 @@ def said_first(source: Path, plan: Plan) -> Present:
         gains = preserved_gains(plan.firmware, new, old, board, "on board", write=False)
         in_table = any(name in plan.params for gain in gains.axes for name in gain.names)
         line = gains.line.partition(";")[0] if in_table else gains.line
-        console().print(
-            line + ("; gains that keep the loops are in the table" if in_table else ""), soft_wrap=True
-        )
+        out = console()
+        kept = "; gains that keep the loops are in the table" if in_table else ""
+        out.print(line + kept, soft_wrap=out.width >= PIPE_WIDTH)
 
     return present
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -104,10 +105,11 @@ def figure(value: float, digits: int = 3) -> str:
 
 
 def console() -> Any:
-    """Rich console for results (stdout); a pipe or file gets whole rows."""
+    """Rich console for results (stdout); a pipe or file gets whole rows unless COLUMNS is set."""
     from coaxlink.cli.shared.console import PlainConsole
 
-    return PlainConsole(width=None if sys.stdout.isatty() else PIPE_WIDTH)
+    bounded = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    return PlainConsole(width=None if bounded else PIPE_WIDTH)
 
 
 def talk() -> Any:

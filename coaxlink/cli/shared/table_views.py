@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coaxlink.cli.shared.shell import console, say
+from coaxlink.cli.shared.shell import PIPE_WIDTH, console, say
 from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def show_px4(frame: Airframe, report: TableReport, gains: str) -> None:
 
     out = console()
     out.print(f"{frame.name}: {report.law} law as PX4 parameters, THR_MDL_FAC {report.table.thr_mdl_fac:g}")
-    out.print(gains, soft_wrap=True)
+    out.print(gains, soft_wrap=out.width >= PIPE_WIDTH)
     rows = Table("rotor", "CT N", "KM m", "roll", "pitch", "yaw", "thrust", "hover u", box=None)
     for n, (rotor, entry) in enumerate(zip(frame.rotors, report.table.rotors, strict=True)):
         roll, pitch, yaw, _, _, thrust = report.mix.mix[n]
@@ -139,7 +139,7 @@ def show_ap(frame: Airframe, report: ApReport, gains: str) -> None:
         f"{frame.name}: {report.law} law for FRAME_CLASS {report.table.frame_class}, "
         f"MOT_THST_EXPO {p.thst_expo:g}, MOT_SPIN_MIN {p.spin_min:g}"
     )
-    out.print(gains, soft_wrap=True)
+    out.print(gains, soft_wrap=out.width >= PIPE_WIDTH)
     rows = Table("rotor", "roll", "pitch", "yaw", "throttle", "hover u", box=None)
     for n, rotor in enumerate(frame.rotors):
         numbers = [f"{x:+.4f}" for x in report.mix.factors[n]]

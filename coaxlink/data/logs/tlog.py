@@ -243,7 +243,7 @@ def _pack_voltage(message: Any) -> float:
 
 
 def _rpm(rows: dict[str, list[Row]], notes: list[str]) -> list[Stream | None]:
-    """Rotor speeds; a batch that only repeats motors 1-4 (PX4 of the v1.14 era) is left out."""
+    """Rotor speeds; a batch that only repeats rotors 1-4 (PX4 of the v1.14 era) is left out."""
     batches: dict[int, list[Row]] = defaultdict(list)
     for t, m in rows["ESC_STATUS"]:
         batches[m.index].append((t, m))
@@ -262,7 +262,7 @@ def _rpm(rows: dict[str, list[Row]], notes: list[str]) -> list[Stream | None]:
             and np.any(speeds[0])
             and np.array_equal(speeds[index][:same], speeds[0][:same])
         ):
-            notes.append(f"rpm{index + 1}..{index + 4} left out: ESC_STATUS repeats motors 1-4 there")
+            notes.append(f"rpm{index + 1}..{index + 4} left out: ESC_STATUS repeats rotors 1-4 there")
             continue
         used = [i for i in range(4) if np.any(speeds[index][:, i])]
         if used:

@@ -215,6 +215,6 @@ def _rpm(topic: Topic | None, notes: list[str]) -> Stream | None:
     rpm = [_float(topic[f"esc[{i}].esc_rpm"]) for i in range(8) if f"esc[{i}].esc_rpm" in topic]
     rpm = rpm[: int(np.max(topic["esc_count"]))]
     if len(rpm) == 8 and np.any(rpm[0]) and all(np.array_equal(rpm[i], rpm[i + 4]) for i in range(4)):
-        notes.append("rpm5..8 left out: esc_status repeats motors 1-4 there")
+        notes.append("rpm5..8 left out: esc_status repeats rotors 1-4 there")
         rpm = rpm[:4]
     return Stream.of(_time(topic), {f"rpm{i + 1}": column for i, column in enumerate(rpm)}) if rpm else None

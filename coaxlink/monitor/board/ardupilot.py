@@ -71,7 +71,7 @@ def describe(parameters: Mapping[str, float], vehicle: Vehicle) -> Board:
     notes = [f.text for f in mix.warnings]
     rotors, expo = len(mix.factors), table.parameters.thst_expo
     if rotors != len(airframe.rotors):
-        notes.append(f"table of {rotors} motors, airframe {airframe.name} has {len(airframe.rotors)}")
+        notes.append(f"table of {rotors} rotors, airframe {airframe.name} has {len(airframe.rotors)}")
         return Board("read", "custom", digest, rotors, frame_class=number, thst_expo=expo, notes=tuple(notes))
     upper, lower = (
         _mean(mix.factors[:, 3], [(r.level == "lower") == below for r in airframe.rotors])

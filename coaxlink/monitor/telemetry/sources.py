@@ -142,7 +142,7 @@ def _esc(
     live = {i: a for i, a in batches.items() if newest - a.received_s <= STALE_S}
     notes: list[str] = []
     for index in _repeated(live, commanded, now_s):
-        notes.append(f"{name} repeats motors 1-4 as {index + 1}-{index + 4}: not used for them")
+        notes.append(f"{name} repeats rotors 1-4 as {index + 1}-{index + 4}: not used for them")
         del live[index]
     at = {index + k: rpm for index, a in live.items() for k, rpm in enumerate(a.message.rpm)}
     # PX4 numbers ESCs by motor, ArduPilot by output

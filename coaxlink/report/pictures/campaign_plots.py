@@ -26,7 +26,7 @@ WORDS = {
     "roll_error_Nm": "roll moment missed, rms",
     "pitch_error_Nm": "pitch moment missed, rms",
     "yaw_error_Nm": "yaw moment missed, rms",
-    "saturated": "time with a motor at its bound",
+    "saturated": "time with a rotor at its bound",
     "energy_Wh": "energy",
 }
 

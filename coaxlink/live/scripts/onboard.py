@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from coaxlink.errors import InputError
-from coaxlink.live.bridge import HOLD_MS, PERIOD_MS
 from coaxlink.live.mixer_core import CONTROLS, MatrixScale
+from coaxlink.live.scripts.bridge import HOLD_MS, PERIOD_MS
 from coaxlink.mixer import standard_coefficients
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.exact.lua import law_in_lua, table
@@ -75,8 +75,9 @@ def _factors(vehicle: Vehicle, frame_class: int) -> list[list[float]]:
             used = used_factors(ApTable(frame_class, frame_type=1))
     except TableError as error:
         raise InputError("`frame_class`", str(frame_class), f"4, 5, 15 or 17 expected ({error})") from error
-    if len(used) != len(vehicle.airframe.rotors):
-        raise InputError("`frame_class`", str(frame_class), f"a frame of {len(used)} motors")
+    if len(used) != (count := len(vehicle.airframe.rotors)):
+        problem = f"a frame of {len(used)} rotors, {vehicle.airframe.name} has {count}"
+        raise InputError("`frame_class`", str(frame_class), problem)
     return np.asarray(used, float).tolist()
 
 
