@@ -110,7 +110,7 @@ def fly(
         if json and not dry_run:
             files.write_json(json, {**flown.as_json(), "tlog": str(out / "flight.tlog"), **found})
     path = _usable(out, found)
-    console().print(f"flown: {plan}, {flown.flown_s:.0f} s; {path}")
+    console().print(f"flown: {plan}, {flown.flown_s:.0f} s; {path}", soft_wrap=True)
     if airframe is not None:
         _refine(path, airframe, rotor, out)
     else:

@@ -363,6 +363,7 @@ STAND: Tracing[StandFrame] = Tracing(
 _DIRECTION_UNKNOWN = "the mixer does not know which way the speed came"
 _SHARE = "assumed: friction and late recovery of blades hold back 5 % of a load on a sound stand"
 _WAYS = "wide: any value between the bounds; the ways over which a memory wears in go with the rig"
+_PLAY = "wide: any value between the bounds; what follows a command with play feels all of it"
 _FORMS = {
     "both": "of both rotors",
     "upper": "of the upper rotor",
@@ -371,7 +372,7 @@ _FORMS = {
     "load": "of each cell's own load",
     "bulge": "of the load where the blades are slow, and stall",
     "moving": "only while the speed moves",
-    "command": "play of the command: speeds follow the throttle behind a gap of `reach`",
+    "command": "play of the command: speeds follow the throttle behind a gap, the reach",
     "angle": "over the ratio of both speeds, which sets the blades' angle",
 }
 EFFECT = PhysicalEffect(
@@ -384,7 +385,7 @@ EFFECT = PhysicalEffect(
             for name, what in _FORMS.items()
         ),
         *(Parameter(name, "1", *limits, source=_WAYS) for name, limits in FREE.items()),
-        Parameter("share", "1", *SHARES, source="of play in the command: what follows it feels all of it"),
+        Parameter("share", "1", *SHARES, source=_PLAY),
         Parameter("relay", "1", 0.0, 1.0,
             source="a number of the rotor (0 upper, 1 lower) whose speed flips it"),
         *(Parameter(name, "1", 0.0, 1.5, source=_WAYS) for name in ("on", "off")),

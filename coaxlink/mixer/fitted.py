@@ -279,6 +279,7 @@ class FittedLaw:
     dropped: tuple[str, ...] = ()
 
     def __init__(self, vehicle: Vehicle, table: FittedTable | None = None) -> None:
+        require_vehicle(vehicle)
         self.table = fit_table(vehicle) if table is None else table
         self._mix = realise(px4_columns(vehicle.airframe, self.table))
         # a control of 1 on an axis means this much wrench: PX4 divides each column of the mix by a scale

@@ -77,5 +77,5 @@ def words(update: Update) -> Iterator[str]:
     if largest > 0.02 * float(np.sum([update.loads[load][2] for load in thrust])):
         yield (
             f"upper against lower thrust stays open by {NORMAL_95 * largest:.2g} N a rotor: flights tell "
-            "their sum, which is what a table needs; --next weighs what a flight at another split would tell"
+            "their sum, which is what a table needs; a plan of the next flight weighs another split"
         )

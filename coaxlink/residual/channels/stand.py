@@ -194,7 +194,7 @@ def _followed(
     why = f"{len(u)} rows, {ROWS_A_TERM} for each term of a load over both speeds are needed"
     left = [c for c in present if c not in short]
     if not [c for c in left if c < 4]:
-        raise InputError(samples.source, "", f"{names}: {why}; give a rotor model with --rotor")
+        raise InputError(samples.source, "", f"{names}: {why}; give a rotor model (`rotor`)")
     notes.append(f"{names}: not judged ({why})")
     return left
 

@@ -30,7 +30,7 @@ def test_too_few_rows_for_a_load_over_both_speeds_judge_the_other_loads():
     assert set(answer.channels) == {"upper_thrust", "upper_torque"}
     assert any(note.startswith("lower_thrust, lower_torque: not judged (20 rows") for note in answer.notes)
     alone = Samples({k: v for k, v in run().items() if not k.startswith("upper_t")}, "rig.csv")
-    with pytest.raises(InputError, match=r"lower_thrust, lower_torque: 20 rows, .* --rotor"):
+    with pytest.raises(InputError, match=r"lower_thrust, lower_torque: 20 rows, .*rotor model"):
         refine_stand(alone.take(np.arange(0, 240, 12)))
 
 
