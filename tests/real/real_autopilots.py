@@ -167,17 +167,16 @@ def coaxlink(*arguments: str, cwd: Path = ROOT, fails: bool = False) -> subproce
 
 
 def take_off(session: Session) -> Vehicle:
-    """Arm as soon as the vehicle lets us, and climb to 3 m."""
+    """Arm and climb to 3 m as soon as the vehicle lets us."""
     vehicle, end = Vehicle(session), time.monotonic() + 600.0
     while True:
         try:
             vehicle.arm()
-            break
-        except CoaxlinkError:  # its estimator has not settled yet
-            assert time.monotonic() < end
+            vehicle.take_off(3.0)
+            return vehicle
+        except CoaxlinkError as error:  # its estimator has not settled yet: no arming, or no height to climb to
+            assert time.monotonic() < end, error
             time.sleep(0.5)
-    vehicle.take_off(3.0)
-    return vehicle
 
 
 def fly_the_factory_table(url: str, tables: Path) -> float:
