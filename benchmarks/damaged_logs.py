@@ -37,7 +37,7 @@ HUGE, TINY = 1e9, 1e-9
 def some_rows(columns: Columns, random: np.random.Generator) -> slice:
     """A stretch of the flight."""
     rows = len(columns["time_s"])
-    first, last = np.sort(random.integers(0, rows, 2))
+    first, last = np.sort(random.integers(0, max(rows, 1), 2))
     return slice(int(first), int(last) + 1)
 
 
@@ -78,7 +78,9 @@ def cut(columns: Columns, names: list[str], random: np.random.Generator) -> Colu
 
 
 def doubled(columns: Columns, names: list[str], random: np.random.Generator) -> Columns:
-    return rows_of(columns, np.sort(random.integers(0, len(columns["time_s"]), len(columns["time_s"]))))
+    return rows_of(
+        columns, np.sort(random.integers(0, max(len(columns["time_s"]), 1), len(columns["time_s"])))
+    )
 
 
 def jump(columns: Columns, names: list[str], random: np.random.Generator) -> Columns:

@@ -174,7 +174,7 @@ def take_off(session: Session) -> Vehicle:
             vehicle.arm()
             vehicle.take_off(3.0)
             return vehicle
-        except CoaxlinkError as error:  # its estimator has not settled yet: no arming, or no height to climb to
+        except CoaxlinkError as error:  # its estimator has not settled yet
             assert time.monotonic() < end, error
             time.sleep(0.5)
 

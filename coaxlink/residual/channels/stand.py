@@ -306,14 +306,15 @@ def fitted_model(
             names = _first_terms(load, u, order) if order == min(orders) else dictionary_of(load, order)
             if not 0 < len(names) <= len(u) // ROWS_A_TERM:
                 break
-            x = design_matrix(names, u[:, 0], u[:, 1])
-            left = 0.0
+            x, y, left = design_matrix(names, u[:, 0], u[:, 1]), measured[:, c], 0.0
+            if not (np.isfinite(x).all() and np.isfinite(y).all()):
+                break  # damaged readings, whose powers are beyond numbers: LAPACK would say so on the screen
             for f in range(5):
-                fit = np.linalg.lstsq(x[fold != f], measured[fold != f, c], rcond=1e-10)[0]
-                left += float(np.sum((measured[fold == f, c] - x[fold == f] @ fit) ** 2))
+                fit = np.linalg.lstsq(x[fold != f], y[fold != f], rcond=1e-10)[0]
+                left += float(np.sum((y[fold == f] - x[fold == f] @ fit) ** 2))
             if left < RICHER * best:
                 best = left
-                fit = np.linalg.lstsq(x, measured[:, c], rcond=1e-10)[0]
+                fit = np.linalg.lstsq(x, y, rcond=1e-10)[0]
                 terms[load] = dict(zip(names, map(float, fit), strict=True))
     return RotorModel.from_terms("crm", speed_max_rpm, terms)
 
