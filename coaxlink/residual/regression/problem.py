@@ -13,7 +13,7 @@ from coaxlink.effects.tracing import Array, Shape, Tracing
 from coaxlink.residual.regression.blocks import Blocks, accumulate, folds_of
 
 Index = NDArray[np.intp]
-LONG_ROWS = 2000  # of a design kept in single precision
+LONG_ROWS = 2000  # memory, no judgement: a longer design is kept in single precision (6e-8)
 
 
 @dataclass(frozen=True)
