@@ -30,7 +30,7 @@ GAPS = (
     0.06,
     0.09,
     0.13,
-)  # of the throttle: starts of the fit, steps of half as much again, no judgement
+)  # of the throttle: starts of the fit, no judgement
 SHARES = (0.7, 1.4)  # judgement, as of `rotor_lag`: of the play, what the speeds feel; 1 is physics
 RELAY_STEP, RELAY_WIDEST, RELAY_FINER = 0.06, 0.35, (0.02, 0.007)  # of normalised speed
 RELAY_MOST = 2.0  # of normalised speed: what runs further is no speed
