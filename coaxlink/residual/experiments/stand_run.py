@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from coaxlink.data.samples import Samples
-from coaxlink.effects.tracing import Tracing
+from coaxlink.effects.tracing import Shape, Tracing
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.channels.stand import COLUMN_OF, base_corrections, stand_frame
 from coaxlink.residual.regression.blocks import accumulate, solve, squares
@@ -26,6 +26,8 @@ from coaxlink.residual.regression.blocks import accumulate, solve, squares
 RATE_HZ = 10.0
 ENOUGH = 900.0  # squared distance: thirty standard deviations of white noise
 CLEAR = 100.0
+# judgement (seconds of a search): shapes of a rival that a plan is held against, moves tried in pairs
+MOST_SHAPES, MOST_PAIRED = 8, 12
 LONGEST_S = {"stand": 600.0, "flight": 180.0}
 LOWER_SUPPLY = 0.87  # of the highest voltage in the log
 KELVIN_S = 90.0
@@ -128,8 +130,17 @@ def view(
         base,
         bounds,
         tuple(reduce(r.effect.contribution(frame, r.parameters)) for r in rivals),
-        tuple(tuple(reduce(r.effect.columns(frame, s)) for s in r.effect.shapes(frame)) for r in rivals),
+        tuple(
+            tuple(reduce(r.effect.columns(frame, s)) for s in _thinned(r.effect.shapes(frame)))
+            for r in rivals
+        ),
     )
+
+
+def _thinned(shapes: Sequence[Shape]) -> Sequence[Shape]:
+    """At most so many of a grid of shapes, evenly: its neighbours say much the same."""
+    step = -(-len(shapes) // MOST_SHAPES)
+    return shapes[:: max(step, 1)]
 
 
 def joined(views: Sequence[View]) -> View:
@@ -197,7 +208,8 @@ def separated(
 
     (best, channel), chosen = best_of(moves)
     if best < CLEAR:  # alone, no move tells: some need another to be seen against
-        (best, channel), chosen = best_of([(*a, *b) for i, a in enumerate(moves) for b in moves[i + 1 :]])
+        first = sorted(moves, key=lambda m: -_worth(far(m)[0], m))[:MOST_PAIRED]
+        (best, channel), chosen = best_of([(*a, *b) for i, a in enumerate(first) for b in first[i + 1 :]])
     if best < 1.0:
         return None
     while best < ENOUGH and _seconds(chosen) < LONGEST_S[kind]:
