@@ -37,9 +37,16 @@ CELL_BANDS, KNEES = (0.01, 0.02, 0.04, 0.08), (2.0, 6.0)
 CELLS = {"band": (0.003, 0.25), "knee": (1.0, 12.0), "torque": (0.2, 5.0)}
 
 
-def cell_shapes(_: StandFrame) -> Sequence[Shape]:
-    """Cells with play or stiction: of a small force they read nothing, of a large one as much less."""
-    return [{"cells": 1.0, "band": b, "knee": k, "torque": 1.0} for b in CELL_BANDS for k in KNEES]
+def cell_shapes(frame: StandFrame) -> Sequence[Shape]:
+    """Cells with play or stiction: of a small force they read nothing, of a large one as much less.
+
+    Or one that tracks its zero, as scales do: it shows none of a small force, and all of a large one.
+    """
+    play: list[Shape] = [
+        {"cells": 1.0, "band": b, "knee": k, "torque": 1.0} for b in CELL_BANDS for k in KNEES
+    ]
+    loads = [float(c) for c in frame.present if c < 4]
+    return play + [{"cells": 1.0, "band": b, "knee": 6.0, "tracks": c} for b in CELL_BANDS for c in loads]
 
 
 def of_cells(effect: Tracing[StandFrame]) -> Tracing[StandFrame]:
@@ -53,6 +60,11 @@ def _unread(frame: StandFrame, shape: Shape) -> Array:
     The band is a share of what the larger of both rotors' loads is; cells of one kind have one.
     """
     out = np.zeros((len(frame.time_s), 6))
+    if "tracks" in shape:
+        load = int(shape["tracks"])
+        over = np.abs(frame.predicted[:, load]) / (frame.reference[load] * shape["band"])
+        out[:, load] = -frame.predicted[:, load] / (1.0 + over ** shape["knee"])
+        return out
     for load in range(4):
         full = max(frame.reference[load], frame.reference[(load + 2) % 4])
         band = full * shape["band"] * (shape["torque"] if load % 2 else 1.0)
@@ -117,7 +129,7 @@ def _dead_shapes(frame: StandFrame) -> Sequence[Shape]:
 
 def _dead_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
     if "cells" in shape:
-        return CELLS
+        return {name: limits for name, limits in CELLS.items() if name in shape}
     # a start threshold stands between two set-points: nothing continuous to move
     if "bend" in shape:
         return {"band": (0.005, 0.4), "bend": BEND}
@@ -170,6 +182,7 @@ STAND: Tracing[StandFrame] = Tracing(
         "start": "1",
         "cells": "1",
         "knee": "1",
+        "tracks": "1",
         "torque": "1",
     },
     missing=drivable,
@@ -228,6 +241,9 @@ EFFECT = PhysicalEffect(
         Parameter("knee", "1", *CELLS["knee"],
             source="wide: any value between the bounds; how sharply play or stiction ends goes with "
                    "the mount"),
+        Parameter("tracks", "1", 0.0, 3.0,
+            source="a number of a load, 0 to 3: its cell shows none of a small force, and all of a large "
+                   "one (zero tracking, OIML R 76-1)"),
         Parameter("torque", "1", *CELLS["torque"],
             source="wide: any value between the bounds; torque cells and thrust cells are of two kinds"),
     ),

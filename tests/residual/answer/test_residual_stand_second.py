@@ -230,3 +230,13 @@ def test_play_in_the_command_is_one_hysteresis_of_both_rotors(tachometers):
     got = {q.name: q.value for q in answer.effects[0].parameters}
     assert got["reach"] == pytest.approx(gap, rel=0.1) and got["share"] == pytest.approx(1.0, abs=0.1)
     assert over(answer) < 1.1
+
+
+def test_a_cell_that_tracks_its_zero_shows_nothing_of_a_small_force():
+    t, a, b = ramps(1500)
+    loads = steady_loads(a, b)
+    loads[0] = loads[0] * -np.expm1(-((loads[0] / 4.0) ** 2))
+    answer = refine_stand(log_of(t, a, b, loads), model())
+    assert names(answer) == ["dead_band"]
+    assert {p.name: p.value for p in answer.effects[0].parameters}["tracks"] == 0.0
+    assert over(answer) < 1.2
