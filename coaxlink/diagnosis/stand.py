@@ -15,12 +15,15 @@ from coaxlink.diagnosis.parts import Block, in_channel, products, waves
 from coaxlink.effects import stand_effects
 from coaxlink.effects.further_forms import further_shapes, of_what_is_logged
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
-from coaxlink.residual.channels.stand import base_corrections, stand_frame
+from coaxlink.residual.channels.stand import ANY, Orders, base_corrections, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
 from coaxlink.residual.regression.joint_model import composed
 from coaxlink.rotor import RotorModel
 
-ORDER = 4  # of a base fitted to the log itself, as the coaxial rotor model's (Berra et al. 2024)
+ORDERS: Orders = (
+    (4,),
+    (4,),
+)  # of a base fitted to the log itself, as the coaxial rotor model's (Berra et al. 2024)
 WIDE = 3.0  # of the reference load: prior of the terms of such a base, so wide that it holds nothing back
 # of a longer log, one stretch of rows in so many is searched (judgement: seconds of a search)
 MANY_ROWS, STRETCH = 1500, 64
@@ -50,7 +53,7 @@ def stand_channels(
     samples: Samples, model: RotorModel | None, trusted: np.ndarray | None = None, most: int = MANY_ROWS
 ) -> Channels:
     """Channels of a stand log. Raises InputError as `stand_frame` does."""
-    bare = calmed(stand_frame(samples, model, ORDER if model is None else None, None, trusted))
+    bare = calmed(stand_frame(samples, model, ORDERS if model is None else ANY, None, trusted))
     known, notes = known_parts(bare)
     if len(bare.keep) > most:  # stretches whole: noise has neighbours, and what lags sees every row
         share = -(-len(bare.keep) // most)

@@ -17,7 +17,10 @@ from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import RotorModel
+from coaxlink.rotor.model import LOADS
+from coaxlink.rotor.polynomial import parse_term
 
+SQUARE = 2  # power of an upper rotor's own terms: a base of more bends by itself
 SLOWEST = 0.025  # of full speed: a slower blade has no law of speed
 POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: relative to full speed, downwards
 RISES = (2.0, 4.0, 7.0)  # of Mach number: nothing at rest
@@ -64,20 +67,33 @@ def _blade_refuse(p: Mapping[str, float]) -> str | None:
     return outside("loss", p.get("loss", 0.1), 0.0, 10.0)
 
 
-def _blade_finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+def _blade_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     """The same bend at the other end of the speeds; torque by a change of its own."""
     forms: dict[str, tuple[Shape, Array]] = {
         "soft": ({**shape, "soft": 0.2, "power": min(shape.get("power", 0.0), -1.0)}, c),
         "power": ({"power": -0.4}, 0.5 * c[:1]),
         "rise": ({"rise": 4.0}, -c[:1] if "tip" in shape else c[:1]),
     }
+    if frame.free_base:
+        forms = {}
     out = [form for name, form in forms.items() if name not in shape and (name != "soft" or "power" in shape)]
     return out if "apart" in shape else [*out, ({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
 
 
-def _unknowable(frame: StandFrame) -> str | None:
+def _blade_shapes(frame: StandFrame) -> list[Shape]:
+    """What sets in at a speed; beside a given model also what bends over all, as a fitted base does."""
+    onset: list[Shape] = [{"tip": t, **apart} for t in TIPS for apart in ({}, {"apart": 1.0})]
     if frame.free_base:
-        return "no rotor model is given: the power of speed is the fitted base's own"
+        return onset
+    bent: list[Shape] = [*({"power": p} for p in POWERS), *({"rise": p} for p in RISES)]
+    # a stall, or a slow blade, takes lift and adds drag: torque need not follow thrust
+    return [*bent, *onset, *({"power": p, "apart": 1.0} for p in (-0.5, -0.1))]
+
+
+def _unknowable(frame: StandFrame) -> str | None:
+    own = [term for load in LOADS[:2] for term in frame.model.terms()[load]]
+    if frame.free_base and any(parse_term(term)[0] > SQUARE for term in own):
+        return "no rotor model is given, and the base fitted to this log bends with speed by itself"
     if frame.driven and frame.context("upper_rpm") is None and frame.context("lower_rpm") is None:
         return "no rpm in the log: what bends over throttle may be the drive, not the blades"
     return None
@@ -105,13 +121,7 @@ STAND: Tracing[StandFrame] = Tracing(
         "1",
     ),
     missing=_unknowable,
-    shapes=lambda _: [
-        *({"power": p} for p in POWERS),
-        *({"rise": p} for p in RISES),
-        *({"tip": t} for t in TIPS),
-        # slow blades have less lift and more drag: torque need not follow thrust
-        *({"power": p, "apart": 1.0} for p in (-0.5, -0.1)),
-    ],
+    shapes=_blade_shapes,
     columns=_blade_columns,
     parameters=lambda _, shape, c: {**dict(zip(_blade_names(shape), map(float, c), strict=True)), **shape},
     inverse=_blade_inverse,

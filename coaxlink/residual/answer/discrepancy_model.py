@@ -21,12 +21,14 @@ from coaxlink.residual.regression.irls import channel_errors
 from coaxlink.residual.regression.joint_model import Joint, composed
 from coaxlink.residual.result import Step
 from coaxlink.residual.search.joint_fit import fit_jointly
+from coaxlink.residual.search.select import Selection
 from coaxlink.residual.search.trial import ALPHA, Judge, columns_of
 from coaxlink.rotor.model import LOADS
 
 KNOWN = 1.0  # times the noise: a base less well known than that is none to hold a row against
 MOST_UNKNOWN = 0.3  # of the rows
 LEAST_NOISE = 2e-4  # of the reference load
+OF_SPEED = {"blade_speed_law"}  # a law of the speeds: a process over them can always stand in for it
 LESS = 0.005  # of the error: by how much it must follow better than the polynomials
 
 
@@ -45,8 +47,9 @@ def log_error(joint: Joint) -> float:
 def with_discrepancy_model(j: Judged) -> Judged:
     """The same effects beside Gaussian processes of every load, if these leave less; else as it was.
 
-    What had stood in for a misfit of the polynomials goes. Rows at speeds that no other block
-    covers are not judged.
+    What had stood in for a misfit of the polynomials goes: a law of the speeds alone, whose place a process
+    over the speeds can always take, only if that leaves less. Rows at speeds that no other block covers
+    are not judged.
     """
     bare, q = j.problem.frame, j.joint.problem
     if j.selection.ambiguous or j.selection.doubtful:
@@ -69,14 +72,20 @@ def with_discrepancy_model(j: Judged) -> Judged:
     problem = stand_problem(rich, [m.effect for m in j.joint.members])
     problem = replace(problem, impossible=j.problem.impossible)
     settled = {m.name: m for m in j.joint.members}
-    reduce = reducing(rich)
-    selection, (joint, _) = j.selection, fit_jointly(problem, j.selection, rich, (), reduce, settled)
-    stood_in = _needless(joint)
+
+    def beside(selection: Selection) -> Joint:
+        return fit_jointly(problem, selection, rich, (), reducing(rich), settled)[0]
+
+    selection, joint = j.selection, beside(j.selection)
+    needless = _needless(joint)
+    stood_in = needless - OF_SPEED
+    if needless > stood_in and log_error(beside(undone(selection, needless))) < log_error(joint) - LESS:
+        stood_in = needless
     if stood_in:
         selection = undone(selection, stood_in)
         why = "needless beside the discrepancy model"
         selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(stood_in)]
-        joint, _ = fit_jointly(problem, selection, rich, (), reduce, settled)
+        joint = beside(selection)
     more = log_error(joint) - log_error(j.joint)
     if {m.name for m in joint.members} != set(settled) - stood_in or more > (LESS if stood_in else -LESS):
         return j

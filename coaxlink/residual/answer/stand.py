@@ -14,9 +14,14 @@ from coaxlink.effects import stand_effects
 from coaxlink.effects.further_forms import in_all_forms
 from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, answer
-from coaxlink.residual.answer.discrepancy_model import floor_beside, log_error, with_discrepancy_model
+from coaxlink.residual.answer.discrepancy_model import (
+    OF_SPEED,
+    floor_beside,
+    log_error,
+    with_discrepancy_model,
+)
 from coaxlink.residual.answer.doubts import with_rivals
-from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
+from coaxlink.residual.channels.stand import ANY, LEAST_ROWS, ORDERS, Orders, joined, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_problem, stand_variables
 from coaxlink.residual.checks.posterior_check import undone
 from coaxlink.residual.checks.residual_check import minor
@@ -38,8 +43,17 @@ ROUNDS = 3  # of judging again
 TRIED = 3  # effects that are moved to their best shape where none passes in a shape of the grid
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
-# order of a fitted base; whose share is taken off first (all effects, all but a drift); from what excess on
-TRIES = ((None, "", 0.0), (2, "", 0.0), (None, "all", 1.05), (None, "all", 1.25), (None, "steady", 1.05))
+PLAIN = (2,)
+# orders of a fitted base; whose share is taken off first (all effects, all but a drift); from what excess on;
+# whether a law of the speeds may be named beside it
+TRIES: tuple[tuple[Orders, str, float, bool], ...] = (
+    (ANY, "", 0.0, False),
+    ((PLAIN, PLAIN), "", 0.0, False),
+    ((PLAIN, ORDERS), "", 0.0, True),
+    (ANY, "all", 1.05, False),
+    (ANY, "all", 1.25, False),
+    (ANY, "steady", 1.05, False),
+)
 
 
 def judge_stand(
@@ -65,15 +79,16 @@ def judge_stand(
         trusted = trusted[(trusted // STRETCH) % thinned == 0]
     best: tuple[float, Judged] | None = None
     shed: dict[str, Array] = {}  # what effects make of the loads: all of them, and all but a drift
-    tried: list[tuple[str, dict[str, set[str]]]] = []
+    tried: list[tuple[str, bool, dict[str, set[str]]]] = []
     # a base of high order may swallow an effect that a plain one leaves to be named; and how rich a base must
     # be is seen better once the effects are known
-    for order, again, bar in TRIES[:1] if model is not None else TRIES:
+    for orders, again, bar, law in TRIES[:1] if model is not None else TRIES:
         if again and (again not in shed or best is None or not _far_off(best[1], bar)):
             continue
         progress("fitting candidates")
-        bare = stand_frame(samples, model, order, shed.get(again), trusted)
-        base = again, {load: set(named) for load, named in bare.model.terms().items()}
+        bare = stand_frame(samples, model, orders, shed.get(again), trusted)
+        named = law or model is not None or (best is not None and _of_speed(best[1].joint.members))
+        base = again, named, {load: set(named) for load, named in bare.model.terms().items()}
         if base in tried:
             continue
         tried.append(base)
@@ -81,6 +96,11 @@ def judge_stand(
         if thinned > 1:
             notes.append(f"a long log: one stretch of {STRETCH} rows in {thinned} is judged")
         problem = stand_problem(composed(bare, known))
+        if law and not any(
+            t.gain > LITTLE for t in Judge(problem).best_of_each([]) if t.option.name in OF_SPEED
+        ):
+            continue
+        barred = () if named else OF_SPEED
         progress("selecting")
         few = len(trusted) < LEAST_ROWS
         if few:
@@ -89,10 +109,10 @@ def judge_stand(
         if gain is not None:
             suspects, mislabelled = (*suspects, gain), True
         reduce = reducing(bare)
-        selection = Selection() if mislabelled or few else select(problem)
-        if not (mislabelled or few or selection.members or selection.doubtful):
-            selection = _tried(problem, selection, bare, known, reduce)
-        selection, start, fitted = _again(problem, selection, bare, known, reduce)
+        selection = Selection() if mislabelled or few else select(problem, barred=barred)
+        if not (law or mislabelled or few or selection.members or selection.doubtful):
+            selection = _tried(problem, selection, bare, known, reduce, barred)
+        selection, start, fitted = _again(problem, selection, bare, known, reduce, barred)
         joint, acting = fitted or fit_jointly(problem, selection, bare, known, reduce, start)
         gone = explained_by_time(joint, acting, reduce)
         why = "needless beside something that changes over time and was not logged"
@@ -106,7 +126,7 @@ def judge_stand(
             selection = undone(selection, gone)
             selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(gone)]
             if anew:
-                selection, start, _ = _again(problem, selection, bare, known, reduce, gone)
+                selection, start, _ = _again(problem, selection, bare, known, reduce, {*gone, *barred})
             joint, acting = fit_jointly(problem, selection, bare, known, reduce, start)
         error = log_error(joint)
         if best is None or error <= best[0] + PLAINER:
@@ -132,13 +152,15 @@ def _tried(
     bare: Any,
     known: Sequence[Part],
     reduce: Callable[[Array], Array],
+    barred: Collection[str] = (),
 ) -> Selection:
     """Where nothing passes every gate in a shape of the grid: what does in its best, alone or with another.
 
     What a wrong shape leaves, and what a second effect does, hangs together in time as noise does not:
     neither of two large effects is beyond chance while the other is not there.
     """
-    promising = [t.option for t in Judge(problem).best_of_each([]) if t.gain > LITTLE]
+    every = Judge(problem).best_of_each([])
+    promising = [t.option for t in every if t.gain > LITTLE and t.option.name not in barred]
     sets = [[o] for o in promising[:TRIED]] + [list(pair) for pair in combinations(promising[:TRIED], 2)]
     for options in sets:
         joint, _ = fit_jointly(problem, Selection(members=options), bare, known, reduce)
@@ -167,6 +189,11 @@ def _against_rivals(j: Judged) -> Judged:
         return fit_jointly(problem, chosen, frame, known, reducing(frame), settled)[0]
 
     return with_rivals(j, problem, fitted, floor=lambda joint: floor_beside(frame, joint))
+
+
+def _of_speed(members: Sequence[Member]) -> bool:
+    """Whether one of these effects is a law of the speeds."""
+    return any(m.name in OF_SPEED for m in members)
 
 
 def _far_off(j: Judged, bar: float) -> bool:

@@ -25,7 +25,9 @@ from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.speeds import normalised_speeds
 
 COLUMN_OF = {load.channel: load.column for load in Load}
+Orders = tuple[tuple[int, ...], tuple[int, ...]]  # of a fitted base that may be tried: upper, lower rotor
 ORDERS = (2, 3, 4)
+ANY: Orders = (ORDERS, ORDERS)
 RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
 LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
 LEAST_ROWS = 16  # judgement: one load over one speed (12 rows) and a few to be held out
@@ -68,11 +70,11 @@ def joined(logs: Sequence[Samples]) -> Samples:
 def stand_frame(
     samples: Samples,
     model: RotorModel | None,
-    order: int | None = None,
+    orders: Orders = ANY,
     shed: Array | None = None,
     trusted: NDArray[np.intp] | None = None,
 ) -> StandFrame:
-    """Both sides of a stand log; without a model, one of this order, or of the order the log supports.
+    """Both sides of a stand log; without a model, one of these orders, as the log supports.
 
     `shed` (rows, 6) is what effects add that are known of already: how rich a base the log asks for is seen
     best without them. `trusted` rows alone are asked for the base, and judged.
@@ -106,7 +108,6 @@ def stand_frame(
     if back.any():
         time = np.arange(float(samples.rows))
     free = model is None
-    orders = ORDERS if order is None else (order,)
     plain = measured if shed is None else measured - shed
     keep = np.arange(samples.rows) if trusted is None else trusted
     surfaces: dict[int, Surface] = {}
@@ -128,7 +129,7 @@ def stand_frame(
             asleep = len(keep) - len(awake)
             notes.append(f"{asleep} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged")
             keep = awake
-    if free and order is None:
+    if free and len(orders[1]) > 1:
         turning_rows = keep[~_idle(u, DRAGGED)[keep]]
         if len(turning_rows) < LEAST_ROWS:
             turning_rows = keep
@@ -184,10 +185,10 @@ def _idle(u: Array, dragged: float) -> NDArray[np.bool_]:
 
 
 def _followed(
-    samples: Samples, u: Array, present: Sequence[int], orders: Sequence[int], notes: list[str]
+    samples: Samples, u: Array, present: Sequence[int], orders: Orders, notes: list[str]
 ) -> list[int]:
     """Channels without loads that `u` (rows, 2) are too few rows to fit; InputError if no load is left."""
-    short = [c for c in present if c < 4 and not _first_terms(LOADS[c], u, min(orders))]
+    short = [c for c in present if c < 4 and not _first_terms(LOADS[c], u, min(orders[c // 2]))]
     if not short:
         return list(present)
     names = ", ".join(STAND_CHANNELS[c] for c in short)
@@ -213,7 +214,7 @@ def _fitted_base(
     keep: NDArray[np.intp],
     present: Sequence[int],
     speed_max_rpm: float,
-    orders: Sequence[int],
+    orders: Orders,
     notes: list[str],
 ) -> tuple[RotorModel, NDArray[np.intp]]:
     """The polynomials of these rows, and the rows: none with an idle lower rotor if they are not followed."""
@@ -293,7 +294,7 @@ def plainest_of(load: str, u: Array) -> list[str]:
 
 
 def fitted_model(
-    u: Array, measured: Array, present: Sequence[int], speed_max_rpm: float, orders: Sequence[int] = ORDERS
+    u: Array, measured: Array, present: Sequence[int], speed_max_rpm: float, orders: Orders = ANY
 ) -> RotorModel:
     """The polynomials that this log itself asks for, of the lowest order that held-out rows support."""
     terms: dict[str, dict[str, float]] = {load: {"u_u" if "upper" in load else "u_l": 0.0} for load in LOADS}
@@ -302,8 +303,9 @@ def fitted_model(
         if c > 3:
             continue
         load, best = LOADS[c], np.inf
-        for order in orders:
-            names = _first_terms(load, u, order) if order == min(orders) else dictionary_of(load, order)
+        for order in orders[c // 2]:
+            first = order == min(orders[c // 2])
+            names = _first_terms(load, u, order) if first else dictionary_of(load, order)
             if not 0 < len(names) <= len(u) // ROWS_A_TERM:
                 break
             x, y, left = design_matrix(names, u[:, 0], u[:, 1]), measured[:, c], 0.0

@@ -119,3 +119,23 @@ def test_what_stood_in_for_the_polynomials_goes(monkeypatch):
     assert [m.name for m in after.joint.members] == ["air_density"]
     assert [m.name for m in after.selection.members] == ["air_density"]
     assert any(s.name == "hysteresis" and "needless" in s.why for s in after.selection.trace)
+
+
+def test_a_stall_of_the_blades_is_named_without_a_rotor_model():
+    t, a, b = ramps(2000)
+    loads = steady_loads(a, b)
+    for row, u in enumerate((a, a, b, b)):  # lift goes, drag comes: both rotors alike
+        loads[row] *= 1.0 + (1.0, -1.0)[row % 2] * -1.2 * np.maximum(u - 0.6, 0.0) ** 2
+    answer = refine_stand(log_of(t, a, b, loads))
+    assert names(answer) == ["blade_speed_law"]
+    found = {p.name: p.value for p in answer.effects[0].parameters}
+    assert found["tip"] == pytest.approx(0.6, abs=0.1)
+    assert over(answer) < 1.1
+
+
+def test_one_rotor_that_bends_is_no_law_of_the_blades():
+    t, a, b = ramps(2000)
+    loads = steady_loads(a, b)
+    loads[0] *= 1.0 - 1.2 * np.maximum(a - 0.6, 0.0) ** 2  # thrust of the upper rotor alone
+    answer = refine_stand(log_of(t, a, b, loads))
+    assert "blade_speed_law" not in names(answer)
