@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,15 +44,24 @@ TRIED = 3  # effects that are moved to their best shape where none passes in a s
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
 PLAIN = (2,)
-# orders of a fitted base; whose share is taken off first (all effects, all but a drift); from what excess on;
-# whether a law of the speeds may be named beside it
-TRIES: tuple[tuple[Orders, str, float, bool], ...] = (
-    (ANY, "", 0.0, False),
-    ((PLAIN, PLAIN), "", 0.0, False),
-    ((PLAIN, ORDERS), "", 0.0, True),
-    (ANY, "all", 1.05, False),
-    (ANY, "all", 1.25, False),
-    (ANY, "steady", 1.05, False),
+
+
+class Try(NamedTuple):
+    """A base fitted to the log itself, and what may be named beside it."""
+
+    orders: Orders = ANY
+    shed: str = ""  # whose share is taken off first: "all" effects, or the "steady" ones, all but a drift
+    excess: float = 0.0  # times the noise, that some load must be left with, for such a try
+    law: bool = False  # of the speeds: it is asked about, and the try counts only with it
+
+
+TRIES = (
+    Try(),
+    Try((PLAIN, PLAIN)),
+    Try((PLAIN, ORDERS), law=True),
+    Try(shed="all", excess=1.05),
+    Try(shed="all", excess=1.25),
+    Try(shed="steady", excess=1.05),
 )
 
 
@@ -82,8 +91,8 @@ def judge_stand(
     tried: list[tuple[str, bool, dict[str, set[str]]]] = []
     # a base of high order may swallow an effect that a plain one leaves to be named; and how rich a base must
     # be is seen better once the effects are known
-    for orders, again, bar, law in TRIES[:1] if model is not None else TRIES:
-        if again and (again not in shed or best is None or not _far_off(best[1], bar)):
+    for orders, again, excess, law in TRIES[:1] if model is not None else TRIES:
+        if again and (again not in shed or best is None or not _far_off(best[1], excess)):
             continue
         progress("fitting candidates")
         bare = stand_frame(samples, model, orders, shed.get(again), trusted)
@@ -96,9 +105,7 @@ def judge_stand(
         if thinned > 1:
             notes.append(f"a long log: one stretch of {STRETCH} rows in {thinned} is judged")
         problem = stand_problem(composed(bare, known))
-        if law and not any(
-            t.gain > LITTLE for t in Judge(problem).best_of_each([]) if t.option.name in OF_SPEED
-        ):
+        if law and not _asks_for_a_law(problem):
             continue
         barred = () if named else OF_SPEED
         progress("selecting")
@@ -128,6 +135,8 @@ def judge_stand(
             if anew:
                 selection, start, _ = _again(problem, selection, bare, known, reduce, {*gone, *barred})
             joint, acting = fit_jointly(problem, selection, bare, known, reduce, start)
+        if law and not _of_speed(joint.members):
+            continue
         error = log_error(joint)
         if best is None or error <= best[0] + PLAINER:
             shed = {"all": acting.predicted - problem.frame.predicted} if selection.members else {}
@@ -152,7 +161,7 @@ def _tried(
     bare: Any,
     known: Sequence[Part],
     reduce: Callable[[Array], Array],
-    barred: Collection[str] = (),
+    barred: Collection[str],
 ) -> Selection:
     """Where nothing passes every gate in a shape of the grid: what does in its best, alone or with another.
 
@@ -189,6 +198,11 @@ def _against_rivals(j: Judged) -> Judged:
         return fit_jointly(problem, chosen, frame, known, reducing(frame), settled)[0]
 
     return with_rivals(j, problem, fitted, floor=lambda joint: floor_beside(frame, joint))
+
+
+def _asks_for_a_law(problem: Problem) -> bool:
+    """Whether a law of the speeds explains anything at all here by itself."""
+    return any(t.gain > LITTLE for t in Judge(problem).best_of_each([]) if t.option.name in OF_SPEED)
 
 
 def _of_speed(members: Sequence[Member]) -> bool:
