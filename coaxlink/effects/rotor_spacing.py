@@ -17,6 +17,7 @@ from coaxlink.rotor import RotorModel
 
 APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
 COEFFICIENTS = ("wake_thrust_share", "wake_torque_share", "upper_gain_N")
+OF_LOADS = {"alike": ("loads_share",), "whole": ("loads_share", "torque_loads_share")}
 SPACING = {"decay": (0.05, 8.0), "apart": (-0.5, 0.5)}
 
 
@@ -54,6 +55,11 @@ def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
         pair = np.zeros((len(frame.time_s), 6, 1))
         pair[:, :4, 0] = frame.predicted[:, :4] * change[:, None]
         return pair
+    if "whole" in shape:
+        own = np.zeros((len(frame.time_s), 6, 2))
+        for k, load in enumerate(lower):
+            own[:, load, k] = frame.predicted[:, load] * change
+        return own
     out = np.zeros((len(frame.time_s), 6, 3))
     out[:, Load.LOWER_THRUST, 0] = -wake[:, 0] * change
     out[:, Load.LOWER_TORQUE, 1] = -wake[:, 1] * change
@@ -63,25 +69,45 @@ def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
 
 def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     levels = len(np.unique(np.round(_spacing(frame), 2)))
-    return [({**shape, "decay": 1.0}, c)] if "decay" not in shape and levels > 2 else []
+    forms: list[tuple[Shape, Array]] = []
+    if "decay" not in shape and levels > 2:
+        forms.append(({**shape, "decay": 1.0}, c))
+    if not {*shape} & {*OF_LOADS}:
+        forms.append(({**shape, "whole": 1.0}, np.zeros(2)))
+    return forms
+
+
+def _names(p: Numbers) -> tuple[str, ...]:
+    """Of the coefficients."""
+    return next((names for form, names in OF_LOADS.items() if form in p), COEFFICIENTS)
 
 
 def alike_shapes(frame: StandFrame) -> list[Shape]:
     """Both rotors gain or lose by the same share: what each draws through the other is less."""
-    forms = [{}] if frame.free_base else [{"apart": a} for a in APART]
-    return [{"alike": 1.0, **form_, **form} for form_ in forms for form in ({}, {"decay": 1.0})]
+    forms: tuple[Shape, ...] = ({}, {"decay": 1.0})
+    return [{"alike": 1.0, **place, **form} for place in _places(frame) for form in forms]
+
+
+def _places(frame: StandFrame) -> list[Shape]:
+    """Where the base may hold."""
+    return [{}] if frame.free_base else [{"apart": a} for a in APART]
+
+
+def _spacing_shapes(frame: StandFrame) -> list[Shape]:
+    """The wake's part of the lower loads goes with the spacing, or their whole."""
+    forms: tuple[Shape, ...] = ({}, {"whole": 1.0})
+    return [{**place, **form} for form in forms for place in _places(frame)]
 
 
 def _spacing_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
-    names = ("loads_share",) if "alike" in shape else COEFFICIENTS
     reference = float(np.median(frame.columns["rotor_spacing_m"]))  # where the base holds
-    values = dict(zip(names, map(float, c), strict=True))
+    values = dict(zip(_names(shape), map(float, c), strict=True))
     return {**shape, "wake_thrust_share": 0.0, **values, "reference_spacing_m": reference}
 
 
 def _spacing_inverse(_: StandFrame, p: Numbers) -> tuple[Shape, Array]:
-    names = ("loads_share",) if "alike" in p else COEFFICIENTS
-    return {k: v for k, v in p.items() if k in (*SPACING, "alike")}, np.array([p[k] for k in names])
+    shape = {k: v for k, v in p.items() if k in (*SPACING, *OF_LOADS)}
+    return shape, np.array([p[k] for k in _names(p)])
 
 
 STAND: Tracing[StandFrame] = Tracing(
@@ -99,10 +125,12 @@ STAND: Tracing[StandFrame] = Tracing(
         "decay": "1",
         "apart": "1",
         "alike": "1",
+        "whole": "1",
         "loads_share": "1",
+        "torque_loads_share": "1",
     },
     missing=_no_spacing,
-    shapes=lambda frame: [{}] if frame.free_base else [{"apart": a} for a in APART],
+    shapes=_spacing_shapes,
     columns=_spacing_columns,
     parameters=_spacing_parameters,
     inverse=_spacing_inverse,
@@ -128,6 +156,9 @@ def _static(vehicle: StaticVehicle, p: Numbers) -> str:
         wake, drag = (loads[load] - alone[load] for load in of_rotor(1))
         if "alike" in p:
             return loads.plus({load: p["loads_share"] * off * loads[load] for load in Load})
+        if "whole" in p:
+            shares = zip(of_rotor(1), (p["loads_share"], p.get("torque_loads_share", 0.0)), strict=True)
+            return loads.plus({load: share * off * loads[load] for load, share in shares})
         return loads.plus({
             Load.UPPER_THRUST: p.get("upper_gain_N", 0.0) * off * loads.lower**2,
             Load.LOWER_THRUST: -p["wake_thrust_share"] * off * wake,
@@ -151,7 +182,11 @@ EFFECT = PhysicalEffect(
             source="wide: any value between the bounds; it goes with the rotors' size"),
         Parameter("loads_share", "1", -3.0, 3.0, (0.0, 0.2),
             source="assumed: less than a fifth of a rotor's load for twice the spacing"),
+        Parameter("torque_loads_share", "1", -3.0, 3.0, (0.0, 0.2),
+            source="assumed: less than a fifth of a rotor's load for twice the spacing"),
         Parameter("alike", "1", 0.0, 1.0, source="a switch, 0 or 1: both rotors by the same share"),
+        Parameter("whole", "1", 0.0, 1.0,
+            source="a switch, 0 or 1: the lower rotor's whole loads go with it, not its wake's part"),
         Parameter("reference_spacing_m", "m", 1e-3, 100.0,
             source="wide: any value between the bounds; spacings are the builder's choice"),
         Parameter("decay", "1", *SPACING["decay"],
