@@ -43,7 +43,10 @@ def cell_shapes(frame: StandFrame) -> Sequence[Shape]:
     Or one that tracks its zero, as scales do: it shows none of a small force, and all of a large one.
     """
     play: list[Shape] = [
-        {"cells": 1.0, "band": b, "knee": k, "torque": 1.0} for b in CELL_BANDS for k in KNEES
+        {"cells": 1.0, "band": b, "knee": k, **which}
+        for b in CELL_BANDS
+        for k in KNEES
+        for which in ({"torque": 1.0}, {"only": 0.0}, {"only": 1.0})
     ]
     loads = [float(c) for c in frame.present if c < 4]
     return play + [{"cells": 1.0, "band": b, "knee": 6.0, "tracks": c} for b in CELL_BANDS for c in loads]
@@ -66,8 +69,10 @@ def _unread(frame: StandFrame, shape: Shape) -> Array:
         out[:, load] = -frame.predicted[:, load] / (1.0 + over ** shape["knee"])
         return out
     for load in range(4):
+        if load % 2 != shape.get("only", load % 2):
+            continue
         full = max(frame.reference[load], frame.reference[(load + 2) % 4])
-        band = full * shape["band"] * (shape["torque"] if load % 2 else 1.0)
+        band = full * shape["band"] * (shape.get("torque", 1.0) if load % 2 else 1.0)
         over = frame.predicted[:, load] / band
         out[:, load] = -band * over / (1.0 + np.abs(over) ** shape["knee"]) ** (1.0 / shape["knee"])
     return out
@@ -183,6 +188,7 @@ STAND: Tracing[StandFrame] = Tracing(
         "cells": "1",
         "knee": "1",
         "tracks": "1",
+        "only": "1",
         "torque": "1",
     },
     missing=drivable,
@@ -241,6 +247,8 @@ EFFECT = PhysicalEffect(
         Parameter("knee", "1", *CELLS["knee"],
             source="wide: any value between the bounds; how sharply play or stiction ends goes with "
                    "the mount"),
+        Parameter("only", "1", 0.0, 1.0,
+            source="a switch, 0 or 1: the two thrust cells alone have the band, or the two torque cells"),
         Parameter("tracks", "1", 0.0, 3.0,
             source="a number of a load, 0 to 3: its cell shows none of a small force, and all of a large "
                    "one (zero tracking, OIML R 76-1)"),
