@@ -50,17 +50,18 @@ def explained_by_time(joint: Joint, frame: StandFrame, reduce: Callable[[Array],
 
 
 def _unknown_columns(frame: StandFrame) -> list[Array]:
-    """(rows, 6, K) of every recorded column that no effect knows, added to each load and to its scale."""
+    """(rows, 6, K) of each recorded column that no effect knows, and its square, in loads and scales."""
     out = []
     for name, values in frame.columns.items():
         known = name.endswith(KNOWN) or name in ("time_s", "log", "rotor_spacing_m")
         if known or not np.all(np.isfinite(values)) or len(np.unique(values)) < FEW_VALUES:
             continue
         scaled = (values - np.mean(values)) / max(float(np.std(values)), 1e-12)
-        columns = np.zeros((len(values), 6, 8))
+        columns = np.zeros((len(values), 6, 16))
         for c in range(4):
-            columns[:, c, 2 * c] = scaled * frame.reference[c]
-            columns[:, c, 2 * c + 1] = scaled * frame.predicted[:, c]
+            for k, way in enumerate((scaled, scaled**2 - 1.0)):
+                columns[:, c, 4 * c + 2 * k] = way * frame.reference[c]
+                columns[:, c, 4 * c + 2 * k + 1] = way * frame.predicted[:, c]
         out.append(columns)
     return out
 
