@@ -19,7 +19,7 @@ from coaxlink.frames import Array
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.gates import autocorrelation_time
 from coaxlink.residual.regression.irls import channel_errors
-from coaxlink.residual.regression.joint_model import Joint, Member, of_grid
+from coaxlink.residual.regression.joint_model import Joint, Member, beside_directly, of_grid
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.search.select import NESTED
 from coaxlink.residual.search.trial import ALPHA, Judge, Trial, columns_of
@@ -35,8 +35,9 @@ STANDS_IN = 0.5  # of what an effect explains, in a shape of the grid: less is n
 class Rivalry:
     """An effect, and what could stand in for it: another one, or another form of one that is there already.
 
-    `nats` is how far it is ahead of that, or what it still gains beside it, if that is more. Options are
-    of the problem that was searched; `rest` are the other members, but for the one whose form changes.
+    `nats` is how far it is ahead of that, or what it still gains beside it, if that counts and is more than
+    it is behind. Options are of the problem that was searched; `rest` are the other members, but for the one
+    whose form changes.
     """
 
     option: Option
@@ -64,36 +65,62 @@ def rivalries(problem: Problem, joint: Joint, fitted: Fitted, derived: Collectio
     judge, out = Judge(problem), []
     members = {m.name: m for m in joint.members}
     options = of_grid(problem, joint.problem.options)
-    rows, best = _effective_rows(joint), _log_errors(joint)
+    claimed = _Held.of(joint)
     for mine in [o for o in options if o.name not in derived]:
         rest = [o for o in options if o is not mine]
-        for others, rival in _rivals_of(judge, mine, rest):
+        screened = [(rest, trial) for trial in _in_its_place(problem, judge, mine, rest, members, fitted)]
+        for others, rival in [*screened, *_of_other_forms(judge, rest)]:
             settled = {o.name: members[o.name] for o in others}
             swapped = fitted([*others, rival.option], settled)
             if rival.option.name not in {m.name for m in swapped.members}:
                 continue  # physics does not allow it there
-            left = _log_errors(swapped)
+            instead, form = _Held.of(swapped), len(others) < len(rest)
             more = _numbers(swapped) - _numbers(joint)
-            nats = float(rows @ (left - best)) + more * (0.5 * np.log(np.sum(rows)) - 1.0)
+            nats = claimed.ahead_of(instead) + more * (0.5 * np.log(np.sum(claimed.rows)) - 1.0)
             if nats < APART:  # what a name explains beside another is not what the other explains
                 both = fitted([*others, rival.option, mine], {**settled, mine.name: members[mine.name]})
-                nats = max(nats, float(rows @ (left - _log_errors(both))))
-            out.append(Rivalry(mine, tuple(others), rival, nats, len(others) < len(rest)))
+                own = _Held.of(both).ahead_of(instead)
+                # a better form of what stays is no reason to give it up, a better name for it is
+                nats = own if own >= max(APART, 0.0 if form else -nats) else nats
+            out.append(Rivalry(mine, tuple(others), rival, nats, form))
     return out
 
 
-def _rivals_of(judge: Judge, mine: Option, rest: list[Option]) -> list[tuple[list[Option], Trial]]:
-    """What could stand in for an effect beside others, by shapes of the grid, and those that then stay."""
+def _in_its_place(
+    problem: Problem,
+    judge: Judge,
+    mine: Option,
+    rest: list[Option],
+    members: Mapping[str, Member],
+    fitted: Fitted,
+) -> list[Trial]:
+    """What could stand in for an effect beside the others, which are fitted without it first.
+
+    Members that stay found their shapes beside the one that is given up; in a shape of the grid they leave so
+    much that nothing else shows.
+    """
+    stays = rest
+    if rest:
+        alone = fitted(rest, {o.name: members[o.name] for o in rest})
+        judge = Judge(beside_directly(problem, alone))
+        stays = list(judge.problem.options[: len(alone.members)])
+        mine = of_grid(judge.problem, [mine])[0]
+    without = judge.left(stays)
+    worth = without - judge.left([*stays, mine])
     out = []
-    without = judge.left(rest)
-    worth = without - judge.left([*rest, mine])
-    for trial in judge.best_of_each(rest):
+    for trial in judge.best_of_each(stays):
         other = trial.option
         # what is a special case of another is explained by the other as well
         if other.name == mine.name or other.effect.accused or (mine.name, other.name) in NESTED:
             continue
         if without - trial.total >= STANDS_IN * worth:
-            out.append((rest, trial))
+            out.append(trial)
+    return out
+
+
+def _of_other_forms(judge: Judge, rest: list[Option]) -> list[tuple[list[Option], Trial]]:
+    """Other forms of each effect that stays, and those that then stay as they are."""
+    out = []
     for o in rest:
         others = [x for x in rest if x is not o]
         form = judge.best_of_each(others, {o.name})[0]
@@ -102,8 +129,25 @@ def _rivals_of(judge: Judge, mine: Option, rest: list[Option]) -> list[tuple[lis
     return out
 
 
-def _log_errors(joint: Joint) -> Array:
-    return np.log(np.maximum(channel_errors(joint.problem, joint.problem.options), 1e-300))
+@dataclass(frozen=True)
+class _Held:
+    """What a joint fit leaves of held-out blocks."""
+
+    log_errors: Array  # (C,)
+    rows: Array  # (C,) over the correlation of what is left of them
+
+    @classmethod
+    def of(cls, joint: Joint) -> _Held:
+        errors = channel_errors(joint.problem, joint.problem.options)
+        return cls(np.log(np.maximum(errors, 1e-300)), _effective_rows(joint))
+
+    def ahead_of(self, other: _Held) -> float:
+        """Log likelihood ratio to another fit, rows counted as the better of both leaves them, by channel.
+
+        What the worse one leaves hangs together because it misses something, and is no noise.
+        """
+        rows = np.where(self.log_errors < other.log_errors, self.rows, other.rows)
+        return float(rows @ (other.log_errors - self.log_errors))
 
 
 def _numbers(joint: Joint) -> int:

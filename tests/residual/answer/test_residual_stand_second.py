@@ -240,3 +240,15 @@ def test_a_cell_that_tracks_its_zero_shows_nothing_of_a_small_force():
     assert names(answer) == ["dead_band"]
     assert {p.name: p.value for p in answer.effects[0].parameters}["tracks"] == 0.0
     assert over(answer) < 1.2
+
+
+def test_play_of_both_torque_cells_is_told_from_a_law_of_the_blades():
+    t, a, b = ramps(1500)
+    loads = steady_loads(a, b)
+    for row in (1, 3):  # nothing below a breakaway torque, the excess above it
+        loads[row] = np.sign(loads[row]) * np.maximum(np.abs(loads[row]) - 0.07, 0.0)
+    answer = refine_stand(log_of(t, a, b, loads), model())
+    assert names(answer) == ["dead_band"] and not answer.ambiguous
+    assert over(answer) < 1.1
+    (step,) = [s for s in answer.trace if s.action == "swap" and "blade_speed_law" in s.name]
+    assert "nats ahead of it in its place" in step.why

@@ -10,6 +10,8 @@ from scipy.signal import lsim
 from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.residual.answer.stand import judge_stand
+from coaxlink.residual.channels.stand import stand_frame
+from coaxlink.residual.search.time_trend import _unknown_columns
 from coaxlink.rotor import load_rotor_model
 
 LOADS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
@@ -113,3 +115,28 @@ def test_two_large_effects_that_hide_one_another_are_both_named():
     loads[2] += 5.0 * np.sqrt(t / t[-1])
     answer = ask(stand(speeds, loads, 6, time_s=t, rotor_spacing_m=spacing))
     assert names(answer) == {"rotor_spacing", "sensor_drift"}
+
+
+def test_a_spacing_that_takes_a_share_of_the_whole_lower_loads_is_no_drifting_room():
+    t = 1.0 * np.arange(800)
+    speeds = walk(800, 3)
+    apart = 0.3 * (1.25 + 0.55 * np.sin(2.0 * np.pi * t / 310.0 + 4.0))
+    loads = steady_loads(*speeds.T)
+    loads[2] *= (apart / 0.3) ** 0.12
+    loads[3] *= (apart / 0.3) ** 0.06
+    answer = ask(stand(speeds, loads, 3, time_s=t, rotor_spacing_m=apart), PAPER)
+    assert names(answer) == {"rotor_spacing"} and not answer.ambiguous
+    found = {p.name: p.value for p in answer.effects[0].parameters}
+    assert found["loads_share"] == pytest.approx(2.0 * found["torque_loads_share"], rel=0.2)
+
+
+def test_the_square_of_a_column_that_nothing_knows_stands_beside_every_effect():
+    speeds = walk(300, 4)
+    loads = steady_loads(*speeds.T)
+    hum = np.cos(np.linspace(0.0, 7.0, 300))
+    frame = stand_frame(stand(speeds, loads, 4, hum=hum), PAPER)
+    (columns,) = _unknown_columns(frame)
+    wanted = frame.predicted[:, 2] * (0.3 * hum**2 - 0.1 * hum)
+    fit = np.column_stack([columns[:, 2], frame.predicted[:, 2]])  # a level is the base's
+    left = wanted - fit @ np.linalg.lstsq(fit, wanted, rcond=None)[0]
+    assert np.std(left) < 1e-9 * np.std(wanted)
