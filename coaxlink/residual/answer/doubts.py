@@ -31,13 +31,14 @@ def with_rivals(
     """
     if not j.selection.members or j.selection.doubtful:
         return j
-    found = rivalries(problem, j.joint, fitted, derived)
+    yielding = floor is not None
+    found = rivalries(problem, j.joint, fitted, derived, yielding=yielding)
     for _ in range(SWAPS if floor else 0):
         lost = min((r for r in found if r.lost), key=lambda r: r.nats, default=None)
         if lost is None or floor is None:
             break
         j = _swapped(j, lost, fitted, floor)
-        found = rivalries(problem, j.joint, fitted, derived)
+        found = rivalries(problem, j.joint, fitted, derived, yielding=yielding)
     return _doubted(j, problem, found, derived)
 
 

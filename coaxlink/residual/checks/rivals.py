@@ -57,10 +57,13 @@ class Rivalry:
         return self.nats < (APART if self.form else -APART)
 
 
-def rivalries(problem: Problem, joint: Joint, fitted: Fitted, derived: Collection[str] = ()) -> list[Rivalry]:
+def rivalries(
+    problem: Problem, joint: Joint, fitted: Fitted, derived: Collection[str] = (), *, yielding: bool = False
+) -> list[Rivalry]:
     """Every member of a joint fit against the other effects of `problem`, which has each in all its forms.
 
-    Members named in `derived` have another reason than a smaller error, and no rival.
+    Members named in `derived` have another reason than a smaller error, and no rival. `yielding`: a claim gives
+    way to what is ahead of it; rivals are then looked for about a fit of what stays.
     """
     judge, out = Judge(problem), []
     members = {m.name: m for m in joint.members}
@@ -68,7 +71,8 @@ def rivalries(problem: Problem, joint: Joint, fitted: Fitted, derived: Collectio
     claimed = _Held.of(joint)
     for mine in [o for o in options if o.name not in derived]:
         rest = [o for o in options if o is not mine]
-        screened = [(rest, trial) for trial in _in_its_place(problem, judge, mine, rest, members, fitted)]
+        alone = fitted(rest, {o.name: members[o.name] for o in rest}) if yielding and rest else None
+        screened = [(rest, trial) for trial in _in_its_place(problem, judge, mine, rest, alone)]
         for others, rival in [*screened, *_of_other_forms(judge, rest)]:
             settled = {o.name: members[o.name] for o in others}
             swapped = fitted([*others, rival.option], settled)
@@ -81,7 +85,7 @@ def rivalries(problem: Problem, joint: Joint, fitted: Fitted, derived: Collectio
                 both = fitted([*others, rival.option, mine], {**settled, mine.name: members[mine.name]})
                 own = _Held.of(both).ahead_of(instead)
                 # a better form of what stays is no reason to give it up, a better name for it is
-                nats = own if own >= max(APART, 0.0 if form else -nats) else nats
+                nats = own if own >= max(APART, -nats if yielding and not form else 0.0) else nats
             out.append(Rivalry(mine, tuple(others), rival, nats, form))
     return out
 
@@ -91,17 +95,15 @@ def _in_its_place(
     judge: Judge,
     mine: Option,
     rest: list[Option],
-    members: Mapping[str, Member],
-    fitted: Fitted,
+    alone: Joint | None,
 ) -> list[Trial]:
-    """What could stand in for an effect beside the others, which are fitted without it first.
+    """What could stand in for an effect beside the others, about the fit of these `alone` where there is one.
 
     Members that stay found their shapes beside the one that is given up; in a shape of the grid they leave so
     much that nothing else shows.
     """
     stays = rest
-    if rest:
-        alone = fitted(rest, {o.name: members[o.name] for o in rest})
+    if alone is not None:
         judge = Judge(beside_directly(problem, alone))
         stays = list(judge.problem.options[: len(alone.members)])
         mine = of_grid(judge.problem, [mine])[0]
