@@ -62,8 +62,8 @@ def rivalries(
 ) -> list[Rivalry]:
     """Every member of a joint fit against the other effects of `problem`, which has each in all its forms.
 
-    Members named in `derived` have another reason than a smaller error, and no rival. `yielding`: a claim gives
-    way to what is ahead of it; rivals are then looked for about a fit of what stays.
+    Members named in `derived` have another reason than a smaller error, and no rival. `yielding`: a claim
+    gives way to what is ahead of it; rivals are then looked for about a fit of what stays.
     """
     judge, out = Judge(problem), []
     members = {m.name: m for m in joint.members}
