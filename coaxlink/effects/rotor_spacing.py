@@ -73,7 +73,7 @@ def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shap
     if "decay" not in shape and levels > 2:
         forms.append(({**shape, "decay": 1.0}, c))
     if not {*shape} & {*OF_LOADS}:
-        forms.append(({**shape, "whole": 1.0}, np.zeros(2)))
+        forms.append(({**{k: v for k, v in shape.items() if k != "apart"}, "whole": 1.0}, np.zeros(2)))
     return forms
 
 
@@ -83,20 +83,15 @@ def _names(p: Numbers) -> tuple[str, ...]:
 
 
 def alike_shapes(frame: StandFrame) -> list[Shape]:
-    """Both rotors gain or lose by the same share: what each draws through the other is less."""
+    """Both rotors gain or lose by one share (each draws less through the other), or the lower one alone."""
     forms: tuple[Shape, ...] = ({}, {"decay": 1.0})
-    return [{"alike": 1.0, **place, **form} for place in _places(frame) for form in forms]
+    alike = [{"alike": 1.0, **place, **form} for place in _places(frame) for form in forms]
+    return [*alike, *({"whole": 1.0, **form} for form in forms)]
 
 
 def _places(frame: StandFrame) -> list[Shape]:
     """Where the base may hold."""
     return [{}] if frame.free_base else [{"apart": a} for a in APART]
-
-
-def _spacing_shapes(frame: StandFrame) -> list[Shape]:
-    """The wake's part of the lower loads goes with the spacing, or their whole."""
-    forms: tuple[Shape, ...] = ({}, {"whole": 1.0})
-    return [{**place, **form} for form in forms for place in _places(frame)]
 
 
 def _spacing_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
@@ -130,7 +125,7 @@ STAND: Tracing[StandFrame] = Tracing(
         "torque_loads_share": "1",
     },
     missing=_no_spacing,
-    shapes=_spacing_shapes,
+    shapes=_places,
     columns=_spacing_columns,
     parameters=_spacing_parameters,
     inverse=_spacing_inverse,

@@ -197,7 +197,27 @@ def _against_rivals(j: Judged) -> Judged:
         chosen = Selection(members=list(options))
         return fit_jointly(problem, chosen, frame, known, reducing(frame), settled)[0]
 
-    return with_rivals(j, problem, fitted, floor=lambda joint: floor_beside(frame, joint))
+    told = with_rivals(j, problem, fitted, floor=lambda joint: floor_beside(frame, joint))
+    return told if {m.name for m in told.joint.members} <= names else _still_there(told, fitted)
+
+
+def _still_there(j: Judged, fitted: Callable[[Sequence[Option], Mapping[str, Member]], Joint]) -> Judged:
+    """The judgement without what took another's place and does not stand there itself."""
+    frame = j.problem.frame
+    acting = composed(frame, [(m.effect, m.parameters(frame)) for m in j.joint.members])
+    judge, options = Judge(j.joint.problem), list(j.joint.problem.options)
+    refused = {
+        o.name for o in options if judge.trial([x for x in options if x is not o], o).why_not is not None
+    }
+    gone = refused or explained_by_time(j.joint, acting, reducing(frame)) or minor(j.joint, j.floor)
+    if not gone:
+        return j
+    selection = undone(j.selection, gone)
+    why = "took another's place, and does not stand there"
+    selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(gone)]
+    settled = {m.name: m for m in j.joint.members}
+    joint = fitted([*selection.members, *selection.doubtful], settled)
+    return replace(j, selection=selection, joint=joint, floor=floor_beside(frame, joint))
 
 
 def _asks_for_a_law(problem: Problem) -> bool:
