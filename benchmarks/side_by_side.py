@@ -28,6 +28,7 @@ from typing import Any
 WRAPPER = """#!/bin/sh
 export PYTHONPATH={code}
 for a in "$@"; do [ "$was" = --json ] && json=$a; was=$a; done
+cd {kept}  # python -m looks where it stands first
 {python} -m coaxlink "$@" || exit $?
 cp "$json" {kept}/$(date +%s%N).json
 """
@@ -39,9 +40,9 @@ def asked(code: Path, log: Path, out: Path) -> tuple[dict[str, Any], float]:
     if not kept.exists():
         environment = os.environ | {"PYTHONPATH": str(code)}
         fresh = kept.with_suffix(".new")
-        command = [sys.executable, "-m", "coaxlink", "refine", str(log), "--json", str(fresh)]
+        command = [sys.executable, "-m", "coaxlink", "refine", str(log.resolve()), "--json", str(fresh)]
         start = time.perf_counter()
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, env=environment, cwd=out, capture_output=True, text=True, check=False)
         answer = {"error": (done.stderr.strip().splitlines() or ["?"])[-1]}
         if fresh.exists():
             answer = json.loads(fresh.read_text())
@@ -77,7 +78,7 @@ def graded(code: Path, worlds: Path, out: Path) -> str:
         wrapper = Path(scratch) / "coaxlink"
         wrapper.write_text(WRAPPER.format(code=code, kept=out, python=sys.executable))
         wrapper.chmod(0o755)
-        grader = [sys.executable, str(worlds.parent / "grade.py"), str(worlds)]
+        grader = [sys.executable, str(worlds.parent / "grade.py"), str(worlds.resolve())]
         environment = os.environ | {"COAX": str(wrapper)}
         done = subprocess.run(grader, env=environment, capture_output=True, text=True, check=False)
     (out / "grade.txt").write_text(done.stdout + done.stderr)
@@ -95,7 +96,10 @@ def main() -> None:
     parser.add_argument("--data", type=Path)
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "coaxlink-side-by-side")
     a = parser.parse_args()
-    named = [(code.resolve(), f"{code.name or 'here':12s}", a.out / str(k)) for k, code in enumerate(a.code)]
+    named = [
+        (code.resolve(), f"{code.name or 'here':12s}", a.out.resolve() / str(k))
+        for k, code in enumerate(a.code)
+    ]
     for worlds in a.worlds:
         for code, name, out in named:
             print(f"{worlds.name:8s} {name} {graded(code, worlds, out / worlds.name)}", flush=True)

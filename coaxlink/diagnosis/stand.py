@@ -230,8 +230,14 @@ def _forms(
             {
                 "upper_speed": u[:, 0],
                 "lower_speed": u[:, 1],
-                "upper_speed + lower_speed": u.sum(axis=1),
-                "upper_speed - lower_speed": u[:, 0] - u[:, 1],
+                **(
+                    {
+                        "upper_speed + lower_speed": u.sum(axis=1),
+                        "upper_speed - lower_speed": u[:, 0] - u[:, 1],
+                    }
+                    if min(np.ptp(u, axis=0)) > 0.0
+                    else {}
+                ),  # where one stands still: the other's own
             }
             if loads
             else {"upper_speed": drive[:, 0], "lower_speed": drive[:, 1]}

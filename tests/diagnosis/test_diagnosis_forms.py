@@ -10,6 +10,7 @@ from residual_rig import run
 
 from coaxlink.data import Samples
 from coaxlink.diagnosis.meters import calmed
+from coaxlink.diagnosis.stand import _forms
 from coaxlink.effects import effect
 from coaxlink.residual import refine_stand
 from coaxlink.residual.channels.stand import stand_frame
@@ -169,3 +170,23 @@ def test_a_governor_loses_speed_where_its_supply_runs_out(paper):
     held = 0.8 * volts / np.median(volts)
     np.testing.assert_allclose(lost, np.maximum(frame.throttles - held[:, None], 0.0), atol=2e-3)
     assert lost.max() > 0.05
+
+
+def test_a_rotor_that_stands_still_has_no_sum_of_speeds():
+    u = np.column_stack([np.linspace(0.2, 1.0, 50), np.zeros(50)])
+    forms = _forms(
+        ["upper_thrust"], {"time_s": np.arange(50.0)}, np.ones((50, 1)), np.ones(1), [0], u, u, True
+    )
+    variables = {form.split("|")[0] for form in forms}
+    assert variables == {"time_s", "upper_speed"}
+    turning = _forms(
+        ["upper_thrust"],
+        {"time_s": np.arange(50.0)},
+        np.ones((50, 1)),
+        np.ones(1),
+        [0],
+        u + 0.1 * u[::-1, :1],
+        u,
+        True,
+    )
+    assert any("lower_speed" in form for form in turning)
