@@ -20,10 +20,8 @@ from coaxlink.residual.channels.stand_problem import known_parts, reducing, stan
 from coaxlink.residual.regression.joint_model import composed
 from coaxlink.rotor import RotorModel
 
-ORDERS: Orders = (
-    (4,),
-    (4,),
-)  # of a base fitted to the log itself, as the coaxial rotor model's (Berra et al. 2024)
+# of a base fitted to the log itself, as the coaxial rotor model's (Berra et al. 2024)
+ORDERS: Orders = ((4,), (4,))
 WIDE = 3.0  # of the reference load: prior of the terms of such a base, so wide that it holds nothing back
 # of a longer log, one stretch of rows in so many is searched (judgement: seconds of a search)
 MANY_ROWS, STRETCH = 1500, 64
@@ -226,22 +224,11 @@ def _forms(
                     out[f"{variable}|{name}|{length}|{size}"] = partial(
                         _form, name, values, length, size, weights[:, k], reference[k], k, count
                     )
-        ways = (
-            {
-                "upper_speed": u[:, 0],
-                "lower_speed": u[:, 1],
-                **(
-                    {
-                        "upper_speed + lower_speed": u.sum(axis=1),
-                        "upper_speed - lower_speed": u[:, 0] - u[:, 1],
-                    }
-                    if min(np.ptp(u, axis=0)) > 0.0
-                    else {}
-                ),  # where one stands still: the other's own
-            }
-            if loads
-            else {"upper_speed": drive[:, 0], "lower_speed": drive[:, 1]}
-        )
+        own = u if loads else drive
+        ways = {"upper_speed": own[:, 0], "lower_speed": own[:, 1]}
+        if loads and min(np.ptp(u, axis=0)) > 0.0:  # where one stands still, that is the other's own speed
+            ways["upper_speed + lower_speed"] = u.sum(axis=1)
+            ways["upper_speed - lower_speed"] = u[:, 0] - u[:, 1]
         for variable, values in ways.items():
             if np.ptp(values) < 0.1 or len(np.unique(np.round(values, 3))) < 8:
                 continue

@@ -23,14 +23,8 @@ from coaxlink.frames import STAND_CHANNELS, StandFrame
 
 SIDES = {"upper": 0, "lower": 1}
 REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
-GAPS = (
-    0.015,
-    0.03,
-    0.045,
-    0.06,
-    0.09,
-    0.13,
-)  # of the throttle: starts of the fit, no judgement
+# of the throttle: starts of the fit, no judgement
+GAPS = (0.015, 0.03, 0.045, 0.06, 0.09, 0.13)
 SHARES = (0.7, 1.4)  # judgement, as of `rotor_lag`: of the play, what the speeds feel; 1 is physics
 RELAY_STEP, RELAY_WIDEST, RELAY_FINER = 0.06, 0.35, (0.02, 0.007)  # of normalised speed
 RELAY_MOST = 2.0  # of normalised speed: what runs further is no speed

@@ -96,8 +96,8 @@ def judge_stand(
             continue
         progress("fitting candidates")
         bare = stand_frame(samples, model, orders, shed.get(again), trusted)
-        named = law or model is not None or (best is not None and _of_speed(best[1].joint.members))
-        base = again, named, {load: set(named) for load, named in bare.model.terms().items()}
+        any_name = law or model is not None or (best is not None and _of_speed(best[1].joint.members))
+        base = again, any_name, {load: set(named) for load, named in bare.model.terms().items()}
         if base in tried:
             continue
         tried.append(base)
@@ -107,7 +107,7 @@ def judge_stand(
         problem = stand_problem(composed(bare, known))
         if law and not _asks_for_a_law(problem):
             continue
-        barred = () if named else OF_SPEED
+        barred = () if any_name else OF_SPEED
         progress("selecting")
         few = len(trusted) < LEAST_ROWS
         if few:
@@ -197,8 +197,8 @@ def _against_rivals(j: Judged) -> Judged:
         chosen = Selection(members=list(options))
         return fit_jointly(problem, chosen, frame, known, reducing(frame), settled)[0]
 
-    told = with_rivals(j, problem, fitted, floor=lambda joint: floor_beside(frame, joint))
-    return told if {m.name for m in told.joint.members} <= names else _still_there(told, fitted)
+    judged = with_rivals(j, problem, fitted, floor=lambda joint: floor_beside(frame, joint))
+    return judged if {m.name for m in judged.joint.members} <= names else _still_there(judged, fitted)
 
 
 def _still_there(j: Judged, fitted: Callable[[Sequence[Option], Mapping[str, Member]], Joint]) -> Judged:

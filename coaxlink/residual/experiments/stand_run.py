@@ -206,9 +206,10 @@ def separated(
     def best_of(plans: Sequence[tuple[Any, ...]]) -> tuple[tuple[float, str], tuple[Any, ...]]:
         return max(((far(p), p) for p in plans), key=lambda x: _worth(x[0][0], x[1]))
 
-    (best, channel), chosen = best_of(moves)
+    alone = [(far(m), m) for m in moves]
+    (best, channel), chosen = max(alone, key=lambda x: _worth(x[0][0], x[1]))
     if best < CLEAR:  # alone, no move tells: some need another to be seen against
-        first = sorted(moves, key=lambda m: -_worth(far(m)[0], m))[:MOST_PAIRED]
+        first = [m for _, m in sorted(alone, key=lambda x: -_worth(x[0][0], x[1]))[:MOST_PAIRED]]
         (best, channel), chosen = best_of([(*a, *b) for i, a in enumerate(first) for b in first[i + 1 :]])
     if best < 1.0:
         return None
