@@ -1,7 +1,7 @@
 """Hidden against found: logs with an undeclared effect, fault or nothing in them, through `refine`.
 
     python benchmarks/blind.py [--seeds 20] [--clean 100] [--only NAME,...] [--kind stand|flight]
-                               [--family other,same,law] [--jobs 2 | --scheduler ADDRESS]
+                               [--family other,same,law] [--every 2] [--jobs 2 | --scheduler ADDRESS]
                                [--folder F] [--json F] [--report]
 
 Three rooms that share no code. *Worlds* (`blind_stand`, `blind_flight`, `sim`) write a log into F/logs and
@@ -63,6 +63,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="names; doubles as A+B; clean")
     parser.add_argument("--kind", nargs="+", choices=("stand", "flight"), default=["stand", "flight"])
     parser.add_argument("--family", default="other,same,law")
+    parser.add_argument("--every", type=int, default=1, help="only every so many worlds of these, all seeds")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--scheduler", help="of a Dask cluster, instead of processes here")
     parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "coaxlink-blind")
@@ -90,6 +91,7 @@ def main() -> None:
         made_in = a.folder / "logs" if a.make else answers
         ending = ".task.json" if a.make else ".json"
         missing = [k for k, c in enumerate(todo) if not (made_in / f"{c.name}{ending}").exists()]
+        missing = [k for k in missing if k % a.every == 0]
         for done in run(work, wanted, iter(missing), Machine(a.jobs, a.scheduler)):
             for name, truth, answer in zip(*(done.rows[c] for c in ("name", "truth", "answer")), strict=True):
                 write(a.folder / "truth" / f"{name}.json", truth)

@@ -60,6 +60,10 @@ class FlightFrame:
     rounding: Array = field(default_factory=lambda: np.zeros(6))  # (6,) noise of coarse sensor readings
     notes: tuple[str, ...] = ()
     extra: Mapping[str, Array] = field(default_factory=dict)
+    # what an effect added last, by its function and shape; a changed frame starts without
+    last_columns: list[tuple[object, Mapping[str, float], Array]] = field(
+        default_factory=list, init=False, repr=False, compare=False
+    )
 
     @property
     def weight(self) -> float:
@@ -135,6 +139,10 @@ class StandFrame:
     keep: NDArray[np.intp]
     notes: tuple[str, ...] = ()
     surfaces: Mapping[int, Surface] = field(default_factory=dict)  # by load: what the fitted terms miss
+    # as a flight's
+    last_columns: list[tuple[object, Mapping[str, float], Array]] = field(
+        default_factory=list, init=False, repr=False, compare=False
+    )
 
     def context(self, name: str) -> Array | None:
         """A recorded column, or None."""

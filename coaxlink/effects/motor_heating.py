@@ -83,11 +83,14 @@ def _own_heat(frame: StandFrame, memory_s: float) -> Array:
     power, step = drive(frame) ** 3, np.diff(frame.time_s, prepend=frame.time_s[:1])
     usual = float(np.median(step))
     keep = np.exp(-np.maximum(step, 0.0) / memory_s)
-    now, out = np.zeros(2), np.empty_like(power)
-    for k in range(len(power)):
-        took = 1.0 - np.exp(-min(max(step[k], 0.0), 2.0 * usual) / memory_s)
-        now = now * keep[k] + took * power[k]
-        out[k] = now
+    took = 1.0 - np.exp(-np.clip(step, 0.0, 2.0 * usual) / memory_s)
+    out = np.empty_like(power)
+    for side in (0, 1):  # by plain numbers: a search asks for it hundreds of times
+        now, states = 0.0, []
+        for k, added in zip(keep.tolist(), (took * power[:, side]).tolist(), strict=True):
+            now = now * k + added
+            states.append(now)
+        out[:, side] = states
     return out
 
 

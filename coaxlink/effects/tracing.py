@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Shape = Mapping[str, float]
 Frame = TypeVar("Frame")
+KEPT_ROWS = 40_000  # of columns that a frame keeps: megabytes
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,17 @@ class Tracing(Generic[Frame]):
     def contribution(self, frame: Frame, parameters: Mapping[str, float]) -> Array:
         """(rows, channels) that the effect adds with these physical parameters."""
         shape, coefficients = self.inverse(frame, parameters)
-        return np.asarray(self.columns(frame, shape) @ coefficients)
+        return np.asarray(self._columns_at(frame, shape) @ coefficients)
+
+    def _columns_at(self, frame: Frame, shape: Shape) -> Array:
+        """The columns; a short frame keeps the last ones: coefficients move more often than shapes."""
+        last: list[tuple[object, Shape, Array]] = frame.last_columns  # type: ignore[attr-defined]
+        if last and last[0][0] is self.columns and last[0][1] == shape:
+            return last[0][2]
+        columns = np.asarray(self.columns(frame, shape))
+        if len(columns) < KEPT_ROWS:
+            last[:] = [(self.columns, dict(shape), columns)]
+        return columns
 
     def acting(self, frame: Frame, parameters: Mapping[str, float]) -> Frame:
         """The frame with the effect in its prediction."""

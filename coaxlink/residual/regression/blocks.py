@@ -205,8 +205,9 @@ def _inside(gram: Array, moment: Array, limit: Array, value: Array) -> Array:
         fixed[worst] = True
         value[worst] = np.sign(value[worst]) * limit[worst]
         free = ~fixed
-        known = gram[np.ix_(free, fixed)] @ value[fixed]
-        value[free] = solved(gram[np.ix_(free, free)], (moment[free] - known)[:, None])[:, 0]
+        rows = gram[free]
+        known = rows[:, fixed] @ value[fixed]
+        value[free] = solved(rows[:, free], (moment[free] - known)[:, None])[:, 0]
     return value
 
 

@@ -89,6 +89,10 @@ def composed(frame: Any, parts: Sequence[Part]) -> Any:
     return frame
 
 
+def _same(a: Part, b: Part) -> bool:
+    return a[0] is b[0] and a[1] == b[1]
+
+
 @dataclass(frozen=True)
 class Joint:
     """A problem about the best point of its members; option k of the problem is member k."""
@@ -131,10 +135,21 @@ class Fitter:
         self.problem, self.bare, self.fixed, self.reduce = problem, bare, fixed, reduce
         self._base = problem.design[:, :, problem.base] if base is None else base
         self._fitted_base = base is not None
+        self._last: list[tuple[Part, Any]] = []  # what acted last, in order, and the frame it left
 
     def acting(self, members: Sequence[Member]) -> Any:
-        """The frame with the members acting."""
-        return composed(self.bare, [*self.fixed, *((m.effect, m.parameters(self.bare)) for m in members)])
+        """The frame with the members acting, from the first on that acts otherwise than it did last."""
+        parts = [*self.fixed, *((m.effect, m.parameters(self.bare)) for m in members)]
+        parts.sort(key=lambda part: part[0].stage)
+        same = 0
+        while same < min(len(parts), len(self._last)) and _same(parts[same], self._last[same][0]):
+            same += 1
+        del self._last[same:]
+        frame = self._last[-1][1] if same else self.bare
+        for effect, parameters in parts[same:]:
+            frame = effect.acting(frame, parameters)
+            self._last.append(((effect, parameters), frame))
+        return frame
 
     def prediction(self, members: Sequence[Member]) -> Array:
         """(frame rows, channels) with the members acting."""
