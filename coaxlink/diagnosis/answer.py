@@ -18,7 +18,15 @@ from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
 from coaxlink.residual.regression.joint_model import ONSET, Fitter, straight
 from coaxlink.residual.regression.problem import Problem, build
-from coaxlink.residual.result import Ambiguous, Refinement, Rejected, Step, Suspect, Unexplained
+from coaxlink.residual.result import (
+    Ambiguous,
+    Refinement,
+    Rejected,
+    Step,
+    Suspect,
+    Unexplained,
+    probability,
+)
 from coaxlink.residual.search.select import Selection
 from coaxlink.signals import noise_floor
 
@@ -69,7 +77,11 @@ def answered(
     effects = tuple(
         replace(
             e,
-            evidence={**e.evidence, "probability": round(found.of(e.name), 4), "nats": _worth(found, e.name)},
+            evidence={
+                **e.evidence,
+                "probability": probability(found.of(e.name)),
+                "nats": _worth(found, e.name),
+            },
         )
         for e in out.effects
     )
@@ -138,7 +150,9 @@ def _doubts(ch: Channels, found: Posterior, said: Claims) -> tuple[Ambiguous, ..
         if plan
         else "no run inside what this log has seen tells them apart: record more of what each needs"
     )
-    return (Ambiguous(names, told, plan),)
+    held = np.array([found.of(name) for name in names])
+    shares = tuple(probability(float(p)) for p in held / np.sum(held))
+    return (Ambiguous(names, told, plan, shares),)
 
 
 def _unexplained(ch: Channels, found: Posterior, said: Claims) -> list[Unexplained]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coaxlink import files
-from coaxlink.report.refine import number
+from coaxlink.report.refine import either, number
 
 if TYPE_CHECKING:
     from coaxlink.report.demo import FlightErrors
@@ -126,7 +126,7 @@ def _doubts(result: LoopResult) -> Iterator[str]:
     if result.log_separating is not None:
         yield f"flown to separate rivals: {result.log_separating}"
     for a in found.ambiguous:
-        said = f"ambiguous: {' or '.join(a.names)}"
+        said = f"ambiguous: {either(a)}"
         tell_apart = f"; to separate: {a.separate_by}" if a.separate_by else ""
         ask = "; coaxlink loop --separate flies that" if a.experiment and not result.log_separating else ""
         yield f"{said}{tell_apart}{ask}"

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from coaxlink.residual.result import Refinement
+from coaxlink.residual.result import Ambiguous, Refinement
 
 DIGITS = 3
-SURE = 0.999  # more is not told apart: of claims held above it some are wrong (docs/evidence.md)
 COLOURED = 1.5  # times the noise between neighbouring rows: no noise floor any more
 
 
@@ -51,12 +50,18 @@ def surface(result: Refinement) -> str:
 
 
 def _probable(evidence: Mapping[str, Any]) -> str:
-    """How probable a claim is, never certain, and by how much no other name is."""
-    p = evidence["probability"]
-    said = "probability above 0.999" if p > SURE else f"probability {p:.3f}"
+    """How probable a claim is, and by how much no other name is."""
+    said = f"probability {evidence['probability']:.2f}"
     if "nats" not in evidence or evidence.get("method") == "posterior":
         return said
     return f"{said}, {evidence['nats']:.0f} nats ahead of any other name"
+
+
+def either(a: Ambiguous) -> str:
+    """The names of a doubt, with how probable each is."""
+    if not a.probability:
+        return " or ".join(a.names)
+    return " or ".join(f"{n} (probability {p:.2f})" for n, p in zip(a.names, a.probability, strict=True))
 
 
 def remarks(result: Refinement) -> Iterator[str]:
@@ -65,9 +70,7 @@ def remarks(result: Refinement) -> Iterator[str]:
         if "probability" in e.evidence:
             yield f"{e.name}: {_probable(e.evidence)}"
     for a in result.ambiguous:
-        yield f"ambiguous: {' or '.join(a.names)}" + (
-            f"; to separate: {a.separate_by}" if a.separate_by else ""
-        )
+        yield f"ambiguous: {either(a)}" + (f"; to separate: {a.separate_by}" if a.separate_by else "")
     for u in result.unexplained:
         yield f"unexplained: {u.channel} still follows {', '.join(u.depends_on)} ({u.where})"
     if result.surface and not result.at_floor:

@@ -29,6 +29,7 @@ from coaxlink.residual.result import (
     SmoothSurface,
     Suspect,
     Unexplained,
+    probability,
 )
 from coaxlink.residual.search.select import Selection
 from coaxlink.residual.search.trial import columns_of
@@ -224,7 +225,7 @@ def _evidence(j: Judged, name: str) -> dict[str, Any]:
     if name in j.ahead:
         chance = min(float(out.get("p_value", 0.0)), 1.0)
         others = float(np.sum(np.exp(-np.clip(j.ahead[name], 0.0, 700.0))))
-        out["probability"] = round((1.0 - chance) / (1.0 + others), 4)
+        out["probability"] = probability((1.0 - chance) / (1.0 + others))
         if j.ahead[name]:
             out["nats"] = round(min(j.ahead[name]), 1)
     was = [dict(parameters) for effect, parameters in j.known if effect.name == name]

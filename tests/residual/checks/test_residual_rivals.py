@@ -60,6 +60,9 @@ def test_two_causes_in_step_are_a_doubt_and_no_name(seed):
     assert not answer.effects
     (doubt,) = answer.ambiguous
     assert {"air_density", "rotor_spacing"} <= set(doubt.names)
+    chance = dict(zip(doubt.names, doubt.probability, strict=True))
+    assert all(0.001 < chance[name] < 0.98 for name in ("air_density", "rotor_spacing"))
+    assert sum(doubt.probability) == pytest.approx(0.98, abs=1e-3)  # it may be what has no name yet
     assert "rotor_spacing_m stands still" in doubt.separate_by
     assert not answer.unexplained  # what either would explain is no open end
 
