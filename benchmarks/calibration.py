@@ -1,11 +1,10 @@
-"""Of what the evidence engine held at probability p, how much was there: a reliability table and picture.
+"""Of the names that `refine` gave at probability p, how many were there: a reliability table and picture.
 
-    COAXLINK_ENGINE=evidence python benchmarks/blind.py --first 950 --seeds 1 --kind stand --folder F
+    python benchmarks/blind.py --first 3000 --seeds 20 --clean 20 --every 3 --folder F
     python benchmarks/calibration.py F/answers-HASH [--plot reliability.png]
 
-Reads the answers that `blind.py` keeps (its names say what was hidden): every effect that an answer weighs,
-named or not, counts with its probability. Gneiting, Balabdaoui and Raftery 2007 for what calibrated means;
-Wilson
+Reads the answers that `blind.py` keeps: every effect that is claimed and every name of a doubt (`ambiguous`)
+counts with its probability. Gneiting, Balabdaoui and Raftery 2007 for what calibrated means; Wilson
 intervals. A world's name is the truth: `stand-other-drift+ground_effect-950`.
 """
 
@@ -13,29 +12,28 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
 from blind_score import wilson
 
-EDGES = (0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-9)
-SAID = re.compile(r"probability ([0-9.e+-]+)")
+EDGES = (0.0, 0.1, 0.35, 0.65, 0.9, 1.0 + 1e-9)
 
 
 def weighed(folder: Path) -> Iterator[tuple[float, bool, bool]]:
-    """(probability, whether it is there, whether it was claimed) of every effect of every answer."""
+    """(probability, whether it is there, whether it was claimed) of every name of every answer."""
     for path in sorted(folder.glob("*.json")):
         answer = json.loads(path.read_text())
         if "failed" in answer:
             continue
         hidden = set(path.stem.split("-", 2)[2].rsplit("-", 1)[0].split("+"))
         for effect in answer["effects"]:
-            yield float(effect["evidence"]["probability"]), effect["name"] in hidden, True
-        for other in answer["rejected"]:
-            if found := SAID.match(other["why"]):
-                yield float(found[1]), other["name"] in hidden, False
+            if "probability" in effect["evidence"]:  # a mass told by its torques is not weighed
+                yield float(effect["evidence"]["probability"]), effect["name"] in hidden, True
+        for doubt in answer["ambiguous"]:
+            for name, p in zip(doubt["names"], doubt.get("probability", ()), strict=False):
+                yield float(p), name in hidden, False
 
 
 def bins(folder: Path) -> list[tuple[float, float, int, int, float]]:
@@ -85,7 +83,7 @@ def draw(rows: list[tuple[float, float, int, int, float]], target: Path) -> None
         low, high = wilson(there, count)
         axis.plot([mean, mean], [low, high], color="C0")
         axis.plot(mean, there / count, "o", color="C0")
-    axis.set(xlabel="probability of the engine", ylabel="share that is there (95 %)")
+    axis.set(xlabel="probability that refine gives a name", ylabel="share that is there (95 %)")
     axis.set(xlim=(0, 1), ylim=(0, 1))
     figure.savefig(target, dpi=120, bbox_inches="tight")
 

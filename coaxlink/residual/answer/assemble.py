@@ -15,7 +15,13 @@ from coaxlink.residual.base.rebased_model import rebased_flight
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
 from coaxlink.residual.regression.blocks import bootstrap, error_interval, held_out, solve
-from coaxlink.residual.regression.dependence import colour_limit, dependences, is_coloured, time_path
+from coaxlink.residual.regression.dependence import (
+    colour_limit,
+    dependences,
+    is_coloured,
+    period_of,
+    time_path,
+)
 from coaxlink.residual.regression.joint_model import ONSET, Joint, Part
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import (
@@ -321,13 +327,16 @@ def _unexplained(p: Problem, found: Sequence[Any]) -> list[Unexplained]:
 def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array, left: Array) -> list[Unexplained]:
     """Channels far above their noise though nothing recorded was found that they follow.
 
-    Not where what is left (rows, C) is noise of a colour, as gusts and ringing are.
+    Not where what is left (rows, C) is noise of a colour, as gusts and ringing are: of no period, whose turns
+    may be too fast for a path over time.
     """
     q, rows, out = j.joint.problem, j.problem.blocks.rows, []
     if not j.labelled:
         return []
     gusty = any(o.name == "wind" for o in j.claimed)
     limit = colour_limit(j.floor, q.reference, flown=isinstance(q.frame, FlightFrame))
+    every = np.zeros((len(q.frame.time_s), left.shape[1]))
+    every[q.frame.keep] = left  # a period shows at the rows' own distances
     for c, name in enumerate(q.channels):
         low, _ = error_interval(squares[:, c], rows)
         rms = float(q.sigma[c]) * _rms(squares[:, c], rows)
@@ -335,8 +344,10 @@ def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array, left: 
         if name in {u.channel for u in attributed} or float(q.sigma[c]) * low < SILENT * j.floor[c]:
             continue
         enough = excess > (GUSTS if gusty else SILENT_SIZE) * q.reference[c]
-        if enough and not is_coloured(*time_path(left[:, c]), limit[c]):
+        period = period_of(every[:, c]) if enough else None
+        if enough and (period or not is_coloured(*time_path(left[:, c]), limit[c])):
             where = f"{rms / j.floor[c]:.1f} times the noise between neighbouring rows, by nothing recorded"
+            where += f", with a period of {period:.1f} rows" if period else ""
             where += ": the wind is not steady" if gusty else ""
             out.append(Unexplained(name, ("time_s",), excess, where))
     return out

@@ -133,9 +133,20 @@ def is_coloured(path: Array, width: int, limit: float) -> bool:
     most = float(norm.isf(0.5 * ALPHA / max(width, 1)))
     if spread > limit or float(np.max(np.abs(path))) > most * spread:
         return False
-    power = np.abs(np.fft.rfft(path)) ** 2
+    return period_of(path) is None
+
+
+def period_of(values: Array) -> float | None:
+    """Of values (rows,) at equal distances, the period in rows that holds most of their power, or None.
+
+    >>> round(period_of(np.sign(np.sin(np.arange(500) * np.pi / 8.0 + 0.1))), 1)
+    16.1
+    """
+    power = np.abs(np.fft.rfft(values)) ** 2
     k = int(np.argmax(power))
-    return k < CYCLES or float(power[k - 1 : k + 2].sum()) <= LINE * float(power.sum())
+    if k < CYCLES or float(power[k - 1 : k + 2].sum()) <= LINE * float(power.sum()):
+        return None
+    return len(values) / k
 
 
 def time_path(residual: Array) -> tuple[Array, int]:
