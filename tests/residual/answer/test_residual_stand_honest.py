@@ -127,3 +127,15 @@ def test_a_stretched_scale_is_a_dead_band_though_no_throttle_was_low(paper):
     answer = refined(columns | dict(zip(named, loads, strict=True)), paper)
     assert names(answer) == ["dead_band"]
     assert {p.name: p.value for p in answer.effects[0].parameters}["band"] == pytest.approx(0.12, abs=0.02)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_period_of_a_few_rows_is_no_noise(paper, given):
+    """Faster than any course over time: a cell that flips to and fro every three rows."""
+    columns = run(seed=12)
+    flips = np.where(np.arange(len(columns["time_s"])) % 6 < 3, 1.0, -1.0)
+    columns["lower_thrust_N"] = columns["lower_thrust_N"] + 2.5 * flips
+    answer = refined(columns, paper if given else None)
+    assert not answer.effects and not answer.ambiguous
+    (left,) = answer.unexplained
+    assert left.channel == "lower_thrust" and "with a period of 6.0 rows" in left.where
