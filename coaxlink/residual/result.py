@@ -6,7 +6,7 @@ they are judged by has not seen.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +70,16 @@ def probability(weighed: float) -> float:
     0.98
     """
     return round(AMONG_KNOWN * weighed, 4)
+
+
+def probabilities(behind: Sequence[float]) -> tuple[float, ...]:
+    """Of each name of a doubt, from how many nats it lies behind the first.
+
+    >>> probabilities([0.0, 0.0])
+    (0.49, 0.49)
+    """
+    odds = np.exp(-np.clip(behind, -700.0, 700.0))
+    return tuple(probability(float(p)) for p in odds / np.sum(odds))
 
 
 @dataclass(frozen=True)

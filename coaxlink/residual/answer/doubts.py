@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import replace
 
-import numpy as np
-
 from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, separable
 from coaxlink.residual.checks.rivals import Fitted, Rivalry, rivalries
 from coaxlink.residual.regression.joint_model import Joint
 from coaxlink.residual.regression.problem import Problem
-from coaxlink.residual.result import Ambiguous, Step, probability
+from coaxlink.residual.result import Ambiguous, Step, probabilities
 from coaxlink.residual.search.select import Selection
 
 SWAPS = 2
@@ -77,9 +75,7 @@ def _doubted(j: Judged, problem: Problem, found: list[Rivalry], derived: Collect
         last = {r.rival.option.name: r.rival for r in mine}
         here = Selection(members=list(mine[0].rest), doubtful=[mine[0].option], last=last)
         behind = {r.rival.option.name: r.nats for r in mine}
-        odds = np.exp(-np.clip([0.0, *behind.values()], -700.0, 700.0))
-        shares = tuple(probability(float(p)) for p in odds / np.sum(odds))
-        doubt = Ambiguous((name, *behind), "", probability=shares)
+        doubt = Ambiguous((name, *behind), "", probability=probabilities([0.0, *behind.values()]))
         doubts.append(separable(problem, here, doubt, j.variables))
     members = [m for m in j.selection.members if m.name not in equals]
     doubtful = [m for m in j.selection.members if m.name in equals]

@@ -12,9 +12,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import logit
+from scipy.stats import norm
 
 from coaxlink.residual.regression.problem import Option, Problem
-from coaxlink.residual.result import Ambiguous, Step
+from coaxlink.residual.result import Ambiguous, Step, probabilities
 from coaxlink.residual.search.trial import Judge, Trial
 
 MOST = 4
@@ -122,7 +124,7 @@ def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) ->
     """Rivals that explain as much on the same blocks, and nothing more once the winner is in."""
     best = judge.sums([*out.members, winner.option])
     start = judge.sums(out.members)
-    rivals = []
+    behind: dict[str, float] = {}  # nats
     for t in good:
         if t is winner or _special_case(t, winner) or _special_case(winner, t):
             continue
@@ -137,9 +139,12 @@ def _note_tie(judge: Judge, out: Selection, winner: Trial, good: list[Trial]) ->
         if likelihood > LITTLE and (exact or steady or not reached):
             continue
         if judge.trial([*out.members, winner.option], t.option).why_not is not None:
-            rivals.append(t.option.name)
-    if rivals:
-        out.ambiguous.append(Ambiguous((winner.option.name, *rivals), ""))
+            # no further ahead than the blocks agree on
+            agreed = float(logit(norm.cdf(lead.sum() / spread)))
+            behind[t.option.name] = min(0.5 * likelihood, agreed)
+    if behind:
+        shares = probabilities([0.0, *behind.values()])
+        out.ambiguous.append(Ambiguous((winner.option.name, *behind), "", probability=shares))
 
 
 def _reconsider(
