@@ -122,6 +122,12 @@ def _dead_apply(frame: StandFrame, parameters: Mapping[str, float]) -> StandFram
     return replace(frame, predicted=predicted)
 
 
+def _entered(frame: StandFrame) -> float:
+    """The lowest throttle that a rotor was given: of a band below it these rows show nothing."""
+    u = drive(frame)[frame.keep]
+    return float(np.min(u[u > 0.0], initial=1.0))
+
+
 def _no_low(frame: StandFrame) -> str | None:
     return None if float(np.mean(drive(frame) < 0.2)) > 0.01 else "no rows at low throttle"
 
@@ -129,15 +135,16 @@ def _no_low(frame: StandFrame) -> str | None:
 def _dead_shapes(frame: StandFrame) -> Sequence[Shape]:
     # where no row is low, a band shows only if it stretches the whole scale
     forms: list[Shape] = [{"stretched": 1.0}] if _no_low(frame) else [{}, {"stretched": 1.0}, {"bend": 2.0}]
-    return [{"band": b, **form} for b in BANDS for form in forms]
+    seen = _entered(frame)
+    return [{"band": b, **form} for b in BANDS for form in forms if b > seen or "stretched" in form]
 
 
-def _dead_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
+def _dead_free(frame: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
     if "cells" in shape:
         return {name: limits for name, limits in CELLS.items() if name in shape}
     # a start threshold stands between two set-points: nothing continuous to move
     if "bend" in shape:
-        return {"band": (0.005, 0.4), "bend": BEND}
+        return {"band": (min(max(0.005, _entered(frame)), 0.39), 0.4), "bend": BEND}
     return {"band": (0.005, 0.4)} if "stretched" in shape else {}
 
 
@@ -167,7 +174,7 @@ def _dead_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Sha
         if rests > turns:  # at one throttle it stands or turns, as it came there
             late = {"band": min(shape["band"], turns), "start": rests + 1e-6}
             forms += [({**late, **form}, c) for form in ({"stretched": 1.0}, {"bend": 1.5}, {})]
-    if "bend" not in shape:
+    if "bend" not in shape and shape["band"] > _entered(frame):
         forms += [({**bare, "bend": b}, c) for b in (1.5, 3.0)]
     return [form for form in forms if form[0] != shape]
 

@@ -127,10 +127,10 @@ def _stepped(u: Array, step_s: float, lag_s: float) -> Array:
 
 
 def _both_ways(target: Array, step_s: float, up_s: float, down_s: float) -> Array:
-    """(rows, 2) behind targets that stand from row to row: one lag up, another down."""
+    """(rows, rotors) behind targets that stand from row to row: one lag up, another down."""
     rise, fall = float(np.exp(-step_s / up_s)), float(np.exp(-step_s / down_s))
     out = np.empty_like(target)
-    for side in (0, 1):
+    for side in range(target.shape[1]):
         now, mine = float(target[0, side]), []
         for commanded in target[:, side].tolist():  # which lag it is, the speed before says
             now = commanded + (now - commanded) * (rise if commanded > now else fall)
@@ -186,7 +186,14 @@ def _late(frame: StandFrame, shape: Shape) -> Array:
 
 
 def _behind(u: Array, step: float, shape: Shape) -> Array:
-    """(rows, 2) speeds behind throttles: one lag, a second stage before it, other lags up and down."""
+    """(rows, rotors) speeds behind throttles: one lag, a second stage before it, other lags up and down.
+
+    With `lower` the lower rotor's lag is so many times the upper one's.
+    """
+    if "lower" in shape:
+        alike = {name: value for name, value in shape.items() if name != "lower"}
+        slower = alike | {"lag_s": shape["lag_s"] * shape["lower"]}
+        return np.concatenate([_behind(u[:, :1], step, alike), _behind(u[:, 1:], step, slower)], axis=1)
     if "damping" in shape:
         return _ringing(u, step, shape)
     lag = shape["lag_s"]
@@ -200,21 +207,28 @@ def _behind(u: Array, step: float, shape: Shape) -> Array:
 
 
 def _lag_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
-    limits = {"lag_s": (0.005, 3.0), "second_s": (0.002, 1.0), "down": (0.4, 2.5), "damping": (0.1, 1.5)}
+    limits = {
+        "lag_s": (0.005, 3.0),
+        "second_s": (0.002, 1.0),
+        "down": (0.4, 2.5),
+        "lower": (0.4, 2.5),
+        "damping": (0.1, 1.5),
+    }
     return {name: limit for name, limit in limits.items() if name in shape}
 
 
 def _lag_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     if "damping" in shape:
         return []
-    second, down = {"second_s": 0.2 * shape["lag_s"]}, {"down": 1.2}
-    if "second_s" in shape or "down" in shape:
-        return [({**shape, **more}, np.ones(1)) for more in (second, down) if not set(more) & set(shape)]
+    second, down, lower = {"second_s": 0.2 * shape["lag_s"]}, {"down": 1.2}, {"lower": 1.2}
+    if {"second_s", "down", "lower"} & set(shape):
+        more_of = (second, down, lower)
+        return [({**shape, **more}, np.ones(1)) for more in more_of if not set(more) & set(shape)]
     other = {"lag_s": shape["lag_s"]} | ({} if "stepped" in shape else {"stepped": 1.0})
     one = np.ones(1)
     return [
-        *(({**shape, **more}, c) for more in (second, down, second | down)),
-        *(({**other, **more}, one) for more in (second, down, second | down)),
+        *(({**shape, **more}, c) for more in (second, down, second | down, lower)),
+        *(({**other, **more}, one) for more in (second, down, second | down, lower)),
     ]
 
 
@@ -225,7 +239,15 @@ STAND: Tracing[StandFrame] = Tracing(
     source="first-order motor dynamics (Hamandi, Tognon and Franchi 2020)",
     needs=("time_s", "upper_throttle"),
     channels=STAND_CHANNELS,
-    units={"lag_s": "s", "share": "1", "second_s": "s", "down": "1", "stepped": "1", "damping": "1"},
+    units={
+        "lag_s": "s",
+        "share": "1",
+        "second_s": "s",
+        "down": "1",
+        "lower": "1",
+        "stepped": "1",
+        "damping": "1",
+    },
     missing=_no_time,
     shapes=lambda _: [{"lag_s": s, **form} for s in STAND_LAGS_S for form in ({}, {"stepped": 1.0})],
     columns=lambda frame, shape: changed_by(frame, _late(frame, shape))[..., None],
@@ -259,6 +281,9 @@ EFFECT = PhysicalEffect(
         Parameter("down", "1", 0.4, 2.5,
             source="wide: any value between the bounds; slower down than up without braking, by how much "
                    "goes with the controller"),
+        Parameter("lower", "1", 0.4, 2.5,
+            source="wide: any value between the bounds; the lower rotor's lag over the upper one's, by motor "
+                   "and propeller"),
         Parameter("damping", "1", 0.1, 1.5,
             source="wide: any value between the bounds; a governor's gains set how far speed overshoots"),
         Parameter("stepped", "1", 0.0, 1.0, source="a switch, 0 or 1: the throttle jumps right after a row"),

@@ -11,6 +11,7 @@ from coaxlink.data import Samples
 from coaxlink.residual import refine_stand
 from coaxlink.rotor import load_rotor_model
 
+LOADS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
 CONTEXT = ("voltage_V", "air_temperature_C", "motor_temperature_C", "rotor_spacing_m", "operator_mood")
 
 
@@ -139,3 +140,44 @@ def test_a_period_of_a_few_rows_is_no_noise(paper, given):
     assert not answer.effects and not answer.ambiguous
     (left,) = answer.unexplained
     assert left.channel == "lower_thrust" and "with a period of 6.0 rows" in left.where
+
+
+def test_a_band_that_no_throttle_entered_is_not_seen():
+    """A throttle's own curve, no cubic; the lowest throttle is at twice what a band would be."""
+    columns = run(seed=14)
+    for rotor in ("upper", "lower"):
+        u = np.maximum(columns[f"{rotor}_rpm"] / FULL_RPM, 0.3)
+        columns[f"{rotor}_rpm"] = FULL_RPM * u
+        columns[f"{rotor}_throttle"] = 0.55 * u + 0.45 * u**2.2
+    rng = np.random.default_rng(15)
+    u = np.stack([columns["upper_rpm"], columns["lower_rpm"]]) / FULL_RPM
+    loads = steady_loads(*u)
+    loads += np.array([[0.15], [0.003], [0.15], [0.003]]) * rng.standard_normal(loads.shape)
+    for name, load in zip(LOADS, loads, strict=True):
+        columns[name] = load
+    for rotor in ("upper", "lower"):
+        columns[f"{rotor}_rpm"] = columns[f"{rotor}_rpm"] + 1.0 * rng.standard_normal(u.shape[1])
+    assert names(refined(columns)) == []
+
+
+def test_two_motors_with_lags_of_their_own_have_no_hysteresis(paper):
+    time_s = np.arange(0.0, 60.0, 0.05)
+    sweep = 0.6 + 0.3 * np.sin(2.0 * np.pi * (0.02 + 0.0025 * time_s) * time_s)
+    other = 0.6 + 0.3 * np.sin(2.0 * np.pi * (0.03 + 0.002 * time_s) * time_s + 1.0)
+    late = []
+    for u, lag_s in ((sweep, 0.06), (other, 0.1)):
+        now, mine = u[0], []
+        for before, here in zip([u[0], *u[:-1]], u, strict=True):
+            for part in np.linspace(before, here, 11)[1:]:  # in ten steps from row to row
+                now += (part - now) * (1.0 - np.exp(-0.005 / lag_s))
+            mine.append(now)
+        late.append(np.array(mine))
+    loads = steady_loads(*late)
+    loads += np.array([[0.3], [0.006], [0.3], [0.006]]) * np.random.default_rng(16).standard_normal(
+        loads.shape
+    )
+    columns = {"time_s": time_s, "upper_throttle": sweep, "lower_throttle": other}
+    (found,) = refined(columns | dict(zip(LOADS, loads, strict=True)), paper).effects
+    numbers = {p.name: p.value for p in found.parameters}
+    assert found.name == "rotor_lag" and numbers["lag_s"] == pytest.approx(0.06, abs=0.012)
+    assert numbers["lower"] == pytest.approx(0.1 / 0.06, rel=0.15)
