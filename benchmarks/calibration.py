@@ -1,33 +1,49 @@
 """Of the names that `refine` gave at probability p, how many were there: a reliability table and picture.
 
     python benchmarks/blind.py --first 3000 --seeds 20 --clean 20 --every 3 --folder F
-    python benchmarks/calibration.py F/answers-HASH [--plot reliability.png]
+    python benchmarks/calibration.py F/answers-HASH [--plot reliability.png] [--set TRUTH.json FOLDER]
 
-Reads the answers that `blind.py` keeps: every effect that is claimed and every name of a doubt (`ambiguous`)
-counts with its probability. Gneiting, Balabdaoui and Raftery 2007 for what calibrated means; Wilson
-intervals. A world's name is the truth: `stand-other-drift+ground_effect-950`.
+Reads the answers that `blind.py` keeps, where a world's name is the truth
+(`stand-other-drift+ground_effect-950`), and of graded sets the answers that `side_by_side.py` keeps: every
+effect that is claimed and every name of a doubt (`ambiguous`) counts with its probability. Gneiting,
+Balabdaoui and Raftery 2007 for what calibrated means; Wilson intervals.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from blind_score import wilson
 
+Answered = tuple[set[str], dict[str, Any]]  # what is there, the answer
 EDGES = (0.0, 0.1, 0.35, 0.65, 0.9, 1.0 + 1e-9)
 
 
-def weighed(folder: Path) -> Iterator[tuple[float, bool, bool]]:
-    """(probability, whether it is there, whether it was claimed) of every name of every answer."""
+def blind_answers(folder: Path) -> Iterator[Answered]:
+    """What `blind.py` hid and what was answered."""
     for path in sorted(folder.glob("*.json")):
-        answer = json.loads(path.read_text())
-        if "failed" in answer:
+        yield set(path.stem.split("-", 2)[2].rsplit("-", 1)[0].split("+")), json.loads(path.read_text())
+
+
+def graded_answers(truth: Path, folder: Path) -> Iterator[Answered]:
+    """What is right in a set's truth file and what was answered."""
+    for case, known in json.loads(truth.read_text()).items():
+        path = folder / f"{case}.json"
+        if path.exists() and known["kind"] != "ambiguous":  # there, nobody knows which it is
+            accepted = {name for names in known["accept"] for name in names}
+            yield {*known["effects"], *accepted}, json.loads(path.read_text())
+
+
+def weighed(answers: Iterable[Answered]) -> Iterator[tuple[float, bool, bool]]:
+    """(probability, whether it is there, whether it was claimed) of every name of every answer."""
+    for hidden, answer in answers:
+        if "failed" in answer or "error" in answer:
             continue
-        hidden = set(path.stem.split("-", 2)[2].rsplit("-", 1)[0].split("+"))
         for effect in answer["effects"]:
             if "probability" in effect["evidence"]:  # a mass told by its torques is not weighed
                 yield float(effect["evidence"]["probability"]), effect["name"] in hidden, True
@@ -36,9 +52,8 @@ def weighed(folder: Path) -> Iterator[tuple[float, bool, bool]]:
                 yield float(p), name in hidden, False
 
 
-def bins(folder: Path) -> list[tuple[float, float, int, int, float]]:
+def bins(every: list[tuple[float, bool, bool]]) -> list[tuple[float, float, int, int, float]]:
     """(from, to, effects, there, mean probability) of every bin that holds any."""
-    every = list(weighed(folder))
     out = []
     for low, high in pairwise(EDGES):
         mine = [(p, there) for p, there, _ in every if low <= p < high]
@@ -51,19 +66,22 @@ def bins(folder: Path) -> list[tuple[float, float, int, int, float]]:
 def main() -> None:
     """Print, and draw where asked."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("answers", type=Path)
+    parser.add_argument("answers", type=Path, nargs="*")
+    parser.add_argument("--set", type=Path, nargs=2, action="append", default=[])
     parser.add_argument("--plot", type=Path)
     a = parser.parse_args()
-    rows = bins(a.answers)
+    answers = [x for folder in a.answers for x in blind_answers(folder)]
+    answers += [x for truth, folder in a.set for x in graded_answers(truth, folder)]
+    every = list(weighed(answers))
+    rows = bins(every)
     print("| probability | effects weighed | there | share, 95 % | mean probability |")
     print("|---|---:|---:|---|---:|")
     for low, high, count, there, mean in rows:
         share = f"{100 * there / count:.1f} % ({interval(there, count)})"
         print(f"| {low:g} to {high:g} | {count} | {there} | {share} | {100 * mean:.2f} % |")
-    claims = [there for _, there, claimed in weighed(a.answers) if claimed]
-    worlds = len(list(a.answers.glob("*.json")))
+    claims = [there for _, there, claimed in every if claimed]
     share = interval(sum(claims), len(claims))
-    print(f"\nclaimed {len(claims)}, there {sum(claims)} ({share} %), {worlds} worlds")
+    print(f"\nclaimed {len(claims)}, there {sum(claims)} ({share} %), {len(answers)} worlds")
     if a.plot:
         draw(rows, a.plot)
 

@@ -24,13 +24,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-# stands where the grader looks for coaxlink, and keeps the answer that it asks for
+# stands where the grader looks for coaxlink (`refine LOG ...`), and keeps the answer under the log's name
 WRAPPER = """#!/bin/sh
 export PYTHONPATH={code}
 for a in "$@"; do [ "$was" = --json ] && json=$a; was=$a; done
 cd {kept}  # python -m looks where it stands first
 {python} -m coaxlink "$@" || exit $?
-cp "$json" {kept}/$(date +%s%N).json
+log=$(basename "$2")
+cp "$json" "{kept}/${{log%%.*}}.json"
 """
 
 
