@@ -50,6 +50,7 @@ SURFACE, LEAST_SURFACE = (
     0.5,
 )  # in a base column's name; times the noise, from where on it is told
 # times the noise, share of the reference load: more is said to be unexplained; no wind is without gusts
+OF_MODEL = ("_level", "_tilt", "_wake")  # corrections of a given model's loads
 SILENT, SILENT_SIZE, GUSTS = 1.3, 0.004, 0.0008
 
 
@@ -91,6 +92,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     named = [_found(j, k, final, draws, squares_after) for k in range(len(members))]
     effects = tuple(e for e, m in zip(named, members, strict=True) if not m.effect.accused)
     accused = [_accuse(e, m) for e, m in zip(named, members, strict=True) if m.effect.accused]
+    suspects = (*j.suspects, *accused)
     unexplained = j.open_ends
     if unexplained is None:
         # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
@@ -113,7 +115,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
             ),
             *j.doubts,
         ),
-        suspect_data=(*j.suspects, *accused),
+        suspect_data=suspects,
         rejected=(
             *_rejected(p, j.selection, {o.name for o in q.options}),
             *(Rejected(name, f"cannot be judged: {why}") for name, why in j.impossible),
@@ -121,10 +123,33 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         model=_with_effects(_rebased(q, final, bool(effects)), effects),
         corrections={name: float(final[i]) for i, name in enumerate(q.base_names)},
         trace=tuple(j.selection.trace),
-        notes=(*p.frame.notes, *j.notes, *(note for log in logs for note in log.notes)),
+        notes=(
+            *p.frame.notes,
+            *j.notes,
+            *(_at_limit(q, final) if not (effects or unexplained or suspects) else ()),
+            *(note for log in logs for note in log.notes),
+        ),
         surface=_surface(q, final, j.floor),
         series=_series(j, before, after),
         source="; ".join(log.source for log in logs),
+    )
+
+
+def _at_limit(p: Problem, final: Array) -> tuple[str, ...]:
+    """Of a stand held against a given model: what its corrections would take more of than they may."""
+    if not isinstance(p.frame, StandFrame) or p.frame.free_base:
+        return ()
+    bounds = p.blocks.bounds[p.base]
+    at = [
+        name
+        for name, bound, value in zip(p.base_names, bounds, final[p.base], strict=True)
+        if name.endswith(OF_MODEL) and abs(value) > 0.999 * bound
+    ]
+    if not at:
+        return ()
+    return (
+        f"{', '.join(at)}: as large as a given model may be off by; something small may hide in them "
+        "(more rows at low and full speed would tell)",
     )
 
 

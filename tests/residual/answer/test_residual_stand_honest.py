@@ -181,3 +181,16 @@ def test_two_motors_with_lags_of_their_own_have_no_hysteresis(paper):
     numbers = {p.name: p.value for p in found.parameters}
     assert found.name == "rotor_lag" and numbers["lag_s"] == pytest.approx(0.06, abs=0.012)
     assert numbers["lower"] == pytest.approx(0.1 / 0.06, rel=0.15)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.08])
+def test_corrections_that_would_take_more_are_told(paper, tilt):
+    """Drag of slow blades, too small for a name of its own."""
+    columns = run(seed=9)
+    for rotor in ("upper", "lower"):
+        u = columns[f"{rotor}_rpm"] / FULL_RPM
+        columns[f"{rotor}_torque_Nm"] = columns[f"{rotor}_torque_Nm"] * (1.0 - tilt * (u - 0.5))
+    answer = refined(columns, paper)
+    assert not answer.effects
+    told = [note for note in answer.notes if "may be off by" in note]
+    assert bool(told) == bool(tilt) and all(note.startswith("upper_torque_tilt") for note in told)
