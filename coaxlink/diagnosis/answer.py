@@ -150,7 +150,7 @@ def _doubts(ch: Channels, found: Posterior, said: Claims) -> tuple[Ambiguous, ..
         if plan
         else "no run inside what this log has seen tells them apart: record more of what each needs"
     )
-    held = np.array([found.of(name) for name in names])
+    held = np.array([max(found.of(name), 1e-9) for name in names])
     shares = tuple(probability(float(p)) for p in held / np.sum(held))
     return (Ambiguous(names, told, plan, shares),)
 

@@ -265,9 +265,8 @@ def _columns(frame: StandFrame, shape: Shape) -> Array:
         elif name in shape or ALL & set(shape):
             weight = _weight(frame, side, shape) * (shape.get("lower_over_upper", 1.0) if side else 1.0)
             thrust = _way(frame, 2 * side, shape)
-            torque = (
-                _way(frame, 2 * side + 1, shape) if "load" in shape else thrust
-            )  # a cell's own, or the speed's
+            # a cell's own way, or the speed's
+            torque = _way(frame, 2 * side + 1, shape) if "load" in shape else thrust
             for k, way in enumerate((thrust, torque)):
                 out[:, 2 * side + k, k] = -0.5 * weight[:, k] * way
     return out

@@ -49,8 +49,8 @@ SURFACE, LEAST_SURFACE = (
     " surface ",
     0.5,
 )  # in a base column's name; times the noise, from where on it is told
-# times the noise, share of the reference load: more is said to be unexplained; no wind is without gusts
 OF_MODEL = ("_level", "_tilt", "_wake")  # corrections of a given model's loads
+# times the noise, share of the reference load: more is said to be unexplained; no wind is without gusts
 SILENT, SILENT_SIZE, GUSTS = 1.3, 0.004, 0.0008
 
 
