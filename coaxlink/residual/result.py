@@ -58,8 +58,8 @@ class FoundEffect:
     needs: tuple[str, ...] = ()
 
 
-# Of names held with certainty among those that can be weighed, so many are there, as counted (docs/evidence.md,
-# Calibration): what coaxlink has no name for cannot be weighed.
+# Of names held with certainty among those that can be weighed, so many are there, as counted
+# (docs/evidence.md, Calibration): what coaxlink has no name for cannot be weighed.
 AMONG_KNOWN = 0.98
 
 
