@@ -76,13 +76,15 @@ def judge_stand(
     """
     progress("reading the stand")
     samples = joined(several)
-    wrong = find_suspects(stand_frame(samples, model))
+    first = stand_frame(samples, model)
+    wrong = find_suspects(first)
     suspects, mislabelled = wrong.suspects, wrong.mislabelled
     if not mislabelled:
         samples = samples.without(*wrong.columns)
-    trusted = np.flatnonzero(np.logical_not(wrong.bad))
+    read = np.all(np.isfinite(first.measured) & np.isfinite(first.predicted), axis=1)
+    trusted = np.flatnonzero(read & ~wrong.bad)
     if mislabelled and len(trusted) < LEAST_ROWS:  # nothing is claimed of them; what they leave is shown
-        trusted = np.arange(samples.rows)
+        trusted = np.flatnonzero(read)
     thinned = max(1, round(len(trusted) / MANY_ROWS))
     if thinned > 1:  # stretches whole: neighbours tell the noise, and what lags or remembers sees every row
         trusted = trusted[(trusted // STRETCH) % thinned == 0]

@@ -194,3 +194,34 @@ def test_corrections_that_would_take_more_are_told(paper, tilt):
     assert not answer.effects
     told = [note for note in answer.notes if "may be off by" in note]
     assert bool(told) == bool(tilt) and all(note.startswith("upper_torque_tilt") for note in told)
+
+
+def test_a_throttle_with_empty_cells_is_left_out(paper, capfd):
+    columns = run(seed=4, battery=0.8)
+    columns["upper_throttle"] = np.where(
+        np.arange(len(columns["time_s"])) % 3, columns["upper_throttle"], np.nan
+    )
+    answer = refined(columns, paper)
+    assert any(note.startswith("upper_throttle: empty in") for note in answer.notes)
+    assert not answer.effects and not answer.suspect_data
+    assert "DLASCL" not in "".join(capfd.readouterr())  # of LAPACK, which writes where it likes
+
+
+def test_a_supply_that_reads_nothing_is_no_cause():
+    columns = run(seed=4, battery=0.8)
+    columns["voltage_V"] = np.where(np.arange(len(columns["time_s"])) < 30, columns["voltage_V"], 0.0)
+    answer = refined(columns)
+    assert "battery_voltage" not in names(answer)
+    assert any("reads nothing" in r.why for r in answer.rejected)
+
+
+def test_empty_cells_of_a_load_beside_a_wrong_sign_leave_numbers(paper):
+    columns = run(seed=4)
+    rows = np.arange(len(columns["time_s"]))
+    columns["upper_thrust_N"] = np.where(rows % 4, columns["upper_thrust_N"], np.nan)
+    columns["lower_thrust_N"] = np.where(
+        rows < len(rows) // 2, -columns["lower_thrust_N"], columns["lower_thrust_N"]
+    )
+    answer = refined(columns, paper)
+    assert [s.column for s in answer.suspect_data] == ["lower_thrust_N"]
+    assert all(np.isfinite([c.rmse_after, c.noise_floor]).all() for c in answer.channels.values())
