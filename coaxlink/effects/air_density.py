@@ -26,6 +26,7 @@ from coaxlink.effects.tracing import Array, Shape, Tracing, outside
 from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.signals import without_row_noise
 
+AIR = (0.1, 2.0)  # kg/m^3, at 20 km and in the deepest frost: what reads anything else is no barometer
 OVER = (-0.12, -0.06, 0.0, 0.06, 0.12)  # of the log's median density: where a given model holds
 
 
@@ -77,7 +78,10 @@ def _no_air(frame: StandFrame) -> str | None:
     rho = density(frame)
     if rho is None:
         return "neither air_temperature_C nor air_pressure_Pa is in the log"
-    spread = float(np.ptp(np.quantile(rho, [0.02, 0.98])) / np.median(rho))
+    middle = float(np.median(rho))
+    if not AIR[0] < middle < AIR[1]:
+        return f"the air's density reads {middle:.2g} kg/m3: no air has that"
+    spread = float(np.ptp(np.quantile(rho, [0.02, 0.98])) / middle)
     return None if spread > 0.004 else f"the air's density moves by only {100 * spread:.1f} %"
 
 

@@ -18,6 +18,7 @@ from coaxlink.errors import InputError
 from coaxlink.residual.agreement import agreed, leaves_open
 from coaxlink.residual.answer.flight import judge_flight
 from coaxlink.residual.answer.stand import judge_stand
+from coaxlink.residual.channels.empty_cells import without_empty_cells
 from coaxlink.residual.result import Refinement
 from coaxlink.rotor import RotorModel
 
@@ -54,9 +55,10 @@ def refine_stand(
 ) -> Refinement:
     """Hold stand logs against a rotor model, or without one against the coaxial model fitted to themselves.
 
+    Rows without a number in a load or a speed, and other columns with gaps, are left out; notes say so.
     Raises InputError when speeds or loads are missing, or no fit can be made of the numbers.
     """
-    several = _several(logs)
+    several = [without_empty_cells(log) for log in _several(logs)]
 
     def run() -> Refinement:
         from coaxlink.diagnosis.judge import diagnose_stand, reads_wrong

@@ -96,9 +96,7 @@ def stand_frame(
     throttles = None
     turning = [side for side, column in enumerate(u.T) if np.ptp(column) > 0.0]
     names_of = {0: "upper_throttle", 1: "lower_throttle"}
-    told = not speeds.from_throttle and bool(turning) and all(samples.has(names_of[s]) for s in turning)
-    empty = {names_of[s]: int(np.sum(~np.isfinite(samples[names_of[s]]))) for s in turning} if told else {}
-    if told and not any(empty.values()):
+    if not speeds.from_throttle and turning and all(samples.has(names_of[s]) for s in turning):
         throttles = np.zeros((samples.rows, 2))
         for side in turning:
             throttles[:, side] = samples[names_of[side]]
@@ -114,7 +112,6 @@ def stand_frame(
     keep = np.arange(samples.rows) if trusted is None else trusted
     surfaces: dict[int, Surface] = {}
     notes = [f"speeds: {speeds.source}"]
-    notes += [f"{name}: empty in {count} rows: left out" for name, count in empty.items() if count]
     if back.any():
         place = samples.place(int(np.argmax(back)) + 1)
         notes.append(f"time_s goes back at {place}: rows are counted instead, one a second")

@@ -8,6 +8,7 @@ from residual_rig import FULL_RPM, run, steady_loads
 
 from coaxlink import files
 from coaxlink.data import Samples
+from coaxlink.errors import InputError
 from coaxlink.residual import refine_stand
 from coaxlink.rotor import load_rotor_model
 
@@ -225,3 +226,28 @@ def test_empty_cells_of_a_load_beside_a_wrong_sign_leave_numbers(paper):
     answer = refined(columns, paper)
     assert [s.column for s in answer.suspect_data] == ["lower_thrust_N"]
     assert all(np.isfinite([c.rmse_after, c.noise_floor]).all() for c in answer.channels.values())
+
+
+def test_cells_without_numbers_at_the_librarys_door(paper):
+    columns = run(seed=4, air=1.0)
+    rows = np.arange(len(columns["time_s"]))
+    columns["motor_temperature_C"] = np.where(rows % 5, columns["motor_temperature_C"], np.nan)
+    columns["upper_rpm"] = np.where(rows % 7 == 3, np.nan, columns["upper_rpm"])
+    columns["lower_torque_Nm"] = np.full(len(rows), np.nan)
+    answer = refined(columns, paper)
+    assert names(answer) == ["air_density"] and "lower_torque" not in answer.channels
+    told = " ".join(answer.notes)
+    assert f"{np.sum(rows % 7 == 3)} rows without a number in upper_rpm are left out" in told
+    assert "motor_temperature_C: empty in" in told and "lower_torque_Nm: no row has a number" in told
+    columns["upper_rpm"][::2] = np.nan
+    columns["lower_rpm"][1::2] = np.nan
+    with pytest.raises(InputError, match="no row has a number in each of upper_rpm, lower_rpm"):
+        refined(columns, paper)
+
+
+def test_a_barometer_that_reads_nothing_is_no_air(paper):
+    columns = run(seed=4, air=1.0)
+    columns["air_pressure_Pa"] = 1e-300 * (1.0 + 0.1 * np.sin(np.arange(len(columns["time_s"]))))
+    answer = refined(columns, paper)
+    assert "air_density" not in names(answer)
+    assert any("no air has that" in r.why for r in answer.rejected if r.name == "air_density")
