@@ -116,6 +116,9 @@ def _no_voltage(frame: StandFrame) -> str | None:
         return "voltage_V is not in the log"
     if float(np.median(v)) <= 0.0:
         return "the voltage reads nothing in most rows"
+    nothing = int(np.sum(np.any(v[frame.keep] <= 0.0, axis=1)))
+    if nothing:
+        return f"the voltage reads nothing in {nothing} rows"
     spread = float(np.ptp(np.quantile(v, [0.02, 0.98])) / max(float(np.median(v)), 1e-6))
     return None if spread > 0.005 else f"the voltage moves by only {100 * spread:.1f} %"
 

@@ -15,6 +15,7 @@ from coaxlink.frames import STAND_LOADS, StandFrame
 from coaxlink.load import Load, of_rotor
 from coaxlink.rotor import RotorModel
 
+SPACING_M = (1e-3, 10.0)  # a rotor's thickness, and more than any pair has
 APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
 COEFFICIENTS = ("wake_thrust_share", "wake_torque_share", "upper_gain_N")
 OF_LOADS = {"alike": ("loads_share",), "whole": ("loads_share", "torque_loads_share")}
@@ -31,6 +32,10 @@ def _no_spacing(frame: StandFrame) -> str | None:
     z = frame.context("rotor_spacing_m")
     if z is None:
         return "rotor_spacing_m is not in the log"
+    own = z[frame.keep]
+    odd = own[(own < SPACING_M[0]) | (own > SPACING_M[1])]
+    if len(odd):
+        return f"rotor_spacing_m reads {odd[0]:.2g} m in some rows: no pair has that"
     return None if np.ptp(z) > 0.02 * np.median(z) else "rotor_spacing_m does not vary"
 
 

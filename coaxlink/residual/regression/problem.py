@@ -96,13 +96,18 @@ def build(
         if why is not None:
             impossible.append((effect.name, why))
             continue
+        first = len(options)
         for shape in effect.shapes(frame):
             columns = reduce(effect.columns(frame, shape))
+            if not np.isfinite(columns).all():
+                continue  # damaged readings
             pieces.append((columns / sigma[:, None]).astype(kind))
             width = columns.shape[-1]
             options.append(Option(effect, shape, np.arange(at, at + width)))
             bounds += [np.inf] * width
             at += width
+        if len(options) == first:
+            impossible.append((effect.name, "what the log reads gives no numbers for it"))
     design = _side_by_side(pieces)
     whitened = residual / sigma
     count = int(block.max()) + 1

@@ -251,3 +251,20 @@ def test_a_barometer_that_reads_nothing_is_no_air(paper):
     answer = refined(columns, paper)
     assert "air_density" not in names(answer)
     assert any("no air has that" in r.why for r in answer.rejected if r.name == "air_density")
+
+
+@pytest.mark.parametrize(
+    ("column", "name", "reads", "told"),
+    [
+        ("voltage_V", "battery_voltage", -20.0, "reads nothing in 4 rows"),
+        ("rotor_spacing_m", "rotor_spacing", 0.0, "reads 0 m in some rows"),
+    ],
+)
+def test_a_meter_that_reads_what_cannot_be_is_no_cause(paper, column, name, reads, told):
+    columns = run(seed=4, air=1.0, drift=0.2)
+    rows = np.arange(len(columns["time_s"]))
+    columns["rotor_spacing_m"] = 0.3 + 0.02 * (rows // 40)
+    columns[column] = np.where((rows > 50) & (rows < 55), reads, columns[column])
+    answer = refined(columns, paper)
+    assert {"air_density", "sensor_drift"} == set(names(answer))
+    assert any(told in r.why for r in answer.rejected if r.name == name)
