@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from coaxlink.airframe import Airframe
@@ -29,7 +30,7 @@ BAND = 0.2  # of the rows' rate: as much again lies above, where noise shows, an
 TOP_RATE_HZ = 60.0  # faster logs are thinned to about this rate: nothing above 4 Hz is judged
 LONG_ROWS, LONG_RATE_HZ = 100_000, 30.0  # beyond, half the rate does
 MANY_ROWS, STRETCH_S = 150_000, 120.0  # of hours of flight: beyond, one stretch in so many is judged
-LEAST_S = 4.0  # of a gapless stretch
+LEAST_ROWS, LEAST_S = 40, 4.0  # of a gapless stretch
 JUDGED_RATE_HZ = 10.0
 JUMP, MOST_JUMPS = 10.0, 0.1  # times the usual doubt about commands between rows; share of rows left out
 AFTER_S = 0.4  # not judged behind a jump
@@ -56,6 +57,24 @@ OPTIONAL = ("height_m", "voltage_V")
 
 
 @dataclass(frozen=True)
+class _Run:
+    """Usable rows of one log, in the order of time and without a gap."""
+
+    log: int
+    rows: NDArray[np.intp]
+    step_s: float
+
+    def rows_at(self, top_hz: float) -> int:
+        """How many rows stay at about this rate, at most."""
+        return len(self.rows) // max(1, int(1.0 / self.step_s // top_hz))
+
+    def pieces(self, seconds: float) -> list[_Run]:
+        """The run in pieces of so many seconds; the last is what is left."""
+        size = max(1, int(seconds / self.step_s))
+        return [replace(self, rows=self.rows[a : a + size]) for a in range(0, len(self.rows), size)]
+
+
+@dataclass(frozen=True)
 class _Stretch:
     """A gapless piece of one log on a uniform grid."""
 
@@ -71,19 +90,18 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
     Raises InputError: a column is missing, time does not run, or less than 8 s were flown.
     """
     motors = [f"motor{r.number}" for r in airframe.rotors]
-    stretches: list[_Stretch] = []
+    runs: list[_Run] = []
     for number, log in enumerate(logs):
         log.require(*NEEDED, *motors)
-        stretches += _uniform(number, log, [*NEEDED[1:], *motors], airframe.motor_lag_s, motors)
+        runs += _gapless(number, log, [*NEEDED[1:], *motors], motors)
     source = logs[0].source if logs else ""
-    if not stretches:
+    if not runs:
         raise InputError(source, "time_s", "no gapless stretch of 4 s or more")
+    top = TOP_RATE_HZ if sum(r.rows_at(TOP_RATE_HZ) for r in runs) <= LONG_ROWS else LONG_RATE_HZ
+    runs, share = _some(runs, top)
+    stretches = [_uniform(r, logs[r.log], motors, airframe.motor_lag_s, top) for r in runs]
     rate = min(s.rate_hz for s in stretches)
-    if sum(len(s.columns["time_s"]) for s in stretches) > LONG_ROWS:
-        stretches = [_thin(s, LONG_RATE_HZ) for s in stretches]
-        rate = min(s.rate_hz for s in stretches)
     stretches = [_at_rate(s, rate) for s in stretches]
-    stretches, share = _some(stretches, rate)
     parts = [_side(i, s, airframe, motors) for i, s in enumerate(stretches)]
     shared = [name for name in parts[0] if all(name in p for p in parts)]
     joined = {name: np.concatenate([p[name] for p in parts]) for name in shared}
@@ -174,8 +192,8 @@ def reduce_columns(frame: FlightFrame, columns: Array) -> Array:
     return out
 
 
-def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: list[str]) -> list[_Stretch]:
-    wanted = [*names, *(name for name in OPTIONAL if log.has(name))]
+def _gapless(number: int, log: Samples, names: list[str], motors: list[str]) -> list[_Run]:
+    """The runs of a log's usable rows without a gap."""
     time = log["time_s"]
     order = np.argsort(time, kind="stable")
     finite = np.isfinite(time)
@@ -186,61 +204,56 @@ def _uniform(number: int, log: Samples, names: list[str], lag_s: float, motors: 
     order = order[finite[order]]
     order = order[np.concatenate([[True], np.diff(time[order]) > 0])] if len(order) else order
     t = time[order]
-    if len(t) < 40:
-        raise InputError(log.source, "time_s", f"{len(t)} usable rows with increasing time; 40 are needed")
+    if len(t) < LEAST_ROWS:
+        raise InputError(
+            log.source, "time_s", f"{len(t)} usable rows with increasing time; {LEAST_ROWS} are needed"
+        )
     step = float(np.median(np.diff(t)))
     cuts = np.flatnonzero(np.diff(t) > max(6.0 * step, 0.25)) + 1
-    pieces: list[_Stretch] = []
-    for rows in np.split(np.arange(len(t)), cuts):
-        if len(rows) < 40 or t[rows[-1]] - t[rows[0]] < LEAST_S:
-            continue
-        grid = np.arange(t[rows[0]], t[rows[-1]], step)
-        columns = {"time_s": grid}
-        for name in wanted:
-            values = log[name][order][rows]
-            good = np.isfinite(values)
-            if not good.any():
-                continue
-            values = np.unwrap(values) if name in ("roll_rad", "yaw_rad") else values
-            columns[name] = np.interp(grid, t[rows][good], values[good])
-        commands = np.stack([columns.pop(m) for m in motors], axis=1)
-        columns["commands"] = np.clip(commands, 0.0, 1.0)
-        columns["speeds"] = lagged(columns["commands"], step, lag_s)
-        for every in COARSER:
-            # what runs smoothly is no error of fewer rows: a spline passes it
-            coarse = CubicSpline(grid[::every], columns["commands"][::every])(
-                np.minimum(grid, grid[::every][-1])
-            )
-            columns[f"every_{every}"] = lagged(coarse, step, lag_s) - columns["speeds"]
-        pieces.append(_thin(_Stretch(number, 1.0 / step, step, columns)))
-    return pieces
+    return [_Run(number, rows, step) for rows in np.split(order, cuts) if _lasts(time[rows])]
 
 
-def _thin(piece: _Stretch, top_hz: float = TOP_RATE_HZ) -> _Stretch:
-    """At most about this rate, by an integer factor after a zero-phase anti-alias filter."""
-    factor = int(piece.rate_hz // top_hz)
-    if factor < 2:
-        return piece
-    rate = piece.rate_hz / factor
-    columns = {
-        name: (values if name == "time_s" else low_pass(values, piece.rate_hz, 0.4 * rate))[::factor]
-        for name, values in piece.columns.items()
-    }
-    return _Stretch(piece.log, rate, piece.step_s, columns)
+def _lasts(time_s: Array) -> bool:
+    return len(time_s) >= LEAST_ROWS and float(time_s[-1] - time_s[0]) >= LEAST_S
 
 
-def _some(stretches: list[_Stretch], rate_hz: float) -> tuple[list[_Stretch], int]:
+def _some(runs: list[_Run], top_hz: float) -> tuple[list[_Run], int]:
     """One piece in so many that what is judged stays within MANY_ROWS, and this number."""
-    share = -(-sum(len(s.columns["time_s"]) for s in stretches) // MANY_ROWS)
+    share = -(-sum(r.rows_at(top_hz) for r in runs) // MANY_ROWS)
     if share < 2:
-        return stretches, 1
-    size = int(STRETCH_S * rate_hz)
-    firsts = [(s, a) for s in stretches for a in range(0, len(s.columns["time_s"]), size)][::share]
-    return [
-        replace(s, columns={name: values[a : a + size].copy() for name, values in s.columns.items()})
-        for s, a in firsts
-        if a == 0 or len(s.columns["time_s"]) - a > LEAST_S * rate_hz
-    ], share
+        return runs, 1
+    pieces = [piece for r in runs for piece in r.pieces(STRETCH_S)]
+    return [piece for piece in pieces[::share] if len(piece.rows) * piece.step_s > LEAST_S], share
+
+
+def _uniform(run: _Run, log: Samples, motors: list[str], lag_s: float, top_hz: float) -> _Stretch:
+    """A run on a uniform grid, with speeds behind the motors' lag, at most about this rate."""
+    step, t = run.step_s, log["time_s"][run.rows]
+    grid = np.arange(t[0], t[-1], step)
+    columns = {"time_s": grid}
+    for name in (*NEEDED[1:], *motors, *(name for name in OPTIONAL if log.has(name))):
+        values = log[name][run.rows]
+        good = np.isfinite(values)
+        if not good.any():
+            continue
+        values = np.unwrap(values) if name in ("roll_rad", "yaw_rad") else values
+        columns[name] = np.interp(grid, t[good], values[good])
+    commands = np.stack([columns.pop(m) for m in motors], axis=1)
+    columns["commands"] = np.clip(commands, 0.0, 1.0)
+    columns["speeds"] = lagged(columns["commands"], step, lag_s)
+    for every in COARSER:
+        # what runs smoothly is no error of fewer rows: a spline passes it
+        coarse = CubicSpline(grid[::every], columns["commands"][::every])(np.minimum(grid, grid[::every][-1]))
+        columns[f"every_{every}"] = lagged(coarse, step, lag_s) - columns["speeds"]
+    factor = int(1.0 / step // top_hz)
+    if factor < 2:
+        return _Stretch(run.log, 1.0 / step, step, columns)
+    rate = 1.0 / step / factor
+    columns = {  # by an integer factor after a zero-phase anti-alias filter
+        name: (values if name == "time_s" else low_pass(values, 1.0 / step, 0.4 * rate))[::factor]
+        for name, values in columns.items()
+    }
+    return _Stretch(run.log, rate, step, columns)
 
 
 def _at_rate(piece: _Stretch, rate_hz: float) -> _Stretch:

@@ -124,12 +124,9 @@ def held_rows(values: Array, flying: Mask, step_s: float) -> Mask:
     rows = np.zeros(len(values), bool)
     if length.max() > DEAD * len(values):
         usual = 1.0  # nothing else was ever read
-    for a, n in zip(first, length, strict=True):
-        if (
-            n * step_s > STUCK_S
-            and n > STUCK_TIMES * usual
-            and flying[a : a + n].mean() > (0.5 if n > DEAD * len(values) else 0.9)
-        ):
+    lasting = (length * step_s > STUCK_S) & (length > STUCK_TIMES * usual)
+    for a, n in zip(first[lasting], length[lasting], strict=True):
+        if flying[a : a + n].mean() > (0.5 if n > DEAD * len(values) else 0.9):
             rows[a : a + n] = True
     return rows
 
@@ -221,11 +218,9 @@ def _surprise(code: NDArray[np.intp]) -> Array:
 
     Neither the row itself nor the one that it may be a copy of counts.
     """
-    count = Counter(code.tolist())
-    moves = Counter(zip(code[:-1].tolist(), code[1:].tolist(), strict=True))
+    count = np.maximum(np.bincount(code) - 2, 0) + 1.0
+    before, now = code[:-1], code[1:]
+    _, kind, moves = np.unique(before * len(count) + now, return_inverse=True, return_counts=True)
     out = np.zeros(len(code))
-    for i in range(1, len(code)):
-        a, b = int(code[i - 1]), int(code[i])
-        alone = max(count[b] - 2, 0) + 1.0
-        out[i] = np.log(max(count[a] - 2, 0) + 1.0) - np.log(max(moves[a, b] - 2, 0) + alone / len(code))
+    out[1:] = np.log(count[before]) - np.log(np.maximum(moves[kind] - 2, 0) + count[now] / len(code))
     return out
