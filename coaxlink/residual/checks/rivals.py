@@ -11,7 +11,7 @@ the evidence half the logarithm of the rows (Schwarz 1978): what has more number
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -116,7 +116,8 @@ def _in_its_place(
         if other.name == mine.name or other.effect.accused or (mine.name, other.name) in NESTED:
             continue
         if without - trial.total >= STANDS_IN * worth:
-            out.append(trial)
+            # by its columns in the problem that was asked, not in the one beside the fit
+            out.append(replace(trial, option=of_grid(problem, [other])[0]))
     return out
 
 
