@@ -9,6 +9,7 @@ from scipy.signal import lsim
 
 from coaxlink import files
 from coaxlink.data import Samples
+from coaxlink.residual.answer.assemble import separable
 from coaxlink.residual.answer.stand import judge_stand
 from coaxlink.residual.channels.stand import stand_frame
 from coaxlink.residual.search.time_trend import _unknown_columns
@@ -145,3 +146,17 @@ def test_the_square_of_a_column_that_nothing_knows_stands_beside_every_effect():
     fit = np.column_stack([columns[:, 2], frame.predicted[:, 2]])  # a level is the base's
     left = wanted - fit @ np.linalg.lstsq(fit, wanted, rcond=None)[0]
     assert np.std(left) < 1e-9 * np.std(wanted)
+
+
+def test_rivals_of_a_doubt_beside_another_effect_stand_in_the_problem_that_is_asked(monkeypatch):
+    seen = []
+
+    def recorded(problem, selection, doubt, variables):
+        seen.extend(any(t.option is o for o in problem.options) for t in selection.last.values())
+        return separable(problem, selection, doubt, variables)
+
+    monkeypatch.setattr("coaxlink.residual.answer.doubts.separable", recorded)
+    log = sessions(IN_STEP, 1)
+    answer = ask(log.with_columns(upper_torque_Nm=log["upper_torque_Nm"] - 1e-4 * log["time_s"]))
+    assert names(answer) == {"sensor_drift"} and answer.ambiguous
+    assert seen and all(seen)
