@@ -69,9 +69,9 @@ class _Run:
         return len(self.rows) // max(1, int(1.0 / self.step_s // top_hz))
 
     def pieces(self, seconds: float) -> list[_Run]:
-        """The run in pieces of so many seconds; the last is what is left."""
-        size = max(1, int(seconds / self.step_s))
-        return [replace(self, rows=self.rows[a : a + size]) for a in range(0, len(self.rows), size)]
+        """The run in equal pieces of so many seconds or somewhat more; a shorter run is one piece."""
+        count = max(1, int(len(self.rows) * self.step_s / seconds))
+        return [replace(self, rows=rows) for rows in np.array_split(self.rows, count)]
 
 
 @dataclass(frozen=True)
@@ -222,8 +222,7 @@ def _some(runs: list[_Run], top_hz: float) -> tuple[list[_Run], int]:
     share = -(-sum(r.rows_at(top_hz) for r in runs) // MANY_ROWS)
     if share < 2:
         return runs, 1
-    pieces = [piece for r in runs for piece in r.pieces(STRETCH_S)]
-    return [piece for piece in pieces[::share] if len(piece.rows) * piece.step_s > LEAST_S], share
+    return [piece for r in runs for piece in r.pieces(STRETCH_S)][::share], share
 
 
 def _uniform(run: _Run, log: Samples, motors: list[str], lag_s: float, top_hz: float) -> _Stretch:

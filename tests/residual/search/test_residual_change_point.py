@@ -191,6 +191,18 @@ def test_hours_of_flight_are_judged_in_stretches(flights, monkeypatch):
     assert answer.channels["force_z"].held_out_rows < 300
 
 
+def test_hours_of_flight_in_fragments_are_judged_too(flights, monkeypatch):
+    """Fragments of 5 s with rows missing in each: whole ones, however few rows they have."""
+    monkeypatch.setattr("coaxlink.residual.channels.flight.MANY_ROWS", 400)
+    log = flights["slow"]
+    time = log["time_s"] - log["time_s"][0]
+    kept = (time % 5.5 < 5.0) & ~((time % 5.5 > 2.0) & (time % 0.25 < 0.2) & (time % 5.5 < 4.5))
+    holes = np.where(kept, log["roll_rad"], np.nan)
+    frame = flight_frame([log.with_columns(roll_rad=holes)], x8(), with_thrust(1.0))
+    assert any("one stretch" in note for note in frame.notes)
+    assert len(set(frame.stretch)) > 1
+
+
 def test_nothing_is_judged_right_behind_a_step_of_the_commands(flights):
     log = flights["clean"]
     time, kicked = log["time_s"], log["motor1"].copy()
