@@ -94,11 +94,8 @@ def dependences(
     nonlinear = _less_straight(residual, [v for name, v in variables.items() if name.startswith(MOTOR)])
     for name, values, basis, folding in _bases(variables, fold):
         left = nonlinear if name.startswith(MOTOR) else residual
-        for c in range(residual.shape[1]):
-            found = _one(left[:, c], basis, folding, block if folding is fold else None)
-            if found is None:
-                continue
-            share, statistic, smooth, width = found
+        for c, share, statistic, smooth in _smooths(left, basis, folding, block if folding is fold else None):
+            width = basis.shape[1]
             size = float(np.quantile(np.abs(smooth), 0.95) / reference[c])
             p_value = min(1.0, looks * float(chi2.sf(statistic, width)))
             rms = float(np.sqrt(np.mean(smooth**2)))
@@ -204,32 +201,33 @@ def _bases(
             yield "upper_speed x lower_speed", variables["lower_speed"], both, near
 
 
-def _one(
-    r: Array, basis: Array, fold: NDArray[np.intp], block: NDArray[np.intp] | None
-) -> tuple[float, float, Array, int] | None:
-    """Held-out share, chi-square, in-sample smooth and width of one residual on one basis.
+def _smooths(
+    residual: Array, basis: Array, fold: NDArray[np.intp], block: NDArray[np.intp] | None
+) -> Iterator[tuple[int, float, float, Array]]:
+    """(channel, held-out share, chi-square, in-sample smooth) of the channels that follow a basis (rows, K).
 
     With `block` (rows,) neighbours of one block are not independent: what the smooth leaves says how far.
     """
-    width = basis.shape[1]
-    ridge = 1e-6 * np.eye(width) * len(r)
-    left = np.zeros_like(r)
-    for f in np.unique(fold):
-        test = fold == f
-        gram = basis[~test].T @ basis[~test] + ridge
-        left[test] = r[test] - basis[test] @ np.linalg.solve(gram, basis[~test].T @ r[~test])
-    power = float(np.sum((r - r.mean()) ** 2))
-    if power <= 0:
-        return None
-    share = 1.0 - float(np.sum(left**2)) / power
-    if share <= SHARE:
-        return None
-    smooth = basis @ np.linalg.solve(basis.T @ basis + ridge, basis.T @ r)
-    smooth = smooth - smooth.mean()
-    rest = r - r.mean() - smooth
-    inflation = 1.0 if block is None else float(autocorrelation_time(rest[:, None], block)[0])
-    statistic = float((power - np.sum(rest**2)) / (np.mean(rest**2) * inflation))
-    return share, statistic, smooth, width
+    ridge = 1e-6 * np.eye(basis.shape[1]) * len(residual)
+    tests = [fold == f for f in np.unique(fold)]
+    sums = [(basis[test].T @ basis[test], basis[test].T @ residual[test]) for test in tests]
+    gram, moment = ridge + sum(g for g, _ in sums), sum(m for _, m in sums)
+    left = np.zeros_like(residual)
+    for test, (own_gram, own_moment) in zip(tests, sums, strict=True):
+        others = np.linalg.solve(gram - own_gram, moment - own_moment)
+        left[test] = residual[test] - basis[test] @ others
+    about = residual - residual.mean(axis=0)
+    power = np.sum(about**2, axis=0)
+    for c in np.flatnonzero(power > 0):
+        share = 1.0 - float(np.sum(left[:, c] ** 2) / power[c])
+        if share <= SHARE:
+            continue
+        smooth = basis @ np.linalg.solve(gram, moment[:, c])
+        smooth = smooth - smooth.mean()
+        rest = about[:, c] - smooth
+        inflation = 1.0 if block is None else float(autocorrelation_time(rest[:, None], block)[0])
+        statistic = float((power[c] - np.sum(rest**2)) / (np.mean(rest**2) * inflation))
+        yield int(c), share, statistic, smooth
 
 
 def _where(values: Array, smooth: Array) -> str:
