@@ -15,13 +15,8 @@ from coaxlink.residual.base.rebased_model import rebased_flight
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
 from coaxlink.residual.regression.blocks import bootstrap, error_interval, held_out, solve
-from coaxlink.residual.regression.dependence import (
-    colour_limit,
-    dependences,
-    is_coloured,
-    period_of,
-    time_path,
-)
+from coaxlink.residual.regression.coloured_noise import Colours, period_of
+from coaxlink.residual.regression.dependence import dependences, time_path
 from coaxlink.residual.regression.joint_model import ONSET, Joint, Part
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import (
@@ -359,7 +354,7 @@ def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array, left: 
     if not j.labelled:
         return []
     gusty = any(o.name == "wind" for o in j.claimed)
-    limit = colour_limit(j.floor, q.reference, flown=isinstance(q.frame, FlightFrame))
+    colours = Colours(left, q.block, j.floor, q.reference, flown=isinstance(q.frame, FlightFrame))
     every = np.zeros((len(q.frame.time_s), left.shape[1]))
     every[q.frame.keep] = left  # a period shows at the rows' own distances
     for c, name in enumerate(q.channels):
@@ -369,8 +364,8 @@ def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array, left: 
         if name in {u.channel for u in attributed} or float(q.sigma[c]) * low < SILENT * j.floor[c]:
             continue
         enough = excess > (GUSTS if gusty else SILENT_SIZE) * q.reference[c]
-        period = period_of(every[:, c]) if enough else None
-        if enough and (period or not is_coloured(*time_path(left[:, c]), limit[c])):
+        period = period_of(every[:, c], every[:, c]) if enough else None
+        if enough and (period or not colours.hold(c, *time_path(left[:, c]))):
             where = f"{rms / j.floor[c]:.1f} times the noise between neighbouring rows, by nothing recorded"
             where += f", with a period of {period:.1f} rows" if period else ""
             where += ": the wind is not steady" if gusty else ""

@@ -25,10 +25,11 @@ from coaxlink.residual.channels.stand import ANY, LEAST_ROWS, ORDERS, Orders, jo
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_problem, stand_variables
 from coaxlink.residual.checks.posterior_check import undone
 from coaxlink.residual.checks.residual_check import minor
+from coaxlink.residual.checks.rivals import APART, nats_ahead
 from coaxlink.residual.faults.stand_faults import find_suspects
 from coaxlink.residual.faults.tachometer_gain import wrong_gain
 from coaxlink.residual.regression.irls import channel_errors
-from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed
+from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed, of_grid
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import Refinement, Step
 from coaxlink.residual.search.form_error import within_forms
@@ -43,7 +44,7 @@ ROUNDS = 3  # of judging again
 TRIED = 3  # effects that are moved to their best shape where none passes in a shape of the grid
 PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
-PLAIN = (2,)
+PLAIN, BENT = (2,), (3,)
 
 
 class Try(NamedTuple):
@@ -139,6 +140,10 @@ def judge_stand(
             joint, acting = fit_jointly(problem, selection, bare, known, reduce, start)
         if law and not _of_speed(joint.members):
             continue
+        if law:
+            bent = stand_frame(samples, model, (BENT, ORDERS), shed.get(again), trusted)
+            if not _sets_in(joint, selection, bent, reducing(bent)):
+                continue
         error = log_error(joint)
         if best is None or error <= best[0] + PLAINER:
             shed = {"all": acting.predicted - problem.frame.predicted} if selection.members else {}
@@ -225,6 +230,14 @@ def _still_there(j: Judged, fitted: Callable[[Sequence[Option], Mapping[str, Mem
 def _asks_for_a_law(problem: Problem) -> bool:
     """Whether a law of the speeds explains anything at all here by itself."""
     return any(t.gain > LITTLE for t in Judge(problem).best_of_each([]) if t.option.name in OF_SPEED)
+
+
+def _sets_in(joint: Joint, selection: Selection, bent: Any, reduce: Callable[[Array], Array]) -> bool:
+    """Whether a law of the speeds is ahead of a map that bends over all of them, as pairs without one do."""
+    known, _ = known_parts(bent)
+    problem = stand_problem(composed(bent, known))
+    others = of_grid(problem, [m for m in selection.members if m.name not in OF_SPEED])
+    return nats_ahead(joint, fit_jointly(problem, Selection(members=others), bent, known, reduce)[0]) > APART
 
 
 def _of_speed(members: Sequence[Member]) -> bool:

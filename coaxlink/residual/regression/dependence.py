@@ -2,8 +2,7 @@
 
 Each channel's residual is held against each variable through a smooth of eight hats; a dependence counts
 when it is found again on held-out blocks, stands far outside coloured noise over all looks, and is large
-enough to matter. Noise with a colour (gusts, ringing, the drift of a cell) is a smooth path over time too:
-one that is found between neighbouring rows counts only if it is none that such noise would run.
+enough to matter. What is found between neighbouring rows is no neighbours' noise (`coloured_noise.py`).
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from coaxlink.residual.regression.coloured_noise import Colours
 from coaxlink.residual.regression.gates import autocorrelation_time
 
 Array = NDArray[np.float64]
@@ -27,12 +27,9 @@ FINE_ROWS, FINE_HATS = 4, 200  # rows a hat of a fine smooth, at least; hats, at
 MOTOR = "motor"  # variables of one motor each
 ANGLES, HARMONICS = ("yaw_rad",), 3  # what begins anew after a turn
 ALPHA = 1e-4
+SURROGATES = 100  # copies of a residual: seconds
 SHARE = 0.12  # of the residual's variance, held out
 SIZE = 0.006  # of the reference load, 95th percentile
-# judgement: of a path's power, what one frequency holds of a periodic disturbance and of no coloured noise;
-# cycles in the log, fewer are a trend; times the noise from row to row, what drift and ringing of cells leave
-LINE, CYCLES, COLOURED = 0.5, 3, 1.7
-GUST = 0.02  # of the reference load, judgement: gusts of independent simulated flights bring 0.4 to 1.4 % rms
 
 
 @dataclass(frozen=True)
@@ -90,16 +87,18 @@ def dependences(
     """
     out: list[Dependence] = []
     looks = max(1, len(variables) * residual.shape[1])
-    limit = colour_limit(floor, reference, flown="upper_speed" not in variables)
+    colours = Colours(residual, block, floor, reference, flown="upper_speed" not in variables)
     nonlinear = _less_straight(residual, [v for name, v in variables.items() if name.startswith(MOTOR)])
     for name, values, basis, folding in _bases(variables, fold):
         left = nonlinear if name.startswith(MOTOR) else residual
         for c, share, statistic, smooth in _smooths(left, basis, folding, block if folding is fold else None):
             width = basis.shape[1]
+            if folding is not fold and name != "time_s" and share < _by_chance(left[:, c], basis, folding):
+                continue
             size = float(np.quantile(np.abs(smooth), 0.95) / reference[c])
             p_value = min(1.0, looks * float(chi2.sf(statistic, width)))
             rms = float(np.sqrt(np.mean(smooth**2)))
-            if name == "time_s" and folding is not fold and is_coloured(smooth, width, limit[c]):
+            if name == "time_s" and folding is not fold and colours.hold(c, smooth, width):
                 continue
             if share > SHARE and p_value < ALPHA and size > SIZE and rms > 0.5 * floor[c]:
                 out.append(Dependence(c, name, share, size, rms, _where(values, smooth)))
@@ -112,38 +111,6 @@ def _less_straight(residual: Array, speeds: list[Array]) -> Array:
         return residual
     columns = np.stack([np.ones(len(residual)), *speeds], axis=1)
     return np.asarray(residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0])
-
-
-def colour_limit(floor: Array, reference: Array, *, flown: bool) -> Array:
-    """(C,) rms of a path over time up to which it may be noise: in flight a gust's, on a stand a cell's."""
-    return GUST * reference if flown else COLOURED * floor
-
-
-def is_coloured(path: Array, width: int, limit: float) -> bool:
-    """Whether a path over time (rows,), of so many numbers, is one that stationary coloured noise runs.
-
-    Such noise is normal at every moment (the largest of so many normal numbers is known) and has no line in
-    its spectrum; a burst and a periodic disturbance are found so, a trend by the smooth of eight hats.
-    """
-    path = path - np.mean(path)
-    spread = float(np.std(path))
-    most = float(norm.isf(0.5 * ALPHA / max(width, 1)))
-    if spread > limit or float(np.max(np.abs(path))) > most * spread:
-        return False
-    return period_of(path) is None
-
-
-def period_of(values: Array) -> float | None:
-    """Of values (rows,) at equal distances, the period in rows that holds most of their power, or None.
-
-    >>> round(period_of(np.sign(np.sin(np.arange(500) * np.pi / 8.0 + 0.1))), 1)
-    16.1
-    """
-    power = np.abs(np.fft.rfft(values)) ** 2
-    k = int(np.argmax(power))
-    if k < CYCLES or float(power[k - 1 : k + 2].sum()) <= LINE * float(power.sum()):
-        return None
-    return len(values) / k
 
 
 def time_path(residual: Array) -> tuple[Array, int]:
@@ -208,26 +175,43 @@ def _smooths(
 
     With `block` (rows,) neighbours of one block are not independent: what the smooth leaves says how far.
     """
-    ridge = 1e-6 * np.eye(basis.shape[1]) * len(residual)
-    tests = [fold == f for f in np.unique(fold)]
-    sums = [(basis[test].T @ basis[test], basis[test].T @ residual[test]) for test in tests]
-    gram, moment = ridge + sum(g for g, _ in sums), sum(m for _, m in sums)
-    left = np.zeros_like(residual)
-    for test, (own_gram, own_moment) in zip(tests, sums, strict=True):
-        others = np.linalg.solve(gram - own_gram, moment - own_moment)
-        left[test] = residual[test] - basis[test] @ others
+    shares, gram, moment = _shares(residual, basis, fold)
     about = residual - residual.mean(axis=0)
     power = np.sum(about**2, axis=0)
-    for c in np.flatnonzero(power > 0):
-        share = 1.0 - float(np.sum(left[:, c] ** 2) / power[c])
-        if share <= SHARE:
-            continue
+    for c in np.flatnonzero(shares > SHARE):
         smooth = basis @ np.linalg.solve(gram, moment[:, c])
         smooth = smooth - smooth.mean()
         rest = about[:, c] - smooth
         inflation = 1.0 if block is None else float(autocorrelation_time(rest[:, None], block)[0])
         statistic = float((power[c] - np.sum(rest**2)) / (np.mean(rest**2) * inflation))
-        yield int(c), share, statistic, smooth
+        yield int(c), float(shares[c]), statistic, smooth
+
+
+def _shares(residual: Array, basis: Array, fold: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    """(C,) share of the variance that a basis foretells for held-out rows; its Gram matrix, its moments."""
+    ridge = 1e-6 * np.eye(basis.shape[1]) * len(residual)
+    tests = [fold == f for f in np.unique(fold)]
+    sums = [(basis[test].T @ basis[test], basis[test].T @ residual[test]) for test in tests]
+    gram, moment = ridge + sum(g for g, _ in sums), sum(m for _, m in sums)
+    left = np.zeros(residual.shape[1])
+    for test, (own_gram, own_moment) in zip(tests, sums, strict=True):
+        others = np.linalg.solve(gram - own_gram, moment - own_moment)
+        left += np.sum((residual[test] - basis[test] @ others) ** 2, axis=0)
+    power = np.sum((residual - residual.mean(axis=0)) ** 2, axis=0)
+    return 1.0 - left / np.where(power > 0, power, np.inf), gram, moment
+
+
+def _by_chance(residual: Array, basis: Array, fold: NDArray[np.intp]) -> float:
+    """Share that a basis foretells of noise with the spectrum of a residual (rows,), at most.
+
+    Rows that were held at one level share their noise, and the level takes it for its own. Copies with the
+    same spectrum and other phases (Theiler et al. 1992) tell how much.
+    """
+    half = np.abs(np.fft.rfft(residual - residual.mean()))[:, None]
+    turns = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, (len(half), SURROGATES))
+    copies = np.fft.irfft(half * np.exp(1j * turns), n=len(residual), axis=0)
+    shares = _shares(copies, basis, fold)[0]
+    return float(shares.mean() + norm.isf(ALPHA) * shares.std())
 
 
 def _where(values: Array, smooth: Array) -> str:

@@ -1,0 +1,109 @@
+"""Noise with a colour (gusts, ringing, a cell's wander): it runs smooth paths over time and is no effect.
+
+Noise is normal at every moment (the largest of so many normal numbers is known) and has no line in its
+spectrum: a burst and a period are found so, a trend by smooths of eight hats. It is as small as a cell's
+wander or a gust, or it forgets soon and is each cell's own: what acts on a rotor shows in several loads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from coaxlink.residual.regression.gates import autocorrelation_time
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+ALPHA = 1e-4  # that the largest of a path's numbers is by chance so large; that two channels go together
+# judgement: of a path's power, what one frequency holds of a periodic disturbance and of no coloured noise;
+# cycles in the log, fewer are a trend; times the noise from row to row, what drift and ringing of cells leave
+LINE, CYCLES, COLOURED = 0.5, 3, 1.7
+# of the reference load, judgement: gusts of independent simulated flights bring 0.4 to 1.4 % rms; more of a
+# cell's own noise is worth being told
+MOST = 0.02
+FORGETS = 20  # judgement: how often noise was itself again in the log, at least; less often it is a course
+
+
+@dataclass(frozen=True)
+class Colours:
+    """What noise the channels of a residual (rows, C) may have, rows in the order of time.
+
+    `block` (rows,) numbers gapless stretches; `floor` (C,) is the noise between neighbouring rows in the
+    channels' unit, `reference` (C,) the load that a size is a share of.
+    """
+
+    residual: Array
+    block: Index
+    floor: Array
+    reference: Array
+    flown: bool
+
+    def hold(self, channel: int, path: Array, width: int) -> bool:
+        """Whether a path over time, of so many numbers, is one that noise of this channel runs."""
+        path = path - np.mean(path)
+        spread = float(np.std(path))
+        most = float(norm.isf(0.5 * ALPHA / max(width, 1)))
+        if (
+            float(np.max(np.abs(path))) > most * spread
+            or period_of(self.residual[:, channel], path) is not None
+        ):
+            return False
+        if self.flown:
+            return spread <= MOST * self.reference[channel]
+        return spread <= COLOURED * self.floor[channel] or (
+            spread <= MOST * self.reference[channel] and self._own(channel)
+        )
+
+    def _own(self, channel: int) -> bool:
+        """Whether what a channel is left with soon forgets, and no other channel goes along."""
+        rows = len(self.residual)
+        memory = autocorrelation_time(self.residual - self.residual.mean(axis=0), self.block)
+        if rows < FORGETS * memory[channel]:
+            return False
+        others = np.arange(self.residual.shape[1]) != channel
+        together = _correlation(self.residual[:, [channel]], self.residual[:, others])
+        readings = rows / np.minimum(memory[others], memory[channel])
+        limit = norm.isf(0.5 * ALPHA / max(1, others.sum())) / np.sqrt(readings)
+        return bool(np.all(np.abs(together) < limit))
+
+
+def _correlation(one: Array, others: Array) -> Array:
+    """(K,) of one column (rows, 1) with others (rows, K); 0 with what stands still."""
+    one, others = one - one.mean(axis=0), others - others.mean(axis=0)
+    power = np.sqrt(np.sum(one**2) * np.sum(others**2, axis=0))
+    return np.asarray(np.sum(one * others, axis=0) / np.where(power > 0, power, np.inf))
+
+
+def period_of(values: Array, path: Array) -> float | None:
+    """Of values (rows,) at equal distances, the period in rows with most of their path's power.
+
+    None where noise holds as much there by chance: what the rows' first two autocorrelations say of a
+    first-order autoregression beside white noise has this spectrum, and each frequency an exponential share.
+
+    >>> turns = np.sign(np.sin(np.arange(500) * np.pi / 8.0 + 0.1))
+    >>> round(period_of(turns, turns), 1)
+    16.1
+    """
+    power = np.abs(np.fft.rfft(path - np.mean(path))) ** 2
+    k = int(np.argmax(power))
+    if k < CYCLES or float(power[k - 1 : k + 2].sum()) <= LINE * float(power.sum()):
+        return None
+    values = values - np.mean(values)
+    count, squares = len(values), float(np.sum(values**2))
+    there = float(np.max(np.abs(np.fft.rfft(values)[k - 1 : k + 2]) ** 2))
+    by_chance = np.log(len(power) / ALPHA) * squares * _share_of_red(values, k / count)
+    return count / k if there > by_chance else None
+
+
+def _share_of_red(values: Array, frequency: float) -> float:
+    """Of centred values' white spectrum, what theirs has at a frequency (of the rate), if they are red."""
+    power = float(np.sum(values**2)) or 1.0
+    first, second = (float(np.sum(values[k:] * values[:-k])) / power for k in (1, 2))
+    keeps = min(max(second / first, 0.0), 0.999) if first > 0.0 else 0.0
+    red = min(first / keeps, 1.0) if keeps > 0.0 else 0.0
+    rise = (1.0 - keeps**2) / (1.0 + keeps**2 - 2.0 * keeps * np.cos(2.0 * np.pi * frequency))
+    return float(1.0 - red + red * rise)
