@@ -43,14 +43,13 @@ class Colours:
     flown: bool
 
     def hold(self, channel: int, path: Array, width: int) -> bool:
-        """Whether a path over time, of so many numbers, is one that noise of this channel runs."""
+        """Whether noise of this channel runs such a path over time, of so many hats at equal distances."""
         path = path - np.mean(path)
         spread = float(np.std(path))
-        most = float(norm.isf(0.5 * ALPHA / max(width, 1)))
-        if (
-            float(np.max(np.abs(path))) > most * spread
-            or period_of(self.residual[:, channel], path) is not None
-        ):
+        knots = path[np.linspace(0, len(path) - 1, width).astype(int)]
+        knots[[0, -1]] *= np.sqrt(0.5)  # half as many rows tell the first and the last
+        most = float(norm.isf(0.5 * ALPHA / width) * np.std(knots))
+        if np.max(np.abs(knots)) > most or period_of(self.residual[:, channel], path) is not None:
             return False
         if self.flown:
             return spread <= MOST * self.reference[channel]
