@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import f, norm
 
 from coaxlink.residual.regression.gates import autocorrelation_time
 
@@ -19,13 +19,14 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 ALPHA = 1e-4  # that the largest of a path's numbers is by chance so large; that two channels go together
-# judgement: of a path's power, what one frequency holds of a periodic disturbance and of no coloured noise;
-# cycles in the log, fewer are a trend; times the noise from row to row, what drift and ringing of cells leave
-LINE, CYCLES, COLOURED = 0.5, 3, 1.7
+# judgement: of a path's power, what one frequency holds of a periodic disturbance; cycles in the log, fewer
+# are a trend; frequencies to either side that tell what a line stands out from; times the noise from row to
+# row, what drift and ringing of cells leave
+LINE, CYCLES, BESIDE, COLOURED = 0.25, 3, 16, 1.7
 # of the reference load, judgement: gusts of independent simulated flights bring 0.4 to 1.4 % rms; more of a
 # cell's own noise is worth being told
 MOST = 0.02
-FORGETS = 20  # judgement: how often noise was itself again in the log, at least; less often it is a course
+FORGETS = 30  # judgement: independent numbers in noise, at least; with fewer it is a course
 
 
 @dataclass(frozen=True)
@@ -60,14 +61,22 @@ class Colours:
     def _own(self, channel: int) -> bool:
         """Whether what a channel is left with soon forgets, and no other channel goes along."""
         rows = len(self.residual)
-        memory = autocorrelation_time(self.residual - self.residual.mean(axis=0), self.block)
-        if rows < FORGETS * memory[channel]:
+        if _independent(self.residual[:, channel]) < FORGETS:
             return False
+        memory = autocorrelation_time(self.residual - self.residual.mean(axis=0), self.block)
         others = np.arange(self.residual.shape[1]) != channel
         together = _correlation(self.residual[:, [channel]], self.residual[:, others])
         readings = rows / np.minimum(memory[others], memory[channel])
         limit = norm.isf(0.5 * ALPHA / max(1, others.sum())) / np.sqrt(readings)
         return bool(np.all(np.abs(together) < limit))
+
+
+def _independent(values: Array) -> float:
+    """How many independent numbers stationary noise (rows,) has run through: the breadth of its spectrum."""
+    power = np.abs(np.fft.rfft(values - np.mean(values))) ** 2
+    squares = float(np.sum(power**2))
+    # twice: one reading of a spectrum scatters as much as it is large
+    return 2.0 * float(np.sum(power)) ** 2 / squares if squares > 0 else 0.0
 
 
 def _correlation(one: Array, others: Array) -> Array:
@@ -80,8 +89,10 @@ def _correlation(one: Array, others: Array) -> Array:
 def period_of(values: Array, path: Array) -> float | None:
     """Of values (rows,) at equal distances, the period in rows with most of their path's power.
 
-    None where noise holds as much there by chance: what the rows' first two autocorrelations say of a
-    first-order autoregression beside white noise has this spectrum, and each frequency an exponential share.
+    None where noise holds as much there by chance. A line stands out from its neighbours in the spectrum, as
+    ringing does not, and from what a first-order autoregression beside white noise has there (by the first
+    two autocorrelations). Each frequency's power is exponential about its mean, the neighbours' mean as
+    uncertain as their number says (an F test).
 
     >>> turns = np.sign(np.sin(np.arange(500) * np.pi / 8.0 + 0.1))
     >>> round(period_of(turns, turns), 1)
@@ -92,10 +103,13 @@ def period_of(values: Array, path: Array) -> float | None:
     if k < CYCLES or float(power[k - 1 : k + 2].sum()) <= LINE * float(power.sum()):
         return None
     values = values - np.mean(values)
-    count, squares = len(values), float(np.sum(values**2))
-    there = float(np.max(np.abs(np.fft.rfft(values)[k - 1 : k + 2]) ** 2))
-    by_chance = np.log(len(power) / ALPHA) * squares * _share_of_red(values, k / count)
-    return count / k if there > by_chance else None
+    spectrum = np.abs(np.fft.rfft(values)) ** 2
+    k = k - 1 + int(np.argmax(spectrum[k - 1 : k + 2]))
+    near = np.r_[spectrum[max(1, k - BESIDE) : k - 1], spectrum[k + 2 : k + 1 + BESIDE]]
+    chance = ALPHA / len(power)
+    out_of_near = float(f.isf(chance, 2, 2 * len(near)) * np.mean(near)) if len(near) else np.inf
+    out_of_red = -np.log(chance) * float(np.sum(values**2)) * _share_of_red(values, k / len(values))
+    return len(values) / k if spectrum[k] > max(out_of_near, out_of_red) else None
 
 
 def _share_of_red(values: Array, frequency: float) -> float:

@@ -62,10 +62,38 @@ def test_what_comes_twice_a_turn_goes_with_the_heading() -> None:
     assert found(gusts(7) + 1.5 * np.cos(2.0 * yaw), yaw_rad=yaw)[0] == "yaw_rad"
 
 
-@pytest.mark.parametrize(("size", "told"), [(0.12, False), (1.0, True)])
-def test_a_cell_may_wander_by_a_little_on_a_stand(size: float, told: bool) -> None:
-    """Of noise with a colour as of what drives it: up to twice the noise from row to row, no more."""
-    left = size * gusts(8, 3.0) + 0.1 * np.random.default_rng(9).standard_normal(ROWS)
+@pytest.mark.parametrize(
+    ("size", "memory_s", "told"), [(0.12, 8.0, False), (1.0, 8.0, True), (1.0, 2.0, False), (2.5, 2.0, True)]
+)
+def test_a_cell_may_wander_by_a_little_on_a_stand(size: float, memory_s: float, told: bool) -> None:
+    """Up to twice the noise from row to row, or so that it comes back often in a log, up to 2 % of the load."""
+    left = size * gusts(8, memory_s) + 0.1 * np.random.default_rng(9).standard_normal(ROWS)
     speed = 0.5 + 0.3 * np.sin(TIME / 3.0)
     names = found(left, upper_speed=speed, lower_speed=0.5 + 0.3 * np.cos(TIME / 4.1))
     assert ("time_s" in names) == told
+
+
+def on_stand(left: np.ndarray) -> set[str]:
+    """Channels and variables that a stand's loads (rows, C) go with; a load of 100, a tenth of noise."""
+    full, noise = np.full(left.shape[1], 100.0), np.full(left.shape[1], 0.1)
+    levels = 0.3 + 0.1 * (np.arange(ROWS) // 30 % 7), 0.3 + 0.1 * (np.arange(ROWS) // 210 % 6)
+    variables = {"time_s": TIME, "upper_speed": levels[0], "lower_speed": levels[1]}
+    return {f"{d.channel} {d.variable}" for d in dependences(left, variables, BLOCK, FOLD, full, noise)}
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_cells_own_noise_that_soon_forgets_goes_with_nothing(seed: int) -> None:
+    """Rows that stand at one level share some of it, and no level may take it for its own."""
+    assert on_stand(np.stack([gusts(10 * seed + c, 0.4) for c in range(4)], axis=1)) == set()
+
+
+def test_what_two_loads_share_is_no_cells_noise() -> None:
+    one, shared = gusts(1, 0.4), gusts(2, 0.4)
+    told = on_stand(np.stack([one, shared, shared + 0.3 * gusts(3, 0.4)], axis=1))
+    assert told == {"1 time_s", "2 time_s"}
+
+
+def test_a_bump_over_the_speeds_is_told_beside_noise_with_a_colour() -> None:
+    upper = 0.3 + 0.1 * (np.arange(ROWS) // 30 % 7)
+    bump = 3.0 * (upper > 0.75) * (np.arange(ROWS) // 210 % 6 > 2)
+    assert "0 upper_speed x lower_speed" in on_stand((0.5 * gusts(4, 0.4) + bump)[:, None])
