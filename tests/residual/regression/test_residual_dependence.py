@@ -66,7 +66,7 @@ def test_what_comes_twice_a_turn_goes_with_the_heading() -> None:
     ("size", "memory_s", "told"), [(0.12, 8.0, False), (1.0, 8.0, True), (1.0, 2.0, False), (2.5, 2.0, True)]
 )
 def test_a_cell_may_wander_by_a_little_on_a_stand(size: float, memory_s: float, told: bool) -> None:
-    """Up to twice the noise from row to row, or so that it comes back often in a log, up to 2 % of the load."""
+    """Up to twice the noise from row to row, or 2 % of the load where it soon forgets."""
     left = size * gusts(8, memory_s) + 0.1 * np.random.default_rng(9).standard_normal(ROWS)
     speed = 0.5 + 0.3 * np.sin(TIME / 3.0)
     names = found(left, upper_speed=speed, lower_speed=0.5 + 0.3 * np.cos(TIME / 4.1))
