@@ -59,7 +59,7 @@ class FoundEffect:
 
 
 # Of names held with certainty among those that can be weighed, so many are there, as counted
-# (docs/evidence.md, Calibration): what coaxlink has no name for cannot be weighed.
+# (docs/tracing_record.md, Calibration): what coaxlink has no name for cannot be weighed.
 AMONG_KNOWN = 0.98
 
 
