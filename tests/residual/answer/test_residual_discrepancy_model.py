@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from residual_rig import steady_loads
 from residual_stand_logs import log_of, names, over, ramps
+from scipy.signal import lfilter
 
 from coaxlink.report.refine import verdict
 from coaxlink.residual import refine_stand
@@ -131,6 +132,20 @@ def test_a_stall_of_the_blades_is_named_without_a_rotor_model():
     found = {p.name: p.value for p in answer.effects[0].parameters}
     assert found["tip"] == pytest.approx(0.6, abs=0.1)
     assert over(answer) < 1.1
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_a_pair_of_another_power_under_coloured_noise_is_clean(seed):
+    """Loads that grow with the speed's power of 1.8, and cells whose noise is 0.8 alike from row to row."""
+    t, a, b = ramps(1500)
+    loads = steady_loads(a, b)
+    for row, u in enumerate((a, a, b, b)):
+        loads[row] *= np.maximum(u, 0.02) ** (-0.17, -0.24)[row % 2]
+    white = np.random.default_rng(seed).standard_normal((4, 1700))
+    size = 0.006 * np.quantile(np.abs(loads), 0.95, axis=1)
+    loads += size[:, None] * lfilter([1.0], [1.0, -0.8], white, axis=1)[:, 200:]
+    answer = refine_stand(log_of(t, a, b, loads))
+    assert names(answer) == [] and not answer.ambiguous and not answer.unexplained
 
 
 def test_one_rotor_that_bends_is_no_law_of_the_blades():
