@@ -55,35 +55,36 @@ class Colours:
         if self.flown:
             return spread <= MOST * self.reference[channel]
         return spread <= COLOURED * self.floor[channel] or (
-            spread <= MOST * self.reference[channel] and self._own(channel)
+            spread <= MOST * self.reference[channel] and self._own(channel, path)
         )
 
-    def _own(self, channel: int) -> bool:
-        """Whether what a channel is left with soon forgets, and no other channel goes along."""
+    def _own(self, channel: int, path: Array) -> bool:
+        """Whether what a channel is left with soon forgets, and no other channel goes along with its path."""
         rows = len(self.residual)
         if _independent(self.residual[:, channel]) < FORGETS:
             return False
-        memory = autocorrelation_time(self.residual - self.residual.mean(axis=0), self.block)
-        others = np.arange(self.residual.shape[1]) != channel
-        together = _correlation(self.residual[:, [channel]], self.residual[:, others])
-        readings = rows / np.minimum(memory[others], memory[channel])
-        limit = norm.isf(0.5 * ALPHA / max(1, others.sum())) / np.sqrt(readings)
-        return bool(np.all(np.abs(together) < limit))
+        others = self.residual[:, np.arange(self.residual.shape[1]) != channel]
+        if not others.shape[1]:
+            return True
+        along = np.interp(np.linspace(0.0, 1.0, rows), np.linspace(0.0, 1.0, len(path)), path)
+        readings = rows / autocorrelation_time(others - others.mean(axis=0), self.block)
+        limit = norm.isf(0.5 * ALPHA / others.shape[1]) / np.sqrt(readings)
+        return bool(np.all(np.abs(_correlation(along[:, None], others)) < limit))
 
 
 def _independent(values: Array) -> float:
     """How many independent numbers stationary noise (rows,) has run through: the breadth of its spectrum."""
     power = np.abs(np.fft.rfft(values - np.mean(values))) ** 2
-    squares = float(np.sum(power**2))
+    most = float(np.max(power))
     # twice: one reading of a spectrum scatters as much as it is large
-    return 2.0 * float(np.sum(power)) ** 2 / squares if squares > 0 else 0.0
+    return 2.0 * float(np.sum(power / most)) ** 2 / float(np.sum((power / most) ** 2)) if most > 0 else 0.0
 
 
 def _correlation(one: Array, others: Array) -> Array:
     """(K,) of one column (rows, 1) with others (rows, K); 0 with what stands still."""
     one, others = one - one.mean(axis=0), others - others.mean(axis=0)
-    power = np.sqrt(np.sum(one**2) * np.sum(others**2, axis=0))
-    return np.asarray(np.sum(one * others, axis=0) / np.where(power > 0, power, np.inf))
+    own, theirs = np.linalg.norm(one), np.linalg.norm(others, axis=0)
+    return np.asarray(np.sum(one * others, axis=0) / np.where(own * theirs > 0, own * theirs, np.inf))
 
 
 def period_of(values: Array, path: Array) -> float | None:
