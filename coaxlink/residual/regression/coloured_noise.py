@@ -1,8 +1,8 @@
 """Noise with a colour (gusts, ringing, a cell's wander): it runs smooth paths over time and is no effect.
 
-Noise is normal at every moment (the largest of so many normal numbers is known) and has no line in its
-spectrum: a burst and a period are found so, a trend by smooths of eight hats. It is as small as a cell's
-wander or a gust, or it forgets soon and is each cell's own: what acts on a rotor shows in several loads.
+Noise is normal at every moment (how large the largest of so many numbers is, and their kurtosis) and has no
+line in its spectrum: a burst and a period are found so, a trend by smooths of eight hats. It is as small as a
+cell's wander or a gust, or it forgets soon and is each cell's own: what acts on a rotor shows in several loads.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f, norm
+from scipy.stats import f, kurtosistest, norm
 
 from coaxlink.residual.regression.gates import autocorrelation_time
 
@@ -26,6 +26,7 @@ LINE, CYCLES, BESIDE, COLOURED = 0.25, 3, 16, 1.7
 # of the reference load, judgement: gusts of independent simulated flights bring 0.4 to 1.4 % rms; more of a
 # cell's own noise is worth being told
 MOST = 0.02
+LEAST_KURTOSIS = 20  # numbers: the test's approximation
 FORGETS = 30  # judgement: independent numbers in noise, at least; with fewer it is a course
 
 
@@ -49,8 +50,7 @@ class Colours:
         spread = float(np.std(path))
         knots = path[np.linspace(0, len(path) - 1, width).astype(int)]
         knots[[0, -1]] *= np.sqrt(0.5)  # half as many rows tell the first and the last
-        most = float(norm.isf(0.5 * ALPHA / width) * np.std(knots))
-        if np.max(np.abs(knots)) > most or period_of(self.residual[:, channel], path) is not None:
+        if not _normal(knots) or period_of(self.residual[:, channel], path) is not None:
             return False
         if self.flown:
             return spread <= MOST * self.reference[channel]
@@ -70,6 +70,14 @@ class Colours:
         readings = rows / autocorrelation_time(others - others.mean(axis=0), self.block)
         limit = norm.isf(0.5 * ALPHA / others.shape[1]) / np.sqrt(readings)
         return bool(np.all(np.abs(_correlation(along[:, None], others)) < limit))
+
+
+def _normal(values: Array) -> bool:
+    """Whether the largest of some numbers (K,) and their kurtosis (Anscombe and Glynn 1983) are by chance."""
+    spread = float(np.std(values))
+    if spread <= 0.0 or float(np.max(np.abs(values))) > norm.isf(0.5 * ALPHA / len(values)) * spread:
+        return spread <= 0.0
+    return len(values) < LEAST_KURTOSIS or kurtosistest(values / spread, alternative="greater").pvalue > ALPHA
 
 
 def _independent(values: Array) -> float:
