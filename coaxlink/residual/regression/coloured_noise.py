@@ -1,8 +1,9 @@
 """Noise with a colour (gusts, ringing, a cell's wander): it runs smooth paths over time and is no effect.
 
 Noise is normal at every moment (how large the largest of so many numbers is, and their kurtosis) and has no
-line in its spectrum: a burst and a period are found so, a trend by smooths of eight hats. It is as small as a
-cell's wander or a gust, or it forgets soon and is each cell's own: what acts on a rotor shows in several loads.
+line in its spectrum: a burst and a period are found so, a trend by smooths of eight hats. It is as small as
+a cell's wander or a gust, or it forgets soon and is each cell's own: what acts on a rotor shows in several
+loads.
 """
 
 from __future__ import annotations
