@@ -236,7 +236,8 @@ def _sets_in(joint: Joint, selection: Selection, bent: Any, reduce: Callable[[Ar
     """Whether a law of the speeds is ahead of a map that bends over all of them, as pairs without one do."""
     known, _ = known_parts(bent)
     problem = stand_problem(composed(bent, known))
-    others = of_grid(problem, [m for m in selection.members if m.name not in OF_SPEED])
+    there = {o.name for o in problem.options} - OF_SPEED
+    others = of_grid(problem, [m for m in selection.members if m.name in there])
     return nats_ahead(joint, fit_jointly(problem, Selection(members=others), bent, known, reduce)[0]) > APART
 
 
