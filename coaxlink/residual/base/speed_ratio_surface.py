@@ -68,9 +68,9 @@ def find_surface(speeds: Array, load: Array, terms: tuple[str, ...], gain: float
     It must leave less than `gain` of the squares.
     """
     poly = design_matrix(terms, speeds[:, 0], speeds[:, 1])
-    if not (np.isfinite(poly).all() and np.isfinite(load).all()):
-        return None  # damaged readings, whose powers are beyond numbers
     scale = 2.0 * float(np.quantile(np.abs(load), 0.95))
+    if not (np.isfinite(poly).all() and np.isfinite(load).all() and scale > 0.0):
+        return None  # damaged readings: powers beyond numbers, or a load that reads nothing
     fold = folds_of(20, 5)[np.arange(len(load)) * 20 // len(load)]
     plain = _held_out(poly, np.zeros((len(load), 0)), load, fold, scale)
     best: tuple[float, Surface] | None = None
