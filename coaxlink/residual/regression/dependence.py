@@ -202,7 +202,7 @@ def _shares(residual: Array, basis: Array, fold: NDArray[np.intp]) -> tuple[Arra
         others = np.linalg.solve(gram - own_gram, moment - own_moment)
         left += np.sum((residual[test] - basis[test] @ others) ** 2, axis=0)
     power = np.sum((residual - residual.mean(axis=0)) ** 2, axis=0)
-    return 1.0 - left / np.where(power > 0, power, np.inf), gram, moment
+    return np.where(power > 0, 1.0 - left / np.where(power > 0, power, 1.0), 0.0), gram, moment
 
 
 def _by_chance(residual: Array, basis: Array, fold: NDArray[np.intp]) -> float:

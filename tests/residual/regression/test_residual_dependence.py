@@ -97,3 +97,8 @@ def test_a_bump_over_the_speeds_is_told_beside_noise_with_a_colour() -> None:
     upper = 0.3 + 0.1 * (np.arange(ROWS) // 30 % 7)
     bump = 3.0 * (upper > 0.75) * (np.arange(ROWS) // 210 % 6 > 2)
     assert "0 upper_speed x lower_speed" in on_stand((0.5 * gusts(4, 0.4) + bump)[:, None])
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_channel_that_is_left_with_nothing_goes_with_nothing() -> None:
+    assert on_stand(np.zeros((ROWS, 2))) == set()
