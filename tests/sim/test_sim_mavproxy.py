@@ -126,11 +126,11 @@ def test_mavproxy_flies_a_mission(firmware: str, tmp_path: Path) -> None:
         assert int(user.see(r"Received (\d+) parameters")[1]) == PARAMETERS[firmware]
         name = "MPC_LAND_SPEED" if px4 else "LAND_SPEED"
         value = 1.0 if px4 else 100
-        user.type(f"param set {name} {value}")
         shown = math.nan
-        for _ in range(20):  # until the echo is there
+        for _ in range(20):  # until the echo is there; MAVProxy gives up after three seconds
+            user.type(f"param set {name} {value}")
             user.type(f"param show {name}")
-            shown = float(user.see(rf"{name}\s+(\S+)")[1])
+            shown = float(user.see(rf"{name}\s+([-.\d]+)")[1])
             if shown == value:
                 break
             time.sleep(0.2)
