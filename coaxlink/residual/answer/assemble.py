@@ -354,7 +354,7 @@ def _silent(j: Judged, attributed: Sequence[Unexplained], squares: Array, left: 
     if not j.labelled:
         return []
     gusty = any(o.name == "wind" for o in j.claimed)
-    colours = Colours(left, q.block, j.floor, q.reference, flown=isinstance(q.frame, FlightFrame))
+    colours = Colours(left, j.floor, q.reference, flown=isinstance(q.frame, FlightFrame))
     every = np.zeros((len(q.frame.time_s), left.shape[1]))
     every[q.frame.keep] = left  # a period shows at the rows' own distances
     for c, name in enumerate(q.channels):

@@ -12,35 +12,29 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f, kurtosistest, norm
-
-from coaxlink.residual.regression.gates import autocorrelation_time
+from scipy.stats import f, norm
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 ALPHA = 1e-4  # that the largest of a path's numbers is by chance so large; that two channels go together
-# judgement: of a path's power, what one frequency holds of a periodic disturbance; cycles in the log, fewer
-# are a trend; frequencies to either side that tell what a line stands out from; times the noise from row to
-# row, what drift and ringing of cells leave
-LINE, CYCLES, BESIDE, COLOURED = 0.25, 3, 16, 1.7
+# judgement: cycles of a period in the log, fewer are a trend; frequencies to either side that tell what a
+# line stands out from; times the noise from row to row, what drift and ringing of cells leave
+CYCLES, BESIDE, COLOURED = 3, 16, 1.7
 # of the reference load, judgement: gusts of independent simulated flights bring 0.4 to 1.4 % rms; more of a
 # cell's own noise is worth being told
 MOST = 0.02
-LEAST_KURTOSIS = 20  # numbers: the test's approximation
-FORGETS = 30  # judgement: independent numbers in noise, at least; with fewer it is a course
+LEAST = 20  # independent numbers: with fewer, the test of kurtosis cannot tell whether they are normal
 
 
 @dataclass(frozen=True)
 class Colours:
     """What noise the channels of a residual (rows, C) may have, rows in the order of time.
 
-    `block` (rows,) numbers gapless stretches; `floor` (C,) is the noise between neighbouring rows in the
-    channels' unit, `reference` (C,) the load that a size is a share of.
+    `floor` (C,) is the noise between neighbouring rows in the channels' unit, `reference` (C,) the load that
+    a size is a share of.
     """
 
     residual: Array
-    block: Index
     floor: Array
     reference: Array
     flown: bool
@@ -51,34 +45,66 @@ class Colours:
         spread = float(np.std(path))
         knots = path[np.linspace(0, len(path) - 1, width).astype(int)]
         knots[[0, -1]] *= np.sqrt(0.5)  # half as many rows tell the first and the last
-        if not _normal(knots) or period_of(self.residual[:, channel], path) is not None:
+        rows = self.residual[:, channel]
+        if not (_no_outlier(knots) and _no_tails(rows) and _no_tails(path)) or period_of(rows, path):
             return False
         if self.flown:
             return spread <= MOST * self.reference[channel]
-        return spread <= COLOURED * self.floor[channel] or (
-            spread <= MOST * self.reference[channel] and self._own(channel, path)
-        )
+        forgets = _independent(rows) >= LEAST
+        if spread <= COLOURED * self.floor[channel]:
+            return forgets or self._alone(channel, path)
+        return spread <= MOST * self.reference[channel] and forgets and self._alone(channel, path)
 
-    def _own(self, channel: int, path: Array) -> bool:
-        """Whether what a channel is left with soon forgets, and no other channel goes along with its path."""
+    def _alone(self, channel: int, path: Array) -> bool:
+        """Whether no other channel goes along with a path of this one.
+
+        What two stationary noises have in common by chance hangs on the spectra of both (Bartlett 1946).
+        """
         rows = len(self.residual)
-        if _independent(self.residual[:, channel]) < FORGETS:
-            return False
         others = self.residual[:, np.arange(self.residual.shape[1]) != channel]
         if not others.shape[1]:
             return True
-        along = np.interp(np.linspace(0.0, 1.0, rows), np.linspace(0.0, 1.0, len(path)), path)
-        readings = rows / autocorrelation_time(others - others.mean(axis=0), self.block)
-        limit = norm.isf(0.5 * ALPHA / others.shape[1]) / np.sqrt(readings)
-        return bool(np.all(np.abs(_correlation(along[:, None], others)) < limit))
+        along = np.interp(np.linspace(0.0, 1.0, rows), np.linspace(0.0, 1.0, len(path)), path)[:, None]
+        own, theirs = _power(along), _power(others)
+        both = np.sum(own * theirs, axis=0)
+        chance = both / np.where(both > 0, 2.0 * own.sum() * theirs.sum(axis=0), 1.0)  # variance of it
+        limit = norm.isf(0.5 * ALPHA / others.shape[1]) * np.sqrt(chance)
+        return bool(np.all((np.abs(_correlation(along, others)) < limit) | (both <= 0)))
 
 
-def _normal(values: Array) -> bool:
-    """Whether the largest of some numbers (K,) and their kurtosis (Anscombe and Glynn 1983) are by chance."""
+def _power(values: Array) -> Array:
+    """(rows // 2, K) of columns (rows, K)."""
+    return np.asarray(np.abs(np.fft.rfft(values, axis=0)[1:]) ** 2)
+
+
+def _no_outlier(values: Array) -> bool:
+    """Whether the largest of some numbers (K,) is by chance so large."""
     spread = float(np.std(values))
-    if spread <= 0.0 or float(np.max(np.abs(values))) > norm.isf(0.5 * ALPHA / len(values)) * spread:
-        return spread <= 0.0
-    return len(values) < LEAST_KURTOSIS or kurtosistest(values / spread, alternative="greater").pvalue > ALPHA
+    return float(np.max(np.abs(values))) <= norm.isf(0.5 * ALPHA / len(values)) * spread
+
+
+def _no_tails(values: Array) -> bool:
+    """Whether the kurtosis of stationary noise (rows,) is a normal one's, or less.
+
+    The test of Anscombe and Glynn (1983), of as many numbers as the noise has for its kurtosis: rows over the
+    sum of its autocorrelations' fourth powers (Lobato and Velasco 2004).
+    """
+    values = values - np.mean(values)
+    rows, power = len(values), float(np.mean(values**2))
+    if power <= 0.0:
+        return True
+    spectrum = np.abs(np.fft.rfft(values, 2 * rows)) ** 2
+    correlation = np.fft.irfft(spectrum)[:rows] / (rows * power)
+    n = rows / (2.0 * float(np.sum(correlation**4)) - 1.0)
+    excess = float(np.mean(values**4)) / power**2 - 3 * (n - 1) / (n + 1)
+    if n < LEAST or excess <= 0.0:
+        return True
+    x = excess / np.sqrt(24 * n * (n - 2) * (n - 3) / ((n + 1) ** 2 * (n + 3) * (n + 5)))
+    skew = np.sqrt(6 * (n + 3) * (n + 5) / (n * (n - 2) * (n - 3)))
+    skew *= 6 * (n**2 - 5 * n + 2) / ((n + 7) * (n + 9))
+    freedom = 6 + 8 / skew * (2 / skew + np.sqrt(1 + 4 / skew**2))
+    root = np.cbrt((1 - 2 / freedom) / (1 + x * np.sqrt(2 / (freedom - 4))))
+    return bool((1 - 2 / (9 * freedom) - root) / np.sqrt(2 / (9 * freedom)) < norm.isf(ALPHA))
 
 
 def _independent(values: Array) -> float:
@@ -110,7 +136,7 @@ def period_of(values: Array, path: Array) -> float | None:
     """
     power = np.abs(np.fft.rfft(path - np.mean(path))) ** 2
     k = int(np.argmax(power))
-    if k < CYCLES or float(power[k - 1 : k + 2].sum()) <= LINE * float(power.sum()):
+    if k < CYCLES:
         return None
     values = values - np.mean(values)
     spectrum = np.abs(np.fft.rfft(values)) ** 2

@@ -88,13 +88,14 @@ def dependences(
     out: list[Dependence] = []
     looks = max(1, len(variables) * residual.shape[1])
     half = np.arange(len(fold)) * 2 // len(fold)
-    colours = Colours(residual, block, floor, reference, flown="upper_speed" not in variables)
+    flown = "upper_speed" not in variables
+    colours = Colours(residual, floor, reference, flown)
     nonlinear = _less_straight(residual, [v for name, v in variables.items() if name.startswith(MOTOR)])
     for name, values, basis, folding in _bases(variables, fold):
         left = nonlinear if name.startswith(MOTOR) else residual
         for c, share, statistic, smooth in _smooths(left, basis, folding, block if folding is fold else None):
             width = basis.shape[1]
-            if folding is not fold and name != "time_s":
+            if name != "time_s" and not (flown and folding is fold):
                 # rows at one level share their noise, but it is not there again in the log's other half
                 again = float(_shares(left[:, [c]], basis, half)[0][0]) > SHARE
                 if not again and share < _by_chance(left[:, c], basis, folding):
@@ -102,8 +103,8 @@ def dependences(
             size = float(np.quantile(np.abs(smooth), 0.95) / reference[c])
             p_value = min(1.0, looks * float(chi2.sf(statistic, width)))
             rms = float(np.sqrt(np.mean(smooth**2)))
-            if name == "time_s" and folding is not fold and colours.hold(c, smooth, width):
-                continue
+            if name == "time_s" and not (flown and folding is fold) and colours.hold(c, smooth, width):
+                continue  # a gust forgets; a cell may drift through the whole log
             if share > SHARE and p_value < ALPHA and size > SIZE and rms > 0.5 * floor[c]:
                 out.append(Dependence(c, name, share, size, rms, _where(values, smooth)))
     return sorted(out, key=lambda d: (d.channel, -d.share))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from coaxlink.residual.regression.dependence import dependences
+from coaxlink.residual.regression.coloured_noise import Colours
+from coaxlink.residual.regression.dependence import dependences, time_path
 
 ROWS, HZ = 1200, 10.0
 TIME = np.arange(ROWS) / HZ
@@ -73,11 +74,11 @@ def test_a_cell_may_wander_by_a_little_on_a_stand(size: float, memory_s: float, 
     assert ("time_s" in names) == told
 
 
-def on_stand(left: np.ndarray) -> set[str]:
+def on_stand(left: np.ndarray, **more: np.ndarray) -> set[str]:
     """Channels and variables that a stand's loads (rows, C) go with; a load of 100, a tenth of noise."""
     full, noise = np.full(left.shape[1], 100.0), np.full(left.shape[1], 0.1)
     levels = 0.3 + 0.1 * (np.arange(ROWS) // 30 % 7), 0.3 + 0.1 * (np.arange(ROWS) // 210 % 6)
-    variables = {"time_s": TIME, "upper_speed": levels[0], "lower_speed": levels[1]}
+    variables = {"time_s": TIME, "upper_speed": levels[0], "lower_speed": levels[1], **more}
     return {f"{d.channel} {d.variable}" for d in dependences(left, variables, BLOCK, FOLD, full, noise)}
 
 
@@ -85,6 +86,24 @@ def on_stand(left: np.ndarray) -> set[str]:
 def test_a_cells_own_noise_that_soon_forgets_goes_with_nothing(seed: int) -> None:
     """Rows that stand at one level share some of it, and no level may take it for its own."""
     assert on_stand(np.stack([gusts(10 * seed + c, 0.4) for c in range(4)], axis=1)) == set()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_cell_drifts_within_its_noise(seed: int) -> None:
+    """A zero that goes to and fro ten times a log, and what was logged of the room meanwhile."""
+    white = np.random.default_rng(seed).standard_normal((ROWS, 4))
+    wander = np.stack([gusts(30 * seed + c, 6.0) for c in range(4)], axis=1)
+    assert on_stand(0.1 * (wander + white), humidity_pct=40.0 + 0.1 * TIME) == set()
+
+
+def test_what_stands_out_in_a_few_rows_is_no_noise() -> None:
+    random = np.random.default_rng(0)
+    normal = random.standard_normal(ROWS)
+    band = 0.4 * normal + 7.0 * (random.random(ROWS) < 0.02)
+    for left, noise in ((normal, True), (band, False)):
+        one = np.array([1.0])
+        colours = Colours(left[:, None], 0.1 * one, 100.0 * one, flown=False)
+        assert colours.hold(0, *time_path(left)) is noise
 
 
 def test_what_two_loads_share_is_no_cells_noise() -> None:
