@@ -57,7 +57,7 @@ class Typist:
         self.process.stdin.flush()
 
     def see(self, pattern: str, seconds: float = 180.0) -> re.Match[str]:
-        """Wait for a line. On a machine with other work MAVProxy asks again for what it lost, which takes long."""
+        """Wait for a line. On a machine with other work MAVProxy asks for what it lost, which takes long."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             try:
