@@ -1,9 +1,9 @@
 """Noise with a colour (gusts, ringing, a cell's wander): it runs smooth paths over time and is no effect.
 
 Noise is normal at every moment (how large the largest of so many numbers is, and their kurtosis) and has no
-line in its spectrum: a burst and a period are found so, a trend by smooths of eight hats. It is as small as
-a cell's wander or a gust, or it forgets soon and is each cell's own: what acts on a rotor shows in several
-loads.
+line in its spectrum: a burst and a period are found so, a flight's trend by smooths of eight hats. It is as
+small as a gust; on a stand as a cell's wander, where it forgets soon or is the cell's own, or somewhat larger,
+where both hold: what acts on a rotor shows in several loads.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ class Colours:
         knots = path[np.linspace(0, len(path) - 1, width).astype(int)]
         knots[[0, -1]] *= np.sqrt(0.5)  # half as many rows tell the first and the last
         rows = self.residual[:, channel]
-        if not (_no_outlier(knots) and _no_tails(rows) and _no_tails(path)) or period_of(rows, path):
+        if not (_no_outlier(knots) and _no_tails(path)) or period_of(rows, path):
             return False
         if self.flown:
             return spread <= MOST * self.reference[channel]
-        forgets = _independent(rows) >= LEAST
+        forgets, alone = _independent(rows) >= LEAST, self._alone(channel, path)
         if spread <= COLOURED * self.floor[channel]:
-            return forgets or self._alone(channel, path)
-        return spread <= MOST * self.reference[channel] and forgets and self._alone(channel, path)
+            return forgets or alone
+        return spread <= MOST * self.reference[channel] and forgets and alone and _no_tails(rows)
 
     def _alone(self, channel: int, path: Array) -> bool:
         """Whether no other channel goes along with a path of this one.
