@@ -2,7 +2,7 @@
 
 Noise is normal at every moment (how large the largest of so many numbers is, and their kurtosis) and has no
 line in its spectrum: a burst and a period are found so, a flight's trend by smooths of eight hats. It is as
-small as a gust; on a stand as a cell's wander, where it forgets soon or is the cell's own, or somewhat larger,
+small as a gust; on a stand as a cell's wander, where it forgets soon or is the cell's own, or a bit larger,
 where both hold: what acts on a rotor shows in several loads.
 """
 
