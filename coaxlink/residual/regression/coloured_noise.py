@@ -46,7 +46,7 @@ class Colours:
         knots = path[np.linspace(0, len(path) - 1, width).astype(int)]
         knots[[0, -1]] *= np.sqrt(0.5)  # half as many rows tell the first and the last
         rows = self.residual[:, channel]
-        if not (_no_outlier(knots) and _no_tails(path)) or period_of(rows, path):
+        if not (_no_outlier(knots) and _no_tails(knots)) or period_of(rows, path):
             return False
         if self.flown:
             return spread <= MOST * self.reference[channel]
