@@ -8,7 +8,7 @@ Each log goes through `coaxlink refine`, as a user types it, once by each checko
 environment; F keeps the answers. `--worlds` are folders with a `truth.json` and the
 grader `grade.py` beside them, whose verdict is printed. `--data` has no truth: a row a log, what each says.
 Own blind worlds are `blind.py`'s: `--folder F`, then by the other checkout
-`PYTHONPATH=../old python benchmarks/blind_cells.py F old` and `blind.py --folder F --report --method old`.
+`PYTHONPATH=../old python benchmarks/blind_guest.py F old` and `blind.py --folder F --report --method old`.
 """
 
 from __future__ import annotations
