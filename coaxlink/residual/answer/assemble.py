@@ -47,6 +47,7 @@ SURFACE, LEAST_SURFACE = (
 OF_MODEL = ("_level", "_tilt", "_wake")  # corrections of a given model's loads
 # times the noise, share of the reference load: more is said to be unexplained; no wind is without gusts
 SILENT, SILENT_SIZE, GUSTS = 1.3, 0.004, 0.0008
+WORTH_SAYING = 0.02  # of a channel's error: by how much more it errs with the effects
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,11 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     p, q, members = j.problem, j.joint.problem, j.claimed
     use = columns_of(q, members)
     squares_before, fits_before = held_out(p.blocks, columns_of(p, []))
-    squares_after, fits_after = held_out(q.blocks, use)
-    before, after = held_out_residual(p, fits_before), held_out_residual(q, fits_after)
+    # nothing added leaves what was there, whatever base a doubt was weighed beside
+    taken = q if members else p
+    squares_after, fits_after = held_out(q.blocks, use) if members else (squares_before, fits_before)
+    before, after = held_out_residual(p, fits_before), held_out_residual(taken, fits_after)
+    channels = _channels(j, taken.sigma, squares_before, squares_after)
     final = solve(q.blocks, use, np.ones(q.blocks.count))
     draws = bootstrap(q.blocks, use, DRAWS) if members else np.zeros((0, len(q.blocks.bounds)))
     named = [_found(j, k, final, draws, squares_after) for k in range(len(members))]
@@ -100,7 +104,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
         unexplained = (*attributed, *_silent(j, attributed, squares_doubted, doubted))
     return Refinement(
         kind="flight" if isinstance(p.frame, FlightFrame) else "stand",
-        channels=_channels(j, squares_before, squares_after),
+        channels=channels,
         effects=effects,
         unexplained=unexplained,
         ambiguous=(
@@ -122,6 +126,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
             *p.frame.notes,
             *j.notes,
             *(_at_limit(q, final) if not (effects or unexplained or suspects) else ()),
+            *_worse(channels),
             *(note for log in logs for note in log.notes),
         ),
         surface=_surface(q, final, j.floor),
@@ -171,10 +176,21 @@ def _separated(frame: StandFrame | FlightFrame, floor: Array) -> Array:
     return np.asarray(np.where(frame.sampling**2 > 0.5 * floor**2, 2.0 * frame.sampling, floor))
 
 
-def _channels(j: Judged, before: Array, after: Array) -> dict[str, ChannelError]:
-    """Errors by channel from held-out square sums (B, C)."""
+def _worse(channels: Mapping[str, ChannelError]) -> tuple[str, ...]:
+    """What the effects make worse where they mend other channels."""
+    more = {
+        name: c.rmse_after / c.rmse_before - 1.0
+        for name, c in channels.items()
+        if c.rmse_after > max(c.rmse_before, c.noise_floor)
+    }
+    worse = ", ".join(f"{name} by {100 * x:.0f} %" for name, x in more.items() if x >= WORTH_SAYING)
+    return (f"errs more with the effects than without: {worse}",) if worse else ()
+
+
+def _channels(j: Judged, now: Array, before: Array, after: Array) -> dict[str, ChannelError]:
+    """Errors by channel from held-out square sums (B, C), those after in units of `now` (C,)."""
     p, rows = j.problem, j.problem.blocks.rows
-    was, now = p.sigma, j.joint.problem.sigma
+    was = p.sigma
     out = {}
     for c, name in enumerate(p.channels):
         low_b, high_b = error_interval(before[:, c], rows)
@@ -243,7 +259,7 @@ def _found(j: Judged, k: int, final: Array, draws: Array, squares_after: Array) 
 
 def _evidence(j: Judged, name: str) -> dict[str, Any]:
     """Why it was chosen, how probable it is against chance and its rivals; what numbers the model had."""
-    steps = [s for s in j.selection.trace if s.kept and s.name.endswith(name)]
+    steps = [s for s in j.selection.trace if s.kept and s.action != "drop" and s.name.endswith(name)]
     out: dict[str, Any] = {}
     if steps:
         last = steps[-1]

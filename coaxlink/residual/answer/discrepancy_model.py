@@ -19,7 +19,6 @@ from coaxlink.residual.checks.posterior_check import undone
 from coaxlink.residual.regression.blocks import held_out
 from coaxlink.residual.regression.irls import channel_errors
 from coaxlink.residual.regression.joint_model import Joint, composed
-from coaxlink.residual.result import Step
 from coaxlink.residual.search.joint_fit import fit_jointly
 from coaxlink.residual.search.select import Selection
 from coaxlink.residual.search.trial import ALPHA, Judge, columns_of
@@ -82,9 +81,7 @@ def with_discrepancy_model(j: Judged) -> Judged:
     if needless > stood_in and log_error(beside(undone(selection, needless))) < log_error(joint) - LESS:
         stood_in = needless
     if stood_in:
-        selection = undone(selection, stood_in)
-        why = "needless beside the discrepancy model"
-        selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(stood_in)]
+        selection = undone(selection, stood_in, "needless beside the discrepancy model")
         joint = beside(selection)
     more = log_error(joint) - log_error(j.joint)
     if {m.name for m in joint.members} != set(settled) - stood_in or more > (LESS if stood_in else -LESS):

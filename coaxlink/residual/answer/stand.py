@@ -31,7 +31,7 @@ from coaxlink.residual.faults.tachometer_gain import wrong_gain
 from coaxlink.residual.regression.irls import channel_errors
 from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed, of_grid
 from coaxlink.residual.regression.problem import Option, Problem
-from coaxlink.residual.result import Refinement, Step
+from coaxlink.residual.result import Refinement
 from coaxlink.residual.search.form_error import within_forms
 from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
 from coaxlink.residual.search.select import LITTLE, Selection, select
@@ -133,8 +133,7 @@ def judge_stand(
             gone, why = minor(joint, floor_beside(bare, joint)), "leaves most of what is there"
             anew = bool(gone)  # and may have kept out what made it
         if gone:
-            selection = undone(selection, gone)
-            selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(gone)]
+            selection = undone(selection, gone, why)
             if anew:
                 selection, start, _ = _again(problem, selection, bare, known, reduce, {*gone, *barred})
             joint, acting = fit_jointly(problem, selection, bare, known, reduce, start)
@@ -219,9 +218,7 @@ def _still_there(j: Judged, fitted: Callable[[Sequence[Option], Mapping[str, Mem
     gone = refused or explained_by_time(j.joint, acting, reducing(frame)) or minor(j.joint, j.floor)
     if not gone:
         return j
-    selection = undone(j.selection, gone)
-    why = "took another's place, and does not stand there"
-    selection.trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(gone)]
+    selection = undone(j.selection, gone, "took another's place, and does not stand there")
     settled = {m.name: m for m in j.joint.members}
     joint = fitted([*selection.members, *selection.doubtful], settled)
     return replace(j, selection=selection, joint=joint, floor=floor_beside(frame, joint))

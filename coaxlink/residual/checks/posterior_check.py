@@ -24,6 +24,7 @@ from coaxlink.residual.regression.dependence import hats
 from coaxlink.residual.regression.irls import channel_errors
 from coaxlink.residual.regression.joint_model import Joint, Member, columns_of
 from coaxlink.residual.regression.problem import Index, Option, Problem
+from coaxlink.residual.result import Step
 from coaxlink.residual.search.select import LITTLE, Selection
 
 DRAWS = 200
@@ -80,13 +81,15 @@ def without(p: Problem, doubts: Sequence[Doubt]) -> Problem:
     return replace(p, options=tuple(o for o in p.options if stays(o)))
 
 
-def undone(selection: Selection, names: Collection[str]) -> Selection:
-    """The selection with these not chosen."""
+def undone(selection: Selection, names: Collection[str], why: str = "") -> Selection:
+    """The selection with these not chosen; the one given stays as it is. With a reason its trace says so."""
     kept, doubtful = (
         [o for o in part if o.name not in names] for part in (selection.members, selection.doubtful)
     )
     doubts = [a for a in selection.ambiguous if not {*a.names} & {*names}]
-    return replace(selection, members=kept, doubtful=doubtful, ambiguous=doubts)
+    trace = [*selection.trace]
+    trace += [Step(9, "drop", name, 0.0, 1.0, 0.0, True, why) for name in sorted(names) if why]
+    return replace(selection, members=kept, doubtful=doubtful, ambiguous=doubts, trace=trace)
 
 
 def nil(joint: Joint, k: int, draws: Array) -> str | None:

@@ -65,6 +65,7 @@ def fit_jointly(
         return plain, fitter.acting([])
     start: list[Member] = []
     exact: Joint | None = None
+    needless: list[Step] = []
     for o, m in zip(options, plain.members, strict=True):
         if settled and o.name in settled:
             start.append(settled[o.name])
@@ -81,7 +82,7 @@ def fit_jointly(
         if base is not None:
             if problem.residual.size < LONG and not (all_of or selection.doubtful or names & set(had)):
                 joint = needed(fitter, joint)
-                selection.trace += _dropped(selection.members, joint)
+                needless = _dropped(selection.members, joint)
             columns = base(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
             again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
             joint = again if squares_of(again.problem) < squares_of(joint.problem) else joint
@@ -97,6 +98,8 @@ def fit_jointly(
         joint = exact
     elif not (sound or names & set(had)):
         joint = plain
+    kept = {m.name for m in joint.members}
+    selection.trace += [step for step in needless if step.name not in kept]
     return joint, fitter.acting(joint.members)
 
 

@@ -46,6 +46,8 @@ def doubt(tmp_path_factory):
 def test_a_poor_log_is_ambiguous_and_says_what_to_run(doubt):
     answer, plan = doubt
     assert not answer["effects"]
+    # nothing was added
+    assert all(c["rmse_after"] == c["rmse_before"] for c in answer["channels"].values())
     (ambiguous,) = answer["ambiguous"]
     assert {"battery_voltage", "motor_heating"} <= set(ambiguous["names"])
     assert "standard deviations" in ambiguous["separate_by"]
