@@ -181,7 +181,7 @@ def _worse(channels: Mapping[str, ChannelError]) -> tuple[str, ...]:
     more = {
         name: c.rmse_after / c.rmse_before - 1.0
         for name, c in channels.items()
-        if c.rmse_after > max(c.rmse_before, c.noise_floor)
+        if c.rmse_after > max(c.rmse_before, c.noise_floor) and c.rmse_before > 0.0
     }
     worse = ", ".join(f"{name} by {100 * x:.0f} %" for name, x in more.items() if x >= WORTH_SAYING)
     return (f"errs more with the effects than without: {worse}",) if worse else ()
