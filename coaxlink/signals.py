@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,9 +74,16 @@ def lagged(command: Array, step_s: float, lag_s: float) -> Array:
     return np.asarray(out, float)
 
 
+@cache
+def _gauss() -> tuple[Array, Array]:
+    nodes, shares = np.polynomial.legendre.leggauss(24)
+    return nodes, shares
+
+
+@lru_cache(maxsize=256)
 def _cubic_weights(h: float) -> Array:
     """(4,) shares of four samples at -1, 0, 1, 2 in what a lag of 1 / h steps takes up from 0 to 1."""
-    nodes, shares = np.polynomial.legendre.leggauss(24)
+    nodes, shares = _gauss()
     s, w = 0.5 * (nodes + 1.0), 0.5 * shares
     if h > 12.0:  # only the end of the step still counts
         s, w = 1.0 - (1.0 - s) * 12.0 / h, w * 12.0 / h

@@ -31,7 +31,7 @@ RELAY_MOST = 2.0  # of normalised speed: what runs further is no speed
 NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
          "power", "reach", "spread", "fading", "lower_over_upper",
          "relay", "on", "off", "angle", "command", "share")  # fmt: skip
-ALL = {"both", "sweep", "load"}  # not one rotor's alone
+ALL = {"both", "sweep", "load"}  # not one rotor's alone, unless that is named beside
 FREE = {
     "fading": (0.0, 1.0),
     "reach": (0.004, 0.6),
@@ -40,6 +40,7 @@ FREE = {
     "lower_over_upper": (0.2, 5.0),
 }
 TURNED = 0.01  # of normalised speed: less is no turn
+TREMBLES = 0.1  # of a path's range, judgement: three deviations of a held speed are less
 SAME, RETURNS = 0.03, 0.1  # of normalised speed; of the rows: had at a speed from one side and the other
 JUMP = 0.3  # of normalised speed from row to row: the next sweep begins, no way back
 STICKING = np.array([-1.5, -0.5, 0.5, 1.5])  # elements: their ways are reach * spread^k
@@ -156,9 +157,12 @@ def _no_return(frame: StandFrame) -> str | None:
 
 
 def _quiet(path: Array) -> Array:
-    """The path (rows,) behind a play as wide as its noise: what only trembles while held wears nothing."""
+    """The path (rows,) behind a play as wide as its noise: what only trembles while held wears nothing.
+
+    A path whose points were visited in random order, one row each, tells no noise: it is taken as it is.
+    """
     play = 3.0 * SIGMA_PER_MAD * float(np.median(np.abs(np.diff(path, 2)))) / np.sqrt(6.0)
-    if play <= 1e-9:
+    if not 1e-9 < play < TREMBLES * np.ptp(path):
         return path
     return np.asarray(path - play * slipping(path, np.array([2.0 * play]))[:, 0])
 
@@ -253,6 +257,10 @@ def _played(frame: StandFrame, shape: Shape) -> Array:
     return np.asarray(u - 0.5 * shape["reach"] * np.stack(states, axis=1))
 
 
+def _of_both(shape: Shape) -> bool:
+    return bool(ALL & set(shape)) and not set(SIDES) & set(shape)
+
+
 def _columns(frame: StandFrame, shape: Shape) -> Array:
     if "command" in shape:
         return changed_by(frame, _played(frame, shape))[..., None]
@@ -262,7 +270,7 @@ def _columns(frame: StandFrame, shape: Shape) -> Array:
             out[:, 2 * side, 0], out[:, 2 * side + 1, 1] = (
                 frame.predicted[:, 2 * side : 2 * side + 2] * _flipped(frame, shape)[:, None]
             ).T
-        elif name in shape or ALL & set(shape):
+        elif name in shape or _of_both(shape):
             weight = _weight(frame, side, shape) * (shape.get("lower_over_upper", 1.0) if side else 1.0)
             thrust = _way(frame, 2 * side, shape)
             # a cell's own way, or the speed's
@@ -287,6 +295,12 @@ def _shapes(frame: StandFrame) -> list[dict[str, float]]:
         *commands,
         *({side: 1.0, **form} for side in sides for form in forms),
         *({"load": 1.0, **form} for form in worn),
+        # one dirty slide: dry friction of a single rotor's cells
+        *(
+            {side: 1.0, "load": 1.0, "power": 0.0, "reach": r, "spread": 1.8}
+            for side in SIDES
+            for r in REACHES
+        ),
     ]
 
 
@@ -309,7 +323,7 @@ def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     way = {"reach": shape.get("reach", REACHES[0]), "spread": shape.get("spread", 1.8)}
     forms: list[tuple[Shape, Array]] = []
     bare = {k: v for k, v in shape.items() if k not in ("moving", "reach", "spread", "fading")}
-    each = {"lower_over_upper": 1.0} if ALL & set(shape) else {}
+    each = {"lower_over_upper": 1.0} if _of_both(shape) else {}
     if "fading" not in shape:
         forms.append(({**each, **bare, "fading": 1.0, "reach": way["reach"]}, c))
     if ("fading" in shape) != ("spread" in shape):  # a part of it fades, the rest sticks
@@ -318,7 +332,7 @@ def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
         forms += [({**bare, **way, "reach": r}, c) for r in REACHES]
     if "power" not in shape:
         forms.append(({k: v for k, v in bare.items() if k != "bulge"} | way | {"power": 0.7}, c))
-    if ALL & set(shape) and ("lower_over_upper" not in shape or "fading" in shape):
+    if _of_both(shape) and ("lower_over_upper" not in shape or "fading" in shape):
         # every slide has a friction of its own
         plain = {k: v for k, v in shape.items() if k not in ("moving", "fading")}
         forms += [({**plain, **way, **power, "lower_over_upper": 1.0}, c) for power in ({}, {"power": 0.3})]

@@ -18,7 +18,11 @@ from coaxlink.rotor import RotorModel
 SPACING_M = (1e-3, 10.0)  # a rotor's thickness, and more than any pair has
 APART = (-0.3, -0.15, 0.0, 0.15, 0.3)  # of the log's median spacing
 COEFFICIENTS = ("wake_thrust_share", "wake_torque_share", "upper_gain_N")
-OF_LOADS = {"alike": ("loads_share",), "whole": ("loads_share", "torque_loads_share")}
+OF_LOADS = {
+    "alike": ("loads_share",),
+    "whole": ("loads_share", "torque_loads_share"),
+    "each": ("loads_share", "torque_loads_share", "upper_loads_share", "upper_torque_loads_share"),
+}
 SPACING = {"decay": (0.05, 8.0), "apart": (-0.5, 0.5)}
 
 
@@ -60,11 +64,12 @@ def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
         pair = np.zeros((len(frame.time_s), 6, 1))
         pair[:, :4, 0] = frame.predicted[:, :4] * change[:, None]
         return pair
-    if "whole" in shape:
-        own = np.zeros((len(frame.time_s), 6, 2))
-        for k, load in enumerate(lower):
-            own[:, load, k] = frame.predicted[:, load] * change
-        return own
+    if "whole" in shape or "each" in shape:
+        own = lower if "whole" in shape else [*lower, *of_rotor(0)]
+        out = np.zeros((len(frame.time_s), 6, len(own)))
+        for k, load in enumerate(own):
+            out[:, load, k] = frame.predicted[:, load] * change
+        return out
     out = np.zeros((len(frame.time_s), 6, 3))
     out[:, Load.LOWER_THRUST, 0] = -wake[:, 0] * change
     out[:, Load.LOWER_TORQUE, 1] = -wake[:, 1] * change
@@ -78,7 +83,8 @@ def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shap
     if "decay" not in shape and levels > 2:
         forms.append(({**shape, "decay": 1.0}, c))
     if not {*shape} & {*OF_LOADS}:
-        forms.append(({**{k: v for k, v in shape.items() if k != "apart"}, "whole": 1.0}, np.zeros(2)))
+        bare = {k: v for k, v in shape.items() if k != "apart"}
+        forms += [({**bare, form: 1.0}, np.zeros(len(OF_LOADS[form]))) for form in ("whole", "each")]
     return forms
 
 
@@ -88,10 +94,11 @@ def _names(p: Numbers) -> tuple[str, ...]:
 
 
 def alike_shapes(frame: StandFrame) -> list[Shape]:
-    """Both rotors gain or lose by one share (each draws less through the other), or the lower one alone."""
+    """Both rotors gain or lose by one share (each draws less through the other), the lower one alone does, or
+    each load by its own."""
     forms: tuple[Shape, ...] = ({}, {"decay": 1.0})
     alike = [{"alike": 1.0, **place, **form} for place in _places(frame) for form in forms]
-    return [*alike, *({"whole": 1.0, **form} for form in forms)]
+    return [*alike, *({of: 1.0, **form} for of in ("whole", "each") for form in forms)]
 
 
 def _places(frame: StandFrame) -> list[Shape]:
@@ -127,7 +134,10 @@ STAND: Tracing[StandFrame] = Tracing(
         "alike": "1",
         "whole": "1",
         "loads_share": "1",
+        "each": "1",
         "torque_loads_share": "1",
+        "upper_loads_share": "1",
+        "upper_torque_loads_share": "1",
     },
     missing=_no_spacing,
     shapes=_places,
@@ -156,9 +166,9 @@ def _static(vehicle: StaticVehicle, p: Numbers) -> str:
         wake, drag = (loads[load] - alone[load] for load in of_rotor(1))
         if "alike" in p:
             return loads.plus({load: p["loads_share"] * off * loads[load] for load in Load})
-        if "whole" in p:
-            shares = zip(of_rotor(1), (p["loads_share"], p.get("torque_loads_share", 0.0)), strict=True)
-            return loads.plus({load: share * off * loads[load] for load, share in shares})
+        if "whole" in p or "each" in p:
+            named = zip((*of_rotor(1), *of_rotor(0)), OF_LOADS["each"], strict=True)
+            return loads.plus({load: p.get(name, 0.0) * off * loads[load] for load, name in named})
         return loads.plus({
             Load.UPPER_THRUST: p.get("upper_gain_N", 0.0) * off * loads.lower**2,
             Load.LOWER_THRUST: -p["wake_thrust_share"] * off * wake,
@@ -182,11 +192,14 @@ EFFECT = PhysicalEffect(
             source="wide: any value between the bounds; it goes with the rotors' size"),
         Parameter("loads_share", "1", -3.0, 3.0, (0.0, 0.2),
             source="assumed: less than a fifth of a rotor's load for twice the spacing"),
-        Parameter("torque_loads_share", "1", -3.0, 3.0, (0.0, 0.2),
-            source="assumed: less than a fifth of a rotor's load for twice the spacing"),
+        *(Parameter(name, "1", -3.0, 3.0, (0.0, 0.2),
+            source="assumed: less than a fifth of a rotor's load for twice the spacing")
+          for name in OF_LOADS["each"][1:]),
         Parameter("alike", "1", 0.0, 1.0, source="a switch, 0 or 1: both rotors by the same share"),
         Parameter("whole", "1", 0.0, 1.0,
             source="a switch, 0 or 1: the lower rotor's whole loads go with it, not its wake's part"),
+        Parameter("each", "1", 0.0, 1.0,
+            source="a switch, 0 or 1: each of the four loads goes with it by its own share"),
         Parameter("reference_spacing_m", "m", 1e-3, 100.0,
             source="wide: any value between the bounds; spacings are the builder's choice"),
         Parameter("decay", "1", *SPACING["decay"],

@@ -19,6 +19,7 @@ from coaxlink.residual.agreement import agreed, leaves_open
 from coaxlink.residual.answer.flight import judge_flight
 from coaxlink.residual.answer.stand import judge_stand
 from coaxlink.residual.channels.empty_cells import without_empty_cells
+from coaxlink.residual.channels.row_order import in_order_of_time
 from coaxlink.residual.result import Refinement
 from coaxlink.rotor import RotorModel
 
@@ -55,10 +56,11 @@ def refine_stand(
 ) -> Refinement:
     """Hold stand logs against a rotor model, or without one against the coaxial model fitted to themselves.
 
-    Rows without a number in a load or a speed, and other columns with gaps, are left out; notes say so.
+    Rows without a number in a load or a speed, and other columns with gaps, are left out, rows
+    that stand in another order than that of `time_s` are sorted by it; notes say so.
     Raises InputError when speeds or loads are missing, or no fit can be made of the numbers.
     """
-    several = [without_empty_cells(log) for log in _several(logs)]
+    several = [in_order_of_time(without_empty_cells(log)) for log in _several(logs)]
 
     def run() -> Refinement:
         from coaxlink.diagnosis.judge import diagnose_stand, reads_wrong

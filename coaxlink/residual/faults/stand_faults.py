@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame, rows_of
 from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
+from coaxlink.residual.faults.cell_gain import gain_steps
 from coaxlink.residual.faults.column_labels import mislabels
+from coaxlink.residual.faults.context_columns import frozen_columns
 from coaxlink.residual.faults.load_cells import (
     clipped_rows,
     dropped_rows,
@@ -29,6 +31,7 @@ from coaxlink.residual.result import Suspect
 
 SWAP = 0.25  # of the squares left when the labels are exchanged
 LEAST_LEFT = 8  # rows
+MOST_FROZEN = 0.5  # of the rows
 RESTART_ROWS = 5  # judgement: within which a clock that was restarted begins
 
 
@@ -78,6 +81,10 @@ def find_suspects(frame: StandFrame) -> Suspicion:
     if not found.silent:
         _look_at_plugs(found)
         _look_at_drives(found)
+        _look_at_context(found)
+    if not found.silent:
+        for step in gain_steps(frame, ~found.bad):
+            found.rows(COLUMN_OF[STAND_CHANNELS[step.channel]], step.rows, step.why)
     return Suspicion(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
 
 
@@ -123,6 +130,16 @@ def _look_at_plugs(found: _Finding) -> None:
         if dropped.any():
             why = "it reads nothing for some rows while the rotor pulls: a plug or a wire is loose"
             found.rows(COLUMN_OF[STAND_CHANNELS[c]], dropped, why)
+
+
+def _look_at_context(found: _Finding) -> None:
+    """Where half of a log and more stands still, the column is of no use; else these rows are of none."""
+    for name, rows in frozen_columns(found.frame):
+        why = "one reading repeats exactly, which it does nowhere else, while the loads move"
+        if np.mean(rows) < MOST_FROZEN:
+            found.rows(name, rows, why)
+        else:
+            found.throughout(name, why, name)
 
 
 def _look_at_labels(found: _Finding) -> None:

@@ -29,6 +29,7 @@ RARE, MOVES = 0.1, 0.15  # of the runs of equal readings; of the reference load
 AMONG = 0.7  # of the rows that lie: at speeds that a base fitted to the other rows has seen
 LEAST_FITTED = 24  # rows: as a stand log needs for a base of its own
 FAR_OFF, ALIKE = 0.1, 0.05  # of the speed: a reading that counts wrongly; how well such readings agree
+LEAST_SPIKES, MOST_SPIKES = 3, 0.2  # rows; of the rows: the throttle's curve is that of the others
 COARSE = 0.02  # of the speed
 LOADED = 0.25  # of the fastest: slower motors do not follow a curve of throttle
 ROUNDS = 4
@@ -40,15 +41,19 @@ class Lie:
 
     side: int  # 0 upper, 1 lower
     rows: Mask
-    reads_high_by: float  # share of the speed
+    times: Array  # (rows,) the reading over the speed, 1 where it is right
+
+    @classmethod
+    def by_one_factor(cls, side: int, rows: Mask, reads_high_by: float) -> Lie:
+        """What reads high by the same share of the speed in all of these rows."""
+        return cls(side, rows, np.where(rows, 1.0 + reads_high_by, 1.0))
 
     @property
     def why(self) -> str:
         """In words."""
-        return (
-            f"reads {100 * self.reads_high_by:+.1f} % here: throttle and loads agree on what it shows in the"
-            " other rows"
-        )
+        low, high = (100.0 * (f(self.times[self.rows]) - 1.0) for f in (np.min, np.max))
+        by = f"{low:+.1f} %" if high - low < 0.1 else f"{low:+.0f} to {high:+.0f} %"
+        return f"reads {by} here: throttle and loads agree on what it shows in the other rows"
 
 
 def lies(frame: StandFrame) -> list[Lie]:
@@ -62,17 +67,17 @@ def lies(frame: StandFrame) -> list[Lie]:
         steps = [step for way in ways if (step := _step(frame, side, *way)) is not None]
         steps += [step for supply in (False, True) for step in _beyond(frame, side, supply)]
         steps += _scattered(frame, side)
-        for lie in sorted(steps, key=lambda lie: _left(frame, lie)):
-            if _loads_clear(frame, lie):
-                found.append(lie)
-                break
+        ranked = sorted(steps, key=lambda lie: _left(frame, lie))
+        # a factor of its own for every row fits best always: only where no single one is it
+        clear = (lie for lie in (*ranked, *_spikes(frame, side)) if _loads_clear(frame, lie))
+        found += [lie for lie in (next(clear, None),) if lie is not None]
     return found
 
 
 def _left(frame: StandFrame, lie: Lie) -> float:
     """Squares that the curves of throttle leave of the speed, once the reading is mended."""
     x = _curves(frame, lie.side, True)
-    speed = np.where(lie.rows, 1.0 / (1.0 + lie.reads_high_by), 1.0) * frame.speeds[:, lie.side]
+    speed = frame.speeds[:, lie.side] / lie.times
     return float(np.sum((speed - x @ np.linalg.lstsq(x, speed, rcond=1e-10)[0]) ** 2))
 
 
@@ -157,7 +162,7 @@ def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -
         return None
     rows_of = np.zeros(rows, bool)
     rows_of[order[inside]] = True
-    return Lie(side, rows_of, lie)
+    return Lie.by_one_factor(side, rows_of, lie)
 
 
 def _beyond(frame: StandFrame, side: int, supply: bool) -> list[Lie]:
@@ -187,24 +192,40 @@ def _beyond(frame: StandFrame, side: int, supply: bool) -> list[Lie]:
         return []
     lie = part / (1.0 - part)
     parts = ((above, lie), (~above, -lie / (1.0 + lie)))
-    return [Lie(side, r, by) for r, by in parts if r.mean() <= MOST_ABOVE and abs(by) >= LEAST_LIE]
+    return [
+        Lie.by_one_factor(side, r, by) for r, by in parts if r.mean() <= MOST_ABOVE and abs(by) >= LEAST_LIE
+    ]
 
 
 def _scattered(frame: StandFrame, side: int) -> list[Lie]:
     """Rows here and there that read one multiple of what throttle gives: pulses counted half, or twice."""
-    speed, x = frame.speeds[:, side], _curves(frame, side, True)
-    usual = x @ robust_fit(x, speed, np.ones(len(speed), bool))
-    loaded = usual > LOADED * float(np.max(usual))
-    times = np.where(loaded, speed / np.where(loaded, usual, 1.0), 1.0)
-    noise = 1.4826 * float(np.median(np.abs(times[loaded] - 1.0))) if loaded.any() else 0.0
-    far = np.abs(times - 1.0) > max(FAR_OFF, SURE * noise)
+    times, far = _far_off(frame, side)
     if far.sum() < LEAST_ROWS:
         return []
     factor = float(np.median(times[far]))
     rows = far & (np.abs(times / max(factor, 1e-9) - 1.0) < ALIKE)
     if rows.sum() < max(LEAST_ROWS, AMONG * far.sum()) or rows.mean() > MOST_SHARE or factor - 1.0 < LOWEST:
         return []
-    return [Lie(side, rows, float(np.mean(times[rows])) - 1.0)]
+    return [Lie.by_one_factor(side, rows, float(np.mean(times[rows])) - 1.0)]
+
+
+def _spikes(frame: StandFrame, side: int) -> list[Lie]:
+    """Rows here and there that read anything: pulses lost or added, each by its own factor."""
+    times, far = _far_off(frame, side)
+    far &= times - 1.0 > LOWEST
+    if not LEAST_SPIKES <= far.sum() <= MOST_SPIKES * len(far):
+        return []
+    return [Lie(side, far, np.where(far, times, 1.0))]
+
+
+def _far_off(frame: StandFrame, side: int) -> tuple[Array, Mask]:
+    """(rows,) readings over what throttle gives, and which are further from 1 than noise brings them."""
+    speed, x = frame.speeds[:, side], _curves(frame, side, True)
+    usual = x @ robust_fit(x, speed, np.ones(len(speed), bool))
+    loaded = usual > LOADED * float(np.max(usual))
+    times = np.where(loaded, speed / np.where(loaded, usual, 1.0), 1.0)
+    noise = 1.4826 * float(np.median(np.abs(times[loaded] - 1.0))) if loaded.any() else 0.0
+    return times, np.abs(times - 1.0) > max(FAR_OFF, SURE * noise)
 
 
 def _curves(frame: StandFrame, side: int, supply: bool) -> Array:
@@ -222,7 +243,7 @@ def _curves(frame: StandFrame, side: int, supply: bool) -> Array:
 def _between(speed: Array, lie: Lie) -> bool:
     """Whether the mended speeds lie among those of the other rows."""
     low, high = np.quantile(speed[~lie.rows], [0.02, 0.98])
-    mended = speed[lie.rows] / (1.0 + lie.reads_high_by)
+    mended = (speed / lie.times)[lie.rows]
     return bool(np.mean((mended > low) & (mended < high)) > AMONG)
 
 
@@ -238,9 +259,9 @@ def _loads_clear(frame: StandFrame, lie: Lie) -> bool:
             return False  # polynomials fitted to slow rows tell nothing of fast ones
         model = fitted_model(frame.speeds[rest], frame.measured[rest], loads, frame.model.speed_max_rpm)
     left = []
-    for factor in (1.0, 1.0 / (1.0 + lie.reads_high_by)):
+    for times in (1.0, lie.times):
         u = frame.speeds.copy()
-        u[lie.rows, lie.side] *= factor
+        u[:, lie.side] /= times
         pair = model.loads(u[:, 0], u[:, 1])
         predicted = [pair[load] for load in Load]
         squares = 0.0

@@ -1,0 +1,120 @@
+"""One sensor that lies in some rows: spikes, a column that stands still, another gain for a while."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coaxlink.data import Samples
+from coaxlink.residual import refine_stand
+
+RPM, ROWS = 5400.0, 400
+
+
+def visited(seed: int, rows: int = ROWS) -> Samples:
+    """Points of both throttles in random order, one row each, with a supply and a current that move."""
+    random = np.random.default_rng(seed)
+    throttle = random.uniform(0.2, 0.95, (rows, 2))
+    u, v = (throttle * (1.07 - 0.12 * throttle)).T
+    loads = {
+        "upper_thrust_N": 40.0 * u**2 + 3.0 * u,
+        "upper_torque_Nm": 0.9 * u**2 + 0.2 * u,
+        "lower_thrust_N": 42.0 * v**2 + 3.0 * v - 14.0 * u**2 + 2.0 * u * v,
+        "lower_torque_Nm": 0.95 * v**2 + 0.2 * v - 0.25 * u**2,
+    }
+    columns = {
+        "time_s": 3.0 * np.arange(rows) + random.uniform(0.0, 0.1, rows),
+        "upper_throttle": throttle[:, 0],
+        "lower_throttle": throttle[:, 1],
+        "upper_rpm": RPM * u + 3.0 * random.standard_normal(rows),
+        "lower_rpm": RPM * v + 3.0 * random.standard_normal(rows),
+        "voltage_V": 24.0 - 0.6 * u**2 - 0.6 * v**2 + 0.01 * random.standard_normal(rows),
+    }
+    for name, clean in loads.items():
+        columns[name] = clean + 0.005 * clean.max() * random.standard_normal(rows)
+    return Samples(columns, "visited")
+
+
+def accused(log: Samples) -> list[tuple[str, str]]:
+    return [(s.column, s.rows) for s in refine_stand(log).suspect_data]
+
+
+def test_spikes_of_a_tachometer_are_accused_row_by_row() -> None:
+    log = visited(1)
+    read = log["lower_rpm"].copy()
+    read[[20, 75, 76, 180, 333]] *= [1.35, 0.7, 1.4, 0.65, 1.3]
+    answer = refine_stand(log.with_columns(lower_rpm=read))
+    assert [(s.column, s.rows) for s in answer.suspect_data] == [("lower_rpm", "21, 76-77, 181, 334")]
+    assert answer.effects == () and answer.suspect_data[0].why.startswith("reads -35 to +40 % here")
+
+
+def test_a_rotor_that_really_races_for_a_row_is_no_spike() -> None:
+    log = visited(2)
+    rows = [20, 75, 180, 333]
+    u, v = log["upper_rpm"] / RPM, log["lower_rpm"].copy() / RPM
+    v[rows] *= 0.7
+    thrust, torque = log["lower_thrust_N"].copy(), log["lower_torque_Nm"].copy()
+    thrust[rows] = (42.0 * v**2 + 3.0 * v - 14.0 * u**2 + 2.0 * u * v)[rows]
+    torque[rows] = (0.95 * v**2 + 0.2 * v - 0.25 * u**2)[rows]
+    assert accused(log.with_columns(lower_rpm=RPM * v, lower_thrust_N=thrust, lower_torque_Nm=torque)) == []
+
+
+def test_a_supply_that_stands_still_in_some_rows_is_accused() -> None:
+    log = visited(3)
+    volts = log["voltage_V"].copy()
+    volts[150:230] = volts[150]
+    assert accused(log.with_columns(voltage_V=volts)) == [("voltage_V", "151-230")]
+
+
+@pytest.mark.parametrize("step", [0.05, 0.2])
+def test_a_supply_read_in_coarse_steps_stands_still_now_and_then(step: float) -> None:
+    log = visited(4)
+    assert accused(log.with_columns(voltage_V=step * np.round(log["voltage_V"] / step))) == []
+
+
+def test_a_number_written_down_for_a_session_is_no_fault() -> None:
+    log = visited(5)
+    time = log["time_s"] + np.where(np.arange(ROWS) >= 200, 3600.0, 0.0)
+    air = np.where(np.arange(ROWS) >= 200, 18.5, 21.0 + 0.1 * np.random.default_rng(5).standard_normal(ROWS))
+    assert accused(log.with_columns(time_s=time, air_temperature_C=air)) == []
+
+
+@pytest.mark.parametrize(("column", "gain"), [("lower_thrust_N", 1.12), ("upper_torque_Nm", 0.85)])
+def test_another_gain_of_one_cell_for_a_stretch_is_accused(column: str, gain: float) -> None:
+    log = visited(6)
+    load = log[column].copy()
+    load[220:275] *= gain
+    ((found, rows),) = accused(log.with_columns(**{column: load}))
+    first, last = map(int, rows.split("-"))
+    assert found == column and abs(first - 221) <= 2 and abs(last - 275) <= 2
+
+
+def test_a_rotor_that_loses_both_loads_for_a_stretch_has_sound_cells() -> None:
+    log = visited(7)
+    loads = {name: log[name].copy() for name in ("lower_thrust_N", "lower_torque_Nm")}
+    for load in loads.values():
+        load[220:275] *= 0.88
+    assert accused(log.with_columns(**loads)) == []
+
+
+def test_a_zero_that_swells_and_goes_again_is_no_gain() -> None:
+    log = visited(8)
+    swell = 1.5 * np.sin(np.pi * np.clip((np.arange(ROWS) - 150) / 100.0, 0.0, 1.0))
+    answer = refine_stand(log.with_columns(lower_thrust_N=log["lower_thrust_N"] + swell))
+    assert not [s for s in answer.suspect_data if "like speeds" in s.why]
+
+
+def test_rows_in_another_order_are_sorted_by_their_time_and_told() -> None:
+    log = visited(9)
+    mixed = log.take(np.random.default_rng(9).permutation(ROWS))
+    sorted_again, plain = refine_stand(mixed), refine_stand(log)
+    assert any("rows are sorted by it" in note for note in sorted_again.notes)
+    after = {name: (c.rmse_after, c.noise_floor) for name, c in plain.channels.items()}
+    assert {n: (c.rmse_after, c.noise_floor) for n, c in sorted_again.channels.items()} == after
+
+
+def test_a_clock_that_starts_anew_for_every_point_sorts_nothing() -> None:
+    log = visited(10)
+    clock = np.arange(ROWS) % 4 + np.random.default_rng(10).uniform(0.0, 0.05, ROWS)
+    answer = refine_stand(log.with_columns(time_s=clock))
+    assert not any("sorted" in note for note in answer.notes)
