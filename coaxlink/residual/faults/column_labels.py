@@ -416,9 +416,11 @@ def _scalings(stick: _Yardstick, free: Mask) -> list[Way]:
         if FAR[0] < factor < FAR[1] or abs(factor) < 1e-4:
             continue
         partner = c ^ 1
-        if partner in frame.present and FAIR[0] < factor < FAIR[1]:
+        with_c = loaded & ((m < FAR[0] * p) | (m > FAR[1] * p))
+        # a unit is wrong throughout, of both loads perhaps
+        throughout = with_c.sum() >= WHOLE * loaded.sum()
+        if partner in frame.present and (FAIR[0] < factor < FAIR[1] or not throughout):
             # both loads of a rotor are off alike where it turns at another speed, or another rotor is on it
-            with_c = loaded & ((m < FAR[0] * p) | (m > FAR[1] * p))
             beside = frame.measured[with_c, partner] / np.where(
                 np.abs(stick.plain[with_c, partner]) < 1e-9, 1e-9, stick.plain[with_c, partner]
             )

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from residual_rig import FULL_RPM, steady_loads
 
+from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.residual import refine_stand
 from coaxlink.residual.channels.stand import stand_frame
 from coaxlink.residual.faults.stand_faults import find_suspects
+from coaxlink.rotor import load_rotor_model
 
 RPM, RATE = 6200.0, 10.0
 
@@ -165,3 +168,23 @@ def test_a_clock_set_back_is_accused_and_a_session_that_starts_anew_is_not() -> 
     assert [(s.column, s.rows) for s in back.suspects] == [("time_s", "601-699")]
     anew = find_suspects(stand_frame(log.with_columns(time_s=time - 60.0 * late), None))
     assert anew.suspects == ()
+
+
+@pytest.mark.parametrize("seed", [2, 9])
+def test_pulses_counted_twice_between_two_speeds_are_no_other_law_of_the_blades(seed: int) -> None:
+    """A walk of both speeds held against a given model, whose loads are four times too small in the band."""
+    random = np.random.default_rng(seed)
+    speeds = np.full((900, 2), 0.6)
+    for side in (0, 1):
+        for k in range(1, 900):
+            speeds[k, side] = np.clip(speeds[k - 1, side] + 0.03 * random.standard_normal(), 0.15, 1.0)
+    loads = steady_loads(*speeds.T)
+    loads += np.array([[0.05], [0.001], [0.05], [0.001]]) * random.standard_normal(loads.shape)
+    read = FULL_RPM * speeds + 2.0 * random.standard_normal(speeds.shape)
+    read[(speeds[:, 1] > 0.42) & (speeds[:, 1] < 0.58), 1] *= 2.0
+    columns = {"time_s": np.arange(900.0), "upper_rpm": read[:, 0], "lower_rpm": read[:, 1]}
+    names = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+    log = Samples({**columns, **dict(zip(names, loads, strict=True))}, "walk")
+    answer = refine_stand(log, load_rotor_model(files.example("rotor_paper.toml")))
+    assert [s.column for s in answer.suspect_data] == ["lower_rpm"] and answer.effects == ()
+    assert "2 times" in answer.suspect_data[0].why
