@@ -130,7 +130,7 @@ def judge_stand(
             gone, why = within_forms(joint, bare), "no more than the form of a larger one misses"
         anew = False
         if not gone:
-            gone, why = minor(joint, floor_beside(bare, joint)), "leaves most of what is there"
+            gone, why = minor(joint, floor_beside(bare, joint)), "leaves most of what is there, or does harm"
             anew = bool(gone)  # and may have kept out what made it
         if gone:
             selection = undone(selection, gone, why)

@@ -21,6 +21,7 @@ from coaxlink.residual.faults.row_ranges import robust_fit
 Mask = NDArray[np.bool_]
 LEAST_SHARE, MOST_SHARE = 0.04, 0.5  # of the rows: more than half of them cannot be told from the other half
 LEAST_ROWS = 12
+LEAST_STEP = 8  # rows of a stretch that reads high or low by one share
 MOST_ABOVE, PLACES = 0.75, 24  # of the rows; thresholds of throttle
 LEAST_LIE, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
 SURE = 8.0  # standard errors of the step
@@ -129,6 +130,9 @@ def _orders(frame: StandFrame, side: int) -> list[NDArray[np.intp]]:
 
 def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -> Lie | None:
     """The stretch of rows, in that order, whose speed is furthest from what the throttle gives elsewhere."""
+    order = order[_loaded(frame, side)[1][order]]
+    if len(order) < 2 * LEAST_STEP:
+        return None
     speed = frame.speeds[order, side]
     x = _curves(frame, side, supply)[order]
     rows = len(speed)
@@ -149,7 +153,7 @@ def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -
             low = np.minimum.accumulate(path)
             last = int(np.argmax(path - low))
             now[int(np.argmin(path[: last + 1])) : last] = True
-        if not LEAST_SHARE * rows <= now.sum() >= LEAST_ROWS or now.mean() > MOST_SHARE:
+        if not LEAST_SHARE * rows <= now.sum() >= LEAST_STEP or now.mean() > MOST_SHARE:
             return None
         if np.array_equal(now, inside):
             break
@@ -160,7 +164,7 @@ def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -
     shift = abs(lie) * float(np.mean(np.abs(usual[inside])))
     if abs(lie) < LEAST_LIE or lie < LOWEST or shift * np.sqrt(inside.sum()) < SURE * noise:
         return None
-    rows_of = np.zeros(rows, bool)
+    rows_of = np.zeros(len(frame.time_s), bool)
     rows_of[order[inside]] = True
     return Lie.by_one_factor(side, rows_of, lie)
 
@@ -220,12 +224,17 @@ def _spikes(frame: StandFrame, side: int) -> list[Lie]:
 
 def _far_off(frame: StandFrame, side: int) -> tuple[Array, Mask]:
     """(rows,) readings over what throttle gives, and which are further from 1 than noise brings them."""
-    speed, x = frame.speeds[:, side], _curves(frame, side, True)
-    usual = x @ robust_fit(x, speed, np.ones(len(speed), bool))
-    loaded = usual > LOADED * float(np.max(usual))
-    times = np.where(loaded, speed / np.where(loaded, usual, 1.0), 1.0)
+    usual, loaded = _loaded(frame, side)
+    times = np.where(loaded, frame.speeds[:, side] / np.where(loaded, usual, 1.0), 1.0)
     noise = 1.4826 * float(np.median(np.abs(times[loaded] - 1.0))) if loaded.any() else 0.0
     return times, np.abs(times - 1.0) > max(FAR_OFF, SURE * noise)
+
+
+def _loaded(frame: StandFrame, side: int) -> tuple[Array, Mask]:
+    """(rows,) what most rows' throttle gives, and where a motor is so fast that it follows a curve of it."""
+    speed, x = frame.speeds[:, side], _curves(frame, side, True)
+    usual = x @ robust_fit(x, speed, np.ones(len(speed), bool))
+    return usual, usual > LOADED * float(np.max(usual))
 
 
 def _curves(frame: StandFrame, side: int, supply: bool) -> Array:

@@ -48,6 +48,30 @@ def test_spikes_of_a_tachometer_are_accused_row_by_row() -> None:
     assert answer.effects == () and answer.suspect_data[0].why.startswith("reads -35 to +40 % here")
 
 
+def test_a_band_of_few_rows_is_accused_though_slow_motors_follow_no_curve() -> None:
+    levels = np.linspace(0.05, 0.95, 10)
+    throttle = np.stack(np.meshgrid(levels, levels, indexing="ij"), axis=-1).reshape(-1, 2)
+    random = np.random.default_rng(11)
+    speeds = (
+        throttle * (1.07 - 0.12 * throttle) * np.where(throttle < 0.1, random.uniform(0.3, 2, (100, 2)), 1)
+    )
+    u, v = speeds.T
+    band = (u > 0.52) & (u < 0.62)
+    columns = {
+        "time_s": 3.0 * np.arange(100),
+        "upper_throttle": throttle[:, 0],
+        "lower_throttle": throttle[:, 1],
+    }
+    columns["upper_rpm"] = RPM * np.where(band, 1.05, 1.0) * u + 3.0 * random.standard_normal(100)
+    columns["lower_rpm"] = RPM * v + 3.0 * random.standard_normal(100)
+    columns["upper_thrust_N"] = 40.0 * u**2 + 0.05 * random.standard_normal(100)
+    columns["upper_torque_Nm"] = 0.9 * u**2 + 0.001 * random.standard_normal(100)
+    columns["lower_thrust_N"] = 42.0 * v**2 - 14.0 * u**2 + 2.0 * u * v + 0.05 * random.standard_normal(100)
+    columns["lower_torque_Nm"] = 0.95 * v**2 - 0.25 * u**2 + 0.001 * random.standard_normal(100)
+    first, last = np.flatnonzero(band)[[0, -1]] + 1
+    assert accused(Samples(columns, "map")) == [("upper_rpm", f"{first}-{last}")]
+
+
 def test_a_rotor_that_really_races_for_a_row_is_no_spike() -> None:
     log = visited(2)
     rows = [20, 75, 180, 333]
