@@ -94,11 +94,14 @@ def _names(p: Numbers) -> tuple[str, ...]:
 
 
 def alike_shapes(frame: StandFrame) -> list[Shape]:
-    """Both rotors gain or lose by one share (each draws less through the other), the lower one alone does, or
-    each load by its own."""
+    """Both rotors gain or lose by one share (each draws less through the other), or the lower one alone.
+
+    Not each load by its own, which is what a fit comes to by itself: a rival with three numbers more would be
+    behind what one number explains as well.
+    """
     forms: tuple[Shape, ...] = ({}, {"decay": 1.0})
     alike = [{"alike": 1.0, **place, **form} for place in _places(frame) for form in forms]
-    return [*alike, *({of: 1.0, **form} for of in ("whole", "each") for form in forms)]
+    return [*alike, *({"whole": 1.0, **form} for form in forms)]
 
 
 def _places(frame: StandFrame) -> list[Shape]:
