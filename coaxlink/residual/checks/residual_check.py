@@ -14,8 +14,8 @@ from coaxlink.residual.regression.joint_model import Joint
 Array = NDArray[np.float64]
 
 CLEAR = 1.5  # of the noise, without the effect
-PAYS = 2.0  # of the noise, and of the error without it: a load that errs so with the effect pays for it
-SEEN = 1.02  # of the error with it: less is no mend
+PAYS = 2.0  # judgement: of the noise, and of the error without it: a load that errs so pays for the effect
+SEEN = 1.02  # judgement: of the error with it; less is no mend
 # with it, of the noise; and what it then must have taken of the squares above the noise
 ENOUGH = ((1.2, 0.5), (3.0, 0.7))
 

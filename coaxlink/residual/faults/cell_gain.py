@@ -13,19 +13,17 @@ from scipy.spatial import cKDTree
 from scipy.stats import f as f_test
 
 from coaxlink.frames import Array, StandFrame
-from coaxlink.residual.channels.stand import dictionary_of
-from coaxlink.residual.faults.row_ranges import Mask, places
-from coaxlink.rotor.model import LOADS
+from coaxlink.residual.faults.row_ranges import Mask, base_terms, largest_excursion, largest_run
 from coaxlink.rotor.polynomial import design_matrix
 
 LEAST_ROWS, LEAST_SHARE, MOST_SHARE = 12, 0.04, 0.4  # of the rows: the others say what the gain is
 LEAST = 0.05  # of the load, judgement: spans of cells drift by less within a log
 SURE = 8.0  # standard errors
 LIKE = 0.05  # of full speed: rows at like speeds, before the stretch and after it, must say the same
-AGREE, AMONG = 0.35, 0.4  # of the gain; of the stretch's rows that have such neighbours on either side
-OTHER = 0.25  # of the gain: the rotor's other load has not as much of it
-ALIKE = 1e-3  # that what is left in the stretch is noise as elsewhere: no bump, no ramp
-RICH, ROUNDS = 100, 6
+AGREE, AMONG = 0.35, 0.4  # judgement: of the gain; of the stretch that has such neighbours on either side
+OTHER = 0.25  # of the gain, judgement: the rotor's other load has not as much of it
+ALIKE = 1e-3  # level of the F test that what is left in the stretch is noise as elsewhere: no bump, no ramp
+ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -63,8 +61,7 @@ def _columns(frame: StandFrame, c: int) -> Array:
     """(rows, K) what the load is made of: the given model's, or the base's own terms."""
     if not frame.free_base:
         return frame.predicted[:, [c]]
-    order = 3 if places(frame.speeds) >= RICH else 2
-    return np.asarray(design_matrix(dictionary_of(LOADS[c], order), frame.speeds[:, 0], frame.speeds[:, 1]))
+    return np.asarray(design_matrix(base_terms(frame.speeds, c), frame.speeds[:, 0], frame.speeds[:, 1]))
 
 
 def _gain(frame: StandFrame, c: int, inside: Mask, usable: Mask) -> tuple[float, Array, Array]:
@@ -85,14 +82,9 @@ def _step(frame: StandFrame, c: int, usable: Mask) -> GainStep | None:
         gain, usual, off = _gain(frame, c, inside, usable)
         o, u = off[rows], usual[rows]
         if number == 0:
-            path = np.cumsum(o * u - np.mean(o * u))
-            first, last = sorted((int(np.argmin(path)), int(np.argmax(path))))
-            first, last = first + 1, last + 1
+            first, last = largest_excursion(o * u)
         else:  # the stretch whose squares the gain lowers most
-            path = np.concatenate([[0.0], np.cumsum(o**2 - (o - gain * u) ** 2)])
-            low = np.minimum.accumulate(path)
-            last = int(np.argmax(path - low))
-            first = int(np.argmin(path[: last + 1]))
+            first, last = largest_run(o**2 - (o - gain * u) ** 2)
         now = np.zeros_like(inside)
         now[rows[first:last]] = True
         count = last - first

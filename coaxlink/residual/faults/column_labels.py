@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
-from coaxlink.residual.channels.stand import COLUMN_OF, dictionary_of
+from coaxlink.residual.channels.stand import COLUMN_OF
 from coaxlink.residual.faults.row_ranges import (
     CAP,
     LEAST_PLACES,
     WHOLE,
     Mask,
+    base_terms,
     parts_of,
     places,
     robust_fit,
     stretches,
 )
-from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import design_matrix
 
 TOLERANCE = 0.03  # of the reference load: what a base may err by
@@ -45,7 +45,6 @@ BY_CHANCE = 1e-6  # logs in which two cells agree for so long by accident
 ROUNDS = 4
 FIT_ROWS = 4000
 BEGINNINGS, SCREENED_ROWS = 2, 400  # effort: of readings that are taken further; of a look at each
-RICH = 100  # places that a polynomial of third order wants
 UNITS = {  # of a newton, and of a newton metre
     "thrust": {
         "kgf": 1 / GRAVITY_M_S2,
@@ -286,11 +285,10 @@ def _fitted(frame: StandFrame, trusted: Mask, read: Sequence[tuple[Way, Mask]] =
     rows = np.flatnonzero(trusted)
     few = np.zeros(len(trusted), bool)
     few[rows[:: max(1, len(rows) // FIT_ROWS)]] = True
-    order = 3 if places(frame.speeds[few]) >= RICH else 2
     out = [np.zeros((len(trusted), 4)), np.zeros((len(trusted), 4))]
     for c in frame.present:
         if c < 4:
-            names = dictionary_of(LOADS[c], order)
+            names = base_terms(frame.speeds[few], c)
             x = design_matrix(names, frame.speeds[:, 0], frame.speeds[:, 1])
             fit = robust_fit(x, measured[:, c], few)
             out[0][:, c] = x @ fit

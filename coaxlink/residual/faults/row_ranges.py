@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.frames import Array
+from coaxlink.residual.channels.stand import dictionary_of
+from coaxlink.rotor.model import LOADS
 
 Mask = NDArray[np.bool_]
 LEAST_ROWS = 4
 LEAST_GAIN = 60.0  # squared tolerances that one stretch must win
 CAP = 25.0  # squared tolerances: a reading that is off by more is off, by however much
 MOST = 12  # stretches
+RICH = 100  # places that a polynomial of third order wants
 LEAST_PLACES = 3  # a single change of speed, with a lag in it, may look like anything
 WHOLE = 0.9  # of the rows: more than this is the whole log
 PARTS: Sequence[tuple[tuple[float, float], ...]] = (
@@ -33,15 +36,36 @@ def stretches(gain: Array) -> list[slice]:
     out: list[slice] = []
     left = np.where(np.isfinite(gain), gain, -CAP)  # a row without a number belongs to no run
     for _ in range(MOST):
-        path = np.concatenate([[0.0], np.cumsum(left)])
-        low = np.minimum.accumulate(path)
-        end = int(np.argmax(path - low))
-        if path[end] - low[end] < LEAST_GAIN:
+        start, end = largest_run(left)
+        if float(np.sum(left[start:end])) < LEAST_GAIN:
             break
-        start = int(np.flatnonzero(path[: end + 1] == low[end])[-1])
         out.append(slice(start, end))
         left[start:end] = -CAP  # a later one does not run across it
     return out
+
+
+def largest_run(gain: Array) -> tuple[int, int]:
+    """First row, and row behind the last, of the run whose summed gain (rows,) is largest.
+
+    >>> largest_run(np.array([-1.0, 2.0, 3.0, -4.0, 1.0]))
+    (1, 3)
+    """
+    path = np.concatenate([[0.0], np.cumsum(gain)])
+    low = np.minimum.accumulate(path)
+    end = int(np.argmax(path - low))
+    return int(np.flatnonzero(path[: end + 1] == low[end])[-1]), end
+
+
+def largest_excursion(values: Array) -> tuple[int, int]:
+    """The same of the run that is furthest from the mean of (rows,), to either side."""
+    path = np.cumsum(values - np.mean(values))
+    first, last = sorted((int(np.argmin(path)), int(np.argmax(path))))
+    return first + 1, last + 1
+
+
+def base_terms(speeds: Array, channel: int) -> list[str]:
+    """Polynomial terms of a load over both speeds, of third order where rows (rows, 2) take places enough."""
+    return dictionary_of(LOADS[channel], 3 if places(speeds) >= RICH else 2)
 
 
 def parts_of(rows: int) -> list[Mask]:

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from coaxlink.frames import Array, StandFrame
 from coaxlink.load import Load
 from coaxlink.residual.channels.stand import fitted_model
-from coaxlink.residual.faults.row_ranges import robust_fit
+from coaxlink.residual.faults.row_ranges import largest_excursion, largest_run, robust_fit
 
 Mask = NDArray[np.bool_]
 LEAST_SHARE, MOST_SHARE = 0.04, 0.5  # of the rows: more than half of them cannot be told from the other half
 LEAST_ROWS = 12
-LEAST_STEP = 8  # rows of a stretch that reads high or low by one share
 MOST_ABOVE, PLACES = 0.75, 24  # of the rows; thresholds of throttle
 LEAST_LIE, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
 SURE = 8.0  # standard errors of the step
@@ -30,7 +29,8 @@ RARE, MOVES = 0.1, 0.15  # of the runs of equal readings; of the reference load
 AMONG = 0.7  # of the rows that lie: at speeds that a base fitted to the other rows has seen
 LEAST_FITTED = 24  # rows: as a stand log needs for a base of its own
 FAR_OFF, ALIKE = 0.1, 0.05  # of the speed: a reading that counts wrongly; how well such readings agree
-LEAST_SPIKES, MOST_SPIKES = 3, 0.2  # rows; of the rows: the throttle's curve is that of the others
+# rows that must lie, SURE says how sure; of the rows, judgement: the throttle's curve is that of the others
+LEAST_SPIKES, MOST_SPIKES = 3, 0.2
 COARSE = 0.02  # of the speed
 LOADED = 0.25  # of the fastest: slower motors do not follow a curve of throttle
 ROUNDS = 4
@@ -131,7 +131,7 @@ def _orders(frame: StandFrame, side: int) -> list[NDArray[np.intp]]:
 def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -> Lie | None:
     """The stretch of rows, in that order, whose speed is furthest from what the throttle gives elsewhere."""
     order = order[_loaded(frame, side)[1][order]]
-    if len(order) < 2 * LEAST_STEP:
+    if len(order) < LEAST_FITTED:
         return None
     speed = frame.speeds[order, side]
     x = _curves(frame, side, supply)[order]
@@ -142,18 +142,13 @@ def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -
         off = speed - usual
         now = np.zeros(rows, bool)
         if number == 0:
-            path = np.cumsum(off - np.mean(off))
-            first, last = sorted((int(np.argmin(path)), int(np.argmax(path))))
-            now[first + 1 : last + 1] = True
+            now[slice(*largest_excursion(off))] = True
             if now.mean() > MOST_SHARE:  # the step seen from its other end
                 now = ~now
         else:  # the stretch whose squares the step lowers most
             step = float(np.sum(off[inside] * usual[inside]) / np.sum(usual[inside] ** 2))
-            path = np.concatenate([[0.0], np.cumsum(off**2 - (off - step * usual) ** 2)])
-            low = np.minimum.accumulate(path)
-            last = int(np.argmax(path - low))
-            now[int(np.argmin(path[: last + 1])) : last] = True
-        if not LEAST_SHARE * rows <= now.sum() >= LEAST_STEP or now.mean() > MOST_SHARE:
+            now[slice(*largest_run(off**2 - (off - step * usual) ** 2))] = True
+        if not LEAST_SHARE * rows <= now.sum() >= LEAST_SPIKES or now.mean() > MOST_SHARE:
             return None
         if np.array_equal(now, inside):
             break
