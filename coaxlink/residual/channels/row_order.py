@@ -7,9 +7,7 @@ import numpy as np
 from coaxlink.data.samples import Samples
 
 LEAST_BACK = 0.05  # of the steps, judgement: fewer are clocks set back or sessions put together
-RESTARTS = (
-    0.1  # of the span of time, judgement: a clock that starts anew for each point goes back to its beginning
-)
+RESTARTS = 0.1  # of the span of time, judgement: a clock that starts anew goes back to its start
 
 
 def in_order_of_time(log: Samples) -> Samples:
