@@ -332,6 +332,9 @@ def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
         forms += [({**bare, **way, "reach": r}, c) for r in REACHES]
     if "power" not in shape:
         forms.append(({k: v for k, v in bare.items() if k != "bulge"} | way | {"power": 0.7}, c))
+    if "load" not in shape:  # what remembers is not the speed's way but each cell's own
+        own = {side: 1.0 for side in SIDES if side in shape} or {"lower_over_upper": 1.0}
+        forms.append(({**own, **way, "load": 1.0, "power": 0.3}, c))
     if _of_both(shape) and ("lower_over_upper" not in shape or "fading" in shape):
         # every slide has a friction of its own
         plain = {k: v for k, v in shape.items() if k not in ("moving", "fading")}

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, separable
-from coaxlink.residual.checks.rivals import Fitted, Rivalry, rivalries
+from coaxlink.residual.checks.rivals import Beside, Fitted, Rivalry, rivalries
 from coaxlink.residual.regression.joint_model import Joint
 from coaxlink.residual.regression.problem import Problem
 from coaxlink.residual.result import Ambiguous, Step, probabilities
@@ -22,23 +22,24 @@ def with_rivals(
     fitted: Fitted,
     *,
     floor: Callable[[Joint], Array] | None = None,
+    beside: Beside | None = None,
     derived: Collection[str] = (),
 ) -> Judged:
     """The judgement with claims that a rival equals withheld; `problem` has all effects in all their forms.
 
-    With `floor`, the noise behind a joint fit, a claim that a rival beats by as much gives way to it first.
+    With `floor`, the noise behind a joint fit, and `beside` (see `rivals`), a claim that a rival beats by as
+    much gives way to it first.
     Names in `derived` have another reason than a smaller error.
     """
     if not j.selection.members or j.selection.doubtful:
         return j
-    yielding = floor is not None
-    found = rivalries(problem, j.joint, fitted, derived, yielding=yielding)
+    found = rivalries(problem, j.joint, fitted, derived, beside=beside)
     for _ in range(SWAPS if floor else 0):
         lost = min((r for r in found if r.lost), key=lambda r: r.nats, default=None)
         if lost is None or floor is None:
             break
         j = _swapped(j, lost, fitted, floor)
-        found = rivalries(problem, j.joint, fitted, derived, yielding=yielding)
+        found = rivalries(problem, j.joint, fitted, derived, beside=beside)
     return _doubted(j, problem, found, derived)
 
 

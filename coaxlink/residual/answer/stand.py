@@ -203,7 +203,11 @@ def _against_rivals(j: Judged) -> Judged:
         chosen = Selection(members=list(options))
         return fit_jointly(problem, chosen, frame, known, reducing(frame), settled)[0]
 
-    judged = with_rivals(j, problem, fitted, floor=lambda joint: floor_beside(frame, joint))
+    def beside(joint: Joint) -> Problem:
+        there = {m.name for m in joint.members}
+        return fitter_of(problem, frame, known, there, reducing(frame)).beside(joint)
+
+    judged = with_rivals(j, problem, fitted, floor=lambda joint: floor_beside(frame, joint), beside=beside)
     return judged if {m.name for m in judged.joint.members} <= names else _still_there(judged, fitted)
 
 

@@ -19,13 +19,15 @@ from coaxlink.frames import Array
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.gates import autocorrelation_time
 from coaxlink.residual.regression.irls import channel_errors
-from coaxlink.residual.regression.joint_model import Joint, Member, beside_directly, of_grid
+from coaxlink.residual.regression.joint_model import Joint, Member, of_grid
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.search.select import NESTED
 from coaxlink.residual.search.trial import ALPHA, Judge, Trial, columns_of
 
 # the joint fit of options of the problem, members that were fitted before starting from where they were
 Fitted = Callable[[Sequence[Option], Mapping[str, Member]], Joint]
+# the problem about a joint fit: its members first, then every other effect's options, taken through them
+Beside = Callable[[Joint], Problem]
 
 APART = -float(np.log(ALPHA))  # nats: as improbable as the chance that the selection allows
 STANDS_IN = 0.5  # of what an effect explains, in a shape of the grid: less is no rival
@@ -58,21 +60,31 @@ class Rivalry:
 
 
 def rivalries(
-    problem: Problem, joint: Joint, fitted: Fitted, derived: Collection[str] = (), *, yielding: bool = False
+    problem: Problem,
+    joint: Joint,
+    fitted: Fitted,
+    derived: Collection[str] = (),
+    *,
+    beside: Beside | None = None,
 ) -> list[Rivalry]:
     """Every member of a joint fit against the other effects of `problem`, which has each in all its forms.
 
-    Members named in `derived` have another reason than a smaller error, and no rival. `yielding`: a claim
-    gives way to what is ahead of it; rivals are then looked for about a fit of what stays.
+    Members named in `derived` have another reason than a smaller error, and no rival. With `beside` a
+    claim gives way to what is ahead of it, and rivals are looked for about a fit of what stays.
     """
+    yielding = beside is not None
     judge, out = Judge(problem), []
     members = {m.name: m for m in joint.members}
     options = of_grid(problem, joint.problem.options)
     claimed = _Held.of(joint)
     for mine in [o for o in options if o.name not in derived]:
         rest = [o for o in options if o is not mine]
-        alone = fitted(rest, {o.name: members[o.name] for o in rest}) if yielding and rest else None
-        screened = [(rest, trial) for trial in _in_its_place(problem, judge, mine, rest, alone)]
+        there, stays = judge, rest
+        if beside is not None and rest:
+            alone = fitted(rest, {o.name: members[o.name] for o in rest})
+            there = Judge(beside(alone))
+            stays = list(there.problem.options[: len(alone.members)])
+        screened = [(rest, trial) for trial in _in_its_place(problem, there, stays, mine)]
         for others, rival in [*screened, *_of_other_forms(judge, rest)]:
             settled = {o.name: members[o.name] for o in others}
             swapped = fitted([*others, rival.option], settled)
@@ -90,23 +102,13 @@ def rivalries(
     return out
 
 
-def _in_its_place(
-    problem: Problem,
-    judge: Judge,
-    mine: Option,
-    rest: list[Option],
-    alone: Joint | None,
-) -> list[Trial]:
-    """What could stand in for an effect beside the others, about the fit of these `alone` where there is one.
+def _in_its_place(problem: Problem, judge: Judge, stays: list[Option], mine: Option) -> list[Trial]:
+    """What could stand in for an effect beside those that stay, about whose fit the judge looks.
 
-    Members that stay found their shapes beside the one that is given up; in a shape of the grid they leave so
-    much that nothing else shows.
+    They found their shapes beside the one that is given up; in a shape of the grid they leave so much that
+    nothing else shows. And what a stand that sticks shows of an effect goes through the sticking.
     """
-    stays = rest
-    if alone is not None:
-        judge = Judge(beside_directly(problem, alone))
-        stays = list(judge.problem.options[: len(alone.members)])
-        mine = of_grid(judge.problem, [mine])[0]
+    mine = of_grid(judge.problem, [mine])[0]
     without = judge.left(stays)
     worth = without - judge.left([*stays, mine])
     out = []

@@ -276,22 +276,6 @@ def columns_of(p: Problem) -> Index:
     return np.concatenate([p.base, *(o.columns for o in p.options)]).astype(np.intp)
 
 
-def beside_directly(problem: Problem, joint: Joint) -> Problem:
-    """The problem about a joint fit's point, its members first, every other effect's own columns beside them.
-
-    As `Fitter.beside`, but for what an option adds through the members.
-    """
-    q, names = joint.problem, {m.name for m in joint.members}
-    others = [o for o in problem.options if o.name not in names]
-    columns, options, at = [], list(q.options), q.design.shape[-1]
-    for o in others:
-        columns.append(problem.design[:, :, o.columns].astype(q.design.dtype))
-        options.append(replace(o, columns=np.arange(at, at + len(o.columns))))
-        at += len(o.columns)
-    design = np.concatenate([q.design, *columns], axis=-1)
-    return from_design(problem, design, q.residual, options, frame=problem.frame)
-
-
 def of_grid(problem: Problem, options: Sequence[Option]) -> list[Option]:
     """The problem's own options nearest to these, which may be of another problem."""
     out = []

@@ -171,3 +171,35 @@ def test_rivals_of_a_doubt_beside_another_effect_stand_in_the_problem_that_is_as
     answer = ask(log.with_columns(upper_torque_Nm=log["upper_torque_Nm"] - 1e-4 * log["time_s"]))
     assert names(answer) == {"sensor_drift"} and answer.ambiguous
     assert seen and all(seen)
+
+
+def swept(levels, rows):
+    """(n, 2) speeds: both up and down, then the lower one up and down at each held level of the upper one."""
+    up = np.linspace(0.0, 0.95, rows)
+    there = np.concatenate([up, up[::-1]])
+    held = [np.stack([np.full(2 * rows, level), there], axis=1) for level in levels]
+    return np.concatenate([np.stack([there, there], axis=1), *held])
+
+
+def through_sticking_slides(loads, play):
+    """Loads (4, rows) with thrusts that are read once they are a play behind."""
+    read = loads.copy()
+    for k in (0, 2):
+        at = loads[k, 0]
+        for n, load in enumerate(loads[k]):
+            at = min(max(at, load - play), load + play)
+            read[k, n] = at
+    return read
+
+
+# with the larger loss the slides' own loads are a form of hysteresis that shows only beside it
+@pytest.mark.parametrize(("play", "loss"), [(1.8, 4.0), (2.2, 4.0), (1.4, 6.0)])
+def test_an_interference_that_sticking_slides_hide_from_a_held_rotor_is_no_drift(play, loss):
+    speeds = swept([0.3, 0.5, 0.7, 0.9, 0.0], 75)
+    loads = steady_loads(*speeds.T)
+    loads[0] -= loss * speeds[:, 1] ** 1.4 * speeds[:, 0] ** 0.6
+    read = through_sticking_slides(loads, play)
+    answer = ask(stand(speeds, read, 4, time_s=0.1 * np.arange(len(speeds))), PAPER)
+    assert names(answer) == {"hysteresis", "lower_on_upper_interference"}
+    thrust = answer.channels["upper_thrust"]
+    assert thrust.rmse_after < 1.1 * thrust.noise_floor
