@@ -124,15 +124,10 @@ def judge_stand(
             selection = _tried(problem, selection, bare, known, reduce, barred)
         selection, start, fitted = _again(problem, selection, bare, known, reduce, barred)
         joint, acting = fitted or fit_jointly(problem, selection, bare, known, reduce, start)
-        gone = explained_by_time(joint, acting, reduce)
-        why = "needless beside something that changes over time and was not logged"
-        if not gone:
-            gone, why = within_forms(joint, bare), "no more than the form of a larger one misses"
-        anew = False
-        if not gone:
-            gone, why = minor(joint, floor_beside(bare, joint)), "leaves most of what is there, or does harm"
-            anew = bool(gone)  # and may have kept out what made it
-        if gone:
+        for _round in range(ROUNDS):  # what goes may have kept another from being seen for what it is
+            gone, why, anew = _needless(joint, acting, bare, reduce)
+            if not gone:
+                break
             selection = undone(selection, gone, why)
             if anew:
                 selection, start, _ = _again(problem, selection, bare, known, reduce, {*gone, *barred})
@@ -226,6 +221,19 @@ def _still_there(j: Judged, fitted: Callable[[Sequence[Option], Mapping[str, Mem
     settled = {m.name: m for m in j.joint.members}
     joint = fitted([*selection.members, *selection.doubtful], settled)
     return replace(j, selection=selection, joint=joint, floor=floor_beside(frame, joint))
+
+
+def _needless(
+    joint: Joint, acting: Any, bare: Any, reduce: Callable[[Array], Array]
+) -> tuple[set[str], str, bool]:
+    """Names that go, why, and whether what made them may show when the choice is made without them."""
+    gone = explained_by_time(joint, acting, reduce)
+    if gone:
+        return gone, "needless beside something that changes over time and was not logged", False
+    gone = within_forms(joint, bare)
+    if gone:
+        return gone, "no more than the form of a larger one misses", False
+    return minor(joint, floor_beside(bare, joint)), "leaves most of what is there, or does harm", True
 
 
 def _asks_for_a_law(problem: Problem) -> bool:
