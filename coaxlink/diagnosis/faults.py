@@ -147,6 +147,8 @@ def _cut_off(
         over = now
     if not _fair(over) or float(np.mean(due[over] - limit)) < EXCESS * size:
         return None
+    if np.std(read[over]) >= np.std(due[over]):  # at a limit the readings stay, the load does not
+        return None
     left = np.where(over, read - limit, read - due)
     return float(np.sum(left**2)), over, limit
 

@@ -21,6 +21,7 @@ MARGIN = 0.02  # of the reference load: this near a limit the noise is cut off o
 # a load that is gone for some rows (judgement: no effect of physics takes so much): the share of it that is
 # left, where it is a fair share of the reference; what the nearest rows at like speeds (of full speed) read
 GONE, LOADED, THERE, LIKE, PLACES = 0.05, 0.25, 0.5, 0.05, 2
+BESIDE = 2  # rows before and after a plug came off: a filter may smear one of them
 TURNS = 0.2  # of full speed, judgement: a rotor near rest has no load to lose, whatever wake it stands in
 LEAST_GONE, MOST_GONE = 3, 0.4  # rows; share of the log
 ARM = (0.002, 0.5)  # m: torque over thrust of any rotor between a hand's width and 4 m
@@ -74,7 +75,23 @@ def dropped_rows(frame: StandFrame, channel: int, usable: Mask) -> Mask:
     share = np.append(measured[others] / load[others], np.nan)  # the tree's number for none
     found = np.isfinite(far).all(axis=1)
     none[rows[found]] = np.min(share[near[found]], axis=1, initial=np.inf) > THERE
+    loaded = usable & (np.abs(load) > LOADED * size)
+    none &= ~_gradual(none, np.where(loaded, measured / np.where(loaded, load, 1.0), np.nan))
     return none if none.sum() >= LEAST_GONE else np.zeros(len(usable), bool)
+
+
+def _gradual(gone: Mask, share: Array) -> Mask:
+    """(rows,) of runs of `gone` rows beside which less than the load is read: it goes through zero by itself.
+
+    `share` (rows,) of the load that is read; NaN where there is none.
+    """
+    out = np.zeros(len(gone), bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]])))
+    for first, end in edges.reshape(-1, 2):
+        for beside in (share[max(first - BESIDE, 0) : first], share[end : end + BESIDE]):
+            told = beside[np.isfinite(beside)]
+            out[first:end] |= bool(len(told)) and float(np.max(told)) < THERE
+    return out
 
 
 def _expected(frame: StandFrame, channel: int, usable: Mask) -> Array:

@@ -134,6 +134,20 @@ def test_a_rotor_that_stands_in_a_wake_dropped_nothing():
     assert "a plug" not in "".join(s.why for s in answer.suspect_data)
 
 
+def test_a_load_that_goes_through_zero_on_a_ramp_dropped_nothing(paper):
+    """Closer rotors than the model's: where it has the lower one pull 10 N, it pulls down and then up."""
+    up = np.linspace(0.1, 0.95, 300)
+    a, b = np.tile([0.9] * 600, 2), np.tile(np.concatenate([up, up[::-1]]), 2)
+    loads, near = steady_loads(a, b), np.arange(1200) < 600
+    loads[2] -= np.where(near, 20.0 * a**2, 0.0)
+    loads += np.array([[0.4], [0.008], [0.4], [0.008]]) * np.random.default_rng(1).standard_normal((4, 1200))
+    names = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
+    columns = dict(zip(names, loads, strict=True)) | {"rotor_spacing_m": np.where(near, 0.06, 0.12)}
+    columns |= {"upper_rpm": FULL_RPM * a, "lower_rpm": FULL_RPM * b, "time_s": 0.1 * np.arange(1200)}
+    answer = refine_stand(Samples(columns, "rig.csv"), paper)
+    assert answer.suspect_data == () and [e.name for e in answer.effects] == ["rotor_spacing"]
+
+
 @pytest.mark.parametrize("seed", range(8, 11))
 def test_two_coarse_cells_that_agree_for_a_while_are_no_copy(paper, seed):
     """In steps of two noises two torques that are near one another often read the same."""

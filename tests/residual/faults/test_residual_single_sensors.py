@@ -128,6 +128,26 @@ def test_a_zero_that_swells_and_goes_again_is_no_gain() -> None:
     assert not [s for s in answer.suspect_data if "like speeds" in s.why]
 
 
+def test_a_cell_that_is_off_everywhere_has_no_gain_of_its_own_for_a_stretch() -> None:
+    """Ramps of the lower rotor at held speeds of the upper one, whose thrust is off by what nobody knows."""
+    ramp = np.concatenate([np.linspace(0.0, 0.95, 90), np.linspace(0.95, 0.0, 90)])
+    u = np.concatenate([ramp, np.repeat([0.3, 0.5, 0.7, 0.9, 0.0], 180)])
+    v, time = np.tile(ramp, 6), 0.1 * np.arange(len(u))
+    random = np.random.default_rng(1)
+    thrust = u * (55.9517 * u + 22.4464)
+    odd = 6.0 * np.sin(0.6 * thrust) * np.where((time / 16.0).astype(int) % 2 == 0, 1.0, -1.0)
+    loads = {
+        "upper_thrust_N": thrust + odd,
+        "upper_torque_Nm": u * (1.2437 * u + 0.7155),
+        "lower_thrust_N": 64.7 * v**2 + 12.4 * v - 37.5 * u**2,
+        "lower_torque_Nm": 1.47 * v**2 + 0.57 * v - 0.7 * u**2,
+    }
+    columns = {"time_s": time, "upper_rpm": RPM * u, "lower_rpm": RPM * v}
+    columns |= {n: x + 0.006 * x.max() * random.standard_normal(len(x)) for n, x in loads.items()}
+    answer = refine_stand(Samples(columns, "ramps"))
+    assert answer.unexplained and not answer.effects and not answer.suspect_data
+
+
 def test_rows_in_another_order_are_sorted_by_their_time_and_told() -> None:
     log = visited(9)
     mixed = log.take(np.random.default_rng(9).permutation(ROWS))
