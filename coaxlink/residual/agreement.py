@@ -7,7 +7,8 @@ good as one another and err on different ones (docs/tracing_record.md). So only 
 unexplained is asked about, and an answer is taken from the posterior where it
 
     accuses a column, or
-    names one effect whose cause the log records, with positive evidence, and the error shows it, or
+    names one effect whose cause the log records, with positive evidence and numbers that physics allows, and
+    the error shows it, or
     holds several names for one of which the log records the cause.
 
 A supply or an air that nobody logged changes all loads with time and load, as heat and a cell's drift do: of
@@ -24,6 +25,7 @@ from dataclasses import replace
 import numpy as np
 
 from coaxlink.data.samples import Samples
+from coaxlink.effects import stand_effects
 from coaxlink.frames import Array
 from coaxlink.residual.checks.residual_check import ENOUGH
 from coaxlink.residual.regression.gates import GAIN
@@ -48,19 +50,28 @@ def leaves_open(selection: Refinement) -> bool:
 
 def agreed(selection: Refinement, posterior: Refinement, logs: Sequence[Samples]) -> Refinement:
     """The answer to logs of which the selection leaves something open."""
-    if posterior.suspect_data:
-        return posterior
     names = [effect.name for effect in posterior.effects]
     rivals = [name for doubt in posterior.ambiguous for name in doubt.names]
     positive = all(
-        effect.evidence.get("nats", 0.0) > 0.0 and lowers(effect) and explains(effect, posterior)
+        effect.evidence.get("nats", 0.0) > 0.0
+        and possible(effect)
+        and lowers(effect)
+        and explains(effect, posterior)
         for effect in posterior.effects
     )
+    if posterior.suspect_data:
+        return posterior if positive else replace(selection, suspect_data=posterior.suspect_data)
     single = len(names) == 1 and recorded(names, logs)
     if not positive or not (single or (not names and recorded(rivals, logs))):
         return selection
     effects = tuple(replace(e, evidence={**e.evidence, "method": POSTERIOR}) for e in posterior.effects)
     return replace(posterior, effects=effects)
+
+
+def possible(effect: FoundEffect) -> bool:
+    """Whether physics allows the numbers that all rows gave it."""
+    numbers = {p.name: p.value for p in effect.parameters}
+    return all(e.refuse(numbers) is None for e in stand_effects() if e.name == effect.name)
 
 
 def lowers(effect: FoundEffect) -> bool:

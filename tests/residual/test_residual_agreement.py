@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from residual_rig import FULL_RPM, steady_loads
@@ -10,17 +12,38 @@ from coaxlink import files
 from coaxlink.data import Samples
 from coaxlink.residual import refine_stand
 from coaxlink.residual.agreement import agreed, follows_clock, leaves_open, recorded
-from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Suspect, Unexplained
+from coaxlink.residual.result import (
+    Ambiguous,
+    ChannelError,
+    FoundEffect,
+    ParameterValue,
+    Refinement,
+    Suspect,
+    Unexplained,
+)
 from coaxlink.rotor import load_rotor_model
 
 TIME = np.linspace(0.0, 600.0, 200)
 SAGGING = 25.0 - TIME / 300.0
 RESTED = SAGGING + 1.5 * np.sin(TIME / 20.0)
+# numbers that physics allows
+NUMBERS = {
+    "battery_voltage": {"speed_exponent": 0.8},
+    "dead_band": {"band": 0.1, "share": 1.0},
+    "hysteresis": {"thrust_share": 0.05, "torque_share": 0.05},
+    "motor_heating": {"speed_loss_per_100K": 0.05},
+    "rotor_lag": {"lag_s": 0.1, "share": 1.0},
+    "sensor_drift": {"channel": 2.0, "per_minute": 0.1, "zero": 0.0},
+}
+
+
+def numbered(name):
+    return tuple(ParameterValue(n, x, (x, x), "1") for n, x in NUMBERS[name].items())
 
 
 def said(*effects, open_ends=(), doubts=(), suspects=(), after=0.8):
     errors = {"lower_thrust": (1.0, after), "lower_torque": (1.0, 1.0)}
-    found = tuple(FoundEffect(name, (), (), errors, {"nats": nats}, "") for name, nats in effects)
+    found = tuple(FoundEffect(name, (), numbered(name), errors, {"nats": nats}, "") for name, nats in effects)
     noise = {name: ChannelError("N", 0.7, 1.0, 0.8, (1.0, 1.0), (0.8, 0.8), 100, 1.0) for name in errors}
     return Refinement("stand", noise, found, open_ends, doubts, suspects, (), None)
 
@@ -82,6 +105,17 @@ def test_rivals_and_accused_columns_are_taken():
     assert agreed(OPEN, said(doubts=(unrecorded,)), log()) is OPEN
     accused = said(suspects=(Suspect("lower_rpm", "3 to 9", ""),))
     assert agreed(OPEN, accused, log()) is accused
+
+
+def test_numbers_that_physics_does_not_allow_are_no_name():
+    allowed = said(("dead_band", 20.0))
+    assert agreed(OPEN, allowed, log()).effects
+    (found,) = allowed.effects
+    bent = replace(found, parameters=(ParameterValue("share", -28.7, (-40.0, -9.0), "1"),))
+    assert agreed(OPEN, replace(allowed, effects=(bent,)), log()) is OPEN
+    lies = (Suspect("upper_torque_Nm", "10, 20", ""),)
+    answer = agreed(OPEN, replace(allowed, effects=(bent,), suspect_data=lies), log())
+    assert not answer.effects and answer.suspect_data == lies and answer.unexplained == OPEN.unexplained
 
 
 def test_a_slow_course_is_the_clocks():
