@@ -13,6 +13,7 @@ import os
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import FrameType
 
 INTERRUPTED = 130
@@ -26,9 +27,17 @@ def _leave(number: int, frame: FrameType | None) -> None:
     os._exit(INTERRUPTED)
 
 
+def _interrupts_go_to(handler: Callable[[int, FrameType | None], None]) -> None:
+    """Where this is the main thread; a program that runs a verb in another one keeps its own handlers."""
+    try:
+        signal.signal(signal.SIGINT, handler)
+    except ValueError:
+        return
+
+
 # not where SIGINT is ignored (nohup, a script's background job) or somebody else's
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    signal.signal(signal.SIGINT, _leave)
+    _interrupts_go_to(_leave)
 
 
 def _after_imports(number: int, frame: FrameType | None) -> None:
@@ -50,7 +59,7 @@ def begin() -> None:
     if signal.getsignal(signal.SIGINT) is _leave:
         import threading  # noqa: F401 - not first inside the handler
 
-        signal.signal(signal.SIGINT, _after_imports)
+        _interrupts_go_to(_after_imports)
 
 
 def main() -> None:

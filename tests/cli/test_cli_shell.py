@@ -156,3 +156,21 @@ def test_ctrl_c_is_not_lost_where_the_interpreter_ignores_exceptions():
     )
     done = subprocess.run([sys.executable, "-c", script, "examples"], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "coaxlink: interrupted\n")
+
+
+@pytest.mark.parametrize("loaded", ["from coaxlink.cli import build_app", ""])
+def test_a_verb_runs_in_another_thread_which_may_set_no_handlers(loaded):
+    script = f"""
+import threading
+import coaxlink
+{loaded}
+def verb():
+    from coaxlink.cli import build_app
+    from coaxlink.cli.shared.shell import run
+    print("ended with", run(build_app(), ["refine", "nowhere.csv"]))
+thread = threading.Thread(target=verb)
+thread.start()
+thread.join()
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.endswith("ended with 2\n") and "nowhere.csv" in done.stderr, done.stderr
