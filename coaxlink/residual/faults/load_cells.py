@@ -76,7 +76,7 @@ def dropped_rows(frame: StandFrame, channel: int, usable: Mask) -> Mask:
     found = np.isfinite(far).all(axis=1)
     none[rows[found]] = np.min(share[near[found]], axis=1, initial=np.inf) > THERE
     loaded = usable & (np.abs(load) > LOADED * size)
-    none &= ~_gradual(none, np.where(loaded, measured / np.where(loaded, load, 1.0), np.nan))
+    none &= ~_gradual(gone, np.where(loaded, measured / np.where(loaded, load, 1.0), np.nan))
     return none if none.sum() >= LEAST_GONE else np.zeros(len(usable), bool)
 
 
