@@ -38,7 +38,6 @@ CLEARLY = 9.0  # squared tolerances: three standard deviations by which another 
 EXCESS = (
     0.03  # of the reference load, what is cut off on the average: TOLERANCE, less is the base's own error
 )
-QUIET = 1.0 / 3.0  # judgement: of the noise elsewhere; a limit cuts off the noise as well
 WITHIN = 3.0  # standard deviations of the readings at a limit
 
 
@@ -148,9 +147,10 @@ def _cut_off(
         over = now
     if not _fair(over) or float(np.mean(due[over] - limit)) < EXCESS * size:
         return None
-    left = np.where(over, read - limit, read - due)
-    if float(np.std(left[over])) > QUIET * float(np.sqrt(np.mean(left[~over] ** 2))):
+    # at a limit the reading stays where the load goes up and down, further than a base may err
+    if np.std(due[over]) < np.hypot(np.std(read[over]), TOLERANCE * size):
         return None
+    left = np.where(over, read - limit, read - due)
     return float(np.sum(left**2)), over, limit
 
 

@@ -13,7 +13,7 @@ from coaxlink.rotor import load_rotor_model
 
 
 def test_a_load_that_is_low_while_a_rotor_is_held_is_at_no_limit():
-    """At a limit the reading stays, its noise with it, while the load goes on; here neither stays."""
+    """At a limit the reading stays while the load goes on; here it is the other way round."""
     t = np.arange(600)
     speeds = np.stack([np.where(t < 400, 0.2 + 0.6 * (t % 50) / 50.0, 0.9), 0.3 + 0.5 * (t % 37) / 37.0])
     loads = steady_loads(*speeds)
