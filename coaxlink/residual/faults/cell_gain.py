@@ -19,7 +19,7 @@ from coaxlink.rotor.polynomial import design_matrix
 LEAST_ROWS, LEAST_SHARE, MOST_SHARE = 12, 0.04, 0.4  # of the rows: the others say what the gain is
 LEAST = 0.05  # of the load, judgement: spans of cells drift by less within a log
 SURE = 8.0  # standard errors
-ALONE = 3.0  # judgement: times what is off elsewhere; where all of a log is off no stretch of it lies
+ALONE = 3.0  # standard deviations of what is off elsewhere: where all of a log is off no stretch of it lies
 LIKE = 0.05  # of full speed: rows at like speeds, before the stretch and after it, must say the same
 AGREE, AMONG = 0.35, 0.4  # judgement: of the gain; of the stretch that has such neighbours on either side
 OTHER = 0.25  # of the gain, judgement: the rotor's other load has not as much of it

@@ -89,8 +89,8 @@ def _gradual(gone: Mask, share: Array) -> Mask:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]])))
     for first, end in edges.reshape(-1, 2):
         for beside in (share[max(first - BESIDE, 0) : first], share[end : end + BESIDE]):
-            told = beside[np.isfinite(beside)]
-            out[first:end] |= bool(len(told)) and float(np.max(told)) < THERE
+            known = beside[np.isfinite(beside)]
+            out[first:end] |= bool(len(known)) and float(np.max(known)) < THERE
     return out
 
 
