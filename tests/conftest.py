@@ -20,6 +20,13 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 KEY = bytes(range(32))
 
 
+def pytest_collection_modifyitems(items):
+    """`-m quick` is all that is not marked slow: what is run at each save."""
+    for item in items:
+        if "slow" not in item.keywords:
+            item.add_marker("quick")
+
+
 def pytest_xdist_auto_num_workers():
     """Four at a time, for most of a test is waiting for a board; two where others use the processors."""
     return 4 if psutil.cpu_percent(interval=1.0) < 50.0 else 2

@@ -11,7 +11,7 @@ import typer
 from coaxlink.cli.shared.shell import JsonOption, SchedulerOption, WorkersOption, console, say
 
 if TYPE_CHECKING:
-    from coaxlink.campaign.spec import Spec
+    from coaxlink.studies.campaign.spec import Spec
 
 
 def campaign(
@@ -30,9 +30,9 @@ def campaign(
     """Fly a campaign in the simulated world; stopped, it goes on where it was."""
     from coaxlink import files
     from coaxlink.absent import refuse_windows
-    from coaxlink.campaign.spec import read_spec
+    from coaxlink.studies.campaign.spec import read_spec
     from coaxlink.errors import InputError
-    from coaxlink.simulated.campaign_cells import known_effects
+    from coaxlink.studies.campaign_cells import known_effects
 
     refuse_windows("campaign")
     files.refuse_unwritable(json)
@@ -55,10 +55,10 @@ def campaign(
 def _fly(spec: Spec, folder: Path, workers: int, scheduler: str | None) -> None:
     import contextlib
 
-    from coaxlink.campaign.dataset import Dataset
-    from coaxlink.campaign.engine import Machine, run
-    from coaxlink.campaign.progress import Progress
-    from coaxlink.simulated.campaign_cells import Payload, code_hash, columns, fly_cells
+    from coaxlink.studies.campaign.dataset import Dataset
+    from coaxlink.studies.campaign.engine import Machine, run
+    from coaxlink.studies.campaign.progress import Progress
+    from coaxlink.studies.campaign_cells import Payload, code_hash, columns, fly_cells
 
     payload = Payload(spec, code_hash())
     decides = {"campaign": spec.name, "digest": spec.digest, "seed": spec.seed, "code": payload.code}
@@ -85,8 +85,8 @@ def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
     from rich.table import Table
 
     from coaxlink import files
-    from coaxlink.campaign.dataset import MANIFEST, columns_of
-    from coaxlink.campaign.summary import summarise
+    from coaxlink.studies.campaign.dataset import MANIFEST, columns_of
+    from coaxlink.studies.campaign.summary import summarise
     from coaxlink.report import campaign as report
     from coaxlink.report.made import Made
 
@@ -118,8 +118,8 @@ def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
 def _replay(spec: Spec, number: int, folder: Path, json: Path | None) -> None:
     """One cell again: its row on the screen, its flight log and what it flew as files."""
     from coaxlink import files
-    from coaxlink.campaign.cells import cell
-    from coaxlink.simulated.campaign_cells import Payload, code_hash, columns, fly_cell, fly_cells
+    from coaxlink.studies.campaign.cells import cell
+    from coaxlink.studies.campaign_cells import Payload, code_hash, columns, fly_cell, fly_cells
 
     cell_folder = folder / f"cell-{number:09d}"
     files.refuse_unwritable(cell_folder / "flight.csv")

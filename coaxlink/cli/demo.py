@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coaxlink.cli.shared.shell import JsonOption, console, say, talk
-from coaxlink.simulated.result_folder import complete_or_unchanged, terminated_as_interrupted
+from coaxlink.studies.result_folder import complete_or_unchanged, terminated_as_interrupted
 
 if TYPE_CHECKING:
     from coaxlink.fly.trajectory import Plan
     from coaxlink.report.demo import DemoResult
-    from coaxlink.simulated.flight import Watch
+    from coaxlink.studies.flight import Watch
 
 LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog", "hidden.tlog")
 RESIDUAL = ("residual.png", "residual.svg", "residual.pdf")
@@ -40,7 +40,7 @@ def demo(
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
     from coaxlink.report.demo_page import write_report
     from coaxlink.report.made import Made
-    from coaxlink.simulated.demo import run_demo
+    from coaxlink.studies.demo import run_demo
 
     with terminated_as_interrupted(), complete_or_unchanged(out, MADE):
         with _progress() as (step, watch):
@@ -58,7 +58,7 @@ def _progress() -> Iterator[tuple[Any, Watch]]:
     """A bar of the steps and a bar of the flight under way; plain lines where stderr is no terminal."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from coaxlink.simulated.demo import STEPS
+    from coaxlink.studies.demo import STEPS
 
     screen = talk()
     with Progress(

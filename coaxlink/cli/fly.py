@@ -173,7 +173,7 @@ def _confirm(yes: bool, name: str) -> None:
 
 def _record(session: Session, all_of_it: bool) -> None:
     """Where the autopilot serves no log the telemetry is the log: ask for all that refine needs."""
-    from coaxlink.simulated.flight import STREAMS
+    from coaxlink.studies.flight import STREAMS
 
     if not all_of_it:
         return

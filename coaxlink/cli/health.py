@@ -113,7 +113,7 @@ def _fleet(
 ) -> None:
     """Every vehicle of a folder over its flights, by the dates in their paths as `refine FOLDER` has them."""
     from coaxlink import files
-    from coaxlink.campaign.fleet import find_logs
+    from coaxlink.studies.campaign.fleet import find_logs
     from coaxlink.errors import CheckFailed, InputError
     from coaxlink.report.health import verdict_line
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coaxlink.cli.shared.shell import JsonOption, console, say, talk
-from coaxlink.simulated.result_folder import complete_or_unchanged, terminated_as_interrupted
+from coaxlink.studies.result_folder import complete_or_unchanged, terminated_as_interrupted
 
 if TYPE_CHECKING:
     from coaxlink.report.loop import LoopResult
@@ -54,7 +54,7 @@ def loop(
     from coaxlink import files
     from coaxlink.report.loop import write_report
     from coaxlink.report.made import Made
-    from coaxlink.simulated.loop import Wishes, run_loop
+    from coaxlink.studies.loop import Wishes, run_loop
 
     files.refuse_unwritable(json)
     if truth is not None:

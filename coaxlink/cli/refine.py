@@ -171,7 +171,7 @@ def _fleet(
 ) -> None:
     """Every log of a fleet by itself, and each vehicle over time. Raises InputError."""
     from coaxlink import files
-    from coaxlink.campaign.fleet import RefineLog
+    from coaxlink.studies.campaign.fleet import RefineLog
     from coaxlink.cli.shared.fleet import tell_fleet
     from coaxlink.errors import InputError
 

@@ -11,8 +11,8 @@ import typer
 from coaxlink.cli.shared.shell import JsonOption, console, say
 
 if TYPE_CHECKING:
-    from coaxlink.paper import Ledger
-    from coaxlink.paper.tables import Flown
+    from coaxlink.studies.paper import Ledger
+    from coaxlink.studies.paper.tables import Flown
 
 SPEED = 8.0  # of the simulator, times real time
 
@@ -67,7 +67,7 @@ def build(*, fly_table_4: bool, pair: Path | None) -> Ledger:
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.data import read_stand_log
-    from coaxlink.paper import Ledger, contradictions, equations, tables
+    from coaxlink.studies.paper import Ledger, contradictions, equations, tables
     from coaxlink.rotor import identify, load_rotor_model
 
     airframe = load_airframe(files.example("x8_paper.toml"))
@@ -98,10 +98,10 @@ def _fly() -> dict[str, Flown]:
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.fly.trajectory import table_4_flight
-    from coaxlink.paper.tables import Flown
+    from coaxlink.studies.paper.tables import Flown
     from coaxlink.rotor import load_rotor_model
-    from coaxlink.simulated import flights
-    from coaxlink.simulated.allocation import errors_of_live, errors_of_table
+    from coaxlink.studies import flights
+    from coaxlink.studies.allocation import errors_of_live, errors_of_table
     from coaxlink.tables import px4 as tables
     from coaxlink.vehicle import Vehicle
 

@@ -26,7 +26,7 @@ PIECE_KEYS = ("what", "seconds", "cycles", "north_m", "east_m", "height_m", "yaw
 CLIMB = 0.5  # of the reach, up and down
 DOUBLETS_S, DOUBLETS = 12.0, 4
 # of yaw where no vehicle is known: what `doublet_acceleration` has for the weakest of twenty drawn vehicles
-# on their priors' tables (benchmarks/flights_convergence.py); the paper's X8 has six times that
+# on their priors' tables (research/flights_convergence.py); the paper's X8 has six times that
 CAUTIOUS_RAD_S2 = 0.25
 
 

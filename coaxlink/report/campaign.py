@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from coaxlink.campaign.summary import FIGURES, Paired, Spread, Summary
+from coaxlink.studies.campaign.summary import FIGURES, Paired, Spread, Summary
 from coaxlink.report.document import answer, document, how_made, html_table
 from coaxlink.report.html import escape
 from coaxlink.report.made import Made

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from coaxlink.campaign.fleet import Fleet, Trend
+from coaxlink.studies.campaign.fleet import Fleet, Trend
 from coaxlink.report.campaign import image, number
 from coaxlink.report.document import document, html_table
 from coaxlink.report.html import escape

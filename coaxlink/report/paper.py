@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from coaxlink.paper import Entry, Ledger
+from coaxlink.studies.paper import Entry, Ledger
 
 HEAD = """# The paper against its own numbers
 

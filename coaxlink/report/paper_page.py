@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from coaxlink.paper import Ledger
-from coaxlink.paper.ledger import CONTRADICTED, IN_PART, NOT_CHECKED, NOT_HAD, REPRODUCED
+from coaxlink.studies.paper import Ledger
+from coaxlink.studies.paper.ledger import CONTRADICTED, IN_PART, NOT_CHECKED, NOT_HAD, REPRODUCED
 from coaxlink.report.document import answer, document, folded, how_made, html_table, picture
 from coaxlink.report.html import escape
 from coaxlink.report.made import Made

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from coaxlink.files import example
 from coaxlink.fly.trajectory import mixer_flight
-from coaxlink.simulated.flight import fly
+from coaxlink.studies.flight import fly
 from sim.testing import standins
 
 PICTURES = Path(__file__).parents[1] / "pictures"

@@ -9,7 +9,7 @@ from coaxlink.report.demo import FlightErrors
 from coaxlink.report.demo_words import flown, story
 from coaxlink.residual.allocation_error import AllocationErrors, ArmSplit
 from coaxlink.residual.result import ChannelError, FoundEffect, Refinement
-from coaxlink.simulated.flight import Pack
+from coaxlink.studies.flight import Pack
 
 CHANNELS = {
     "force_x": ChannelError("N", 0.2, 0.2, 0.2, (0.1, 0.3), (0.1, 0.3), 500, 0.2),

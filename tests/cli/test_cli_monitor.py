@@ -13,7 +13,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "monitor"))
 from monitor_vehicle import Vehicle
 
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 
 
 def coaxlink(*arguments: str, timeout: float = 40.0) -> subprocess.CompletedProcess[str]:

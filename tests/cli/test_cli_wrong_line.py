@@ -9,7 +9,7 @@ from cli_board import KEY, VERBS, backup, no, run, verbs
 from px4_board import params_text, x8
 from scripted_autopilot import ScriptedAutopilot
 
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 
 pytestmark = pytest.mark.usefixtures("here")
 

@@ -1,4 +1,4 @@
-"""A small part of benchmarks/fuzz_readers.py: seven spoiled files of every kind, the same ones always."""
+"""A small part of research/fuzz_readers.py: seven spoiled files of every kind, the same ones always."""
 
 from pathlib import Path
 

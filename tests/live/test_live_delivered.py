@@ -1,6 +1,6 @@
 """Live exact mixing in flight: what the world's rotors deliver is what the autopilot asked for.
 
-benchmarks/live_delivered.py flies the paper's whole hover and circle; here a part of it.
+research/live_delivered.py flies the paper's whole hover and circle; here a part of it.
 """
 
 from __future__ import annotations

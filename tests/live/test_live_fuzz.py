@@ -1,6 +1,6 @@
 """Hostile bytes at the live loop: whatever comes, what goes out is eight finite commands in 0..1, or nothing.
 
-benchmarks/live_fuzz.py runs the same generator for a million frames.
+research/live_fuzz.py runs the same generator for a million frames.
 """
 
 from __future__ import annotations

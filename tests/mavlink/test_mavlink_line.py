@@ -15,7 +15,7 @@ from coaxlink.mavlink import connect, strangers
 from coaxlink.mavlink.confirm import confirm
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Parameters
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 from coaxlink.uploading.plan import load_plan
 from coaxlink.uploading.verify import verify
 from coaxlink.uploading.worker import Uploader

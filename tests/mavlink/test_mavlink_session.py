@@ -17,7 +17,7 @@ from coaxlink.errors import InputError, LinkError
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.reboot import reboot
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from coaxlink.monitor.feed import Feed, check_address
 from coaxlink.monitor.state import View
 from coaxlink.monitor.watch import Watch
 from coaxlink.rotor import load_rotor_model
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 
 
 @pytest.fixture(autouse=True)

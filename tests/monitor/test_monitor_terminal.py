@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.files import example
 from coaxlink.monitor.screen.themes import DARK
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 from sim.testing import standin
 
 WAIT_S = 120.0  # for a machine with other things to do

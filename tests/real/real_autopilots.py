@@ -30,7 +30,7 @@ from coaxlink.fly.trajectory import Hold, Plan, table_4_flight
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.mavlink.session import Session
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 from coaxlink.uploading.plan import load_plan
 from coaxlink.uploading.worker import Uploader
 

@@ -22,7 +22,7 @@ from test_real_ardupilot import FACTORY
 from test_real_px4 import factory
 
 from coaxlink.data import read_flight_log
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 
 BINARIES = {"px4": os.environ.get("PX4_SITL", ""), "ardupilot": os.environ.get("ARDUCOPTER_SITL", "")}
 VARIABLE = {"px4": "PX4_SITL", "ardupilot": "ARDUCOPTER_SITL"}

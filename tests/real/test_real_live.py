@@ -14,7 +14,7 @@ from coaxlink.live.mixer import LiveMixer
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.session import Session
 from coaxlink.rotor import load_rotor_model
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 from coaxlink.vehicle import Vehicle
 
 BINARY = os.environ.get("ARDUCOPTER_SITL", "")

@@ -1,4 +1,4 @@
-"""benchmarks/table_worth_real.py without a PX4: it says what it lacks; its figures are those of its rows."""
+"""research/table_worth_real.py without a PX4: it says what it lacks; its figures are those of its rows."""
 
 import math
 import os
@@ -10,12 +10,12 @@ import pytest
 from pymavlink.dialects.v20 import common as m
 from real_autopilots import ROOT
 
-sys.path.insert(0, str(ROOT / "benchmarks"))
+sys.path.insert(0, str(ROOT / "research"))
 import table_worth_real as worth
 
 
 def test_without_a_binary_it_says_so() -> None:
-    command = [sys.executable, str(ROOT / "benchmarks" / "table_worth_real.py")]
+    command = [sys.executable, str(ROOT / "research" / "table_worth_real.py")]
     environment = {k: v for k, v in os.environ.items() if k != "PX4_SITL"} | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100)
     assert done.returncode == 2

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from coaxlink.files import example
-from coaxlink.paper import Ledger
-from coaxlink.paper.ledger import CONTRADICTED, REPRODUCED, Entry, Line
+from coaxlink.studies.paper import Ledger
+from coaxlink.studies.paper.ledger import CONTRADICTED, REPRODUCED, Entry, Line
 from coaxlink.report.document import html_table
 from coaxlink.report.made import Made
 from coaxlink.report.page import chance, count, page, sentence

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from ground import client, command, get
 
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 from sim.errors import SimError, WorldError
 from sim.testing import standin, standins
 from sim.world import World, build_many

@@ -14,7 +14,7 @@ import pytest
 os.environ.setdefault("MAVLINK20", "1")
 from pymavlink import mavutil
 
-from coaxlink.simulated.simulator import free_port
+from coaxlink.studies.simulator import free_port
 from sim.ardupilot.mixer import Mixer
 from sim.ardupilot.store import Store
 from sim.bridge.ardupilot_json import ArduPilotBridge

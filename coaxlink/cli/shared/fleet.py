@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from coaxlink.cli.shared.shell import console, say
 
 if TYPE_CHECKING:
-    from coaxlink.campaign.fleet import Analyse, Fleet
+    from coaxlink.studies.campaign.fleet import Analyse, Fleet
 
 
 def folder_of(logs: Path) -> str | None:
@@ -28,9 +28,9 @@ def tell_fleet(
     from rich.table import Table
 
     from coaxlink import files
-    from coaxlink.campaign.engine import Machine
-    from coaxlink.campaign.fleet import find_logs, look_through
-    from coaxlink.campaign.progress import Progress
+    from coaxlink.studies.campaign.engine import Machine
+    from coaxlink.studies.campaign.fleet import find_logs, look_through
+    from coaxlink.studies.campaign.progress import Progress
     from coaxlink.report import fleet as shown
 
     logs = find_logs(folder)

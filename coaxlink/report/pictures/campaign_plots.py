@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.campaign.summary import FIGURES, Summary
+from coaxlink.studies.campaign.summary import FIGURES, Summary
 from coaxlink.report.pictures.looks import LOOKS
 
 SHOWN = ("height_rms_m", "level_rms_m", "tilt_rms_deg", "yaw_rms_deg", "thrust_error_N", "yaw_error_Nm",

@@ -1,0 +1,290 @@
+"""What a mixer table is worth on the real PX4: each table through the same flight, again and again.
+
+    PX4_SITL=.../bin/px4 python research/table_worth_real.py [--repeats 3] [--stock] [--json F]
+
+PX4's own SITL flies our plant over the lock-step bridge (`coaxlink sim --bridge px4`, here with a recorder at
+the plant). One flight a table and repeat: take-off with 5 kg too much, the load dropped in hover, hover at
+the own mass, the paper's circle, 90 degrees of yaw there and back. Power, height and yaw are the plant's
+truth; attitude error and thrust demand are PX4's ATTITUDE_TARGET. Tables are tuned alike, as in
+table_worth.py; `--stock` leaves the vertical gains as PX4 ships them. Differences are paired by repeat, whose
+number is the seed of the sensors' noise. About a minute a flight on a free core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as m
+
+from coaxlink.airframe import load_airframe
+from coaxlink.errors import CoaxlinkError
+from coaxlink.fly.trajectory import Circle, Hold, Move, Plan, Segment
+from coaxlink.mavlink import connect
+from coaxlink.rotor.model import load_rotor_model
+from coaxlink.tables.px4 import px4_table
+from coaxlink.vehicle import Vehicle
+from firmware_params import px4
+from sim.bridge.px4_hil import Px4Bridge
+from sim.effects import FORMS, Effect
+from sim.physics.plant import Plant
+from sim.physics.rotors import read_pair
+from sim.px4.autopilot import Autopilot
+from sim.px4.cascade import euler
+from sim.trial_flight import tuned_settings
+from sim.truth import Truth
+from sim.vehicle import read_vehicle
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "real"))
+from real_autopilots import Px4, free_instance, take_off  # noqa: E402
+
+TABLES = ("standard", "curved", "fitted")
+LOAD_KG = 5.0
+HERE, RIM, HEADING = (0.0, 0.0, -3.0), (2.0, 0.0, -3.0), 0.5 * math.pi
+FLIGHT: tuple[Segment, ...] = (
+    Hold("loaded", HERE, 8.0),
+    Hold("drop", HERE, 8.0),
+    Hold("hover", HERE, 12.0),
+    Move("to the circle", HERE, RIM, 3.0),
+    Circle("circle", 2.0, -3.0, 8.0, 2),
+    Move("back", RIM, HERE, 3.0),
+    Hold("calm", HERE, 4.0),
+    Hold("yaw", HERE, 5.0, HEADING),
+    Hold("yaw back", HERE, 5.0),
+)
+NAMES = [segment.name for segment in FLIGHT]
+BEFORE_S = 2.0  # an estimator's height wanders by decimetres: a disturbance is judged from just before it
+# quantity: (unit, digits)
+FIGURES = {
+    "power in hover": ("W at the shafts", 1), "power in the circle": ("W at the shafts", 1),
+    "thrust demand in hover": ("", 4),
+    "height in hover, rms": ("m", 3), "height in the circle, rms": ("m", 3),
+    "height after the drop, most": ("m", 3), "height in yaw steps, most": ("m", 3),
+    "attitude in hover, rms": ("deg", 3), "attitude in the circle, rms": ("deg", 3),
+    "attitude in yaw steps, rms": ("deg", 3), "yaw in yaw steps, rms": ("deg", 2),
+}  # fmt: skip
+
+
+class Watched(Truth):
+    """A truth that drops its load when told, and keeps a row of the plant every 4 ms."""
+
+    def __init__(self, now: Any) -> None:
+        super().__init__((Effect("mass_change", LOAD_KG),))
+        self.now, self.loaded = now, True
+        self.rows: list[tuple[float, ...]] = []
+
+    def act(self, plant: Plant) -> None:
+        super().act(plant)
+        segment = self.now.value
+        if segment < 0:
+            return
+        if self.loaded and NAMES[segment] == "drop":
+            FORMS["mass_change"].apply(plant, Effect("mass_change", -LOAD_KG))
+            self.loaded = False
+        shaft = float(plant.torque @ plant.speeds) * plant.pair.speed_max_rpm * math.pi / 30.0
+        w, x, y, z = plant.quaternion.tolist()
+        self.rows.append((segment, plant.time_s, float(plant.position[2]), euler((w, x, y, z))[2], shaft))
+
+
+def world(airframe: Path, port: int, seed: int, now: Any, over: Any, pipe: Any) -> None:
+    """The plant's process: serve PX4 until `over`, then give the rows."""
+    vehicle = read_vehicle(airframe)
+    assert vehicle.rotor_file is not None
+    plant, truth = Plant(vehicle, read_pair(vehicle.rotor_file)), Watched(now)
+    bridge = Px4Bridge(plant, truth, port=port, seed=seed)
+    pipe.send("ready")
+    try:
+        bridge.run(over.is_set)
+    finally:
+        bridge.close()
+    pipe.send((np.array(truth.rows), bridge.status()))
+
+
+def settings(airframe: Path, law: str, stock: bool) -> dict[str, float]:
+    """PX4's parameters of a table, its outputs, and the gains its owner would tune for it."""
+    frame = load_airframe(airframe)
+    assert frame.rotor_model is not None
+    table = px4.table_to_params(px4_table(Vehicle(frame, load_rotor_model(frame.rotor_model)), law))
+    vehicle = read_vehicle(airframe)
+    assert vehicle.rotor_file is not None
+    owner = Autopilot(Plant(vehicle, read_pair(vehicle.rotor_file)), Truth())
+    owner.store.recall(table)
+    outputs = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, vehicle.rotors + 1)}
+    # a busy machine sends late: waited for, not answered by PX4's failsafe in the middle of a trial
+    ours = {"SIM_BAT_MIN_PCT": 100.0, "COM_OF_LOSS_T": 60.0}
+    return {**table, **outputs, **tuned_settings(owner, lift=not stock), **ours}
+
+
+@contextmanager
+def served(airframe: Path, port: int, seed: int) -> Iterator[tuple[Any, Any]]:
+    """The world as a process; yields where the segment is written and how to end it and get its rows."""
+    context = multiprocessing.get_context("spawn")
+    now, over = context.Value("i", -1), context.Event()
+    ours, theirs = context.Pipe()
+    process = context.Process(target=world, args=(airframe, port, seed, now, over, theirs), daemon=True)
+    process.start()
+    assert ours.recv() == "ready"
+
+    def rows() -> Any:
+        now.value = -1
+        over.set()
+        return ours.recv()
+
+    try:
+        yield now, rows
+    finally:
+        over.set()
+        process.join(10.0)
+
+
+def fly(binary: Path, airframe: Path, params: dict[str, float], seed: int) -> tuple[dict[str, float], str]:
+    """One flight's figures, and what the lock-step says of it."""
+    instance = free_instance()
+    with (
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
+        served(airframe, 4560 + instance, seed) as (now, rows),
+    ):
+        board = Px4(binary, Path(folder), instance)
+        with board.boot(params, cut=True) as url, connect(url, timeout_s=60.0) as session:
+            for kind in (m.MAVLINK_MSG_ID_ATTITUDE_TARGET, m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION):
+                assert session.request_stream(kind, 50.0)
+            vehicle = take_off(session)
+
+            def mark(segment: str, t: float) -> None:
+                now.value = NAMES.index(segment)
+
+            with session.listen(("ATTITUDE_TARGET", "ATTITUDE_QUATERNION")) as inbox:
+                track = vehicle.follow(Plan(FLIGHT), mark)
+                own_rows, status = rows()
+                heard = []
+                while (message := session.take(inbox, 0.0)) is not None:
+                    heard.append(message)
+    starts = {name: t for t, name in reversed(list(zip(track.time_s, track.segment, strict=True)))}
+    late = float(np.diff(track.time_s).max())
+    return figures(own_rows, heard, starts), f"{status}; set-points at most {late:.2f} s apart"
+
+
+def figures(own_rows: NDArray[np.float64], heard: list[Any], starts: dict[str, float]) -> dict[str, float]:
+    """Of the plant's rows (segment, s, down m, yaw rad, W), and PX4's messages by its own clock."""
+    at = {}
+    for n, segment in enumerate(FLIGHT):  # after the last set-point PX4 does as it likes
+        mine = own_rows[own_rows[:, 0] == n]
+        at[segment.name] = mine[mine[:, 1] < mine[0, 1] + segment.duration_s]
+
+    def off(name: str, before: str, *more: str) -> NDArray[np.float64]:
+        """Down from where it was just before."""
+        calm = at[before]
+        rest = calm[calm[:, 1] > calm[-1, 1] - BEFORE_S, 2].mean()
+        return np.asarray(np.concatenate([at[n][:, 2] for n in (name, *more)]) - rest)
+
+    turned = np.concatenate([at["yaw"][:, 3] - HEADING, at["yaw back"][:, 3]])
+    turned = np.remainder(turned + math.pi, 2 * math.pi) - math.pi
+    tilt = tilts(heard, starts)
+    level = [a.thrust for a in targets(heard) if _within(a, "hover", starts)]
+    return {
+        "power in hover": float(at["hover"][:, 4].mean()),
+        "power in the circle": float(at["circle"][:, 4].mean()),
+        "thrust demand in hover": float(np.mean(level)),
+        "height in hover, rms": rms(off("hover", "drop")),
+        "height in the circle, rms": rms(off("circle", "hover")),
+        "height after the drop, most": float(np.abs(off("drop", "loaded")).max()),
+        "height in yaw steps, most": float(np.abs(off("yaw", "calm", "yaw back")).max()),
+        "attitude in hover, rms": rms(tilt["hover"]),
+        "attitude in the circle, rms": rms(tilt["circle"]),
+        "attitude in yaw steps, rms": rms(np.concatenate([tilt["yaw"], tilt["yaw back"]])),
+        "yaw in yaw steps, rms": math.degrees(rms(turned)),
+    }
+
+
+def targets(heard: list[Any]) -> list[Any]:
+    """PX4's attitude set-points."""
+    return [a for a in heard if a.get_type() == "ATTITUDE_TARGET"]
+
+
+def tilts(heard: list[Any], starts: dict[str, float]) -> dict[str, NDArray[np.float64]]:
+    """Degrees between the body z that PX4 wants and the one it estimates, by segment."""
+    own = [a for a in heard if a.get_type() == "ATTITUDE_QUATERNION"]
+    clock = np.array([a.time_boot_ms for a in own], float)
+    down = np.array([_down((a.q1, a.q2, a.q3, a.q4)) for a in own])
+    found: dict[str, list[float]] = {name: [] for name in NAMES}
+    for a in targets(heard):
+        there = np.array([np.interp(a.time_boot_ms, clock, column) for column in down.T])
+        cosine = float(there @ _down(tuple(a.q)) / np.linalg.norm(there))
+        for name in NAMES:
+            if _within(a, name, starts):
+                found[name].append(math.degrees(math.acos(min(cosine, 1.0))))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def _within(message: Any, name: str, starts: dict[str, float]) -> bool:
+    since = message.time_boot_ms / 1e3 - starts[name]
+    return bool(0.0 <= since < FLIGHT[NAMES.index(name)].duration_s)
+
+
+def _down(q: Any) -> tuple[float, float, float]:
+    w, x, y, z = q
+    return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+
+
+def rms(x: NDArray[np.float64]) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(x * x)))
+
+
+def show(flown: dict[str, list[dict[str, float]]]) -> None:
+    """A row a figure: mean and standard deviation over repeats, differences by pairs."""
+    others = [law for law in TABLES if law != "fitted"]
+    print(f"{'':30s}" + "".join(f"{law:>22s}" for law in (*TABLES, *(f"fitted - {o}" for o in others))))
+    for name, (unit, digits) in FIGURES.items():
+        x = {law: np.array([one[name] for one in flights]) for law, flights in flown.items()}
+        columns = [x[law] for law in TABLES] + [x["fitted"] - x[law] for law in others]
+        cells = (f"{c.mean():.{digits}f} +- {c.std(ddof=1):.{digits}f}" for c in columns)
+        print(f"{name:30s}" + "".join(f"{cell:>22s}" for cell in cells) + f" {unit}")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--px4", type=Path, default=os.environ.get("PX4_SITL", ""), metavar="BINARY")
+    parser.add_argument("--airframe", type=Path, default=ROOT / "examples" / "x8_demo.toml")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--stock", action="store_true", help="vertical gains as PX4 ships them")
+    parser.add_argument("--json", type=Path)
+    o = parser.parse_args()
+    if not Path(o.px4).is_file():
+        print("no PX4 to fly: PX4_SITL or --px4 names its SITL binary (bin/px4)", file=sys.stderr)
+        return 2
+    if o.repeats < 2:
+        parser.error("--repeats: a spread needs two")
+    start, flown = time.monotonic(), {law: [] for law in TABLES}  # type: dict[str, list[dict[str, float]]]
+    params = {law: settings(o.airframe, law, o.stock) for law in TABLES}
+    for seed in range(o.repeats):
+        for law in TABLES:
+            try:
+                one, status = fly(Path(o.px4), o.airframe, params[law], seed)
+            except CoaxlinkError as error:
+                print(f"{law}, repeat {seed}: {error}", file=sys.stderr)
+                return error.exit_code
+            flown[law].append(one)
+            print(f"{law}, repeat {seed}: {status}", file=sys.stderr, flush=True)
+    show(flown)
+    print(f"{o.repeats} repeats, {time.monotonic() - start:.0f} s")
+    if o.json:
+        o.json.write_text(json.dumps(flown, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
