@@ -95,7 +95,7 @@ def answered(
 
 def _problem(ch: Channels, best: Hypothesis | None) -> Problem:
     """Base, map and the free forms of the best set as corrections drawn from their priors."""
-    blocks: list[Block] = [*ch.base, *ch.surface]
+    blocks: list[Block] = [*ch.nuisance, *ch.surface]
     blocks += [ch.forms[f]() for f in (best.forms if best else ())]
     corrections = []
     for block in blocks:
@@ -203,7 +203,7 @@ def _smooth(ch: Channels, best: Hypothesis | None) -> list[str]:
     """What the map adds to the polynomials: a part of the rotor model, told by its size."""
     if best is None:
         return []
-    out, at = [], sum(b.width for b in ch.base)
+    out, at = [], sum(b.width for b in ch.nuisance)
     for block in ch.surface:
         values = best.fit.values[at : at + block.width]
         at += block.width

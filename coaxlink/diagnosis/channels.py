@@ -33,7 +33,7 @@ class Channels:
     variables: Mapping[str, Array]  # (rows,) by name, what was recorded
     speeds: Mapping[int, tuple[Array, ...]]  # of each channel, (rows,) the speeds that its load grows with
     weights: Array  # (rows, C) the load itself, in the channel's unit
-    base: tuple[Block, ...]
+    nuisance: tuple[Block, ...]
     surface: tuple[Block, ...]
     forms: Mapping[str, Callable[[], Block]]  # free forms by name
     effects: tuple[Tracing[Any], ...]

@@ -21,7 +21,7 @@ from coaxlink.residual.regression.joint_model import composed
 APART = 12.5  # nats: five standard errors, the level at which physics speaks of a discovery
 # judgement: half of an effect. A form that is off by more is another form
 CARRIED = 0.5
-SAME_COURSE = 0.99  # correlation, judgement: of two columns that no log of this length tells apart
+SAME_TIME_PROFILE = 0.99  # correlation, judgement: of two columns that no log of this length tells apart
 EVERYWHERE = ("time_s", "upper_speed", "lower_speed")
 
 
@@ -40,7 +40,7 @@ NOTHING = Claims(frozenset(), (), {})
 def claims(ch: Channels, found: Posterior) -> Claims:
     """What may be said of the effects of the set of most mass."""
     sure = {n for n, p in found.effects.items() if p > CLAIMED}
-    group = standing_in(found, sure)
+    group = confounded(found, sure)
     withheld: dict[str, str] = {}
     for name in sure - group:
         if (alone := _against_nothing(found, name)) < APART:
@@ -55,7 +55,7 @@ def claims(ch: Channels, found: Posterior) -> Claims:
     return Claims(frozenset(sure - group - set(withheld)), names, withheld)
 
 
-def standing_in(found: Posterior, sure: set[str]) -> set[str]:
+def confounded(found: Posterior, sure: set[str]) -> set[str]:
     """Names of which one is there, and the log does not say which."""
     best = found.best
     for name in sorted(best.effects, key=found.of):
@@ -72,7 +72,7 @@ def standing_in(found: Posterior, sure: set[str]) -> set[str]:
     # one of which another is there is open by its mass already
     open_names = {n for n, p in found.effects.items() if RIVAL < p <= CLAIMED}
     for name in sorted(open_names, key=lambda n: -found.of(n)):
-        others = {n for n in open_names - {name} if _stands_in(found, name, n)}
+        others = {n for n in open_names - {name} if _confounded(found, name, n)}
         if others and found.any_of({name, *others}) > CLAIMED:
             return {name, *others}
     return set()
@@ -82,7 +82,7 @@ def ahead(found: Posterior, rival: Hypothesis, name: str) -> float:
     """Nats by which the set of most mass is ahead of another without a name, by evidence or by rows alone.
 
     Of these the less: by the rows alone every number more is expected to gain half a nat of noise. Or, if it
-    is more, what the name gains beside what would stand in for it.
+    is more, what the name gains beside what would be confounded with it.
     """
     return max(_less(found, rival), _beside(found, rival, name))
 
@@ -95,7 +95,7 @@ def _less(found: Posterior, rival: Hypothesis) -> float:
 
 
 def _beside(found: Posterior, rival: Hypothesis, name: str) -> float:
-    """Nats that a name still gains beside what would stand in for it; where that was not weighed, none.
+    """Nats that a name still gains beside what would be confounded with it; where that was not weighed, none.
 
     What a name explains as well with another in the set is not what the other explains.
     """
@@ -119,7 +119,7 @@ def _against_nothing(found: Posterior, name: str) -> float:
     return min(rest, default=np.inf)
 
 
-def _stands_in(found: Posterior, name: str, other: str) -> bool:
+def _confounded(found: Posterior, name: str, other: str) -> bool:
     """Whether most of what is left of the mass without one name has the other."""
     without = [(m, h) for m, h in zip(found.mass, found.sets, strict=True) if name not in h.names]
     total = sum(m for m, _ in without)
@@ -147,17 +147,18 @@ def _own_cause(ch: Channels, h: Hypothesis, name: str, form: str) -> bool:
     values = np.asarray(cause, float)[ch.frame.keep]
     if " " in variable:  # the sum or difference of speeds holds either
         return any(
-            _same_course(values, ch.variables[v]) for v in (variable.split(" ")[0], variable.split(" ")[2])
+            _same_time_profile(values, ch.variables[v])
+            for v in (variable.split(" ")[0], variable.split(" ")[2])
         )
     other = ch.variables.get(variable)
-    return other is not None and (label == variable or _same_course(values, other))
+    return other is not None and (label == variable or _same_time_profile(values, other))
 
 
-def _same_course(values: Array, other: Array) -> bool:
+def _same_time_profile(values: Array, other: Array) -> bool:
     """Whether two variables are one."""
     if np.ptp(values) <= 0.0 or np.ptp(other) <= 0.0:
         return False
-    return bool(abs(np.corrcoef(values, other)[0, 1]) > SAME_COURSE)
+    return bool(abs(np.corrcoef(values, other)[0, 1]) > SAME_TIME_PROFILE)
 
 
 def _not_carried(ch: Channels, h: Hypothesis, name: str) -> str | None:

@@ -2,7 +2,7 @@
 
 A cell that can read no further shows its limit, whatever the load; a tachometer that counts a wrong number of
 pulses shows a ratio of small numbers times the speed. Each is a model of the readings in some of the rows;
-where it beats everything physics offers, those rows are accused and left out.
+where it beats everything physics offers, those rows are flagged and left out.
 """
 
 from __future__ import annotations
@@ -33,11 +33,9 @@ ROUNDS = 4
 # of the rows, judgement: less is an outlier, more is what the log is like
 LEAST_SHARE, MOST_SHARE = 0.01, 0.5
 LEAST_ROWS = 8  # judgement: a limit and its spread want several readings
-TOLERANCE = 0.03  # of the reference load: what a base may err by, as a model of another day on the stand does
+TOLERANCE = 0.03  # of the reference load: what a nuisance may err by, as a model of another day does
 CLEARLY = 9.0  # squared tolerances: three standard deviations by which another count must fit a row better
-EXCESS = (
-    0.03  # of the reference load, what is cut off on the average: TOLERANCE, less is the base's own error
-)
+EXCESS = 0.03  # of the reference load, what is cut off on the average: TOLERANCE, less is its own error
 WITHIN = 3.0  # standard deviations of the readings at a limit
 
 
@@ -91,7 +89,7 @@ def _saturated(ch: Channels) -> Iterator[Fault]:
     for k, c in enumerate(frame.present):
         if c > 3:
             continue
-        x, prior = _base_of(ch, k)
+        x, prior = _nuisance_of(ch, k)
         read = frame.measured[frame.keep, c]
         best: tuple[float, Mask, float] | None = None
         for start in np.quantile(read, LIMITS):
@@ -117,9 +115,9 @@ def _saturated(ch: Channels) -> Iterator[Fault]:
         )
 
 
-def _base_of(ch: Channels, k: int) -> tuple[Array, Array]:
+def _nuisance_of(ch: Channels, k: int) -> tuple[Array, Array]:
     """(rows, P) columns of base and map in one channel, and their deviations."""
-    blocks = [b for b in (*ch.base, *ch.surface) if b.columns[:, k].any()]
+    blocks = [b for b in (*ch.nuisance, *ch.surface) if b.columns[:, k].any()]
     x = np.concatenate([b.columns[:, k] for b in blocks], axis=1)
     return x, np.concatenate([b.deviation for b in blocks])
 
@@ -147,7 +145,7 @@ def _cut_off(
         over = now
     if not _fair(over) or float(np.mean(due[over] - limit)) < EXCESS * size:
         return None
-    # at a limit the reading stays where the load goes up and down, further than a base may err
+    # at a limit the reading stays where the load goes up and down, further than a nuisance model may err
     if np.std(due[over]) < np.hypot(np.std(read[over]), TOLERANCE * size):
         return None
     left = np.where(over, read - limit, read - due)
@@ -179,7 +177,7 @@ def _at_limit(ch: Channels, k: int, over: Mask, limit: float) -> Channels:
     return replace(
         ch,
         target=target,
-        base=tuple(map(cut, ch.base)),
+        nuisance=tuple(map(cut, ch.nuisance)),
         surface=tuple(map(cut, ch.surface)),
         forms={name: partial(form, name) for name in ch.forms},
         reduce=lambda columns: without(ch.reduce(columns)),
@@ -224,9 +222,9 @@ def _better_at(frame: StandFrame, loads: list[int], side: int, ratio: float) -> 
     kept = np.zeros(len(frame.time_s), bool)
     kept[frame.keep] = True
     rows = np.zeros(len(kept), bool)
-    for _ in range(ROUNDS if frame.free_base else 1):
+    for _ in range(ROUNDS if frame.free_nuisance else 1):
         model, sound = frame.model, kept & ~rows
-        if frame.free_base:
+        if frame.free_nuisance:
             model = fitted_model(frame.speeds[sound], frame.measured[sound], loads, frame.model.speed_max_rpm)
         misses = []
         for u in (frame.speeds, slower):

@@ -87,7 +87,7 @@ class Scorer:
 
     def __init__(self, channels: Channels, colour: Colour) -> None:
         self.channels, self.colour = channels, colour
-        self.columns, self.deviation = joined([*channels.base, *channels.surface])
+        self.columns, self.deviation = joined([*channels.nuisance, *channels.surface])
         self.white = colour.whiten(self.columns)
         self.target = colour.whiten(channels.target)
         self.sums = sums_of(self.white, self.target)
@@ -119,9 +119,9 @@ class Scorer:
         moment = np.zeros((c, p))
         for k in range(c):
             moment[k, self._touched[k]] = self._by_channel[k] @ target[:, k]
-        base = Sums(self.sums.gram, moment, np.sum(target**2, axis=0), self.sums.rows)
+        nuisance = Sums(self.sums.gram, moment, np.sum(target**2, axis=0), self.sums.rows)
         if not blocks:
-            return base, self.columns, self.deviation
+            return nuisance, self.columns, self.deviation
         columns = np.concatenate([b[0] for b in blocks], axis=-1)
         white = np.concatenate([b[1] for b in blocks], axis=-1)
         own = sums_of(white, target)
@@ -129,7 +129,7 @@ class Scorer:
         for k in range(c):
             use = np.flatnonzero(white[:, k].any(axis=0))
             cross[k][np.ix_(self._touched[k], use)] = self._by_channel[k] @ white[:, k][:, use]
-        sums = base.beside(own.gram, cross, own.moment)
+        sums = nuisance.beside(own.gram, cross, own.moment)
         deviation = np.concatenate([self.deviation, *(b[2] for b in blocks)])
         return sums, np.concatenate([self.columns, columns], axis=-1), deviation
 

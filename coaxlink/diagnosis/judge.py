@@ -43,7 +43,7 @@ def diagnosed(ch: Channels, progress: Progress, *, rivals: bool = False) -> Diag
     """Search under white noise, then under the colour of what the best set leaves, until that stays.
 
     The map's discrepancy goes the same way: the one that nothing else asks for, then that of the best set.
-    With `rivals` what could stand in for each effect of the best set is weighed as well.
+    With `rivals` what could be confounded with each effect of the best set is weighed as well.
     """
     colour = white(ch.count)
     ch = mapped(ch, colour)
@@ -91,7 +91,7 @@ def _same(a: Colour, b: Colour) -> bool:
 def reads_wrong(several: Sequence[Samples], model: RotorModel | None) -> bool:
     """Whether a fault of an instrument is more probable than that these logs hold nothing at all.
 
-    A base fitted to the log itself, or a smooth map, may follow what a saturated cell reads.
+    A nuisance model fitted to the log itself, or a smooth map, may follow what a saturated cell reads.
     Raises InputError as `diagnose_stand` does.
     """
     samples = joined(several)

@@ -44,8 +44,8 @@ class Stack:
             if len(used):
                 beside = h.whitened(c)
                 touched = np.flatnonzero(beside.any(axis=0))
-                base = np.ascontiguousarray(beside[:, touched].T)
-                cross[np.ix_(touched, used)] += weight[c] * (base @ columns)
+                nuisance = np.ascontiguousarray(beside[:, touched].T)
+                cross[np.ix_(touched, used)] += weight[c] * (nuisance @ columns)
                 moment[used] += weight[c] * (left[:, c] @ columns)
         cross *= fit.deviation[:, None]
         cross *= self.deviation

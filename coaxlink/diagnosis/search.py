@@ -28,7 +28,7 @@ FAR = 30.0  # nats below the best: not worth another look
 SHARP_S, MOST_TIMES = 0.4, 300
 # what must act where its recorded cause moves: loads go with the air's density (blade element theory)
 DUE = frozenset({"air_density"})
-STANDS_IN = 0.5  # of what an effect explains: less is no rival before its shape has moved
+CONFOUNDED = 0.5  # of what an effect explains: less is no rival before its shape has moved
 
 
 @dataclass
@@ -119,7 +119,7 @@ class Search:
             self._refined(h)
 
     def rivals(self) -> None:
-        """Each effect of the best set in turn given up for every other one that could stand in for it.
+        """Each effect of the best set in turn given up for every other one that could be confounded with it.
 
         The search climbs, and does not look back: what it would have found from another first step is looked
         for here, so that two names for the same rows are both weighed.
@@ -130,7 +130,7 @@ class Search:
             without = self._try(others, best.forms, best, anew=False)
             worth = best.fit.log_evidence - without.fit.log_evidence
             for effect, candidate, gain in self._promising(without):
-                if effect.name != m.name and gain > STANDS_IN * worth:
+                if effect.name != m.name and gain > CONFOUNDED * worth:
                     new = self._try([*others, self.started(without, candidate)], best.forms, without)
                     if new.score > best.score - 2.0 * worth:
                         self._other_forms(new, len(others))
@@ -138,7 +138,7 @@ class Search:
     def _other_forms(self, h: Hypothesis, k: int) -> None:
         """Every form of member k."""
         m = h.members[k]
-        for shape, coefficients in m.effect.finer(self.channels.bare, m.shape, m.coefficients):
+        for shape, coefficients in m.effect.variants(self.channels.bare, m.shape, m.coefficients):
             other = begun(self.channels, m.effect, shape, np.asarray(coefficients, float))
             self._try([other if i == k else o for i, o in enumerate(h.members)], h.forms, h)
 
@@ -191,7 +191,7 @@ class Search:
         for k, m in enumerate(h.members):
             if m.effect.sudden:
                 self._begun_anew(h, k)
-            other_forms = [*m.effect.finer(self.channels.bare, m.shape, m.coefficients)]
+            other_forms = [*m.effect.variants(self.channels.bare, m.shape, m.coefficients)]
             if m.effect.sudden:
                 other_forms += [(s, m.coefficients) for s in gradual(self.channels.bare, m.shape)]
             for shape, coefficients in other_forms:

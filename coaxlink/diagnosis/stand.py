@@ -20,9 +20,9 @@ from coaxlink.residual.channels.stand_problem import known_parts, reducing, stan
 from coaxlink.residual.regression.joint_model import composed
 from coaxlink.rotor import RotorModel
 
-# of a base fitted to the log itself, as the coaxial rotor model's (Berra et al. 2024)
+# of a nuisance model fitted to the log itself, as the coaxial rotor model's (Berra et al. 2024)
 ORDERS: Orders = ((4,), (4,))
-WIDE = 3.0  # of the reference load: prior of the terms of such a base, so wide that it holds nothing back
+WIDE = 3.0  # of the reference load: prior of the terms of such a nuisance, so wide that it holds nothing back
 # of a longer log, one stretch of rows in so many is searched (judgement: seconds of a search)
 MANY_ROWS, STRETCH = 1500, 64
 RESOLUTION = 2e-4  # of the reference load: 1 in 5000 divisions of a cell of class C (OIML R 60)
@@ -61,7 +61,7 @@ def stand_channels(
     reference = frame.reference[present]
     names = tuple(STAND_CHANNELS[c] for c in present)
     able, unable = possible(frame, [of_what_is_logged(frame, e) for e in stand_effects()])
-    able = [e for e in able if not e.accused]
+    able = [e for e in able if not e.flagged]
     weights = np.abs(reduce(frame.predicted))
     mapped = np.hypot(weights, reduce(_wake(frame)))
     u = frame.speeds[keep]
@@ -85,7 +85,7 @@ def stand_channels(
         variables=variables,
         speeds=speeds,
         weights=weights,
-        base=tuple(_base(frame, reduce, reference)),
+        nuisance=tuple(_nuisance(frame, reduce, reference)),
         surface=tuple(_surface(frame, present, mapped, u, drive)),
         maps=_maps(frame, present, mapped, u),
         forms=_forms(names, variables, weights, reference, present, u, drive, frame.throttles is not None),
@@ -111,7 +111,7 @@ def _blocks(frame: StandFrame) -> np.ndarray:
     return np.asarray(np.arange(rows) * min(40, max(6, rows // 8)) // rows, np.intp)
 
 
-def _base(frame: StandFrame, reduce: Callable[[Array], Array], reference: Array) -> list[Block]:
+def _nuisance(frame: StandFrame, reduce: Callable[[Array], Array], reference: Array) -> list[Block]:
     out = []
     for name, bound, columns in base_corrections(frame):
         if " level " in name or " surface " in name:
@@ -147,7 +147,7 @@ def _surface(
     out = []
     for k, c in enumerate(present):
         own, other = (drive[:, c - 4], drive[:, 5 - c]) if c > 3 else (u[:, c // 2], u[:, 1 - c // 2])
-        size = DRIVE_MAP_SIZE if c > 3 else MAP_SIZE if frame.free_base else GIVEN_MAP_SIZE
+        size = DRIVE_MAP_SIZE if c > 3 else MAP_SIZE if frame.free_nuisance else GIVEN_MAP_SIZE
         if np.ptp(own) <= 0.0:
             continue
         process = waves(own, MAP_LENGTH)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.effects.ground_effect import GROUND_FELT_M
 from coaxlink.frames import Array, FlightFrame
-from coaxlink.health.onsets import ROUNDS, Onset, finer, onsets
+from coaxlink.health.onsets import ROUNDS, Onset, onsets, variants
 from coaxlink.health.priors import (
     CG_DRAWN_M,
     CG_MOVED_M,
@@ -29,8 +29,8 @@ from coaxlink.health.priors import (
     TILT_ARM_M,
     TORQUE_TODAY,
 )
-from coaxlink.residual.base.flight_corrections import flight_corrections
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, reduce_columns
+from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 
 CHANNELS = (2, 3, 4, 5)  # force down, roll, pitch, yaw
 BOUND_SDS = 2.0  # a correction's largest believable size, in standard deviations
@@ -260,7 +260,7 @@ def changed_once(y: Array, X: Array, sd: Array, last: int, time_s: Array, cutoff
     off = (rest / scale).ravel()
 
     def explained(onset: Onset) -> float:
-        own = flat[:, -last:] * np.repeat(onset.course(time_s, cutoff_hz), y.shape[1])[:, None]
+        own = flat[:, -last:] * np.repeat(onset.time_profile(time_s, cutoff_hz), y.shape[1])[:, None]
         cross = own.T @ flat
         told = own.T @ own + np.diag(sd[-last:] ** -2.0) - cross @ inverse @ cross.T
         pull = own.T @ off
@@ -272,9 +272,9 @@ def changed_once(y: Array, X: Array, sd: Array, last: int, time_s: Array, cutoff
         best = known[int(np.argmax([explained(o) for o in known]))]
         if again < ROUNDS:
             known = tuple(
-                o for o in finer(known, best) if abs(o.middle_s - best.middle_s) < 2.0 * best.width_s
+                o for o in variants(known, best) if abs(o.middle_s - best.middle_s) < 2.0 * best.width_s
             )
-    own = X[..., -last:] * best.course(time_s, cutoff_hz)[:, None, None]
+    own = X[..., -last:] * best.time_profile(time_s, cutoff_hz)[:, None, None]
     found = left(y, np.concatenate([X, own], axis=-1), np.concatenate([sd, sd[-last:]]))
     free = len(time_s) * independent(found / np.std(found, axis=0))
     price = 0.5 * (last + 1) * np.log(max(free, 1.0))

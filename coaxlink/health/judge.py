@@ -177,7 +177,7 @@ def _quantiles(onsets: Sequence[Onset], weights: Array) -> Interval:
 def _of_flight(
     flight: Flight, name: str, numbers: Sequence[int], pairs: Sequence[tuple[int, int]]
 ) -> FlightHealth:
-    """Every rotor's gains in one flight with nobody accused: all may be off, by LOSS_SD."""
+    """Every rotor's gains in one flight with nobody flagged: all may be off, by LOSS_SD."""
     rotors = flight.thrust.shape[1]
     X = np.concatenate([flight.thrust, flight.torque, flight.lasting, flight.passing], axis=1)
     precision = np.concatenate([np.zeros(2 * rotors), 1 / flight.lasting_sd**2, 1 / flight.passing_sd**2])

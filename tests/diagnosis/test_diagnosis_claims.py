@@ -1,4 +1,4 @@
-"""What is accused, and what is claimed only where nothing else could stand in for it.
+"""What is flagged, and what is claimed only where nothing else could be confounded with it.
 
 The rig is that of tests/helpers and shares nothing with coaxlink.
 """
@@ -25,7 +25,7 @@ def loads_and_speeds(seed):
     return {k: v for k, v in columns.items() if k not in beside}
 
 
-def test_a_cell_at_its_limit_is_accused_though_it_trembles():
+def test_a_cell_at_its_limit_is_flagged_though_it_trembles():
     columns = loads_and_speeds(11)
     rng = np.random.default_rng(1)
     load = columns["lower_thrust_N"]
@@ -37,7 +37,7 @@ def test_a_cell_at_its_limit_is_accused_though_it_trembles():
     assert answer.effects == ()
 
 
-def test_pulses_counted_twice_in_a_band_are_accused_and_nothing_is_claimed(paper):
+def test_pulses_counted_twice_in_a_band_are_flagged_and_nothing_is_claimed(paper):
     columns = loads_and_speeds(12)
     speed = columns["lower_rpm"] / FULL_RPM
     columns["lower_rpm"] = np.where((speed > 0.35) & (speed < 0.55), 2.0, 1.0) * columns["lower_rpm"]

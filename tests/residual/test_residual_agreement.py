@@ -71,7 +71,7 @@ def test_only_what_is_left_without_a_name_is_asked_about():
         ([("motor_heating", 200.0)], {"motor_temperature_C": RESTED}, False),
         ([("battery_voltage", 200.0)], {"voltage_V": RESTED}, True),
         ([("battery_voltage", 200.0)], {"lower_voltage_V": RESTED}, True),
-        ([("battery_voltage", 200.0)], {"voltage_V": SAGGING}, False),  # the clock's own course
+        ([("battery_voltage", 200.0)], {"voltage_V": SAGGING}, False),  # the clock's own time profile
     ],
 )
 def test_a_name_is_taken_where_its_cause_is_recorded(effects, columns, taken):
@@ -98,13 +98,13 @@ def test_what_stays_far_above_the_noise_had_another_cause():
     assert agreed(OPEN, partly, log()) is OPEN
 
 
-def test_rivals_and_accused_columns_are_taken():
+def test_rivals_and_flagged_columns_are_taken():
     doubt = Ambiguous(("battery_voltage", "motor_heating"), "")
     assert agreed(OPEN, said(doubts=(doubt,)), log(voltage_V=RESTED)).ambiguous == (doubt,)
     unrecorded = Ambiguous(("motor_heating", "sensor_drift"), "")
     assert agreed(OPEN, said(doubts=(unrecorded,)), log()) is OPEN
-    accused = said(suspects=(Suspect("lower_rpm", "3 to 9", ""),))
-    assert agreed(OPEN, accused, log()) is accused
+    flagged = said(suspects=(Suspect("lower_rpm", "3 to 9", ""),))
+    assert agreed(OPEN, flagged, log()) is flagged
 
 
 def test_numbers_that_physics_does_not_allow_are_no_name():
@@ -118,7 +118,7 @@ def test_numbers_that_physics_does_not_allow_are_no_name():
     assert not answer.effects and answer.suspect_data == lies and answer.unexplained == OPEN.unexplained
 
 
-def test_a_slow_course_is_the_clocks():
+def test_a_slow_time_profile_is_the_clocks():
     assert follows_clock(TIME, SAGGING) and not follows_clock(TIME, RESTED)
     assert follows_clock(TIME, np.full(200, 25.0)) and follows_clock(TIME[:3], RESTED[:3])
     assert recorded(["rotor_lag"], log()) and not recorded(["air_density"], log())
@@ -151,7 +151,7 @@ def test_a_stall_that_stays_until_slower_is_hysteresis(given, share):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_saturated_cell_is_accused_where_a_fitted_base_follows_it(seed):
+def test_a_saturated_cell_is_flagged_where_a_fitted_nuisance_follows_it(seed):
     """Speeds that wander through their range; the upper thrust reads no more than three quarters of it."""
     rng = np.random.default_rng(seed)
     speeds = 0.2 + 0.8 * np.abs(np.cumsum(0.12 * rng.standard_normal((2, 1500)), axis=1) % 2.0 - 1.0)

@@ -14,8 +14,8 @@ from coaxlink.report.refine import verdict
 from coaxlink.residual import refine_stand
 from coaxlink.residual.answer import stand as judge_stand
 from coaxlink.residual.answer.discrepancy_model import with_discrepancy_model
-from coaxlink.residual.base.gaussian_process import find_process
 from coaxlink.residual.channels.stand_problem import reducing
+from coaxlink.residual.nuisance.gaussian_process import find_process
 from coaxlink.residual.regression.blocks import folds_of
 from coaxlink.residual.search.joint_fit import fit_jointly
 from coaxlink.rotor.polynomial import design_matrix
@@ -46,7 +46,7 @@ def test_a_process_says_how_well_it_knows_a_row():
     assert np.max(np.abs(share)) < 1e-6 * len(u)
 
 
-def test_a_fitted_base_follows_a_pair_that_polynomials_do_not():
+def test_a_fitted_nuisance_follows_a_pair_that_polynomials_do_not():
     t, a, b = ramps(2000)
     calm = refine_stand(log_of(t, a, b, rough(a, b)))
     assert names(calm) == [] and not calm.unexplained
@@ -78,7 +78,7 @@ def test_speeds_that_the_log_shows_once_are_not_judged():
     assert any("no other part of the log" in note for note in answer.notes)
 
 
-def test_a_fitted_base_that_polynomials_follow_stays_one():
+def test_a_fitted_nuisance_that_polynomials_follow_stays_one():
     t, a, b = ramps(900)
     answer = refine_stand(log_of(t, a, b, steady_loads(a, b)))
     assert names(answer) == [] and over(answer) < 1.1
@@ -95,7 +95,7 @@ def test_throttles_that_are_alike_for_a_while_are_no_copy_where_nothing_contradi
     assert names(answer) == [] and not answer.suspect_data
 
 
-def test_a_short_log_of_a_lower_rotor_at_one_speed_accuses_nobody():
+def test_a_short_log_of_a_lower_rotor_at_one_speed_flags_nobody():
     """Its load goes up and down with the upper rotor's wake; the tachometer is right."""
     a = np.random.default_rng(0).uniform(0.1, 0.95, 24)
     answer = refine_stand(log_of(2.0 * np.arange(24.0), a, 0.0 * a + 0.5, rough(a, 0.0 * a + 0.5)))
@@ -103,7 +103,7 @@ def test_a_short_log_of_a_lower_rotor_at_one_speed_accuses_nobody():
 
 
 def test_what_stood_in_for_the_polynomials_goes(monkeypatch):
-    """A friction of the rig, claimed beside thin air, that a base which follows the pair has no need of."""
+    """A friction of the rig, claimed beside thin air, that a following nuisance does not need."""
     judged = []
     monkeypatch.setattr(judge_stand, "with_discrepancy_model", lambda j: judged.append(j) or j)
     t, a, b = ramps(2000)

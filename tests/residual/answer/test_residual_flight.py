@@ -82,7 +82,7 @@ def test_held_out_error_falls_to_about_the_noise_floor(answers):
 
 
 def test_a_small_lag_that_was_not_declared_is_named(airframe):
-    """The base's delay stands in for most of it: what is left has its share right in a narrow range only."""
+    """The delay takes most of it: what is left has its share right in a narrow range only."""
     log = Samples(fly([{}], lag=0.03)[0], "late")
     answer = refine(log, replace(airframe, motor_lag_s=0.0), stand_identified(20))
     assert [e.name for e in answer.effects] == ["rotor_lag"]

@@ -61,7 +61,7 @@ def test_rotor_drag_is_found_alone_and_down_to_what_the_true_form_leaves():
 
 
 @pytest.mark.parametrize("name", ["xNova-SR-steps.csv", "xNova-MR-steps.csv"])
-def test_steps_of_a_real_motor_show_its_lag_and_accuse_nobody(name):
+def test_steps_of_a_real_motor_show_its_lag_and_flag_nobody(name):
     result = refine_stand(read_stand_log(DATA / "single" / name))
     numbers = {e.name: {p.name: p.value for p in e.parameters} for e in result.effects}
     assert result.suspect_data == ()

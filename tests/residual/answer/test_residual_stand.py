@@ -59,14 +59,14 @@ def test_named_without_any_model(name):
     assert [e.name for e in answer.effects] == names and answer.ambiguous == ()
 
 
-def test_a_free_base_comes_back_as_the_model():
+def test_a_free_nuisance_comes_back_as_the_model():
     answer = refine_stand(samples(seed=5, air=1.0))
     scale = 5400.0 / answer.model.speed_max_rpm  # without a model, u = 1 is what the log shows
     pair = answer.model.loads(0.6 * scale, 0.7 * scale)
     assert pair.upper_thrust == pytest.approx(0.6 * (55.9517 * 0.6 + 22.4464), rel=0.05)
 
 
-def test_a_lying_tachometer_is_accused_not_explained(paper):
+def test_a_lying_tachometer_is_flagged_not_explained(paper):
     answer = refine_stand(samples(seed=6, tachometer=0.06), paper)
     assert answer.effects == () and [s.column for s in answer.suspect_data] == ["lower_rpm"]
 

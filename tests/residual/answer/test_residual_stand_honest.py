@@ -109,7 +109,7 @@ def test_a_dead_band_shows_where_a_rotor_stands_at_rest(paper):
     assert names(answer) == ["dead_band"]
 
 
-def test_a_tachometer_that_stands_still_is_accused_with_its_rows(paper):
+def test_a_tachometer_that_stands_still_is_flagged_with_its_rows(paper):
     columns = run(seed=10, throttle=False)
     order = np.random.default_rng(3).permutation(len(columns["time_s"]))
     columns = {k: (v if k == "time_s" else v[order]) for k, v in columns.items()}
@@ -133,7 +133,7 @@ def test_a_stretched_scale_is_a_dead_band_though_no_throttle_was_low(paper):
 
 @pytest.mark.parametrize("given", [True, False])
 def test_a_period_of_a_few_rows_is_no_noise(paper, given):
-    """Faster than any course over time: a cell that flips to and fro every three rows."""
+    """Faster than any time profile: a cell that flips to and fro every three rows."""
     columns = run(seed=12)
     flips = np.where(np.arange(len(columns["time_s"])) % 6 < 3, 1.0, -1.0)
     columns["lower_thrust_N"] = columns["lower_thrust_N"] + 2.5 * flips

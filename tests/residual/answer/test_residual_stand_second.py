@@ -156,7 +156,7 @@ def test_a_lower_rotor_that_only_seems_to_turn_ends_in_no_error():
     assert names(refine_stand(log, model())) == []
 
 
-def test_a_fitted_base_does_not_stand_or_fall_with_an_idle_rotor():
+def test_a_fitted_nuisance_does_not_stand_or_fall_with_an_idle_rotor():
     """Polynomials follow this pair but where its lower rotor windmills, at three rows in a hundred."""
     t, a, b = ramps(1500)
     loads = steady_loads(a, b)

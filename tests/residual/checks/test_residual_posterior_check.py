@@ -130,6 +130,6 @@ def test_what_takes_from_one_channel_and_adds_as_much_to_another_is_worth_nothin
     design = np.stack([z, z], axis=1)[:, :, None]
     blocks = accumulate(design, residual, block, folds_of(24), np.array([np.inf]))
     option = SimpleNamespace(columns=np.array([0]))
-    base = np.zeros(0, np.intp)
-    problem = SimpleNamespace(base=base, blocks=blocks, sigma=np.ones(2), options=(option,))
+    nuisance = np.zeros(0, np.intp)
+    problem = SimpleNamespace(nuisance=nuisance, blocks=blocks, sigma=np.ones(2), options=(option,))
     assert (spoils(SimpleNamespace(problem=problem), 0) is not None) == gone

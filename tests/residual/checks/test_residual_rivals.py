@@ -154,7 +154,7 @@ def test_the_square_of_a_column_that_nothing_knows_stands_beside_every_effect():
     frame = stand_frame(stand(speeds, loads, 4, hum=hum), PAPER)
     (columns,) = _unknown_columns(frame)
     wanted = frame.predicted[:, 2] * (0.3 * hum**2 - 0.1 * hum)
-    fit = np.column_stack([columns[:, 2], frame.predicted[:, 2]])  # a level is the base's
+    fit = np.column_stack([columns[:, 2], frame.predicted[:, 2]])  # a level is the nuisance model's
     left = wanted - fit @ np.linalg.lstsq(fit, wanted, rcond=None)[0]
     assert np.std(left) < 1e-9 * np.std(wanted)
 

@@ -89,7 +89,7 @@ def test_labels_swapped_for_a_while(paper, what: str, given: bool) -> None:
 
 
 @pytest.mark.parametrize("given", [True, False])
-def test_half_a_bridge_for_a_while_is_accused(paper, given: bool) -> None:
+def test_half_a_bridge_for_a_while_is_flagged(paper, given: bool) -> None:
     columns = run(seed=12)
     columns["upper_thrust_N"][PART] *= 0.5
     answer = refine_stand(Samples(columns, "rig"), paper if given else None)
@@ -113,7 +113,7 @@ def test_loads_exchanged_where_only_the_second_part_has_such_speeds(pairs: list[
 
 
 @pytest.mark.parametrize("true", [{}, {"interference": 12.0}, {"power": 0.4}, {"bump": 12.0}, {"drift": 3.0}])
-def test_one_pass_whose_loads_are_what_they_say_is_not_accused(true: dict) -> None:
+def test_one_pass_whose_loads_are_what_they_say_is_not_flagged(true: dict) -> None:
     columns = {k: v[:ONE_PASS] for k, v in run(seed=10, throttle=False, **true).items()}
     assert find_suspects(stand_frame(Samples(columns, "rig"), None)).suspects == ()
 
@@ -201,7 +201,7 @@ def test_a_tachometer_that_is_off_throughout(paper, side: str, share: float, thr
     assert nothing_claimed(answer)
 
 
-def test_no_tachometer_is_accused_of_what_the_air_or_the_cells_do(paper) -> None:
+def test_no_tachometer_is_flagged_of_what_the_air_or_the_cells_do(paper) -> None:
     columns = run(seed=10, air=1.0)
     assert [e.name for e in refine_stand(Samples(columns, "rig"), paper).effects] == ["air_density"]
     columns = run(seed=11)
@@ -212,12 +212,12 @@ def test_no_tachometer_is_accused_of_what_the_air_or_the_cells_do(paper) -> None
     answer = refine_stand(Samples(columns, "rig"), paper)
     assert not any("rpm" in s.column for s in answer.suspect_data)
     columns = run(seed=12)
-    for name in UPPER:  # two cells another day: within what a base may be off by
+    for name in UPPER:  # two cells another day: within what a nuisance model may be off by
         columns[name] = columns[name] * 0.97
     assert refine_stand(Samples(columns, "rig"), paper).suspect_data == ()
 
 
-def test_no_tachometer_is_accused_of_a_ripple_in_one_load(paper, tmp_path) -> None:
+def test_no_tachometer_is_flagged_of_a_ripple_in_one_load(paper, tmp_path) -> None:
     """One speed's share takes a seventh of it, over all loads it is near the noise: that is no evidence."""
     truth = tmp_path / "truth.toml"
     truth.write_text(

@@ -48,7 +48,7 @@ def bench(
     ("side", "from_s", "to_s", "reads"),
     [("lower", 80.0, 999.0, 0.94), ("upper", 0.0, 40.0, 1.03), ("lower", 50.0, 65.0, 0.5)],
 )
-def test_a_reading_that_steps_is_accused_with_its_rows(
+def test_a_reading_that_steps_is_flagged_with_its_rows(
     side: str, from_s: float, to_s: float, reads: float
 ) -> None:
     found = refine_stand(bench(1, from_s=from_s, to_s=to_s, reads=reads, side=side)).to_json()
@@ -68,7 +68,7 @@ def test_a_rotor_that_really_slows_down_is_no_lie(turns: float) -> None:
     assert found["suspect_data"] == []
 
 
-def test_an_honest_log_accuses_nobody() -> None:
+def test_an_honest_log_flags_nobody() -> None:
     for seed in range(3, 8):
         assert refine_stand(bench(seed, from_s=0.0, to_s=0.0)).to_json()["suspect_data"] == []
 
@@ -83,7 +83,7 @@ def test_a_rotor_that_rests_below_some_throttle_is_no_lie() -> None:
     assert refine_stand(log.with_columns(**resting)).to_json()["suspect_data"] == []
 
 
-def test_a_tachometer_that_reads_in_coarse_steps_is_accused() -> None:
+def test_a_tachometer_that_reads_in_coarse_steps_is_flagged() -> None:
     log = bench(10, from_s=0.0, to_s=0.0)
     step = 0.05 * RPM
     answer = refine_stand(log.with_columns(lower_rpm=step * np.round(log["lower_rpm"] / step)))
@@ -91,7 +91,7 @@ def test_a_tachometer_that_reads_in_coarse_steps_is_accused() -> None:
     assert answer.effects == () and "steps of" in answer.suspect_data[0].why
 
 
-def test_steps_between_two_speeds_accuse_nobody() -> None:
+def test_steps_between_two_speeds_flag_nobody() -> None:
     """One rotor, two throttles, a lag between them: what slow rows fit says nothing of the fast ones."""
     random = np.random.default_rng(5)
     throttle = np.tile(np.repeat([0.25, 0.8], 30), 12)
@@ -118,7 +118,7 @@ def in_bursts(column: str, harm: float, seed: int = 5) -> Samples:
 
 
 @pytest.mark.parametrize(("column", "harm"), [("upper_rpm", 0.5), ("lower_rpm", 2.0)])
-def test_pulses_counted_half_or_twice_here_and_there_are_accused(column: str, harm: float) -> None:
+def test_pulses_counted_half_or_twice_here_and_there_are_flagged(column: str, harm: float) -> None:
     answer = refine_stand(in_bursts(column, harm))
     assert [s.column for s in answer.suspect_data] == [column]
     assert answer.suspect_data[0].rows.startswith("36-40, 136-140") and answer.effects == ()
@@ -140,7 +140,7 @@ def test_a_rotor_that_really_drops_out_here_and_there_does_not_make_its_tachomet
     assert not [s for s in refine_stand(dropped).suspect_data if s.column == "upper_rpm"]
 
 
-def test_a_reading_that_stands_while_the_wake_moves_its_load_too_is_accused() -> None:
+def test_a_reading_that_stands_while_the_wake_moves_its_load_too_is_flagged() -> None:
     log = bench(7, from_s=0.0, to_s=0.0)
     read = log["lower_rpm"].copy()
     read[400:640] = read[400]
@@ -160,7 +160,7 @@ def test_a_rotor_that_is_held_while_the_other_moves_may_read_one_number() -> Non
     assert find_suspects(stand_frame(held, None)).suspects == ()
 
 
-def test_a_clock_set_back_is_accused_and_a_session_that_starts_anew_is_not() -> None:
+def test_a_clock_set_back_is_flagged_and_a_session_that_starts_anew_is_not() -> None:
     log = bench(9, from_s=0.0, to_s=0.0)
     time = log["time_s"]
     late = np.arange(log.rows) >= 600
@@ -192,6 +192,6 @@ def test_pulses_counted_twice_between_two_speeds_are_no_other_law_of_the_blades(
     assert "2 times" in answer.suspect_data[0].why
 
 
-def test_no_cell_is_accused_where_the_rotors_other_load_is_off_as_well() -> None:
+def test_no_cell_is_flagged_where_the_rotors_other_load_is_off_as_well() -> None:
     frame = stand_frame(walked(9), load_rotor_model(files.example("rotor_paper.toml")))
     assert find_suspects(frame).suspects == ()

@@ -8,7 +8,7 @@ import pytest
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.residual.base.rebased_model import rebased_flight
+from coaxlink.residual.nuisance.rebased_model import rebased_flight
 from coaxlink.rotor import load_rotor_model
 
 UPPER, LOWER = 0.45, 0.65

@@ -23,7 +23,7 @@ from coaxlink.rotor.polynomial import design_matrix
 Index = NDArray[np.intp]
 KNOTS = (8, 12, 18)
 SUPPORT = 5.0  # rows that a column must have under it
-GAIN, FINER = 0.85, 0.95  # a surface must leave less than this share of the held-out squares
+GAIN, VARIANTS = 0.85, 0.95  # a surface must leave less than this share of the held-out squares
 REST = 0.005  # normalised speed
 
 

@@ -1,7 +1,7 @@
-"""The base that the effects of a flight were fitted beside, as a rotor model.
+"""The nuisance model that the effects of a flight were fitted beside, as a rotor model.
 
 An effect's numbers hold together with the small corrections of level, slope and wake that were fitted with
-them (`flight_base`): a supply that sags by 8 % and a stand that read 2 % high look alike over one flight.
+them (`flight_nuisance`): a supply that sags by 8 % and a stand that read 2 % high look alike over one flight.
 Whoever uses the effects must use both; one without the other misses by what they shared.
 """
 

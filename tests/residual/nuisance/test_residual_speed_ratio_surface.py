@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coaxlink.residual.base.speed_ratio_surface import find_surface
+from coaxlink.residual.nuisance.speed_ratio_surface import find_surface
 
 TERMS = ("1", "u_u", "u_l", "u_u^2", "u_l^2", "u_u u_l")
 

@@ -28,7 +28,7 @@ def test_friction_that_takes_a_way_to_turn_is_hysteresis_and_nothing_else():
     assert over(answer) < 1.05
 
 
-def test_growth_of_lift_at_the_tips_is_a_blade_speed_law_though_the_base_takes_most_of_it():
+def test_growth_of_lift_at_the_tips_is_a_blade_speed_law_though_the_nuisance_takes_most_of_it():
     t, a, b = ramps(1500)
     loads = steady_loads(a, b)
     for row, u in ((0, a), (1, a), (2, b), (3, b)):
@@ -63,7 +63,7 @@ def test_a_pair_that_no_polynomial_follows_still_shows_a_drift():
     assert any("polynomials do not follow" in note for note in answer.notes)
 
 
-def test_no_tachometer_is_accused_without_a_throttle_to_witness():
+def test_no_tachometer_is_flagged_without_a_throttle_to_witness():
     t, a, b = ramps()
     answer = refine_stand(log_of(t, a * (1 + 0.06 * (a > 0.5)), b, steady_loads(a, b)), model())
     assert not any("rpm" in s.column for s in answer.suspect_data)
@@ -97,24 +97,24 @@ def test_a_long_log_is_judged_on_stretches(monkeypatch):
 
 
 def test_a_memory_fades_as_it_does_one_row_at_a_time():
-    course = np.cumsum(0.03 * np.random.default_rng(1).standard_normal(317))
+    time_profile = np.cumsum(0.03 * np.random.default_rng(1).standard_normal(317))
     state, expected = 0.0, []
-    for move in np.diff(course, prepend=course[0]):
+    for move in np.diff(time_profile, prepend=time_profile[0]):
         state = np.sign(move) + (state - np.sign(move)) * np.exp(-abs(move) / 0.08)
         expected.append(state)
-    assert np.allclose(fading(course, 0.08), expected)
+    assert np.allclose(fading(time_profile, 0.08), expected)
 
 
 @pytest.mark.parametrize("rows", [1, 7, 400])
 def test_slipping_elements_are_those_run_one_row_at_a_time(rows):
-    course = np.cumsum(np.random.default_rng(3).normal(0.0, 0.02, rows))
+    time_profile = np.cumsum(np.random.default_rng(3).normal(0.0, 0.02, rows))
     ways = np.array([0.01, 0.1])
     state, expected = np.zeros(2), []
     for k in range(rows):
-        move = (course[k] - course[k - 1]) if k else 0.0
+        move = (time_profile[k] - time_profile[k - 1]) if k else 0.0
         state = np.clip(state + 2.0 * move / ways, -1.0, 1.0)
         expected.append(state)
-    assert np.allclose(slipping(course, ways), expected)
+    assert np.allclose(slipping(time_profile, ways), expected)
 
 
 def test_a_sweep_that_jumps_back_has_no_way_down():

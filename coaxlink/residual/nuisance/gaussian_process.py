@@ -1,8 +1,8 @@
-"""The loads of a pair as a Gaussian process over both speeds: what the polynomials of a fitted base leave.
+"""The loads of a pair as a Gaussian process over both speeds: what the polynomials of a fit leave.
 
-A log without a rotor model is judged beside a base that was fitted to it. Where polynomials do not follow the
-pair, what they miss is no effect, and the error that is left is not the effects' fault. Here it is a random
-function: a load grows with the square of the speeds (similarity, Leishman 2006, ch. 2), its coefficient
+A log without a rotor model is judged beside a nuisance that was fitted to it. Where polynomials do not follow
+the pair, what they miss is no effect, and the error that is left is not the effects' fault. Here it is a
+random function: a load grows with the square of the speeds (similarity, Leishman 2006, ch. 2), its coefficient
 bends with the ratio of the two speeds, most where the lower rotor is slow in a strong wake, and slowly with
 the speed (Reynolds number). How strongly and how fast it bends is what predicts held-out blocks best, as
 densities (Rasmussen and Williams 2006, eq. 2.25, 5.4.2). The process also says where the log does not tell
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.effects.tracing import Array
-from coaxlink.residual.base.speed_ratio_surface import REST
+from coaxlink.residual.nuisance.speed_ratio_surface import REST
 from coaxlink.rotor.polynomial import design_matrix
 
 Index = NDArray[np.intp]
@@ -62,7 +62,7 @@ def find_process(
     terms: tuple[str, ...],
     lower: bool,
 ) -> tuple[Process, Array]:
-    """The process of a load (rows,) at speeds (rows, 2), and how far off the base itself may be (rows,).
+    """The process of a load (rows,) at speeds (rows, 2), and how far off the nuisance itself may be (rows,).
 
     The latter is a deviation in units of `noise`, of every row from the blocks of the other folds; `fold`
     (rows,) is the fold of a row, `reference` the load that a size is a share of.

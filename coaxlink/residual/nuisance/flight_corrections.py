@@ -1,4 +1,4 @@
-"""Small corrections of the base that every explanation of a flight may use: what a stand and an IMU leave
+"""Small corrections of the nuisance that every explanation of a flight may use: what a stand and an IMU leave
 open.
 
 A rotor model from a stand is off by a per cent or two, an accelerometer has a bias, clocks differ by
@@ -28,7 +28,7 @@ IMU_PLACE_M = 0.05
 
 @dataclass(frozen=True)
 class Correction:
-    """One column of the base: its name, its largest believable coefficient, what a unit of it adds."""
+    """One column of the nuisance: its name, its largest believable coefficient, what a unit of it adds."""
 
     name: str
     bound: float
@@ -36,7 +36,7 @@ class Correction:
 
 
 def flight_corrections(frame: FlightFrame) -> Iterator[Correction]:
-    """All base corrections of a flight, one at a time: a long log's do not fit side by side."""
+    """All nuisance corrections of a flight, one at a time: a long log's do not fit side by side."""
     none = np.zeros_like(frame.thrust)
     airframe = frame.airframe
     middle = np.median(frame.speeds[frame.keep], axis=0)
@@ -47,7 +47,7 @@ def flight_corrections(frame: FlightFrame) -> Iterator[Correction]:
             continue
         tilt = 2.0 * (frame.speeds - middle)
         for load in ("thrust", "torque"):
-            base = (frame.thrust if load == "thrust" else frame.torque) * mask
+            nuisance = (frame.thrust if load == "thrust" else frame.torque) * mask
 
             def body(values: Array, load: str = load) -> Array:
                 return (
@@ -56,18 +56,18 @@ def flight_corrections(frame: FlightFrame) -> Iterator[Correction]:
                     else airframe.body_loads(none, values)
                 )
 
-            yield Correction(f"{level}_{load}_level", LEVEL, body(base))
-            yield Correction(f"{level}_{load}_tilt", TILT, body(base * tilt))
+            yield Correction(f"{level}_{load}_level", LEVEL, body(nuisance))
+            yield Correction(f"{level}_{load}_tilt", TILT, body(nuisance * tilt))
             if level == "lower":
-                wake = np.zeros_like(base)
+                wake = np.zeros_like(nuisance)
                 for lower, upper in upper_of.items():
-                    wake[:, lower] = base[:, lower] * tilt[:, upper]
+                    wake[:, lower] = nuisance[:, lower] * tilt[:, upper]
                 yield Correction(f"lower_{load}_wake", WAKE, body(wake))
     yield from _instruments(frame)
 
 
 def lift_share(frame: FlightFrame, corrections: Mapping[str, float]) -> float:
-    """What base corrections (`flight_corrections`, by name) add to the lift, over the lift."""
+    """What nuisance corrections (`flight_corrections`, by name) add to the lift, over the lift."""
     lift = np.median(frame.thrust[frame.keep], axis=0)
     level = np.array([corrections.get(f"{r.level}_thrust_level", 0.0) for r in frame.airframe.rotors])
     bias = -corrections.get("accel_z_bias_m_s2", 0.0) * frame.airframe.mass_kg / max(float(lift.sum()), 1e-9)
