@@ -1,9 +1,9 @@
 """Where the selection leaves a stand log open a second method looks: the posterior over explanations.
 
 Stepwise selection on held-out blocks (`answer.stand`) is hard to fool, and misses what has another form than
-those it tries. The posterior (`coaxlink.diagnosis`) finds such forms, and names now and then what is not
+those it tries. The posterior (`diagnosis`) finds such forms, and names now and then what is not
 there, on a pair that its rotor map does not follow. On logs that neither was built with they are about as
-good as one another and err on different ones (docs/tracing_record.md). So only what the selection leaves
+good as one another and err on different ones. So only what the selection leaves
 unexplained is asked about, and an answer is taken from the posterior where it
 
     flags a column, or

@@ -1,12 +1,13 @@
 """The loads of a pair as a Gaussian process over both speeds: what the polynomials of a fit leave.
 
-A log without a rotor model is judged beside a nuisance that was fitted to it. Where polynomials do not follow
-the pair, what they miss is no effect, and the error that is left is not the effects' fault. Here it is a
-random function: a load grows with the square of the speeds (similarity, Leishman 2006, ch. 2), its coefficient
-bends with the ratio of the two speeds, most where the lower rotor is slow in a strong wake, and slowly with
-the speed (Reynolds number). How strongly and how fast it bends is what predicts held-out blocks best, as
-densities (Rasmussen and Williams 2006, eq. 2.25, 5.4.2). The process also says where the log does not tell
-what the pair does: its own deviation there, from the blocks that were not held out, is larger than the noise.
+A log without a rotor model is judged beside a nuisance that was fitted to it. Where polynomials do not
+follow the pair, what they miss is no effect, and the error that is left is not the effects' fault. Here it
+is a random function: a load grows with the square of the speeds (similarity, Leishman 2006, ch. 2), its
+coefficient bends with the ratio of the two speeds, most where the lower rotor is slow in a strong wake, and
+slowly with the speed (Reynolds number). How strongly and how fast it bends is what predicts held-out blocks
+best, as densities (Rasmussen and Williams 2006, eq. 2.25, 5.4.2). The process also says where the log does
+not tell what the pair does: its own deviation there, from the blocks that were not held out, is larger than
+the noise.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Held-out square sums of a nuisance and a few columns beside it, by the Schur complement of the nuisance.
 
 A choice asks for hundreds of such sets, and most of each is the nuisance. Its normal equations are solved
-once a fold, which leaves their Schur complement in the other columns: a set then costs what its own columns cost.
+once a fold, which leaves their Schur complement in the other columns: a set then costs its own columns.
 A nuisance that would go beyond its bounds is solved as a whole.
 """
 

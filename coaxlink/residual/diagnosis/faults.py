@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.data.samples import Samples
-from coaxlink.diagnosis.channels import Channels
-from coaxlink.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
-from coaxlink.diagnosis.noise import white
-from coaxlink.diagnosis.parts import Block
-from coaxlink.diagnosis.posterior import CLAIMED
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.load import Load
 from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
+from coaxlink.residual.diagnosis.noise import white
+from coaxlink.residual.diagnosis.parts import Block
+from coaxlink.residual.diagnosis.posterior import CLAIMED
 from coaxlink.residual.faults.stand_faults import rows_text
 from coaxlink.residual.result import Suspect
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from coaxlink.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
-from coaxlink.diagnosis.screening import Stack
 from coaxlink.effects.onset import COMES, gradual
 from coaxlink.effects.tracing import Array, Shape, Tracing
+from coaxlink.residual.diagnosis.hypotheses import Hypothesis, Scorer, begun, form_name
+from coaxlink.residual.diagnosis.screening import Stack
 from coaxlink.residual.regression.joint_model import Member
 
 # effort of the search, judgement: seconds a log

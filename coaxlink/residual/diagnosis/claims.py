@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coaxlink.diagnosis.channels import Channels
-from coaxlink.diagnosis.hypotheses import ODDS, Hypothesis
-from coaxlink.diagnosis.posterior import CLAIMED, RIVAL, Posterior
 from coaxlink.frames import Array
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis
+from coaxlink.residual.diagnosis.posterior import CLAIMED, RIVAL, Posterior
 from coaxlink.residual.regression.joint_model import composed
 
 APART = 12.5  # nats: five standard errors, the level at which physics speaks of a discovery

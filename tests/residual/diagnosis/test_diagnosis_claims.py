@@ -12,10 +12,10 @@ import pytest
 from residual_rig import FULL_RPM, run
 
 from coaxlink.data import Samples
-from coaxlink.diagnosis.claims import claims
-from coaxlink.diagnosis.posterior import Posterior
 from coaxlink.effects import effect
 from coaxlink.residual import refine_stand
+from coaxlink.residual.diagnosis.claims import claims
+from coaxlink.residual.diagnosis.posterior import Posterior
 
 
 def loads_and_speeds(seed):

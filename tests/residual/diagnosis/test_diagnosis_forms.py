@@ -9,11 +9,11 @@ import pytest
 from residual_rig import run
 
 from coaxlink.data import Samples
-from coaxlink.diagnosis.meters import calmed
-from coaxlink.diagnosis.stand import _forms
 from coaxlink.effects import effect
 from coaxlink.residual import refine_stand
 from coaxlink.residual.channels.stand import stand_frame
+from coaxlink.residual.diagnosis.meters import calmed
+from coaxlink.residual.diagnosis.stand import _forms
 
 LOADS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
 
@@ -73,7 +73,7 @@ def meter(volts, u, rows, step_s=1.0):
 
 
 def read(volts, u, monkeypatch):
-    monkeypatch.setattr("coaxlink.diagnosis.meters.replace", lambda frame, columns: columns)
+    monkeypatch.setattr("coaxlink.residual.diagnosis.meters.replace", lambda frame, columns: columns)
     return calmed(meter(volts, u, len(volts)))["voltage_V"]
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.diagnosis.parts import Block
 from coaxlink.effects.tracing import Array, Shape, Tracing
+from coaxlink.residual.diagnosis.parts import Block
 from coaxlink.residual.regression.joint_model import Part
 
 # what an effect adds to a load, before any data: one standard deviation over the reference load

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from coaxlink.diagnosis.channels import Channels
-from coaxlink.diagnosis.parts import Block, products, waves
 from coaxlink.effects.tracing import Array
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.parts import Block, products, waves
 from coaxlink.residual.regression.joint_model import Member
 
 SHARE = 0.2  # of the effect, one standard deviation

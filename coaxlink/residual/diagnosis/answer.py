@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from coaxlink.data.samples import Samples
-from coaxlink.diagnosis.channels import Channels
-from coaxlink.diagnosis.claims import NOTHING, Claims, added_by, claims, forms_of
-from coaxlink.diagnosis.hypotheses import ODDS, Hypothesis, form_name
-from coaxlink.diagnosis.parts import Block
-from coaxlink.diagnosis.posterior import CLAIMED, Posterior
 from coaxlink.frames import Array
 from coaxlink.residual.answer.assemble import Judged, answer
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.claims import NOTHING, Claims, added_by, claims, forms_of
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, form_name
+from coaxlink.residual.diagnosis.parts import Block
+from coaxlink.residual.diagnosis.posterior import CLAIMED, Posterior
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
 from coaxlink.residual.regression.joint_model import ONSET, Fitter, straight
 from coaxlink.residual.regression.problem import Problem, build

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.diagnosis.channels import Channels
-from coaxlink.diagnosis.discrepancy import discrepancy
-from coaxlink.diagnosis.evidence import Fit, Sums, fitted, sums_of
-from coaxlink.diagnosis.noise import Colour, colour_of
-from coaxlink.diagnosis.parts import Block, joined
 from coaxlink.effects import effect as effect_named
 from coaxlink.effects.tracing import Array
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.discrepancy import discrepancy
+from coaxlink.residual.diagnosis.evidence import Fit, Sums, fitted, sums_of
+from coaxlink.residual.diagnosis.noise import Colour, colour_of
+from coaxlink.residual.diagnosis.parts import Block, joined
 from coaxlink.residual.regression.joint_model import Member, composed, member
 
 ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it (judgement)

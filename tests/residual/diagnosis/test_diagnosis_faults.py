@@ -7,8 +7,8 @@ from residual_rig import FULL_RPM, steady_loads
 
 from coaxlink import files
 from coaxlink.data import Samples
-from coaxlink.diagnosis.faults import _saturated
-from coaxlink.diagnosis.stand import stand_channels
+from coaxlink.residual.diagnosis.faults import _saturated
+from coaxlink.residual.diagnosis.stand import stand_channels
 from coaxlink.rotor import load_rotor_model
 
 

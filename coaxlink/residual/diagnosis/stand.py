@@ -9,14 +9,14 @@ from functools import partial
 import numpy as np
 
 from coaxlink.data.samples import Samples
-from coaxlink.diagnosis.channels import Channels, possible
-from coaxlink.diagnosis.meters import calmed
-from coaxlink.diagnosis.parts import Block, in_channel, products, waves
 from coaxlink.effects import stand_effects
 from coaxlink.effects.further_forms import further_shapes, of_what_is_logged
 from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
 from coaxlink.residual.channels.stand import ANY, Orders, base_corrections, stand_frame
 from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
+from coaxlink.residual.diagnosis.channels import Channels, possible
+from coaxlink.residual.diagnosis.meters import calmed
+from coaxlink.residual.diagnosis.parts import Block, in_channel, products, waves
 from coaxlink.residual.regression.joint_model import composed
 from coaxlink.rotor import RotorModel
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.data.samples import Samples
-from coaxlink.diagnosis.answer import answered
-from coaxlink.diagnosis.channels import Channels
-from coaxlink.diagnosis.faults import weighed_faults
-from coaxlink.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
-from coaxlink.diagnosis.noise import Colour, colour_of, white
-from coaxlink.diagnosis.posterior import Posterior, posterior
-from coaxlink.diagnosis.search import Search
-from coaxlink.diagnosis.stand import stand_channels
 from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
+from coaxlink.residual.diagnosis.answer import answered
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.faults import weighed_faults
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
+from coaxlink.residual.diagnosis.noise import Colour, colour_of, white
+from coaxlink.residual.diagnosis.posterior import Posterior, posterior
+from coaxlink.residual.diagnosis.search import Search
+from coaxlink.residual.diagnosis.stand import stand_channels
 from coaxlink.residual.faults.stand_faults import find_suspects
 from coaxlink.residual.result import Refinement
 from coaxlink.rotor import RotorModel

@@ -9,10 +9,10 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from coaxlink.diagnosis.evidence import fitted, sums_of
-from coaxlink.diagnosis.noise import colour_of
-from coaxlink.diagnosis.parts import products, waves
-from coaxlink.diagnosis.screening import Stack
+from coaxlink.residual.diagnosis.evidence import fitted, sums_of
+from coaxlink.residual.diagnosis.noise import colour_of
+from coaxlink.residual.diagnosis.parts import products, waves
+from coaxlink.residual.diagnosis.screening import Stack
 
 
 @pytest.fixture

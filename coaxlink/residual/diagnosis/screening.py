@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from coaxlink.diagnosis.evidence import JITTER
-from coaxlink.diagnosis.hypotheses import Hypothesis
 from coaxlink.frames import Array
+from coaxlink.residual.diagnosis.evidence import JITTER
+from coaxlink.residual.diagnosis.hypotheses import Hypothesis
 
 
 class Stack:
