@@ -36,7 +36,7 @@ RESTART_ROWS = 5  # judgement: within which a clock that was restarted begins
 
 
 @dataclass(frozen=True)
-class Suspicion:
+class FlaggedColumns:
     """What of a stand log cannot be trusted."""
 
     suspects: tuple[Suspect, ...]
@@ -72,7 +72,7 @@ class _Finding:
         return bool(self.swapped or loads <= set(self.columns) or np.sum(~self.bad) < LEAST_LEFT)
 
 
-def find_suspects(frame: StandFrame) -> Suspicion:
+def find_suspects(frame: StandFrame) -> FlaggedColumns:
     """All that contradicts its label in a log."""
     found = _Finding(frame, [], np.zeros(len(frame.time_s), bool), [])
     _look_at_stamps(found)
@@ -85,7 +85,7 @@ def find_suspects(frame: StandFrame) -> Suspicion:
     if not found.silent:
         for step in gain_steps(frame, ~found.bad):
             found.rows(COLUMN_OF[STAND_CHANNELS[step.channel]], step.rows, step.why)
-    return Suspicion(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
+    return FlaggedColumns(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
 
 
 def _look_at_stamps(found: _Finding) -> None:
