@@ -42,7 +42,7 @@ def names(selection):
     return [m.name for m in selection.members]
 
 
-@pytest.mark.parametrize("fitted_base", [False, True])
+@pytest.mark.parametrize("fitted_nuisance", [False, True])
 @pytest.mark.parametrize("second", [1.0, 0.0])
 def test_beside_a_fitted_nuisance_the_other_loads_must_bear_an_effect_out(noise, fitted_nuisance, second):
     wave = np.sin(np.arange(ROWS) / 7.0)[:, None, None]
