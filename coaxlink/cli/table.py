@@ -50,9 +50,6 @@ def table(
     ] = "",
     frame_class: Annotated[int, typer.Option(help="ArduPilot: 15 scripting, 17 dynamic matrix.")] = 15,
     spin_min: Annotated[float, typer.Option(help="ArduPilot: MOT_SPIN_MIN.")] = 0.05,
-    csv: Annotated[
-        bool, typer.Option("--csv", help="PX4: also mixer.csv, for the research fork that reads one.")
-    ] = False,
     keep_gains: Annotated[
         bool,
         typer.Option(
@@ -75,7 +72,7 @@ def table(
     files.refuse_unwritable(json_file)
     vehicle, path = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
-    wish = _Wish(law, out, explain, connect, csv, frame_class, spin_min, keep_gains, constrain, json_file)
+    wish = _Wish(law, out, explain, connect, frame_class, spin_min, keep_gains, constrain, json_file)
     with _naming(path):
         _make(firmware, _px4() if firmware == "px4" else _ardupilot(), vehicle, path, wish)
 
@@ -88,7 +85,6 @@ class _Wish:
     out: Path | None
     explain: bool
     connect: str
-    csv: bool
     frame_class: int
     spin_min: float
     keep_gains: bool
@@ -190,8 +186,6 @@ def _make(name: str, of: _Firmware, vehicle: Vehicle, model_path: Path, wish: _W
         forget_vehicle(wish.out)
         written = of.write(wish.out, frame, model_path, report)
         keep_vehicle(wish.out, vehicle, model_path)
-        if wish.csv and name == "px4":
-            written.append(table_views.write_csv(wish.out, report))
     document = of.to_json(frame, report, written) | vehicle.to_json() | gains.to_json()
     document |= constraints.as_json(limited)
     _save(wish, document, explained)

@@ -130,11 +130,3 @@ def test_an_explanation_fits_80_columns_and_says_what_the_board_loses(capsys, mo
     assert float(roll[1]) == pytest.approx(1.5 * float(roll[0]), rel=1e-3)
     assert "What this table changes on board: 16 parameters" in explained
     assert re.search(r"CA_ROTOR4_\*\s+6.5 -> [\d.]+\s+0.05 -> 0.0", explained)
-
-
-def test_the_research_fork_s_file_is_the_same_mix(tmp_path, capsys):
-    arguments = (X8, "--firmware", "px4", "--law", "reduced", "--out", tmp_path, "--csv")
-    code, _, err = _run(capsys, *arguments)
-    assert code == 0 and "/fs/microsd/etc/mixer.csv" in err
-    mix = px4.realise(px4.read_params_file(tmp_path / "paper-x8.params").params).mix
-    assert px4.read_mixer_csv(tmp_path / "mixer.csv") == pytest.approx(mix, abs=1e-6)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coaxlink.cli.shared.shell import PIPE_WIDTH, console, say
@@ -17,17 +16,6 @@ if TYPE_CHECKING:
     from coaxlink.tables.worth import Worths
     from coaxlink.vehicle import Vehicle
     from firmware_params.errors import Finding
-
-
-def write_csv(folder: Path, report: TableReport) -> str:
-    """Write DIR/mixer.csv, the same mix for PX4's research fork. Raises InputError."""
-    from coaxlink import files
-    from firmware_params.px4 import csv_mixer
-
-    path = folder / csv_mixer.FILE_NAME
-    files.write_atomic(path, csv_mixer.mixer_csv(report.mix.mix))
-    say(f"mixer.csv goes to {csv_mixer.BOARD_PATH}; {csv_mixer.PARAMETERS[0]} = 1 and a reboot make it fly")
-    return str(path)
 
 
 def px4_json(frame: Airframe, report: TableReport, written: list[str]) -> dict[str, Any]:
