@@ -152,16 +152,22 @@ def weigh(
     )
 
 
-def law_speeds(law: Law, airframe: Airframe, ceiling_N: float) -> Speeds:
-    """A law on wrenches as one on demands: thrust 1 is `ceiling_N`, a moment of 1 as much as that could turn.
+def demand_units(airframe: Airframe, ceiling_N: float) -> tuple[float, float, float, float]:
+    """What a demand of 1 means to a law on wrenches (thrust, roll, pitch, yaw; N, N m).
 
-    Weight x arm in roll and pitch; in yaw a quarter of it, as the envelope has it.
+    Thrust 1 is `ceiling_N`, a turn of 1 weight x arm in roll and pitch; in yaw a quarter of it, as the
+    envelope has it.
     """
-    arm = max(float(np.hypot(*r.position_m[:2])) for r in airframe.rotors)
-    turn = airframe.mass_kg * GRAVITY_M_S2 * arm
+    turn = airframe.mass_kg * GRAVITY_M_S2 * max(float(np.hypot(*r.position_m[:2])) for r in airframe.rotors)
+    return ceiling_N, turn, turn, 0.25 * turn
+
+
+def law_speeds(law: Law, airframe: Airframe, ceiling_N: float) -> Speeds:
+    """A law on wrenches as one on demands, in `demand_units`."""
+    units = np.array(demand_units(airframe, ceiling_N))
 
     def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> Array:
-        return law.speeds([thrust * ceiling_N, roll * turn, pitch * turn, 0.25 * yaw * turn])
+        return law.speeds(units * (thrust, roll, pitch, yaw))
 
     return speeds
 
