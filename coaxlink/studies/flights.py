@@ -81,10 +81,10 @@ class Demands:
 
 def write_table(out: Path, airframe: Airframe, name: str, report: TableReport, rotor_file: Path) -> Path:
     """Write a PX4 table to OUT/tables/NAME and return that folder."""
-    from coaxlink.tables.files import write_px4
+    from coaxlink.tables import files as table_files
 
     folder = out / "tables" / name
-    write_px4(folder, airframe, rotor_file, report)
+    table_files.write_table(folder, airframe, rotor_file, report)
     return folder
 
 

@@ -7,7 +7,8 @@ numba is imported here and nowhere else in the law, and only when a compiled law
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from inspect import isfunction
 from pathlib import Path
@@ -25,35 +26,27 @@ OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "_n
 def functions() -> tuple[Any, Any]:
     """(`solver.optimum`, `solver.batch`) compiled. Raises ImportError without numba."""
     import numba
-
-    register()
-    return tuple(
-        cached(lambda keep, f=f: numba.njit(f, cache=keep, **OPTIONS)) for f in (solver.optimum, solver.batch)
-    )
-
-
-@cache
-def register() -> None:
-    """Tell numba that it may compile what the two call."""
     from numba.extending import register_jitable
 
     for function in vars(solver).values():
         if isfunction(function) and function.__module__ == solver.__name__:
-            register_jitable(**OPTIONS)(function)
+            register_jitable(**OPTIONS)(function)  # the two may call it
+    with kept_code() as keep:
+        return tuple(numba.njit(f, cache=keep, **OPTIONS) for f in (solver.optimum, solver.batch))
 
 
-def cached(make: Callable[[bool], Any]) -> Any:
-    """What `make` compiles, kept on disk where only we can write, in a folder for this very source.
+@contextmanager
+def kept_code() -> Iterator[bool]:
+    """Where numba keeps what is compiled inside: a folder of ours for this very source; False: nowhere.
 
     numba itself looks at one file, and would run the old law after an upgrade of another.
     """
     import numba
 
     folder = files.code_folder(f"exact-{source_digest()}")
-    keep = not files.keep_private(folder)
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
     try:
-        return make(keep)
+        yield not files.keep_private(folder)
     finally:
         numba.config.CACHE_DIR = before
 

@@ -135,7 +135,7 @@ class ExactLaw:
         if self.slew is not None:
             return np.array([self.speeds(row) for row in demands])
         ranked = np.clip(demands[:, self.units.order] / self.units.scale, -FAR, FAR)
-        speeds: Any = np.zeros((len(demands), 2 * self.arms.count))
+        speeds: Any = np.zeros((len(demands), 2 * self.arms.size))
         if not self.compiled:
             ranked, speeds = ranked.tolist(), speeds.tolist()
         self._batch(self._arms, self._state, STEPS, ranked, speeds)
@@ -181,7 +181,7 @@ def scaled(
     order = np.array([AXES.index(axis) for axis in priority])
     per_load = airframe.effectiveness()  # of thrusts and torques, (4, N) each
     full = airframe.loads(model, np.full(len(numbers), high))
-    scale = sum(np.abs(per) @ np.abs(load) for per, load in zip(per_load, full, strict=True))[order]
+    scale = (np.abs(per_load[0]) @ np.abs(full[0]) + np.abs(per_load[1]) @ np.abs(full[1]))[order]
     scale = np.where(scale > 1e-9, scale, 1.0)
     power = float(np.abs(full[1]).sum()) * high
 
@@ -212,7 +212,7 @@ def scaled(
 def standing(arms: Arms) -> State:
     """The solver's state, of numpy arrays: in the middle of the bounds, nothing remembered."""
     n, speeds, free = (
-        2 * arms.count,
+        2 * arms.size,
         np.where(arms.hi > arms.lo, 0.5 * (arms.lo + arms.hi), arms.lo),
         np.zeros,
     )
@@ -220,7 +220,7 @@ def standing(arms: Arms) -> State:
     remembered[:, 0] = NEVER
     return State(
         mu=free(4), x=speeds, act=free(n, np.int64), price=free(4), gone=free(4, np.int64), miss=free(4),
-        power=free(1), slope=free(n), jacobian=free((n, 4)), hessian=free((arms.count, 3)), own=free(n),
+        power=free(1), slope=free(n), jacobian=free((n, 4)), hessian=free((arms.size, 3)), own=free(n),
         reply=free((n, 4)), step=free(n), schur=free((4, 4)), factor=free((4, 4)), right=free(4),
         dual=free(4), before=free(4), low=free(n), high=free(n), kept=free(n), old_mu=remembered,
         old_price=free((3, 4)), old_gone=free((3, 4), np.int64), old_x=free((3, n)),

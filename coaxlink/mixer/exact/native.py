@@ -2,7 +2,7 @@
 """The exact law as a C function, for flights that are compiled as a whole: demand in, motor commands out.
 
 `void law(int64 *book, double *demand, double *command)`: demand = (roll, pitch, yaw, thrust) normalised, as
-`mixer.worth.law_speeds` has them. The book holds the addresses of the solver's arrays, so that every flight
+`mixer.demands.law_speeds` has them. The book holds the addresses of the solver's arrays, so that every flight
 has a memory of its own.
 """
 
@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.mixer.exact.compiled import cached, functions
+from coaxlink.mixer.demands import demand_units, law_speeds
+from coaxlink.mixer.exact.compiled import functions, kept_code
 from coaxlink.mixer.exact.law import FAR, STEPS, ExactLaw, standing
 from coaxlink.mixer.exact.solver import Arms, State
-from coaxlink.mixer.worth import demand_units, law_speeds
 from coaxlink.vehicle import Vehicle
 
 # the book: arms, orders, terms of a load, rotors; then addresses of the arrays of Arms and of State, of the
@@ -37,8 +37,7 @@ class NativeExact:
         self._law = ExactLaw(vehicle, compiled=True)
         self._speeds = law_speeds(self._law, frame, full)
         order, scale = self._law.units.order, self._law.units.scale
-        thrust, *turns = demand_units(frame, full)
-        units = np.array([thrust, *turns])[order] / scale
+        units = demand_units(frame, full)[order] / scale
         # (2, 4): wrench of a unit of demand by rank, in the solver's unit; where that demand stands
         self._units = np.stack([units, np.array([3.0, 0.0, 1.0, 2.0])[order]])
         self._slots = np.ascontiguousarray(self._law.units.slots, np.int64)
@@ -54,7 +53,7 @@ class NativeExact:
         p = self._law.arms
         self._alive = standing(p)
         arrays = [*p[3:], *self._alive, self._units, self._slots]
-        sizes = [p.count, p.upper_order, p.lower_order, p.load.shape[2], len(self._slots)]
+        sizes = [p.size, p.upper_order, p.lower_order, p.load.shape[2], len(self._slots)]
         return np.array([*sizes, *(a.ctypes.data for a in arrays)], np.int64)
 
 
@@ -106,4 +105,5 @@ def _function() -> Any:
             command[r] = s.x[slots[r]]
 
     signature = types.void(types.CPointer(types.int64), *[types.CPointer(types.float64)] * 2)
-    return cached(lambda keep: numba.cfunc(signature, cache=keep)(law))
+    with kept_code() as keep:
+        return numba.cfunc(signature, cache=keep)(law)

@@ -28,7 +28,7 @@ class Arms(NamedTuple):
     Speeds are (2K,): the upper and the lower one of each arm.
     """
 
-    count: int  # K
+    size: int  # K
     upper_order: int  # highest power of an upper speed in any load
     lower_order: int
     load: Any  # (K, 4, T) coefficients by rows of powers of the upper speed; loads as below
@@ -128,7 +128,7 @@ def miss(p, s):
     """The wrench still missing at x, and the power."""
     m0, m1, m2, m3 = s.mu[0], s.mu[1], s.mu[2], s.mu[3]
     power = 0.0
-    for k in range(p.count):
+    for k in range(p.size):
         u, l = s.x[2 * k], s.x[2 * k + 1]  # noqa: E741
         for n in range(4):
             f, gain = value(p.load[k][n], p.upper_order, p.lower_order, u, l), p.gain[k][n]
@@ -148,7 +148,7 @@ def expand(p, s):
     """Second-order expansion at x: slopes of wrench and power, the Lagrangian's Hessian, what is missing."""
     for j in range(4):
         s.miss[j] = s.mu[j]
-    for k in range(p.count):
+    for k in range(p.size):
         expand_arm(p, s, k)
 
 
@@ -203,14 +203,14 @@ def merit(p, s):
 
 def move(p, s):
     """Take the step, inside the bounds."""
-    for i in range(2 * p.count):
+    for i in range(2 * p.size):
         s.x[i] = min(max(s.x[i] + s.step[i], p.lo[i]), p.hi[i])
 
 
 def largest_step(p, s):
     """The largest part of the present step."""
     largest = 0.0
-    for i in range(2 * p.count):
+    for i in range(2 * p.size):
         largest = max(largest, abs(s.step[i]))
     return largest
 
@@ -239,7 +239,7 @@ def assemble(p, s, lo, hi):
         right[i] = s.miss[i]
         for j in range(i + 1):
             schur[i][j] = 0.0
-    for k in range(p.count):
+    for k in range(p.size):
         # the block's inverse over the speeds that are free
         uu, ul, ll = s.hessian[k][0], s.hessian[k][1], s.hessian[k][2]
         i, j = 2 * k, 2 * k + 1
@@ -336,7 +336,7 @@ def correct(p, s):
     b2 = 0.0 if s.gone[2] else s.miss[2]
     b3 = 0.0 if s.gone[3] else s.miss[3]
     v0, v1, v2, v3 = substitute(s, b0, b1, b2, b3)
-    for i in range(2 * p.count):
+    for i in range(2 * p.size):
         reply = s.reply[i]
         s.step[i] = v0 * reply[0] + v1 * reply[1] + v2 * reply[2] + v3 * reply[3]
     move(p, s)
@@ -357,7 +357,7 @@ def quadratic_step(p, s, lo, hi):
             break
         v0, v1, v2, v3 = substitute(s, s.right[0], s.right[1], s.right[2], s.right[3])
         s.price[0], s.price[1], s.price[2], s.price[3] = v0, v1, v2, v3
-        for i in range(2 * p.count):
+        for i in range(2 * p.size):
             reply = s.reply[i]
             s.step[i] = s.own[i] + v0 * reply[0] + v1 * reply[1] + v2 * reply[2] + v3 * reply[3]
         if priced_out(p, s):
@@ -378,7 +378,7 @@ def priced_out(p, s):
     for j in range(4):
         if s.gone[j]:
             left = s.miss[j]
-            for i in range(2 * p.count):
+            for i in range(2 * p.size):
                 left -= s.jacobian[i][j] * s.step[i]
             if left * s.gone[j] < 0.0:
                 count += 1
@@ -391,7 +391,7 @@ def revise(p, s, lo, hi):
     """Primal-dual update of the active set: hold what would leave its bounds, free what is pushed inward."""
     changed = 0
     price = s.price
-    for i in range(2 * p.count):
+    for i in range(2 * p.size):
         if hi[i] <= lo[i]:
             continue
         if s.act[i] == 0:
@@ -442,7 +442,7 @@ def dual_slope(p, s, lo, hi):
     """Steps of all arms for the prices; the wrench they still miss, to first order."""
     for j in range(4):
         s.dual[j] = s.miss[j]
-    for k in range(p.count):
+    for k in range(p.size):
         box_arm(s, k, lo, hi)
         for i in range(2 * k, 2 * k + 2):
             for j in range(4):
@@ -575,7 +575,7 @@ def persist(p, s):
 
     Returns the steps taken, negative when there were too many.
     """
-    n = 2 * p.count
+    n = 2 * p.size
     radius = 0.3
     miss(p, s)
     here = merit(p, s)
@@ -613,7 +613,7 @@ def persist(p, s):
 def promise(p, s):
     """What the quadratic problem says that its step is worth in merit."""
     gain = 0.0
-    for k in range(p.count):
+    for k in range(p.size):
         du, dl, block = s.step[2 * k], s.step[2 * k + 1], s.hessian[k]
         gain -= du * (s.slope[2 * k] + 0.5 * block[0] * du + block[1] * dl)
         gain -= dl * (s.slope[2 * k + 1] + 0.5 * block[2] * dl)
@@ -638,7 +638,7 @@ def remember(p, s, which):
     for j in range(4):
         s.old_mu[which][j] = s.old_mu[LAST][j]
         s.old_price[which][j], s.old_gone[which][j] = s.price[j], s.gone[j]
-    for i in range(2 * p.count):
+    for i in range(2 * p.size):
         s.old_x[which][i], s.old_act[which][i] = s.x[i], s.act[i]
 
 
@@ -646,7 +646,7 @@ def recall(p, s, which):
     """Stand where `remember` stood."""
     for j in range(4):
         s.price[j], s.gone[j] = s.old_price[which][j], s.old_gone[which][j]
-    for i in range(2 * p.count):
+    for i in range(2 * p.size):
         s.x[i], s.act[i] = s.old_x[which][i], s.old_act[which][i]
 
 
@@ -659,7 +659,7 @@ def start(p, s):
     jump = away(s, LAST)
     if jump < JUMP:
         ahead, last = s.smooth[0], s.old_x[LAST]
-        for i in range(2 * p.count):
+        for i in range(2 * p.size):
             at = s.x[i]
             s.x[i], last[i] = at + ahead * (at - last[i]), at
         s.smooth[0] = 1.0
@@ -673,7 +673,7 @@ def start(p, s):
         s.smooth[0] = 0.0
     for j in range(4):
         s.old_mu[LAST][j] = s.mu[j]
-    for i in range(2 * p.count):
+    for i in range(2 * p.size):
         s.x[i] = min(max(s.x[i], p.lo[i]), p.hi[i])
         if p.hi[i] <= p.lo[i]:
             s.act[i] = -1
@@ -681,7 +681,7 @@ def start(p, s):
 
 def restart(p, s):
     """The middle of the bounds, nothing held, nothing priced."""
-    for i in range(2 * p.count):
+    for i in range(2 * p.size):
         s.x[i] = 0.5 * (p.lo[i] + p.hi[i])
         s.act[i] = 0 if p.hi[i] > p.lo[i] else -1
     for j in range(4):
@@ -709,11 +709,11 @@ def optimum(p, s, limit):
     sure = persist(p, s)
     miss(p, s)
     before = merit(p, s)
-    for i in range(2 * p.count):
+    for i in range(2 * p.size):
         s.kept[i] = s.x[i]
     steps, rounds = solve(p, s, limit)
     if merit(p, s) > before + 1e-11 or steps < 0:
-        for i in range(2 * p.count):
+        for i in range(2 * p.size):
             s.x[i] = s.kept[i]
         miss(p, s)
         return spent + sure if sure > 0 else sure - spent, rounds
@@ -726,5 +726,5 @@ def batch(p, s, limit, demands, speeds):
         for j in range(4):
             s.mu[j] = demands[row][j]
         optimum(p, s, limit)
-        for i in range(2 * p.count):
+        for i in range(2 * p.size):
             speeds[row][i] = s.x[i]
