@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from coaxlink import files
-from coaxlink.mixer.exact import compiled
+from coaxlink.mixer.exact import ExactLaw, compiled
 from coaxlink.mixer.exact.native import NativeExact
 from coaxlink.vehicle import load_vehicle
 
@@ -41,3 +41,24 @@ def test_what_is_compiled_is_kept_by_every_source_of_the_law(tmp_path):
     assert compiled.source_digest(copy) == compiled.source_digest()
     (copy / "solver.py").write_text((copy / "solver.py").read_text() + "\n")
     assert compiled.source_digest(copy) != compiled.source_digest()
+
+
+@pytest.mark.slow
+def test_compiled_or_not_it_is_the_same_law_and_ten_thousand_wrenches_are_delivered():
+    x8 = load_vehicle(files.example("x8_paper.toml"))
+    fast, plain = ExactLaw(x8, compiled=True), ExactLaw(x8)
+    assert fast.compiled and not plain.compiled
+    rng = np.random.default_rng(4)
+    demands = rng.uniform([100, -6, -6, -3], [320, 6, 6, 3], (40, 4))
+    demands[::8, 3] = 20.0
+    rows = np.array([plain.speeds(d) for d in demands])
+    assert np.array([fast.speeds(d) for d in demands]) == pytest.approx(rows, abs=1e-7)
+    fast.reset()
+    assert fast.many(demands) == pytest.approx(rows, abs=1e-7)
+    frame, u = x8.airframe, rng.uniform(0.2, 0.9, (10_000, 8))
+    demands = frame.wrench(*frame.loads(x8.model, u))  # all within reach, most far from any hover
+    found = fast.many(demands)
+    assert found.min() >= 0.0 and found.max() <= 1.0
+    thrust, torque = frame.loads(x8.model, found)
+    assert np.abs(frame.wrench(thrust, torque) - demands).max() < 5e-7  # 1e-9 of the authority
+    assert ((torque * found).sum(axis=1) <= (frame.loads(x8.model, u)[1] * u).sum(axis=1) * (1 + 1e-9)).all()
