@@ -160,7 +160,7 @@ def fly_live(
     """
     from coaxlink.live.effects import LiveEffects
     from coaxlink.live.mixer import LiveMixer
-    from coaxlink.live.telemetry import Telemetry
+    from coaxlink.mavlink.telemetry import Telemetry
 
     def flown(sim: Simulation) -> tuple[Flight, Demands, dict[str, Any]]:
         demands = Demands()
@@ -173,7 +173,6 @@ def fly_live(
             extra = LiveEffects(session, vehicle, Telemetry(demands.now)) if vehicle.live_effects else None
             live = LiveMixer(
                 session, vehicle, law, own_curve=OWN_CURVE, compensation=extra, timing=PATIENT, witness=False,
-                lead_s=lead_s,
             )  # fmt: skip
             with live:
                 yield

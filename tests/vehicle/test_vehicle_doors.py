@@ -15,7 +15,6 @@ from coaxlink.files import example
 from coaxlink.live.effects import LiveEffects
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.mixer_core import MixCore
-from coaxlink.live.scripts.onboard import onboard_script
 from coaxlink.mixer import LAWS, allocate, make_law, reduced_coefficients, standard_coefficients
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import FittedLaw, fit_table
@@ -75,7 +74,9 @@ def test_no_public_function_takes_an_airframe_and_a_rotor_model_apart():
     """Where both stand beside each other an effect can be lost; what may still is named with its reason."""
     found = set()
     for module in pkgutil.walk_packages(cx.__path__, "coaxlink."):
-        if module.name.startswith(("coaxlink.cli", "coaxlink.studies.paper")) or module.name.endswith("__main__"):
+        if module.name.startswith(("coaxlink.cli", "coaxlink.studies.paper")) or module.name.endswith(
+            "__main__"
+        ):
             continue
         loaded = importlib.import_module(module.name)
         for thing in vars(loaded).values():
@@ -112,9 +113,8 @@ def test_every_law_answers_for_the_weak_rotor(law):
     assert np.abs(weak - healthy).max() > 0.01
 
 
-def test_tables_and_scripts_on_board_hold_the_effect_too():
+def test_tables_hold_the_effect_too():
     assert report_px4(Vehicle(X8, WEAK), "fitted").params != report_px4(Vehicle(X8, CRM), "fitted").params
-    assert onboard_script(Vehicle(X8, WEAK)) != onboard_script(Vehicle(X8, CRM))
 
 
 def test_the_script_that_flew_the_healthy_rotor_flies_the_refined_one(tmp_path):
@@ -143,7 +143,7 @@ def test_the_script_that_flew_the_healthy_rotor_flies_the_refined_one(tmp_path):
 def test_what_is_left_to_live_mixing_is_in_it_or_refused():
     live = Vehicle(X8, WEAK, measured_live=True)
     for door in (lambda: report_px4(live, "fitted"), lambda: report_ap(live, "reduced"),
-                 lambda: onboard_script(live), lambda: cx.make_table(live)):  # fmt: skip
+                 lambda: cx.make_table(live)):  # fmt: skip
         with pytest.raises(InputError, match="degraded_rotor: left to live mixing"):
             door()
     with pytest.raises(InputError, match="degraded_rotor: left to live mixing, and not in it"):
