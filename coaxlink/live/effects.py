@@ -41,7 +41,7 @@ Wrench = NDArray[np.float64]
 
 
 class LiveEffects:
-    """`command` and `wrench` for `MixCore`; `left_out` names the effects nothing is done about, and why.
+    """`factor` and `wrench` for `MixCore`; `left_out` names the effects nothing is done about, and why.
 
     `air_temperature_C` is the air's, which a barometer does not know.
     """
@@ -169,18 +169,12 @@ class LiveEffects:
         return [sum(a * v for a, v in zip(row, velocity, strict=True)) for row in rows]
 
     def loads(self, speeds: Sequence[float]) -> tuple[Wrench, Wrench]:
-        r, n = self._rotors, len(speeds)
-        thrust, torque = np.zeros(n), np.zeros(n)
-        for a, b in r.pairs:
-            u, v = float(speeds[a]), float(speeds[b])
-            thrust[a], torque[a] = r.upper_thrust.value(u, v), r.upper_torque.value(u, v)
-            thrust[b], torque[b] = r.lower_thrust.value(u, v), r.lower_torque.value(u, v)
-        for i in r.singles:
-            u = float(speeds[i])
-            thrust[i], torque[i] = r.upper_thrust.value(u, 0.0), r.upper_torque.value(u, 0.0)
-        return thrust, torque
+        """(N,) thrust in N and (N,) torque in N m of the rotor model."""
+        loads, n = np.array(self._rotors.loads(speeds)), len(speeds)
+        return loads[:n], loads[n:]
 
     def wrench_of(self, thrust: Wrench, torque: Wrench | None = None) -> Wrench:
+        """(4,) wrench of rotor loads."""
         n = len(thrust)
         out = self._rotors.per_load[:, :n] @ thrust
         return out if torque is None else out + self._rotors.per_load[:, n:] @ torque

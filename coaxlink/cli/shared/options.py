@@ -21,6 +21,7 @@ OPTIONS = {
     "fly_table_4": "--no-fly",
     "form": "--form",
     "forward": "--forward",
+    "frame_class": "--frame-class",
     "height_m": "--height",
     "join": "--join",
     "keep_gains": "--keep-gains",
