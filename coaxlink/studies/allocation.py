@@ -42,7 +42,7 @@ def errors_of_live(
 
     `as_paper` as above.
     """
-    from coaxlink.live.mixer import DemandScale
+    from coaxlink.live.mixer_core import DemandScale
     from coaxlink.mixer import standard_coefficients
 
     scale = DemandScale(vehicle.airframe, standard_coefficients(vehicle.model)).matrix

@@ -161,7 +161,7 @@ def fly_live(
     """
     from coaxlink.live.effects import LiveEffects
     from coaxlink.live.mixer import LiveMixer
-    from coaxlink.live.telemetry import Telemetry
+    from coaxlink.mavlink.telemetry import Telemetry
 
     called = law if isinstance(law, str) else law.name
 
@@ -176,7 +176,6 @@ def fly_live(
             extra = LiveEffects(session, vehicle, Telemetry(demands.now)) if vehicle.live_effects else None
             live = LiveMixer(
                 session, vehicle, law, own_curve=OWN_CURVE, compensation=extra, timing=PATIENT, witness=False,
-                lead_s=lead_s,
             )  # fmt: skip
             with live:
                 yield

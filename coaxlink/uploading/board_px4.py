@@ -1,9 +1,8 @@
-"""PX4 during an upload: parameters alone."""
+"""PX4 during an upload: parameters, held against the board's own list and saved before they are read back."""
 
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -60,7 +59,7 @@ class Px4Board(Board):
         return board_limits(self.files, self.session.identity)
 
     def saved(self, backup: Backup, snapshot: Snapshot, choice: Choice) -> Content:
-        """The chosen parameters of the backup."""
+        """The chosen parameters."""
         params = {n: v for n, v in backup.params.items() if choice.takes(n)}
         return Content(self._stored(params, backup.types, snapshot, known_only=True))
 
@@ -76,13 +75,14 @@ class Px4Board(Board):
             result = self._save()
             if result != mavlink.MAV_RESULT_ACCEPTED:
                 self._talk.say(f"it does not save on request (result {result}); waiting until it has")
-                time.sleep(_AUTOSAVE_S)
+                self.session.clock.sleep(_AUTOSAVE_S)
                 return
 
     def _save(self) -> int:
-        end = time.monotonic() + _SAVED_S
+        clock = self.session.clock
+        end = clock.monotonic() + _SAVED_S
         while True:
             result = self.session.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1.0, timeout_s=0.4, tries=24)
-            if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or time.monotonic() > end:
+            if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or clock.monotonic() > end:
                 return result
-            time.sleep(0.05)
+            clock.sleep(0.05)

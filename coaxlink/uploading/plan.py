@@ -40,7 +40,7 @@ class Plan:
     params: Mapping[str, Number]
     types: Mapping[str, int]  # MAV_PARAM_TYPE
     notes: tuple[str, ...] = field(default=())
-    cargo: Mapping[str, bytes] = field(default_factory=dict)  # ArduPilot's scripts by name
+    scripts: Mapping[str, bytes] = field(default_factory=dict)  # ArduPilot's, by name
 
     @property
     def rotor_count(self) -> int | None:

@@ -70,7 +70,7 @@ def verify(
         found = parameters.read_many(plan.params, missing_ok=True)
         wanted = _wanted(plan, parameters, found)
         source = ", ".join(map(str, plan.files))
-        crcs = {name: scripts.file_crc(data) for name, data in plan.cargo.items()}
+        crcs = {name: scripts.file_crc(data) for name, data in plan.scripts.items()}
     elif last is not None:
         wanted, source, crcs = dict(last.values), f"upload of {last.time}", last.scripts
         found = parameters.read_many(wanted, missing_ok=True)

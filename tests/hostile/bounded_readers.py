@@ -42,11 +42,9 @@ def readers() -> dict[str, Callable[[Path], object]]:
     """What each kind of file goes through before coaxlink acts on it."""
     from sound_files import PX4, stand_rows
 
-    from coaxlink.airframe import load_airframe
     from coaxlink.cli.shared.board_source import layout_of_file
     from coaxlink.cli.shared.effects import vehicle_of
     from coaxlink.data import is_flight_log, read_flight_log, read_stand_log
-    from coaxlink.live.attitude_loop import load_gains
     from coaxlink.live.record import read_record
     from coaxlink.mavlink.signing import Signer, load_key
     from coaxlink.rotor import load_rotor_model, save_rotor_model
@@ -146,7 +144,6 @@ def readers() -> dict[str, Callable[[Path], object]]:
         "signing key": signing_key,
         "board's limits": limits,
         "live record": read_record,
-        "loop gains": lambda path: (load_gains(path), load_airframe),
         "truth": lambda path: truth_text(read_truth(path)),
         "truth of a stand": read_bench,
         "schedule": read_schedule,
