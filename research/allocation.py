@@ -36,7 +36,7 @@ Quadratic = Callable[..., tuple[Any, Any]]  # (H, g, J, missing, low, high) to t
 
 
 def smooth(rows: int) -> np.ndarray:
-    """1 kHz; 4 % of the rows ask for more yaw than there is."""
+    """1 kHz; 4 % of the rows demand more yaw than there is."""
     t = np.arange(rows) * 1e-3
     yaw = np.sin(2 * np.pi * 0.9 * t)
     yaw[(np.arange(rows) % 500) >= 480] += 9.0
@@ -247,7 +247,7 @@ def batch(demands: np.ndarray) -> float:
 
 
 def main() -> None:
-    """Run, print, and write what was asked for."""
+    """Run, print, write the JSON."""
     warnings.filterwarnings("ignore")
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=int, default=1000)

@@ -1,4 +1,4 @@
-"""What a vehicle is asked for: wrenches over an envelope, and wrenches of an autopilot's demands."""
+"""What is demanded of a vehicle: wrenches over an envelope, and an autopilot's demands as wrenches."""
 
 from __future__ import annotations
 

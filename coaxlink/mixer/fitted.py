@@ -63,7 +63,7 @@ class Trade:
 class FittedTable:
     """An autopilot's table: what it shall believe that each rotor does at setpoint 1.
 
-    Its rotors stand upright where the real ones lean: PX4 asks its pseudo-inverse for no sideways force, and
+    Its rotors stand upright where the real ones lean: PX4's pseudo-inverse demands no sideways force, and
     coaxial arms that lean could only obey by playing upper against lower rotors over their small distance,
     with enormous columns.
     """

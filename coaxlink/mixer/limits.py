@@ -1,4 +1,4 @@
-"""What a user may ask of a fitted table besides being right: limits, and the TOML file that states them.
+"""What a user may require of a fitted table besides being right: limits, and the TOML file that states them.
 
     [[limit]]
     kind = "ceiling_N"      # level thrust when the first rotor is at full speed

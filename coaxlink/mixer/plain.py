@@ -1,7 +1,7 @@
 """The rotors of one airframe as plain numbers: speeds to loads to wrench in tens of microseconds.
 
-The same physics as `Airframe.loads` and `Airframe.wrench`, for laws and the live loop, which ask one point
-at a time: a `Polynomial` of numpy arrays alone costs tens of microseconds a call.
+The same physics as `Airframe.loads` and `Airframe.wrench`, for laws and the live loop, which evaluate one
+point at a time: a `Polynomial` of numpy arrays alone costs tens of microseconds a call.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ FLAGS = ("roll", "pitch", "yaw", "throttle_lower", "throttle_upper")
 
 @dataclass(frozen=True)
 class Demand:
-    """What the attitude controller asks of the mixer, and the state the motors are in."""
+    """What the attitude controller demands of the mixer, and the state the motors are in."""
 
     roll: float
     pitch: float
