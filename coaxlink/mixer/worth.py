@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import AXES, Airframe
+from coaxlink.airframe import AXES
 from coaxlink.constants import GRAVITY_M_S2, RAD_S_PER_RPM
 from coaxlink.mixer.demands import Speeds, envelope
-from coaxlink.rotor import RotorModel
 from coaxlink.vehicle import Vehicle
 from coaxlink.vehicle.changed_model import scaled_speed
 
@@ -114,12 +113,11 @@ def weigh(
     heavy: float = HEAVY,
 ) -> Worth:
     """What `speeds` is worth on the vehicle; `light` and `heavy` are shares of the vehicle's mass."""
-    airframe, model = vehicle.airframe, vehicle.model
-    fly = Flown(airframe, model, speeds)
+    airframe = vehicle.airframe
+    fly, drained = Flown(vehicle, speeds), Flown(vehicle, speeds, SAG)
     weight = airframe.mass_kg * GRAVITY_M_S2
     top = fly.ceiling()
     hover = solve(fly.lift, weight)
-    drained = Flown(airframe, scaled_speed(model, SAG), speeds)
     hard = HARD * np.abs(envelope(airframe, 2000)[:, 1:]).max(axis=0)
     hold = (light * airframe.mass_kg, heavy * airframe.mass_kg)
     if hover is None:
@@ -163,8 +161,10 @@ def solve(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
 class Flown:
     """A table on rotors: demands (4,) [thrust, roll, pitch, yaw] to what is delivered."""
 
-    def __init__(self, airframe: Airframe, model: RotorModel, speeds: Speeds) -> None:
-        self.airframe, self.model, self._speeds = airframe, model, speeds
+    def __init__(self, vehicle: Vehicle, speeds: Speeds, full_speed: float = 1.0) -> None:
+        """`full_speed`: what a command of 1 brings, of the speed it brings on a full pack."""
+        self.airframe, self.model = vehicle.airframe, scaled_speed(vehicle.model, full_speed)
+        self._speeds = speeds
         self.least = float(np.min(speeds(0.0, 0.0, 0.0, 0.0)))  # ArduPilot's rotors never stand still
 
     def speeds(self, demand: Array) -> Array:

@@ -48,7 +48,7 @@ class Behaviour:
 
 def behaviour(vehicle: Vehicle, speeds: Speeds) -> Behaviour:
     """Fly a table by the rotor model, without an airframe in motion."""
-    fly = Flown(vehicle.airframe, vehicle.model, speeds)
+    fly = Flown(vehicle, speeds)
     hover = solve(fly.lift, vehicle.airframe.mass_kg * GRAVITY_M_S2)
     at = np.array([1.0 if hover is None else hover, 0.0, 0.0, 0.0])
     gain, authority, cross = [], [], []

@@ -36,6 +36,7 @@ def mean_error(airframe, speeds):
     return np.abs(airframe.wrench(*loads) - wrenches).mean(axis=0)
 
 
+@pytest.mark.slow
 def test_px4s_own_law_delivers_the_wrench():
     for name, close in CLOSE.items():
         airframe, table = fitted(name)
@@ -67,6 +68,7 @@ def test_ardupilots_own_law_delivers_it_too():
     assert mean[0] < 0.15 and mean[1:].max() < 0.05
 
 
+@pytest.mark.slow
 def test_it_costs_next_to_no_power_and_keeps_the_ceiling():
     _, table = fitted("x8_paper")
     assert abs(table.chosen.power_excess) < 0.002 and table.chosen.ceiling_N > 400.0
@@ -79,6 +81,7 @@ def test_it_costs_next_to_no_power_and_keeps_the_ceiling():
     assert mixed.chosen.error[0] < 0.25 and abs(mixed.chosen.power_excess) < 0.03
 
 
+@pytest.mark.slow
 def test_a_model_a_little_off_has_as_good_a_table():
     # a model updated by flights moves by per cents; its table on itself must not jump
     airframe, found = fitted("y6")[0], {}

@@ -24,6 +24,7 @@ from coaxlink.tables.px4 import px4_speeds, report_px4
 from coaxlink.tables.worth import CURVED, DEFAULTS, LIVE, px4_worths
 from coaxlink.vehicle import Vehicle
 
+pytestmark = pytest.mark.slow  # every table of the vehicle is made and weighed
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FRAME = load_airframe(EXAMPLES / "x8_paper.toml")
 MODEL = load_rotor_model(EXAMPLES / "rotor_paper.toml")
@@ -141,7 +142,6 @@ def test_power_and_ceiling_are_the_rotor_files_own(name: str):
     assert row.minutes(700.0, 0.8) == pytest.approx(60.0 * 700.0 * 0.8 / row.hover_W)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_the_first_rotor_at_its_bound_is_the_one_of_a_fine_grid(name: str):
     hover = _hover(name)

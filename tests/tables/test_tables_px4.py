@@ -77,6 +77,7 @@ def test_a_law_without_a_table_and_a_trap_are_refused():
         tables.refuse_traps(report)
 
 
+@pytest.mark.slow
 def test_a_table_of_leaning_rotors_that_turns_the_vehicle_the_other_way_is_refused():
     tilted = EXAMPLES / "coax_tilted.toml"
     airframe, model = load_airframe(tilted), load_rotor_model(EXAMPLES / "rotor_paper.toml")

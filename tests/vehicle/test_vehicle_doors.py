@@ -90,6 +90,7 @@ TAKE_BOTH = {
 }
 
 
+@pytest.mark.slow
 def test_every_law_and_table_answers_for_the_weak_rotor():
     for law in LAWS:
         healthy, weak = (make_law(law, Vehicle(X8, m)).speeds(HOVER) for m in (CRM, WEAK))

@@ -140,6 +140,7 @@ def test_a_pair_at_another_spacing_than_the_bench_had():
     assert "at which spacing" in unknown.left_out["rotor_spacing"]
 
 
+@pytest.mark.slow
 def test_the_linear_laws_know_a_weak_rotor_too():
     for law, share in (("fitted", 0.1), ("reduced", 0.8), ("standard", 0.8)):
         speeds = [make_law(law, of).speeds(DEMAND) for of in (Vehicle(X8, CRM), vehicle_with(WEAK))]
