@@ -114,10 +114,11 @@ def weigh(
 ) -> Worth:
     """What `speeds` is worth on the vehicle; `light` and `heavy` are shares of the vehicle's mass."""
     airframe = vehicle.airframe
-    fly, drained = Flown(vehicle, speeds), Flown(vehicle, speeds, SAG)
+    fly = Flown(vehicle, speeds)
     weight = airframe.mass_kg * GRAVITY_M_S2
     top = fly.ceiling()
     hover = solve(fly.lift, weight)
+    drained = Flown(vehicle, speeds, SAG)
     hard = HARD * np.abs(envelope(airframe, 2000)[:, 1:]).max(axis=0)
     hold = (light * airframe.mass_kg, heavy * airframe.mass_kg)
     if hover is None:
