@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rotor_bench import TRUTH
 
 from coaxlink.data import Samples, read_stand_log
 from coaxlink.errors import InputError
@@ -14,17 +15,10 @@ from coaxlink.rotor import RotorModel
 from coaxlink.rotor.efficiency import measured_efficiency, shaft_power, split_curves
 
 SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "coax"
-LOADS = ("upper.thrust_N", "upper.torque_Nm", "lower.thrust_N", "lower.torque_Nm")
-EQ17 = (
-    {"u_u^2": 55.9517, "u_u": 22.4464},
-    {"u_u^2": 1.2437, "u_u": 0.7155},
-    {"u_u^2 u_l^2": 2.755, "u_l^2": 64.721, "u_u u_l": -2.547, "u_l": 12.402, "u_u^2": -37.502, "1": 0.801},
-    {"u_u u_l^2": 0.307, "u_l^2": 1.466, "u_l": 0.573, "u_u^2": -0.695},
-)
 
 
 def model(*terms: dict[str, float]) -> RotorModel:
-    return RotorModel.from_terms("crm", 3000.0, dict(zip(LOADS, terms, strict=True)))
+    return RotorModel.from_terms("crm", 3000.0, dict(zip(TRUTH, terms, strict=True)))
 
 
 def log(**more: list[float]) -> Samples:
@@ -75,7 +69,7 @@ def test_two_equal_rotors_that_do_not_meet_share_equally() -> None:
 
 
 def test_splits_give_the_thrust_and_least_power_is_least() -> None:
-    pair = model(*EQ17)
+    pair = model(*TRUTH.values())
     thrust = np.linspace(20, 75, 6)
     equal, halves, least = split_curves(pair, thrust)
     for split in (equal, halves, least):
@@ -95,13 +89,13 @@ def test_splits_give_the_thrust_and_least_power_is_least() -> None:
 
 def test_hover_of_the_paper_needs_the_least_power_split() -> None:
     """49.05 N a pair: u = 0.441 / 0.648 by an independent solver (SLSQP on sum tau u)."""
-    least = split_curves(model(*EQ17), [49.05])[2]
+    least = split_curves(model(*TRUTH.values()), [49.05])[2]
     assert least.upper[0] == pytest.approx(0.441, abs=0.01)
     assert least.lower[0] == pytest.approx(0.648, abs=0.01)
 
 
 def test_what_cannot_be_lifted_is_nan() -> None:
-    for split in split_curves(model(*EQ17), [500.0]):
+    for split in split_curves(model(*TRUTH.values()), [500.0]):
         assert np.isnan(split.upper).all() and np.isnan(split.propeller).all()
 
 

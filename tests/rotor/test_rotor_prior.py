@@ -90,11 +90,22 @@ def test_what_is_not_printed_widens_the_intervals():
     assert any("figure of merit" in said for said in nothing.guessed)
 
 
-@pytest.mark.parametrize("diameter", [0.2, 0.9])
-def test_figures_of_no_propeller_are_refused(diameter):
+def test_figures_of_no_propeller_and_lengths_that_are_no_metres_are_refused():
     rpm = np.linspace(2000, 6000, 9)
-    with pytest.raises(InputError, match="no propeller of"):
-        pair_prior(table_of(rpm, 6.0e-7, 1.2e-8), Propeller(diameter, 0.1, diameter / 3))
+    for diameter in (0.2, 0.9):
+        with pytest.raises(InputError, match="no propeller of"):
+            pair_prior(table_of(rpm, 6.0e-7, 1.2e-8), Propeller(diameter, 0.1, diameter / 3))
+    wrong = {
+        "`diameter_m`: 0.03 to 2.5 m are expected, found 16": (16, 0.1),
+        "`spacing_m`": (0.4, 30.0),
+        "`pitch_m`: 0.06 to 0.48 m are expected, found 5 (5 in is 0.127 m)": (0.4, 0.1, 5),
+    }
+    for text, lengths in wrong.items():
+        with pytest.raises(InputError) as caught:
+            Propeller(*lengths)
+        assert text in str(caught.value)
+    with pytest.raises(InputError, match="more than 0"):
+        pair_prior(table_of(rpm, 6.0e-7, 1.2e-8), Propeller(DIAMETER, 0.2, PITCH), speed_max_rpm=0.0)
 
 
 SHEET = """Item,Prop,Throttle,Volts (V),Amps (A),Watts (W),Thrust (G),RPM,Torque (N*m)
