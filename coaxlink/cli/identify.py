@@ -152,10 +152,9 @@ def identify(
     for result, checked in zip(results, checks, strict=True):
         _print(result, checked)
     over = _over_spacing(results, spacings) if spacings else None
-    models = (
-        [over.at(over.middle if at_spacing is None else at_spacing)] if over else [r.model for r in results]
-    )
-    _save(models, out)
+    if out:
+        spaced = over and over.at(over.middle if at_spacing is None else at_spacing)
+        _save([spaced] if spaced else [result.model for result in results], out)
     planned = _plan(results, plan) if plan else [{} for _ in results]
     if json:
         _write_json(json, results, checks, planned, over)
@@ -188,10 +187,10 @@ def _print(result: Identification, checks: LogChecks) -> None:
         say(f"- {remark}")
 
 
-def _save(models: list[RotorModel], out: Path | None) -> None:
+def _save(models: list[RotorModel], out: Path) -> None:
     from coaxlink.rotor.model import save_rotor_model
 
-    for model, path in zip(models, _numbered(out, len(models)), strict=True) if out else ():
+    for model, path in zip(models, _numbered(out, len(models)), strict=True):
         save_rotor_model(path, model)
         say(f"wrote {path}")
 

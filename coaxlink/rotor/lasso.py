@@ -1,7 +1,7 @@
 """Eq. 4 of Berra, Trujillo and Heredia 2024 in both of its forms.
 
 penalty     minimise |X b - y|^2 / 2 + lambda |b|_1        the whole path, by scikit-learn's LARS
-tolerance   minimise |b|_1  such that  sqrt(mean((X b - y)^2)) <= eps   (the paper's) by cvxpy; eps in N or N m
+tolerance   minimise |b|_1  such that  sqrt(mean((X b - y)^2)) <= eps  (the paper's) by cvxpy; eps in N or N m
 
 Both work on the Gram matrix G = X'X, c = X'y, so their cost does not grow with the rows. cvxpy and
 scikit-learn are imported where they are used: each takes a second that most verbs need not wait for.

@@ -29,18 +29,13 @@ def rotor(**changed):
     return calibrated(blades(**changed), np.array([0.0083]), np.array([0.0008]))
 
 
-def test_a_lower_rotor_without_an_upper_one_is_a_rotor_alone():
-    thrust, torque = lower_shares(rotor(), 0.3, np.array([0.0]))
-    assert thrust[0, 0] == pytest.approx(1.0, abs=1e-6)
-    assert torque[0, 0] == pytest.approx(1.0, abs=1e-6)
-
-
 def test_the_faster_and_the_further_the_upper_rotor_the_more_its_wake_takes():
     free = rotor(upwash=0.0)
-    thrust, _ = lower_shares(free, 0.5, np.array([0.5, 1.0, 1.5]))
+    thrust, torque = lower_shares(free, 0.5, np.array([0.0, 0.5, 1.0, 1.5]))
+    assert (thrust[0, 0], torque[0, 0]) == pytest.approx((1.0, 1.0), abs=1e-6)  # alone
     assert np.all(np.diff(thrust[0]) < 0)
     near, _ = lower_shares(free, 0.1, np.array([1.0]))
-    assert thrust[0, 1] < near[0, 0] < 1  # further down the wake has sped up
+    assert thrust[0, 2] < near[0, 0] < 1  # further down the wake has sped up
 
 
 def test_solidity_and_drag_make_the_rotor_that_they_were_told_from():

@@ -48,23 +48,8 @@ def test_auto_takes_it_where_no_polynomial_follows_and_says_so_first(found: Iden
 
 
 @pytest.mark.slow
-def test_the_channel_that_is_named_is_one_in_which_it_is_so() -> None:
-    """One load alone is no polynomial, and it is not the first of the channels."""
-    pair = polynomial_pair()
-    u, v = pair["upper_rpm"] / 5000, pair["lower_rpm"] / 5000
-    stalls = pair["lower_torque_Nm"] + 0.12 * np.tanh(6.0 * (u / v - 1.0)) * v**2
-    found = identify(pair.with_columns(lower_torque_Nm=stalls), "auto", options=Options(max_order=3))
-    note = found.notes[0]
-    assert found.form == "surface" and note.startswith("crm does not follow")
-    named = note[note.index("(") + 1 : note.index(" held out")]
-    errors = {form: found.comparison[form][named].rmse for form in ("crm", "surface")}
-    assert named.endswith("torque") and errors["crm"] > 1.1 * errors["surface"]
-    assert any(f"({named} held out: crm {errors['crm']:.3g}" in note for note in found.notes[1:])
-
-
-@pytest.mark.slow
 def test_the_requested_form_stays_and_the_surface_is_named() -> None:
-    chosen = identify(world(), "crm", options=Options(max_order=3))
+    chosen = identify(world(), "crm", options=Options(max_order=2))
     assert chosen.form == "crm"
     assert chosen.notes[0].startswith("crm does not follow") and "`form` surface" in chosen.notes[0]
 
@@ -84,26 +69,20 @@ def test_where_polynomials_follow_auto_keeps_one_and_a_surface_claims_nothing() 
         assert result.form == kept and not any("follow" in note for note in result.notes)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", ["few", "one rotor", "along one line", "upper stands", "noiseless"])
-def test_poor_logs_give_a_model_of_numbers(case: str) -> None:
+def test_poor_logs_give_a_model_of_numbers() -> None:
     full = world()
-    rows = np.arange(full.rows)
-    columns = {name: np.array(full[name]) for name in full.columns}
-    if case == "few":
-        columns = {name: x[rows[::20]] for name, x in columns.items()}
-    elif case == "one rotor":
-        columns["lower_rpm"] = np.zeros(len(rows))
-    elif case == "along one line":
-        columns["lower_rpm"] = columns["upper_rpm"].copy()
-    elif case == "upper stands":
-        columns["upper_rpm"] = np.full(len(rows), 3000.0)
-    else:
-        u, v = columns["upper_rpm"] / 6000, columns["lower_rpm"] / 6000
-        exact = {"upper_thrust_N": 50 * u**2, "upper_torque_Nm": u**2, "lower_thrust_N": 40 * v**2}
-        columns |= {**exact, "lower_torque_Nm": 0.9 * v**2}
-    model = identify(Samples(columns, "poor.csv"), "surface", compare=False).model
-    assert all(np.isfinite(list(terms.values())).all() for terms in model.terms().values())
+    u, v = full["upper_rpm"] / 6000, full["lower_rpm"] / 6000
+    exact = {"upper_thrust_N": 50 * u**2, "upper_torque_Nm": u**2, "lower_thrust_N": 40 * v**2}
+    poor = {
+        "few": full.take(np.arange(0, full.rows, 20)),
+        "one rotor": full.with_columns(lower_rpm=0 * v),
+        "along one line": full.with_columns(lower_rpm=6000 * u),
+        "upper stands": full.with_columns(upper_rpm=0 * u + 3000),
+        "noiseless": full.with_columns(**exact, lower_torque_Nm=0.9 * v**2),
+    }
+    for case, log in poor.items():
+        terms = identify(log, "surface", compare=False).model.terms().values()
+        assert all(np.isfinite(list(t.values())).all() for t in terms), case
 
 
 @pytest.mark.slow
