@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import coaxlink
 from coaxlink import load as module
@@ -55,6 +56,7 @@ def test_a_load_is_the_place_in_arrays_and_the_surface_of_a_model():
     assert again.terms() == model.terms() and list(model.terms()) == [load.key for load in Load]
 
 
+@pytest.mark.slow
 def test_no_other_place_spells_a_load():
     found = []
     for path in ROOT.rglob("*.py"):

@@ -167,7 +167,7 @@ def _deviations(degrees: NDArray[np.int64], size: float, shrink: float) -> Array
 
 
 def _rich(terms: tuple[str, ...], rows: int) -> list[str]:
-    """Terms that leave three rows each, lowest powers first: what a row is judged wild against."""
+    """Terms that leave three rows each, lowest powers first: what a row is judged outlying against."""
     ordered = sorted(terms, key=lambda name: sum(parse_term(name)))
     return ordered[: max(rows // 3, 1)]
 

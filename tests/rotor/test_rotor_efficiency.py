@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from rotor_bench import TRUTH
 
-from coaxlink.data import Samples, read_stand_log
+from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.efficiency import measured_efficiency, shaft_power, split_curves
-
-SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "coax"
 
 
 def model(*terms: dict[str, float]) -> RotorModel:
@@ -86,13 +83,3 @@ def test_hover_of_the_paper_needs_the_least_power_split() -> None:
     least = split_curves(model(*TRUTH.values()), [49.05, 500.0])[2]
     np.testing.assert_allclose((least.upper[0], least.lower[0]), (0.441, 0.648), atol=0.01)
     assert np.isnan((least.upper[1], least.lower[1], least.propeller[1])).all()
-
-
-@pytest.mark.shared_data
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared real data is not beside this checkout")
-def test_real_motors_are_motors() -> None:
-    found = measured_efficiency(read_stand_log(SHARED / "mn4014_16in_zD1.csv"))
-    assert found.motor is not None
-    driven = found.thrust_N > 15
-    assert 0.5 < np.median(found.motor[driven]) < 0.95
-    assert 0.05 < np.median(found.propeller[driven]) < 0.25

@@ -99,6 +99,7 @@ def test_what_a_line_of_speeds_means_for_a_table() -> None:
     assert "for a table: nothing" in for_the_table(full_map, "lower.thrust_N")
 
 
+@pytest.mark.slow
 def test_the_next_run_is_a_schedule_that_halves_the_error(tmp_path: Path) -> None:
     """On eq. 17 itself: errors of the fit over the table's speeds before and after the planned points."""
 

@@ -1,6 +1,7 @@
 """Physical sense on request: loads that rise and fall as rotors' do, where the free fit does not."""
 
 import numpy as np
+import pytest
 from rotor_bench import pair_log
 
 from coaxlink.data import Samples
@@ -55,6 +56,7 @@ def broken(model, fine: np.ndarray) -> dict[str, float]:
     return {name: -float(values.min()) for name, values in rising.items()}
 
 
+@pytest.mark.slow
 def test_the_rules_hold_between_the_points_and_up_to_full_speed() -> None:
     log = stand(1, 0.02, rig=0.8)
     free = identify(log, "crm", options=Options(max_order=2), compare=False)

@@ -1,9 +1,6 @@
-"""The prior of a pair: physics at its limits, readers of single-rotor tables, the interval against real
-pairs."""
+"""The prior of a pair: physics at its limits, readers of single-rotor tables (pairs: research/real_data)."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +10,6 @@ from coaxlink.errors import InputError
 from coaxlink.rotor.contracted_wake import Blades, calibrated, lower_shares
 from coaxlink.rotor.prior import Propeller, pair_prior
 
-SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "coax"
 DIAMETER, PITCH = 0.4115, 0.1346  # 16.2 x 5.3 in
 
 
@@ -71,6 +67,7 @@ def test_the_upper_rotor_is_the_tables_and_the_level_is_its_interval():
     assert again.model.terms() == prior.model.terms()
 
 
+@pytest.mark.slow
 def test_what_is_not_printed_widens_the_intervals():
     rpm = np.linspace(2000, 6000, 9)
     known = pair_prior(table_of(rpm, 6.0e-7, 1.2e-8), Propeller(DIAMETER, 0.2, PITCH))
@@ -138,18 +135,3 @@ def test_readers_of_every_layout_give_newtons(tmp_path):
     read = read_single_table(apc, d)
     assert read.origin is APC
     assert read.thrust_N == pytest.approx(0.118 * 1.225 * n**2 * d**4)
-
-
-@pytest.mark.shared_data
-@pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared/data: it is not redistributed")
-def test_the_interval_holds_a_pair_that_nothing_was_learned_from():
-    """pyBEMT's 28 in pair, 11.5 cm apart: single-rotor table only."""
-    from coaxlink.data import read_stand_log
-
-    table = read_single_table(SHARED / "tmotor28_data.csv", 0.7112)
-    prior = pair_prior(table, Propeller(0.7112, 0.115, 9.2 * 0.0254))
-    log = read_stand_log(SHARED / "tmotor28_coaxial_data.csv")
-    u, v = (log[f"{side}_rpm"] / prior.model.speed_max_rpm for side in ("upper", "lower"))
-    pair = prior.model.loads(u, v)
-    off = np.abs(log["lower_thrust_N"] - pair.lower_thrust) / prior.spread("lower.thrust_N", u, v)
-    assert np.mean(off < 1.96) >= 0.95
