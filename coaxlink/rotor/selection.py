@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -64,34 +63,24 @@ def fit_load(form: str, rows: LoadRows, options: Options) -> LoadFit:
 
 
 @dataclass(frozen=True)
-class _Path:
-    """The candidates of one order: a support and its least squares at every penalty."""
-
-    order: int
-    terms: list[str]
-    lambdas: Array  # (L,)
-    refitted: Array  # (L, p)
-    errors: Array  # (K, L) squared error on each block
-
-
-@dataclass(frozen=True)
 class _Candidate:
-    """A refitted model of one penalty, without its zero terms."""
+    """The terms that one penalty keeps, refitted."""
 
     tried_at: int  # order of the dictionary that it was found in
     lam: float
-    terms: dict[str, float]
+    terms: dict[str, float]  # without the zeros
     order: int  # of the smallest dictionary that holds its terms
 
 
 def _by_cross_validation(rows: LoadRows, options: Options) -> LoadFit:
-    dictionary = partial(load_terms, "crm", rows.load)
     tried = orders(rows.load, len(rows.y), options.max_order)
-    tried = [o for o in tried if o == tried[0] or _determined(rows.design(dictionary(o)))]
-    richest = rows.design(dictionary(tried[-1]))
+    designs = {o: rows.design(load_terms("crm", rows.load, o)) for o in tried}
+    tried = [o for o in tried if o == tried[0] or _determined(designs[o])]
+    richest = designs[tried[-1]]
     weights = noise_weights(richest, rows.y, row_weights(richest, rows.y))
-    paths = [_path(order, dictionary(order), rows, weights, options.standardised) for order in tried]
-    return _one_standard_error(paths, rows, weights)
+    found = [_candidates(order, designs[order], rows, weights, options.standardised) for order in tried]
+    candidates = [c for of_order, _ in found for c in of_order]
+    return _one_standard_error(candidates, np.concatenate([e for _, e in found], axis=1), rows, weights)
 
 
 def _determined(X: Array) -> bool:
@@ -106,10 +95,12 @@ def _term_scale(X: Array, standardised: bool) -> Array:
     return np.where(scale > 0, scale, 1.0)
 
 
-def _path(order: int, terms: list[str], rows: LoadRows, weights: Array, standardised: bool) -> _Path:
-    X, y = rows.design(terms), rows.y
+def _candidates(
+    order: int, X: Array, rows: LoadRows, weights: Array, standardised: bool
+) -> tuple[list[_Candidate], Array]:
+    """A candidate a penalty (L) of an order's design (n, p), and its squared error on each block (K, L)."""
     scale = _term_scale(X, standardised)
-    Z = X / scale
+    Z, y = X / scale, rows.y
     G, c, yy = [], [], []
     for name in np.unique(rows.fold):
         block = rows.fold == name
@@ -120,24 +111,32 @@ def _path(order: int, terms: list[str], rows: LoadRows, weights: Array, standard
     G_blocks, c_blocks = np.array(G), np.array(c)
     G_all, c_all = G_blocks.sum(axis=0), c_blocks.sum(axis=0)
     lambdas = np.append(lambda_grid(c_all, PENALTIES), 0.0)  # the whole dictionary is a candidate
-    errors = block_errors(G_blocks, c_blocks, np.array(yy), lambdas)
     coefficients = refitted(G_all, c_all, lasso_path(G_all, c_all, lambdas)) / scale
-    return _Path(order, terms, lambdas / len(y), coefficients, errors)
+    terms, lowest = load_terms("crm", rows.load, order), orders(rows.load, len(y))[0]
+    candidates = []
+    for lam, b in zip(lambdas / len(y), coefficients, strict=True):
+        model = dict(nonzero(terms, b))
+        own_order = max([lowest, *(max(parse_term(term)) for term in model)])
+        candidates.append(_Candidate(order, float(lam), model, own_order))
+    return candidates, block_errors(G_blocks, c_blocks, np.array(yy), lambdas)
 
 
-def _one_standard_error(paths: Sequence[_Path], rows: LoadRows, weights: Array) -> LoadFit:
+def _one_standard_error(
+    candidates: Sequence[_Candidate], errors: Array, rows: LoadRows, weights: Array
+) -> LoadFit:
     """The lowest order, then the fewest of its terms, within one standard error (paired) of the best.
 
     The order is settled before the values are held against their intervals: choosing it by them would spoil
     what the intervals promise. Supports that the order's dictionary contradicts are passed over; when it
     contradicts all of them (collinear speeds), the intervals take the fewest terms for granted.
     """
-    # (K, candidates); what rounding makes of a Gram matrix is no difference: a log without noise has no other
-    rounding = ROUNDING**2 * float(weights @ rows.y**2) / len(paths[0].errors)
-    errors = np.maximum(np.concatenate([p.errors for p in paths], axis=1), rounding)
-    total = errors.sum(axis=0)
-    excess = standard_errors_above(errors, errors[:, int(np.argmin(total))])
-    candidates = _candidates(paths, orders(rows.load, len(rows.y))[0])
+    # what rounding makes of a Gram matrix is no difference: one model is found at many penalties and orders
+    rounding = ROUNDING**2 * float(weights @ rows.y**2) / len(errors)
+    errors = np.maximum(errors, rounding)
+    total = np.array([float(f"{t:.10g}") for t in errors.sum(axis=0)])
+    best = errors[:, [int(np.argmin(total))]]
+    errors = np.where(np.abs(errors - best) > rounding, errors, best)
+    excess = standard_errors_above(errors, best[:, 0])
     order = min(c.order for c, e in zip(candidates, excess, strict=True) if e <= ONE_STANDARD_ERROR)
     of_order = [i for i, c in enumerate(candidates) if c.order == order]
     allowed = sorted(
@@ -160,16 +159,6 @@ def _one_standard_error(paths: Sequence[_Path], rows: LoadRows, weights: Array) 
         _history(candidates, np.sqrt(total / len(rows.y)), excess, chosen),
         alone=agreed is None,
     )
-
-
-def _candidates(paths: Sequence[_Path], lowest: int) -> list[_Candidate]:
-    found = []
-    for path in paths:
-        for lam, coefficients in zip(path.lambdas, path.refitted, strict=True):
-            model = dict(nonzero(path.terms, coefficients))
-            order = max([lowest, *(max(parse_term(term)) for term in model)])
-            found.append(_Candidate(path.order, float(lam), model, order))
-    return found
 
 
 def _history(
