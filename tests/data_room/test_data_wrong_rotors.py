@@ -166,7 +166,8 @@ def test_letters_on_poor_logs_are_right_or_asked_for(tmp_path: Path) -> None:
             for quantity, heading in SHOWN["letters"].items()
         }
         try:
-            log = read_stand([write(tmp_path / "log.csv", table(columns))], StandOptions(), lambda text: None)[0]
+            path = write(tmp_path / "log.csv", table(columns))
+            log = read_stand([path], StandOptions(), lambda text: None)[0]
         except InputError:
             continue
         decided += 1

@@ -14,12 +14,12 @@ from coaxlink.residual.experiments.manoeuvres import Manoeuvre
 from coaxlink.residual.experiments.stand_run import Experiment
 from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Suspect, Unexplained
 from coaxlink.rotor import load_rotor_model
-from coaxlink.rotor.model import EffectEntry
+from coaxlink.rotor.model import EffectEntry as Effect
 from coaxlink.studies import allocation
 from coaxlink.studies import loop as closed_loop
 
 CHANNELS = {"force_z": ChannelError("N", 0.2, 0.2, 0.2, (0.1, 0.3), (0.1, 0.3), 500, 0.3)}
-WEAK = EffectEntry("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.2})
+WEAK = Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.2})
 FOUND = FoundEffect("degraded_rotor", ("force_z",), (), {"force_z": (1.0, 0.2)}, {}, "")
 STRANGE = Unexplained("force_z", ("time_s",), 5.0, "time_s: +10 near 14")
 LIAR = Suspect("gyro_x_rad_s", "100-900", "stands still while the vehicle turns")
@@ -120,7 +120,7 @@ def test_what_separates_is_flown_if_asked_and_then_used(monkeypatch, tmp_path, c
 def test_what_no_mixer_can_take_back_is_named(monkeypatch, tmp_path, capsys):
     from dataclasses import replace
 
-    wind = EffectEntry("wind", {"north_m_s": 3.0, "east_m_s": 0.0, "drag_N_s_m": 1.0})
+    wind = Effect("wind", {"north_m_s": 3.0, "east_m_s": 0.0, "drag_N_s_m": 1.0})
     found = FoundEffect("wind", ("force_x",), (), {}, {}, "")
     Flights(monkeypatch, [lambda m: answer(replace(m, effects=(wind,)), (found,))])
     result = loop(tmp_path)

@@ -10,7 +10,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.errors import CheckFailed
 from coaxlink.fly.trajectory import Hold, Plan, Swing
 from coaxlink.rotor import load_rotor_model
-from coaxlink.rotor.model import EffectEntry
+from coaxlink.rotor.model import EffectEntry as Effect
 from coaxlink.studies import allocation, flights
 from coaxlink.studies import loop as closed_loop
 from coaxlink.vehicle import Vehicle
@@ -23,7 +23,7 @@ PLAN = Plan(
     (Hold("hover", HOVER, 3.0), Swing("to and fro", HOVER, NORTH, 7.5, 3), Swing("up", HOVER, UP, 6.0, 3))
 )
 # the world's own law is another: thrust times 1 - r / (1 + |r|), r = 4 V / (u 105 m/s)
-INFLOW = EffectEntry("axial_inflow", {"thrust_per_climb_N_s_m": 2.5, "by_thrust": 1.0, "levelling_s_m": 0.05})
+INFLOW = Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.5, "by_thrust": 1.0, "levelling_s_m": 0.05})
 STALL_S = 1.0
 
 
