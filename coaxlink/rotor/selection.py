@@ -130,7 +130,8 @@ def _one_standard_error(
     what the intervals promise. Supports that the order's dictionary contradicts are passed over; when it
     contradicts all of them (collinear speeds), the intervals take the fewest terms for granted.
     """
-    # what rounding makes of a Gram matrix is no difference: one model is found at many penalties and orders
+    # what rounding makes of a Gram matrix is no difference (ten digits of the sums): one model is found at
+    # many penalties and orders
     rounding = ROUNDING**2 * float(weights @ rows.y**2) / len(errors)
     errors = np.maximum(errors, rounding)
     total = np.array([float(f"{t:.10g}") for t in errors.sum(axis=0)])
