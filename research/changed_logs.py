@@ -23,14 +23,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from coaxlink.cli.shared.stand import Reading, read_stand
+from coaxlink.cli.shared.stand import StandOptions, read_stand
 from coaxlink.errors import InputError
 from coaxlink.residual import refine_stand
 from coaxlink.rotor import RotorModel, load_rotor_model
 
 LOADS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
 MOST_ROWS = 1500  # of a log: time
-AS_WRITTEN = Reading(None, None, None, sheet=None, trust_units=True)
+AS_WRITTEN = StandOptions(None, None, None, sheet=None, trust_units=True)
 Columns = dict[str, np.ndarray]
 
 

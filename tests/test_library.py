@@ -11,7 +11,7 @@ import pytest
 
 import coaxlink as cx
 from coaxlink.files import example
-from coaxlink.rotor.model import Effect
+from coaxlink.rotor.model import EffectEntry as Effect
 from coaxlink.uploading.plan import load_plan
 from sim.testing import standin
 

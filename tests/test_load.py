@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import coaxlink
 from coaxlink import load as module
@@ -19,8 +20,8 @@ SPELLING = re.compile(r"(upper|lower)[._](thrust|torque)(_N|_Nm)?")
 # readers speak the contract's column names; the paper's own table has keys of its own
 ELSEWHERE = {
     "load.py": "where the spellings are",
-    "paper/contradictions.py": "printed.toml",
-    "paper/equations.py": "printed.toml",
+    "studies/paper/contradictions.py": "printed.toml",
+    "studies/paper/equations.py": "printed.toml",
 }
 
 
@@ -55,6 +56,7 @@ def test_a_load_is_the_place_in_arrays_and_the_surface_of_a_model():
     assert again.terms() == model.terms() and list(model.terms()) == [load.key for load in Load]
 
 
+@pytest.mark.slow
 def test_no_other_place_spells_a_load():
     found = []
     for path in ROOT.rglob("*.py"):

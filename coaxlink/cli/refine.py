@@ -21,8 +21,8 @@ from coaxlink.cli.shared.shell import (
 from coaxlink.cli.shared.stand import (
     ColumnsOption,
     PolesOption,
-    Reading,
     SheetOption,
+    StandOptions,
     UpperOption,
     read_stand,
 )
@@ -105,7 +105,8 @@ def refine(
     with talk().status("reading") as status:
         samples = []
         if not flight:
-            how = Reading(columns, upper, poles, sheet=sheet, trust_units=True)  # refine says what is suspect
+            # trusted: refine says what is suspect
+            how = StandOptions(columns, upper, poles, sheet=sheet, trust_units=True)
             samples = read_stand(logs, how, status.update)
         for path in logs if flight else ():
             status.update(f"reading {path.name}")
@@ -171,9 +172,9 @@ def _fleet(
 ) -> None:
     """Every log of a fleet by itself, and each vehicle over time. Raises InputError."""
     from coaxlink import files
-    from coaxlink.studies.campaign.fleet import RefineLog
     from coaxlink.cli.shared.fleet import tell_fleet
     from coaxlink.errors import InputError
+    from coaxlink.studies.campaign.fleet import RefineLog
 
     if count > 1:
         raise InputError(folder, "", "a fleet is one folder, with a folder a vehicle in it")

@@ -28,7 +28,7 @@ from coaxlink.errors import InputError
 from coaxlink.mavlink.clock import SYSTEM
 from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer.plain import PlainRotors
-from coaxlink.rotor.model import Effect
+from coaxlink.rotor.model import EffectEntry
 from coaxlink.vehicle import Vehicle, usual_lift
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class LiveEffects:
             for message_id, rate_hz in wanted_streams(self.names).items():
                 session.request_stream(message_id, rate_hz)
 
-    def _take(self, named: Effect) -> str:
+    def _take(self, named: EffectEntry) -> str:
         """Start to compensate an effect; or why nothing is done about it."""
         known = effect(named.name)
         if named.name == "mass_change":

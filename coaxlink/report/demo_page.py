@@ -15,7 +15,7 @@ from coaxlink.report.made import Made
 from coaxlink.report.page import found, pictures, provenance, sentence, tried
 from coaxlink.report.pictures.figures import write_figures
 from coaxlink.report.pictures.residual_plots import overview_figure
-from coaxlink.rotor.identification import COAXIAL
+from coaxlink.rotor.stand_data import COAXIAL
 
 HOW = (
     "One flight each: the same vehicle, path, full battery and noise, the autopilot's gains as they come. "

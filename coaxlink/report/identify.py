@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from coaxlink.load import Load
-from coaxlink.rotor.coverage import for_the_table
-from coaxlink.rotor.identification import COAXIAL, Identification
+from coaxlink.rotor.identification import Identification
+from coaxlink.rotor.log_checks import for_the_table
+from coaxlink.rotor.stand_data import COAXIAL
 
 SURFACES = ("load", "beyond the squares, RMS", "noise", "evidence, nats", "terms")
 FLOOR = "noise floor"
@@ -19,7 +20,6 @@ NAMES = {
     "rcrm": "R-CRM",
     "crm": "CRM",
     "surface": "surface",
-    "mutual": "mutual CRM",
 }
 
 

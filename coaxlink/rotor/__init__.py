@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from coaxlink.rotor.model import Effect, PairLoads, RotorModel, load_rotor_model, save_rotor_model
+from coaxlink.rotor.model import EffectEntry, PairLoads, RotorModel, load_rotor_model, save_rotor_model
 from coaxlink.rotor.polynomial import Polynomial
 
 if TYPE_CHECKING:
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from coaxlink.rotor.identification import Identification, identify
 
 __all__ = [
-    "Effect",
+    "EffectEntry",
     "Identification",
     "Options",
     "PairLoads",
@@ -23,7 +23,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # identification brings scipy and compiled code along: only who asks for it waits for it
+    # identification brings scipy along: only a caller that uses it waits for it
     if name in ("Identification", "Options", "identify"):
         from coaxlink.rotor import identification
 

@@ -22,6 +22,7 @@ from coaxlink.data import Samples
 from coaxlink.load import Load
 from coaxlink.rotor.model import RotorModel
 
+Array = NDArray[np.float64]
 SPLITS = ("equal speeds", "equal thrusts", "least power")
 OUT_OF_REACH_W = 1e12  # what a split costs that cannot give the thrust
 LEAST_W = 1.0  # below this a watt reading is the instrument's zero
@@ -31,10 +32,10 @@ LEAST_W = 1.0  # below this a watt reading is the instrument's zero
 class Measured:
     """Efficiencies of a stand log's rows; NaN where nothing is driven."""
 
-    thrust_N: NDArray[np.float64]  # (rows,)
-    propeller: NDArray[np.float64]  # (rows,) N/W
-    motor: NDArray[np.float64] | None  # (rows,) 1, None without voltage and current
-    overall: NDArray[np.float64] | None  # (rows,) N/W, None without voltage and current
+    thrust_N: Array  # (rows,)
+    propeller: Array  # (rows,) N/W
+    motor: Array | None  # (rows,) 1, None without voltage and current
+    overall: Array | None  # (rows,) N/W, None without voltage and current
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,10 @@ class Split:
     """How one way of sharing a thrust does, by the model."""
 
     name: str
-    thrust_N: NDArray[np.float64]  # (n,)
-    upper: NDArray[np.float64]  # (n,) normalised speed, NaN where the thrust cannot be had
-    lower: NDArray[np.float64]  # (n,)
-    propeller: NDArray[np.float64]  # (n,) N per shaft watt
+    thrust_N: Array  # (n,)
+    upper: Array  # (n,) normalised speed, NaN where the thrust cannot be had
+    lower: Array  # (n,)
+    propeller: Array  # (n,) N per shaft watt
 
 
 def measured_efficiency(samples: Samples) -> Measured:
@@ -55,25 +56,21 @@ def measured_efficiency(samples: Samples) -> Measured:
     thrust = samples[Load.UPPER_THRUST.column] + samples[Load.LOWER_THRUST.column]
     each = (samples[f"{s}_rpm"] * samples[f"{s}_torque_Nm"] for s in sides)
     shaft = RAD_S_PER_RPM * sum(each, np.zeros(samples.rows))
-    electrical = _electrical(samples)
-    motor = overall = None
-    if electrical is not None:
-        motor, overall = _over(shaft, electrical), _over(thrust, electrical)
-    return Measured(thrust, _over(thrust, shaft), motor, overall)
+    upper, lower = (electrical_power(samples, s) for s in sides)
+    if upper is None or lower is None:
+        return Measured(thrust, _over(thrust, shaft), None, None)
+    return Measured(thrust, _over(thrust, shaft), _over(shaft, upper + lower), _over(thrust, upper + lower))
 
 
-def _electrical(samples: Samples) -> NDArray[np.float64] | None:
-    """(rows,) watts into both motors, None where a voltage or a current was not measured."""
-    total = np.zeros(samples.rows)
-    for side in ("upper", "lower"):
-        voltage = next((n for n in (f"{side}_voltage_V", "voltage_V") if samples.has(n)), None)
-        if voltage is None or not samples.has(f"{side}_current_A"):
-            return None
-        total = total + samples[voltage] * samples[f"{side}_current_A"]
-    return total
+def electrical_power(samples: Samples, side: str) -> Array | None:
+    """(rows,) watts into a motor, None where its voltage or current was not measured."""
+    volts = next((n for n in (f"{side}_voltage_V", "voltage_V") if samples.has(n)), None)
+    if volts is None or not samples.has(f"{side}_current_A"):
+        return None
+    return np.asarray(samples[volts] * samples[f"{side}_current_A"])
 
 
-def _over(gain: NDArray[np.float64], cost: NDArray[np.float64]) -> NDArray[np.float64]:
+def _over(gain: Array, cost: Array) -> Array:
     spent = cost > LEAST_W
     return np.where(spent, gain / np.where(spent, cost, 1.0), np.nan)
 
@@ -95,7 +92,7 @@ def split_curves(model: RotorModel, thrust_N: ArrayLike) -> tuple[Split, ...]:
     return tuple(splits)
 
 
-def shaft_power(model: RotorModel, upper: ArrayLike, lower: ArrayLike) -> NDArray[np.float64]:
+def shaft_power(model: RotorModel, upper: ArrayLike, lower: ArrayLike) -> Array:
     """Watts at both shafts at normalised speeds, broadcast."""
     loads = model.loads(upper, lower)
     u, v = np.asarray(upper, float), np.asarray(lower, float)
@@ -119,7 +116,7 @@ def _on_ray(model: RotorModel, thrust: float, ratio: float) -> tuple[float, floa
 
 
 def _equal_thrusts(model: RotorModel, thrust: float) -> tuple[float, float]:
-    """Each rotor carries half: what Algorithm 1's pseudo-inverse asks for in hover."""
+    """Each rotor carries half: what Algorithm 1's pseudo-inverse demands in hover."""
     from scipy.optimize import brentq
 
     half = thrust / 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,28 +14,42 @@ from threadpoolctl import threadpool_limits
 from coaxlink import files
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.data import Samples
-from coaxlink.data.averaging import shortened
 from coaxlink.errors import InputError
-from coaxlink.load import Load, of_rotor
-from coaxlink.rotor import choice, forms
-from coaxlink.rotor.fit import OUTLYING, LoadFit, Options, huber_weights, least_squares, orders, row_weights
-from coaxlink.rotor.folds import blocks, folds
-from coaxlink.rotor.intervals import Intervals, term_intervals
-from coaxlink.rotor.metrics import NORMALISER, ChannelError, channel_error
+from coaxlink.load import Load
+from coaxlink.rotor.fit import (
+    FORMS,
+    ROWS_A_TERM,
+    Array,
+    LoadFit,
+    Options,
+    fit_shared,
+    least_squares,
+    load_terms,
+    orders,
+    row_weights,
+)
 from coaxlink.rotor.model import LOADS, RotorModel
-from coaxlink.rotor.noise import noise_floor
 from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.selection import fit_load
-from coaxlink.rotor.speeds import Speeds, normalised_speeds
+from coaxlink.rotor.stand_data import COAXIAL, StandData, Values, stand_data, unit_of
+from coaxlink.rotor.uncertainty import (
+    NORMALISER,
+    ONE_STANDARD_ERROR,
+    HeldOutError,
+    Intervals,
+    held_out_error,
+    noise_floor,
+    standard_errors_above,
+    term_intervals,
+)
 
-CHANNELS = {load.key: load.channel for load in Load}
-COAXIAL = {
-    "coaxial_thrust": (Load.UPPER_THRUST.key, Load.LOWER_THRUST.key),
-    "coaxial_torque": (Load.UPPER_TORQUE.key, Load.LOWER_TORQUE.key),
-}
 CORRELATED = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
-LAWS = {"surface": "the R-CRM's squares and a smooth discrepancy, marginal likelihood, blocks held out"}
-Values = dict[str, NDArray[np.float64]]  # load: (rows,), NaN where not measured
+OUTLYING = 6.0  # standard deviations beyond which a row is reported
+EXACT = 1e-9  # of the largest load: what rounding of a fit leaves is no error
+SURE = 2.0  # standard errors: one in forty by chance
+METHODS = {"surface": "the R-CRM's squares and a smooth discrepancy, marginal likelihood, blocks held out"}
+LASSO = "LASSO on standardised terms, refitted on the support, blocks held out"
+Channels = Mapping[str, HeldOutError]  # of the coaxial sums and of each load
 
 
 @dataclass(frozen=True)
@@ -50,28 +64,13 @@ class Outlier:
 
 
 @dataclass(frozen=True)
-class StandData:
-    """What identification sees of a log: speeds, measured loads, folds."""
-
-    samples: Samples
-    speeds: Speeds
-    loads: Values
-    fold: NDArray[np.int64]  # (rows,)
-
-    @property
-    def measured(self) -> tuple[str, ...]:
-        """The loads with enough rows to fit."""
-        return tuple(load for load in LOADS if np.isfinite(self.loads[load]).sum() >= 6)
-
-
-@dataclass(frozen=True)
 class Identification:
     """An identified model, and everything said about it."""
 
     form: str
     model: RotorModel
-    channels: Mapping[str, ChannelError]  # held out
-    comparison: Mapping[str, Mapping[str, ChannelError]]  # every form tried: its channels
+    channels: Channels  # held out
+    comparison: Mapping[str, Channels]  # every form tried
     noise_floor: Mapping[str, float]  # channel: N or N m
     fits: Mapping[str, LoadFit]
     intervals: Mapping[str, Intervals]  # of the coefficients, whatever terms there may be
@@ -79,36 +78,31 @@ class Identification:
     outliers: tuple[Outlier, ...]
     data: StandData
     predicted: Values  # held-out predictions of the chosen form
-    notes: tuple[str, ...] = field(default=())
-    without: Mapping[str, ChannelError] = field(
-        default_factory=dict
-    )  # held out, physical sense not asked for
+    notes: tuple[str, ...] = ()
+    without: Channels = field(default_factory=dict)  # held out, physical sense not requested
 
     def as_json(self) -> dict[str, Any]:
         """The contract's JSON of `identify`, and more."""
-        smooth = {load: vars(fit.smooth) for load, fit in self.fits.items() if fit.smooth}
+        fits = self.fits
+        smooth = {load: vars(fit.smooth) for load, fit in fits.items() if fit.smooth}
         return {
             "form": self.form,
             "speed_max_rpm": self.model.speed_max_rpm,
             "rows": self.data.samples.rows,
             "terms": self.model.terms(),
-            "channels": {name: error.as_json() for name, error in self.channels.items()},
+            "channels": _errors_json(self.channels),
             "nrmse_normaliser": NORMALISER,
             "noise_floor": dict(self.noise_floor),
-            "forms": {f: {n: e.as_json() for n, e in c.items()} for f, c in self.comparison.items()},
-            "intervals": {
-                load: {t: list(b) for t, b in i.bounds.items()} for load, i in self.intervals.items()
-            },
+            "forms": {form: _errors_json(channels) for form, channels in self.comparison.items()},
+            "intervals": {load: i.as_json() for load, i in self.intervals.items()},
             "standard_errors": {load: dict(i.standard_error) for load, i in self.intervals.items()},
             "standard_errors_given_the_terms": {
                 load: dict(i.standard_error) for load, i in self.given.items()
             },
             "indistinct": {load: [list(g) for g in i.indistinct] for load, i in self.intervals.items()},
-            "orders": {load: fit.order for load, fit in self.fits.items()},
+            "orders": {load: fit.order for load, fit in fits.items()},
             "selection": {
-                load: [vars(candidate) for candidate in fit.history]
-                for load, fit in self.fits.items()
-                if fit.history
+                load: [vars(step) for step in fit.history] for load, fit in fits.items() if fit.history
             },
             "wild_rows": [vars(row) for row in self.outliers],
             "notes": list(self.notes),
@@ -117,7 +111,7 @@ class Identification:
         }
 
     def _physical(self) -> dict[str, Any]:
-        """What asking for physical sense changed, and what that cost on held-out blocks."""
+        """What physical sense changed, and what that cost on held-out blocks."""
         return {
             "loads": {
                 load: {
@@ -129,26 +123,12 @@ class Identification:
                 for load, fit in self.fits.items()
                 if fit.broken
             },
-            "channels_without": {name: error.as_json() for name, error in self.without.items()},
+            "channels_without": _errors_json(self.without),
         }
 
 
-def stand_data(samples: Samples, speed_max_rpm: float | None = None) -> StandData:
-    """Speeds, loads and folds of a stand log. Raises InputError when nothing can be identified from it."""
-    samples = shortened(samples)
-    speeds = normalised_speeds(samples, speed_max_rpm)
-    # a rotor without its thrust makes no model; the lower one is only asked for where it turned
-    samples.require(*(load.column for load in of_rotor(0)))
-    if np.ptp(speeds.lower) > 0:
-        samples.require(*(load.column for load in of_rotor(1)))
-    loads: Values = {}
-    for load in LOADS:
-        name = load.replace(".", "_")
-        loads[load] = samples[name] if samples.has(name) else np.full(samples.rows, np.nan)
-    found = StandData(samples, speeds, loads, folds(blocks(samples, speeds)))
-    if not found.measured:
-        raise InputError(samples.source, "", f"too few rows to identify anything: {samples.rows}, 6 at least")
-    return found
+def _errors_json(channels: Channels) -> dict[str, Any]:
+    return {name: error.as_json() for name, error in channels.items()}
 
 
 def identify(
@@ -159,89 +139,73 @@ def identify(
     options: Options | None = None,
     compare: bool = True,
 ) -> Identification:
-    """Fit `form` (crm, rcrm, srm, cpcm, surface, mutual or auto) to a stand log.
+    """Fit `form` (crm, rcrm, srm, cpcm, surface or auto) to a stand log.
 
     Errors of all forms are held out in blocks; order, penalty and terms are chosen again without each block.
-    auto keeps the simplest form within one standard error of the best; without `compare` the form asked for
-    is the only one tried. Raises InputError.
+    auto keeps the simplest form within one standard error of the best; without `compare` the named form is
+    the only one tried. Raises InputError.
     """
-    options = options or Options()
     if form != "auto":
         try:
-            forms.load_terms(form, LOADS[0])
+            load_terms(form, LOADS[0])
         except ValueError as error:
             raise InputError("`form`", "", str(error)) from error
     with threadpool_limits(limits=1, user_api="blas"):  # of many small products: see `threads`
-        return _identified(stand_data(samples, speed_max_rpm), form, options, compare)
+        return _identified(stand_data(samples, speed_max_rpm), form, options or Options(), compare)
 
 
 def _identified(data: StandData, form: str, options: Options, compare: bool) -> Identification:
-    tried = [f for f in forms.FORMS if compare or form in (f, "auto")]
-    tried += [form] if form not in (*forms.FORMS, "auto") else []
-    predicted = {name: held_out(name, data, options) for name in tried}
-    comparison = {name: channel_errors(data, values) for name, values in predicted.items()}
-    chosen = choice.simplest(data, predicted) if form == "auto" else form
-    without: Mapping[str, ChannelError] = {}
-    if options.physical:
-        without = channel_errors(data, held_out(chosen, data, replace(options, physical=False)))
-    fits = fit_form(chosen, data, np.ones(data.samples.rows, bool), options)
-    intervals = {load: fit.intervals for load, fit in fits.items()}
-    rich = _scatter(data, options)
-    outliers = _outliers(data, rich)
-    terms = {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS}
-    model = RotorModel.from_terms(chosen, data.speeds.speed_max_rpm, terms)
-    notes = (
-        *choice.beyond(chosen, predicted, comparison, data),
-        *data.samples.notes,
-        *_notes(data, form, chosen, choice.reason(chosen, comparison)),
+    tried = [f for f in FORMS if compare or form in (f, "auto")]
+    predicted = {name: _held_out(name, data, options) for name in tried}
+    comparison = {name: _channel_errors(data, values) for name, values in predicted.items()}
+    chosen = _simplest(data, predicted) if form == "auto" else form
+    fits = fit_form(chosen, data, None, options)
+    residuals = _scatter(data, options)
+    model = RotorModel.from_terms(
+        chosen,
+        data.speeds.speed_max_rpm,
+        {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS},
     )
     result = Identification(
-        chosen, model, comparison[chosen], comparison, _floors(data, rich), fits, intervals,
-        _given(data, fits, options), outliers, data,
-        predicted[chosen], notes, without,
-    )  # fmt: skip
+        chosen,
+        model,
+        channels=comparison[chosen],
+        comparison=comparison,
+        noise_floor=_floors(data, residuals),
+        fits=fits,
+        intervals={load: fit.intervals for load, fit in fits.items()},
+        given={load: _given(data, load, fit) for load, fit in fits.items()},
+        outliers=tuple(_outliers(data, residuals)),
+        data=data,
+        predicted=predicted[chosen],
+        notes=(
+            *_beyond_polynomials(chosen, predicted, comparison, data),
+            *data.samples.notes,
+            *_notes(data, _reason(chosen, comparison) if form == "auto" else None),
+        ),
+        without=_channel_errors(data, _held_out(chosen, data, replace(options, physical=False)))
+        if options.physical
+        else {},
+    )
     return replace(result, model=replace(model, identified=_provenance(result)))
 
 
-def fit_form(form: str, data: StandData, rows: NDArray[np.bool_], options: Options) -> dict[str, LoadFit]:
-    """Every measured load of a form fitted on the masked rows (rows,)."""
+def fit_form(
+    form: str, data: StandData, among: NDArray[np.bool_] | None, options: Options
+) -> dict[str, LoadFit]:
+    """Every measured load of a form fitted on all rows, or on those of a mask (rows,)."""
+    rows = {load: data.rows(load, among) for load in data.measured}
+    if form != "srm":
+        return {load: fit_load(form, of_load, options) for load, of_load in rows.items()}
     fits: dict[str, LoadFit] = {}
-    for load in data.measured:
-        partner = forms.shared_load(form, load)
-        if partner in fits:
-            continue
-        y = data.loads[load]
-        mask = rows & np.isfinite(y)
-        u, v = data.speeds.upper[mask], data.speeds.lower[mask]
-        if form == "srm":
-            fits.update(_shared(load, data, rows))
-        else:
-            fits[load] = fit_load(form, load, u, v, y[mask], data.fold[mask], options)
+    for load in rows:
+        if load not in fits:
+            partner = Load.of(load).partner.key
+            fits |= fit_shared([rows[name] for name in (load, partner) if name in rows])
     return fits
 
 
-def _shared(load: str, data: StandData, rows: NDArray[np.bool_]) -> dict[str, LoadFit]:
-    """One k for both rotors (srm)."""
-    partner = Load.of(load).partner.key
-    pairs = [(load, data.speeds.upper if load.startswith("upper") else data.speeds.lower)]
-    if partner in data.measured:
-        pairs.append((partner, data.speeds.upper if partner.startswith("upper") else data.speeds.lower))
-    squares, values = [], []
-    for name, u in pairs:
-        mask = rows & np.isfinite(data.loads[name])
-        squares.append(u[mask] ** 2)
-        values.append(data.loads[name][mask])
-    x, y = np.concatenate(squares)[:, None], np.concatenate(values)
-    weights = huber_weights(x, y)[0]
-    k = least_squares(x, y, weights)
-    shared = {}
-    for name, _ in pairs:
-        term = f"u_{name[0]}^2"
-        shared[name] = LoadFit((term,), k, 2, 0.0, k, term_intervals((term,), x, y, weights))
-    return shared
-
-
-def held_out(form: str, data: StandData, options: Options) -> Values:
+def _held_out(form: str, data: StandData, options: Options) -> Values:
     """Predictions of each row by a model that has not seen its block."""
     predicted = {load: np.full(data.samples.rows, np.nan) for load in LOADS}
     for number in np.unique(data.fold):
@@ -251,105 +215,150 @@ def held_out(form: str, data: StandData, options: Options) -> Values:
     return predicted
 
 
-def channel_errors(data: StandData, predicted: Values) -> dict[str, ChannelError]:
+def _channel_errors(data: StandData, predicted: Values) -> Channels:
     """Errors of the coaxial channels and of each load."""
     errors = {}
-    for name, pair in COAXIAL.items():
-        if all(load in data.measured for load in pair):
-            measured, model = (np.sum([v[p] for p in pair], axis=0) for v in (data.loads, predicted))
-            errors[name] = channel_error(measured, model)
+    for name, (a, b) in COAXIAL.items():
+        if a in data.measured and b in data.measured:
+            errors[name] = held_out_error(data.loads[a] + data.loads[b], predicted[a] + predicted[b])
     for load in data.measured:
-        errors[CHANNELS[load]] = channel_error(data.loads[load], predicted[load])
+        errors[Load.of(load).channel] = held_out_error(data.loads[load], predicted[load])
     return errors
+
+
+def _simplest(data: StandData, predicted: Mapping[str, Values]) -> str:
+    """The first form of the ladder whose held-out error is within one standard error of the best."""
+    loss = _losses(data, predicted)
+    best = min(loss, key=lambda name: float(loss[name].sum()))
+    return next(
+        name for name in predicted if name == best or _above(loss[name], loss[best]) <= ONE_STANDARD_ERROR
+    )
+
+
+def _losses(data: StandData, predicted: Mapping[str, Values]) -> dict[str, Array]:
+    """{form: (folds,)} squared errors of every fold, each load in units of its best form's."""
+    loss = {}
+    for name, values in predicted.items():
+        squared = np.zeros(data.samples.rows)
+        for load in data.measured:
+            least = min(float(np.nanmean((data.loads[load] - p[load]) ** 2)) for p in predicted.values())
+            exact = (EXACT * float(np.nanmax(np.abs(data.loads[load])))) ** 2
+            squared += np.nan_to_num((data.loads[load] - values[load]) ** 2) / max(least, exact, 1e-300)
+        loss[name] = np.array([squared[data.fold == k].sum() for k in np.unique(data.fold)])
+    return loss
+
+
+def _above(loss: Array, other: Array) -> float:
+    return float(standard_errors_above(loss[:, None], other)[0])
+
+
+def _beyond_polynomials(
+    chosen: str, predicted: Mapping[str, Values], comparison: Mapping[str, Channels], data: StandData
+) -> Iterator[str]:
+    """What a surface follows and polynomials do not: as sure as auto is of it, else two standard errors."""
+    polynomial = "crm" if chosen == "surface" else chosen
+    if not {polynomial, "surface"} <= set(predicted) or not comparison[chosen]:
+        return
+    loss = _losses(data, {name: predicted[name] for name in (polynomial, "surface")})
+    if _above(loss[polynomial], loss["surface"]) <= (ONE_STANDARD_ERROR if chosen == "surface" else SURE):
+        return
+    channel = _clearest(comparison, polynomial, "surface")
+    mine, smooth = (
+        f"{comparison[form][channel].rmse:.3g} {unit_of(channel)}" for form in (polynomial, "surface")
+    )
+    errors = f"({channel} held out: {mine}, a smooth surface {smooth})"
+    ending = "the model is a smooth surface over both speeds" if chosen == "surface" else "see `form` surface"
+    yield f"{polynomial} does not follow this pair everywhere {errors}: {ending}"
+
+
+def _clearest(comparison: Mapping[str, Channels], worse: str, better: str) -> str:
+    """The channel in which the one form's held-out error is most above the other's."""
+    least = {c: max(error.rmse, 1e-300) for c, error in comparison[better].items()}
+    return max(least, key=lambda c: comparison[worse][c].rmse / least[c])
+
+
+def _reason(chosen: str, comparison: Mapping[str, Channels]) -> str:
+    """Why auto took a form: its held-out error beside that of the next simpler and the next richer one."""
+    why = f"auto: {chosen} is the simplest form within one standard error of the best"
+    tried = list(comparison)
+    index = tried.index(chosen)
+    beside = [tried[i] for i in (index - 1, index, index + 1) if 0 <= i < len(tried)]
+    if not comparison[chosen]:
+        return why
+    channel = _clearest(comparison, *beside[:2])
+    errors = ", ".join(f"{form} {comparison[form][channel].rmse:.3g} {unit_of(channel)}" for form in beside)
+    return f"{why} ({channel} held out: {errors})"
 
 
 def _scatter(data: StandData, options: Options) -> Values:
     """Residuals of the richest fit of each load (rows,): what is left is noise, or an outlier."""
     residuals = {}
     for load in data.measured:
-        mask = np.isfinite(data.loads[load])
-        y, u, v = data.loads[load][mask], data.speeds.upper[mask], data.speeds.lower[mask]
-        richest = forms.load_terms("mutual", load, orders("mutual", load, len(y), options)[-1])
-        if not np.any(v) or not np.any(u):
-            side = [u, v][not np.any(u)]
-            richest = forms.load_terms("crm", "upper", min(options.max_order, len(y) // 3))
-            Z = design_matrix(richest, side, side)
+        rows = data.rows(load)
+        count = len(rows.y)
+        if np.any(rows.upper) and np.any(rows.lower):
+            order = orders(Load.LOWER_THRUST.key, count, options.max_order)[-1]
+            X = rows.design(load_terms("crm", Load.LOWER_THRUST.key, order))
         else:
-            Z = design_matrix(richest, u, v)
-        b = least_squares(Z, y, huber_weights(Z, y)[0])
-        residuals[load] = np.full(len(mask), np.nan)
-        residuals[load][mask] = (y - Z @ b) * np.sqrt(len(y) / max(len(y) - Z.shape[1], 1))
+            alone = rows.upper if np.any(rows.upper) else rows.lower
+            order = min(options.max_order, count // ROWS_A_TERM)
+            X = design_matrix(load_terms("crm", Load.UPPER_THRUST.key, order), alone, alone)
+        b = least_squares(X, rows.y, row_weights(X, rows.y))
+        residuals[load] = np.full(data.samples.rows, np.nan)
+        degrees = max(count - X.shape[1], 1)
+        residuals[load][np.isfinite(data.loads[load])] = (rows.y - X @ b) * np.sqrt(count / degrees)
     return residuals
 
 
-def _given(data: StandData, fits: Mapping[str, LoadFit], options: Options) -> dict[str, Intervals]:
+def _given(data: StandData, load: str, fit: LoadFit) -> Intervals:
     """Intervals on the chosen terms alone: how well the rows fix the numbers once the terms are granted."""
-    found = {}
-    for load, fit in fits.items():
-        if fit.smooth:  # its prior is part of it: least squares on its terms alone says nothing
-            found[load] = fit.intervals
-            continue
-        nonzero = [t for t, b in zip(fit.terms, fit.coefficients, strict=True) if b != 0.0]
-        mask = np.isfinite(data.loads[load])
-        X = design_matrix(nonzero, data.speeds.upper[mask], data.speeds.lower[mask])
-        y = data.loads[load][mask]
-        found[load] = term_intervals(nonzero, X, y, row_weights(X, y, options))
-    return found
+    if fit.smooth:  # its prior is part of it: least squares on its terms alone says nothing
+        return fit.intervals
+    terms, rows = list(fit.polynomial.terms()), data.rows(load)
+    X = rows.design(terms)
+    return term_intervals(terms, X, rows.y, row_weights(X, rows.y))
 
 
 def _floors(data: StandData, residuals: Values) -> dict[str, float]:
-    floors = {}
+    sums = {
+        name: residuals[a] + residuals[b]
+        for name, (a, b) in COAXIAL.items()
+        if a in residuals and b in residuals
+    }
+    each = {Load.of(load).channel: residual for load, residual in residuals.items()}
     u, v = data.speeds.upper, data.speeds.lower
-    for name, pair in COAXIAL.items():
-        if all(load in residuals for load in pair):
-            floors[name] = noise_floor(u, v, np.sum([residuals[p] for p in pair], axis=0), 0)
-    for load, residual in residuals.items():
-        floors[CHANNELS[load]] = noise_floor(u, v, residual, 0)
-    return floors
+    return {name: noise_floor(u, v, residual) for name, residual in {**sums, **each}.items()}
 
 
-def _outliers(data: StandData, residuals: Values) -> tuple[Outlier, ...]:
-    found = []
+def _outliers(data: StandData, residuals: Values) -> Iterator[Outlier]:
     for load, residual in residuals.items():
         scale = SIGMA_PER_MAD * float(np.nanmedian(np.abs(residual)))
         for row in np.flatnonzero(np.abs(np.nan_to_num(residual)) > OUTLYING * max(scale, 1e-12)):
-            value = float(data.loads[load][row])
-            off = float(residual[row])
-            found.append(Outlier(data.samples.place(int(row)), load, value, value - off, abs(off) / scale))
-    return tuple(found)
+            value, off = float(data.loads[load][row]), float(residual[row])
+            yield Outlier(data.samples.place(int(row)), load, value, value - off, abs(off) / scale)
 
 
-def speed_correlation(speeds: Speeds) -> float:
-    """Correlation of the two speeds where both turn; 0 when a rotor also turns without the other."""
-    upper, lower = speeds.upper > 0, speeds.lower > 0
-    both = upper & lower
-    if both.sum() < 3 or both.sum() < 0.9 * (upper | lower).sum():
-        return 0.0
-    u, v = speeds.upper[both], speeds.lower[both]
-    return float(np.corrcoef(u, v)[0, 1]) if np.ptp(u) > 0 and np.ptp(v) > 0 else 0.0
-
-
-def _notes(data: StandData, requested: str, chosen: str, reason: str) -> Sequence[str]:
+def _notes(data: StandData, reason: str | None) -> Iterator[str]:
+    speeds = data.speeds
+    yield (
+        speeds.source
+        if speeds.from_throttle
+        else f"u = 1 is {speeds.speed_max_rpm:.0f} rpm ({speeds.source})"
+    )
     count = len(np.unique(data.fold))
-    said = [
-        f"u = 1 is {data.speeds.speed_max_rpm:.0f} rpm ({data.speeds.source})"
-        if not data.speeds.from_throttle
-        else data.speeds.source,
-        f"errors on held-out blocks: {count} sweeps or stretches, each left out once",
-        f"NRMSE = RMSE / ({NORMALISER})",
-    ]
-    if requested == "auto":
-        said.append(reason)
-    alike = speed_correlation(data.speeds)
+    yield f"errors on held-out blocks: {count} sweeps or stretches, each left out once"
+    yield f"NRMSE = RMSE / ({NORMALISER})"
+    if reason:
+        yield reason
+    alike = speeds.correlation()
     if alike > CORRELATED:
-        said.append(
+        yield (
             f"both speeds move together (correlation {alike:.5f}): the model holds along them only, "
             "what each rotor does to the other cannot be separated"
         )
     missing = [load for load in LOADS if load not in data.measured]
     if missing:
-        said.append(f"not measured, left without terms: {', '.join(missing)}")
-    return said
+        yield f"not measured, left without terms: {', '.join(missing)}"
 
 
 def _provenance(result: Identification) -> dict[str, Any]:
@@ -358,10 +367,8 @@ def _provenance(result: Identification) -> dict[str, Any]:
         "file": path.name,
         "sha256": files.sha256(path) if path.is_file() else "",
         "rows": result.data.samples.rows,
-        "law": LAWS.get(result.form, "LASSO on standardised terms, refitted on the support, blocks held out"),
-        "errors": {name: error.as_json() for name, error in result.channels.items()},
+        "law": METHODS.get(result.form, LASSO),
+        "errors": _errors_json(result.channels),
         "noise_floor": dict(result.noise_floor),
-        "intervals": {
-            load: {t: list(b) for t, b in i.bounds.items()} for load, i in result.intervals.items()
-        },
+        "intervals": {load: i.as_json() for load, i in result.intervals.items()},
     }

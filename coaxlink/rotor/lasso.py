@@ -1,10 +1,10 @@
-"""Eq. 4 of Berra, Trujillo and Heredia 2024 with cvxpy, in both of its forms.
+"""Eq. 4 of Berra, Trujillo and Heredia 2024 in both of its forms.
 
-penalty     minimise |X b - y|^2 / (2 n) + lambda |b|_1
-tolerance   minimise |b|_1  such that  sqrt(mean((X b - y)^2)) <= eps     (the paper's; eps in N or N m)
+penalty     minimise |X b - y|^2 / 2 + lambda |b|_1        the whole path, by scikit-learn's LARS
+tolerance   minimise |b|_1  such that  sqrt(mean((X b - y)^2)) <= eps  (the paper's) by cvxpy; eps in N or N m
 
-Both work on the Gram matrix, so their cost does not grow with the rows. The compiled path (rotor.path) gives
-the same optimum; the benchmarks hold one against the other.
+Both work on the Gram matrix G = X'X, c = X'y, so their cost does not grow with the rows. cvxpy and
+scikit-learn are imported where they are used: each takes a second that most verbs need not wait for.
 """
 
 from __future__ import annotations
@@ -15,7 +15,12 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
 ZERO = 1e-7  # of the largest term's contribution: below it a coefficient is a solver's remainder
+ROUNDED = 1e-12  # of the path's largest coefficient: what rounding leaves of one that has left the path
+PIVOT = 1e-13  # of a term's own square: below it the terms before it give the same column
+SCALE = 1e6  # largest correlation handed to LARS, whose steps end 1e-7 above zero
 
 
 class InfeasibleTolerance(ValueError):
@@ -26,22 +31,81 @@ class InfeasibleTolerance(ValueError):
         super().__init__(f"a tolerance of {eps:g} cannot be met: least squares leaves {least:.4g}")
 
 
-def penalty_form(X: NDArray[np.float64], y: NDArray[np.float64], lam: float) -> NDArray[np.float64]:
-    """(p,) coefficients of the penalty form for a design (n, p) and a target (n,)."""
+def lambda_grid(c: Array, count: int, ratio: float = 1e-5) -> Array:
+    """(count,) penalties from the smallest that leaves no term down to `ratio` of it, geometric."""
+    top = max(float(np.abs(c).max(initial=0.0)), 1e-300)
+    return np.geomspace(top, top * ratio, count)
+
+
+def lasso_path(G: Array, c: Array, lambdas: Array) -> Array:
+    """(L, p) minimisers of b'Gb / 2 - c'b + lambda |b|_1 for falling penalties (L,).
+
+    Between the corners that LARS finds, the minimiser goes linearly with the penalty (Efron et al. 2004).
+    A term that those before it already make up is left out for good.
+    """
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.linear_model import lars_path_gram
+
+    top, size = float(np.abs(c).max(initial=0.0)), float(np.diag(G).mean())
+    if top <= 0.0:
+        return np.zeros((len(lambdas), len(c)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        falling, _, corners = lars_path_gram(c * (SCALE / top), G / size, n_samples=1, method="lasso")
+    corners = np.where(np.abs(corners) > ROUNDED * np.abs(corners).max(), corners, 0.0).T  # (K, p)
+    wanted = np.clip(lambdas * (SCALE / top), falling[-1], falling[0])
+    after = np.clip(np.searchsorted(-falling, -wanted), 1, len(falling) - 1)
+    width = falling[after - 1] - falling[after]
+    share = (falling[after - 1] - wanted) / np.where(width > 0, width, 1.0)
+    path = corners[after - 1] + share[:, None] * (corners[after] - corners[after - 1])
+    return np.asarray(path * (top / (SCALE * size)))
+
+
+def refitted(G: Array, c: Array, path: Array) -> Array:
+    """(L, p) least squares on each point's support (l1 shrinks; this undoes it); as it is when singular."""
+    from scipy.linalg.lapack import dposv
+
+    out = path.copy()
+    on = path != 0.0
+    for i, support in enumerate(on):
+        if i and np.array_equal(support, on[i - 1]):
+            out[i] = out[i - 1]
+            continue
+        terms = np.flatnonzero(support)
+        if not len(terms):
+            continue
+        part = G[np.ix_(terms, terms)]
+        factor, solution, failed = dposv(part, c[terms])
+        if not failed and np.all(np.diag(factor) ** 2 > PIVOT * np.diag(part)):
+            out[i, terms] = solution
+    return out
+
+
+def block_errors(G_blocks: Array, c_blocks: Array, yy_blocks: Array, lambdas: Array) -> Array:
+    """(K, L) squared error on each block of the refitted path found without it.
+
+    The blocks' Gram matrices are (K, p, p), their X'y (K, p), their y'y (K,).
+    """
+    G_all, c_all = G_blocks.sum(axis=0), c_blocks.sum(axis=0)
+    out = []
+    for G, c, yy in zip(G_blocks, c_blocks, yy_blocks, strict=True):
+        path = refitted(G_all - G, c_all - c, lasso_path(G_all - G, c_all - c, lambdas))
+        error = np.maximum(yy - 2 * path @ c + np.sum(path @ G * path, axis=1), 0.0)
+        # one model has one error, whatever a matrix product rounds from row to row
+        new = np.append(True, np.any(path[1:] != path[:-1], axis=1))
+        out.append(error[np.maximum.accumulate(np.where(new, np.arange(len(path)), 0))])
+    return np.array(out)
+
+
+def tolerance_form(X: Array, y: Array, eps: float) -> Array:
+    """(p,) coefficients of the tolerance form for a design (n, p) and a target (n,).
+
+    Raises InfeasibleTolerance.
+    """
     import cvxpy as cp
 
-    root, target = _reduced(X, y)
-    b = cp.Variable(X.shape[1])
-    cost = cp.sum_squares(root @ b - target) / 2 + lam * cp.norm1(b)
-    solve(cp.Problem(cp.Minimize(cost)))
-    return _clean(X, b.value)
-
-
-def tolerance_form(X: NDArray[np.float64], y: NDArray[np.float64], eps: float) -> NDArray[np.float64]:
-    """(p,) coefficients of the tolerance form. Raises InfeasibleTolerance."""
-    import cvxpy as cp
-
-    root, target = _reduced(X, y)
+    q, root = np.linalg.qr(X / np.sqrt(len(y)))
+    target = q.T @ (y / np.sqrt(len(y)))  # |R b - target|^2 = |X b - y|^2 / n - const
     least = np.linalg.lstsq(X, y, rcond=None)[0]
     floor = float(np.mean((X @ least - y) ** 2))
     if eps**2 < floor:
@@ -52,15 +116,11 @@ def tolerance_form(X: NDArray[np.float64], y: NDArray[np.float64], eps: float) -
     b = cp.Variable(X.shape[1])
     bound = float(np.sqrt(eps**2 - outside))
     solve(cp.Problem(cp.Minimize(cp.norm1(b)), [cp.norm(root @ b - target) <= bound]))
-    return _clean(X, b.value)
-
-
-def _reduced(
-    X: NDArray[np.float64], y: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(p, p) R and (p,) q with |R b - q|^2 = |X b - y|^2 / n - const, from a QR factorisation."""
-    q, root = np.linalg.qr(X / np.sqrt(len(y)))
-    return root, q.T @ (y / np.sqrt(len(y)))
+    if b.value is None:
+        raise ArithmeticError("the solver found no optimum")
+    # interior-point solvers leave remainders where the optimum is zero
+    share = np.abs(b.value) * np.sqrt(np.mean(X**2, axis=0))
+    return np.where(share > ZERO * share.max(initial=0.0), b.value, 0.0)
 
 
 def solve(problem: object) -> None:
@@ -74,11 +134,3 @@ def solve(problem: object) -> None:
                 solver=cp.CLARABEL, tol_gap_abs=digits, tol_gap_rel=digits, tol_feas=digits
             )
             return
-
-
-def _clean(X: NDArray[np.float64], b: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Interior-point solvers leave remainders where the optimum is zero: set those to zero."""
-    if b is None:
-        raise ArithmeticError("the solver found no optimum")
-    share = np.abs(b) * np.sqrt(np.mean(X**2, axis=0))
-    return np.where(share > ZERO * share.max(initial=0.0), b, 0.0)

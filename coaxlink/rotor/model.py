@@ -27,8 +27,8 @@ LOADS = tuple(load.key for load in Load)  # as files spell them
 
 
 @dataclass(frozen=True)
-class Effect:
-    """An effect added to the base model: what it is called, its numbers, the columns it reads."""
+class EffectEntry:
+    """An effect as a rotor file has it: what it is called, its numbers, the columns it reads."""
 
     name: str
     parameters: Mapping[str, float]
@@ -59,11 +59,11 @@ class RotorModel:
     upper_torque: Polynomial
     lower_thrust: Polynomial
     lower_torque: Polynomial
-    effects: tuple[Effect, ...] = ()
-    identified: Mapping[str, Any] = field(default_factory=dict)  # file, hash, rows, law, errors, intervals
+    effects: tuple[EffectEntry, ...] = ()
+    identified: Mapping[str, Any] = field(default_factory=dict)  # file, hash, rows, method, errors, intervals
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> PairLoads:
-        """Thrusts and torques at normalised speeds (broadcast), base model only."""
+        """Thrusts and torques at normalised speeds (broadcast), without the effects."""
         return PairLoads(
             self.upper_thrust(u_upper, u_lower),
             self.upper_torque(u_upper, u_lower),
@@ -158,7 +158,7 @@ def load_rotor_model(path: Path) -> RotorModel:
             Polynomial.from_terms(terms[load])
         except ValueError as error:
             raise InputError(path, load, str(error)) from error
-    effects = tuple(Effect(e.name, e.parameters, tuple(e.columns)) for e in parsed.effects)
+    effects = tuple(EffectEntry(e.name, e.parameters, tuple(e.columns)) for e in parsed.effects)
     return RotorModel.from_terms(
         parsed.form, parsed.speed_max_rpm, terms, effects=effects, identified=parsed.identified
     )

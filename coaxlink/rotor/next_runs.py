@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from coaxlink.rotor.identification import Identification
 from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.stand_data import unit_of
 
 Array = NDArray[np.float64]
 LEVELS = 9  # of each speed, from the slowest to the top
@@ -51,11 +52,14 @@ class NextRuns:
         ]
         return {"rate_hz": RATE_HZ, "pieces": pieces}
 
+    def as_json(self) -> dict[str, Any]:
+        """What it is expected to do, as plain numbers."""
+        return {"before": self.before, "after": self.after, "seconds": self.seconds, "share": self.share}
+
     def lines(self) -> Iterator[str]:
         """In words."""
         after = ", ".join(
-            f"{load} {was:.2g} to {self.after[load]:.2g} {'N' if load.endswith('_N') else 'N m'}"
-            for load, was in self.before.items()
+            f"{load} {was:.2g} to {self.after[load]:.2g} {unit_of(load)}" for load, was in self.before.items()
         )
         yield f"{int(self.times.sum())} points, {self.seconds:.0f} s; the model's error over a table: {after}"
         if self.share > HALF:
@@ -95,14 +99,12 @@ class _Load:
     """The covariance of one load's coefficients, and what it means at every spot of the table."""
 
     def __init__(self, result: Identification, load: str, spots: Array) -> None:
-        data, fit = result.data, result.fits[load]
-        mask = np.isfinite(data.loads[load])
-        X = design_matrix(fit.terms, data.speeds.upper[mask], data.speeds.lower[mask])
-        y = data.loads[load][mask]
+        rows, fit = result.data.rows(load), result.fits[load]
+        X = rows.design(fit.terms)
         self.name = load
-        self._size = max(float(np.abs(y).max()), 1e-300)
-        spare = max(len(y) - X.shape[1], 1)
-        scatter = float(np.sum((y - X @ fit.coefficients) ** 2)) / spare
+        self._size = max(float(np.abs(rows.y).max()), 1e-300)
+        degrees = max(len(rows.y) - X.shape[1], 1)
+        scatter = float(np.sum((rows.y - X @ fit.coefficients) ** 2)) / degrees
         self._noise = max(scatter, (SENSOR * self._size) ** 2)
         precision = X.T @ X / self._noise + np.eye(X.shape[1]) / self._size**2
         self._covariance = np.linalg.inv(precision)
@@ -131,12 +133,8 @@ class _Load:
 
 def _serpentine(spots: Array) -> NDArray[np.int64]:
     """Order by the upper speed, the lower one up and down in turn: no step is long."""
-    order: list[int] = []
-    for i, level in enumerate(np.unique(spots[:, 0])):
-        row = np.flatnonzero(spots[:, 0] == level)
-        row = row[np.argsort(spots[row, 1])]
-        order += list(row[:: 1 if i % 2 == 0 else -1])
-    return np.array(order, np.int64)
+    _, row = np.unique(spots[:, 0], return_inverse=True)
+    return np.lexsort((np.where(row % 2, -spots[:, 1], spots[:, 1]), row))
 
 
 def _throttles(result: Identification, speeds: Array) -> tuple[Array, bool]:

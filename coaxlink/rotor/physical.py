@@ -1,10 +1,10 @@
-"""Physical sense on demand: what a rotor's load may not do, as constraints on a grid of speeds.
+"""Physical sense on request: what a rotor's load may not do, as constraints on a grid of speeds.
 
 thrust  of the upper rotor is not negative and rises with its speed; the lower one's falls with the upper
         one's, in whose wake it works (it never lifts more than alone), and rises with its own
 power   a rotor takes it: its torque is not negative and rises with its speed
 
-What a lower rotor does with its own speed is asked of it only where it is at least as fast as the upper one.
+What a lower rotor does with its own speed is required only where it is at least as fast as the upper one.
 Slower, the wake may drive it: a blade element's thrust in a flow w goes with theta Omega^2 - w Omega / r. It
 falls with Omega below w / (2 theta r), and the power changes sign with the thrust.
 
@@ -25,31 +25,32 @@ from coaxlink.load import Load
 from coaxlink.rotor.fit import Broken, LoadFit
 from coaxlink.rotor.lasso import ZERO, solve
 from coaxlink.rotor.polynomial import design_matrix, parse_term
+from coaxlink.rotor.stand_data import LoadRows
 
 IN_THE_WAKE = "rises with the upper rotor's speed"  # the one rule that no law needs to find its way
 POINTS = 21  # a side of the grid
 SLACK = 1e-9  # of the largest value: an equality met to rounding is met
-Rows = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
-def constrained(fit: LoadFit, load: str, upper: Rows, lower: Rows, y: Rows, weights: Rows) -> LoadFit:
-    """The fit itself if it makes sense, else least squares (rows,) under the constraints on its terms.
+def constrained(fit: LoadFit, rows: LoadRows, weights: Array) -> LoadFit:
+    """The fit itself if it makes sense, else weighted least squares under the constraints on its terms.
 
-    Where its own terms cannot make sense, the whole dictionary is asked. `broken` says which rules the free
+    Where its own terms cannot make sense, the whole dictionary is tried. `broken` says which rules the free
     fit broke and where, `free` holds its coefficients; `moved` names the terms that the constraints pushed
     out of their intervals: there the data contradict the physics, or the stand does. `unmet` is true where
     nothing but zero meets the rules: then the free fit stays.
     """
-    u, v = grid(upper, lower)
-    held = dict(rules(load, fit.terms, u, v))
+    u, v = grid(rows.upper, rows.lower)
+    held = dict(rules(rows.load, fit.terms, u, v))
     broken = tuple(found for name, C in held.items() if (found := violation(name, C, fit.coefficients, u, v)))
     if not broken:
         return fit
     every = np.concatenate(list(held.values()))
-    X = design_matrix(fit.terms, upper, lower)
+    X = rows.design(fit.terms)
     for support in (fit.coefficients != 0, np.ones(len(fit.terms), bool)):
         b = np.zeros(len(fit.terms))
-        solution = nearest(X[:, support], y, weights, every[:, support])
+        solution = nearest(X[:, support], rows.y, weights, every[:, support])
         if solution is None:
             continue
         b[support] = solution
@@ -62,7 +63,7 @@ def constrained(fit: LoadFit, load: str, upper: Rows, lower: Rows, y: Rows, weig
     return replace(fit, broken=broken, unmet=True)
 
 
-def grid(upper: Rows, lower: Rows) -> tuple[Rows, Rows]:
+def grid(upper: Array, lower: Array) -> tuple[Array, Array]:
     """(points,) upper and lower speeds where the rules hold; a rotor that never varied keeps its speed."""
     sides = [
         np.linspace(x.min(), max(1.0, float(x.max())), POINTS) if np.ptp(x) > 0 else x[:1]
@@ -72,7 +73,7 @@ def grid(upper: Rows, lower: Rows) -> tuple[Rows, Rows]:
     return u.ravel(), v.ravel()
 
 
-def rules(load: str, terms: tuple[str, ...], u: Rows, v: Rows) -> Iterator[tuple[str, Rows]]:
+def rules(load: str, terms: tuple[str, ...], u: Array, v: Array) -> Iterator[tuple[str, Array]]:
     """What must hold of a load: its name and (points, p) rows C with C b >= 0, zero where it need not."""
     value = design_matrix(terms, u, v)
     if load.startswith("upper"):
@@ -87,7 +88,7 @@ def rules(load: str, terms: tuple[str, ...], u: Rows, v: Rows) -> Iterator[tuple
         yield "is negative", value * at_work
 
 
-def _slope(terms: tuple[str, ...], u: Rows, v: Rows, along: int) -> Rows:
+def _slope(terms: tuple[str, ...], u: Array, v: Array, along: int) -> Array:
     """(points, p) derivative of every term along u_u (0) or u_l (1)."""
     columns = []
     for a, b in map(parse_term, terms):
@@ -97,7 +98,7 @@ def _slope(terms: tuple[str, ...], u: Rows, v: Rows, along: int) -> Rows:
     return np.stack(columns, axis=1)
 
 
-def violation(rule: str, C: Rows, b: Rows, u: Rows, v: Rows) -> Broken | None:
+def violation(rule: str, C: Array, b: Array, u: Array, v: Array) -> Broken | None:
     """Where a rule is broken worst, and on what share of the grid."""
     values = C @ b
     limit = -SLACK * np.abs(values).max(initial=0.0)
@@ -109,8 +110,8 @@ def violation(rule: str, C: Rows, b: Rows, u: Rows, v: Rows) -> Broken | None:
     )
 
 
-def nearest(X: Rows, y: Rows, weights: Rows, rows: Rows) -> Rows | None:
-    """(p,) weighted least squares under rows @ b >= 0, None when nothing but zero meets them."""
+def nearest(X: Array, y: Array, weights: Array, C: Array) -> Array | None:
+    """(p,) weighted least squares under C b >= 0, None when nothing but zero meets them."""
     import cvxpy as cp
 
     root = np.sqrt(weights / len(y))
@@ -119,7 +120,7 @@ def nearest(X: Rows, y: Rows, weights: Rows, rows: Rows) -> Rows | None:
     target = q.T @ (y * root)
     size = float(np.linalg.norm(target)) or 1.0
     # rows of one length, and none that says 0 >= 0: a solver of the interior needs one
-    C = rows / scale
+    C = C / scale
     length = np.linalg.norm(C, axis=1)
     C = C[length > SLACK * length.max(initial=0.0)]
     C = np.unique((C / np.linalg.norm(C, axis=1, keepdims=True)).round(12), axis=0)

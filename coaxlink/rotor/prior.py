@@ -32,7 +32,7 @@ DRAWS = 800
 LIKELY = 0.02  # mean likelihood of the draws: less, and the table's figures are no propeller's
 SEED = 1  # the same table gives the same prior
 RATIOS = np.linspace(0.2, 1.6, 15)  # upper over lower speed: what vehicles fly, and a margin
-WORKING = 0.7  # of the highest speed: where solidity and drag are told from the table
+WORKING = 0.7  # of the highest speed: where solidity and drag are identified from the table
 TERMS = ("u_u u_l", "u_u^2")  # of what the wake takes
 
 # name: mean, 1 sd, unit, source
@@ -59,14 +59,33 @@ LENGTH = 0.7  # of speed ratio over which that fifth stays the same
 UPPER_FEELS = 0.25  # sd of the share of the lower rotor's draught that the upper one feels
 
 
+# metres, and shares of the diameter: the smallest that lifts a vehicle to the largest on a multirotor; a
+# figure in inches or mm is outside
+DIAMETERS, PITCH_RATIOS, SPACINGS = (0.03, 2.5), (0.15, 1.2), (0.02, 3.0)
+
+
 @dataclass(frozen=True)
 class Propeller:
-    """What is printed on it, and where the other one is."""
+    """What is printed on it, and where the other one is. Raises InputError for what are no metres."""
 
     diameter_m: float
     spacing_m: float
     pitch_m: float | None = None
     blades: int = 2
+
+    def __post_init__(self) -> None:
+        """Each length is one of a propeller's."""
+        ratios = {"spacing_m": (self.spacing_m, SPACINGS), "pitch_m": (self.pitch_m, PITCH_RATIOS)}
+        _within("diameter_m", self.diameter_m, *DIAMETERS)
+        for name, (value, (low, high)) in ratios.items():
+            if value is not None:
+                _within(name, value, low * self.diameter_m, high * self.diameter_m)
+
+
+def _within(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        inches = f" ({value:g} in is {value * 0.0254:.3g} m)" if low <= value * 0.0254 <= high else ""
+        raise InputError(f"`{name}`", "", f"{low:.3g} to {high:.3g} m are expected, found {value:g}{inches}")
 
 
 @dataclass(frozen=True)
@@ -108,11 +127,12 @@ def pair_prior(
     table: SingleTable, propeller: Propeller, *, speed_max_rpm: float | None = None, seed: int = SEED
 ) -> PairPrior:
     """The prior of a pair of such rotors. Raises InputError where no propeller makes such a table."""
-    top = speed_max_rpm or float(table.rpm.max())
+    top = float(table.rpm.max()) if speed_max_rpm is None else speed_max_rpm
+    if not top > 0:
+        raise InputError("`speed_max_rpm`", "", f"more than 0 is expected, found {top:g}")
     rng = np.random.default_rng(seed)
-    guessed = _guesses(table, propeller)
     u = table.rpm / top
-    thrust = _of_speed(u, table.thrust_N, rng) * _level(rng, table.origin.thrust)
+    thrust = _of_speed(u, table.thrust_N, rng) * _scale(rng, table.origin.thrust)
     torque, how = _torque(table, propeller, u, thrust, rng)
     blades = _drawn(propeller, rng)
     density = DENSITY_KG_M3 * rng.normal(1.0, 0.03, DRAWS)
@@ -134,14 +154,14 @@ def pair_prior(
         "pitch_ratio": rotor.blades.pitch_ratio,
     }
     about = {k: (float(v.mean()), float(v.std())) for k, v in quantities.items()}
-    guessed = (*guessed, *how)
+    guessed = (*_guesses(table, propeller), *how)
     model = RotorModel.from_terms("crm", top, terms)
     prior = PairPrior(model, names, mean, covariance, intervals, guessed, about)
     return replace(prior, model=replace(model, identified=_provenance(prior, table, propeller)))
 
 
-def _level(rng: np.random.Generator, sd: float) -> Array:
-    """(S, 1) factors of a table's level."""
+def _scale(rng: np.random.Generator, sd: float) -> Array:
+    """(S, 1) factors by which a table is off."""
     return np.exp(rng.normal(0.0, sd, (DRAWS, 1)))
 
 
@@ -171,14 +191,12 @@ def _torque(
 ) -> tuple[Array, tuple[str, ...]]:
     """(S, 2) coefficients of the torque, and in words what had to be guessed for them."""
     if table.torque_Nm is not None:
-        return _of_speed(u, table.torque_Nm, rng) * _level(rng, table.origin.torque), ()
+        return _of_speed(u, table.torque_Nm, rng) * _scale(rng, table.origin.torque), ()
     if table.power_W is not None:
         omega = table.rpm * RAD_S_PER_RPM
         torque = _of_speed(u, table.power_W / omega, rng)
-        said = _said(
-            "motor_efficiency", "no torque in the table: electrical power times a motor's efficiency"
-        )
-        return torque * _normal(rng, "motor_efficiency")[:, None], (said,)
+        words = "no torque in the table: electrical power times a motor's efficiency"
+        return torque * _normal(rng, "motor_efficiency")[:, None], (_guess("motor_efficiency", words),)
     # P = T sqrt(T / 2 rho A) / FM: momentum theory's power over the figure of merit
     area = np.pi * propeller.diameter_m**2 / 4
     at = WORKING
@@ -187,8 +205,8 @@ def _torque(
         lift * np.sqrt(np.maximum(lift, 0.0) / (2 * DENSITY_KG_M3 * area)) / _normal(rng, "figure_of_merit")
     )
     share = power / (at * _top_omega(table, u)) / lift
-    said = _said("figure_of_merit", "neither torque nor power in the table: the torque of a figure of merit")
-    return thrust * share[:, None], (said,)
+    words = "neither torque nor power in the table: the torque of a figure of merit"
+    return thrust * share[:, None], (_guess("figure_of_merit", words),)
 
 
 def _top_omega(table: SingleTable, u: Array) -> float:
@@ -263,7 +281,7 @@ def _coefficients(
     wake_thrust = -(lost @ np.linalg.pinv(X).T) * (thrust @ at)[:, None]
     wake_torque = -(spent @ np.linalg.pinv(X).T) * (torque @ at)[:, None]
     felt = 1 - (rng.normal(0.0, UPPER_FEELS, DRAWS) * upper_loss(rotor, spacing))[:, None]
-    specimen = _level(rng, SPECIMEN), _level(rng, SPECIMEN)
+    specimen = _scale(rng, SPECIMEN), _scale(rng, SPECIMEN)
     columns = {
         Load.UPPER_THRUST.key: (("u_u^2", "u_u"), thrust * felt),
         Load.UPPER_TORQUE.key: (("u_u^2", "u_u"), torque * (1 + felt) / 2),
@@ -281,7 +299,7 @@ def _smooth(rng: np.random.Generator) -> Array:
     return np.asarray(rng.standard_normal((DRAWS, len(RATIOS))) @ factor.T)
 
 
-def _said(name: str, words: str) -> str:
+def _guess(name: str, words: str) -> str:
     mean, sd, unit, source = PRIORS[name]
     unit = "" if unit == "1" else f" {unit}"
     return f"guessed: {words}, {mean:g} +/- {sd:g}{unit} ({source})"
@@ -289,12 +307,12 @@ def _said(name: str, words: str) -> str:
 
 def _guesses(table: SingleTable, propeller: Propeller) -> tuple[str, ...]:
     origin = table.origin
-    said = [
+    guesses = [
         f"guessed: the table's level, {origin.words}: +/- {100 * origin.thrust:.0f} % of thrust, "
         f"{100 * origin.torque:.0f} % of torque (1 sd)",
         f"guessed: air of {DENSITY_KG_M3} kg/m3 +/- 3 %: the table does not say",
-        _said("zero_lift_deg", "the blades' zero-lift line above the printed pitch"),
-        _said(
+        _guess("zero_lift_deg", "the blades' zero-lift line above the printed pitch"),
+        _guess(
             "solidity_a_blade",
             f"the chord, as solidity a blade ({propeller.blades} blades; `blades` says it)",
         ),
@@ -302,8 +320,8 @@ def _guesses(table: SingleTable, propeller: Propeller) -> tuple[str, ...]:
         f"differ by {100 * SPECIMEN:.0f} %",
     ]
     if propeller.pitch_m is None:
-        said.insert(2, _said("pitch_ratio", "the pitch over the diameter (`pitch_m` says it)"))
-    return tuple(said)
+        guesses.insert(2, _guess("pitch_ratio", "the pitch over the diameter (`pitch_m` says it)"))
+    return tuple(guesses)
 
 
 def _provenance(prior: PairPrior, table: SingleTable, propeller: Propeller) -> dict[str, Any]:

@@ -18,9 +18,10 @@ from coaxlink.errors import InputError
 from coaxlink.rotor.fit import LoadFit, least_squares
 from coaxlink.rotor.identification import Identification
 from coaxlink.rotor.model import LOADS, RotorModel
-from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.stand_data import LoadRows
 
-LEAST = 3  # spacings: with two any slope fits
+Array = NDArray[np.float64]
+FEWEST_SPACINGS = 3  # spacings: with two any slope fits
 
 
 @dataclass(frozen=True)
@@ -66,25 +67,28 @@ def spacing_model(results: Sequence[Identification], spacings: Sequence[float]) 
 
     Raises InputError for fewer than three spacings or different speeds at u = 1.
     """
-    if len(set(spacings)) < LEAST:
-        raise InputError("`spacings`", "", f"{LEAST} different spacings at least, found {len(set(spacings))}")
+    if len(set(spacings)) < FEWEST_SPACINGS:
+        raise InputError(
+            "`spacings`", "", f"{FEWEST_SPACINGS} different spacings at least, found {len(set(spacings))}"
+        )
     if len({result.model.speed_max_rpm for result in results}) > 1:
         raise InputError("`speed_max_rpm`", "", "give one: the logs were normalised with different speeds")
     level: dict[str, dict[str, float]] = {}
     slope: dict[str, dict[str, float]] = {}
     without, with_slope = {}, {}
     middle = float(np.mean(sorted(set(spacings))))
+    away = [s - middle for s in spacings]
     for load in LOADS:
-        rows = [_Rows.of(result, load) for result in results]
-        terms = _terms([result.fits.get(load) for result in results])
-        if not terms or any(r is None for r in rows):
-            level[load], slope[load] = {}, {}
+        level[load], slope[load] = {}, {}
+        fits = [result.fits.get(load) for result in results]
+        terms = _terms([fit for fit in fits if fit is not None])
+        if not terms or None in fits:
             continue
-        known = [r for r in rows if r is not None]
-        without[load] = _left_out(known, spacings, terms, middle, sloped=False)
-        with_slope[load] = _left_out(known, spacings, terms, middle, sloped=True)
+        rows = [result.data.rows(load) for result in results]
+        without[load] = _left_out(rows, away, terms, sloped=False)
+        with_slope[load] = _left_out(rows, away, terms, sloped=True)
         supported = with_slope[load] < without[load]
-        a, b = _fit(known, spacings, terms, middle, sloped=supported)
+        a, b = _fit(rows, away, terms, sloped=supported)
         level[load] = dict(zip(terms, map(float, a), strict=True))
         slope[load] = dict(zip(terms, map(float, b), strict=True)) if supported else {}
     first = results[0].model
@@ -93,50 +97,32 @@ def spacing_model(results: Sequence[Identification], spacings: Sequence[float]) 
     )
 
 
-@dataclass(frozen=True)
-class _Rows:
-    upper: NDArray[np.float64]  # (n,)
-    lower: NDArray[np.float64]  # (n,)
-    y: NDArray[np.float64]  # (n,)
-
-    @classmethod
-    def of(cls, result: Identification, load: str) -> _Rows | None:
-        y = result.data.loads[load]
-        mask = np.isfinite(y)
-        if not mask.any():
-            return None
-        return cls(result.data.speeds.upper[mask], result.data.speeds.lower[mask], y[mask])
-
-
-def _terms(fits: Sequence[LoadFit | None]) -> list[str]:
+def _terms(fits: Sequence[LoadFit]) -> list[str]:
     """Every term that at least half of the spacings chose, in the order met."""
-    chosen = [list(fit.polynomial.terms()) for fit in fits if fit is not None]
+    chosen = [list(fit.polynomial.terms()) for fit in fits]
     every = dict.fromkeys(term for terms in chosen for term in terms)
     return [term for term in every if 2 * sum(term in terms for terms in chosen) >= len(chosen)]
 
 
 def _fit(
-    rows: Sequence[_Rows], spacings: Sequence[float], terms: list[str], middle: float, *, sloped: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    designs = [design_matrix(terms, r.upper, r.lower) for r in rows]
+    rows: Sequence[LoadRows], away: Sequence[float], terms: list[str], *, sloped: bool
+) -> tuple[Array, Array]:
+    """(p,) coefficients at the middle, (p,) slopes; `away` is each log's spacing from the middle."""
+    designs = [r.design(terms) for r in rows]
     X = np.concatenate(designs)
     if sloped:
-        tilted = [d * (s - middle) for d, s in zip(designs, spacings, strict=True)]
-        X = np.column_stack([X, np.concatenate(tilted)])
-    y = np.concatenate([r.y for r in rows])
-    b = least_squares(X, y, np.ones(len(y)))
+        X = np.column_stack([X, np.concatenate([d * s for d, s in zip(designs, away, strict=True)])])
+    b = least_squares(X, np.concatenate([r.y for r in rows]))
     return b[: len(terms)], b[len(terms) :] if sloped else np.zeros(len(terms))
 
 
-def _left_out(
-    rows: Sequence[_Rows], spacings: Sequence[float], terms: list[str], middle: float, *, sloped: bool
-) -> float:
+def _left_out(rows: Sequence[LoadRows], away: Sequence[float], terms: list[str], *, sloped: bool) -> float:
     """RMSE on each spacing by a model that has not seen it."""
     errors = []
-    for out in sorted(set(spacings)):
-        others = [i for i, s in enumerate(spacings) if s != out]
-        a, b = _fit([rows[i] for i in others], [spacings[i] for i in others], terms, middle, sloped=sloped)
-        for r, s in zip(rows, spacings, strict=True):
+    for out in sorted(set(away)):
+        others = [i for i, s in enumerate(away) if s != out]
+        a, b = _fit([rows[i] for i in others], [away[i] for i in others], terms, sloped=sloped)
+        for r, s in zip(rows, away, strict=True):
             if s == out:
-                errors.append(r.y - design_matrix(terms, r.upper, r.lower) @ (a + b * (s - middle)))
+                errors.append(r.y - r.design(terms) @ (a + b * s))
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

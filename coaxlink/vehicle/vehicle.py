@@ -19,7 +19,7 @@ from coaxlink.effects import effect
 from coaxlink.effects.static import Conditions, LeftOut, StaticVehicle
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel
-from coaxlink.rotor.model import Effect
+from coaxlink.rotor.model import EffectEntry
 from coaxlink.vehicle.changed_model import changed_model, scaled_speed
 
 NOT_STATED = Conditions()
@@ -52,14 +52,14 @@ class Vehicle:
     speed_model: RotorModel = field(init=False)  # the same with u the rotors' true speed, without the drive
     compensated: Mapping[str, str] = field(init=False)  # effect -> what was done, in words
     left_out: Mapping[str, str] = field(init=False)  # effect -> why nothing was
-    live_effects: tuple[Effect, ...] = field(init=False)  # for live mixing to measure
+    live_effects: tuple[EffectEntry, ...] = field(init=False)  # for live mixing to measure
     speed_per_command: float = field(init=False)  # what u = 1 of `model` means in the speeds of `rotors`
 
     def __post_init__(self) -> None:
         vehicle = StaticVehicle(self.declared, self.rotors, self.conditions, *self.declared.gains, usual_lift)
         compensated: dict[str, str] = {}
         left_out: dict[str, str] = {}
-        live: list[Effect] = []
+        live: list[EffectEntry] = []
         for named in sorted(self.rotors.effects, key=_turn):
             known = effect(named.name)
             if self.measured_live and (known is None or known.surface is None):
@@ -140,7 +140,7 @@ def usual_lift(airframe: Airframe, model: RotorModel) -> float:
     return max(float(np.median(thrust / high**2)), 1e-9)
 
 
-def _turn(named: Effect) -> int:
+def _turn(named: EffectEntry) -> int:
     """Surfaces last, in the order in which they act on one another."""
     known = effect(named.name)
     return -1 if known is None or known.surface is None else known.surface

@@ -317,7 +317,7 @@ FILES: dict[str, tuple[Make, tuple[str, ...], int, str]] = {
 def test_the_right_rotor_or_a_refusal(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     make, options, expected, words = FILES[name]
     out = tmp_path / "rotor.toml"
-    code = coaxlink("identify", make(tmp_path), "--form", "mutual", "--out", out, *options)
+    code = coaxlink("identify", make(tmp_path), "--form", "crm", "--out", out, *options)
     said = capsys.readouterr().err
     assert words in said
     assert code == expected % 10, said
@@ -339,7 +339,7 @@ def test_numbers_without_units_are_right_or_refused(
              for s, q in (("T", "thrust"), ("Q", "torque"), ("rpm", "speed"))}  # fmt: skip
     for unit, factor in UNITS["thrust"].items():
         out = tmp_path / f"{unit}.toml"
-        code = coaxlink("identify", plain(names, thrust=factor)(tmp_path), "--form", "mutual", "--out", out)
+        code = coaxlink("identify", plain(names, thrust=factor)(tmp_path), "--form", "crm", "--out", out)
         said = capsys.readouterr().err
         assert (code == 2 and "unit of a" in said) or (code == 0 and off(out) < 0.05)
 
@@ -371,5 +371,5 @@ def test_a_sheet_of_a_workbook(tmp_path: Path, capsys: pytest.CaptureFixture[str
     out = tmp_path / "rotor.toml"
     assert coaxlink("identify", book) == 2
     assert "name one with --sheet (Monday, Tuesday)" in capsys.readouterr().err
-    assert coaxlink("identify", book, "--sheet", "Tuesday", "--form", "mutual", "--out", out) == 0
+    assert coaxlink("identify", book, "--sheet", "Tuesday", "--form", "crm", "--out", out) == 0
     assert off(out) < 0.05

@@ -13,7 +13,7 @@ from coaxlink.data.headings import recognise
 from coaxlink.data.sound import electrical_turns, other_units
 from coaxlink.errors import InputError
 from coaxlink.rotor.identification import identify
-from coaxlink.rotor.plausible import poor_errors
+from coaxlink.rotor.log_checks import poor_errors
 
 TRUE = readings(Pair(0.4, 0.09, 0.65, 6000.0), *grid(), 1)
 UNITS = {"speed": "rpm", "thrust": "N", "torque": "N m", "current": "A", "voltage": "V"}

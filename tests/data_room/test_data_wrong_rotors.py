@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from stand_files import SIDES, UNITS, Pair, equal, grid, readings, table, write
 
-from coaxlink.cli.shared.stand import Reading, doubts, read_stand
+from coaxlink.cli.shared.stand import StandOptions, doubts, read_stand
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
 
@@ -106,7 +106,7 @@ def test_no_draw_gives_a_wrong_rotor(tmp_path: Path) -> None:
     for seed in range(DRAWS):
         path, true, done = draw(tmp_path, seed)
         try:
-            log = read_stand([path], Reading(), lambda text: None)[0]
+            log = read_stand([path], StandOptions(), lambda text: None)[0]
             assert doubts(log, None) == []
         except InputError as error:
             assert "\n" not in str(error)
@@ -125,7 +125,7 @@ def test_a_sound_log_is_read(tmp_path: Path) -> None:
         path, true, done = draw(tmp_path, seed)
         if not done.endswith("nothing"):
             continue
-        log = read_stand([path], Reading(), lambda text: None)[0]
+        log = read_stand([path], StandOptions(), lambda text: None)[0]
         assert doubts(log, None) == [] and not wrong(log, true), done
 
 
@@ -166,7 +166,8 @@ def test_letters_on_poor_logs_are_right_or_asked_for(tmp_path: Path) -> None:
             for quantity, heading in SHOWN["letters"].items()
         }
         try:
-            log = read_stand([write(tmp_path / "log.csv", table(columns))], Reading(), lambda text: None)[0]
+            path = write(tmp_path / "log.csv", table(columns))
+            log = read_stand([path], StandOptions(), lambda text: None)[0]
         except InputError:
             continue
         decided += 1
@@ -185,5 +186,5 @@ def test_every_unit_is_read_from_its_heading(tmp_path: Path, quantity: str, unit
         for q in ("speed", "thrust", "torque")
     }
     path = write(tmp_path / "log.csv", table(columns))
-    log = read_stand([path], Reading(poles=14), lambda text: None)[0]
+    log = read_stand([path], StandOptions(poles=14), lambda text: None)[0]
     assert wrong(log, true) == []

@@ -22,7 +22,7 @@ from coaxlink.mixer import make_law
 from coaxlink.report.refine import tables, verdict
 from coaxlink.residual import refine_stand
 from coaxlink.rotor import load_rotor_model
-from coaxlink.rotor.model import Effect
+from coaxlink.rotor.model import EffectEntry as Effect
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Conditions, Vehicle
 

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.live.effects import LiveEffects
 from coaxlink.live.mixer_core import MixCore
 from coaxlink.mavlink.telemetry import Telemetry
-from coaxlink.rotor.model import Effect
+from coaxlink.rotor.model import EffectEntry as Effect
 from coaxlink.vehicle import Vehicle
 
 DEMAND = [0.02, -0.03, 0.04, 0.32, 0, 0, 0, 0]

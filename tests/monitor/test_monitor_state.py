@@ -301,7 +301,7 @@ def test_arm_names(position: tuple[float, float], name: str) -> None:
 
 
 def test_effects_of_the_rotor_file_are_said_to_be_left_out(airframe: Airframe, model: RotorModel) -> None:
-    from coaxlink.rotor import Effect
+    from coaxlink.rotor import EffectEntry as Effect
 
     with_effect = dataclasses.replace(model, effects=(Effect("rotor_drag", {"k": 0.1}),))
     assert any("rotor_drag" in n for n in look(airframe, with_effect, heartbeat()).notes)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from coaxlink.data import Samples
@@ -20,6 +22,7 @@ TRUTH = {
     },
     "lower.torque_Nm": {"u_u u_l^2": 0.307, "u_l^2": 1.466, "u_l": 0.573, "u_u^2": -0.695},
 }
+COLUMNS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
 
 
 def grid() -> tuple[np.ndarray, np.ndarray]:
@@ -37,11 +40,23 @@ def eq17(u: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
     ]
 
 
+def pair_log(
+    u: np.ndarray,
+    v: np.ndarray,
+    loads: Sequence[np.ndarray],
+    noise: Sequence[float],
+    random: np.random.Generator,
+    rpm: float,
+) -> Samples:
+    """A stand log of the loads in the order of `COLUMNS`, with white noise of each."""
+    values = [y + s * random.standard_normal(len(u)) for y, s in zip(loads, noise, strict=True)]
+    return Samples(
+        {"upper_rpm": rpm * u, "lower_rpm": rpm * v, **dict(zip(COLUMNS, values, strict=True))}, "x.csv"
+    )
+
+
 def stand(seed: int, loads=eq17, noise=(0.5, 0.01), rpm: float = 5400.0) -> Samples:
-    """A stand log of the grid with white noise."""
-    random = np.random.default_rng(seed)
+    """A stand log of the grid with white noise and throttles."""
     u, v = grid()
-    values = [y + s * random.standard_normal(len(u)) for y, s in zip(loads(u, v), noise * 2, strict=True)]
-    names = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
-    columns = {"upper_rpm": rpm * u, "lower_rpm": rpm * v, "upper_throttle": u, "lower_throttle": v}
-    return Samples({**columns, **dict(zip(names, values, strict=True))}, "bench")
+    log = pair_log(u, v, loads(u, v), noise * 2, np.random.default_rng(seed), rpm)
+    return log.with_columns(upper_throttle=u, lower_throttle=v)

@@ -3,51 +3,36 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from rotor_bench import TRUTH
 
-from coaxlink.data import Samples, read_stand_log
+from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.efficiency import measured_efficiency, shaft_power, split_curves
 
-SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "coax"
-LOADS = ("upper.thrust_N", "upper.torque_Nm", "lower.thrust_N", "lower.torque_Nm")
-EQ17 = (
-    {"u_u^2": 55.9517, "u_u": 22.4464},
-    {"u_u^2": 1.2437, "u_u": 0.7155},
-    {"u_u^2 u_l^2": 2.755, "u_l^2": 64.721, "u_u u_l": -2.547, "u_l": 12.402, "u_u^2": -37.502, "1": 0.801},
-    {"u_u u_l^2": 0.307, "u_l^2": 1.466, "u_l": 0.573, "u_u^2": -0.695},
-)
-
 
 def model(*terms: dict[str, float]) -> RotorModel:
-    return RotorModel.from_terms("crm", 3000.0, dict(zip(LOADS, terms, strict=True)))
+    return RotorModel.from_terms("crm", 3000.0, dict(zip(TRUTH, terms, strict=True)))
 
 
 def log(**more: list[float]) -> Samples:
+    """A row that works and one at rest."""
     columns = {
-        "upper_rpm": [3000.0, 0.0],
-        "lower_rpm": [1500.0, 0.0],
-        "upper_thrust_N": [20.0, 0.0],
-        "lower_thrust_N": [10.0, 0.0],
-        "upper_torque_Nm": [0.5, 0.0],
-        "lower_torque_Nm": [0.4, 0.0],
+        "upper_rpm": [3000, 0],
+        "lower_rpm": [1500, 0],
+        "upper_thrust_N": [20, 0],
+        "lower_thrust_N": [10, 0],
     }
-    return Samples({k: np.array(v) for k, v in {**columns, **more}.items()}, "log.csv")
+    torques = {"upper_torque_Nm": [0.5, 0.0], "lower_torque_Nm": [0.4, 0.0]}
+    return Samples({k: np.array(v, float) for k, v in {**columns, **torques, **more}.items()}, "log.csv")
 
 
 def test_measured_efficiency_by_hand() -> None:
-    found = measured_efficiency(
-        log(
-            voltage_V=[20.0, 20.0],
-            lower_voltage_V=[10.0, 20.0],
-            upper_current_A=[10.0, 0],
-            lower_current_A=[8.0, 0],
-        )
-    )
+    volts = {"voltage_V": [20.0, 20.0], "lower_voltage_V": [10.0, 20.0]}
+    found = measured_efficiency(log(**volts, upper_current_A=[10.0, 0], lower_current_A=[8.0, 0]))
     shaft = 0.5 * 100 * math.pi + 0.4 * 50 * math.pi
     assert found.propeller[0] == pytest.approx(30 / shaft)
     assert found.motor is not None and found.motor[0] == pytest.approx(shaft / 280)
@@ -75,7 +60,7 @@ def test_two_equal_rotors_that_do_not_meet_share_equally() -> None:
 
 
 def test_splits_give_the_thrust_and_least_power_is_least() -> None:
-    pair = model(*EQ17)
+    pair = model(*TRUTH.values())
     thrust = np.linspace(20, 75, 6)
     equal, halves, least = split_curves(pair, thrust)
     for split in (equal, halves, least):
@@ -94,22 +79,7 @@ def test_splits_give_the_thrust_and_least_power_is_least() -> None:
 
 
 def test_hover_of_the_paper_needs_the_least_power_split() -> None:
-    """49.05 N a pair: u = 0.441 / 0.648 by an independent solver (SLSQP on sum tau u)."""
-    least = split_curves(model(*EQ17), [49.05])[2]
-    assert least.upper[0] == pytest.approx(0.441, abs=0.01)
-    assert least.lower[0] == pytest.approx(0.648, abs=0.01)
-
-
-def test_what_cannot_be_lifted_is_nan() -> None:
-    for split in split_curves(model(*EQ17), [500.0]):
-        assert np.isnan(split.upper).all() and np.isnan(split.propeller).all()
-
-
-@pytest.mark.shared_data
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared real data is not beside this checkout")
-def test_real_motors_are_motors() -> None:
-    found = measured_efficiency(read_stand_log(SHARED / "mn4014_16in_zD1.csv"))
-    assert found.motor is not None
-    driven = found.thrust_N > 15
-    assert 0.5 < np.median(found.motor[driven]) < 0.95
-    assert 0.05 < np.median(found.propeller[driven]) < 0.25
+    """49.05 N a pair: u = 0.441 / 0.648 by an independent solver (SLSQP); 500 N cannot be had."""
+    least = split_curves(model(*TRUTH.values()), [49.05, 500.0])[2]
+    np.testing.assert_allclose((least.upper[0], least.lower[0]), (0.441, 0.648), atol=0.01)
+    assert np.isnan((least.upper[1], least.lower[1], least.propeller[1])).all()

@@ -1,9 +1,6 @@
-"""The prior of a pair: physics at its limits, readers of single-rotor tables, the interval against real
-pairs."""
+"""The prior of a pair: physics at its limits, readers of single-rotor tables (pairs: research/real_data)."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +10,6 @@ from coaxlink.errors import InputError
 from coaxlink.rotor.contracted_wake import Blades, calibrated, lower_shares
 from coaxlink.rotor.prior import Propeller, pair_prior
 
-SHARED = Path(__file__).parents[2] / ".." / "shared" / "data" / "coax"
 DIAMETER, PITCH = 0.4115, 0.1346  # 16.2 x 5.3 in
 
 
@@ -29,18 +25,13 @@ def rotor(**changed):
     return calibrated(blades(**changed), np.array([0.0083]), np.array([0.0008]))
 
 
-def test_a_lower_rotor_without_an_upper_one_is_a_rotor_alone():
-    thrust, torque = lower_shares(rotor(), 0.3, np.array([0.0]))
-    assert thrust[0, 0] == pytest.approx(1.0, abs=1e-6)
-    assert torque[0, 0] == pytest.approx(1.0, abs=1e-6)
-
-
 def test_the_faster_and_the_further_the_upper_rotor_the_more_its_wake_takes():
     free = rotor(upwash=0.0)
-    thrust, _ = lower_shares(free, 0.5, np.array([0.5, 1.0, 1.5]))
+    thrust, torque = lower_shares(free, 0.5, np.array([0.0, 0.5, 1.0, 1.5]))
+    assert (thrust[0, 0], torque[0, 0]) == pytest.approx((1.0, 1.0), abs=1e-6)  # alone
     assert np.all(np.diff(thrust[0]) < 0)
     near, _ = lower_shares(free, 0.1, np.array([1.0]))
-    assert thrust[0, 1] < near[0, 0] < 1  # further down the wake has sped up
+    assert thrust[0, 2] < near[0, 0] < 1  # further down the wake has sped up
 
 
 def test_solidity_and_drag_make_the_rotor_that_they_were_told_from():
@@ -76,6 +67,7 @@ def test_the_upper_rotor_is_the_tables_and_the_level_is_its_interval():
     assert again.model.terms() == prior.model.terms()
 
 
+@pytest.mark.slow
 def test_what_is_not_printed_widens_the_intervals():
     rpm = np.linspace(2000, 6000, 9)
     known = pair_prior(table_of(rpm, 6.0e-7, 1.2e-8), Propeller(DIAMETER, 0.2, PITCH))
@@ -90,11 +82,22 @@ def test_what_is_not_printed_widens_the_intervals():
     assert any("figure of merit" in said for said in nothing.guessed)
 
 
-@pytest.mark.parametrize("diameter", [0.2, 0.9])
-def test_figures_of_no_propeller_are_refused(diameter):
+def test_figures_of_no_propeller_and_lengths_that_are_no_metres_are_refused():
     rpm = np.linspace(2000, 6000, 9)
-    with pytest.raises(InputError, match="no propeller of"):
-        pair_prior(table_of(rpm, 6.0e-7, 1.2e-8), Propeller(diameter, 0.1, diameter / 3))
+    for diameter in (0.2, 0.9):
+        with pytest.raises(InputError, match="no propeller of"):
+            pair_prior(table_of(rpm, 6.0e-7, 1.2e-8), Propeller(diameter, 0.1, diameter / 3))
+    wrong = {
+        "`diameter_m`: 0.03 to 2.5 m are expected, found 16": (16, 0.1),
+        "`spacing_m`": (0.4, 30.0),
+        "`pitch_m`: 0.06 to 0.48 m are expected, found 5 (5 in is 0.127 m)": (0.4, 0.1, 5),
+    }
+    for text, lengths in wrong.items():
+        with pytest.raises(InputError) as caught:
+            Propeller(*lengths)
+        assert text in str(caught.value)
+    with pytest.raises(InputError, match="more than 0"):
+        pair_prior(table_of(rpm, 6.0e-7, 1.2e-8), Propeller(DIAMETER, 0.2, PITCH), speed_max_rpm=0.0)
 
 
 SHEET = """Item,Prop,Throttle,Volts (V),Amps (A),Watts (W),Thrust (G),RPM,Torque (N*m)
@@ -132,18 +135,3 @@ def test_readers_of_every_layout_give_newtons(tmp_path):
     read = read_single_table(apc, d)
     assert read.origin is APC
     assert read.thrust_N == pytest.approx(0.118 * 1.225 * n**2 * d**4)
-
-
-@pytest.mark.shared_data
-@pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared/data: it is not redistributed")
-def test_the_interval_holds_a_pair_that_nothing_was_learned_from():
-    """pyBEMT's 28 in pair, 11.5 cm apart: single-rotor table only."""
-    from coaxlink.data import read_stand_log
-
-    table = read_single_table(SHARED / "tmotor28_data.csv", 0.7112)
-    prior = pair_prior(table, Propeller(0.7112, 0.115, 9.2 * 0.0254))
-    log = read_stand_log(SHARED / "tmotor28_coaxial_data.csv")
-    u, v = (log[f"{side}_rpm"] / prior.model.speed_max_rpm for side in ("upper", "lower"))
-    pair = prior.model.loads(u, v)
-    off = np.abs(log["lower_thrust_N"] - pair.lower_thrust) / prior.spread("lower.thrust_N", u, v)
-    assert np.mean(off < 1.96) >= 0.95

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rotor_bench import pair_log
 
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.files import example
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.rotor import Identification, identify
+from coaxlink.rotor.fit import Options
 from coaxlink.rotor.model import load_rotor_model, save_rotor_model
 from coaxlink.rotor.physical import IN_THE_WAKE, grid, rules
 from coaxlink.vehicle import Vehicle
@@ -27,22 +29,15 @@ def world(bump: float = 0.0, only: slice = slice(None), seed: int = 3) -> Sample
     thrust = 60 * v**2 * np.maximum(1 - inflow / np.sqrt(v**2 + 0.15 * u**2), 0.02)
     thrust = thrust * (1 + bump * np.exp(-0.5 * ((v - 0.7) / 0.012) ** 2))
     torque = 1.1 * v**2 * (1 - 0.3 * inflow / np.sqrt(v**2 + 0.15 * u**2))
-    columns = {
-        "upper_rpm": 6000 * u,
-        "lower_rpm": 6000 * v,
-        "upper_thrust_N": 55 * u**2 + rng.normal(0, NOISE_N, len(u)),
-        "upper_torque_Nm": 1.0 * u**2 + rng.normal(0, NOISE_NM, len(u)),
-        "lower_thrust_N": thrust + rng.normal(0, NOISE_N, len(u)),
-        "lower_torque_Nm": torque + rng.normal(0, NOISE_NM, len(u)),
-    }
-    return Samples(columns, "world.csv")
+    return pair_log(u, v, [55 * u**2, 1.0 * u**2, thrust, torque], (NOISE_N, NOISE_NM) * 2, rng, rpm=6000)
 
 
 @pytest.fixture(scope="module")
 def found() -> Identification:
-    return identify(world(), "auto")
+    return identify(world(), "auto", options=Options(max_order=2))
 
 
+@pytest.mark.slow
 def test_auto_takes_it_where_no_polynomial_follows_and_says_so_first(found: Identification) -> None:
     assert found.form == "surface"
     crm = found.comparison["crm"]["lower_thrust"].rmse
@@ -52,22 +47,9 @@ def test_auto_takes_it_where_no_polynomial_follows_and_says_so_first(found: Iden
     assert found.as_json()["surface"]["lower.thrust_N"]["size"] > 0.3
 
 
-def test_the_channel_that_is_named_is_one_in_which_it_is_so() -> None:
-    """One load alone is no polynomial, and it is not the first of the channels."""
-    pair = polynomial_pair()
-    u, v = pair["upper_rpm"] / 5000, pair["lower_rpm"] / 5000
-    stalls = pair["lower_torque_Nm"] + 0.12 * np.tanh(6.0 * (u / v - 1.0)) * v**2
-    found = identify(pair.with_columns(lower_torque_Nm=stalls), "auto")
-    note = found.notes[0]
-    assert found.form == "surface" and note.startswith("crm does not follow")
-    named = note[note.index("(") + 1 : note.index(" held out")]
-    errors = {form: found.comparison[form][named].rmse for form in ("crm", "surface")}
-    assert named.endswith("torque") and errors["crm"] > 1.1 * errors["surface"]
-    assert any(f"({named} held out: crm {errors['crm']:.3g}" in note for note in found.notes[1:])
-
-
-def test_the_form_asked_for_stays_and_the_surface_is_named() -> None:
-    chosen = identify(world(), "crm")
+@pytest.mark.slow
+def test_the_requested_form_stays_and_the_surface_is_named() -> None:
+    chosen = identify(world(), "crm", options=Options(max_order=2))
     assert chosen.form == "crm"
     assert chosen.notes[0].startswith("crm does not follow") and "`form` surface" in chosen.notes[0]
 
@@ -76,57 +58,41 @@ def polynomial_pair() -> Samples:
     """A pair of squares and one product, written down here."""
     rng = np.random.default_rng(8)
     u, v = (x.ravel() for x in np.meshgrid(np.linspace(0.1, 1, 11), np.linspace(0.1, 1, 11)))
-    clean = {
-        "upper_thrust_N": 77.7 * u**2,
-        "upper_torque_Nm": 1.32 * u**2,
-        "lower_thrust_N": 69.9 * v**2 - 9.0 * u * v - 11.0 * u**2,
-        "lower_torque_Nm": 1.24 * v**2 - 0.2 * u**2,
-    }
-    noise = {name: NOISE_N if name.endswith("_N") else NOISE_NM for name in clean}
-    read = {name: x + rng.normal(0, noise[name], len(u)) for name, x in clean.items()}
-    return Samples({"upper_rpm": 5000 * u, "lower_rpm": 5000 * v, **read}, "squares.csv")
+    clean = [77.7 * u**2, 1.32 * u**2, 69.9 * v**2 - 9.0 * u * v - 11.0 * u**2, 1.24 * v**2 - 0.2 * u**2]
+    return pair_log(u, v, clean, (NOISE_N, NOISE_NM) * 2, rng, rpm=5000)
 
 
-def test_a_pair_that_polynomials_follow_stays_a_polynomial() -> None:
-    found_ = identify(polynomial_pair(), "auto")
-    assert found_.form == "crm"
-    assert not any("follow" in note for note in found_.notes)
+@pytest.mark.slow
+def test_where_polynomials_follow_auto_keeps_one_and_a_surface_claims_nothing() -> None:
+    for form, kept in (("auto", "crm"), ("surface", "surface")):
+        result = identify(polynomial_pair(), form, options=Options(max_order=2))
+        assert result.form == kept and not any("follow" in note for note in result.notes)
 
 
-def test_asked_for_where_polynomials_follow_it_claims_nothing() -> None:
-    chosen = identify(polynomial_pair(), "surface")
-    assert chosen.form == "surface" and not any("follow" in note for note in chosen.notes)
-    alone = identify(polynomial_pair(), "surface", compare=False)
-    assert not any("follow" in note for note in alone.notes)
-
-
-@pytest.mark.parametrize("case", ["few", "one rotor", "along one line", "upper stands", "noiseless"])
-def test_poor_logs_give_a_model_of_numbers(case: str) -> None:
+@pytest.mark.slow
+def test_poor_logs_give_a_model_of_numbers() -> None:
     full = world()
-    rows = np.arange(full.rows)
-    columns = {name: np.array(full[name]) for name in full.columns}
-    if case == "few":
-        columns = {name: x[rows[::20]] for name, x in columns.items()}
-    elif case == "one rotor":
-        columns["lower_rpm"] = np.zeros(len(rows))
-    elif case == "along one line":
-        columns["lower_rpm"] = columns["upper_rpm"].copy()
-    elif case == "upper stands":
-        columns["upper_rpm"] = np.full(len(rows), 3000.0)
-    else:
-        u, v = columns["upper_rpm"] / 6000, columns["lower_rpm"] / 6000
-        exact = {"upper_thrust_N": 50 * u**2, "upper_torque_Nm": u**2, "lower_thrust_N": 40 * v**2}
-        columns |= {**exact, "lower_torque_Nm": 0.9 * v**2}
-    model = identify(Samples(columns, "poor.csv"), "surface").model
-    assert all(np.isfinite(list(terms.values())).all() for terms in model.terms().values())
+    u, v = full["upper_rpm"] / 6000, full["lower_rpm"] / 6000
+    exact = {"upper_thrust_N": 50 * u**2, "upper_torque_Nm": u**2, "lower_thrust_N": 40 * v**2}
+    poor = {
+        "few": full.take(np.arange(0, full.rows, 20)),
+        "one rotor": full.with_columns(lower_rpm=0 * v),
+        "along one line": full.with_columns(lower_rpm=6000 * u),
+        "upper stands": full.with_columns(upper_rpm=0 * u + 3000),
+        "noiseless": full.with_columns(**exact, lower_torque_Nm=0.9 * v**2),
+    }
+    for case, log in poor.items():
+        terms = identify(log, "surface", compare=False).model.terms().values()
+        assert all(np.isfinite(list(t.values())).all() for t in terms), case
 
 
+@pytest.mark.slow
 def test_it_does_what_rotors_do_on_the_whole_range(found: Identification) -> None:
     u, v = grid(found.data.speeds.upper, found.data.speeds.lower)
     for load, fit in found.fits.items():
         for rule, C in rules(load, fit.terms, u, v):
             if rule == IN_THE_WAKE:
-                continue  # held where physical sense is asked for
+                continue  # held where physical sense is requested
             values = C @ fit.coefficients
             assert values.min() > -1e-6 * np.abs(values).max(), (load, rule)
 
@@ -152,7 +118,8 @@ def test_a_narrow_bump_is_not_followed() -> None:
     assert np.median(left[at] / bump[at]) > 0.5
 
 
-def test_it_goes_through_a_file_and_the_exact_law(found: Identification, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_it_goes_through_a_file_and_exact_allocation(found: Identification, tmp_path: Path) -> None:
     save_rotor_model(tmp_path / "r.toml", found.model)
     model = load_rotor_model(tmp_path / "r.toml")
     assert model.form == "surface" and model.terms() == found.model.terms()

@@ -14,7 +14,7 @@ from coaxlink.residual.experiments.manoeuvres import Manoeuvre
 from coaxlink.residual.experiments.stand_run import Experiment
 from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Suspect, Unexplained
 from coaxlink.rotor import load_rotor_model
-from coaxlink.rotor.model import Effect
+from coaxlink.rotor.model import EffectEntry as Effect
 from coaxlink.studies import allocation
 from coaxlink.studies import loop as closed_loop
 

@@ -10,7 +10,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.errors import CheckFailed
 from coaxlink.fly.trajectory import Hold, Plan, Swing
 from coaxlink.rotor import load_rotor_model
-from coaxlink.rotor.model import Effect
+from coaxlink.rotor.model import EffectEntry as Effect
 from coaxlink.studies import allocation, flights
 from coaxlink.studies import loop as closed_loop
 from coaxlink.vehicle import Vehicle

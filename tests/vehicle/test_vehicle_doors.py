@@ -19,7 +19,7 @@ from coaxlink.mixer import LAWS, allocate, make_law, reduced_coefficients, stand
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import FittedLaw, fit_table
 from coaxlink.rotor import RotorModel, load_rotor_model, save_rotor_model
-from coaxlink.rotor.model import Effect
+from coaxlink.rotor.model import EffectEntry as Effect
 from coaxlink.tables.ardupilot import report_ap
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle, load_vehicle

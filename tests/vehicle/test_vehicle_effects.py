@@ -14,7 +14,8 @@ import pytest
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer import make_law
-from coaxlink.rotor.model import Effect, load_rotor_model
+from coaxlink.rotor.model import EffectEntry as Effect
+from coaxlink.rotor.model import load_rotor_model
 from coaxlink.vehicle import Conditions, Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

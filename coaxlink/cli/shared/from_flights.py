@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from coaxlink.cli.shared.shell import console, say, talk
-
-if TYPE_CHECKING:
-    from coaxlink.health.next_flight import NextFlight
 
 AirframeOption = Annotated[
     Path | None, typer.Option(metavar="AIRFRAME.toml", help="With flight logs: the weighed vehicle.")
@@ -67,9 +64,7 @@ def identify_from_flights(
     screen = console()
     screen.print(coefficient_table(update, planned))
     screen.print(hover_table(update))
-    for line in words(update):
-        say(f"- {line}")
-    for line in planned.words() if planned else ():
+    for line in (*words(update), *(planned.words() if planned else ())):
         say(f"- {line}")
     if out:
         save_rotor_model(out, update.model)
@@ -78,29 +73,20 @@ def identify_from_flights(
         files.write_json(json, update.as_json() | ({"next": planned.as_json()} if planned else {}))
     if problem:
         raise problem
-    model = out or "ROTOR.toml"
-    limits = _written(plan, planned) if plan and planned else None
-    constrain = f" --constrain {limits}" if limits else ""
+    constrain = ""
+    if plan and planned:
+        files.write_toml(plan, planned.document())
+        say(f"wrote {plan}")
+        if limits := planned.limits():  # of the table that the plan needs
+            beside = plan.with_name(f"{plan.stem}_limits.toml")
+            files.write_toml(beside, limits)
+            say(f"wrote {beside}")
+            constrain = f" --constrain {beside}"
     say(
-        f"next: coaxlink table {airframe} --rotor {model} --firmware px4{constrain} --out DIR makes a table "
-        "of it; the file is the prior of the next flights"
+        f"next: coaxlink table {airframe} --rotor {out or 'ROTOR.toml'} --firmware px4{constrain} --out DIR "
+        "makes a table of it; the file is the prior of the next flights"
     )
     if plan:
         say(f"with that on board: coaxlink fly --plan {plan} --connect URL flies the plan")
     else:
         say("--next PLAN.toml plans the flight that would tell most")
-
-
-def _written(plan: Path, planned: NextFlight) -> Path | None:
-    """Write the plan, and beside it the limits of the table that it asks for: their path, if any."""
-    from coaxlink import files
-
-    files.write_toml(plan, planned.document())
-    say(f"wrote {plan}")
-    limits = planned.limits()
-    if limits is None:
-        return None
-    path = plan.with_name(f"{plan.stem}_limits.toml")
-    files.write_toml(path, limits)
-    say(f"wrote {path}")
-    return path

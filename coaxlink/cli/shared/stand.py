@@ -37,7 +37,7 @@ TrustOption = Annotated[
 
 
 @dataclass(frozen=True)
-class Reading:
+class StandOptions:
     """How stand logs are to be read."""
 
     columns: Path | None = None
@@ -47,11 +47,26 @@ class Reading:
     sheet: str | None = None
     trust_units: bool = False
 
+    def read(self, path: Path, progress: Callable[[str], None]) -> Samples:
+        """One log. Raises RotorsUnclear, InputError."""
+        from coaxlink.data import read_stand_log
+
+        return read_stand_log(
+            path,
+            self.columns,
+            upper=self.upper,
+            poles=self.poles,
+            diameter_m=self.diameter_m,
+            sheet=self.sheet,
+            trust_units=self.trust_units,
+            progress=lambda share: progress(f"reading {path.name}, {100 * share:.0f} %"),
+        )
+
 
 def read_stand(
-    paths: Sequence[Path], how: Reading, progress: Callable[[str], None], *, one_rotor: bool = False
+    paths: Sequence[Path], how: StandOptions, progress: Callable[[str], None], *, one_rotor: bool = False
 ) -> list[Samples]:
-    """Stand logs, each with its rotors known; labels that one log tells hold for the others.
+    """Stand logs, each with its rotors known; the upper one's label in one log holds for the others.
 
     `one_rotor`: the logs are of one pair, whose labels must agree. `progress` takes the progress. Asks on a
     terminal which rotor is the upper; raises RotorsUnclear elsewhere, InputError.
@@ -63,7 +78,7 @@ def read_stand(
     for path in paths:
         refuse_flight_log(path)
         try:
-            read.append(_read(path, how, progress))
+            read.append(how.read(path, progress))
         except RotorsUnclear as unclear:
             read.append(unclear)
     labels = {r.upper_label for r in read if not isinstance(r, RotorsUnclear) and r.upper_label}
@@ -74,7 +89,7 @@ def read_stand(
         if isinstance(log, RotorsUnclear):
             known = [label for label in labels if label in log.labels]
             upper = known[0] if len(known) == 1 else _ask(log)
-            log = _read(path, replace(how, upper=upper), progress)
+            log = replace(how, upper=upper).read(path, progress)
         elif one_rotor and len(labels) == 1 and how.upper is None and not log.upper_label:
             log = _relabelled(path, log, replace(how, upper=next(iter(labels))), progress)
         found.append(log)
@@ -109,27 +124,12 @@ def doubts(log: Samples, upper: str | None) -> list[str]:
     return [f"against --upper {upper}: {'; '.join(evidence)}"]
 
 
-def _read(path: Path, how: Reading, progress: Callable[[str], None]) -> Samples:
-    from coaxlink.data import read_stand_log
-
-    return read_stand_log(
-        path,
-        how.columns,
-        upper=how.upper,
-        poles=how.poles,
-        diameter_m=how.diameter_m,
-        sheet=how.sheet,
-        trust_units=how.trust_units,
-        progress=lambda share: progress(f"reading {path.name}, {100 * share:.0f} %"),
-    )
-
-
-def _relabelled(path: Path, log: Samples, how: Reading, progress: Callable[[str], None]) -> Samples:
+def _relabelled(path: Path, log: Samples, how: StandOptions, progress: Callable[[str], None]) -> Samples:
     """A log of one rotor alone, on the side that its label has in the other logs."""
     from coaxlink.errors import InputError
 
     try:
-        return _read(path, how, progress)
+        return how.read(path, progress)
     except InputError:
         return log  # no such label there: headings that say their rotors
 

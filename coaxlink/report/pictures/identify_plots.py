@@ -16,11 +16,11 @@ from coaxlink.report.pictures.figures import DPI, stamped
 from coaxlink.report.pictures.label import channel_words, label
 from coaxlink.report.pictures.looks import AFTER, BEFORE, LOOKS
 from coaxlink.rotor.efficiency import measured_efficiency, split_curves
-from coaxlink.rotor.fit import least_squares
-from coaxlink.rotor.forms import load_terms
-from coaxlink.rotor.identification import COAXIAL, Identification
+from coaxlink.rotor.fit import least_squares, load_terms
+from coaxlink.rotor.identification import Identification
 from coaxlink.rotor.lasso import tolerance_form
 from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.stand_data import COAXIAL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -34,8 +34,7 @@ from coaxlink.residual.result import (
 )
 from coaxlink.residual.search.select import Selection
 from coaxlink.residual.search.trial import columns_of
-from coaxlink.rotor import Effect as ModelEffect
-from coaxlink.rotor import RotorModel
+from coaxlink.rotor import EffectEntry, RotorModel
 
 DRAWS = 200
 MANY_READINGS = 1000  # independent ones, more than a run has: rows like these do not separate two effects
@@ -407,7 +406,7 @@ def _with_effects(model: RotorModel, effects: Sequence[FoundEffect]) -> RotorMod
     It is the vehicle as it landed: what began in mid-flight is there from now on.
     """
     added = tuple(
-        ModelEffect(e.name, {q.name: q.value for q in e.parameters if q.name not in COMES}, tuple(e.needs))
+        EffectEntry(e.name, {q.name: q.value for q in e.parameters if q.name not in COMES}, tuple(e.needs))
         for e in effects
     )
     names = {e.name for e in added}

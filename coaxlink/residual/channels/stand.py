@@ -22,7 +22,7 @@ from coaxlink.residual.regression.blocks import folds_of
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import design_matrix
-from coaxlink.rotor.speeds import normalised_speeds
+from coaxlink.rotor.stand_data import normalised_speeds
 
 COLUMN_OF = {load.channel: load.column for load in Load}
 Orders = tuple[

@@ -1,4 +1,4 @@
-"""Intervals for coefficients, and the terms that the data cannot tell apart.
+"""How well a model is known: errors on rows held out, the noise beneath them, intervals of coefficients.
 
 An interval that takes the chosen terms for granted is far too narrow: on 121 points at 0.5 N it holds u_u^2
 of eq. 17's lower thrust in 36 draws of 100, because which terms stand beside it was decided on the same data.
@@ -15,9 +15,72 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
+NORMALISER = "max - min of the held-out measurements"  # the paper's Table 2 uses two and names neither
 CORRELATED = 0.9  # estimates that move together this closely are one direction of the data
 ROUNDING = 1e-6  # relative, of a fit on a Gram matrix: the root of a double's, times its condition
+# a difference in one block alone is one standard error exactly: rounding must not decide about it
+ONE_STANDARD_ERROR = 1.0 + 1e-9
 SINGULAR = 1e-6  # of the largest singular value of the standardised terms
+
+
+@dataclass(frozen=True)
+class HeldOutError:
+    """Error of one channel on rows that the fit did not use, as the paper's Table 2 gives it."""
+
+    rmse: float  # N or N m
+    nrmse: float  # rmse / (max - min of the held-out measurements)
+    r: float  # Pearson correlation of measured and predicted
+    held_out_rows: int
+
+    def as_json(self) -> dict[str, float | int]:
+        """Plain numbers for the JSON report."""
+        return {"rmse": self.rmse, "nrmse": self.nrmse, "r": self.r, "held_out_rows": self.held_out_rows}
+
+
+def held_out_error(measured: Array, predicted: Array) -> HeldOutError:
+    """Error over the rows (n,) in which both are known (not NaN)."""
+    known = np.isfinite(measured) & np.isfinite(predicted)
+    y, p = measured[known], predicted[known]
+    if not len(y):
+        return HeldOutError(0.0, 0.0, 0.0, 0)
+    rmse = float(np.sqrt(np.mean((y - p) ** 2)))
+    span = float(np.ptp(y))
+    spread = float(np.std(y) * np.std(p))
+    r = float(np.mean((y - y.mean()) * (p - p.mean())) / spread) if spread > 0 else 0.0
+    return HeldOutError(rmse, rmse / span if span > 0 else 0.0, r, len(y))
+
+
+def standard_errors_above(errors: Array, other: Array) -> Array:
+    """(m,) by how many standard errors of the paired difference over blocks (K, m) exceed others (K,)."""
+    difference = errors - other[:, None]
+    total = difference.sum(axis=0)
+    count = len(difference)
+    spread = difference.std(axis=0, ddof=1) * np.sqrt(count) if count > 1 else np.zeros(len(total))
+    certain = np.where(total == 0.0, 0.0, np.copysign(np.inf, total))
+    return np.where(spread > 0, total / np.where(spread > 0, spread, 1.0), certain)
+
+
+def noise_floor(upper: Array, lower: Array, residual: Array) -> float:
+    """Root mean square of the noise in one channel, from differences between nearest neighbours.
+
+    Speeds and residual of a rich fit are (n,): what neighbours do not share is noise.
+    """
+    from scipy.spatial import cKDTree
+
+    known = np.isfinite(residual)
+    points = np.column_stack([upper[known], lower[known]])
+    values = residual[known]
+    if len(values) < 4:
+        return 0.0
+    _, index = cKDTree(points).query(points, k=2)
+    own = np.arange(len(values))
+    other = np.where(index[:, 0] == own, index[:, 1], index[:, 0])
+    pairs = np.unique(np.sort(np.column_stack([own, other]), axis=1), axis=0)
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    difference = values[pairs[:, 0]] - values[pairs[:, 1]]
+    return float(np.sqrt(np.mean(difference**2) / 2))
 
 
 @dataclass(frozen=True)
@@ -25,10 +88,12 @@ class Intervals:
     """95 % intervals of every coefficient of a dictionary."""
 
     bounds: Mapping[str, tuple[float, float]]  # N or N m; no entry for what the data leave open
-    estimate: Mapping[str, float]  # least squares on the whole dictionary
     standard_error: Mapping[str, float]
-    indistinct: tuple[tuple[str, ...], ...]  # terms of which the data only determine a combination
-    block_rows: int  # rows in a bootstrap block
+    indistinct: tuple[tuple[str, ...], ...] = ()  # terms of which the data only determine a combination
+
+    def as_json(self) -> dict[str, list[float]]:
+        """The bounds as plain numbers."""
+        return {term: list(bound) for term, bound in self.bounds.items()}
 
     def holds(self, values: Mapping[str, float]) -> bool:
         """Whether every coefficient of a model lies inside its interval, to the rounding of a Gram matrix.
@@ -41,9 +106,7 @@ class Intervals:
         return all(low - room <= v <= high + room for v, (low, high) in ranges)
 
 
-def term_intervals(
-    terms: Sequence[str], X: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64]
-) -> Intervals:
+def term_intervals(terms: Sequence[str], X: Array, y: Array, weights: Array) -> Intervals:
     """Intervals for the terms of a design (n, p), rows in the order they were measured; weights (n,)."""
     from scipy.special import stdtrit
 
@@ -55,24 +118,21 @@ def term_intervals(
     inverse = (right[sound].T / singular[sound]) @ left[:, sound].T / scale[:, None]  # (p, n)
     open_terms = 1.0 - np.sum(right[sound] ** 2, axis=0) > 1e-6  # (p,) with a share in what no row tells
     b = inverse @ (y * root)
-    spare = max(len(y) - X.shape[1], 1)
+    degrees = max(len(y) - X.shape[1], 1)
     residual = root * (y - X @ b)
-    residual = residual * np.sqrt(len(y) / spare)  # least squares has taken p of the n degrees of freedom
-    length = _block_length(residual)
-    covariance = _block_covariance(inverse, residual, length)
+    residual = residual * np.sqrt(len(y) / degrees)  # least squares has taken p of the n degrees of freedom
+    covariance = _block_covariance(inverse, residual, _block_length(residual))
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    half = float(stdtrit(spare, 0.975)) * error
+    half = float(stdtrit(degrees, 0.975)) * error
     determined = [i for i in range(len(terms)) if not open_terms[i]]
     return Intervals(
         {terms[i]: (float(b[i] - half[i]), float(b[i] + half[i])) for i in determined},
-        dict(zip(terms, map(float, b), strict=True)),
         {terms[i]: float(error[i]) for i in determined},
         _indistinct(terms, inverse @ inverse.T, b, half, open_terms),
-        length,
     )
 
 
-def _block_length(residual: NDArray[np.float64]) -> int:
+def _block_length(residual: Array) -> int:
     """1 for residuals whose neighbours have nothing in common, else the span over which they are alike."""
     n = len(residual)
     centred = residual - residual.mean()
@@ -86,9 +146,7 @@ def _block_length(residual: NDArray[np.float64]) -> int:
     return int(np.clip(length, 2, n // 6))
 
 
-def _block_covariance(
-    inverse: NDArray[np.float64], residual: NDArray[np.float64], length: int
-) -> NDArray[np.float64]:
+def _block_covariance(inverse: Array, residual: Array, length: int) -> Array:
     """(p, p) covariance of inverse @ e over all e made of residual blocks that wrap round the end."""
     from scipy.linalg import toeplitz
 
@@ -106,11 +164,7 @@ def _block_covariance(
 
 
 def _indistinct(
-    terms: Sequence[str],
-    covariance: NDArray[np.float64],
-    b: NDArray[np.float64],
-    half: NDArray[np.float64],
-    open_terms: NDArray[np.bool_],
+    terms: Sequence[str], covariance: Array, b: Array, half: Array, open_terms: NDArray[np.bool_]
 ) -> tuple[tuple[str, ...], ...]:
     """Groups of terms that are undetermined one by one and whose estimates move together."""
     deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
