@@ -7,14 +7,18 @@ A session's end is a `Line`; at the other end is a `ScriptedAutopilot`, or one o
 import random
 from contextlib import contextmanager
 from pathlib import Path
+from unittest import mock
 
 from coaxlink.mavlink import connect
+from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.clock import VirtualClock
 
 DELAY_S = 0.001
 STEP_S = 0.01  # a stand-in lives in such steps
 TURN_S = 0.05  # so often a session looks about, whatever comes
+HOST = "10.0.0.1"
 EXAMPLES = Path(__file__).parents[2] / "examples"
+X8 = EXAMPLES / "x8_paper.toml"
 
 
 class Net:
@@ -30,7 +34,7 @@ class Net:
 
     def address(self):
         """One that nobody has."""
-        return ("10.0.0.1", next(self._ports))
+        return (HOST, next(self._ports))
 
     def bind(self, address, hear):
         """`hear(data, source)` gets what is sent there."""
@@ -105,7 +109,7 @@ class Standin:
 
         self.net, self.address = net, net.address()
         self.url = f"udpout:{self.address[0]}:{self.address[1]}"
-        self._board = InMemory(World(EXAMPLES / "x8_paper.toml", firmware=firmware, **world))
+        self._board = InMemory(World(X8, firmware=firmware, **world))
         self.autopilot, self._clients = self._board.autopilot, []
         self._on = True
         net.bind(self.address, self._hear)
@@ -133,6 +137,22 @@ class Standin:
         """As when the plug is pulled."""
         self._on = False
         self.net.leave(self.address)
+
+
+@contextmanager
+def plugged(net):
+    """Whoever opens an address of this net, a verb of the command line say, gets a line on it."""
+
+    def opened(url, **options):
+        found = parse_address(url)
+        if found.host != HOST:
+            return connect(url, **options)
+        at = (found.host, found.port)
+        line = Line(net, address=at) if found.kind == "udpin" else Line(net, at)
+        return connect(url, transport=line, clock=net.clock, **options)
+
+    with mock.patch("coaxlink.mavlink.connect", opened):
+        yield net
 
 
 @contextmanager
