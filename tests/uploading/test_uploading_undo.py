@@ -7,7 +7,7 @@ from memory_net import X8, meet, standin
 from pymavlink.dialects.v20 import common as m
 
 from coaxlink.errors import CoaxlinkError
-from coaxlink.fly.commands import Vehicle
+from coaxlink.fly.commands import Commander
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import FLOAT, Parameters
 from coaxlink.uploading.backup import read_backup
@@ -34,7 +34,7 @@ def _worker(session, tmp_path, said=None):
 
 def _fly(session, seconds):
     """Up to 3 m and down again; at many times real time."""
-    vehicle, end = Vehicle(session), session.clock.monotonic() + 600.0
+    vehicle, end = Commander(session), session.clock.monotonic() + 600.0
     while True:
         try:
             vehicle.arm()
