@@ -31,7 +31,7 @@ from pymavlink.dialects.v20 import common as m
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import CoaxlinkError
-from coaxlink.fly.trajectory import Circle, Hold, Move, Plan, Segment
+from coaxlink.fly.trajectory import Circle, FlightPlan, Hold, Move, Segment
 from coaxlink.mavlink import connect
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.tables.px4 import px4_table
@@ -167,7 +167,7 @@ def fly(binary: Path, airframe: Path, params: dict[str, float], seed: int) -> tu
                 now.value = NAMES.index(segment)
 
             with session.listen(("ATTITUDE_TARGET", "ATTITUDE_QUATERNION")) as inbox:
-                track = vehicle.follow(Plan(FLIGHT), mark)
+                track = vehicle.follow(FlightPlan(FLIGHT), mark)
                 own_rows, status = rows()
                 heard = []
                 while (message := session.take(inbox, 0.0)) is not None:
