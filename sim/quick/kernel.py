@@ -13,8 +13,7 @@ import math
 import numpy as np
 from numba.extending import register_jitable
 
-from sim.physics.blades import OPTIONS, plain
-from sim.physics.compile_cache import cached
+from sim.physics.compile_cache import OPTIONS, cached, plain
 from sim.physics.kernel import advance
 from sim.physics.layout import CURRENT, O_FORCE, SPEED, VOLTAGE, WIND
 from sim.px4 import loops
@@ -167,8 +166,7 @@ def log_row(time, r, command, n, top, row):
 
 @cached(**OPTIONS)
 def fly(
-    first, last, judged, rate, h, state, p, geo, slots, lanes, tilted, quad, poly, blades, out, top, ground,
-    goals, noise, kicks, ring, s, turns, w, g, m, columns, curve, address, book, demand, sp, command, a, thin,
+    first, last, judged, rate, h, state, p, geo, pairs, poly, blades, out, top, ground, goals, noise, kicks, ring, s, turns, w, g, m, columns, curve, address, book, demand, sp, command, a, thin,
     thin_every, log, log_every,
 ):  # fmt: skip
     """Turns first..last (from 0 on; row 0 of goals, noise and kicks is turn `first`'s).
@@ -202,7 +200,7 @@ def fly(
         if log_every and turn % log_every == 0:
             log_row(h * ((1000 * turn) // rate), r, command, n, top, log[turn // log_every])
         steps = (1000 * (turn + 1)) // rate - (1000 * turn) // rate
-        advance(state, command, p, geo, slots, lanes, tilted, quad, poly, blades, h, steps, out)
+        advance(state, command, p, geo, pairs, poly, blades, h, steps, out)
         before = h * steps
         if turn >= judged:
             judge(state, out, goal, wanted, rates, command, n, top, a)

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from sim.errors import WorldError
 from sim.flights import fly
 from sim.physics.bemt import BemtPair, pair_air, pair_loads
-from sim.physics.blade_numbers import RHO, Blades
+from sim.physics.bemt import RHO, Blades
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
 from sim.vehicle import read_vehicle
