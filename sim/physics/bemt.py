@@ -34,7 +34,7 @@ RHO = 1.225
 
 
 @dataclass(frozen=True)
-class Blades:
+class BladeNumbers:
     """What the equations need of one rotor type; meanings as in `pairs/*.toml`."""
 
     radius_m: float
@@ -50,19 +50,19 @@ class Blades:
     mach: float = 1.0
 
 
-def lift_slope(b: Blades, tip_m_s: float, u: Floats) -> Floats:
+def lift_slope(b: BladeNumbers, tip_m_s: float, u: Floats) -> Floats:
     """Solidity times lift slope: Reynolds number, and Mach number by Prandtl and Glauert."""
     x = np.clip(u, SLOWEST, FASTEST)
     mach = b.mach * (0.75 * tip_m_s * x / SOUND_M_S) ** 2
     return b.lift * x**b.reynolds / np.sqrt(1.0 - np.minimum(mach, 0.8))
 
 
-def profile_drag(b: Blades, u: Floats) -> Floats:
+def profile_drag(b: BladeNumbers, u: Floats) -> Floats:
     """Solidity times profile drag coefficient, over 4."""
     return 0.25 * b.drag * np.clip(u, SLOWEST, FASTEST) ** (-0.5 * abs(b.reynolds))
 
 
-def constants(b: Blades, tip_m_s: float) -> Floats:
+def constants(b: BladeNumbers, tip_m_s: float) -> Floats:
     """(13,) what the compiled equations want to know, as `blades` numbers it."""
     x = b.spacing_m / b.radius_m
     reach = x / math.sqrt(1.0 + x * x)
@@ -78,7 +78,7 @@ def constants(b: Blades, tip_m_s: float) -> Floats:
 
 
 def pair_loads(
-    blades: Blades,
+    blades: BladeNumbers,
     tip_m_s: float,
     u_upper: ArrayLike,
     u_lower: ArrayLike,
@@ -90,7 +90,7 @@ def pair_loads(
 
 
 def pair_air(
-    blades: Blades,
+    blades: BladeNumbers,
     tip_m_s: float,
     u_upper: ArrayLike,
     u_lower: ArrayLike,
@@ -115,7 +115,7 @@ def pair_air(
 class BemtPair(Pair):
     """The stand and the compiled plant turn the same equations; `coefficients` are not used."""
 
-    blades: Blades
+    blades: BladeNumbers
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> Floats:
         """(4, ...) by the equations."""
@@ -146,14 +146,14 @@ class BemtPair(Pair):
 def bemt_pair(path: Path, document: dict[str, Any], speed_max_rpm: float) -> BemtPair:
     """From a parsed rotor file of form "bemt". Raises WorldError."""
     table = document.get("blades")
-    names = {f.name for f in fields(Blades)}
+    names = {f.name for f in fields(BladeNumbers)}
     if isinstance(table, dict):
         refuse_unknown(path, "blades", table, sorted(names))
     else:
         raise WorldError(path, "blades", f"a table of {', '.join(sorted(names))} is expected")
     values = {name: read_number(path, f"blades.{name}", value) for name, value in table.items()}
     try:
-        blades = Blades(**values)
+        blades = BladeNumbers(**values)
     except TypeError:
         raise WorldError(
             path, "blades", "radius_m, spacing_m, lift, pitch_rad and drag are expected"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim.physics import layout
 from sim.physics.pair import Pair
-from sim.vehicle import LOWER, Vehicle
+from sim.vehicle import LOWER, SimVehicle
 
 STEP_S = 0.001
 GRAVITY = 9.80665
@@ -18,7 +18,7 @@ FOOT_Z_M = 0.20
 
 
 @dataclass(frozen=True)
-class Battery:
+class BatteryPack:
     """An 8-cell pack; `reference_V` is where a command means its own speed when the ESCs do not regulate."""
 
     cells: int = 8
@@ -30,7 +30,7 @@ class Battery:
 
 
 @dataclass(frozen=True)
-class Motor:
+class MotorData:
     """220 rpm a volt; resistance and heat of its size's kind."""
 
     torque_Nm_A: float = 30.0 / (math.pi * 220.0)
@@ -51,10 +51,10 @@ class Sensing:
 class Plant:
     """State and parameters of one vehicle on the ground at the origin; `advance` moves it on."""
 
-    def __init__(self, vehicle: Vehicle, pair: Pair, battery: Battery | None = None) -> None:
+    def __init__(self, vehicle: SimVehicle, pair: Pair, battery: BatteryPack | None = None) -> None:
         self.index = layout  # names of the arrays' entries
-        self.vehicle, self.pair, self.battery = vehicle, pair, battery or Battery()
-        self.motor, self.sensing, self.radius_m = Motor(), Sensing(), pair.radius_m
+        self.vehicle, self.pair, self.battery = vehicle, pair, battery or BatteryPack()
+        self.motor, self.sensing, self.radius_m = MotorData(), Sensing(), pair.radius_m
         n = vehicle.rotors
         self.parameters = self._default_parameters()
         self.geometry = np.zeros((layout.GEOMETRY, n))

@@ -20,7 +20,7 @@ from coaxlink.live.mixer_core import MixCore
 from coaxlink.live.reallocation import Reallocation, law_without
 from coaxlink.mixer import make_law
 from coaxlink.vehicle import load_vehicle
-from sim.effects import FORMS, Effect
+from sim.effects import FORMS, HiddenEffect
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
 from sim.px4 import telemetry
@@ -52,13 +52,13 @@ class Mixed:
         while self.a.mode != Mode.HOLD:
             self.a.step()
         if wind:
-            FORMS["wind"].apply(self.a.plant, Effect("wind", wind, 0.0, {"direction_deg": 70.0}, "steady"))
+            FORMS["wind"].apply(self.a.plant, HiddenEffect("wind", wind, 0.0, {"direction_deg": 70.0}, "steady"))
         self.fly(CALM_S)
         self.onset_s = self.a.plant.time_s
         self.before = self.core.law
         if rotor:
             extra = {"rotor": float(rotor)}
-            FORMS["degraded_rotor"].apply(self.a.plant, Effect("degraded_rotor", 1.0, 0.0, extra, kind))
+            FORMS["degraded_rotor"].apply(self.a.plant, HiddenEffect("degraded_rotor", 1.0, 0.0, extra, kind))
 
     def adopt(self, law, vehicle):
         self.due.append((self.turn + WAITS, law, vehicle))
@@ -149,7 +149,7 @@ def test_a_sound_flight_keeps_its_law_and_the_law_is_not_taken_back():
     flight.fly(8.0)
     assert not flight.calls and flight.core.law is flight.before
     FORMS["degraded_rotor"].apply(
-        flight.a.plant, Effect("degraded_rotor", 1.0, 0.0, {"rotor": 2.0}, "weak_motor")
+        flight.a.plant, HiddenEffect("degraded_rotor", 1.0, 0.0, {"rotor": 2.0}, "weak_motor")
     )
     flight.fly(0.3)
     law = flight.core.law
@@ -163,7 +163,7 @@ def test_a_sound_flight_keeps_its_law_and_the_law_is_not_taken_back():
 def test_a_weak_rotor_has_its_share_in_the_law():
     flight = Mixed("x8_demo.toml", wind=0.0)
     extra = {"rotor": 4.0}
-    FORMS["degraded_rotor"].apply(flight.a.plant, Effect("degraded_rotor", 0.2, 0.0, extra, "share"))
+    FORMS["degraded_rotor"].apply(flight.a.plant, HiddenEffect("degraded_rotor", 0.2, 0.0, extra, "share"))
     flight.fly(4.0)
     assert {c.rotor for c in flight.calls} == {4} and not any(c.stopped for c in flight.calls)
     assert flight.reallocation.done[0]["thrust_left"] == pytest.approx(0.8, abs=0.04)
@@ -298,7 +298,7 @@ def test_the_loop_itself_goes_on_without_it(native):
             flight.fly(2.0)
             extra = {"rotor": 2.0}
             FORMS["degraded_rotor"].apply(
-                flight.autopilot.plant, Effect("degraded_rotor", 1.0, 0.0, extra, "weak_motor")
+                flight.autopilot.plant, HiddenEffect("degraded_rotor", 1.0, 0.0, extra, "weak_motor")
             )
             flight.rows.clear()
             flight.fly(5.0, until=lambda: live.core.sent[1] == 0.0)
