@@ -38,12 +38,12 @@ from coaxlink.tables.px4 import px4_table
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from sim.bridge.px4_hil import Px4Bridge
-from sim.effects import FORMS, Effect
+from sim.effects import FORMS, HiddenEffect
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
 from sim.px4.autopilot import Autopilot
 from sim.px4.cascade import euler
-from sim.trial_flight import tuned_settings
+from sim.px4.tuning import tuned_settings
 from sim.truth import Truth
 from sim.vehicle import read_vehicle
 
@@ -82,7 +82,7 @@ class Watched(Truth):
     """A truth that drops its load when told, and keeps a row of the plant every 4 ms."""
 
     def __init__(self, now: Any) -> None:
-        super().__init__((Effect("mass_change", LOAD_KG),))
+        super().__init__((HiddenEffect("mass_change", LOAD_KG),))
         self.now, self.loaded = now, True
         self.rows: list[tuple[float, ...]] = []
 
@@ -92,7 +92,7 @@ class Watched(Truth):
         if segment < 0:
             return
         if self.loaded and NAMES[segment] == "drop":
-            FORMS["mass_change"].apply(plant, Effect("mass_change", -LOAD_KG))
+            FORMS["mass_change"].apply(plant, HiddenEffect("mass_change", -LOAD_KG))
             self.loaded = False
         shaft = float(plant.torque @ plant.speeds) * plant.pair.speed_max_rpm * math.pi / 30.0
         w, x, y, z = plant.quaternion.tolist()

@@ -35,7 +35,7 @@ from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle, load_vehicle
 from sim.flights import write_flight
 from sim.physics.rotors import read_pair
-from sim.quick.flight import World, fly_quick, make_design
+from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.quick.plans import PLANS
 from sim.vehicle import read_vehicle
 
@@ -60,7 +60,7 @@ def hovered(tmp_path_factory):
 
 def fly(path, plan, seconds, table):
     made = make_design(read_vehicle(FRAME), read_pair(ROTORS), table)
-    flown, log = fly_quick(made, World((), 3, plan, seconds), 8)
+    flown, log = fly_quick(made, FlightWorld((), 3, plan, seconds), 8)
     write_flight(path, log)
     return flown
 

@@ -18,7 +18,7 @@ from coaxlink.live.reallocation import Reallocation, law_without
 from coaxlink.mixer import make_law
 from coaxlink.vehicle import load_vehicle
 from firmware_params.px4.messages import ESC_STATUS
-from sim.effects import FORMS, Effect
+from sim.effects import FORMS, HiddenEffect
 from sim.px4 import telemetry
 
 ROTORS = example("rotor_paper.toml")
@@ -53,7 +53,7 @@ class Mixed:
         self.flight.clock.later(0.01, self._work)
 
     def spoil(self, effect, size, kind, **extra):
-        FORMS[effect].apply(self.plant, Effect(effect, size, 0.0, extra, kind))
+        FORMS[effect].apply(self.plant, HiddenEffect(effect, size, 0.0, extra, kind))
 
     def lose(self, rotor, share=1.0, kind="weak_motor"):
         """A rotor loses that share of its thrust; seconds until the law was another."""
