@@ -29,9 +29,10 @@ def errors_of_table(
 
     `as_paper`: of the paper's hover and circle alone, and without a lag.
     """
-    from coaxlink.mixer.intent import intended_wrench
+    from firmware_params import px4
 
-    return _errors(flight, vehicle, lambda _, motor: intended_wrench(parameters, motor), as_paper)
+    mix = px4.realise(parameters)
+    return _errors(flight, vehicle, lambda _, motor: mix.wrench(motor), as_paper)
 
 
 def errors_of_live(

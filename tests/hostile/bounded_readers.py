@@ -133,7 +133,6 @@ def readers() -> dict[str, Callable[[Path], object]]:
         "tlog": log,
         ".params table": plan,
         ".param table": plan,
-        "mixer.csv": px4.read_mixer_csv,
         "matrix script": lambda path: script_factors(path.read_bytes().decode("utf-8", "replace")),
         "packed parameters": lambda path: packed.unpack(path.read_bytes()),
         "board for init": layout_of_file,

@@ -276,7 +276,6 @@ MAKERS = {
     "tlog": lambda folder: _written("f.tlog", tlog())(folder),
     ".params table": _params,
     ".param table": _param,
-    "mixer.csv": _written("mixer.csv", "0.1,0.2,0.3,0,0,-1\n" * 8),
     "matrix script": _written("coaxlink_matrix.lua", matrix_script(FACTORS, title="X8")),
     "packed parameters": _written("param.pck", packed.pack(PACKED)),
     "board for init": _params,
