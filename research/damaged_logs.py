@@ -113,16 +113,16 @@ def flown() -> Columns:
     """The flight that is damaged."""
     from coaxlink.tables.px4 import report_px4
     from coaxlink.vehicle import load_vehicle
-    from sim.effects import Effect
+    from sim.effects import HiddenEffect
     from sim.physics.rotors import read_pair
-    from sim.quick.flight import World, fly_quick, make_design
+    from sim.quick.flight import FlightWorld, fly_quick, make_design
     from sim.vehicle import read_vehicle
 
     frame, rotors = EXAMPLES / "x8_demo.toml", EXAMPLES / "rotor_paper.toml"
     table = report_px4(load_vehicle(frame, rotors), "fitted").params
-    weak = Effect("degraded_rotor", 0.1, 20.0, {"rotor": 3.0})
+    weak = HiddenEffect("degraded_rotor", 0.1, 20.0, {"rotor": 3.0})
     made = make_design(read_vehicle(frame), read_pair(rotors), table)
-    return fly_quick(made, World((weak,), 1, "wander", 60.0), 8)[1]
+    return fly_quick(made, FlightWorld((weak,), 1, "wander", 60.0), 8)[1]
 
 
 def measured() -> Columns:

@@ -38,7 +38,7 @@ FIGURES = ("N", "Nm", "misjudged_N", "misjudged_Nm")
 def drawn(seed: int) -> tuple[str, Any, Any, tuple[Any, ...]]:
     """Airframe file, prior, body that flies, and effects."""
     from coaxlink.rotor.model import RotorModel, load_rotor_model
-    from sim.effects import Effect
+    from sim.effects import HiddenEffect
     from sim.vehicle import read_vehicle
 
     random = np.random.default_rng([seed, 0xC0])
@@ -58,12 +58,12 @@ def drawn(seed: int) -> tuple[str, Any, Any, tuple[Any, ...]]:
         position_m=body.position_m * np.array([arm, arm, 1.0]),
     )
     effects = (
-        Effect("wind", random.uniform(0.0, 5.0), 0.0, {"direction_deg": random.uniform(0, 360)}, "dryden"),
-        Effect("rotor_drag", random.uniform(0.0, 0.1)),
-        Effect("axial_inflow", random.uniform(0.0, 0.5)),
-        Effect("battery_voltage", random.uniform(0.0, 0.5)),
-        Effect("cg_offset", random.uniform(0.0, 0.005), 0.0, {"direction_deg": random.uniform(0, 360)}),
-        Effect("rotor_lag", random.uniform(0.0, 0.01)),
+        HiddenEffect("wind", random.uniform(0.0, 5.0), 0.0, {"direction_deg": random.uniform(0, 360)}, "dryden"),
+        HiddenEffect("rotor_drag", random.uniform(0.0, 0.1)),
+        HiddenEffect("axial_inflow", random.uniform(0.0, 0.5)),
+        HiddenEffect("battery_voltage", random.uniform(0.0, 0.5)),
+        HiddenEffect("cg_offset", random.uniform(0.0, 0.005), 0.0, {"direction_deg": random.uniform(0, 360)}),
+        HiddenEffect("rotor_lag", random.uniform(0.0, 0.01)),
     )
     return name, prior, body, effects
 
@@ -90,7 +90,7 @@ def vehicle(job: tuple[int, int, bool, bool, bool]) -> list[dict[str, Any]]:
     from coaxlink.tables.px4 import report_px4
     from coaxlink.vehicle import Vehicle
     from sim.physics.rotors import read_pair
-    from sim.quick.flight import World, fly_quick, make_design
+    from sim.quick.flight import FlightWorld, fly_quick, make_design
 
     seed, minutes, rpm, keep, splits = job
     name, prior, body, effects = drawn(seed)
@@ -109,7 +109,7 @@ def vehicle(job: tuple[int, int, bool, bool, bool]) -> list[dict[str, Any]]:
             flies = Vehicle(airframe, prior if keep else model)
             fit = fit_table(flies, shares=(SPLITS[minute % len(SPLITS)],)) if splits else None
             table = report_px4(flies, "fitted", fit=fit).params
-            world = World(effects, 100 * seed + minute, PLANS[minute % len(PLANS)], MINUTE_S)
+            world = FlightWorld(effects, 100 * seed + minute, PLANS[minute % len(PLANS)], MINUTE_S)
             flown, log = fly_quick(make_design(body, pair, table), world, EVERY)
             columns = {k: v for k, v in log.items() if rpm or not k.startswith("rpm")}
             path = Path(folder) / f"{minute}.csv"

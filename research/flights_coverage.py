@@ -87,7 +87,7 @@ def vehicle(seed: int) -> dict[str, Any]:
     from coaxlink.tables.px4 import report_px4
     from coaxlink.vehicle import Vehicle
     from sim.physics.rotors import read_pair
-    from sim.quick.flight import World, fly_quick, make_design
+    from sim.quick.flight import FlightWorld, fly_quick, make_design
     from sim.quick.plans import PLANS
 
     name, prior, body, effects = drawn(seed)
@@ -99,7 +99,7 @@ def vehicle(seed: int) -> dict[str, Any]:
         flies = Vehicle(airframe, model)
         fit = constrained_table(flies, limits).table if limits else None
         made = make_design(body, pair, report_px4(flies, "fitted", fit=fit).params)
-        flown, log = fly_quick(made, World(effects, 1000 * seed + number, "given", MINUTE_S), EVERY)
+        flown, log = fly_quick(made, FlightWorld(effects, 1000 * seed + number, "given", MINUTE_S), EVERY)
         rows = int((flown.seconds + 5.0) * 400 / EVERY) - 5
         read = []
         for columns in (log, {k: v for k, v in log.items() if not k.startswith("rpm")}):

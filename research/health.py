@@ -161,9 +161,9 @@ def lost_at_speed(pair: Any, pairs: Any, hover: Any, rotor: int, loss: float) ->
 
 def onset_flight(seed: int, i: int, kinds: tuple[str, ...]) -> tuple[str, dict, dict, Callable[[], dict]]:
     """(airframe file, columns, truth, a sound flight before it); what happens is the i-th of `kinds`."""
-    from sim.effects import Effect
+    from sim.effects import HiddenEffect
     from sim.physics.rotors import read_pair
-    from sim.quick.flight import World, fly_quick, make_design
+    from sim.quick.flight import FlightWorld, fly_quick, make_design
     from sim.vehicle import read_vehicle
 
     random = np.random.default_rng([seed, i, 0x05E7])
@@ -180,18 +180,18 @@ def onset_flight(seed: int, i: int, kinds: tuple[str, ...]) -> tuple[str, dict, 
     )
     wind = {"direction_deg": random.uniform(0, 360)}
     effects = [
-        Effect("wind", random.uniform(0.0, 6.0), 0.0, wind, "dryden"),
-        Effect("rotor_drag", random.uniform(0.0, 0.1)),
-        Effect("axial_inflow", random.uniform(0.0, 0.5)),
-        Effect("battery_voltage", random.uniform(0.0, 0.5)),
-        Effect("rotor_lag", random.uniform(0.0, 0.01)),
+        HiddenEffect("wind", random.uniform(0.0, 6.0), 0.0, wind, "dryden"),
+        HiddenEffect("rotor_drag", random.uniform(0.0, 0.1)),
+        HiddenEffect("axial_inflow", random.uniform(0.0, 0.5)),
+        HiddenEffect("battery_voltage", random.uniform(0.0, 0.5)),
+        HiddenEffect("rotor_lag", random.uniform(0.0, 0.01)),
     ]
     askew = {"direction_deg": random.uniform(0, 360)}
     cg, onset = random.uniform(0.0, 0.005), random.uniform(15.0, 45.0)
     kind = kinds[i % len(kinds)]
     usual = tuple(effects)
     truth: dict[str, Any] = {"what": kind, "rotor": 0, "loss": 0.0, "law": "", "onset_s": onset}
-    effects.append(Effect("cg_offset", cg, 0.0, askew))
+    effects.append(HiddenEffect("cg_offset", cg, 0.0, askew))
     if kind in FAULTS:
         rotor, loss = int(random.integers(body.rotors)) + 1, random.uniform(0.05, 0.2)
         law, over = LAWS[int(random.integers(3))], random.uniform(10.0, 30.0)
@@ -200,24 +200,24 @@ def onset_flight(seed: int, i: int, kinds: tuple[str, ...]) -> tuple[str, dict, 
         parts = 20 if kind == FAULTS[2] else 1
         each = 1.0 - (1.0 - loss) ** (1.0 / parts)
         times = onset + over * (np.arange(parts) + 0.5) / parts if parts > 1 else [onset]
-        effects += [Effect("degraded_rotor", each, float(t), {"rotor": float(rotor)}, law) for t in times]
+        effects += [HiddenEffect("degraded_rotor", each, float(t), {"rotor": float(rotor)}, law) for t in times]
     elif kind == OTHERS[1]:
-        effects.append(Effect("cg_offset", 0.02, onset, {"direction_deg": random.uniform(0, 360)}))
+        effects.append(HiddenEffect("cg_offset", 0.02, onset, {"direction_deg": random.uniform(0, 360)}))
     elif kind == OTHERS[2]:
-        effects.append(Effect("mass_change", -0.5, onset))
+        effects.append(HiddenEffect("mass_change", -0.5, onset))
     plan = PLANS[int(random.integers(3))]
     made = make_design(body, read_pair(rotor_file), table)
     if truth["law"] == "weak_motor":
         hover, pairs = made.hover_command, vehicle.declared.pairs
         truth["loss"] = lost_at_speed(made.pair, pairs, hover, truth["rotor"] - 1, truth["loss"])
-    world = World(tuple(effects), int(random.integers(1_000_000)), plan, SECONDS - 5.0)
+    world = FlightWorld(tuple(effects), int(random.integers(1_000_000)), plan, SECONDS - 5.0)
 
     def columns(world: Any) -> dict:
         flown, log = fly_quick(made, world, EVERY)
         rows = int((flown.seconds + 5.0) * 400 / EVERY) - 5
         return {column: values[:rows] for column, values in log.items()}
 
-    before = World((*usual, Effect("cg_offset", cg, 0.0, askew)), world.seed + 1, "wander", SECONDS - 5.0)
+    before = FlightWorld((*usual, HiddenEffect("cg_offset", cg, 0.0, askew)), world.seed + 1, "wander", SECONDS - 5.0)
     return name, columns(world), truth, lambda: columns(before)
 
 

@@ -1,13 +1,11 @@
 """Wrench demand in, eight motor commands out: how soon, how many lost, how many late.
 
     python research/live_latency.py [--cycles 24000] [--rate 400] [--memory 100000] [--hostile]
-    python research/live_latency.py --flood elsewhere|own [--flood-hz 20000] --memory 0
 
 First `coaxlink mix` in a process of its own, through UDP in real time: the round trip that a client sees, in
-blocks that alternate with a bare echo in Python. `--flood` sends junk to its port meanwhile, from another
-address or from the vehicle's own. Then the same session and loop in memory, on a virtual clock as fast as
-they go: what the processor needs for a demand, books and parsing included; `--hostile` puts a damaged or
-nasty frame before each demand. Nothing out of 0..1 may leave, and no good demand stay unanswered.
+blocks that alternate with a bare echo in Python. Then the same session and loop in memory, on a virtual clock
+as fast as they go: what the processor needs for a demand, books and parsing included; `--hostile` puts a
+damaged or nasty frame before each demand. Nothing out of 0..1 may leave, and no good demand stay unanswered.
 """
 
 from __future__ import annotations
@@ -72,17 +70,6 @@ def echo(port: int) -> None:
             line.sendto(ANSWER.pack(0, 1, 1, DEMAND.unpack(data[10:-2])[0], *[0.0] * 8, 0, 1, 1), peer)
 
 
-def flood(line: socket.socket, port: int, rate_hz: float) -> None:
-    junk = [random.Random(k).randbytes(60) for k in range(64)]
-    began, sent = time.monotonic(), 0
-    while True:
-        while sent < (time.monotonic() - began) * rate_hz:
-            with contextlib.suppress(OSError):
-                line.sendto(junk[sent % 64], ("127.0.0.1", port))
-            sent += 1
-        time.sleep(0.0005)
-
-
 def meet(line: socket.socket) -> None:
     """Until `mix` has asked for the demand, and a heartbeat a second from then on."""
     mav, asked = m.MAVLink(None, 1, 1), False
@@ -133,22 +120,18 @@ def told(name: str, took: np.ndarray) -> None:
     print(f"lost {len(took) - len(us)}, {late}; load {os.getloadavg()[0]:.1f}", flush=True)
 
 
-def real_time(cycles: int, rate_hz: float, law: str, flooded: str, flood_hz: float) -> None:
+def real_time(cycles: int, rate_hz: float, law: str) -> None:
     port, echo_port = free_port(), free_port()
-    lines = {name: socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for name in ("echo", "mix", "elsewhere")}
+    lines = {name: socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for name in ("echo", "mix")}
     lines["echo"].connect(("127.0.0.1", echo_port))
     lines["mix"].bind(("127.0.0.1", 0))
     lines["mix"].connect(("127.0.0.1", port))
     words = ["mix", str(AIRFRAME), "--law", law, "--no-witness", "--rate", str(rate_hz)]
     command = [sys.executable, "-m", "coaxlink", *words, "--connect", f"udpin:127.0.0.1:{port}"]
-    children = [multiprocessing.Process(target=echo, args=(echo_port,), daemon=True)]
-    if flooded:
-        line = lines["mix" if flooded == "own" else "elsewhere"]
-        children.append(multiprocessing.Process(target=flood, args=(line, port, flood_hz), daemon=True))
+    echoing = multiprocessing.Process(target=echo, args=(echo_port,), daemon=True)
     verb = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     meet(lines["mix"])
-    for child in children:
-        child.start()
+    echoing.start()
     times: dict[str, list[np.ndarray]] = {"echo": [], "mix": []}
     round_trips(lines["mix"], rate_hz, round(rate_hz))  # until the law has faded in
     for _ in range(BLOCKS):
@@ -158,8 +141,7 @@ def real_time(cycles: int, rate_hz: float, law: str, flooded: str, flood_hz: flo
     status = Path(f"/proc/{verb.pid}/status").read_text()
     verb.send_signal(signal.SIGINT)
     print(verb.communicate()[0].strip(), status[status.index("VmRSS") :].splitlines()[0], sep="\n")
-    for child in children:
-        child.terminate()
+    echoing.terminate()
     for name, blocks in times.items():
         told(f"{name} {rate_hz:g} Hz", np.concatenate(blocks))
 
@@ -252,11 +234,9 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=400.0)
     parser.add_argument("--law", default="exact")
     parser.add_argument("--hostile", action="store_true")
-    parser.add_argument("--flood", choices=["elsewhere", "own"], default="")
-    parser.add_argument("--flood-hz", type=float, default=20_000.0)
     o = parser.parse_args()
     if o.cycles:
-        real_time(o.cycles, o.rate, o.law, o.flood, o.flood_hz)
+        real_time(o.cycles, o.rate, o.law)
     if o.memory:
         in_memory(o.memory, o.rate, o.law, o.hostile)
 

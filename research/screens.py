@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from coaxlink import files
-from coaxlink.fly.commands import Vehicle as Autopilot
+from coaxlink.fly.commands import Commander as Autopilot
 from coaxlink.mavlink import connect
 from coaxlink.monitor.feed import Feed
 from coaxlink.monitor.screen.app import Monitor

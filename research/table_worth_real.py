@@ -31,19 +31,19 @@ from pymavlink.dialects.v20 import common as m
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import CoaxlinkError
-from coaxlink.fly.trajectory import Circle, Hold, Move, Plan, Segment
+from coaxlink.fly.trajectory import Circle, FlightPlan, Hold, Move, Segment
 from coaxlink.mavlink import connect
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.tables.px4 import px4_table
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4
 from sim.bridge.px4_hil import Px4Bridge
-from sim.effects import FORMS, Effect
+from sim.effects import FORMS, HiddenEffect
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
 from sim.px4.autopilot import Autopilot
 from sim.px4.cascade import euler
-from sim.trial_flight import tuned_settings
+from sim.px4.tuning import tuned_settings
 from sim.truth import Truth
 from sim.vehicle import read_vehicle
 
@@ -82,7 +82,7 @@ class Watched(Truth):
     """A truth that drops its load when told, and keeps a row of the plant every 4 ms."""
 
     def __init__(self, now: Any) -> None:
-        super().__init__((Effect("mass_change", LOAD_KG),))
+        super().__init__((HiddenEffect("mass_change", LOAD_KG),))
         self.now, self.loaded = now, True
         self.rows: list[tuple[float, ...]] = []
 
@@ -92,7 +92,7 @@ class Watched(Truth):
         if segment < 0:
             return
         if self.loaded and NAMES[segment] == "drop":
-            FORMS["mass_change"].apply(plant, Effect("mass_change", -LOAD_KG))
+            FORMS["mass_change"].apply(plant, HiddenEffect("mass_change", -LOAD_KG))
             self.loaded = False
         shaft = float(plant.torque @ plant.speeds) * plant.pair.speed_max_rpm * math.pi / 30.0
         w, x, y, z = plant.quaternion.tolist()
@@ -167,7 +167,7 @@ def fly(binary: Path, airframe: Path, params: dict[str, float], seed: int) -> tu
                 now.value = NAMES.index(segment)
 
             with session.listen(("ATTITUDE_TARGET", "ATTITUDE_QUATERNION")) as inbox:
-                track = vehicle.follow(Plan(FLIGHT), mark)
+                track = vehicle.follow(FlightPlan(FLIGHT), mark)
                 own_rows, status = rows()
                 heard = []
                 while (message := session.take(inbox, 0.0)) is not None:

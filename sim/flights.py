@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from sim.documents import write_atomic
 from sim.physics.plant import Plant
 from sim.px4.autopilot import RATE_HZ, Autopilot, Mode
-from sim.px4.cascade import Goal, euler
+from sim.px4.cascade import Goal
+from sim.quick.plans import on_circle
 
 LOG_EVERY = 2  # steps of the autopilot a row: 125 Hz
 
@@ -38,16 +39,8 @@ def paper(t: float) -> Goal:
 
 def circle(t: float, radius: float, down: float, period: float) -> Goal:
     """From (radius, 0), the rate rising over 3 s."""
-    w, ramp = 2 * math.pi / period, 3.0
-    s = min(t / ramp, 1.0)
-    angle = w * (ramp * (s**3 - s**4 / 2) + max(t - ramp, 0.0))
-    rate, turn = w * (3 * s * s - 2 * s**3), w * 6 * s * (1 - s) / ramp
-    c, n = math.cos(angle), math.sin(angle)
-    return Goal(
-        (radius * c, radius * n, down),
-        (-radius * rate * n, radius * rate * c, 0.0),
-        (-radius * (rate**2 * c + turn * n), radius * (turn * c - rate**2 * n), 0.0),
-    )
+    n, e, vn, ve, an, ae = map(float, on_circle(t, radius, period))
+    return Goal((n, e, down), (vn, ve, 0.0), (an, ae, 0.0))
 
 
 def vigorous(t: float) -> Goal:
@@ -120,18 +113,12 @@ def columns(rotors: int) -> list[str]:
 
 def row(a: Autopilot) -> list[float]:
     """One row: the last reading, and the commands it led to."""
-    r = a.reading
-    return [
-        r.time_s,
-        *a.command.tolist(),
-        *r.accel.tolist(),
-        *r.rates.tolist(),
-        *euler(tuple(r.quaternion.tolist())),
-        *r.velocity.tolist(),
-        r.height,
-        r.voltage,
-        *(a.plant.pair.speed_max_rpm * r.speeds).tolist(),
-    ]
+    from sim.quick.kernel import log_row  # numba takes its time
+
+    out = np.empty(15 + 2 * a.rotors)
+    top = a.plant.pair.speed_max_rpm * math.pi / 30.0
+    log_row(a.reading.time_s, a.reading.values, a.command, a.rotors, top, out)
+    return out.tolist()
 
 
 def write_flight(path: Path, log: dict[str, NDArray[np.float64]]) -> None:

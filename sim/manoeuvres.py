@@ -27,7 +27,7 @@ Four = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Piece:
+class PlanPiece:
     """From one place and heading (north, east, height in m, heading in rad) to another."""
 
     start_s: float
@@ -67,7 +67,7 @@ def read_plan(path: Path) -> tuple[Callable[[float], Goal], float]:
     if not 0.3 <= height <= LIMITS["height_m"]:
         raise WorldError(path, "height_m", f"0.3 to 100 is expected, found {height:g}")
     start: Four = (0.0, 0.0, height, 0.0)
-    pieces: list[Piece] = []
+    pieces: list[PlanPiece] = []
     at = 0.0
     for number, table in enumerate(tables, 1):
         piece = _piece(path, f"pieces[{number}]", table, start, at)
@@ -84,7 +84,7 @@ def read_plan(path: Path) -> tuple[Callable[[float], Goal], float]:
     return follow, at
 
 
-def _piece(path: Path, where: str, table: Any, start: Four, at: float) -> Piece:
+def _piece(path: Path, where: str, table: Any, start: Four, at: float) -> PlanPiece:
     if not isinstance(table, dict):
         raise WorldError(path, where, "a table is expected")
     refuse_unknown(path, where, table, ("seconds", "cycles", *KEYS, "what"))
@@ -101,4 +101,4 @@ def _piece(path: Path, where: str, table: Any, start: Four, at: float) -> Piece:
             if abs(value) > LIMITS[key] or (key == "height_m" and value < 0.3):
                 raise WorldError(path, f"{where}.{key}", f"out of reach: {value:g}")
             last[k] = math.radians(value) if key == "yaw_deg" else value
-    return Piece(at, seconds, start, (last[0], last[1], last[2], last[3]), cycles)
+    return PlanPiece(at, seconds, start, (last[0], last[1], last[2], last[3]), cycles)

@@ -22,7 +22,7 @@ from sim.line.memory import Memory
 from sim.line.signing import Signing
 from sim.line.wire import Clock, Wire, WireFaults
 from sim.px4.autopilot import RATE_HZ, Autopilot
-from sim.px4.cascade import Demand
+from sim.px4.cascade import LoopDemand
 from sim.px4.protocol import Conversation
 from sim.px4.telemetry import stamp_us
 
@@ -184,7 +184,7 @@ class Standin:
     def _reached(self, seq: int) -> None:
         self._everyone(m.MAVLink_mission_item_reached_message(seq))
 
-    def _exchange(self, demand: Demand) -> None:
+    def _exchange(self, demand: LoopDemand) -> None:
         """Send the demand to whoever mixes, and wait for the answer where that is fair."""
         due = [c for c in self._conversations.values() if c.demand_due()]
         if not due:

@@ -14,26 +14,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim.documents import read_document, read_number, refuse_unknown
-from sim.effects import FORMS, GUST_SEED, Effect, Gusts
+from sim.effects import FORMS, HiddenEffect
 from sim.errors import WorldError
+from sim.physics.wind import W_ON, blow, gusts_of, rise
 
 if TYPE_CHECKING:
     from sim.physics.plant import Plant
 
 
+GUST_SEED = 0x6057
 HIDDEN = ("battery_voltage", "rotor_drag", "degraded_rotor", "cg_offset", "ground_effect", "axial_inflow")
 
 
 class Truth:
     """The effects of one world, applied to its plant as their time comes."""
 
-    def __init__(self, effects: tuple[Effect, ...] = (), gust_seed: int = GUST_SEED) -> None:
+    def __init__(self, effects: tuple[HiddenEffect, ...] = (), gust_seed: int = GUST_SEED) -> None:
         self.effects = effects
-        wind = next((e for e in effects if e.name == "wind"), Effect("wind", 0.0))
-        size = sum(e.extra.get("gust_m_s", 0.0) for e in effects)
-        if wind.law == "dryden" and "gust_m_s" not in wind.extra:
-            size += abs(wind.size) / 4.0
-        self._gusts = Gusts(size, wind.law, gust_seed)
+        self._gusts, self._random = gusts_of(effects), np.random.default_rng(gust_seed)
+        self._blown_s = 0.0
         self._waiting = sorted(effects, key=lambda e: e.onset_s)
         self._strange = [e for e in effects if e.name == "strange"]
 
@@ -46,13 +45,16 @@ class Truth:
             self._waiting.remove(effect)
             FORMS[effect.name].apply(plant, effect)
             if effect.name == "wind":
-                self._gusts.start(plant)
-        self._gusts.blow(plant)
+                rise(self._gusts, plant.parameters)
+                self._blown_s = plant.time_s
+        if self._gusts[W_ON]:
+            since, self._blown_s = plant.time_s - self._blown_s, plant.time_s
+            blow(self._gusts, plant.parameters, plant.height, since, self._random.standard_normal(3))
         if self._strange:
             plant.parameters[plant.index.PUSH + 2] = sum(_push(e, plant.time_s) for e in self._strange)
 
 
-def _push(e: Effect, t: float) -> float:
+def _push(e: HiddenEffect, t: float) -> float:
     """N downwards: pulses of uneven length, tied to nothing."""
     since = t - e.onset_s
     return e.size * (math.sin(2.3 * since) * math.sin(0.37 * since) > 0.2) if since >= 0.0 else 0.0
@@ -78,7 +80,7 @@ def read_truth(path: Path) -> Truth:
         law = table.get("law", "")
         if law and law not in form.laws:
             raise WorldError(path, f"{where}.law", f"one of {', '.join(form.laws)} is expected")
-        effects.append(Effect(table["name"], size, onset, extra, law))
+        effects.append(HiddenEffect(table["name"], size, onset, extra, law))
     return Truth(tuple(effects))
 
 
@@ -102,7 +104,7 @@ def hidden_truth(seed: int, rotors: int) -> Truth:
     else:
         size = 0.18 * worth  # of the arm
         extra["direction_deg"] = float(random.uniform(0.0, 360.0))
-    return Truth((Effect(name, round(size, 5), 0.0, extra),))
+    return Truth((HiddenEffect(name, round(size, 5), 0.0, extra),))
 
 
 def truth_text(truth: Truth) -> str:

@@ -34,7 +34,7 @@ ROTOR_KEYS = ("number", "position_m", "spin", "level", "pair", "axis")
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class SimVehicle:
     """N rotors in the order of their numbers, and the body they carry."""
 
     name: str
@@ -54,7 +54,7 @@ class Vehicle:
         return len(self.spin)
 
 
-def read_vehicle(path: Path) -> Vehicle:
+def read_vehicle(path: Path) -> SimVehicle:
     """Read an airframe file. Raises WorldError naming the key."""
     document = read_document(path)
     refuse_unknown(path, "", document, KEYS)
@@ -76,7 +76,7 @@ def read_vehicle(path: Path) -> Vehicle:
     inertia = _vector(path, "inertia_kg_m2", document.get("inertia_kg_m2"))
     if mass <= 0 or min(inertia) <= 0 or lag < 0:
         raise WorldError(path, "mass_kg, inertia_kg_m2, motor_lag_s", "positive numbers are expected")
-    return Vehicle(
+    return SimVehicle(
         _name(path, document.get("name", path.stem)),
         mass,
         np.array(inertia),

@@ -14,7 +14,7 @@ from coaxlink.cli.shared.shell import JsonOption, console, say, talk
 from coaxlink.studies.result_folder import complete_or_unchanged, terminated_as_interrupted
 
 if TYPE_CHECKING:
-    from coaxlink.fly.trajectory import Plan
+    from coaxlink.fly.trajectory import FlightPlan
     from coaxlink.report.demo import DemoResult
     from coaxlink.studies.flight import Watch
 
@@ -67,7 +67,7 @@ def _progress() -> Iterator[tuple[Any, Watch]]:
         bar = progress.add_task("coaxlink demo", total=STEPS)
         flight = progress.add_task("", visible=False)
 
-        def step(text: str, plan: Plan | None = None) -> None:
+        def step(text: str, plan: FlightPlan | None = None) -> None:
             progress.update(bar, description=text, advance=1)
             progress.update(flight, visible=False, total=plan.duration_s if plan else None)
             if not screen.is_terminal:

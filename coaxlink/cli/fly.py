@@ -1,4 +1,4 @@
-"""`coaxlink fly`: a plan on a real autopilot through MAVSDK, its log down again and into refine."""
+"""`coaxlink fly`: a plan on a real autopilot, its log down again (through MAVSDK) and into refine."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, Time
 
 if TYPE_CHECKING:
     from coaxlink.fly.flight import Flown
-    from coaxlink.fly.limits import Limits, State
+    from coaxlink.fly.limits import FlightLimits, State
     from coaxlink.fly.logs import Logs
-    from coaxlink.fly.trajectory import Plan
+    from coaxlink.fly.trajectory import FlightPlan
     from coaxlink.mavlink import Session
     from coaxlink.vehicle import Vehicle
 
@@ -53,25 +53,24 @@ def fly(
 ) -> None:
     """Fly a plan within limits of our own; the pilot's mode change ends it at once."""
     from coaxlink import files
-    from coaxlink.fly.bridge import Bridge
-    from coaxlink.fly.flight import STREAMS, Flown, OverLimit, Pilot
-    from coaxlink.fly.limits import Limits
+    from coaxlink.fly.flight import Flown, OverLimit, Pilot
+    from coaxlink.fly.limits import FlightLimits
     from coaxlink.fly.logs import Logs
     from coaxlink.fly.plans import peaks, plan_of
     from coaxlink.mavlink import connect as open_session
 
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
     body = _vehicle_files(airframe, rotor)
-    course = plan_of(plan, height, reach, *(_doublets(body) if plan == "identify" else ()))
-    limits = Limits(radius_m=fence, ceiling_m=ceiling, battery=battery)
+    planned = plan_of(plan, height, reach, *(_doublets(body) if plan == "identify" else ()))
+    limits = FlightLimits(radius_m=fence, ceiling_m=ceiling, battery=battery)
     files.refuse_unwritable(json)
     files.refuse_unwritable(out / "flight.tlog")
-    flown = Flown(course.duration_s)
+    flown = Flown(planned.duration_s)
     found: dict[str, Any] = {}
-    asks = peaks(course)
+    most = peaks(planned)
     say(
-        f"{plan}: {course.duration_s:.0f} s, {asks['lowest_m']:.1f} to {asks['highest_m']:.1f} m high, "
-        f"{asks['radius_m']:.1f} m away at most, {asks['speed_m_s']:.1f} m/s, {asks['tilt_deg']:.0f} degrees"
+        f"{plan}: {planned.duration_s:.0f} s, {most['lowest_m']:.1f} to {most['highest_m']:.1f} m high, "
+        f"{most['radius_m']:.1f} m away at most, {most['speed_m_s']:.1f} m/s, {most['tilt_deg']:.0f} degrees"
     )
     try:
         with (
@@ -83,13 +82,10 @@ def fly(
                 record=out / "flight.tlog",
             ) as line,
             introduced(line) as session,
-            Bridge(session) as bridge,
         ):
-            for number, rate in STREAMS.items():
-                session.request_stream(number, rate)
-            pilot = Pilot(bridge, limits)
-            pilot.check(course)
-            logs = Logs(bridge)
+            pilot = Pilot(session, limits)
+            pilot.check(planned)
+            logs = Logs(session)
             before = logs.entries() if log else []
             left = pilot.battery()
             charge = "" if left is None else f", battery at {100 * left:.0f} %"
@@ -100,7 +96,7 @@ def fly(
             _confirm(yes, session.identity.name)
             _record(session, before is None)
             try:
-                _in_the_air(pilot, course, flown)
+                _in_the_air(pilot, planned, flown)
             except OverLimit:
                 found = _bring_down(logs, out, before) if log else {}  # what went wrong is in it
                 raise
@@ -153,7 +149,7 @@ def _doublets(vehicle: Vehicle | None) -> tuple[float]:
     return (size,)
 
 
-def _words(limits: Limits) -> str:
+def _words(limits: FlightLimits) -> str:
     charge = f", battery above {100 * limits.battery:.0f} %" if limits.battery > 0 else ""
     return f"{limits.radius_m:g} m away, {limits.ceiling_m:g} m high{charge}"
 
@@ -182,17 +178,17 @@ def _record(session: Session, all_of_it: bool) -> None:
         session.request_stream(number, rate)
 
 
-def _in_the_air(pilot: Any, course: Plan, flown: Flown) -> None:
+def _in_the_air(pilot: Any, planned: FlightPlan, flown: Flown) -> None:
     with talk().status("arming, taking off") as status:
 
         def watch(segment: str, t: float, state: State) -> None:
             charge = "" if state.battery is None else f", {100 * state.battery:.0f} %"
             status.update(
-                f"{segment}: {t:.0f} of {course.duration_s:.0f} s, {state.height_m:.1f} m high, "
+                f"{segment}: {t:.0f} of {planned.duration_s:.0f} s, {state.height_m:.1f} m high, "
                 f"{state.off_plan_m:.2f} m off{charge}"
             )
 
-        pilot.fly(course, flown, watch)
+        pilot.fly(planned, flown, watch)
 
 
 def _bring_down(logs: Logs, out: Path, before: list[Any] | None) -> dict[str, Any]:
@@ -231,4 +227,4 @@ def _refine(path: Path, airframe: Path, rotor: Path | None, out: Path) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("fly", short_help="Fly a plan through MAVSDK within limits of its own.")(fly)
+    app.command("fly", short_help="Fly a plan within limits of its own.")(fly)

@@ -116,7 +116,7 @@ def mix(
         if props_off:
             _turn_motors(session, frame, json_file)
             return
-        _refuse_others(session)
+        _require_path(session)
         live_record = _record(record, vehicle, law)
         live = LiveMixer(
             session, vehicle, chosen, rate_hz=rate, dry_run=dry_run, witness=witness, record=live_record,
@@ -129,7 +129,6 @@ def mix(
         problem = None
         try:
             with _sharing(session, forward) as ground, live, _health(live, ground, reallocate) as health:
-                say("dry run: no motor command is sent" if dry_run else "live mixing")
                 try:
                     problem = _watch(live, seconds, lost, Plotter(live, ground) if plot else None)
                 except KeyboardInterrupt:
@@ -164,7 +163,7 @@ def _judge(live: LiveMixer, summary: dict[str, Any]) -> None:
         )
 
 
-def _refuse_others(session: Session) -> None:
+def _require_path(session: Session) -> None:
     """Before anything is asked of it. Raises SafetyRefusal for an autopilot that takes no motor commands."""
     from coaxlink.live.paths import require_path
 
@@ -244,6 +243,8 @@ def _watch(live: LiveMixer, seconds: float | None, lost_s: float, plotter: Plott
     from coaxlink.live.stall import Absence
 
     clock, screen = live.session.clock, sys.stderr.isatty()
+    if not screen:
+        say("dry run: no motor command is sent" if live.dry_run else "live mixing")
     started = clock.monotonic()
     absence = Absence(started, POLL_S)
     while seconds is None or clock.monotonic() - started < seconds:

@@ -126,7 +126,7 @@ def sim(
 
 def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, schedule: Path | None) -> None:
     from sim.physics.rotors import read_pair
-    from sim.stand.effects import Bench, measure, read_bench
+    from sim.stand.effects import StandSetup, measure, read_bench
     from sim.stand.grid import stand_rows, write_stand
     from sim.stand.schedule import read_schedule
 
@@ -137,7 +137,7 @@ def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, sched
     else:
         import numpy as np
 
-        bench = Bench() if truth is None else read_bench(truth)
+        bench = StandSetup() if truth is None else read_bench(truth)
         steps = None if schedule is None else read_schedule(schedule)
         columns = measure(pair, bench, seed=seed, schedule=steps)
         rows = np.column_stack(list(columns.values()))

@@ -1,34 +1,50 @@
 """Fly a PX4 or ArduCopter vehicle through a session: arm, take off, follow set-points, land.
 
-Set-points are flown in PX4's offboard mode and in ArduCopter's guided mode.
-
-Everything is paced by the vehicle's own stamps (`time_boot_ms`), so the same code flies a real aircraft and
-a simulator that runs faster than real time. Wall time only bounds how long silence is borne.
+Set-points are flown in PX4's offboard mode and in ArduCopter's guided mode. Everything is paced by the
+vehicle's own stamps (`time_boot_ms`), so the same code flies a real aircraft and a simulator that runs faster
+than real time. The session's clock only bounds how long silence is borne. A change of mode by somebody else
+ends it at once: nothing is sent any more.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
-from coaxlink.fly.trajectory import Plan, Setpoint
-from coaxlink.mavlink.requests import Inbox
+from coaxlink.fly.trajectory import FlightPlan, Setpoint
 from coaxlink.mavlink.session import Session
 
-OFFBOARD, AUTO, LOITER = 6, 4, 3  # PX4 main modes, and a sub mode
-GUIDED = 4  # ArduCopter mode
+PX4_OFFBOARD, PX4_AUTO, PX4_LOITER = 6, 4, 3  # main modes, and a sub mode
+AP_GUIDED, AP_LAND = 4, 9  # ArduCopter's modes
 READY_S = 15.0  # how long a vehicle that has just started may take until its own checks let it arm
-SILENCE_S = 15.0  # wall time without a position before the link counts as lost; a busy machine may stall
+SILENCE_S = 15.0  # without a position before the link counts as lost; a busy machine may stall
+REACHED = 0.9  # of the height of a take-off
+_LEAD = 15  # set-points before PX4 lets its mode change
+_CHECKS = mavlink.MAV_SYS_STATUS_PREARM_CHECK
 _TYPE_MASK = mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+# a position of the vehicle (LOCAL_POSITION_NED), what it is doing, for how many seconds, and its set-point
+Held = Callable[[Any, str, float, Setpoint | None], None]
 
 
 class PlanAbandoned(CheckFailed):
-    """The vehicle left the mode in which it follows set-points, before the plan was flown."""
+    """The vehicle left the mode that it was commanded to: its pilot or its failsafe has it."""
+
+
+class NotReached(CheckFailed):
+    """The height of a take-off was not reached in time."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a plan's origin is in the vehicle's local frame (NED), and its heading there."""
+
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -41,93 +57,41 @@ class Track:
     flown_m: tuple[tuple[float, float, float], ...]  # NED
 
 
-class Vehicle:
-    """Commands of one flight. Raises SafetyRefusal when the autopilot says no, LinkError on silence."""
+class ModeWatch:
+    """Whether the vehicle is still in the mode that was requested, heartbeat by heartbeat.
+
+    Once it was seen there a single heartbeat of another mode ends it; before, two in a row: one may have been
+    under way when the mode was acknowledged.
+    """
+
+    def __init__(self) -> None:
+        self._entered, self._missed = False, 0
+
+    def left(self, ours: bool) -> bool:
+        """Whether, after a heartbeat of our mode or of another, somebody else has it."""
+        self._missed = 0 if ours else self._missed + 1
+        self._entered = self._entered or ours
+        return self._missed > (0 if self._entered else 1)
+
+
+class Commander:
+    """Commands of one flight. Raises SafetyRefusal when the autopilot says no, LinkError on silence, and
+    PlanAbandoned when somebody else takes the vehicle."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        if session.identity.is_ardupilot:  # it streams what it is asked for
+        self._ardupilot = session.identity.is_ardupilot
+        if self._ardupilot:  # it streams what it is asked for
             session.request_stream(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 50.0)
             session.request_stream(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 5.0)
 
-    def now_s(self) -> float:
-        """The vehicle's own clock at its next position message."""
-        return float(self._position().time_boot_ms) / 1e3
-
     def height_m(self) -> float:
-        """Height above the place of take-off."""
-        return -float(self._position().z)
+        """Height above the origin of the vehicle's local frame, at its next position."""
+        return -float(self._heard("LOCAL_POSITION_NED").z)
 
-    def arm(self) -> None:
-        """Arm the motors: an ArduCopter in guided mode, where it may be told to take off, a PX4 in hold."""
-        if self.session.identity.is_ardupilot:
-            self._mode(GUIDED)
-        else:  # after a flight it is in offboard mode again, where without set-points it does not arm
-            self._mode(AUTO, LOITER)
-        self._wait_ready()
-        self._command("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-        self._until(lambda: self.session.armed, 5.0, "it said yes to arming but did not arm")
-
-    def take_off(self, height_m: float, timeout_s: float = 30.0) -> None:
-        """Climb to `height_m` and wait until there (vehicle's time)."""
-        heard = self.session
-        ground = heard.latest("GLOBAL_POSITION_INT") or heard.wait("GLOBAL_POSITION_INT", SILENCE_S)
-        if ground is None:
-            raise LinkError(self.session.address, f"no global position for {SILENCE_S:.0f} s")
-        if heard.identity.is_ardupilot:  # above home, and no NaN is taken
-            self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
-        else:
-            nan, altitude = math.nan, ground.alt / 1e3 + height_m
-            self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, altitude)
-        start = self.now_s()
-        while self.height_m() < 0.9 * height_m:
-            if self.now_s() - start > timeout_s:
-                raise CheckFailed(f"take-off: {height_m} m not reached in {timeout_s} s")
-
-    def follow(self, plan: Plan, watch: Callable[[str, float], None] | None = None) -> Track:
-        """Fly `plan`; `watch(segment, seconds)` hears of every set-point sent.
-
-        The stream starts before PX4's mode changes, as it asks. Raises LinkError when positions stop, and
-        PlanAbandoned when the vehicle leaves the mode.
-        """
-        rows: list[tuple[float, str, tuple[float, float, float], tuple[float, float, float]]] = []
-        start: float | None = None
-        following = False
-        # one queue for all of it: no position passes between two looks, each gets its set-point
-        with self.session.listen(("LOCAL_POSITION_NED",)) as inbox:
-            if not self.session.identity.is_ardupilot:
-                for _ in range(15):
-                    self._send(self._newest(inbox).time_boot_ms, plan.at(0.0)[1])
-                self._mode(OFFBOARD)
-            while True:
-                position = self._newest(inbox)
-                now = position.time_boot_ms / 1e3
-                start = now if start is None else start
-                t = now - start
-                was, following = following, self._follows()
-                if was and not following:
-                    problem = f"the vehicle gave the plan up at {t:.0f} of {plan.duration_s:.0f} s"
-                    raise PlanAbandoned(f"{problem}: set-points came too late, or its pilot took over")
-                if t > plan.duration_s:
-                    return Track(*(tuple(column) for column in zip(*rows, strict=True)))
-                segment, setpoint = plan.at(t)
-                self._send(position.time_boot_ms, setpoint)
-                rows.append((now, segment, setpoint.position_m, (position.x, position.y, position.z)))
-                if watch:
-                    watch(segment, t)
-
-    def land(self, timeout_s: float = 60.0) -> None:
-        """Land and wait until the motors are disarmed (vehicle's time)."""
-        self._command("landing", mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, math.nan, math.nan, math.nan, 0.0)
-        start = self.now_s()
-        while self.session.armed:
-            if self.now_s() - start > timeout_s:
-                raise CheckFailed(f"landing: still armed after {timeout_s} s")
-
-    def _wait_ready(self) -> None:
-        """Until its pre-arm checks pass, where it sends them; its answer to arming says the rest."""
-        checks = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        target = self.session.identity
+    def ready(self, patience_s: float = READY_S) -> bool:
+        """Whether its own pre-arm checks pass, in that time; True for one that does not say."""
+        target, clock = self.session.identity, self.session.clock
         ask = mavlink.MAVLink_command_long_message(
             target.system,
             target.component,
@@ -136,60 +100,144 @@ class Vehicle:
             mavlink.MAVLINK_MSG_ID_SYS_STATUS,
             *[0.0] * 6,
         )
-        clock = self.session.clock
-        end = clock.monotonic() + READY_S
+        end = clock.monotonic() + patience_s
         while True:
             status, _ = self.session.exchange(ask, "SYS_STATUS")
-            if status is None or not status.onboard_control_sensors_present & checks:
-                return
-            if status.onboard_control_sensors_health & checks or clock.monotonic() > end:
-                return
+            if status is None or not status.onboard_control_sensors_present & _CHECKS:
+                return True
+            if status.onboard_control_sensors_health & _CHECKS:
+                return True
+            if clock.monotonic() > end:
+                return False
             clock.sleep(0.2)
 
-    def _follows(self) -> bool:
-        """Whether its last heartbeat says that it follows set-points."""
-        heartbeat = self.session.latest("HEARTBEAT")
-        if heartbeat is None:
-            return False
-        if self.session.identity.is_ardupilot:
-            return int(heartbeat.custom_mode) == GUIDED
-        return int(heartbeat.custom_mode) >> 16 & 0xFF == OFFBOARD
+    def arm(self) -> None:
+        """Arm the motors: an ArduCopter in guided mode, where it may be told to take off, a PX4 in hold."""
+        if self._ardupilot:
+            self._mode(AP_GUIDED)
+        else:  # after a flight it is in offboard mode again, where without set-points it does not arm
+            self._mode(PX4_AUTO, PX4_LOITER)
+        self.ready()
+        self._command("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        end = self.session.clock.monotonic() + 5.0
+        while not self.session.armed:
+            if self.session.clock.monotonic() > end:
+                raise CheckFailed("it said yes to arming but did not arm")
+            self.session.wait("HEARTBEAT", 1.0)
 
-    def _position(self) -> mavlink.MAVLink_local_position_ned_message:
-        message = self.session.wait("LOCAL_POSITION_NED", SILENCE_S)
-        if message is None:
-            raise LinkError(self.session.address, f"no position for {SILENCE_S:.0f} s")
-        return message
+    def take_off(self, height_m: float, timeout_s: float = 30.0, held: Held | None = None) -> None:
+        """Climb by `height_m` and wait until there (vehicle's time). Raises NotReached."""
+        ground = self._heard("GLOBAL_POSITION_INT", latest=True)
+        start = self._heard("LOCAL_POSITION_NED")
+        if self._ardupilot:  # above home, and no NaN is taken
+            self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
+        else:
+            nan, altitude = math.nan, ground.alt / 1e3 + height_m
+            self._command("take-off", mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, altitude)
+        for t, position, _ in self._positions("take-off", AP_GUIDED, PX4_AUTO):
+            if held:
+                held(position, "take-off", t, None)
+            if start.z - position.z > REACHED * height_m:
+                return
+            if t > timeout_s:
+                raise NotReached(f"take-off: {height_m:g} m not reached in {timeout_s:g} s")
 
-    def _newest(self, inbox: Inbox) -> mavlink.MAVLink_local_position_ned_message:
-        """The newest position that waits, or the next."""
-        message: Any = self.session.take(inbox, SILENCE_S)
-        while message is not None and inbox:
-            message = self.session.take(inbox, 0.0) or message
+    def follow(
+        self,
+        plan: FlightPlan,
+        watch: Callable[[str, float], None] | None = None,
+        *,
+        start: Start = Start(),
+        held: Held | None = None,
+    ) -> Track:
+        """Fly `plan` from `start`; `watch(segment, seconds)` hears of every set-point sent.
+
+        `held` hears of every position and may raise to end it. The stream of set-points starts before PX4's
+        mode changes, as it asks.
+        """
+        rows: list[tuple[float, str, tuple[float, float, float], tuple[float, float, float]]] = []
+        if not self._ardupilot:
+            for _ in range(_LEAD):
+                self._send(self._heard("LOCAL_POSITION_NED").time_boot_ms, plan.at(0.0)[1], start)
+            self._mode(PX4_OFFBOARD)
+        doing = f"the plan of {plan.duration_s:.0f} s"
+        for t, position, newest in self._positions(doing, AP_GUIDED, PX4_OFFBOARD):
+            if t > plan.duration_s:
+                break
+            segment, setpoint = plan.at(t)
+            if newest:  # of positions that waited only the newest gets its set-point
+                self._send(position.time_boot_ms, setpoint, start)
+                place = (position.x, position.y, position.z)
+                rows.append((position.time_boot_ms / 1e3, segment, setpoint.position_m, place))
+                if watch:
+                    watch(segment, t)
+            if held:
+                held(position, segment, t, setpoint)
+        return Track(*(tuple(column) for column in zip(*rows, strict=True)))
+
+    def land(self, timeout_s: float = 60.0) -> None:
+        """Land and wait until the motors are disarmed (vehicle's time)."""
+        self._command("landing", mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, math.nan, math.nan, math.nan, 0.0)
+        for t, _, _ in self._positions("the landing", AP_LAND, PX4_AUTO, landing=True):
+            if not self.session.armed:
+                return
+            if t > timeout_s:
+                raise CheckFailed(f"landing: still armed after {timeout_s:g} s; the pilot must take it")
+
+    # -- inside --------------------------------------------------------------------------------------------
+
+    def _positions(
+        self, doing: str, guided: int, main: int, *, landing: bool = False
+    ) -> Iterator[tuple[float, Any, bool]]:
+        """Seconds since the first, the position, whether none newer waits.
+
+        For as long as the vehicle is in mode `guided` of ArduCopter or main mode `main` of PX4; one that is
+        `landing` may leave it once it is disarmed.
+        """
+        mode_watch, began, t = ModeWatch(), 0.0, -1.0
+        with self.session.listen(("LOCAL_POSITION_NED", "HEARTBEAT")) as inbox:
+            while True:
+                message = self.session.take(inbox, SILENCE_S)
+                if message is None:
+                    lost = "its own failsafe for a lost link has the vehicle now"
+                    raise LinkError(self.session.address, f"silent for {SILENCE_S:.0f} s: {lost}")
+                if message.get_type() == "HEARTBEAT":
+                    custom = int(message.custom_mode)
+                    ours = custom == guided if self._ardupilot else custom >> 16 & 0xFF == main
+                    if mode_watch.left(ours) and not (landing and not self.session.armed):
+                        raise PlanAbandoned(
+                            f"the vehicle left {doing} after {max(t, 0.0):.0f} s: its pilot or its own "
+                            "failsafe has it (as when set-points come too late), nothing is sent any more"
+                        )
+                    continue
+                now = message.time_boot_ms / 1e3
+                began = now if t < 0 else began
+                t = now - began
+                yield t, message, not inbox
+
+    def _heard(self, name: str, *, latest: bool = False) -> Any:
+        """The next message of this type, or the last."""
+        message = self.session.latest(name) if latest else None
+        message = message or self.session.wait(name, SILENCE_S)
         if message is None:
-            raise LinkError(self.session.address, f"no position for {SILENCE_S:.0f} s")
+            raise LinkError(self.session.address, f"no {name} for {SILENCE_S:.0f} s")
         return message
 
     def _command(self, what: str, command: int, *parameters: float) -> None:
         result = self.session.command(command, *parameters)
         if result != mavlink.MAV_RESULT_ACCEPTED:
-            name = mavlink.enums["MAV_RESULT"].get(result)
-            raise SafetyRefusal(f"{what}: the autopilot answered {name.name if name else result}")
+            known = mavlink.enums["MAV_RESULT"].get(result)
+            said = self.session.latest("STATUSTEXT")
+            words = f"; it says: {said.text}" if said is not None else ""
+            raise SafetyRefusal(f"{what}: the autopilot refused ({known.name if known else result}){words}")
 
     def _mode(self, main: int, sub: int = 0) -> None:
         custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         self._command("mode change", mavlink.MAV_CMD_DO_SET_MODE, custom, main, sub)
 
-    def _until(self, met: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
-        clock = self.session.clock
-        end = clock.monotonic() + timeout_s
-        while not met():
-            if clock.monotonic() > end:
-                raise CheckFailed(otherwise)
-            self.session.wait("HEARTBEAT", 1.0)
-
-    def _send(self, time_boot_ms: int, setpoint: Setpoint) -> None:
+    def _send(self, time_boot_ms: int, setpoint: Setpoint, start: Start) -> None:
         identity = self.session.identity
+        place = [a + b for a, b in zip(setpoint.position_m, start.position_m, strict=True)]
         self.session.send(
             mavlink.MAVLink_set_position_target_local_ned_message(
                 time_boot_ms,
@@ -197,10 +245,10 @@ class Vehicle:
                 identity.component,
                 mavlink.MAV_FRAME_LOCAL_NED,
                 _TYPE_MASK,
-                *setpoint.position_m,
+                *place,
                 *setpoint.velocity_m_s,
                 *setpoint.acceleration_m_s2,
-                setpoint.yaw_rad,
+                setpoint.yaw_rad + start.heading_rad,
                 0.0,
             )
         )

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from coaxlink.fly.plans import peaks
-from coaxlink.fly.trajectory import Plan
+from coaxlink.fly.trajectory import FlightPlan
 
 # metres that a vehicle in gusts is off its set-point at most: three times what the paper's X8 was in 8 m/s
 OFF_PLAN_M = 3.0
@@ -19,7 +19,7 @@ PLAN_TILT_DEG = 30.0
 
 
 @dataclass(frozen=True)
-class Limits:
+class FlightLimits:
     """A cylinder around the place of take-off, a speed, and what must stay in the battery."""
 
     radius_m: float = 30.0
@@ -42,7 +42,7 @@ class State:
     battery: float | None  # share of the charge, None where it is not reported
 
 
-def plan_faults(plan: Plan, limits: Limits) -> list[str]:
+def plan_faults(plan: FlightPlan, limits: FlightLimits) -> list[str]:
     """What of a plan is beyond the limits, a line each; empty when all is within."""
     found = peaks(plan)
     faults = []
@@ -59,10 +59,10 @@ def plan_faults(plan: Plan, limits: Limits) -> list[str]:
     return faults
 
 
-def breach(state: State, limits: Limits) -> str | None:
+def breach(state: State, limits: FlightLimits) -> str | None:
     """The first limit that a vehicle in flight is beyond, in words; None while all is well.
 
-    >>> breach(State(0.0, 31.0, 3.0, 0.2, 4.0, 0.8), Limits())
+    >>> breach(State(0.0, 31.0, 3.0, 0.2, 4.0, 0.8), FlightLimits())
     '31.0 m from the take-off point, 30 is the limit'
     """
     away = math.hypot(state.north_m, state.east_m)

@@ -16,7 +16,7 @@ import numpy as np
 from coaxlink import files
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
-from coaxlink.fly.trajectory import Circle, Hold, Move, Plan, Segment, Swing, planned_flight
+from coaxlink.fly.trajectory import Circle, FlightPlan, Hold, Move, Segment, Swing, planned_flight
 from coaxlink.mixer.authority import doublet_deg
 from firmware_params.keys import unknown_key
 
@@ -30,17 +30,17 @@ DOUBLETS_S, DOUBLETS = 12.0, 4
 CAUTIOUS_RAD_S2 = 0.25
 
 
-def hover(height_m: float, reach_m: float) -> Plan:
+def hover(height_m: float, reach_m: float) -> FlightPlan:
     """20 s in one place."""
-    return Plan((Hold("hover", (0.0, 0.0, -height_m), 20.0),))
+    return FlightPlan((Hold("hover", (0.0, 0.0, -height_m), 20.0),))
 
 
-def circle(height_m: float, reach_m: float) -> Plan:
+def circle(height_m: float, reach_m: float) -> FlightPlan:
     """A hover, two laps of radius `reach_m` around the place of take-off, and back."""
     middle, rim = (0.0, 0.0, -height_m), (reach_m, 0.0, -height_m)
     period = PERIOD_S * math.sqrt(max(reach_m, 0.5) / 2.0)
     there = max(3.0, reach_m)
-    return Plan(
+    return FlightPlan(
         (
             Hold("hover", middle, 4.0),
             Move("to the circle", middle, rim, there),
@@ -51,7 +51,7 @@ def circle(height_m: float, reach_m: float) -> Plan:
     )
 
 
-def steps(height_m: float, reach_m: float) -> Plan:
+def steps(height_m: float, reach_m: float) -> FlightPlan:
     """Forward, right, up and a turn of 60 degrees, each there, held, and back."""
     middle = (0.0, 0.0, -height_m)
     parts: list[Segment] = [Hold("hover", middle, 4.0)]
@@ -67,10 +67,10 @@ def steps(height_m: float, reach_m: float) -> Plan:
             Move(f"{name}, back", there, middle, 2.5, yaw, 0.0),
             Hold("hover", middle, 1.5),
         ]
-    return Plan(tuple(parts))
+    return FlightPlan(tuple(parts))
 
 
-def identify(height_m: float, reach_m: float, yaw_rad_s2: float = CAUTIOUS_RAD_S2) -> Plan:
+def identify(height_m: float, reach_m: float, yaw_rad_s2: float = CAUTIOUS_RAD_S2) -> FlightPlan:
     """What tells a rotor model most without a stand: hovers, climbs, yaw doublets, swings each way.
 
     `yaw_rad_s2` is the doublets' largest acceleration: `mixer.authority` has a vehicle's.
@@ -78,7 +78,7 @@ def identify(height_m: float, reach_m: float, yaw_rad_s2: float = CAUTIOUS_RAD_S
     middle = (0.0, 0.0, -height_m)
     up = (0.0, 0.0, -height_m - CLIMB * reach_m)
     turn = math.radians(doublet_deg(yaw_rad_s2, DOUBLETS_S, DOUBLETS))
-    return Plan(
+    return FlightPlan(
         (
             Hold("hover", middle, 8.0),
             Swing("climbs", middle, up, 12.0, 4),
@@ -92,7 +92,7 @@ def identify(height_m: float, reach_m: float, yaw_rad_s2: float = CAUTIOUS_RAD_S
     )
 
 
-NAMED: dict[str, Callable[..., Plan]] = {
+NAMED: dict[str, Callable[..., FlightPlan]] = {
     "hover": hover,
     "circle": circle,
     "steps": steps,
@@ -100,7 +100,7 @@ NAMED: dict[str, Callable[..., Plan]] = {
 }
 
 
-def plan_of(what: str, height_m: float, reach_m: float, yaw_rad_s2: float = CAUTIOUS_RAD_S2) -> Plan:
+def plan_of(what: str, height_m: float, reach_m: float, yaw_rad_s2: float = CAUTIOUS_RAD_S2) -> FlightPlan:
     """A named plan or a file that `refine --plan` or `identify --next` wrote. Raises InputError.
 
     `yaw_rad_s2` is the largest acceleration of the yaw doublets of `identify`.
@@ -139,7 +139,7 @@ def _refuse_unknown(path: str, document: Mapping[str, Any]) -> None:
             raise InputError(path, f"{where}{odd[0]}", odd[1])
 
 
-def peaks(plan: Plan) -> dict[str, float]:
+def peaks(plan: FlightPlan) -> dict[str, float]:
     """What a plan asks for at most: distance from the start, heights, m; speed, m/s; tilt, degrees."""
     times = np.arange(0.0, plan.duration_s + 0.05, 0.05)
     points = [plan.at(float(t))[1] for t in times]

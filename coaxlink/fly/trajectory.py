@@ -111,7 +111,7 @@ class Circle:
 
 
 @dataclass(frozen=True)
-class Plan:
+class FlightPlan:
     """Segments flown one after the other."""
 
     segments: tuple[Segment, ...]
@@ -137,15 +137,15 @@ _PAPER: tuple[Segment, ...] = (
 )
 
 
-def table_4_flight() -> Plan:
+def table_4_flight() -> FlightPlan:
     """The paper's own test: hover at 3 m, the circle of 2 m at 4.5 m; 27 s."""
-    return Plan(_PAPER)
+    return FlightPlan(_PAPER)
 
 
-def mixer_flight() -> Plan:
+def mixer_flight() -> FlightPlan:
     """What separates mixers: hover, a slow and a fast circle of 2 m, a climb, quick turns; 32 s."""
     rim, high, turn = RIM, (0.0, 0.0, -8.0), math.radians(100)
-    return Plan(
+    return FlightPlan(
         (
             Hold("hover", HOVER, 5.0),
             Move("to the circle", HOVER, rim, 3.0),
@@ -158,11 +158,11 @@ def mixer_flight() -> Plan:
     )
 
 
-def paper_flight() -> Plan:
+def paper_flight() -> FlightPlan:
     """The paper's test, then a fast circle, climb and descent, yaw, low hover; about 65 s."""
     hover, rim, high, low = HOVER, RIM, (0.0, 0.0, -8.0), (0.0, 0.0, -0.55)
     turn = math.radians(100)
-    return Plan(
+    return FlightPlan(
         (
             *_PAPER,
             Circle("fast circle", 2.0, -4.5, 3.6, 3),
@@ -206,7 +206,7 @@ class Swing:
         )
 
 
-def planned_flight(document: Mapping[str, Any]) -> Plan:
+def planned_flight(document: Mapping[str, Any]) -> FlightPlan:
     """A plan as `coaxlink refine --plan` writes it (height_m, pieces), settled in a hover first."""
     place, yaw = (0.0, 0.0, -float(document["height_m"])), 0.0
     segments: list[Segment] = [Hold("settle", place, 4.0)]
@@ -219,4 +219,4 @@ def planned_flight(document: Mapping[str, Any]) -> Plan:
         segments.append(Swing(what, place, there, float(piece["seconds"]), cycles, yaw, heading))
         if not cycles:
             place, yaw = there, heading
-    return Plan(tuple(segments))
+    return FlightPlan(tuple(segments))

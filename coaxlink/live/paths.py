@@ -1,6 +1,6 @@
 """Which autopilot can be mixed for live, by which way, and where that was read or flown.
 
-One table; `path_for` looks an autopilot up in it, `require_path` refuses with the row's reason.
+One table; `require_path` looks an autopilot up in it, or refuses with the row's reason.
 """
 
 from __future__ import annotations
@@ -67,29 +67,17 @@ PATHS: tuple[LivePath, ...] = (
 )  # fmt: skip
 
 
-def path_for(autopilot: int, version: Version | None, *, bridged: bool = False) -> LivePath | None:
-    """The row for this autopilot, None when it is in no row. An unknown version gets no open row.
-
-    `bridged` says that coaxlink's script was heard on board.
-    """
-    for row in PATHS:
-        if row.autopilot != autopilot or (row.bridge and not bridged):
-            continue
-        if row.bridge:
-            return row
-        if version is None:
-            if not row.open:
-                return row
-        elif row.oldest <= tuple(version[:2]) <= row.newest:
-            return row
-    return None
-
-
 def require_path(autopilot: int, version: Version | None, *, bridged: bool = False) -> LivePath:
-    """The way to mix for this autopilot. Raises SafetyRefusal with the reason when there is none."""
-    row = path_for(autopilot, version, bridged=bridged)
-    if row is not None and row.open:
-        return row
-    name = ".".join(str(v) for v in version) if version else "of unknown version"
-    text = row.reason if row else f"no way is known to command the motors of autopilot type {autopilot} live"
-    raise SafetyRefusal(text.format(version=name))
+    """The way to mix for this autopilot; `bridged` says that coaxlink's script was heard on board.
+
+    Raises SafetyRefusal with the reason when there is none. An unknown version has none.
+    """
+    rows = [row for row in PATHS if row.autopilot == autopilot and (bridged or not row.bridge)]
+    for row in rows:
+        known = version is not None and row.oldest <= tuple(version[:2]) <= row.newest
+        if row.open and (row.bridge or known):
+            return row
+        if not row.open and (known or version is None):
+            name = ".".join(map(str, version)) if version else "of unknown version"
+            raise SafetyRefusal(row.reason.format(version=name))
+    raise SafetyRefusal(f"no way is known to command the motors of autopilot type {autopilot} live")

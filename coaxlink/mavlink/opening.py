@@ -32,10 +32,10 @@ def connect(
     """Open a line and wait for an autopilot's heartbeat.
 
     `record` writes a tlog of all that passes. `target_system` picks one of several vehicles on the line.
-    With `signing_key` (a file of mode 600) both sides must sign. `transport` is a line that is open already (in
-    tests one in memory, on their own `clock`); then `url` is only its name. Raises InputError for a bad
-    address, LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that does
-    not sign with this key, or signs and answers nobody without one (with `listen_only` that is borne).
+    With `signing_key` (a file of mode 600) both sides must sign. `transport` is a line that is open already
+    (in tests one in memory, on their own `clock`); then `url` is only its name. Raises InputError for a bad
+    address, LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that
+    does not sign with this key, or signs and answers nobody without one (with `listen_only` that is borne).
     """
     if not 0.0 < timeout_s < math.inf:
         raise InputError("`timeout_s`", "", f"seconds above 0 are expected, found {timeout_s:g}")

@@ -35,7 +35,7 @@ class Transport(Protocol):
 
 @runtime_checkable
 class Driven(Transport, Protocol):
-    """A line in memory, without a thread: it calls `turn(0.0)` whenever something came, and at a steady pace."""
+    """A line in memory, without a thread: it calls `turn(0.0)` when something came, and at a steady pace."""
 
     def drive(self, turn: Callable[[float], bool]) -> None:
         """Begin."""

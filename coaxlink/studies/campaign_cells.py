@@ -24,8 +24,8 @@ from firmware_params.bounded import parse_toml
 
 if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
-    from sim.effects import Effect
-    from sim.quick.flight import Design, World
+    from sim.effects import HiddenEffect
+    from sim.quick.flight import FlightDesign, FlightWorld
 
 KEPT = 64  # designs (a vehicle under a law) that a worker remembers
 SHARES = ("mass_share", "inertia_share", "arm_share", "lag_s")
@@ -134,12 +134,12 @@ def fly_cell(spec: Spec, one: Cell, log: Path | None = None, out: Path | None = 
     return row
 
 
-def world_of(spec: Spec, one: Cell, rotors: int) -> World:
+def world_of(spec: Spec, one: Cell, rotors: int) -> FlightWorld:
     """What is true of a cell's flight."""
-    from sim.effects import Effect
-    from sim.quick.flight import World
+    from sim.effects import HiddenEffect
+    from sim.quick.flight import FlightWorld
 
-    effects: list[Effect] = []
+    effects: list[HiddenEffect] = []
     for name in spec.effects:
         parameters = {
             k.rpartition(".")[2]: v for k, v in one.values.items() if k.startswith(f"effects.{name}.")
@@ -151,16 +151,16 @@ def world_of(spec: Spec, one: Cell, rotors: int) -> World:
         extra = {k: float(v) for k, v in parameters.items()}
         if "rotor" in extra and spec.quantities[f"effects.{name}.rotor"].values == ("any",):
             extra["rotor"] = 1.0 + int(extra["rotor"] * rotors)
-        effects.append(Effect(name, size, onset + (spec.settle_s if onset else 0.0), extra, law))
+        effects.append(HiddenEffect(name, size, onset + (spec.settle_s if onset else 0.0), extra, law))
     charge = float(one.values.get("charge", 0.95))
     plan = str(one.values["plan"])
-    return World(tuple(effects), one.seed, plan, spec.seconds, spec.settle_s, charge, spec.rate_hz)
+    return FlightWorld(tuple(effects), one.seed, plan, spec.seconds, spec.settle_s, charge, spec.rate_hz)
 
 
-_DESIGNS: OrderedDict[tuple[Any, ...], tuple[Vehicle, Design]] = OrderedDict()
+_DESIGNS: OrderedDict[tuple[Any, ...], tuple[Vehicle, FlightDesign]] = OrderedDict()
 
 
-def _design(spec: Spec, one: Cell, folder: Path) -> tuple[Vehicle, Design]:
+def _design(spec: Spec, one: Cell, folder: Path) -> tuple[Vehicle, FlightDesign]:
     """The vehicle as its owner knows it, and as it flies under the cell's law. Raises InputError."""
     from coaxlink.vehicle import load_vehicle
     from sim.physics.rotors import read_pair
@@ -215,7 +215,7 @@ def write_vehicle(spec: Spec, values: Mapping[str, float | str], folder: Path) -
     return frame, folder / Path(rotor).name, folder / Path(believed).name
 
 
-def _refined(log: Path, vehicle: Vehicle, effects: tuple[Effect, ...]) -> dict[str, Any]:
+def _refined(log: Path, vehicle: Vehicle, effects: tuple[HiddenEffect, ...]) -> dict[str, Any]:
     """What `refine` makes of the flight's log, beside the truth that it has not seen."""
     from coaxlink.data import read_flight_log
     from coaxlink.residual import refine

@@ -9,8 +9,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from coaxlink.fly.commands import PlanAbandoned, Track, Vehicle
-from coaxlink.fly.trajectory import Plan
+from coaxlink.fly.commands import Commander, PlanAbandoned, Track
+from coaxlink.fly.trajectory import FlightPlan
 from coaxlink.mavlink import Session, connect
 from coaxlink.mavlink.parameters import Parameters
 
@@ -66,7 +66,7 @@ class Flight:
 def fly(
     name: str,
     address: str,
-    plan: Plan,
+    plan: FlightPlan,
     log: Path,
     *,
     watch: Watch = silent,
@@ -94,7 +94,7 @@ def fly(
 def _fly_once(
     name: str,
     address: str,
-    plan: Plan,
+    plan: FlightPlan,
     log: Path,
     watch: Watch,
     mixing: Callable[[Session], AbstractContextManager[object]],
@@ -106,7 +106,7 @@ def _fly_once(
             session.request_stream(message_id, rate_hz)
         for parameter, value in parameters.items():
             Parameters(session).write(parameter, value, FLOAT)
-        vehicle = Vehicle(session)
+        vehicle = Commander(session)
         vehicle.arm()
         vehicle.take_off(-plan.at(0.0)[1].position_m[2])
         try:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from coaxlink.errors import LinkError
-from coaxlink.fly.trajectory import Plan
+from coaxlink.fly.trajectory import FlightPlan
 from coaxlink.live.guard import Timing
 from coaxlink.studies.flight import Flight, Tell, Watch, fly, silent
 from coaxlink.studies.simulator import simulator
@@ -89,7 +89,7 @@ def write_table(out: Path, airframe: Airframe, name: str, report: TableReport, r
 
 
 def fly_tables(
-    sim: Simulation, folders: Mapping[str, Path], plan: Plan
+    sim: Simulation, folders: Mapping[str, Path], plan: FlightPlan
 ) -> tuple[dict[str, Flight], dict[str, dict[str, Any]]]:
     """Upload each table to one stand-in and fly the plan with it: flights and upload results by name.
 
@@ -108,7 +108,7 @@ def fly_tables(
     return _slow_enough(sim, flown)
 
 
-def fly_table(sim: Simulation, name: str, folder: Path, plan: Plan) -> tuple[Flight, dict[str, Any]]:
+def fly_table(sim: Simulation, name: str, folder: Path, plan: FlightPlan) -> tuple[Flight, dict[str, Any]]:
     """As `fly_tables`, one table on a stand-in of its own, its battery full."""
     flights, uploads = fly_tables(sim, {name: folder}, plan)
     return flights[name], uploads[name]
@@ -149,7 +149,7 @@ def _upload(address: str, folder: Path, backups: Path) -> dict[str, Any]:
 def fly_live(
     sim: Simulation,
     vehicle: Vehicle,
-    plan: Plan,
+    plan: FlightPlan,
     law: str | Law = LIVE_LAW,
     *,
     name: str | None = None,

@@ -15,7 +15,7 @@ from coaxlink.studies.flight import Tell, Watch, silent
 
 if TYPE_CHECKING:
     from coaxlink.data import Samples
-    from coaxlink.fly.trajectory import Plan
+    from coaxlink.fly.trajectory import FlightPlan
     from coaxlink.residual.result import Refinement
     from coaxlink.rotor import RotorModel
     from coaxlink.vehicle import Vehicle
@@ -36,7 +36,7 @@ class World:
     seed: int
     speed: float
     out: Path
-    plan: Plan
+    plan: FlightPlan
     tell: Tell = silent
     watch: Watch = silent
 

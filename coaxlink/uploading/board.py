@@ -43,7 +43,9 @@ class Board(ABC):
         self.session, self._talk = session, talk
         self.parameters = parameters or Parameters(session)
         self.files = Files(session)
-        self.spare: frozenset[str] = frozenset()  # names that the board may refuse without undoing the rest
+        self.optional: frozenset[str] = (
+            frozenset()
+        )  # names that the board may refuse without undoing the rest
         self.passed_over: dict[str, str] = {}  # of these, how it refused
         self._reboot_s = reboot_s
 
@@ -209,7 +211,7 @@ class Board(ABC):
 
     def _pass_over(self, name: str, how: str) -> bool:
         """Whether the board may refuse this one; noted then."""
-        if name not in self.spare:
+        if name not in self.optional:
             return False
         self._talk.say(f"{name}: the board refused it ({how}); passed over")
         self.passed_over[name] = how

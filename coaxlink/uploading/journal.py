@@ -34,7 +34,7 @@ class Entry:
     backup: str
     files: tuple[str, ...]
     started: str
-    spare: tuple[str, ...] = ()  # names that the board may refuse
+    optional: tuple[str, ...] = ()  # names that the board may refuse
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Journal:
             "started": entry.started,
             "backup": entry.backup,
             "files": list(entry.files),
-            "spare": list(entry.spare),
+            "spare": list(entry.optional),
             "old": {n: _raw(v) for n, v in entry.old.values.items()},
             "new": {n: _raw(v) for n, v in entry.new.values.items()},
             "old_files": {p: None if d is None else d.hex() for p, d in entry.old.files.items()},

@@ -145,7 +145,7 @@ class Uploader:
             self._talk.say(f"left as they are, the board's own: {names}")
         elif others:
             self._talk.say(f"{len(others)} other parameters differ from the backup and stay (`everything`)")
-        self._board.spare = choice.rest
+        self._board.optional = choice.rest
         return choice
 
     # -- the order of things -------------------------------------------------------------------------------
@@ -178,7 +178,7 @@ class Uploader:
         interrupted = self._interrupted()
         if interrupted:  # what it touched and this plan does not goes back to what it was
             target = target.over(self._board.keepable(interrupted.old, board))
-            self._board.spare |= set(interrupted.spare)
+            self._board.optional |= set(interrupted.optional)
         if complete:
             target = self._board.completed(target, board)
         requested = target
@@ -234,7 +234,7 @@ class Uploader:
             lasting = self._board.keepable(interrupted.old, board)
             board = Snapshot({**board.values, **lasting.values}, board.hash)
             files |= lasting.files
-        names = frozenset(n for n in requested.values if n not in self._board.spare)
+        names = frozenset(n for n in requested.values if n not in self._board.optional)
         note = Note(names, frozenset(Path(p).name for p in requested.files))
         path = self._board.write_backup(self._backup_folder, board, files, note)
         self._backup = str(path)
@@ -245,8 +245,10 @@ class Uploader:
     def _write(self, target: Content, new: Content, old: Content, present: Content, restart: bool) -> Outcome:
         started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         # a fault of the disk ends it here: nothing was written yet
-        spare = tuple(sorted(self._board.spare & set(new.values)))
-        self._journal.begin(Entry(self._journal.board, old, new, self._backup, self._files, started, spare))
+        optional = tuple(sorted(self._board.optional & set(new.values)))
+        self._journal.begin(
+            Entry(self._journal.board, old, new, self._backup, self._files, started, optional)
+        )
         try:
             self._board.put(new, present, self._refuse_unsafe, settle_s=_CALM_S, restart=restart)
             confirm(self._session)
@@ -286,7 +288,7 @@ class Uploader:
         """The board holds the new table whole: end the journal, remember the table for `verify`."""
         self._journal.end()
         crcs = {path: None if data is None else file_crc(data) for path, data in target.files.items()}
-        values = target.without(self._board.spare).values
+        values = target.without(self._board.optional).values
         try:
             self._journal.record(self._files, values, self._board.parameters.read_hash(), crcs)
         except CoaxlinkError as error:

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.ardupilot.files import Card
-from sim.ardupilot.mixer import SCRIPTED, Mixer
+from sim.ardupilot.mixer import SCRIPTED, ArduPilotMixer
 from sim.ardupilot.own_values import OwnValues
 from sim.ardupilot.scripts import Scripts
-from sim.ardupilot.store import Store
+from sim.ardupilot.store import ArduPilotStore
 from sim.physics.plant import FOOT_Z_M
-from sim.px4.autopilot import RATE_HZ, AttitudeGoal, Autopilot, Goal, Mode, Reading, Refused
-from sim.px4.cascade import Demand, Three
+from sim.px4.autopilot import RATE_HZ, AttitudeGoal, Autopilot, Goal, Mode, Refused, SensorReading
+from sim.px4.cascade import LoopDemand, Three
 from sim.px4.tuning import tune
 
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
@@ -92,7 +92,7 @@ SHORTEST_S = 0.1  # of GUID_TIMEOUT
 class Translated:
     """ArduPilot's parameters under the names the loops know."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: ArduPilotStore) -> None:
         self._store = store
 
     def __getitem__(self, name: str) -> float:
@@ -120,12 +120,12 @@ class Copter(Autopilot):
     _auto_armed = False  # someone has said that AUTO may leave the ground
 
     def _fit_out(self) -> None:
-        store = Store(self.plant.vehicle)
+        store = ArduPilotStore(self.plant.vehicle)
         self.store: Any = store
         self.settings = Translated(store)
         self.files = Card(store)
         self.own = OwnValues(store)
-        mixer = Mixer(store, self.rotors)
+        mixer = ArduPilotMixer(store, self.rotors)
         self.mixer: Any = mixer
         tuned = tune(mixer, self.plant)
         store.preset("MOT_THST_HOVER", min(max(tuned.hover, 0.125), 0.6875))
@@ -320,7 +320,7 @@ class Copter(Autopilot):
 
     # -- one step ------------------------------------------------------------------------------
 
-    def step(self) -> Reading:
+    def step(self) -> SensorReading:
         """As any; a flight that landed in LAND or RTL is over."""
         now = self.plant.time_s
         if now >= self._scripts_at_s:
@@ -333,7 +333,7 @@ class Copter(Autopilot):
             self.own.hover(self.demand.thrust, reading, climbing, 1.0 / RATE_HZ)
         return reading
 
-    def _outputs(self, d: Demand) -> NDArray[np.float64]:
+    def _outputs(self, d: LoopDemand) -> NDArray[np.float64]:
         low, high = self.store["MOT_PWM_MIN"], self.store["MOT_PWM_MAX"]
         spool = "SHUT_DOWN" if not self.armed else "GROUND_IDLE" if self.landed else "THROTTLE_UNLIMITED"
         motors = self.mixer.pwm(d.roll, d.pitch, d.yaw, d.thrust, spool)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from sim.ardupilot.store import Store
-from sim.line.ftp import FAIL, Files, Manners
+from sim.ardupilot.store import ArduPilotStore
+from sim.line.ftp import FAIL, CardFiles, Manners
 
 PARAMS = "@PARAM/param.pck"
 MANNERS = Manners(unknown=FAIL)  # so MAVSDK, which lists with times, lists nothing of it
 
 
-class Card(Files):
+class Card(CardFiles):
     """The card, and the parameters packed into a file that is made while it is read."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: ArduPilotStore) -> None:
         super().__init__("APM")
         self._store = store
 

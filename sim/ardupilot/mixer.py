@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 from firmware_params.ardupilot import ApMix, ApTable, Demand, MotorParameters, realise
 from firmware_params.errors import TableError
-from sim.ardupilot.store import Store
+from sim.ardupilot.store import ArduPilotStore
 
 SCRIPTED, DYNAMIC = 15, 17
 THR_MIX = 0.5
 
 
-class Mixer:
+class ArduPilotMixer:
     """Demand to actuators. A matrix is taken once a boot; a dynamic table whenever it is loaded."""
 
-    def __init__(self, store: Store, rotors: int) -> None:
+    def __init__(self, store: ArduPilotStore, rotors: int) -> None:
         self._store, self._rotors = store, rotors
         self._mix: ApMix | None = None
         self.factors: tuple[tuple[float, float, float, float], ...] = ()

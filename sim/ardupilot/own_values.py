@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
-from sim.ardupilot.store import Store
-from sim.px4.autopilot import Reading
+from sim.ardupilot.store import ArduPilotStore
+from sim.px4.autopilot import SensorReading
 
 FLUSH_S = 30.0
 HOVER_TC_S, HOVER_LEAST, HOVER_MOST = 10.0, 0.125, 0.6875
@@ -23,7 +23,7 @@ LEARN_AND_SAVE = 2
 class OwnValues:
     """Of one vehicle; the store keeps them."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: ArduPilotStore) -> None:
         self._store = store
         self._booted_s = self._flushed_s = 0.0
         self._flying_since: float | None = None
@@ -68,7 +68,7 @@ class OwnValues:
             self._located = True
             store.live("COMPASS_DEC", DECLINATION_RAD)
 
-    def hover(self, thrust: float, reading: Reading, climbing: bool, dt: float) -> None:
+    def hover(self, thrust: float, reading: SensorReading, climbing: bool, dt: float) -> None:
         """Armed and in the air: the throttle of a level hover is learned."""
         _, x, y, _ = reading.quaternion.tolist()
         tilt = 2.0 * math.asin(min(math.hypot(x, y), 1.0))

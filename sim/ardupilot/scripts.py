@@ -12,9 +12,9 @@ import zlib
 from collections import deque
 from typing import Any, Protocol
 
-from sim.ardupilot.mixer import DYNAMIC, SCRIPTED, Mixer
-from sim.ardupilot.store import Store
-from sim.line.ftp import Files
+from sim.ardupilot.mixer import DYNAMIC, SCRIPTED, ArduPilotMixer
+from sim.ardupilot.store import ArduPilotStore
+from sim.line.ftp import CardFiles
 
 FOLDER = "scripts"
 TABLES, PER_TABLE = 10, 63
@@ -118,7 +118,7 @@ class Host(Protocol):
 class Scripts:
     """All scripts of one boot."""
 
-    def __init__(self, host: Host, store: Store, files: Files, mixer: Mixer) -> None:
+    def __init__(self, host: Host, store: ArduPilotStore, files: CardFiles, mixer: ArduPilotMixer) -> None:
         self._host, self._store, self._files, self._mixer = host, store, files, mixer
         self.overrides: dict[int, tuple[int, int]] = {}  # output: (pwm, ms until which it holds)
         self.failed = ""

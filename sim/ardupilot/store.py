@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from importlib import resources
 
 from firmware_params.ardupilot.parameters import FLOAT, INT8, INT16, INT32, as_stored, servo_function
-from sim.vehicle import Vehicle
+from sim.vehicle import SimVehicle
 
 SECTIONS = {"int8": INT8, "int16": INT16, "int32": INT32, "float": FLOAT}
 # how a packed parameter file numbers the types, and their layout
@@ -18,10 +18,10 @@ MAGIC = 0x671B
 SET_INTERNAL = 4  # of BRD_OPTIONS
 
 
-class Store:
+class ArduPilotStore:
     """Name -> value; what is written is what the board would keep."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: SimVehicle) -> None:
         document = tomllib.loads((resources.files("sim.ardupilot") / "parameters.toml").read_text())
         self._types: dict[str, int] = {}
         self._values: dict[str, float] = {}

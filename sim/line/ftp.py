@@ -34,7 +34,7 @@ class Manners:
     unknown: int = UNKNOWN  # what a request is answered that it does not know
 
 
-class Files:
+class CardFiles:
     """Paths and bytes. The card may go by several names: `homes`, each a path that means its root."""
 
     def __init__(self, *homes: str, protected: tuple[str, ...] = ()) -> None:
@@ -114,7 +114,7 @@ class _Session:
 class Server:
     """Answers FILE_TRANSFER_PROTOCOL payloads of one peer; `reply` sends a payload of 251 bytes."""
 
-    def __init__(self, files: Files, manners: Manners, reply: Callable[[bytes], None]) -> None:
+    def __init__(self, files: CardFiles, manners: Manners, reply: Callable[[bytes], None]) -> None:
         self._files, self._manners, self._reply = files, manners, reply
         self._session: _Session | None = None
         self._last: tuple[int, bytes] | None = None

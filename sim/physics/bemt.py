@@ -24,15 +24,61 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.documents import read_number, refuse_unknown
 from sim.errors import WorldError
-from sim.physics.blade_numbers import Blades, constants, lift_slope, profile_drag
-from sim.physics.layout import FASTEST, SLOWEST
+from sim.physics.layout import FASTEST, SLOWEST, SOUND_M_S
 from sim.physics.pair import Pair
 
 Floats = NDArray[np.float64]
 
 
+RHO = 1.225
+
+
+@dataclass(frozen=True)
+class BladeNumbers:
+    """What the equations need of one rotor type; meanings as in `pairs/*.toml`."""
+
+    radius_m: float
+    spacing_m: float
+    lift: float
+    pitch_rad: float
+    drag: float
+    induced: float = 1.0
+    reynolds: float = 0.0
+    feedback: float = 0.0
+    bluff: float = 1.0
+    wake: float = 1.0
+    mach: float = 1.0
+
+
+def lift_slope(b: BladeNumbers, tip_m_s: float, u: Floats) -> Floats:
+    """Solidity times lift slope: Reynolds number, and Mach number by Prandtl and Glauert."""
+    x = np.clip(u, SLOWEST, FASTEST)
+    mach = b.mach * (0.75 * tip_m_s * x / SOUND_M_S) ** 2
+    return b.lift * x**b.reynolds / np.sqrt(1.0 - np.minimum(mach, 0.8))
+
+
+def profile_drag(b: BladeNumbers, u: Floats) -> Floats:
+    """Solidity times profile drag coefficient, over 4."""
+    return 0.25 * b.drag * np.clip(u, SLOWEST, FASTEST) ** (-0.5 * abs(b.reynolds))
+
+
+def constants(b: BladeNumbers, tip_m_s: float) -> Floats:
+    """(13,) what the compiled equations want to know, as `blades` numbers it."""
+    x = b.spacing_m / b.radius_m
+    reach = x / math.sqrt(1.0 + x * x)
+    square = 1.0 / (1.0 + reach)
+    mass = 3.0 * math.pi / (8.0 * b.radius_m)
+    return np.array(
+        [
+            tip_m_s, b.pitch_rad, RHO * math.pi * b.radius_m**2, b.radius_m, x, math.sqrt(square),
+            b.wake * (1.0 + reach), b.feedback * (1.0 - reach), b.induced, b.bluff,
+            mass, mass / square, mass / (1.0 - square),
+        ]
+    )  # fmt: skip
+
+
 def pair_loads(
-    blades: Blades,
+    blades: BladeNumbers,
     tip_m_s: float,
     u_upper: ArrayLike,
     u_lower: ArrayLike,
@@ -44,7 +90,7 @@ def pair_loads(
 
 
 def pair_air(
-    blades: Blades,
+    blades: BladeNumbers,
     tip_m_s: float,
     u_upper: ArrayLike,
     u_lower: ArrayLike,
@@ -55,17 +101,21 @@ def pair_air(
 
     The very functions of the compiled plant, at the blades' own lift and drag instead of their fits.
     """
-    from sim.physics.stand_blades import pair_rows  # numba takes its time
+    from sim.physics.blades import settled  # numba takes its time
 
     u, v = (np.asarray(x, float) for x in np.broadcast_arrays(u_upper, u_lower))
-    return pair_rows(blades, tip_m_s, u.ravel(), v.ravel(), climb_m_s, edge_m_s).reshape(6, *u.shape)
+    speed = np.stack([u.ravel(), v.ravel()])
+    out = np.empty((6, u.size))
+    lift, drag = lift_slope(blades, tip_m_s, speed), profile_drag(blades, speed)
+    settled(speed, lift, drag, constants(blades, tip_m_s), climb_m_s, edge_m_s, out)
+    return out.reshape(6, *u.shape)
 
 
 @dataclass(frozen=True)
 class BemtPair(Pair):
     """The stand and the compiled plant turn the same equations; `coefficients` are not used."""
 
-    blades: Blades
+    blades: BladeNumbers
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> Floats:
         """(4, ...) by the equations."""
@@ -81,29 +131,29 @@ class BemtPair(Pair):
         """Of the disc."""
         return self.blades.radius_m
 
-    def compiled(self) -> tuple[Any, Any, Any]:
-        """Blades: their numbers, and lift and profile drag as polynomials of the root of speed."""
+    def compiled(self) -> tuple[Floats, Floats]:
+        """Blades: their numbers, then lift and profile drag as polynomials of the root of speed."""
         b, tip = self.blades, self.tip_m_s
         x = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
         root = 0.5 * (math.sqrt(FASTEST) + math.sqrt(SLOWEST) + (math.sqrt(FASTEST) - math.sqrt(SLOWEST)) * x)
         fits = [
-            tuple(float(c) for c in np.polynomial.Polynomial.fit(root, f, 12).convert().coef[::-1])
+            np.polynomial.Polynomial.fit(root, f, 12).convert().coef[::-1]
             for f in (lift_slope(b, tip, root**2), profile_drag(b, root**2))
         ]
-        return None, None, (constants(b, tip), *fits)
+        return np.zeros((4, 0, 0)), np.concatenate([constants(b, tip), *fits])
 
 
 def bemt_pair(path: Path, document: dict[str, Any], speed_max_rpm: float) -> BemtPair:
     """From a parsed rotor file of form "bemt". Raises WorldError."""
     table = document.get("blades")
-    names = {f.name for f in fields(Blades)}
+    names = {f.name for f in fields(BladeNumbers)}
     if isinstance(table, dict):
         refuse_unknown(path, "blades", table, sorted(names))
     else:
         raise WorldError(path, "blades", f"a table of {', '.join(sorted(names))} is expected")
     values = {name: read_number(path, f"blades.{name}", value) for name, value in table.items()}
     try:
-        blades = Blades(**values)
+        blades = BladeNumbers(**values)
     except TypeError:
         raise WorldError(
             path, "blades", "radius_m, spacing_m, lift, pitch_rad and drag are expected"

@@ -1,3 +1,4 @@
+# mypy: disallow-untyped-defs=False
 """A coaxial pair by momentum and blade-element theory, in moving air: the world's physics, compiled.
 
 A ring of the disc from r0 to r1 (shares of the radius R), tip speed V, flow w = v + w_c through it, v what it
@@ -16,106 +17,125 @@ c_d V e / 4. Lift and profile drag follow Reynolds number (a power of speed) and
 (Prandtl and Glauert); slow blades in the wake are a bluff body, and a wheel that it drives. Leishman,
 Principles of Helicopter Aerodynamics, ch. 2, 3, 5; Pitt and Peters 1981.
 
-Speeds in m/s; forces over rho A, so that air density comes in at the end. Everything is `lanes.Lanes`: a pair
-of halves, uppers and lowers; `flow` is (v of uppers and of lowers' inner rings, v of lowers' outer rings).
+Speeds in m/s; forces over rho A, so that air density comes in at the end. `b` is the blades' array: see
+`bemt.constants`, then lift and profile drag as polynomials of the root of speed.
 """
 
 from __future__ import annotations
 
-from numba.extending import register_jitable
+import math
 
+import numpy as np
+
+from sim.physics.compile_cache import OPTIONS, cached, inlined
 from sim.physics.layout import FASTEST, SLOWEST
-from sim.physics.simd import above, below, both, lower, root, upper
 
-FAST = {"contract", "nsz", "arcp", "reassoc"}  # reordering sums, not assuming that all numbers are finite
-OPTIONS = {"error_model": "numpy", "fastmath": FAST}
 TINY = 1e-9
-
-inlined = register_jitable(forceinline=True, **OPTIONS)
-plain = register_jitable(**OPTIONS)
-
-
-@inlined
-def falling(x):  # type: ignore[no-untyped-def]
-    """exp(-x) for x >= 0, to 1e-13 where it counts."""
-    t = below(x, 32.0) * (-1.0 / 64.0)
-    e = ((t * (1.0 / 40320.0) + 1.0 / 5040.0) * t + 1.0 / 720.0) * t + 1.0 / 120.0
-    e = (((e * t + 1.0 / 24.0) * t + 1.0 / 6.0) * t + 0.5) * t + 1.0
-    e = e * t + 1.0
-    e = e * e
-    e = e * e
-    e = e * e
-    e = e * e
-    e = e * e
-    return e * e
+(TIP, PITCH, DENSITY, RADIUS, SPACING, INNER, JET, BACK, INDUCED, BLUFF, MASS, MASS_IN, MASS_OUT) = range(13)
+LIFT, DRAG, BLADES, TERMS = 13, 26, 39, 13
 
 
 @inlined
-def twelfth(c, x):  # type: ignore[no-untyped-def]
-    """Polynomial of degree 12 by Horner, the highest power first."""
-    y = ((x * c[0] + c[1]) * x + c[2]) * x + c[3]
-    y = (((y * x + c[4]) * x + c[5]) * x + c[6]) * x + c[7]
-    return ((((y * x + c[8]) * x + c[9]) * x + c[10]) * x + c[11]) * x + c[12]
+def spun(u, b):
+    """Solidity times lift slope, and times a quarter of profile drag, at a normalised speed."""
+    x = math.sqrt(min(max(u, SLOWEST), FASTEST))
+    slope = drag = 0.0
+    for k in range(TERMS):
+        slope = slope * x + b[LIFT + k]
+        drag = drag * x + b[DRAG + k]
+    return slope, drag
 
 
 @inlined
-def turned(u, blades):  # type: ignore[no-untyped-def]
-    """What of blades depends on their speed alone, as `spun` has it."""
-    numbers, slope, thin = blades
-    x = root(below(above(u, SLOWEST), FASTEST))
-    return spun(u, twelfth(slope, x), twelfth(thin, x), numbers)
-
-
-@inlined
-def spun(u, slope, thin, numbers):  # type: ignore[no-untyped-def]
-    """Factors of what `blown` adds up, at normalised speeds u, by lift and profile drag there.
-
-    Thrust / rho A of the upper disc and the lower one's inner ring is lift - fall w + lean e^2, drag along
-    the disc lean w + thin, torque has 1 / V and profile; then those of the outer ring, and slow blades' drag.
-    """
-    tip, pitch, inner = numbers[0], numbers[1], numbers[5]
-    v, square, cube = u * tip, inner * inner, inner * inner * inner
-    lift, fall, lean = slope * v * v * (pitch / 6.0), slope * v * 0.25, slope * (0.25 * pitch)
-    out, out_fall, out_lean = lower(lift), lower(fall), lower(lean)
-    drag = thin * v
+def turning(u, slope, drag, b):
+    """(lift, its loss with flow, its gain with e^2, drag along the disc, 1 / V, profile torque) of a disc."""
+    v = u * b[TIP]
+    d = drag * v
     return (
-        both(upper(lift), out * cube),
-        both(upper(fall), out_fall * square),
-        both(upper(lean), out_lean * inner),
-        drag,
-        1.0 / above(v, 0.02 * tip),
-        drag * v * 0.5,
-        out * (1.0 - cube),
-        out_fall * (1.0 - square),
-        out_lean * (1.0 - inner),
-        lower(falling(u * 4.0)) * (0.5 * square * numbers[9]),
-    )
+        slope * v * v * (b[PITCH] / 6.0), slope * v * 0.25, slope * 0.25 * b[PITCH], d,
+        1.0 / max(v, 0.02 * b[TIP]), d * v * 0.5,
+    )  # fmt: skip
 
 
 @inlined
-def blown(flow, air, edge2, climb, numbers):  # type: ignore[no-untyped-def]
-    """Thrust, torque, and drag (N s/m) along the disc of every rotor in moving air; the slope of its flow."""
-    lift, fall, lean, thin, over, profile, out, out_fall, out_lean, rest = air
-    density, radius, spacing, inner = numbers[2], numbers[3], numbers[4], numbers[5]
-    mass, wide, square = numbers[10], numbers[11], inner * inner
-    flow_up, wind = above(upper(flow[0]), 0.0), lower(edge2)
-    # what is left of the wake where the wind has not blown it off the lower disc
-    swept = flow_up + upper(climb)
-    swept = swept * swept
-    jet = flow_up * numbers[6] * swept / (swept + upper(edge2) * (spacing * spacing) + TINY)
-    back = above(lower(flow[0]) * square + flow[1] * (1.0 - square), 0.0) * numbers[7]
-    through = flow[0] + climb + both(back, jet)
-    around = flow[1] + lower(climb)
-    inside = lift + lean * edge2 - fall * through
-    outside = out + out_lean * wind - out_fall * around
-    slopes = (
-        both(upper(inside) * mass, lower(inside) * wide)
-        - flow[0] * root(through * through + edge2) * (2.0 * mass),
-        outside * numbers[12] - flow[1] * root(around * around + wind) * (2.0 * mass),
-    )
-    nothing = jet * 0.0
-    along = lean * through + both(nothing, out_lean * around)
-    power = inside * through + both(nothing, outside * around)
-    thrust = inside + both(nothing, outside - rest * jet * jet)
-    torque = (power * numbers[8] - (along - thin * 0.5) * edge2) * over + profile
-    return thrust * density, torque * (density * radius), (along + thin) * density, slopes
+def loaded(inside, along, power, edge2, disc, b):
+    """(thrust N, torque N m, drag along the disc N s/m) of a rotor from its sums over rho A."""
+    _, _, _, drag, over, profile = disc
+    torque = (power * b[INDUCED] - (along - drag * 0.5) * edge2) * over + profile
+    return inside * b[DENSITY], torque * b[DENSITY] * b[RADIUS], (along + drag) * b[DENSITY]
+
+
+@inlined
+def alone(u, slope, drag, flow, edge2, climb, back, b):
+    """(thrust, torque, drag along the disc, slope of its flow) of an upper or single rotor."""
+    disc = turning(u, slope, drag, b)
+    through = flow + climb + back
+    inside = disc[0] + disc[2] * edge2 - disc[1] * through
+    fresh = (inside - flow * math.sqrt(through * through + edge2) * 2.0) * b[MASS]
+    along = disc[2] * through
+    return loaded(inside, along, inside * through, edge2, disc, b), fresh
+
+
+@inlined
+def reaching_back(inner_flow, outer_flow, b):
+    """Flow through the upper disc that the lower rotor induces."""
+    square = b[INNER] * b[INNER]
+    return max(inner_flow * square + outer_flow * (1.0 - square), 0.0) * b[BACK]
+
+
+@inlined
+def jet_of(flow, climb, edge2, b):
+    """Speed of the upper rotor's wake at the lower disc, where the wind has not blown it off."""
+    down = max(flow, 0.0)
+    swept = (down + climb) * (down + climb)
+    return down * b[JET] * swept / (swept + edge2 * b[SPACING] * b[SPACING] + TINY)
+
+
+@inlined
+def below(u, slope, drag, inner_flow, outer_flow, edge2, climb, jet, b):
+    """(thrust, torque, drag along the disc, slopes of the flows of its rings) of a lower rotor in a wake."""
+    disc = turning(u, slope, drag, b)
+    lift, fall, lean = disc[0], disc[1], disc[2]
+    r = b[INNER]
+    square, cube = r * r, r * r * r
+    through, around = inner_flow + climb + jet, outer_flow + climb
+    inside = lift * cube + lean * r * edge2 - fall * square * through
+    outside = lift * (1.0 - cube) + lean * (1.0 - r) * edge2 - fall * (1.0 - square) * around
+    fresh_in = inside * b[MASS_IN] - inner_flow * math.sqrt(through * through + edge2) * 2.0 * b[MASS]
+    fresh_out = outside * b[MASS_OUT] - outer_flow * math.sqrt(around * around + edge2) * 2.0 * b[MASS]
+    along = lean * r * through + lean * (1.0 - r) * around
+    power = inside * through + outside * around
+    loads = loaded(inside + outside, along, power, edge2, disc, b)
+    rest = math.exp(-4.0 * u) * 0.5 * square * b[BLUFF] * jet * jet * b[DENSITY]  # slow blades are in the way
+    return (loads[0] - rest, loads[1], loads[2]), fresh_in, fresh_out
+
+
+STEPS, ROUNDS = 0.8, 4000  # a step of the stand's air against its own time, and how many at the most
+
+
+@cached(**OPTIONS)
+def settled(speed, lift, drag, b, climb, edge, out):
+    """Fill out (6, rows): thrust and torque of upper and lower, drag of both, once the air has settled.
+
+    speed, lift, drag (2, rows): normalised speeds, lift slope and profile drag there.
+    """
+    edge2, pace = edge * edge, STEPS * b[RADIUS] / (b[TIP] + abs(climb) + abs(edge))
+    for r in range(speed.shape[1]):
+        flow, ahead, first = np.zeros(3), np.zeros(3), np.zeros(3)
+        for k in range(2 * ROUNDS + 1):  # Heun's steps, short against the air's time
+            at = ahead if k % 2 else flow
+            back = reaching_back(at[1], at[2], b)
+            jet = jet_of(at[0], climb, edge2, b)
+            up, s0 = alone(speed[0, r], lift[0, r], drag[0, r], at[0], edge2, climb, back, b)
+            low, s1, s2 = below(speed[1, r], lift[1, r], drag[1, r], at[1], at[2], edge2, climb, jet, b)
+            slope = np.array([s0, s1, s2])
+            if k % 2:
+                flow = flow + (first + slope) * (0.5 * pace)
+                continue
+            if np.max(np.abs(slope)) * pace < 1e-11 or k == 2 * ROUNDS:
+                break
+            first = slope
+            ahead = flow + first * pace
+        for k in range(2):
+            out[k, r], out[2 + k, r] = up[k], low[k]
+        out[4, r], out[5, r] = up[2], low[2]

@@ -16,11 +16,16 @@ from typing import Any
 
 import numba
 from numba.core.compiler_lock import global_compiler_lock
+from numba.extending import register_jitable
 
 MODULES = (
-    "layout", "simd", "blades", "drive", "forces", "kernel", "stand_blades", "compile_cache", "../px4/loops",
-    "../quick/mix", "../quick/kernel",
+    "layout", "blades", "drive", "forces", "kernel", "compile_cache", "../px4/loops", "../quick/mix",
+    "../quick/kernel",
 )  # fmt: skip
+# contraction and reordering of sums, not the assumption that all numbers are finite
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp", "reassoc"}}
+plain = register_jitable(**OPTIONS)  # for what is compiled together with whoever calls it
+inlined = register_jitable(forceinline=True, **OPTIONS)
 
 
 def folder() -> Path:

@@ -15,7 +15,7 @@ PX4_SITL_RPM = 6000.0
 
 
 @dataclass(frozen=True)
-class Escs:
+class EscReport:
     """All ESCs of one vehicle at one moment, each list a value an ESC."""
 
     rpm: list[float]
@@ -23,16 +23,16 @@ class Escs:
     amps: list[float]
 
 
-def reported_escs(a: Any) -> Escs | None:
+def reported_escs(a: Any) -> EscReport | None:
     """By the autopilot `a` and its way (`a.escs`); None where no ESC has a wire."""
     if a.escs == NONE:
         return None
     r, count = a.reading, a.rotors
     if a.escs == MEASURED:
         rpm = [a.plant.pair.speed_max_rpm * u for u in r.speeds.tolist()]
-        return Escs(rpm, [r.voltage] * count, [r.current / count] * count)
+        return EscReport(rpm, [r.voltage] * count, [r.current / count] * count)
     if a.id_parameter == "MAV_SYSID":  # an ArduPilot
-        return Escs([0.0] * count, [16.8] * count, [0.8] * count)
+        return EscReport([0.0] * count, [16.8] * count, [0.8] * count)
     commands = a.command.tolist() if a.armed else [0.0] * count
     amps = [1.0 + 15.0 * abs(u) if a.armed else 0.0 for u in commands]
-    return Escs([PX4_SITL_RPM * u for u in commands], [r.voltage] * count, amps)
+    return EscReport([PX4_SITL_RPM * u for u in commands], [r.voltage] * count, amps)

@@ -1,6 +1,7 @@
+# mypy: disallow-untyped-defs=False
 """The plant's equations, compiled: rigid body with a quaternion, RK4, rotors, ground, battery.
 
-x = (position NED, velocity NED, quaternion body -> NED, body rates) obeys
+y = (position NED, velocity NED, quaternion body -> NED, body rates) obeys
 
     p' = v,   v' = g + R(q) F / m,   q' = q * (0, w) / 2,   w' = I^-1 (M - w x I w)
 
@@ -12,341 +13,169 @@ exactly within a step (`drive`). Where an effect is switched on:
   rotor drag    -c u (air velocity in the disc), at the hub
   rotor inertia -J (dW/dt) a s - w x (J W a s), W the rotor's rate, a its axis, s its spin
   body drag     -d |v| v against the wind
-or its other laws. In calm air, clear of the ground, loads of eq. 17 depend on speeds alone and are summed
-once a stage time: that is what makes a step cost 0.1 us. The world is flat: nothing depends on where zero is.
-Everything is indexed by `layout`; `plant.py` fills the arrays.
+or its other laws. The world is flat: nothing depends on where zero is. Everything is indexed by `layout`;
+`plant.py` fills the arrays.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from sim.physics.blades import OPTIONS, inlined, plain
-from sim.physics.compile_cache import cached
-from sim.physics.drive import follow, lag_of, rates, retarget, supply
-from sim.physics.forces import moving, still, turn
-from sim.physics.layout import (
-    AIR,
-    BODY_DRAG,
-    BODY_LINEAR,
-    CEILING_GAIN,
-    CX,
-    CY,
-    CZ,
-    DRAG,
-    FOOT_XY,
-    FOOT_Z,
-    G_AXIS,
-    G_POS,
-    G_SPEED,
-    G_SPIN,
-    G_THRUST,
-    G_TORQUE,
-    GRAVITY,
-    GROUND_GAIN,
-    GROUND_Z,
-    HEAT_SHARE,
-    INFLOW,
-    INFLOW_LIFT,
-    IXX,
-    IYY,
-    IZZ,
-    LAG_LAW,
-    MASS,
-    O_ALPHA,
-    O_FORCE,
-    O_THRUST,
-    PUSH,
-    ROTOR_INERTIA,
-    SPEED,
-    VOLT_POWER,
-    VOLTAGE,
-    W_AX,
-    W_AY,
-    W_AZ,
-    W_COMMAND,
-    W_FELT,
-    W_FLOW,
-    W_GQ,
-    W_GT,
-    W_HEAT,
-    W_LED,
-    W_LOAD,
-    W_OUTER,
-    W_ROWS,
-    W_SPIN,
-    W_U,
-    W_X,
-    W_Y,
-    W_Z,
-)
-from sim.physics.simd import both, lower, read, write
+from sim.physics import layout as at
+from sim.physics.compile_cache import OPTIONS, cached, inlined
+from sim.physics.drive import follow, kept, lag_of, retarget, supply
+from sim.physics.forces import rotated, spin, wrench
 
 SUPPLY_EVERY = 4  # steps between two looks at the battery: its own time constant is 20 ms
+BODY = 13
 
 
 @inlined
-def rigid(y, load, b):  # type: ignore[no-untyped-def]
-    """The slope of y = (position, velocity, quaternion, rates) under a force and moment."""
-    _, v, (qw, qx, qy, qz), (wx, wy, wz) = y
-    fx, fy, fz, mx, my, mz = load
-    r00, r01, r02 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)
-    r10, r11, r12 = 2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx)
-    r20, r21, r22 = 2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), 1 - 2 * (qx * qx + qy * qy)
+def shares_of(p):
+    """1 / mass, 1 / inertia and the gyroscopic shares of `rigid`."""
+    jx, jy, jz = p[at.IXX], p[at.IYY], p[at.IZZ]
     return (
-        v,
-        (
-            (r00 * fx + r01 * fy + r02 * fz) * b[0],
-            (r10 * fx + r11 * fy + r12 * fz) * b[0],
-            (r20 * fx + r21 * fy + r22 * fz) * b[0] + b[7],
-        ),
-        (
-            -0.5 * (qx * wx + qy * wy + qz * wz),
-            0.5 * (qw * wx + qy * wz - qz * wy),
-            0.5 * (qw * wy + qz * wx - qx * wz),
-            0.5 * (qw * wz + qx * wy - qy * wx),
-        ),
-        (mx * b[1] - b[4] * wy * wz, my * b[2] - b[5] * wz * wx, mz * b[3] - b[6] * wx * wy),
+        1 / p[at.MASS],
+        1 / jx,
+        1 / jy,
+        1 / jz,
+        (jz - jy) / jx,
+        (jx - jz) / jy,
+        (jy - jx) / jz,
+        p[at.GRAVITY],
     )
 
 
 @inlined
-def along(y, d, h):  # type: ignore[no-untyped-def]
-    """y + h d; y = (position, velocity, quaternion, rates), d its slope."""
-    (pn, pe, pd), (vn, ve, vd), (qw, qx, qy, qz), (wx, wy, wz) = y
-    (un, ue, ud), (an, ae, ad), (aw, ax, ay, az), (bx, by, bz) = d
-    return (
-        (pn + h * un, pe + h * ue, pd + h * ud),
-        (vn + h * an, ve + h * ae, vd + h * ad),
-        (qw + h * aw, qx + h * ax, qy + h * ay, qz + h * az),
-        (wx + h * bx, wy + h * by, wz + h * bz),
-    )
+def rigid(y, load, body, slope):
+    """Fill `slope` (13) of y under a force and moment; `body` of `shares_of`."""
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotated(y)
+    fx, fy, fz = load[0] * body[0], load[1] * body[0], load[2] * body[0]
+    qw, qx, qy, qz = y[6], y[7], y[8], y[9]
+    wx, wy, wz = y[10], y[11], y[12]
+    slope[0], slope[1], slope[2] = y[3], y[4], y[5]
+    slope[3] = r00 * fx + r01 * fy + r02 * fz
+    slope[4] = r10 * fx + r11 * fy + r12 * fz
+    slope[5] = r20 * fx + r21 * fy + r22 * fz + body[7]
+    slope[6] = -0.5 * (qx * wx + qy * wy + qz * wz)
+    slope[7] = 0.5 * (qw * wx + qy * wz - qz * wy)
+    slope[8] = 0.5 * (qw * wy + qz * wx - qx * wz)
+    slope[9] = 0.5 * (qw * wz + qx * wy - qy * wx)
+    slope[10] = load[3] * body[1] - body[4] * wy * wz
+    slope[11] = load[4] * body[2] - body[5] * wz * wx
+    slope[12] = load[5] * body[3] - body[6] * wx * wy
 
 
 @inlined
-def mean3(a, b, c, d):  # type: ignore[no-untyped-def]
-    """Runge and Kutta's mean, times six."""
-    return a[0] + 2 * (b[0] + c[0]) + d[0], a[1] + 2 * (b[1] + c[1]) + d[1], a[2] + 2 * (b[2] + c[2]) + d[2]
-
-
-@inlined
-def weighed(y, a, b, c, d, h):  # type: ignore[no-untyped-def]
-    """y a step of h on by its four slopes, with a quaternion of length one (by one of Newton's steps)."""
-    position, velocity = mean3(a[0], b[0], c[0], d[0]), mean3(a[1], b[1], c[1], d[1])
-    f, g, m, n = a[2], b[2], c[2], d[2]
-    turned = (
-        f[0] + 2 * (g[0] + m[0]) + n[0],
-        f[1] + 2 * (g[1] + m[1]) + n[1],
-        f[2] + 2 * (g[2] + m[2]) + n[2],
-        f[3] + 2 * (g[3] + m[3]) + n[3],
-    )
-    then = along(y, (position, velocity, turned, mean3(a[3], b[3], c[3], d[3])), h * (1.0 / 6.0))
-    qw, qx, qy, qz = then[2]
-    k = 1.5 - 0.5 * (qw * qw + qx * qx + qy * qy + qz * qz)
-    return then[0], then[1], (k * qw, k * qx, k * qy, k * qz), then[3]
-
-
-@inlined
-def glide(y, load, u, target, geo, quad, poly, blades, b, half, full, h):  # type: ignore[no-untyped-def]
-    """(y, load, speeds, loads) after a step in calm air from its first load: it changes with time alone."""
-    a = rigid(y, load, b)
-    load = still(turn(target + (u - target) * half[0], geo, quad, poly, blades), geo)
-    s = rigid(along(y, a, 0.5 * h), load, b)
-    c = rigid(along(y, s, 0.5 * h), load, b)
-    u = target + (u - target) * full[0]
-    air = turn(u, geo, quad, poly, blades)
-    load = still(air, geo)
-    d = rigid(along(y, c, h), load, b)
-    return weighed(y, a, s, c, d, h), load, u, air
-
-
-@inlined
-def flowed(flow, slopes, h, blades):  # type: ignore[no-untyped-def]
-    """What blades induce, after h seconds."""
-    if blades is not None:
-        flow = (flow[0] + slopes[0] * h, flow[1] + slopes[1] * h)
-    return flow
-
-
-@inlined
-def struggle(y, flow, air, u, led, target, geo, tilted, quad, poly, blades, p, b, lag, h):  # type: ignore[no-untyped-def]
-    """(y, flow, speeds, what they follow, rotors' numbers, torque) after a step with everything in it."""
-    hh = 0.5 * h
-    load, _, _, k1 = moving(y, flow, u, rates(u, led, lag), air, geo, tilted, blades, p)
-    a = rigid(y, load, b)
-    middle, led_middle = follow(u, led, target, lag[1])
-    rate = rates(middle, led_middle, lag)
-    air = turn(middle, geo, quad, poly, blades)
-    then = along(y, a, hh)
-    load, _, _, k2 = moving(then, flowed(flow, k1, hh, blades), middle, rate, air, geo, tilted, blades, p)
-    s = rigid(then, load, b)
-    then = along(y, s, hh)
-    load, _, _, k3 = moving(then, flowed(flow, k2, hh, blades), middle, rate, air, geo, tilted, blades, p)
-    c = rigid(then, load, b)
-    u, led = follow(u, led, target, lag[2])
-    air = turn(u, geo, quad, poly, blades)
-    then = along(y, c, h)
-    load, _, torque, k4 = moving(
-        then, flowed(flow, k3, h, blades), u, rates(u, led, lag), air, geo, tilted, blades, p
-    )
-    d = rigid(then, load, b)
-    for k, weight in ((k1, 1.0), (k2, 2.0), (k3, 2.0), (k4, 1.0)):
-        flow = flowed(flow, k, h * weight / 6.0, blades)
-    return weighed(y, a, s, c, d, h), flow, u, led, air, torque
-
-
-@plain
-def laid_out(state, command, p, geo, slots, w, n):  # type: ignore[no-untyped-def]
-    """Fill the scratch from the vehicle's arrays; whether every axis points straight up."""
-    rotors, level = len(command), True
-    w[:] = 0.0
-    for k in range(n):
-        i = slots[k]
-        w[W_AZ * n + k] = -1.0
-        if i < 0:
-            continue
-        level = level and geo[G_AXIS + 2, i] == -1.0
-        for j in range(3):
-            w[(W_X + j) * n + k] = geo[G_POS + j, i] - p[CX + j]
-            w[(W_AX + j) * n + k] = geo[G_AXIS + j, i]
-        w[W_SPIN * n + k] = geo[G_SPIN, i]
-        w[W_GT * n + k], w[W_GQ * n + k] = geo[G_THRUST, i] * p[AIR], geo[G_TORQUE, i] * p[AIR]
-        w[W_COMMAND * n + k] = command[i] * geo[G_SPEED, i]
-        w[W_U * n + k] = state[SPEED + i]
-        w[W_LED * n + k] = state[SPEED + rotors + i]
-        w[W_HEAT * n + k] = state[SPEED + 2 * rotors + i]
-        w[W_FLOW * n + k] = state[SPEED + 3 * rotors + i]
-        w[W_OUTER * n + k] = state[SPEED + 4 * rotors + i]
-    return level
-
-
-@plain
-def written_back(state, out, slots, w, n, rotors):  # type: ignore[no-untyped-def]
-    """What the scratch holds of each rotor, to the vehicle's arrays."""
-    for k in range(n):
-        i = slots[k]
-        if i >= 0:
-            state[SPEED + i] = w[W_U * n + k]
-            state[SPEED + rotors + i] = w[W_LED * n + k]
-            state[SPEED + 2 * rotors + i] = w[W_HEAT * n + k]
-            state[SPEED + 3 * rotors + i] = w[W_FLOW * n + k]
-            state[SPEED + 4 * rotors + i] = w[W_OUTER * n + k]
-            out[O_THRUST + i], out[O_THRUST + rotors + i] = w[W_FELT * n + k], w[W_LOAD * n + k]
-
-
-@plain
-def sensed(y, load, b, p, out):  # type: ignore[no-untyped-def]
+def sensed(y, load, p, body, slope, out):
     """The IMU sits at the body origin, which a moved centre of mass leaves behind."""
-    wx, wy, wz = y[3]
-    ax, ay, az = rigid(y, load, b)[3]
-    rx, ry, rz = -p[CX], -p[CY], -p[CZ]
+    wx, wy, wz = y[10], y[11], y[12]
+    ax, ay, az = slope[10], slope[11], slope[12]
+    rx, ry, rz = -p[at.CX], -p[at.CY], -p[at.CZ]
     dot, square = wx * rx + wy * ry + wz * rz, wx * wx + wy * wy + wz * wz
-    out[O_FORCE] = load[0] * b[0] + ay * rz - az * ry + wx * dot - rx * square
-    out[O_FORCE + 1] = load[1] * b[0] + az * rx - ax * rz + wy * dot - ry * square
-    out[O_FORCE + 2] = load[2] * b[0] + ax * ry - ay * rx + wz * dot - rz * square
-    out[O_ALPHA], out[O_ALPHA + 1], out[O_ALPHA + 2] = ax, ay, az
+    out[at.O_FORCE] = load[0] * body[0] + ay * rz - az * ry + wx * dot - rx * square
+    out[at.O_FORCE + 1] = load[1] * body[0] + az * rx - ax * rz + wy * dot - ry * square
+    out[at.O_FORCE + 2] = load[2] * body[0] + ax * ry - ay * rx + wz * dot - rz * square
+    out[at.O_ALPHA], out[at.O_ALPHA + 1], out[at.O_ALPHA + 2] = ax, ay, az
 
 
-@plain
-def calm_air(p, blades):  # type: ignore[no-untyped-def]
-    """Whether loads depend on speeds alone, clear of the ground and with upright axes."""
-    calm = p[INFLOW] == p[DRAG] == p[GROUND_GAIN] == p[ROTOR_INERTIA] == p[BODY_DRAG] == 0.0
-    calm = calm and p[INFLOW_LIFT] == p[BODY_LINEAR] == p[CEILING_GAIN] == p[LAG_LAW] == 0.0
-    return calm and p[PUSH] == p[PUSH + 1] == p[PUSH + 2] == 0.0 and blades is None
+@inlined
+def calm_air(p, blades):
+    """Whether loads depend on speeds alone, clear of the ground."""
+    calm = p[at.INFLOW] == p[at.DRAG] == p[at.GROUND_GAIN] == p[at.ROTOR_INERTIA] == p[at.BODY_DRAG] == 0.0
+    calm = calm and p[at.INFLOW_LIFT] == p[at.BODY_LINEAR] == p[at.CEILING_GAIN] == 0.0
+    return calm and p[at.PUSH] == p[at.PUSH + 1] == p[at.PUSH + 2] == 0.0 and len(blades) == 0
 
 
-@plain
-def run(state, command, p, positions, slots, lanes, tilted, quad, poly, blades, h, steps, out):  # type: ignore[no-untyped-def]
-    """`steps` steps of h seconds at constant command (N); state is advanced in place."""
-    n = 2 * len(lanes)
-    w = np.empty(W_ROWS * n)
-    calm = laid_out(state, command, p, positions, slots, w, n) and calm_air(p, blades)
-    lag = lag_of(p, h)
-    jx, jy, jz = p[IXX], p[IYY], p[IZZ]
-    b = (1 / p[MASS], 1 / jx, 1 / jy, 1 / jz, (jz - jy) / jx, (jx - jz) / jy, (jy - jx) / jz, p[GRAVITY])
-    bends = p[VOLT_POWER] != 0.0 or p[HEAT_SHARE] != 0.0
-    clear = p[GROUND_Z] - p[FOOT_Z] - 1.5 * p[FOOT_XY] - 0.05
-    y = (
-        (state[0], state[1], state[2]),
-        (state[3], state[4], state[5]),
-        (state[6], state[7], state[8], state[9]),
-        (state[10], state[11], state[12]),
-    )
-    geo = (
-        read(w, W_X, lanes),
-        read(w, W_Y, lanes),
-        read(w, W_Z, lanes),
-        read(w, W_AX, lanes),
-        read(w, W_AY, lanes),
-        read(w, W_AZ, lanes),
-        read(w, W_SPIN, lanes),
-        read(w, W_GT, lanes),
-        read(w, W_GQ, lanes),
-    )
-    u, led, demanded, heat = (
-        read(w, W_U, lanes),
-        read(w, W_LED, lanes),
-        read(w, W_COMMAND, lanes),
-        read(w, W_HEAT, lanes),
-    )
-    target = demanded
-    if not lag[0]:
-        led = target
-    flow = read(w, W_FLOW, lanes), lower(read(w, W_OUTER, lanes))
-    air = turn(u, geo, quad, poly, blades)
-    _, thrust, torque, _ = moving(y, flow, u, u * 0.0, air, geo, tilted, blades, p)
-    done = 0
-    while done < steps:
-        more = min(SUPPLY_EVERY, steps - done)
-        if bends:
-            target = retarget(demanded, heat, state[VOLTAGE], p)
-            if not lag[0]:
-                led = target
-        heat = supply(state, u, torque, heat, p, h * more)
-        if calm and y[0][2] < clear:
-            load = still(air, geo)
-            for _ in range(more):
-                y, load, u, air = glide(y, load, u, target, geo, quad, poly, blades, b, lag[1], lag[2], h)
-            torque = air[1]
-        else:
-            for _ in range(more):
-                y, flow, u, led, air, torque = struggle(
-                    y, flow, air, u, led, target, geo, tilted, quad, poly, blades, p, b, lag, h
-                )
-        done += more
-    load, thrust, torque, _ = moving(y, flow, u, rates(u, led, lag), air, geo, tilted, blades, p)
-    for j in range(3):
-        state[j], state[3 + j], state[10 + j] = y[0][j], y[1][j], y[3][j]
-    for j in range(4):
-        state[6 + j] = y[2][j]
-    sensed(y, load, b, p, out)
-    write(w, W_U, u)
-    write(w, W_LED, led)
-    write(w, W_HEAT, heat)
-    write(w, W_FLOW, flow[0])
-    write(w, W_OUTER, both(flow[1], flow[1]))
-    write(w, W_FELT, thrust)
-    write(w, W_LOAD, torque)
-    written_back(state, out, slots, w, n, len(command))
+@inlined
+def loaded(state, command, geo, w, f, second):
+    """Fill the scratch from the vehicle's arrays."""
+    n = len(command)
+    for i in range(n):
+        first = at.SPEED + i
+        w[at.W_U, i], w[at.W_HEAT, i] = state[first], state[first + 2 * n]
+        w[at.W_TARGET, i] = command[i] * geo[at.G_SPEED, i]
+        w[at.W_LED, i] = state[first + n] if second else w[at.W_TARGET, i]
+        f[at.F_NOW, i], f[at.F_NOW + 1, i] = state[first + 3 * n], state[first + 4 * n]
+
+
+@inlined
+def stored(w, f, state, out):
+    """What the scratch holds of each rotor, to the vehicle's arrays."""
+    n = w.shape[1]
+    for i in range(n):
+        first = at.SPEED + i
+        state[first], state[first + n], state[first + 2 * n] = w[at.W_U, i], w[at.W_LED, i], w[at.W_HEAT, i]
+        state[first + 3 * n], state[first + 4 * n] = f[at.F_NOW, i], f[at.F_NOW + 1, i]
+        out[at.O_THRUST + i], out[at.O_THRUST + n + i] = w[at.W_THRUST, i], w[at.W_TORQUE, i]
+
+
+@inlined
+def begun(y, w, f, start, total, blades):
+    """Remember where a step starts."""
+    for k in range(BODY):
+        start[k], total[k] = y[k], 0.0
+    for i in range(w.shape[1]):
+        w[at.W_U0, i], w[at.W_LED0, i] = w[at.W_U, i], w[at.W_LED, i]
+        for k in range(2 if len(blades) else 0):
+            f[at.F_START + k, i], f[at.F_SUM + k, i] = f[at.F_NOW + k, i], 0.0
+
+
+@inlined
+def onward(stage, h, y, f, start, slope, total, blades):
+    """Move y and the flows on to the next stage of Runge and Kutta's step, or to its end."""
+    weight = 1.0 if stage == 0 or stage == 3 else 2.0
+    ahead = h / 6.0 if stage == 3 else h if stage == 2 else 0.5 * h
+    for k in range(BODY):
+        total[k] += weight * slope[k]
+        y[k] = start[k] + ahead * (total[k] if stage == 3 else slope[k])
+    for k in range(2 if len(blades) else 0):
+        for i in range(f.shape[1]):
+            f[at.F_SUM + k, i] += weight * f[at.F_SLOPE + k, i]
+            f[at.F_NOW + k, i] = (
+                f[at.F_START + k, i] + ahead * f[(at.F_SUM if stage == 3 else at.F_SLOPE) + k, i]
+            )
+    if stage == 3:  # a quaternion of length one, by one of Newton's steps
+        scale = 1.5 - 0.5 * (y[6] * y[6] + y[7] * y[7] + y[8] * y[8] + y[9] * y[9])
+        for k in range(6, 10):
+            y[k] *= scale
 
 
 @cached(**OPTIONS)
-def advance(state, command, p, geo, slots, lanes, tilted, quad, poly, blades, h, steps, out):  # type: ignore[no-untyped-def]
-    """`run` for one vehicle.
+def advance(state, command, p, geo, pairs, poly, blades, h, steps, out):
+    """`steps` steps of h seconds at constant command (N); state is advanced in place.
 
-    `lanes` is a tuple whose length is the number of lanes, `slots` (2 lanes) the rotor in each slot or -1;
-    `tilted` is None where every axis points straight up;
-    of `quad` (coefficients of eq. 17), `poly` (any powers) and `blades` one is not None.
-    out: specific force at the body origin (3, m/s^2), angular acceleration (3), thrust (N), torque (N).
+    `pairs`, `poly` and `blades` as in `forces`; out: specific force at the body origin (3, m/s^2), angular
+    acceleration (3), thrust (N), torque (N).
     """
-    run(state, command, p, geo, slots, lanes, tilted, quad, poly, blades, h, steps, out)
-
-
-@cached(parallel=True, **OPTIONS)
-def advance_many(  # type: ignore[no-untyped-def]
-    states, commands, p, geo, slots, lanes, tilted, quad, poly, blades, h, steps, outs
-):
-    """`advance` of M alike vehicles: states (M, S), commands (M, N), outs (M, 6 + 2 N)."""
-    for k in prange(len(states)):
-        run(states[k], commands[k], p, geo, slots, lanes, tilted, quad, poly, blades, h, steps, outs[k])
+    n, y = len(command), state[:BODY]
+    w, f = np.zeros((at.W_ROWS, n)), np.zeros((at.F_ROWS, n))
+    start, slope, total, load = np.zeros(BODY), np.zeros(BODY), np.zeros(BODY), np.zeros(6)
+    lag, body = lag_of(p), shares_of(p)
+    half, full = kept(lag, 0.5 * h), kept(lag, h)
+    bends = p[at.VOLT_POWER] != 0.0 or p[at.HEAT_SHARE] != 0.0
+    still, clear = calm_air(p, blades), p[at.GROUND_Z] - p[at.FOOT_Z] - 1.5 * p[at.FOOT_XY] - 0.05
+    calm = False
+    loaded(state, command, geo, w, f, lag[2])
+    for count in range(4 * steps + 1):  # stages; the last is what the end is like
+        step, stage = count // 4, count % 4
+        look = stage == 0 and step % SUPPLY_EVERY == 0 and step < steps
+        if look:
+            calm = still and y[2] < clear
+            if bends:
+                retarget(command, state[at.VOLTAGE], geo, p, w, lag[2])
+        if stage % 2 or count == 0:  # what speeds are now, half a step and a whole one on
+            if count:
+                follow(w, half if stage == 1 else full)
+            spin(w, p, geo, pairs, poly, blades)
+        if not (calm and stage == 2):  # then it is the load of the stage before
+            wrench(y, w, f, p, geo, pairs, blades, lag, load)
+        rigid(y, load, body, slope)
+        if look:
+            supply(state, w, p, h * min(SUPPLY_EVERY, steps - step))
+        if stage == 0:
+            begun(y, w, f, start, total, blades)
+        if step < steps:
+            onward(stage, h, y, f, start, slope, total, blades)
+    sensed(y, load, p, body, slope, out)
+    stored(w, f, state, out)

@@ -26,14 +26,15 @@ GEOMETRY = 10
 # outputs at the end of a step: specific force, angular acceleration, thrust (N), torque (N)
 O_FORCE, O_ALPHA, O_THRUST = 0, 3, 6
 
-# scratch: a row a quantity, a column a slot. Lane k holds a pair's upper rotor (or a single one) in slot k
-# and its lower rotor in slot lanes + k.
-# fmt: off
+# scratch, a row a quantity and a column a rotor: speeds at the start of a step and within it; STILL: thrust
+# and torque in still air, of blades lift slope and profile drag; PULL: drag along the disc, N s/m
 (
-    W_X, W_Y, W_Z, W_AX, W_AY, W_AZ, W_SPIN, W_GT, W_GQ, W_COMMAND, W_U, W_LED, W_HEAT, W_FLOW,
-    W_OUTER, W_FELT, W_LOAD, W_ROWS,
-) = range(18)
-# fmt: on
+    W_U, W_LED, W_TARGET, W_HEAT, W_U0, W_LED0, W_STILL, W_STILL_Q, W_THRUST, W_TORQUE, W_PULL, W_ROWS,
+) = range(12)  # fmt: skip
+# induced flows: the upper disc or a lower rotor's inner ring, a lower rotor's outer ring; in each of these
+# at the start of a step, within it, their slopes, and the sum of these over a step
+F_INNER, F_OUTER = 0, 1
+F_START, F_NOW, F_SLOPE, F_SUM, F_ROWS = 0, 2, 4, 6, 8
 
 SOUND_M_S = 340.0
 SLOWEST = 0.15  # below this share of full speed the Reynolds number's power law is not trusted

@@ -7,7 +7,6 @@ Upper and lower thrust (N) and torque (N m) are polynomials of the normalised sp
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,16 +26,11 @@ class Pair:
         """Of the disc; where a rotor file does not say: 18.5 in."""
         return 0.235
 
-    def compiled(self) -> tuple[Any, Any, Any]:
-        """What the compiled plant turns: 24 coefficients of eq. 17, any powers, or blades; else None."""
-        c = self.coefficients
-        used = np.nonzero(c.any(axis=0))
-        top = max(2, *(int(axis.max(initial=0)) for axis in used)) + 1
-        if top > 3 or c[:2, :, 1:].any():
-            return None, np.ascontiguousarray(c[:, :top, :top]), None
-        upper = [c[s, a, 0] for s in (0, 1) for a in (2, 1, 0)]
-        lower = [c[s, a, b] for s in (2, 3) for a in (2, 1, 0) for b in (2, 1, 0)]
-        return tuple(float(x) for x in upper + lower), None, None
+    def compiled(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What the compiled plant turns: coefficients (4, A, B) up to the powers used, and no blades."""
+        used = np.nonzero(self.coefficients.any(axis=0))
+        top = max(int(axis.max(initial=0)) for axis in used) + 1
+        return np.ascontiguousarray(self.coefficients[:, :top, :top]), np.empty(0)
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> NDArray[np.float64]:
         """(4, ...) upper thrust, upper torque, lower thrust, lower torque at normalised speeds."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.physics import layout
 from sim.physics.pair import Pair
-from sim.vehicle import SINGLE, UPPER, Vehicle
+from sim.vehicle import LOWER, SimVehicle
 
 STEP_S = 0.001
 GRAVITY = 9.80665
@@ -19,7 +18,7 @@ FOOT_Z_M = 0.20
 
 
 @dataclass(frozen=True)
-class Battery:
+class BatteryPack:
     """An 8-cell pack; `reference_V` is where a command means its own speed when the ESCs do not regulate."""
 
     cells: int = 8
@@ -31,7 +30,7 @@ class Battery:
 
 
 @dataclass(frozen=True)
-class Motor:
+class MotorData:
     """220 rpm a volt; resistance and heat of its size's kind."""
 
     torque_Nm_A: float = 30.0 / (math.pi * 220.0)
@@ -52,10 +51,10 @@ class Sensing:
 class Plant:
     """State and parameters of one vehicle on the ground at the origin; `advance` moves it on."""
 
-    def __init__(self, vehicle: Vehicle, pair: Pair, battery: Battery | None = None) -> None:
+    def __init__(self, vehicle: SimVehicle, pair: Pair, battery: BatteryPack | None = None) -> None:
         self.index = layout  # names of the arrays' entries
-        self.vehicle, self.pair, self.battery = vehicle, pair, battery or Battery()
-        self.motor, self.sensing, self.radius_m = Motor(), Sensing(), pair.radius_m
+        self.vehicle, self.pair, self.battery = vehicle, pair, battery or BatteryPack()
+        self.motor, self.sensing, self.radius_m = MotorData(), Sensing(), pair.radius_m
         n = vehicle.rotors
         self.parameters = self._default_parameters()
         self.geometry = np.zeros((layout.GEOMETRY, n))
@@ -63,8 +62,8 @@ class Plant:
         self.geometry[layout.G_AXIS : layout.G_AXIS + 3] = vehicle.axis.T
         self.geometry[layout.G_SPIN] = vehicle.spin
         self.geometry[[layout.G_THRUST, layout.G_TORQUE, layout.G_SPEED]] = 1.0
-        tilted = None if (vehicle.axis[:, 2] == -1.0).all() else True
-        self._rotors = (*_slots(vehicle), tilted, *pair.compiled())
+        heads = np.flatnonzero(vehicle.level != LOWER)
+        self.compiled = (np.column_stack([heads, vehicle.partner[heads]]), *pair.compiled())
         self.state = np.zeros(layout.SPEED + layout.PER_ROTOR * n)
         self.state[layout.QUAT] = 1.0
         self.state[layout.POS + 2] = GRAVITY / (4 * 300.0)  # resting on its four springs
@@ -101,30 +100,9 @@ class Plant:
         """Move on by `steps` steps at constant motor commands (N,) in 0..1."""
         from sim.physics.kernel import advance
 
-        how = (self.parameters, self.geometry, *self._rotors, step_s, steps)
+        how = (self.parameters, self.geometry, *self.compiled, step_s, steps)
         advance(self.state, command, *how, self.out)
         self.steps += steps
-
-    def advance_many(
-        self,
-        states: NDArray[np.float64],
-        commands: NDArray[np.float64],
-        steps: int,
-        outs: NDArray[np.float64],
-        step_s: float = STEP_S,
-    ) -> None:
-        """Move M vehicles like this one on: states (M, S), commands (M, N), outs (M, 6 + 2 N), as one's own.
-
-        In place; this vehicle itself does not move.
-        """
-        from sim.physics.kernel import advance_many
-
-        advance_many(states, commands, self.parameters, self.geometry, *self._rotors, step_s, steps, outs)
-
-    @property
-    def compiled(self) -> tuple[Any, ...]:
-        """What `kernel.advance` takes after the geometry: slots, lanes, tilted, quad, poly, blades."""
-        return self._rotors
 
     @property
     def time_s(self) -> float:
@@ -207,16 +185,3 @@ class Plant:
     def height(self) -> float:
         """Of the body origin above the ground, m."""
         return FOOT_Z_M - float(self.state[2])
-
-
-def _slots(vehicle: Vehicle) -> tuple[NDArray[np.int64], tuple[int, ...]]:
-    """The rotor in each slot of the kernel's lanes, and a tuple as long as there are lanes: 4, 8 or 16.
-
-    Lane k has a pair's upper rotor, or a single one, in slot k, and its lower rotor in slot lanes + k.
-    """
-    heads = [i for i in range(vehicle.rotors) if vehicle.level[i] in (UPPER, SINGLE)]
-    lanes = next(n for n in (4, 8, 16) if n >= len(heads))
-    slots = np.full(2 * lanes, -1, np.int64)
-    slots[: len(heads)] = heads
-    slots[lanes : lanes + len(heads)] = [vehicle.partner[i] for i in heads]  # -1 where there is none
-    return slots, (0,) * lanes

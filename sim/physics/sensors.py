@@ -8,12 +8,13 @@ is corrected slowly: their errors wander smoothly, they neither jump nor rattle.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.physics.plant import Plant
+from sim.physics import sensing
+from sim.physics.plant import FOOT_Z_M, Plant
 
 BLOCK = 1024
 READ_S = 0.004
@@ -36,20 +37,16 @@ class Noise:
     rpm: float = 5.0
 
 
-@dataclass(frozen=True)
-class Reading:
-    """One sample of everything, stamped with simulated time."""
+class SensorReading:
+    """One sample of everything, stamped with simulated time; `values` (18 + N) as `sensing` numbers them."""
 
-    time_s: float
-    accel: NDArray[np.float64]  # (3,) specific force, body, m/s^2
-    rates: NDArray[np.float64]  # (3,) body, rad/s
-    quaternion: NDArray[np.float64]  # (4,)
-    position: NDArray[np.float64]  # (3,) NED, m
-    velocity: NDArray[np.float64]  # (3,) NED, m/s
-    height: float  # above ground, m
-    voltage: float
-    current: float
-    speeds: NDArray[np.float64]  # (N,) normalised
+    def __init__(self, time_s: float, values: NDArray[np.float64], current: float) -> None:
+        self.time_s, self.values, self.current = time_s, values, current
+        self.accel, self.rates = values[0:3], values[3:6]  # (3,) specific force m/s^2, rad/s; body
+        self.quaternion = values[6:10]
+        self.position, self.velocity = values[10:13], values[13:16]  # (3,) NED, m and m/s
+        self.height, self.voltage = float(values[16]), float(values[17])  # above ground, m; V
+        self.speeds = values[18:]  # (N,) normalised
 
 
 class Sensors:
@@ -61,54 +58,37 @@ class Sensors:
         n = plant.vehicle.rotors
         s = self.noise
         top = plant.pair.speed_max_rpm
-        self._accel_bias = s.accel_bias_m_s2 * self._random.standard_normal(3)
-        self._gyro_bias = s.gyro_bias_rad_s * self._random.standard_normal(3)
+        self.memory = m = np.zeros(sensing.SENSES)
+        m[sensing.S_ACCEL_BIAS :][:3] = s.accel_bias_m_s2 * self._random.standard_normal(3)
+        m[sensing.S_GYRO_BIAS :][:3] = s.gyro_bias_rad_s * self._random.standard_normal(3)
         sizes = [s.accel_m_s2] * 3 + [s.gyro_rad_s] * 3 + [s.attitude_rad] * 3 + [s.position_m] * 3
         sizes += [s.velocity_m_s] * 3 + [s.range_m, s.voltage_V] + [s.rpm / top] * n
         self._sizes = np.array(sizes)
-        self._keep = np.exp(-read_s / WANDER_S)
-        self._fresh = np.sqrt(1.0 - self._keep**2)
-        self._push = self._sizes[6:15] * self._random.standard_normal(9)
-        self._wander = self._push.copy()
+        keep = np.exp(-read_s / WANDER_S)
+        m[sensing.S_KEEP :][:9], m[sensing.S_FRESH :][:9] = keep, np.sqrt(1.0 - keep**2)
+        m[sensing.S_PUSH :][:9] = self._sizes[6:15] * self._random.standard_normal(9)
+        m[sensing.S_WANDER :][:9] = m[sensing.S_PUSH :][:9]
         self._block = np.empty((0, len(sizes)))
         self._next = 0
-        self._past: deque[Reading] = deque()
-        self._turns = 2.0 * np.pi * self._random_phase(seed, n)
+        self._past: deque[SensorReading] = deque()
+        # (N,) where the rotors' marks stand, rad
+        self.turns = 2.0 * np.pi * np.random.default_rng([seed, 0x71B]).random(n)
 
-    @staticmethod
-    def _random_phase(seed: int, n: int) -> NDArray[np.float64]:
-        return np.random.default_rng([seed, 0x71B]).random(n)
-
-    def read(self) -> Reading:
+    def read(self) -> SensorReading:
         """A sample of the present state; called every `read_s`."""
-        noise = self.rows(1)[0]
-        self._push = self._keep * self._push + self._fresh * noise[6:15]
-        # twice first order; the second halves the variance
-        self._wander = self._keep * self._wander + np.sqrt(2.0) * (1.0 - self._keep) * self._push
-        p = self._plant
-        q, half = p.quaternion, 0.5 * self._wander[0:3]
-        # a small rotation about the body axes: q * (1, e / 2)
-        turned = np.array(
-            [
-                q[0] - q[1] * half[0] - q[2] * half[1] - q[3] * half[2],
-                q[1] + q[0] * half[0] + q[2] * half[2] - q[3] * half[1],
-                q[2] + q[0] * half[1] + q[3] * half[0] - q[1] * half[2],
-                q[3] + q[0] * half[2] + q[1] * half[1] - q[2] * half[0],
-            ]
-        )
-        now = Reading(
-            p.time_s,
-            p.specific_force + self._accel_bias + noise[0:3] + self._shaken(),
-            p.rates + self._gyro_bias + noise[3:6],
-            turned,
-            p.position + self._wander[3:6],
-            p.velocity + self._wander[6:9],
-            max(p.height + noise[15], 0.0),
-            p.voltage + noise[16],
-            p.current,
-            np.maximum(p.speeds + noise[17:], 0.0),
-        )
+        from sim.quick.kernel import sense  # numba takes its time
+
+        p, r = self._plant, np.empty(sensing.R_SPEEDS + self._plant.vehicle.rotors)
+        self.take_shaking()
+        top = p.pair.speed_max_rpm * np.pi / 30.0
+        sense(p.state, p.out, top, FOOT_Z_M, self.memory, self.rows(1)[0], self.turns, self._read_s, r)
+        now = SensorReading(p.time_s, r, p.current)
         return self._late(now) if p.sensing.delay_s > 0.0 else now
+
+    def take_shaking(self) -> None:
+        """How strongly rotors shake the accelerometer, as the plant's truth has it now."""
+        sensing_of = self._plant.sensing
+        self.memory[[sensing.S_SHAKE, sensing.S_BLADES]] = sensing_of.vibration_m_s2, sensing_of.blades
 
     def rows(self, count: int) -> NDArray[np.float64]:
         """(count, 17 + N) the next noise, as `read` would draw it."""
@@ -123,31 +103,9 @@ class Sensors:
             parts.append(part)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
-    def memory(self) -> NDArray[np.float64]:
-        """(42,) biases of accelerometer and gyro, what of the wandering is kept and fresh, its two stages."""
-        states = (self._keep, self._fresh, self._push, self._wander)
-        return np.concatenate([self._accel_bias, self._gyro_bias, *states])
-
-    @property
-    def turns(self) -> NDArray[np.float64]:
-        """(N,) where the rotors' marks stand, rad."""
-        return self._turns
-
-    def _shaken(self) -> NDArray[np.float64] | float:
-        """(3,) what unbalanced rotors, or passing blades, shake the accelerometer with."""
-        p = self._plant
-        size = p.sensing.vibration_m_s2
-        if size == 0.0:
-            return 0.0
-        u = p.speeds
-        self._turns = self._turns + self._read_s * p.pair.speed_max_rpm * np.pi / 30.0 * u * p.sensing.blades
-        strength = size * u * u
-        round_ = np.array([np.cos(self._turns), np.sin(self._turns), 0.3 * np.cos(self._turns)])
-        return np.asarray(round_ @ strength)
-
-    def _late(self, now: Reading) -> Reading:
+    def _late(self, now: SensorReading) -> SensorReading:
         """The reading of `delay_s` ago, stamped now."""
         self._past.append(now)
         while len(self._past) > 1 and self._past[1].time_s <= now.time_s - self._plant.sensing.delay_s + 1e-9:
             self._past.popleft()
-        return replace(self._past[0], time_s=now.time_s)
+        return SensorReading(now.time_s, self._past[0].values, self._past[0].current)

@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.line.ftp import Files
+from sim.line.ftp import CardFiles
 from sim.line.mission import Mission
 from sim.motor_test import MotorTest
 from sim.physics.escs import MEASURED
 from sim.physics.plant import FOOT_Z_M, Plant
-from sim.physics.sensors import Reading, Sensors
+from sim.physics.sensors import SensorReading, Sensors
 from sim.place import HOME, Place
-from sim.px4.cascade import IDLE, Cascade, Demand, Four, Goal, Settings, Three
+from sim.px4.cascade import IDLE, Cascade, Four, Goal, LoopDemand, Settings, Three
 from sim.px4.guidance import RATE_HZ
 from sim.px4.links import OFFBOARD_LOST, STATION_LOST, Links
-from sim.px4.mixer import Mixer
+from sim.px4.mixer import Px4Mixer
 from sim.px4.modes import FLOWN, AttitudeGoal, Mode, Refused
 from sim.px4.navigator import Navigator
 from sim.px4.own_values import bounded_hover, disarmed
-from sim.px4.store import Store
+from sim.px4.store import Px4Store
 from sim.px4.tuning import tune
 from sim.truth import Truth
 
@@ -54,7 +54,7 @@ class Autopilot(Navigator):
         self.rotors = plant.vehicle.rotors
         self._wires: list[int] | None = None
         self._free: list[tuple[int, int]] = []  # outputs that carry one of the free actuators, and which
-        self.files = Files("fs/microsd", protected=("etc/", "proc/", "dev/", "bin/"))
+        self.files = CardFiles("fs/microsd", protected=("etc/", "proc/", "dev/", "bin/"))
         self.logger: Any = None
         self.home: Place = HOME
         self.mission = Mission(self.first_item)
@@ -62,7 +62,7 @@ class Autopilot(Navigator):
         self._fit_out()
         self.cascade = Cascade(self.settings, 1.0 / RATE_HZ)
         self.say: Callable[[int, str], None] = lambda severity, text: None
-        self.exchange: Callable[[Demand], None] = lambda demand: None
+        self.exchange: Callable[[LoopDemand], None] = lambda demand: None
         self.keep: Callable[[], None] = lambda: None  # parameters, against a power cut
         self.command: NDArray[np.float64] = np.zeros(self.rotors)  # what the motors were told last
         self.boots = 0
@@ -70,9 +70,9 @@ class Autopilot(Navigator):
 
     def _fit_out(self) -> None:
         """Parameters, mixer, and where the loops read their settings."""
-        self.store: Any = Store(self.version, self.plant.vehicle)
+        self.store: Any = Px4Store(self.version, self.plant.vehicle)
         self.settings: Settings = self.store
-        self.mixer: Any = Mixer(self.store, self.rotors)
+        self.mixer: Any = Px4Mixer(self.store, self.rotors)
         tuned = tune(self.mixer, self.plant)
         self.store.preset("MPC_THR_HOVER", tuned.hover)
         for axis, gains in zip(("ROLL", "PITCH", "YAW"), tuned.gains, strict=True):
@@ -94,8 +94,8 @@ class Autopilot(Navigator):
         self.motor_test = MotorTest(self.rotors)
         self.actuators = [math.nan] * 6  # of MAV_CMD_DO_SET_ACTUATOR, -1..1
         self.system = min(max(int(self.store[self.id_parameter]), 1), 250)  # MAVLink's system id
-        self.demand: Demand = IDLE
-        self.reading: Reading = self.sensors.read()
+        self.demand: LoopDemand = IDLE
+        self.reading: SensorReading = self.sensors.read()
         self._enter(Mode.HOLD)
         self._after_disarming = Mode.HOLD
         self._offboard_goal = self.goal
@@ -237,7 +237,7 @@ class Autopilot(Navigator):
 
     # -- one step ------------------------------------------------------------------------------
 
-    def step(self) -> Reading:
+    def step(self) -> SensorReading:
         """Sense, decide, mix, and let 4 ms pass; returns the reading the decision rests on."""
         self.truth.act(self.plant)
         self.reading = self.sensors.read()
@@ -247,7 +247,7 @@ class Autopilot(Navigator):
         self.plant.advance(self.command, STEPS)
         return self.reading
 
-    def _outputs(self, d: Demand) -> NDArray[np.float64]:
+    def _outputs(self, d: LoopDemand) -> NDArray[np.float64]:
         """(N,) what the ESCs are told, 0..1."""
         if not self.armed:
             return self._tested()
@@ -267,21 +267,19 @@ class Autopilot(Navigator):
         motors = np.append(self.motor_test.commands(self.plant.time_s), 0.0)
         return np.asarray(motors[self._wiring()], np.float64)
 
-    def _decide(self, reading: Reading) -> Demand:
+    def _decide(self, reading: SensorReading) -> LoopDemand:
         position: Three = tuple(reading.position.tolist())
-        velocity: Three = tuple(reading.velocity.tolist())
-        attitude: Four = tuple(reading.quaternion.tolist())
-        rates: Three = tuple(reading.rates.tolist())
         self._watch(reading, position)
         if self.mode == Mode.OFFBOARD and self.attitude_goal is not None:
-            return self._fly_attitude(self.attitude_goal, attitude, rates)
+            attitude: Four = tuple(reading.quaternion.tolist())
+            return self._fly_attitude(self.attitude_goal, attitude, tuple(reading.rates.tolist()))
         self._move_goal(position)
         if self.landed:
             self.cascade.reset()
             return IDLE
-        return self.cascade.track(self.goal, position, velocity, attitude, rates)
+        return self.cascade.track(self.goal, reading)
 
-    def _fly_attitude(self, goal: AttitudeGoal, attitude: Four, rates: Three) -> Demand:
+    def _fly_attitude(self, goal: AttitudeGoal, attitude: Four, rates: Three) -> LoopDemand:
         self.landed = self.landed and goal.thrust < 0.15
         if self.landed:
             return IDLE
@@ -289,7 +287,7 @@ class Autopilot(Navigator):
             return self.cascade.hold_rates(goal.rates, goal.thrust, rates, attitude)
         return self.cascade.hold_attitude(goal.attitude, goal.thrust, attitude, rates, goal.rates[2])
 
-    def _watch(self, reading: Reading, position: Three) -> None:
+    def _watch(self, reading: SensorReading, position: Three) -> None:
         """Failsafe, landing, disarming."""
         now = self.plant.time_s
         if self.mode == Mode.OFFBOARD and not self.offboard_fresh:

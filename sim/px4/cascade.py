@@ -1,8 +1,8 @@
 """The control cascade of a PX4 multirotor, at one rate: position, velocity, attitude, rates.
 
 Position P and velocity PID make an acceleration; with the hover thrust it becomes a thrust vector and an
-attitude; quaternion P makes body rates; rate PID makes a normalised torque. NED, FRD, SI; plain floats, for
-eight numpy calls on three numbers cost more than the whole loop. The equations are in `loops`.
+attitude; quaternion P makes body rates; rate PID makes a normalised torque. NED, FRD, SI. The equations are
+in `loops`; a goal in space is tracked by the compiled `kernel.track`, as in batch flights.
 """
 
 from __future__ import annotations
@@ -12,6 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.physics.sensors import SensorReading
 from sim.px4 import loops
 from sim.px4.loops import euler as euler
 
@@ -31,7 +35,7 @@ class Goal:
     yaw_rate: float = 0.0
 
 
-class Demand(NamedTuple):
+class LoopDemand(NamedTuple):
     """Normalised torque and thrust (up, 0..1), and what led to it."""
 
     roll: float
@@ -42,7 +46,7 @@ class Demand(NamedTuple):
     rates: Three
 
 
-IDLE = Demand(0.0, 0.0, 0.0, 0.0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+IDLE = LoopDemand(0.0, 0.0, 0.0, 0.0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class Settings(Protocol):
@@ -54,13 +58,13 @@ class Settings(Protocol):
         ...
 
 
-def read_gains(store: Settings) -> list[float]:
+def read_gains(store: Settings) -> NDArray[np.float64]:
     """The parameters the cascade reads, at the places of `loops`."""
 
     def get(name: str) -> float:
         return float(store[name])
 
-    g = [0.0] * loops.GAINS
+    g = np.zeros(loops.GAINS)
     for first, name in (
         (loops.POSITION, "MPC_{}_P"),
         (loops.VELOCITY_P, "MPC_{}_VEL_P_ACC"),
@@ -94,7 +98,7 @@ class Cascade:
     def __init__(self, store: Settings, dt: float) -> None:
         self._store, self.dt = store, dt
         self.gains = read_gains(store)
-        self._memory = [0.0] * loops.MEMORY
+        self._memory = np.zeros(loops.MEMORY)
         self.hover = self.gains[loops.HOVER]
         self._stale = False
         store.listen(self._heard)
@@ -103,7 +107,7 @@ class Cascade:
     @property
     def hover(self) -> float:
         """The thrust 0..1 taken to hover."""
-        return self._memory[loops.M_HOVER]
+        return float(self._memory[loops.M_HOVER])
 
     @hover.setter
     def hover(self, value: float) -> None:
@@ -124,24 +128,27 @@ class Cascade:
         """Forget integrals and filters, as on the ground."""
         loops.forget(self._memory)
 
-    def track(self, goal: Goal, position: Three, velocity: Three, attitude: Four, rates: Three) -> Demand:
+    def track(self, goal: Goal, reading: SensorReading) -> LoopDemand:
         """All loops, from a goal in space."""
+        from sim.quick.kernel import DEMAND, track  # numba takes its time
+
         self._refresh()
-        g, m, dt = self.gains, self._memory, self.dt
-        loops.accelerate(goal.position, goal.velocity, goal.acceleration, position, velocity, g, m, dt)
-        thrust, wanted = loops.point(goal.yaw, attitude, g, m, dt)
-        return self.hold_attitude(wanted, thrust, attitude, rates, goal.yaw_rate)
+        d = np.empty(DEMAND)
+        aim = np.array((*goal.position, *goal.velocity, *goal.acceleration, goal.yaw, goal.yaw_rate))
+        track(aim, reading.values, self.gains, self._memory, self.dt, d)
+        roll, pitch, yaw, thrust, w, x, y, z, p, q, r = d.tolist()
+        return LoopDemand(roll, pitch, yaw, thrust, (w, x, y, z), (p, q, r))
 
     def hold_attitude(
         self, wanted: Four, thrust: float, attitude: Four, rates: Three, yaw_rate: float = 0.0
-    ) -> Demand:
+    ) -> LoopDemand:
         """Attitude and rate loops."""
         turned = loops.rates_for(wanted, attitude, yaw_rate, self.gains)
         return self.hold_rates(turned, thrust, rates, wanted)
 
-    def hold_rates(self, wanted: Three, thrust: float, rates: Three, attitude: Four) -> Demand:
+    def hold_rates(self, wanted: Three, thrust: float, rates: Three, attitude: Four) -> LoopDemand:
         """The rate loop on the low-passed gyro."""
         self._refresh()
         m, at = self._memory, loops.M_OUT
         loops.turn(wanted, thrust, rates, self.gains, m, self.dt)
-        return Demand(m[at], m[at + 1], m[at + 2], thrust, attitude, wanted)
+        return LoopDemand(float(m[at]), float(m[at + 1]), float(m[at + 2]), thrust, attitude, wanted)

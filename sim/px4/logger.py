@@ -18,7 +18,7 @@ import numpy as np
 
 from firmware_params.px4.parameters import INT32
 from sim.line.logger import Logger
-from sim.physics.escs import Escs, reported_escs
+from sim.physics.escs import EscReport, reported_escs
 from sim.px4.autopilot import Mode
 
 FOLDER = "log/sess{:03d}"
@@ -105,7 +105,7 @@ def _battery(a: Any, now: int) -> tuple[Any, ...]:
 
 
 def _escs(a: Any, now: int) -> tuple[Any, ...]:
-    escs = reported_escs(a) or Escs([], [], [])
+    escs = reported_escs(a) or EscReport([], [], [])
     rows: list[Any] = []
     count = min(len(escs.rpm), 8)
     for k in range(8):

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from firmware_params.errors import TableError
 from firmware_params.px4 import Px4Mix, Px4Table, params_to_table, realise
-from sim.px4.store import Store
+from sim.px4.store import Px4Store
 
 NAMES = ("CA_", "THR_MDL_FAC", "MC_AIRMODE", "SYS_CTRL_ALLOC")
 FIELDS = ("CT", "KM", "AX", "AY", "AZ", "PX", "PY", "PZ")
 
 
-class Mixer:
+class Px4Mixer:
     """Normalised torque and thrust to motor commands; a table it cannot mix stops the motors."""
 
-    def __init__(self, store: Store, rotors: int) -> None:
+    def __init__(self, store: Px4Store, rotors: int) -> None:
         self._store, self._rotors = store, rotors
         self._boot = store.values()
         self._mix: Px4Mix | None = None

@@ -8,7 +8,7 @@ from typing import Any
 
 from sim.line.mission import Leg, Mission
 from sim.physics.plant import Plant
-from sim.physics.sensors import Reading
+from sim.physics.sensors import SensorReading
 from sim.place import Place
 from sim.px4.cascade import Goal, Settings, Three, euler
 from sim.px4.guidance import RATE_HZ, step_towards
@@ -24,7 +24,7 @@ class Navigator:
     mission: Mission
     mode: Mode
     goal: Goal
-    reading: Reading
+    reading: SensorReading
     armed: bool
     landed: bool
     cruise: float

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 
-from sim.px4.store import Store
+from sim.px4.store import Px4Store
 
 DECLINATION_DEG = 3.2  # of the field at home
 _WORD = 1 << 32
 
 
-def disarmed(store: Store, flown_s: float) -> None:
+def disarmed(store: Px4Store, flown_s: float) -> None:
     """A flight has ended."""
     flights = int(store["COM_FLIGHT_UUID"]) + 1
     store.own("COM_FLIGHT_UUID", flights)
@@ -28,7 +28,7 @@ def disarmed(store: Store, flown_s: float) -> None:
         store.own(f"CAL_GYRO0_{axis}OFF", 1e-3 * math.sin(flights + 2.0 * k))
 
 
-def bounded_hover(store: Store) -> str:
+def bounded_hover(store: Px4Store) -> str:
     """MPC_THR_HOVER within MPC_THR_MIN and MPC_THR_MAX; what it says, nothing where it was."""
     low, high = float(store["MPC_THR_MIN"]), float(store["MPC_THR_MAX"])
     hover = float(store["MPC_THR_HOVER"])

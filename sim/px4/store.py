@@ -10,15 +10,15 @@ from collections.abc import Callable, Iterable, Mapping
 from importlib import resources
 
 from firmware_params.px4.parameters import FLOAT, INT32, PARAMETERS
-from sim.vehicle import Vehicle
+from sim.vehicle import SimVehicle
 
 HASH_CHECK = "_HASH_CHECK"
 
 
-class Store:
+class Px4Store:
     """Name -> value of a fixed type; `changed` callbacks hear of every accepted write."""
 
-    def __init__(self, version: tuple[int, int, int], vehicle: Vehicle) -> None:
+    def __init__(self, version: tuple[int, int, int], vehicle: SimVehicle) -> None:
         document = tomllib.loads((resources.files("sim.px4") / "parameters.toml").read_text())
         self._types: dict[str, int] = {}
         self._values: dict[str, int | float] = {}
@@ -38,7 +38,7 @@ class Store:
         self._listeners: list[Callable[[str], None]] = []
         self._geometry(vehicle)
 
-    def _geometry(self, vehicle: Vehicle) -> None:
+    def _geometry(self, vehicle: SimVehicle) -> None:
         """As its builder set it up in QGC: places and spin, PX4's own CT and KM for every rotor."""
         self.preset("CA_ROTOR_COUNT", vehicle.rotors)
         for n in range(vehicle.rotors):

@@ -7,14 +7,18 @@ rate: gain = bandwidth * inertia / (torque per unit of normalised control), meas
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.physics.plant import GRAVITY, Plant
+from sim.vehicle import LOWER
 
 BANDWIDTH = (12.0, 12.0, 5.0)  # rad/s of the rate loops; the motors' lag allows about a quarter of 1 / lag
+
+INTEGRALS = ("MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC", "MC_ROLLRATE_I", "MC_PITCHRATE_I", "MC_YAWRATE_I")
+VERTICAL = ("MPC_Z_VEL_P_ACC", "MPC_Z_VEL_I_ACC", "MPC_Z_VEL_D_ACC")
 
 
 class Mixing(Protocol):
@@ -54,15 +58,38 @@ def _nudge(axis: int, size: float) -> tuple[float, float, float]:
     return size * (axis == 0), size * (axis == 1), size * (axis == 2)
 
 
+def tuned_settings(a: Any, *, lift: bool = True) -> dict[str, float]:
+    """Hover thrust and rate gains for the mixer on board `a`; `lift`: vertical gains over its slope, too."""
+    tuned = tune(a.mixer, a.plant)
+    settings = {"MPC_THR_HOVER": tuned.hover}
+    for axis, gains in zip(("ROLL", "PITCH", "YAW"), tuned.gains, strict=True):
+        settings |= {f"MC_{axis}RATE_{k}": gain for k, gain in zip("PID", gains, strict=True)}
+    if lift:
+        slope = lift_exponent(a, tuned.hover)
+        settings |= {name: float(a.store[name]) / slope for name in VERTICAL}
+    return settings
+
+
+def lift_exponent(a: Any, hover: float) -> float:
+    """d(log thrust) / d(log demand) in hover: what multiplies a vertical gain; the loops count on 1."""
+    high, low = (a.mixer.command(0.0, 0.0, 0.0, (1.0 + s) * hover) for s in (0.02, -0.02))
+    lifted = steady(a.plant, np.array([high, low]))[:, 0]
+    return float(np.log(lifted[0] / lifted[1]) / np.log(1.02 / 0.98))
+
+
 def wrench(plant: Plant, u: NDArray[np.float64]) -> NDArray[np.float64]:
     """(4,) thrust up, roll, pitch, yaw of steady normalised speeds (N,)."""
+    return steady(plant, u[None])[0]
+
+
+def steady(plant: Plant, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(rows, 4) thrust up, roll, pitch, yaw of steady normalised speeds (rows, N) on sound rotors."""
     v = plant.vehicle
-    thrust, torque = np.zeros(v.rotors), np.zeros(v.rotors)
+    thrust, torque = np.zeros(speeds.shape), np.zeros(speeds.shape)
     for i in range(v.rotors):
-        other = u[v.partner[i]] if v.partner[i] >= 0 else 0.0
-        lower = v.level[i] == 1
-        loads = plant.pair.loads(other if lower else u[i], u[i] if lower else other)
-        thrust[i], torque[i] = loads[2:] if lower else loads[:2]
-    force = thrust[:, None] * v.axis
-    moment = np.cross(v.position_m, force) - (v.spin * torque)[:, None] * v.axis
-    return np.concatenate([[-force[:, 2].sum()], moment.sum(axis=0)])
+        other = speeds[:, v.partner[i]] if v.partner[i] >= 0 else np.zeros(len(speeds))
+        lower = v.level[i] == LOWER
+        loads = plant.pair.loads(other if lower else speeds[:, i], speeds[:, i] if lower else other)
+        thrust[:, i], torque[:, i] = loads[2:] if lower else loads[:2]
+    moment = thrust @ np.cross(v.position_m, v.axis) - (torque * v.spin) @ v.axis
+    return np.column_stack([-(thrust @ v.axis)[:, 2], moment])

@@ -1,33 +1,33 @@
 """One quick flight: a design (vehicle, rotors, mixer, its owner's gains) in a world of effects, by a plan.
 
 It starts in the air over its first place with its rotors at hover speed, settles, and is judged from then
-on, by the plant's truth; as `trial_flight` does it on the stand-in itself, whose loops, sensors and mix these
-are.
+on, by the plant's truth. Loops, sensors and mix are those of the stand-in.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.effects import FORMS, Effect
+from sim.effects import FORMS, HiddenEffect
 from sim.errors import WorldError
 from sim.physics.pair import Pair
 from sim.physics.plant import FOOT_Z_M, GRAVITY, STEP_S, Plant
+from sim.physics.sensing import R_SPEEDS
 from sim.physics.sensors import Sensors
+from sim.physics.wind import gusts_of, rise
 from sim.px4 import loops
 from sim.px4.autopilot import Autopilot
 from sim.px4.cascade import read_gains
-from sim.px4.tuning import Mixing
+from sim.px4.tuning import INTEGRALS, Mixing, steady, tuned_settings
 from sim.quick.plans import PLANS
-from sim.trial_flight import shape_error, steady, tuned_settings
 from sim.truth import Truth
-from sim.vehicle import Vehicle
+from sim.vehicle import SimVehicle
 
 Array = NDArray[np.float64]
 RATE_HZ = 400
@@ -38,7 +38,7 @@ EMPTY = 0.07  # of charge: PX4's BAT_CRIT_THR, at which it comes down
 ENDS = ("", "attitude", "ground")  # by `kernel.FLEW`, TIPPED, GROUND
 
 
-class NativeLaw(Mixing, Protocol):
+class NativeMixing(Mixing, Protocol):
     """A mixing law that someone compiled: see `mix`."""
 
     address: int
@@ -49,21 +49,21 @@ class NativeLaw(Mixing, Protocol):
 
 
 @dataclass(frozen=True)
-class Design:
+class FlightDesign:
     """What stays the same from flight to flight; `make_design` fills it."""
 
-    vehicle: Vehicle
+    vehicle: SimVehicle
     pair: Pair
     gains: Array  # by `px4.loops`
     hover: float  # thrust setpoint
     hover_command: Array  # (N,)
     columns: NDArray[np.float32]  # (6, N) PX4's normalised mix
     curve: float  # THR_MDL_FAC
-    law: NativeLaw | None
+    law: NativeMixing | None
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlightFigures:
     """One flight, from the end of settling on. Axes of four are thrust, roll, pitch, yaw."""
 
     seconds: float  # judged
@@ -92,34 +92,43 @@ class Flown:
     failsafe: str  # "", attitude (60 degrees), ground, battery
 
 
-FIGURES = tuple(f.name for f in fields(Flown) if f.name != "failsafe")
+FIGURES = tuple(f.name for f in fields(FlightFigures) if f.name != "failsafe")
 
 
-def _flown(figures: Sequence[float], failsafe: str) -> Flown:
+def _flown(figures: Sequence[float], failsafe: str) -> FlightFigures:
     named: dict[str, Any] = {n: float(x) for n, x in zip(FIGURES, figures, strict=True)}
-    return Flown(failsafe=failsafe, **named)
+    return FlightFigures(failsafe=failsafe, **named)
 
 
 @dataclass(frozen=True)
-class World:
+class FlightWorld:
     """Where and how long; `rate_hz` of the loops."""
 
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[HiddenEffect, ...] = ()
     seed: int = 0
-    plan: str = "wander"
+    plan: str | Callable[[Array, int], Array] = "wander"  # of times and the seed: goals, as `plans` has them
     seconds: float = 60.0
     settle_s: float = 5.0
     charge: float = 0.95
     rate_hz: int = RATE_HZ
 
 
-def make_design(vehicle: Vehicle, pair: Pair, mixer: Mapping[str, float] | NativeLaw) -> Design:
+def make_design(
+    vehicle: SimVehicle,
+    pair: Pair,
+    mixer: Mapping[str, float] | NativeMixing,
+    *,
+    lift: bool = True,
+    integrals: float = 1.0,
+    hover_estimate: bool = True,
+) -> FlightDesign:
     """PX4's parameters of a table (on top of its defaults), or a law; tuned as its owner would tune it.
 
-    Raises WorldError where PX4 can make nothing of the table.
+    `lift`: vertical gains over the mixer's own slope in hover, too; `integrals`: times the tuned ones;
+    `hover_estimate`: MPC_USE_HTE. Raises WorldError where PX4 can make nothing of the table.
     """
     a = Autopilot(Plant(vehicle, pair), Truth())
-    law: NativeLaw | None = None
+    law: NativeMixing | None = None
     columns, curve = np.zeros((6, vehicle.rotors), np.float32), 0.0
     if isinstance(mixer, Mapping):
         a.store.recall(mixer)
@@ -131,31 +140,34 @@ def make_design(vehicle: Vehicle, pair: Pair, mixer: Mapping[str, float] | Nativ
         columns, curve = np.ascontiguousarray(mix.mix.T, np.float32), mix.thr_mdl_fac
     else:
         a.mixer = law = mixer
-    settings = tuned_settings(a)
-    a.store.recall(settings)
+    settings = tuned_settings(a, lift=lift)
+    a.store.recall(settings | {"MPC_USE_HTE": float(hover_estimate)})
+    a.store.recall({name: float(a.store[name]) * integrals for name in INTEGRALS})
     hover = settings["MPC_THR_HOVER"]
     command = np.array(a.mixer.command(0.0, 0.0, 0.0, hover))
-    return Design(vehicle, pair, np.array(read_gains(a.store)), hover, command, columns, float(curve), law)
+    return FlightDesign(vehicle, pair, read_gains(a.store), hover, command, columns, float(curve), law)
 
 
-def fly_quick(design: Design, world: World, log_every: int = 0) -> tuple[Flown, dict[str, Array]]:
+def fly_quick(
+    design: FlightDesign, world: FlightWorld, log_every: int = 0
+) -> tuple[FlightFigures, dict[str, Array]]:
     """The flight's figures and, every `log_every` turns, the contract's flight log (columns by name).
 
     The same design and world give the same bytes on the same machine. Raises WorldError.
     """
-    return _Flight(design, world, log_every).run()
+    return _BatchFlight(design, world, log_every).run()
 
 
-class _Flight:
+class _BatchFlight:
     """The arrays of one flight."""
 
-    def __init__(self, design: Design, world: World, log_every: int) -> None:
+    def __init__(self, design: FlightDesign, world: FlightWorld, log_every: int) -> None:
         from sim.quick import kernel  # numba takes its time
 
         for e in world.effects:
             if e.name in NOT_FLOWN:
                 raise WorldError("effects", e.name, "is not for these flights; coaxlink sim has it")
-        if world.plan not in PLANS:
+        if isinstance(world.plan, str) and world.plan not in PLANS:
             raise WorldError("plan", world.plan, f"one of {', '.join(PLANS)} is expected")
         self.k, self.design, self.world, self.every = kernel, design, world, log_every
         self.plant = plant = Plant(design.vehicle, design.pair)
@@ -166,8 +178,8 @@ class _Flight:
         n = design.vehicle.rotors
         self.memory = np.zeros(loops.MEMORY)
         self.memory[loops.M_HOVER] = design.hover
-        self.gusts, self.gust_noise = self._gusts(), np.random.default_rng(world.seed)
-        self.demand, self.sp = np.zeros(4), np.zeros(n, np.float32)
+        self.gusts, self.gust_noise = gusts_of(world.effects), np.random.default_rng(world.seed)
+        self.demand, self.sp = np.zeros(kernel.DEMAND), np.zeros(n, np.float32)
         self.command, self.sums = np.zeros(n), np.zeros(kernel.SUMS)
         self.sums[[kernel.A_LOWEST, kernel.A_WANTED]] = -np.inf
         self.thin_every = max(round(THIN_S * world.rate_hz), 1)
@@ -175,33 +187,21 @@ class _Flight:
         rows = -(-self.total // log_every) if log_every else 0
         self.log = np.zeros((rows, 15 + 2 * n))
 
-    def _gusts(self) -> Array:
-        k, wind = self.k, next((e for e in self.world.effects if e.name == "wind"), Effect("wind", 0.0))
-        size = sum(e.extra.get("gust_m_s", 0.0) for e in self.world.effects)
-        if wind.law == "dryden" and "gust_m_s" not in wind.extra:
-            size += abs(wind.size) / 4.0
-        w = np.zeros(k.GUSTS)
-        w[k.W_SIZE], w[k.W_LENGTH] = size, 2.5
-        w[k.W_LAW] = {"dryden": 1.0, "shear": 2.0}.get(wind.law, 0.0)
-        return w
-
     def _start(self) -> None:
         """At the goal, with its rotors at hover speed; the sensors were read once, as at boot."""
-        k, d, p = self.k, self.design, self.plant
+        d, p = self.design, self.plant
         n, at = d.vehicle.rotors, p.index
         self.sensors.read()
         p.state[at.POS : at.POS + 3] = self._goals(0, 1)[0, :3]
         p.state[at.SPEED : at.SPEED + 2 * n] = [*d.hover_command, *d.hover_command]
         p.swap_battery(self.world.charge)
-        self.senses = np.zeros(k.SENSES)
-        self.senses[: k.S_SHAKE] = self.sensors.memory()
-        self.turns = self.sensors.turns.copy()
 
     def _goals(self, first: int, last: int) -> Array:
-        t = np.arange(first, last) / self.world.rate_hz - self.world.settle_s
-        return PLANS[self.world.plan](t, self.world.seed)
+        w = self.world
+        plan = PLANS[w.plan] if isinstance(w.plan, str) else w.plan
+        return plan(np.arange(first, last) / w.rate_hz - w.settle_s, w.seed)
 
-    def run(self) -> tuple[Flown, dict[str, Array]]:
+    def run(self) -> tuple[FlightFigures, dict[str, Array]]:
         """All turns; effects set in between the compiled stretches."""
         k, w, d, p = self.k, self.world, self.design, self.plant
         self._start()
@@ -213,16 +213,17 @@ class _Flight:
             self._set_in(turn)
             late = math.ceil(p.sensing.delay_s * w.rate_hz - 1e-9)
             if ring is None or len(ring) != late + 1:
-                ring = np.zeros((late + 1, k.R_SPEEDS + d.vehicle.rotors))
+                ring = np.zeros((late + 1, R_SPEEDS + d.vehicle.rotors))
                 ring[:] = self._now()
-            self.senses[k.S_SHAKE], self.senses[k.S_BLADES] = p.sensing.vibration_m_s2, p.sensing.blades
+            self.sensors.take_shaking()
             last = min(turn + CHUNK, self.total, *(self._turn_of(e) for e in self.waiting))
             noise = self.sensors.rows(last - turn)
             kicks = self.gust_noise.standard_normal((last - turn, 3))
             top = p.pair.speed_max_rpm * math.pi / 30.0
             turn, ended = k.fly(
                 turn, last, self.judged, w.rate_hz, STEP_S, p.state, p.parameters, p.geometry, *p.compiled,
-                p.out, top, FOOT_Z_M, self._goals(turn, last), noise, kicks, ring, self.senses, self.turns,
+                p.out, top, FOOT_Z_M, self._goals(turn, last), noise, kicks, ring, self.sensors.memory,
+                self.sensors.turns,
                 self.gusts, d.gains, self.memory, d.columns, d.curve, address, book, self.demand, self.sp,
                 self.command, self.sums, self.thin, self.thin_every, self.log, self.every,
             )  # fmt: skip
@@ -242,20 +243,19 @@ class _Flight:
         )
         return np.concatenate(parts)
 
-    def _turn_of(self, e: Effect) -> int:
+    def _turn_of(self, e: HiddenEffect) -> int:
         return math.ceil(e.onset_s * self.world.rate_hz - 1e-9)
 
     def _set_in(self, turn: int) -> None:
         """Switch on what has come due."""
-        k, p = self.k, self.plant
+        p = self.plant
         while self.waiting and self._turn_of(self.waiting[0]) <= turn:
             effect = self.waiting.pop(0)
             FORMS[effect.name].apply(p, effect)
             if effect.name == "wind":
-                self.gusts[k.W_ON] = 1.0
-                self.gusts[k.W_MEAN : k.W_MEAN + 3] = p.parameters[p.index.WIND : p.index.WIND + 3]
+                rise(self.gusts, p.parameters)
 
-    def _judge(self, turns: int, ended: int) -> Flown:
+    def _judge(self, turns: int, ended: int) -> FlightFigures:
         k, a, rate = self.k, self.sums, self.world.rate_hz
         count = a[k.A_TURNS]
         if count == 0.0:
@@ -284,7 +284,17 @@ class _Flight:
         return dict(zip(columns(self.design.vehicle.rotors), rows.T, strict=True))
 
 
-def hover_share(vehicle: Vehicle, pair: Pair) -> float:
+def shape_error(demands: Array, delivered: Array) -> Array:
+    """(4,) rms of delivered (rows, 4; thrust N, moments N m) less the best constant gain times the demand.
+
+    What an integrator cannot take off: the best gain of each axis is that of least squares.
+    """
+    square = (demands * demands).sum(axis=0)
+    gain = (demands * delivered).sum(axis=0) / np.where(square > 0.0, square, 1.0)
+    return np.asarray(np.sqrt(np.mean((delivered - gain * demands) ** 2, axis=0)))
+
+
+def hover_share(vehicle: SimVehicle, pair: Pair) -> float:
     """Weight over the thrust of all rotors at full speed: above 1 nothing flies it."""
     full = steady(Plant(vehicle, pair), np.ones((1, vehicle.rotors)))[0, 0]
     return float(vehicle.mass_kg * GRAVITY / full)

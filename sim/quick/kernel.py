@@ -1,9 +1,9 @@
 # mypy: disallow-untyped-defs=False
-"""A flight's inner loop, compiled: read the sensors, fly PX4's loops, mix, let the plant move on.
+"""A turn of a flight, compiled: the air moves, sensors are read, PX4's loops steer, the mix, the plant.
 
-One turn is what `px4.autopilot.Autopilot.step` does in Offboard with every set-point fresh, in the same
-order and with the same numbers; the tests hold the two flights together. Turns need not be whole
-milliseconds apart: at 400 Hz the plant is moved by 2 and 3 steps in turn.
+`fly` is a whole flight of such turns. The stand-in drives the same functions one by one (`sense`, `track`,
+`kernel.advance`), with its modes and whoever talks to it in between. Turns need not be whole milliseconds
+apart: at 400 Hz the plant is moved by 2 and 3 steps in turn.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.extending import register_jitable
 
-from sim.physics.blades import OPTIONS, plain
-from sim.physics.compile_cache import cached
+from sim.physics import sensing, wind
+from sim.physics.compile_cache import OPTIONS, cached, plain
 from sim.physics.kernel import advance
-from sim.physics.layout import CURRENT, O_FORCE, SPEED, VOLTAGE, WIND
+from sim.physics.layout import CURRENT, SPEED, VOLTAGE
+from sim.physics.sensing import R_ACCEL, R_HEIGHT, R_POS, R_QUAT, R_RATES, R_SPEEDS, R_VEL, R_VOLT
 from sim.px4 import loops
 from sim.px4.loops import M_OUT
 from sim.quick.mix import call_law, px4_command
@@ -25,16 +25,10 @@ for _name in (
     "multiply", "conjugate", "reduced_tilt", "matrix_to_quaternion", "euler", "learn_hover", "low_passed",
     "accelerate", "point", "rates_for", "turn",
 ):  # fmt: skip
-    register_jitable(**OPTIONS)(getattr(loops, _name))
+    plain(getattr(loops, _name))
+for _function in (sensing.read, wind.blow):
+    plain(_function)
 
-# a reading: specific force, rates, attitude, position, velocity, height, voltage, speeds (N)
-R_ACCEL, R_RATES, R_QUAT, R_POS, R_VEL, R_HEIGHT, R_VOLT, R_SPEEDS = 0, 3, 6, 10, 13, 16, 17, 18
-# sensors: biases of accelerometer and gyro, what of the wandering is kept and fresh, its two stages
-S_ACCEL_BIAS, S_GYRO_BIAS, S_KEEP, S_FRESH, S_PUSH, S_WANDER, S_SHAKE, S_BLADES, SENSES = (
-    0, 3, 6, 15, 24, 33, 42, 43, 44,
-)  # fmt: skip
-# gusts: mean, state, slow state, size, law (0 first order, 1 dryden, 2 shear), length (s), on or off
-W_MEAN, W_STATE, W_SLOW, W_SIZE, W_LAW, W_LENGTH, W_ON, GUSTS = 0, 3, 6, 9, 10, 11, 12, 13
 # a goal: position, velocity, acceleration, yaw, yaw rate
 GOAL = 11
 # sums over the judged part
@@ -45,81 +39,51 @@ GOAL = 11
 FALLEN_UPRIGHT = 0.5  # cosine of 60 degrees, PX4's FD_FAIL_R and FD_FAIL_P
 FLEW, TIPPED, GROUND = 0, 1, 2
 PWM_STEPS = 1000.0
-LOG_EXTRA = 16  # columns of a log row besides motors and speeds
+# what the loops want: normalised roll, pitch, yaw and thrust, attitude, body rates
+D_THRUST, D_ATTITUDE, D_RATES, DEMAND = 3, 4, 8, 11
+
+
+@cached(**OPTIONS)
+def sense(state, out, top, ground, s, noise, turns, dt, r):
+    """`sensing.read` for one reading."""
+    sensing.read(state, out, top, ground, s, noise, turns, dt, r)
 
 
 @plain
-def blow(w, p, height, since, kick):
-    """Move the air on: see `effects.Gusts.blow`."""
-    if w[W_ON] == 0.0 or (w[W_SIZE] == 0.0 and w[W_LAW] != 2.0):
-        return
-    keep = math.exp(-max(since, 0.0) / w[W_LENGTH])
-    fresh = w[W_SIZE] * math.sqrt(1.0 - keep * keep)
+def steer(goal, r, g, m, dt, demand):
+    """Fill `demand` (DEMAND) with what PX4's loops make of a goal (GOAL) and a reading."""
+    attitude = (r[R_QUAT], r[R_QUAT + 1], r[R_QUAT + 2], r[R_QUAT + 3])
+    loops.accelerate(
+        (goal[0], goal[1], goal[2]), (goal[3], goal[4], goal[5]), (goal[6], goal[7], goal[8]),
+        (r[R_POS], r[R_POS + 1], r[R_POS + 2]), (r[R_VEL], r[R_VEL + 1], r[R_VEL + 2]), g, m, dt,
+    )  # fmt: skip
+    thrust, wanted = loops.point(goal[9], attitude, g, m, dt)
+    rates = loops.rates_for(wanted, attitude, goal[10], g)
+    loops.turn(rates, thrust, (r[R_RATES], r[R_RATES + 1], r[R_RATES + 2]), g, m, dt)
+    demand[D_THRUST] = thrust
     for k in range(3):
-        w[W_SLOW + k] = keep * w[W_SLOW + k] + (1.0 - keep) * w[W_STATE + k]
-        w[W_STATE + k] = keep * w[W_STATE + k] + fresh * (0.5 if k == 2 else 1.0) * kick[k]
-    a0, a1, a2 = w[W_STATE], w[W_STATE + 1], w[W_STATE + 2]
-    m0, m1, m2 = w[W_MEAN], w[W_MEAN + 1], w[W_MEAN + 2]
-    if w[W_LAW] == 1.0:
-        root = math.sqrt(3.0)
-        c0 = (root * a0 + (1.0 - root) * w[W_SLOW]) / math.sqrt(2.0)
-        c1 = (root * a1 + (1.0 - root) * w[W_SLOW + 1]) / math.sqrt(2.0)
-        c2 = (root * a2 + (1.0 - root) * w[W_SLOW + 2]) / math.sqrt(2.0)
-        size = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
-        size = size if size > 0.0 else 1.0
-        e0, e1, e2 = m0 / size, m1 / size, m2 / size
-        along = e0 * (a0 - c0) + e1 * (a1 - c1) + e2 * (a2 - c2)
-        a0, a1, a2 = c0 + e0 * along, c1 + e1 * along, c2 + e2 * along
-    elif w[W_LAW] == 2.0:
-        grown = (max(height, 0.1) / 4.0) ** 0.2
-        m0, m1, m2 = m0 * grown, m1 * grown, m2 * grown
-    p[WIND], p[WIND + 1], p[WIND + 2] = m0 + a0, m1 + a1, m2 + a2
+        demand[k], demand[D_RATES + k] = m[M_OUT + k], rates[k]
+    for k in range(4):
+        demand[D_ATTITUDE + k] = wanted[k]
+
+
+@cached(**OPTIONS)
+def track(goal, r, g, m, dt, demand):
+    """`steer` for one turn."""
+    steer(goal, r, g, m, dt, demand)
 
 
 @plain
-def read(state, out, top, ground, s, noise, turns, dt, r):
-    """Fill a reading from the plant: see `sensors.Sensors.read`."""
-    n = len(turns)
-    for k in range(9):
-        s[S_PUSH + k] = s[S_KEEP + k] * s[S_PUSH + k] + s[S_FRESH + k] * noise[6 + k]
-        s[S_WANDER + k] = (
-            s[S_KEEP + k] * s[S_WANDER + k] + math.sqrt(2.0) * (1.0 - s[S_KEEP + k]) * s[S_PUSH + k]
-        )
-    h0, h1, h2 = 0.5 * s[S_WANDER], 0.5 * s[S_WANDER + 1], 0.5 * s[S_WANDER + 2]
-    q0, q1, q2, q3 = state[6], state[7], state[8], state[9]
-    r[R_QUAT] = q0 - q1 * h0 - q2 * h1 - q3 * h2
-    r[R_QUAT + 1] = q1 + q0 * h0 + q2 * h2 - q3 * h1
-    r[R_QUAT + 2] = q2 + q0 * h1 + q3 * h0 - q1 * h2
-    r[R_QUAT + 3] = q3 + q0 * h2 + q1 * h1 - q2 * h0
-    shaken0 = shaken1 = shaken2 = 0.0
-    if s[S_SHAKE] != 0.0:
-        for i in range(n):
-            u = state[SPEED + i]
-            turns[i] += dt * top * u * s[S_BLADES]
-            strength = s[S_SHAKE] * u * u
-            shaken0 += math.cos(turns[i]) * strength
-            shaken1 += math.sin(turns[i]) * strength
-            shaken2 += 0.3 * math.cos(turns[i]) * strength
-    for k in range(3):
-        r[R_ACCEL + k] = out[O_FORCE + k] + s[S_ACCEL_BIAS + k] + noise[k]
-        r[R_RATES + k] = state[10 + k] + s[S_GYRO_BIAS + k] + noise[3 + k]
-        r[R_POS + k] = state[k] + s[S_WANDER + 3 + k]
-        r[R_VEL + k] = state[3 + k] + s[S_WANDER + 6 + k]
-    r[R_ACCEL] += shaken0
-    r[R_ACCEL + 1] += shaken1
-    r[R_ACCEL + 2] += shaken2
-    r[R_HEIGHT] = max(ground - state[2] + noise[15], 0.0)
-    r[R_VOLT] = state[VOLTAGE] + noise[16]
-    for i in range(n):
-        r[R_SPEEDS + i] = max(state[SPEED + i] + noise[17 + i], 0.0)
-
-
-@plain
-def judge(state, out, goal, wanted, rates, command, n, top, a):
+def judge(state, out, goal, demand, command, n, top, a):
     """Add one turn to the sums."""
     w, x, y, z = state[6], state[7], state[8], state[9]
     bx, by, bz = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
-    aw, ax, ay, az = wanted
+    aw, ax, ay, az = (
+        demand[D_ATTITUDE],
+        demand[D_ATTITUDE + 1],
+        demand[D_ATTITUDE + 2],
+        demand[D_ATTITUDE + 3],
+    )
     ux, uy, uz = 2 * (ax * az + aw * ay), 2 * (ay * az - aw * ax), 1 - 2 * (ax * ax + ay * ay)
     tilt = math.acos(min(max(ux * bx + uy * by + uz * bz, -1.0), 1.0))
     heading = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -146,13 +110,13 @@ def judge(state, out, goal, wanted, rates, command, n, top, a):
     a[A_SHAFT] += shaft * top
     a[A_PACK] += state[CURRENT] * state[VOLTAGE]
     for k in range(3):
-        off = rates[k] - state[10 + k]
+        off = demand[D_RATES + k] - state[10 + k]
         a[A_ROLL_RATE + k] += off * off
 
 
 @plain
 def log_row(time, r, command, n, top, row):
-    """One row of the contract's flight log: see `flights.columns`."""
+    """One row of the contract's flight log: see `flights.columns`. Runs in plain Python, too."""
     row[0] = time
     for i in range(n):
         row[1 + i] = command[i]
@@ -167,8 +131,8 @@ def log_row(time, r, command, n, top, row):
 
 @cached(**OPTIONS)
 def fly(
-    first, last, judged, rate, h, state, p, geo, slots, lanes, tilted, quad, poly, blades, out, top, ground,
-    goals, noise, kicks, ring, s, turns, w, g, m, columns, curve, address, book, demand, sp, command, a, thin,
+    first, last, judged, rate, h, state, p, geo, pairs, poly, blades, out, top, ground, goals, noise,
+    kicks, ring, s, turns, w, g, m, columns, curve, address, book, demand, sp, command, a, thin,
     thin_every, log, log_every,
 ):  # fmt: skip
     """Turns first..last (from 0 on; row 0 of goals, noise and kicks is turn `first`'s).
@@ -180,19 +144,12 @@ def fly(
     before = 0.0 if first == 0 else h * ((1000 * first) // rate - (1000 * (first - 1)) // rate)
     for turn in range(first, last):
         row = turn - first
-        blow(w, p, ground - state[2], before, kicks[row])
-        read(state, out, top, ground, s, noise[row], turns, dt, ring[turn % (late + 1)])
+        wind.blow(w, p, ground - state[2], before, kicks[row])
+        sensing.read(state, out, top, ground, s, noise[row], turns, dt, ring[turn % (late + 1)])
         r = ring[max(turn - late, 0) % (late + 1)]
         goal = goals[row]
-        attitude = (r[R_QUAT], r[R_QUAT + 1], r[R_QUAT + 2], r[R_QUAT + 3])
-        loops.accelerate(
-            (goal[0], goal[1], goal[2]), (goal[3], goal[4], goal[5]), (goal[6], goal[7], goal[8]),
-            (r[R_POS], r[R_POS + 1], r[R_POS + 2]), (r[R_VEL], r[R_VEL + 1], r[R_VEL + 2]), g, m, dt,
-        )  # fmt: skip
-        thrust, wanted = loops.point(goal[9], attitude, g, m, dt)
-        rates = loops.rates_for(wanted, attitude, goal[10], g)
-        loops.turn(rates, thrust, (r[R_RATES], r[R_RATES + 1], r[R_RATES + 2]), g, m, dt)
-        demand[0], demand[1], demand[2], demand[3] = m[M_OUT], m[M_OUT + 1], m[M_OUT + 2], thrust
+        steer(goal, r, g, m, dt, demand)
+        thrust = demand[D_THRUST]
         if address == 0:
             px4_command(columns, curve, demand[0], demand[1], demand[2], thrust, sp, command)
         else:
@@ -202,10 +159,10 @@ def fly(
         if log_every and turn % log_every == 0:
             log_row(h * ((1000 * turn) // rate), r, command, n, top, log[turn // log_every])
         steps = (1000 * (turn + 1)) // rate - (1000 * turn) // rate
-        advance(state, command, p, geo, slots, lanes, tilted, quad, poly, blades, h, steps, out)
+        advance(state, command, p, geo, pairs, poly, blades, h, steps, out)
         before = h * steps
         if turn >= judged:
-            judge(state, out, goal, wanted, rates, command, n, top, a)
+            judge(state, out, goal, demand, command, n, top, a)
             if (turn - judged) % thin_every == 0:
                 slim = thin[(turn - judged) // thin_every]
                 slim[0], slim[1], slim[2], slim[3] = thrust, demand[0], demand[1], demand[2]

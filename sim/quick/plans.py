@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +25,22 @@ def hover(t: Array, seed: int) -> Array:
     return goals
 
 
-def circle(t: Array, seed: int) -> Array:
-    """2 m in 8 s around the start, which is on the circle (the paper's, section 5.3)."""
-    radius, w, ramp = 2.0, 2.0 * math.pi / 8.0, 3.0
-    since = np.maximum(t, 0.0)
-    s = np.minimum(since / ramp, 1.0)
-    angle = w * (ramp * (s**3 - s**4 / 2) + np.maximum(since - ramp, 0.0))
+def on_circle(t: Any, radius: float, period: float) -> tuple[Any, ...]:
+    """North and east place, speed and acceleration from (radius, 0) on, the rate rising over 3 s; t >= 0."""
+    w, ramp = 2.0 * math.pi / period, 3.0
+    s = np.minimum(t / ramp, 1.0)
+    angle = w * (ramp * (s**3 - s**4 / 2) + np.maximum(t - ramp, 0.0))
     rate, turn = w * (3 * s * s - 2 * s**3), w * 6 * s * (1 - s) / ramp
     c, n = np.cos(angle), np.sin(angle)
+    place, speed = (radius * c, radius * n), (-radius * rate * n, radius * rate * c)
+    return *place, *speed, -radius * (rate**2 * c + turn * n), radius * (turn * c - rate**2 * n)
+
+
+def circle(t: Array, seed: int) -> Array:
+    """2 m in 8 s around the start, which is on the circle (the paper's, section 5.3)."""
     goals = hover(t, seed)
-    goals[:, 0], goals[:, 1] = radius * c, radius * n
-    goals[:, 3], goals[:, 4] = -radius * rate * n, radius * rate * c
-    goals[:, 6], goals[:, 7] = -radius * (rate**2 * c + turn * n), radius * (turn * c - rate**2 * n)
+    for column, values in zip((0, 1, 3, 4, 6, 7), on_circle(np.maximum(t, 0.0), 2.0, 8.0), strict=True):
+        goals[:, column] = values
     return goals
 
 

@@ -32,7 +32,7 @@ FRICTION_N = 15.0  # of the slide, over `size` of hysteresis by friction
 
 
 @dataclass(frozen=True)
-class BenchEffect:
+class StandEffect:
     """One thing that is true of the stand."""
 
     name: str
@@ -64,10 +64,10 @@ CHANNELS = ("upper_thrust", "upper_torque", "lower_thrust", "lower_torque")
 
 
 @dataclass(frozen=True)
-class Bench:
+class StandSetup:
     """How the stand is run, and what is true of it."""
 
-    effects: tuple[BenchEffect, ...] = ()
+    effects: tuple[StandEffect, ...] = ()
     pattern: str = "grid"
     drive: str = "rpm"
     sweeps: int = 1
@@ -85,7 +85,7 @@ class Bench:
         return next((e.law for e in self.effects if e.name == name), "")
 
 
-def read_bench(path: Path) -> Bench:
+def read_bench(path: Path) -> StandSetup:
     """Read a truth file for the stand. Raises WorldError naming the key."""
     document = read_document(path)
     refuse_unknown(path, "", document, ("stand", "effects"))
@@ -106,7 +106,7 @@ def read_bench(path: Path) -> Bench:
             known = ", ".join(laws.LAWS.get(name, ("no law of its own",)))
             raise WorldError(path, f"{where}.law", f"one of {known} is expected")
         effects.append(
-            BenchEffect(
+            StandEffect(
                 name,
                 read_number(path, f"{where}.size", table.get("size")),
                 read_number(path, f"{where}.onset_s", table.get("onset_s", 0.0)),
@@ -121,11 +121,11 @@ def read_bench(path: Path) -> Bench:
         raise WorldError(path, "stand", "pattern is grid or ramps, drive is rpm or throttle")
     if not isinstance(sweeps, int) or not 1 <= sweeps <= 50:
         raise WorldError(path, "stand.sweeps", "1 to 50 sweeps are expected")
-    return Bench(tuple(effects), pattern, drive, sweeps)
+    return StandSetup(tuple(effects), pattern, drive, sweeps)
 
 
 def measure(
-    pair: Pair, bench: Bench, *, seed: int = 0, schedule: Schedule | None = None
+    pair: Pair, bench: StandSetup, *, seed: int = 0, schedule: Schedule | None = None
 ) -> dict[str, NDArray[np.float64]]:
     """Columns (rows,) of one run, named as in a stand log; a schedule replaces the truth file's pattern."""
     random = np.random.default_rng([seed, 0xBE7C])
@@ -183,7 +183,7 @@ def measure(
     return columns
 
 
-def _schedule(bench: Bench) -> tuple[Any, Any, Any, Any]:
+def _schedule(bench: StandSetup) -> tuple[Any, Any, Any, Any]:
     """Times, upper and lower throttle, number of the sweep; each (rows,)."""
     if bench.pattern == "grid":
         a, b = (axis.ravel() for axis in np.meshgrid(GRID, GRID, indexing="ij"))
@@ -203,7 +203,7 @@ def _schedule(bench: Bench) -> tuple[Any, Any, Any, Any]:
 class _Spin:
     """Throttle to speed as time passes: dead band, supply, heat, lag."""
 
-    def __init__(self, bench: Bench, t: NDArray[np.float64]) -> None:
+    def __init__(self, bench: StandSetup, t: NDArray[np.float64]) -> None:
         self.bench, self.t = bench, t
         self.voltage = np.full_like(t, SUPPLY_V)
         self.heat = np.zeros_like(t)
@@ -214,7 +214,7 @@ class _Spin:
         b, t = self.bench, self.t
         power, heating = b.size("battery_voltage", t), b.size("motor_heating", t)
         band, lag, swap = b.size("dead_band", t), b.size("rotor_lag", t), b.size("battery_swap", t)
-        pack = laws.Pack(b.law("battery_voltage"))
+        pack = laws.StandPack(b.law("battery_voltage"))
         volts, heat, u, led = SUPPLY_V, 0.0, np.zeros(2), np.zeros(2)
         speed, before = np.zeros((2, len(t))), 0.0
         for k in range(len(t)):
@@ -267,7 +267,7 @@ def _late(
 
 def _loads(
     pair: Pair,
-    bench: Bench,
+    bench: StandSetup,
     t: NDArray[np.float64],
     speed: NDArray[np.float64],
     density: NDArray[np.float64],
@@ -298,7 +298,7 @@ def _loads(
 
 
 def _cells(
-    bench: Bench, t: NDArray[np.float64], speed: NDArray[np.float64], loads: NDArray[np.float64]
+    bench: StandSetup, t: NDArray[np.float64], speed: NDArray[np.float64], loads: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(4, rows) what the load cells add of their own."""
     added = np.zeros_like(loads)

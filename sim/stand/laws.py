@@ -149,7 +149,7 @@ def strange(law: str, size: float, u: Array, v: Array, thrust: Array, t: Array) 
     return size * np.sin(0.7 * thrust) * window
 
 
-class Pack:
+class StandPack:
     """The stand's battery: `single` resistance, two RC pairs (`motor`), or Shepherd's curve."""
 
     CELLS, CAPACITY_C, RESISTANCE = 8, 40000.0, 0.012

@@ -5,10 +5,10 @@ import json
 from cli_runs import coaxlink
 
 from coaxlink.files import example
-from sim.effects import Effect
+from sim.effects import HiddenEffect
 from sim.flights import write_flight
 from sim.physics.rotors import read_pair
-from sim.quick.flight import World, fly_quick, make_design
+from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.vehicle import read_vehicle
 
 CT = {f"CA_ROTOR{n}_CT": 60.0 if n < 4 else 45.0 for n in range(8)} | {"THR_MDL_FAC": 0.8}
@@ -19,9 +19,9 @@ def test_the_ailing_rotor_of_a_fleet_is_named(tmp_path):
     design = make_design(read_vehicle(airframe), read_pair(example("rotor_paper.toml")), CT)
     for vehicle, lost in (("good", 0.0), ("weak", 0.1)):
         (tmp_path / vehicle).mkdir()
-        effects = (Effect("degraded_rotor", lost, 0.0, {"rotor": 5.0}),) if lost else ()
+        effects = (HiddenEffect("degraded_rotor", lost, 0.0, {"rotor": 5.0}),) if lost else ()
         for week in range(3):
-            _, log = fly_quick(design, World(effects, 10 + week, "wander", 20.0), 4)
+            _, log = fly_quick(design, FlightWorld(effects, 10 + week, "wander", 20.0), 4)
             write_flight(tmp_path / vehicle / f"2026-01-{1 + 7 * week:02d}.csv", log)
     (tmp_path / "good" / "2026-03-01.csv").write_text("not a log")
     options = ["--airframe", airframe, "--workers", "1"]

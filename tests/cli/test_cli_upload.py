@@ -1,4 +1,4 @@
-"""`coaxlink upload` and `restore` as a user runs them, against a scripted autopilot."""
+"""`coaxlink upload`, `restore` and `verify` as a user runs them, against a scripted autopilot."""
 
 import json
 import os
@@ -7,34 +7,18 @@ import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).parents[1] / "link"))
-
-from px4_board import params_text, x8
+from px4_board import x8
 from scripted_autopilot import ScriptedAutopilot
+from verb import run as _run
 
-from coaxlink.cli import main
-
-
-@pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
-    monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "t").mkdir()
-    (tmp_path / "t" / "x8.params").write_text(params_text())
+pytestmark = pytest.mark.usefixtures("here")
 
 
 @pytest.fixture
-def board():
+def real_board():
+    """On a port, for verbs in a process of their own."""
     with ScriptedAutopilot(x8()) as vehicle:
         yield vehicle
-
-
-def _run(capsys, *arguments):
-    with pytest.raises(SystemExit) as ended:
-        main(list(map(str, arguments)))
-    captured = capsys.readouterr()
-    return ended.value.code, captured.out, captured.err
 
 
 def test_upload_then_restore(board, capsys):
@@ -56,7 +40,9 @@ def test_dry_run_shows_and_writes_nothing(board, capsys):
     assert board.sets == [] and json.loads(Path("u.json").read_text())["result"] == "dry_run"
 
 
-def test_nobody_to_ask_means_no(board):
+@pytest.mark.slow
+def test_nobody_to_ask_means_no(real_board):
+    board = real_board
     command = [sys.executable, "-m", "coaxlink", "upload", "t", "--connect", board.url]
     ended = subprocess.run(
         command, input="", capture_output=True, text=True, env=os.environ.copy(), timeout=600
@@ -82,8 +68,10 @@ def test_verify_knows_the_last_upload_and_a_change_since(board, capsys):
     assert shown["mismatches"] == [{"name": "CA_ROTOR2_CT", "wanted": pytest.approx(46.98), "found": 47.0}]
 
 
-def test_a_killed_upload_is_seen_by_verify_and_ended_by_the_next(board, capsys, tmp_path):
+@pytest.mark.slow
+def test_a_killed_upload_is_seen_by_verify_and_ended_by_the_next(real_board, capsys, tmp_path):
     """kill -9 while writing: the journal stays, verify says no, restore brings the old table back."""
+    board = real_board
     before = dict(board.params)
     board.after_set = {9: board.close_ears}
     command = [sys.executable, "-m", "coaxlink", "upload", "t", "--connect", board.url, "--yes"]

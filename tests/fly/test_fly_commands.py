@@ -1,57 +1,155 @@
-"""A vehicle that gives the plan up is noticed: its errors would be read as those of a mixer."""
+"""Flights on a stand-in in memory: to the end, ended by its pilot, a limit or a lost link; and the verb."""
 
-from contextlib import contextmanager
-from queue import SimpleQueue
-from types import SimpleNamespace
+import json
+from pathlib import Path
 
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
+from memory_net import Line, Net, Standin, meet, plugged
+from pymavlink.dialects.v20 import common as m
+from verb import run
 
-from coaxlink.fly.commands import PlanAbandoned, Vehicle
-from coaxlink.fly.trajectory import Hold, Plan
+from coaxlink.fly.commands import Commander, ModeWatch, PlanAbandoned, Start
+from coaxlink.fly.trajectory import FlightPlan, Hold
+from coaxlink.mavlink import connect
 
-OFFBOARD, HOLD = 6 << 16, 4 << 16 | 3 << 24
-
-
-class Session:
-    """A PX4 whose clock runs 20 ms a position, and which holds from `gives_up_s` on."""
-
-    address = "nowhere"
-    armed = True
-    identity = SimpleNamespace(is_ardupilot=False, system=1, component=1)
-
-    def __init__(self, gives_up_s):
-        self.now_ms, self.gives_up_ms, self.sent = 0, 1e3 * gives_up_s, 0
-
-    @contextmanager
-    def listen(self, _):
-        yield SimpleQueue()
-
-    def take(self, *_):
-        self.now_ms += 20
-        return mavlink.MAVLink_local_position_ned_message(self.now_ms, 0, 0, -3, 0, 0, 0)
-
-    def command(self, *_):
-        return mavlink.MAV_RESULT_ACCEPTED
-
-    def send(self, _):
-        self.sent += 1
-
-    def latest(self, _):
-        mode = HOLD if self.now_ms < 500 or self.now_ms > self.gives_up_ms else OFFBOARD
-        return mavlink.MAVLink_heartbeat_message(2, 12, 0, mode, 4, 3)
+OFFBOARD, POSITION = 6, 3  # main modes of PX4
+PLAN = FlightPlan((Hold("hover", (0.0, 0.0, -3.0), 4.0),))
 
 
-PLAN = Plan((Hold("hover", (0.0, 0.0, -3.0), 4.0),))
+@pytest.fixture(params=["px4", "ardupilot"])
+def board(request):
+    with plugged(Net()) as net:
+        board = Standin(net, request.param)
+        yield board
+        board.close()
 
 
-def test_a_plan_is_flown_to_its_end():
-    session = Session(60.0)
-    track = Vehicle(session).follow(PLAN)
-    assert len(track.time_s) > 190
-    assert session.sent >= len(track.time_s)
+@pytest.fixture
+def px4():
+    with plugged(Net()) as net:
+        board = Standin(net)
+        yield board
+        board.close()
 
 
-def test_a_vehicle_that_leaves_the_mode_ends_the_plan():
-    with pytest.raises(PlanAbandoned, match="2 of 4 s"):
-        Vehicle(Session(2.5)).follow(PLAN)
+def take_over(board, when):
+    """The pilot's own link: position mode as soon as `when(heartbeat)`; what it heard since then."""
+    link = meet(board, source_system=255, source_component=190)
+    heard = []
+
+    def watch(message):
+        if message.get_type() == "HEARTBEAT":
+            if not heard and when(message):
+                heard.append(message)
+                link.send(m.MAVLink_command_long_message(1, 1, 176, 0, 1, POSITION, 0, 0, 0, 0, 0))
+            elif heard:
+                heard.append(message)
+
+    link.subscribe(watch)
+    return link, heard
+
+
+def offboard(beat):
+    return beat.custom_mode >> 16 & 0xFF == OFFBOARD
+
+
+def fly(board, capsys, tmp_path, *options):
+    """Exit code, stdout, stderr and the JSON of one call, without MAVSDK: it has a clock of its own."""
+    path = tmp_path / "fly.json"
+    path.unlink(missing_ok=True)
+    words = ("fly", "--connect", board.url, "--out", str(tmp_path), "--json", str(path), "--no-log")
+    code, out, err = run(capsys, *words, *options)
+    return code, out, err, json.loads(path.read_text()) if path.is_file() else {}
+
+
+@pytest.mark.slow
+def test_a_plan_is_flown_from_where_it_took_off_and_landed(board):
+    with meet(board) as session:
+        commander = Commander(session)
+        commander.arm()
+        commander.take_off(3.0)
+        start = Start((2.0, 0.0, 0.0), 0.5)
+        track = commander.follow(PLAN, start=start)
+        assert len(track.time_s) > 40 and set(track.segment) == {"hover"}
+        flown = track.flown_m[-1]
+        assert flown[0] == pytest.approx(2.0, abs=0.5) and flown[2] == pytest.approx(-3.0, abs=0.5)
+        commander.land()
+        assert not session.armed
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_leaves_the_mode_ends_the_plan(px4):
+    with meet(px4) as session:
+        commander = Commander(session)
+        commander.arm()
+        commander.take_off(3.0)
+        link, _ = take_over(px4, offboard)
+        with link, pytest.raises(PlanAbandoned, match="left the plan of 4 s"):
+            commander.follow(PLAN)
+
+
+def test_one_heartbeat_of_another_mode_ends_it_but_not_one_that_was_under_way():
+    late = ModeWatch()
+    assert [late.left(ours) for ours in (False, True, True, False)] == [False, False, False, True]
+    never = ModeWatch()
+    assert [never.left(False), never.left(False)] == [False, True]
+
+
+@pytest.mark.slow
+def test_the_verb_flies_a_plan_and_its_telemetry_is_a_log(board, capsys, tmp_path):
+    plan = tmp_path / "short.toml"
+    plan.write_text('height_m = 3.0\n[[pieces]]\nwhat = "north"\nseconds = 4.0\nnorth_m = 2.0\n')
+    code, out, err, found = fly(board, capsys, tmp_path, "--plan", str(plan), "--yes")
+    assert code == 0, err
+    assert out.startswith("flown: ") and found["result"] == "flown"
+    assert found["segments"] == ["settle", "north"] and found["worst_off_plan_m"] < 1.0
+    assert Path(found["tlog"]).stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_refusals_leave_the_motors_off(px4, capsys, tmp_path):
+    unasked = fly(px4, capsys, tmp_path)
+    far = fly(px4, capsys, tmp_path, "--yes", "--plan", "circle", "--reach", "40")
+    checked = fly(px4, capsys, tmp_path, "--dry-run")
+    assert (unasked[0], far[0], checked[0]) == (4, 4, 0)
+    assert "--yes" in unasked[2] and unasked[3]["result"] == "not armed"
+    assert "distance reaches 40.0 m" in far[2]
+    assert "nothing was armed" in checked[1]
+    assert not px4.autopilot.armed
+
+
+@pytest.mark.slow
+def test_the_battery_limit_lands(px4, capsys, tmp_path):
+    code, _, err, found = fly(px4, capsys, tmp_path, "--yes", "--battery", "0.94")
+    assert code == 4
+    assert "battery at 93 %, 94 is the limit" in err
+    assert found["result"] == "limit" and found["flown_s"] < 20.0
+    assert not px4.autopilot.armed
+
+
+@pytest.mark.slow
+def test_the_pilots_mode_change_ends_it_at_once(px4, capsys, tmp_path):
+    link, heard = take_over(px4, offboard)
+    with link:
+        code, _, err, found = fly(px4, capsys, tmp_path, "--yes")
+        assert code == 1, err
+        assert "its pilot or its own failsafe has it" in err and found["result"] == "pilot"
+        link.clock.sleep(3.0)
+    # nobody took it back: still armed, in the pilot's mode
+    assert heard[-1].base_mode & 128 and heard[-1].custom_mode >> 16 & 0xFF == POSITION
+
+
+@pytest.mark.slow
+def test_a_lost_link_leaves_it_to_the_autopilots_failsafe(px4, capsys, tmp_path):
+    net = px4.net
+
+    def cut(beat):
+        net.loss = 1.0
+        return False
+
+    line = Line(net, px4.address)
+    with connect(px4.url, transport=line, clock=net.clock, source_system=255) as link:
+        link.subscribe(lambda x: cut(x) if x.get_type() == "HEARTBEAT" and offboard(x) else None)
+        code, _, err, found = fly(px4, capsys, tmp_path, "--yes")
+    assert code == 3 and found["result"] == "link", err
+    assert "its own failsafe for a lost link has the vehicle now" in err

@@ -13,14 +13,14 @@ from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.rotor.model import RotorModel
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle, load_vehicle
-from sim.effects import Effect
+from sim.effects import HiddenEffect
 from sim.physics.rotors import read_pair
-from sim.quick.flight import World, fly_quick, make_design
+from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.quick.plans import PLANS
 from sim.vehicle import read_vehicle
 
 ROTORS = example("rotor_paper.toml")
-GUSTS = (Effect("wind", 4.0, 0.0, {"direction_deg": 30.0}, "dryden"), Effect("battery_voltage", 0.3))
+GUSTS = (HiddenEffect("wind", 4.0, 0.0, {"direction_deg": 30.0}, "dryden"), HiddenEffect("battery_voltage", 0.3))
 # upper and lower thrust and torque of the prior over the true pair's; the first two yaw least
 OFF = ((1.15, 1.15, 1.15, 0.85), (0.85, 1.15, 0.85, 0.85), (1.0, 1.0, 1.0, 1.0))
 
@@ -50,7 +50,7 @@ def commands(name, vehicle, acceleration, monkeypatch):
     monkeypatch.setitem(PLANS, "given", goals)
     table = report_px4(vehicle, "fitted").params
     made = make_design(read_vehicle(example(name)), read_pair(ROTORS), table)
-    world = World(GUSTS, 5, "given", plan.duration_s)
+    world = FlightWorld(GUSTS, 5, "given", plan.duration_s)
     log = fly_quick(made, world, 8)[1]
     time = log["time_s"] - log["time_s"][0] - world.settle_s
     rows = np.array([t > 0.0 and plan.at(float(t))[0] == "yaw doublets" for t in time])

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from coaxlink.fly.trajectory import Circle, Hold, Move, Plan, Swing, paper_flight, planned_flight
+from coaxlink.fly.trajectory import Circle, FlightPlan, Hold, Move, Swing, paper_flight, planned_flight
 
 SEGMENTS = [
     Hold("h", (1.0, 2.0, -3.0), 2.0),
@@ -47,7 +47,7 @@ def test_the_paper_flight_never_jumps_and_stays_above_ground():
 
 
 def test_after_the_end_a_plan_holds_its_last_place():
-    plan = Plan((Move("m", (0.0, 0.0, -1.0), (0.0, 0.0, -3.0), 2.0),))
+    plan = FlightPlan((Move("m", (0.0, 0.0, -1.0), (0.0, 0.0, -3.0), 2.0),))
     assert plan.at(99.0)[1].position_m == (0.0, 0.0, -3.0)
     assert plan.at(-1.0)[1].position_m == (0.0, 0.0, -1.0)
 

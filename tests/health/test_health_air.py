@@ -14,17 +14,17 @@ from coaxlink.health.stream import Interval, Stream
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
-from sim.effects import Effect
+from sim.effects import HiddenEffect
 from sim.physics.rotors import read_pair
-from sim.quick.flight import World, fly_quick, make_design
+from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.vehicle import read_vehicle
 
 ROTORS = Path(example("rotor_paper.toml"))
 ONSET_S = 22.3
 WINDY = (
-    Effect("wind", 6.0, 0.0, {"direction_deg": 40.0}, "dryden"), Effect("rotor_drag", 0.1),
-    Effect("axial_inflow", 0.7), Effect("battery_voltage", 0.6),
-    Effect("cg_offset", 0.008, 0.0, {"direction_deg": 100.0}),
+    HiddenEffect("wind", 6.0, 0.0, {"direction_deg": 40.0}, "dryden"), HiddenEffect("rotor_drag", 0.1),
+    HiddenEffect("axial_inflow", 0.7), HiddenEffect("battery_voltage", 0.6),
+    HiddenEffect("cg_offset", 0.008, 0.0, {"direction_deg": 100.0}),
 )  # fmt: skip
 
 
@@ -37,7 +37,7 @@ def flown(request):
     )
 
     def fly(*effects, plan="wander", seed=1, seconds=25.0):
-        return fly_quick(made, World((*WINDY, *effects), seed, plan, seconds), 8)[1]
+        return fly_quick(made, FlightWorld((*WINDY, *effects), seed, plan, seconds), 8)[1]
 
     return vehicle, fly
 
@@ -57,7 +57,7 @@ def told(vehicle, log, test=None):
 @pytest.mark.parametrize(("rotor", "law"), [(2, "share"), (5, "tip"), (6, "weak_motor")])
 def test_a_rotor_that_loses_a_tenth_is_named_within_two_seconds(flown, rotor, law):
     vehicle, fly = flown
-    fault = Effect("degraded_rotor", 0.1, ONSET_S, {"rotor": float(rotor)}, law)
+    fault = HiddenEffect("degraded_rotor", 0.1, ONSET_S, {"rotor": float(rotor)}, law)
     verdicts = told(vehicle, fly(fault))
     called = next(v for v in verdicts if v.called)
     assert called.called.rotor == rotor and called.called.probability >= CALL
@@ -158,7 +158,7 @@ def test_what_is_stale_or_no_number_makes_no_block(flown):
 
 def test_without_an_accelerometer_and_at_ten_hertz_it_still_names(flown):
     vehicle, fly = flown
-    log = fly(Effect("degraded_rotor", 0.15, ONSET_S, {"rotor": 2.0}), seconds=27.0)
+    log = fly(HiddenEffect("degraded_rotor", 0.15, ONSET_S, {"rotor": 2.0}), seconds=27.0)
     slow = {k: v[::5] for k, v in log.items()} | {"accel_z_m_s2": np.full(len(log["time_s"][::5]), np.nan)}
     called = next(v for v in told(vehicle, slow) if v.called)
     assert called.called.rotor == 2 and called.time_s > ONSET_S

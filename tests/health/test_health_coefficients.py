@@ -24,10 +24,10 @@ from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor.model import RotorModel
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
-from sim.effects import Effect
+from sim.effects import HiddenEffect
 from sim.flights import write_flight
 from sim.physics.rotors import read_pair
-from sim.quick.flight import World, fly_quick, make_design
+from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.vehicle import read_vehicle
 
 FRAME, ROTORS = example("x8_demo.toml"), example("rotor_paper.toml")
@@ -41,7 +41,7 @@ def flown(tmp_path_factory):
 
     def fly(plan, *effects):
         path = tmp_path_factory.mktemp("flights") / f"{plan}.csv"
-        write_flight(path, fly_quick(made, World(effects, 3, plan, 55.0), 8)[1])
+        write_flight(path, fly_quick(made, FlightWorld(effects, 3, plan, 55.0), 8)[1])
         return read_flight_log(path)
 
     return vehicle, fly
@@ -58,7 +58,7 @@ def off(model, factors):
 @pytest.mark.parametrize("plan", ["hover", "wander"])
 def test_speeds_follow_a_sagging_pack_and_a_hover_teaches_no_slope(flown, plan):
     vehicle, fly = flown
-    log = fly(plan, Effect("battery_voltage", 0.5))
+    log = fly(plan, HiddenEffect("battery_voltage", 0.5))
     top = vehicle.rotors.speed_max_rpm
     speeds = _by_speed(log, vehicle.declared, top)
     air = slice(250, -50)
@@ -86,7 +86,7 @@ def test_a_prior_15_percent_off_meets_the_pair_under_a_sagging_pack(flown):
     vehicle, fly = flown
     true = vehicle.rotors
     prior = off(true, (0.85, 1.15, 1.15, 0.85))
-    logs = [fly("wander", Effect("battery_voltage", 0.5)), fly("circle", Effect("battery_voltage", 0.3))]
+    logs = [fly("wander", HiddenEffect("battery_voltage", 0.5)), fly("circle", HiddenEffect("battery_voltage", 0.3))]
     update = coefficients_from_flights(logs, vehicle.declared, prior)
     assert update.measured_speeds
     u, v = (np.array([s]) for s in update.hover)
@@ -144,7 +144,7 @@ def test_intervals_of_a_file_are_its_prior_and_a_guess_beside_them_is_said(flown
 def test_loads_in_hover_are_inside_their_intervals_whichever_way_the_prior_is_off(flown):
     vehicle, fly = flown
     true = replace(vehicle.rotors, identified={})
-    log = fly("wander", Effect("battery_voltage", 0.3))
+    log = fly("wander", HiddenEffect("battery_voltage", 0.3))
     worst = []
     for signs in itertools.product((0.85, 1.15), repeat=4):
         update = coefficients_from_flights([log], vehicle.declared, off(true, signs))

@@ -18,14 +18,14 @@ from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
-from sim.effects import Effect
+from sim.effects import HiddenEffect
 from sim.flights import write_flight
 from sim.physics.rotors import read_pair
-from sim.quick.flight import World, fly_quick, make_design
+from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.vehicle import read_vehicle
 
 FRAME, ROTORS = example("x8_demo.toml"), example("rotor_paper.toml")
-BREEZE = (Effect("wind", 4.0, 0.0, {"direction_deg": 70.0}, "dryden"), Effect("axial_inflow", 0.5))
+BREEZE = (HiddenEffect("wind", 4.0, 0.0, {"direction_deg": 70.0}, "dryden"), HiddenEffect("axial_inflow", 0.5))
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def windy(tmp_path_factory):
     logs = []
     for seed, plan in enumerate(("hover", "circle", "hover", "wander")):
         path = folder / f"{seed}.csv"
-        write_flight(path, fly_quick(made, World(BREEZE, seed, plan, 55.0), 8)[1])
+        write_flight(path, fly_quick(made, FlightWorld(BREEZE, seed, plan, 55.0), 8)[1])
         logs.append(read_flight_log(path))
     return vehicle, logs
 

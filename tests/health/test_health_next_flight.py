@@ -14,7 +14,7 @@ from coaxlink.cli import main
 from coaxlink.data import read_flight_log
 from coaxlink.errors import InputError
 from coaxlink.files import example
-from coaxlink.fly.limits import PLAN_TILT_DEG, Limits, plan_faults
+from coaxlink.fly.limits import PLAN_TILT_DEG, FlightLimits, plan_faults
 from coaxlink.fly.plans import peaks, plan_of
 from coaxlink.fly.trajectory import planned_flight
 from coaxlink.health.coefficients import FULL, TURNING, coefficients_from_flights
@@ -35,7 +35,7 @@ from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle, load_vehicle
 from sim.flights import write_flight
 from sim.physics.rotors import read_pair
-from sim.quick.flight import World, fly_quick, make_design
+from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.quick.plans import PLANS
 from sim.vehicle import read_vehicle
 
@@ -60,7 +60,7 @@ def hovered(tmp_path_factory):
 
 def fly(path, plan, seconds, table):
     made = make_design(read_vehicle(FRAME), read_pair(ROTORS), table)
-    flown, log = fly_quick(made, World((), 3, plan, seconds), 8)
+    flown, log = fly_quick(made, FlightWorld((), 3, plan, seconds), 8)
     write_flight(path, log)
     return flown
 
@@ -74,7 +74,7 @@ def planned(hovered):
 def test_the_plan_fills_its_time_within_its_box(planned):
     assert planned.seconds == 60.0 and len(planned.pieces) == 5
     plan = planned_flight(planned.document())
-    assert plan_faults(plan, Limits()) == []
+    assert plan_faults(plan, FlightLimits()) == []
     found = peaks(plan)
     assert found["radius_m"] <= REACH_M + 1e-6 and found["speed_m_s"] <= FASTEST_M_S + 1e-6
     assert found["highest_m"] - found["lowest_m"] <= RISE_M + 0.01 and found["tilt_deg"] < PLAN_TILT_DEG
@@ -197,7 +197,7 @@ def test_the_verb_hands_its_plan_to_fly(hovered, tmp_path, capsys):
         main([str(a) for a in call])
     assert not ended.value.code
     flown = plan_of(str(plan), 9.0, 9.0)
-    assert flown.duration_s == pytest.approx(64.0) and plan_faults(flown, Limits()) == []
+    assert flown.duration_s == pytest.approx(64.0) and plan_faults(flown, FlightLimits()) == []
     said = capsys.readouterr()
     assert "next flight" in said.out
     assert "the flight that would tell most, 60 s within 2 m of the take-off" in said.err

@@ -198,9 +198,9 @@ class Companion:
         self.session = Session(line, flight.url(link), 245, component, signer=signer, clock=flight.clock)
         self.session.start(5.0)
 
-    def mix(self, law: Any = "exact", **options: Any) -> LiveMixer:
+    def mix(self, law: Any = "exact", vehicle: Vehicle | None = None, **options: Any) -> LiveMixer:
         """A live mixer that has begun."""
-        mixer = LiveMixer(self.session, Vehicle(X8, CRM), law, own_curve=1.0, **options)
+        mixer = LiveMixer(self.session, vehicle or Vehicle(X8, CRM), law, own_curve=1.0, **options)
         mixer.start()
         return mixer
 

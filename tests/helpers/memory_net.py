@@ -7,14 +7,19 @@ A session's end is a `Line`; at the other end is a `ScriptedAutopilot`, or one o
 import random
 from contextlib import contextmanager
 from pathlib import Path
+from unittest import mock
 
 from coaxlink.mavlink import connect
+from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.clock import VirtualClock
 
 DELAY_S = 0.001
+LATE_S = 0.06  # what is out of order, at most
 STEP_S = 0.01  # a stand-in lives in such steps
 TURN_S = 0.05  # so often a session looks about, whatever comes
+HOST = "10.0.0.1"
 EXAMPLES = Path(__file__).parents[2] / "examples"
+X8 = EXAMPLES / "x8_paper.toml"
 
 
 class Net:
@@ -22,7 +27,7 @@ class Net:
 
     def __init__(self, clock=None, *, seed=0):
         self.clock = clock or VirtualClock()
-        self.loss = self.corruption = 0.0  # chances a datagram
+        self.loss = self.corruption = self.copies = self.disorder = 0.0  # chances a datagram
         self.delay_s = DELAY_S
         self._random = random.Random(seed)
         self._ears = {}
@@ -30,7 +35,7 @@ class Net:
 
     def address(self):
         """One that nobody has."""
-        return ("10.0.0.1", next(self._ports))
+        return (HOST, next(self._ports))
 
     def bind(self, address, hear):
         """`hear(data, source)` gets what is sent there."""
@@ -51,7 +56,9 @@ class Net:
             if target in self._ears:
                 self._ears[target](data, source)
 
-        self.clock.later(self.delay_s, arrive)
+        for _ in range(1 + (self._random.random() < self.copies)):
+            late_s = LATE_S * self._random.random() if self._random.random() < self.disorder else 0.0
+            self.clock.later(self.delay_s + late_s, arrive)
 
 
 class Line:
@@ -99,13 +106,13 @@ def meet(board, **options):
 class Standin:
     """A stand-in of `sim` on a net."""
 
-    def __init__(self, net, firmware="px4", **world):
+    def __init__(self, net, firmware="px4", *, address=None, **world):
         from sim.in_memory import InMemory
         from sim.world import World
 
-        self.net, self.address = net, net.address()
+        self.net, self.address = net, address or net.address()
         self.url = f"udpout:{self.address[0]}:{self.address[1]}"
-        self._board = InMemory(World(EXAMPLES / "x8_paper.toml", firmware=firmware, **world))
+        self._board = InMemory(World(X8, firmware=firmware, **world))
         self.autopilot, self._clients = self._board.autopilot, []
         self._on = True
         net.bind(self.address, self._hear)
@@ -118,8 +125,8 @@ class Standin:
 
     def _answer(self, source, data=b""):
         said = self._board.exchange(data, self.net.clock.monotonic(), self._clients.index(source))
-        if said:
-            self.net.send(said, self.address, source)
+        for frame in frames(said):
+            self.net.send(frame, self.address, source)
 
     def _live(self):
         if self._on:
@@ -133,6 +140,47 @@ class Standin:
         """As when the plug is pulled."""
         self._on = False
         self.net.leave(self.address)
+
+    def reboot(self):
+        """As a command from elsewhere would."""
+        self._board.standin.autopilot.boot()
+        self._board.standin._restart()
+
+    def freeze(self, seconds):
+        """Deaf and mute for a while."""
+        self.close()
+
+        def thaw():
+            self._on = True
+            self.net.bind(self.address, self._hear)
+            self._live()
+
+        self.net.clock.later(seconds, thaw)
+
+
+def frames(data):
+    """The MAVLink frames in a stream, each as a datagram has it."""
+    at = 0
+    while at < len(data):
+        size = 8 + data[at + 1] if data[at] == 0xFE else 12 + data[at + 1] + 13 * (data[at + 2] & 1)
+        yield data[at : at + size]
+        at += size
+
+
+@contextmanager
+def plugged(net):
+    """Whoever opens an address of this net, a verb of the command line say, gets a line on it."""
+
+    def opened(url, **options):
+        found = parse_address(url)
+        if found.host != HOST:
+            return connect(url, **options)
+        at = (found.host, found.port)
+        line = Line(net, address=at) if found.kind == "udpin" else Line(net, at)
+        return connect(url, transport=line, clock=net.clock, **options)
+
+    with mock.patch("coaxlink.mavlink.connect", opened):
+        yield net
 
 
 @contextmanager

@@ -2,20 +2,17 @@
 
 import lzma
 import struct
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).parents[1] / "link"))
-
 from hostile_names import NAMES
+from memory_net import Net, meet, plugged
 from pymavlink.dialects.v20 import common as m
 from scripted_autopilot import FLOAT, ScriptedAutopilot
 
 from coaxlink.cli import main
 from coaxlink.errors import CheckFailed, LinkError
-from coaxlink.mavlink import connect, ftp
+from coaxlink.mavlink import ftp
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.uploading.limits import board_limits
@@ -53,7 +50,10 @@ def state(tmp_path, monkeypatch):
 
 @pytest.fixture
 def board():
-    with Board({"CA_AIRFRAME": (0, 6), "THR_MDL_FAC": (0.5, FLOAT)}) as made:
+    with (
+        plugged(Net()) as net,
+        Board({"CA_AIRFRAME": (0, 6), "THR_MDL_FAC": (0.5, FLOAT)}, net=net) as made,
+    ):
         yield made
 
 
@@ -67,67 +67,66 @@ def entries(*names):
     return b"".join(b"F" + name + b"\t10\0" for name in names)
 
 
-@pytest.mark.parametrize("block", [entries(b"a.lua"), entries(b"a.lua", b"b.lua"), b"Dup\0", b"S\0" * 100])
-def test_a_listing_that_repeats_itself_ends(board, block):
-    board.serve = lambda code, offset, data: block
-    with connect(board.url) as session:
-        refused(lambda: Files(session).listing("/APM/scripts"), "listing has no end")
-    assert board.requests < 100
+def test_a_listing_that_repeats_itself_ends(board):
+    for block in (entries(b"a.lua"), entries(b"a.lua", b"b.lua"), b"Dup\0", b"S\0" * 100):
+        board.serve, board.requests = lambda code, offset, data, block=block: block, 0
+        with meet(board) as session:
+            refused(lambda: Files(session).listing("/APM/scripts"), "listing has no end")
+        assert board.requests < 100
 
 
 def test_a_listing_that_goes_on_ends(board, monkeypatch):
     monkeypatch.setattr(ftp, "MOST_NAMES", 100)
     board.serve = lambda code, offset, data: entries(b"%09d.lua" % offset, b"%09d.txt" % offset)
-    with connect(board.url) as session:
+    with meet(board) as session:
         refused(lambda: Files(session).listing("/APM/scripts"), "listing has no end (102 names so far)")
 
 
 def test_a_sound_listing_of_a_full_folder_is_read(board):
     names = [b"script_%04d.lua" % n for n in range(300)]
     board.serve = lambda code, offset, data: entries(*names[offset : offset + 8]) if offset < 300 else EOF
-    with connect(board.url) as session:
+    with meet(board) as session:
         assert Files(session).listing("/APM/scripts") == [name.decode() for name in names]
 
 
-@pytest.mark.parametrize("name", [n for n in NAMES.values() if n.strip() and "\0" not in n and "\t" not in n])
-def test_names_of_files_that_are_none_are_refused(board, name):
-    raw = name.encode("utf-8", "surrogatepass")[:200]
-    block = entries(raw)
-    board.serve = lambda code, offset, data: EOF if offset else block
-    with connect(board.url) as session:
-        shown = raw.decode(errors="replace")
-        if shown in ("..", ".") or "/" in shown or not shown.isprintable():
-            refused(lambda: Files(session).listing("scripts"), "which is no name of a file")
-        else:
-            assert Files(session).listing("scripts") == [shown]
+def test_names_of_files_that_are_none_are_refused(board):
+    with meet(board) as session:
+        files = Files(session)
+        for name in NAMES.values():
+            raw = name.encode("utf-8", "surrogatepass")[:200]
+            if not name.strip() or "\0" in name or "\t" in name:
+                continue
+            board.serve = lambda code, offset, data, raw=raw: EOF if offset else entries(raw)
+            shown = raw.decode(errors="replace")
+            if shown in ("..", ".") or "/" in shown or not shown.isprintable():
+                refused(lambda: files.listing("scripts"), "which is no name of a file")
+            else:
+                assert files.listing("scripts") == [shown]
 
 
 def test_a_file_without_an_end_ends(board, monkeypatch):
     monkeypatch.setattr(ftp, "MOST_BYTES", 100_000)
     board.serve = lambda code, offset, data: bytes(239) if code == READ else struct.pack("<I", 5)
-    with connect(board.url) as session:
+    with meet(board) as session:
         refused(lambda: Files(session).read("/etc/x"), "the board's file has no end")
     assert board.requests < 1000
 
 
-@pytest.mark.parametrize("body", [b"", b"\1", b"\1\2\3"])
-def test_a_checksum_of_too_few_bytes_is_refused(board, body):
-    board.serve = lambda code, offset, data: body
-    with connect(board.url) as session:
-        refused(
-            lambda: Files(session).crc("/APM/scripts/a.lua"),
-            f"checksum has {len(body)} bytes, 4 are expected",
-        )
+def test_a_checksum_of_too_few_bytes_is_refused(board):
+    with meet(board) as session:
+        for body in (b"", b"\1", b"\1\2\3"):
+            board.serve = lambda code, offset, data, body=body: body
+            said = f"checksum has {len(body)} bytes, 4 are expected"
+            refused(lambda: Files(session).crc("/APM/scripts/a.lua"), said)
 
 
-@pytest.mark.parametrize("code", [0, 1, 2, 5, 7, 9, 77, 255])
-def test_any_error_code_is_one_line(board, code):
-    board.serve = lambda request, offset, data: code
-    with connect(board.url) as session:
-        for ask in (lambda: Files(session).read("a\x1b[2J"), lambda: Files(session).listing("a\nb")):
-            with pytest.raises(CheckFailed) as error:
-                ask()
-            assert str(error.value).isprintable()
+def test_any_error_code_is_one_line(board):
+    with meet(board) as session:
+        files = Files(session)
+        for code in (0, 1, 2, 5, 7, 9, 77, 255):
+            board.serve = lambda request, offset, data, code=code: code
+            refused(lambda: files.read("a\x1b[2J"), "")
+            refused(lambda: files.listing("a\nb"), "")
 
 
 LISTS = {
@@ -143,27 +142,28 @@ LISTS = {
 }
 
 
-@pytest.mark.parametrize("what", LISTS)
-def test_a_list_of_limits_that_means_harm_is_none(board, what):
-    held = LISTS[what]
-
-    def serve(code, offset, data):
-        if code == READ:
-            return held[offset : offset + 239] or EOF
-        return struct.pack("<I", len(held)) if code == OPEN else b""
-
-    board.serve = serve
-    with connect(board.url) as session:
+def test_a_list_of_limits_that_means_harm_is_none(board):
+    with meet(board) as session:
         identity = session.identity.__class__(**{**vars(session.identity), "capabilities": 32})
-        assert board_limits(Files(session), identity) is None
+        for what, held in LISTS.items():
+
+            def serve(code, offset, data, held=held):
+                if code == READ:
+                    return held[offset : offset + 239] or EOF
+                return struct.pack("<I", len(held)) if code == OPEN else b""
+
+            board.serve = serve
+            assert board_limits(Files(session), identity) is None, what
 
 
-@pytest.mark.parametrize("name", [n for k, n in NAMES.items() if k not in ("nothing", "NUL", "10 kB")])
-def test_a_parameter_that_is_called_like_that_is_refused(board, name):
-    raw = name.encode("utf-8", "surrogatepass")[:16].decode("ascii", "replace")
-    board.params = {"CA_AIRFRAME": (0, 6), raw.encode("ascii", "replace").decode(): (0.5, FLOAT)}
-    with connect(board.url) as session:
-        refused(lambda: Parameters(session).read_all(), "which is no name")
+def test_a_parameter_whose_name_is_none_is_refused(board):
+    with meet(board) as session:
+        for key, name in NAMES.items():
+            if key in ("nothing", "NUL", "10 kB"):
+                continue
+            raw = name.encode("utf-8", "surrogatepass")[:16].decode("ascii", "replace")
+            board.params = {"CA_AIRFRAME": (0, 6), raw.encode("ascii", "replace").decode(): (0.5, FLOAT)}
+            refused(lambda: Parameters(session).read_all(), "which is no name")
 
 
 def test_an_upload_to_such_a_board_writes_no_file_and_no_parameter(board, capsys):

@@ -18,9 +18,9 @@ from coaxlink.live.in_air import Call, InAir, weakened
 from coaxlink.mixer import make_law
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
-from sim.effects import Effect
+from sim.effects import HiddenEffect
 from sim.physics.rotors import read_pair
-from sim.quick.flight import World, fly_quick, make_design
+from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.vehicle import read_vehicle
 
 FRAME, ROTORS = Path(example("x8_demo.toml")), Path(example("rotor_paper.toml"))
@@ -37,8 +37,8 @@ def vehicle():
 @pytest.fixture(scope="module")
 def log(vehicle):
     made = make_design(read_vehicle(FRAME), read_pair(ROTORS), report_px4(vehicle, "fitted").params)
-    weak = [Effect("degraded_rotor", 0.12, at, {"rotor": float(n)}) for n, at in ONSETS.items()]
-    return fly_quick(made, World(tuple(weak), 4, "wander", 19.0), 8)[1]
+    weak = [HiddenEffect("degraded_rotor", 0.12, at, {"rotor": float(n)}) for n, at in ONSETS.items()]
+    return fly_quick(made, FlightWorld(tuple(weak), 4, "wander", 19.0), 8)[1]
 
 
 def mixer(vehicle, dry_run=False, state=LIVE):

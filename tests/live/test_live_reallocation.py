@@ -2,180 +2,130 @@
 
 from __future__ import annotations
 
-import math
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from live_flight import Companion, Flight
 from live_line import Session
 
 from coaxlink.errors import InputError
 from coaxlink.files import example
-from coaxlink.live.health_watch import HealthWatch
-from coaxlink.live.in_air import Call, InAir, weakened
+from coaxlink.live.health_watch import ESC_HZ, HealthWatch
+from coaxlink.live.in_air import Call, weakened
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.mixer_core import MixCore
 from coaxlink.live.reallocation import Reallocation, law_without
 from coaxlink.mixer import make_law
 from coaxlink.vehicle import load_vehicle
-from sim.effects import FORMS, Effect
-from sim.physics.plant import Plant
-from sim.physics.rotors import read_pair
+from firmware_params.px4.messages import ESC_STATUS
+from sim.effects import FORMS, HiddenEffect
 from sim.px4 import telemetry
-from sim.px4.autopilot import Autopilot, Mode
-from sim.truth import Truth
-from sim.vehicle import read_vehicle
 
 ROTORS = example("rotor_paper.toml")
-WAITS = 3  # ticks of 4 ms from a message to the law: the watch looks every 10 ms
-CALM_S, AFTER_S = 6.0, 3.0
+FOUND_S, AFTER_S = 0.2, 3.0
+slow = pytest.mark.slow
 
 
 class Mixed:
-    """A vehicle in the air, its companion's loop and its health, turn by turn."""
+    """A vehicle in the air in wind, its companion's loop and its health beside it, looked at every 10 ms."""
 
-    def __init__(self, name, reallocate=True, escs="none", rotor=None, kind="weak_motor", wind=4.0):
-        self.vehicle = load_vehicle(example(name), ROTORS)
-        self.a = Autopilot(Plant(read_vehicle(example(name)), read_pair(ROTORS)), Truth(), version=(1, 13, 3))
+    def __init__(self, name="x8_demo.toml", *, reallocate=True, escs="none", wind=4.0):
+        self.flight, self.calls = Flight(airframe=name), []
+        self.a, self.plant = self.flight.autopilot, self.flight.autopilot.plant
         self.a.escs = escs
-        self.a.exchange = self._answer
-        self.core = MixCore(self.vehicle, "exact", own_curve=1.0)
-        self.in_air = InAir(self.vehicle, stops=reallocate)
-        self.reallocation = Reallocation(self) if reallocate else None
-        self.calls, self.due, self.tilt, self.turn = [], [], [], 0
-        self.a.store.write("THR_MDL_FAC", 9, 1.0)
-        self.a.arm()
-        self.a.take_off(6.0)
-        while self.a.mode != Mode.HOLD:
-            self.a.step()
+        companion = Companion(self.flight)
+        self.live = companion.mix(vehicle=load_vehicle(example(name), ROTORS))
+        reallocation = Reallocation(self.live) if reallocate else None
+        self.watch = HealthWatch(self.live, self.calls.append, None, reallocation)
+        if escs != "none":
+            companion.session.request_stream(ESC_STATUS, ESC_HZ)
+        self.watch.listen()
+        self._work()
         if wind:
-            FORMS["wind"].apply(self.a.plant, Effect("wind", wind, 0.0, {"direction_deg": 70.0}, "steady"))
-        self.fly(CALM_S)
-        self.onset_s = self.a.plant.time_s
-        self.before = self.core.law
-        if rotor:
-            extra = {"rotor": float(rotor)}
-            FORMS["degraded_rotor"].apply(self.a.plant, Effect("degraded_rotor", 1.0, 0.0, extra, kind))
+            self.spoil("wind", wind, "steady", direction_deg=70.0)
+        self.flight.fly(20.0, until=lambda: self.watch.in_air.now.word == "sound")
+        self.flight.fly(4.0)
+        self.before = self.live.core.law
+        self.flight.rows.clear()
 
-    def adopt(self, law, vehicle):
-        self.due.append((self.turn + WAITS, law, vehicle))
+    def _work(self):
+        self.watch.work()
+        self.flight.clock.later(0.01, self._work)
 
-    def _answer(self, demand):
-        while self.due and self.due[0][0] <= self.turn:
-            self.core.adopt(*self.due.pop(0)[1:])
-            self.adopted_s = self.a.plant.time_s
-        controls = [demand.roll, demand.pitch, demand.yaw, demand.thrust]
-        commands = self.core.step(telemetry.stamp_us(self.a), 0, controls)
-        if commands is not None:
-            self.a.drive(np.array(commands))
+    def spoil(self, effect, size, kind, **extra):
+        FORMS[effect].apply(self.plant, HiddenEffect(effect, size, 0.0, extra, kind))
 
-    def fly(self, seconds):
-        a = self.a
-        for _ in range(round(seconds / 0.004)):
-            a.step()
-            self.turn += 1
-            if self.turn % 5 == 0:  # 50 Hz
-                self.hear(telemetry.highres_imu(a))
-            if self.turn % 13 == 0 and a.escs != "none":
-                for message in telemetry.esc_status(a):
-                    self.hear(message)
-            if self.turn % 250 == 1:
-                self.hear(telemetry.heartbeat(a))
-                self.hear(telemetry.extended_sys_state(a))
-            _, x, y, _ = a.plant.quaternion.tolist()
-            self.tilt.append(math.degrees(math.acos(1.0 - 2.0 * (x * x + y * y))))
-
-    def hear(self, message):
-        self.in_air.commanded(self.core.last_us * 1e-6, self.core.sent[: self.core.count])
-        call = self.in_air.heard(message)
-        if call is not None:
-            self.calls.append(call)
-            if self.reallocation is not None:
-                self.reallocation.answer(call, self.in_air)
+    def lose(self, rotor, share=1.0, kind="weak_motor"):
+        """A rotor loses that share of its thrust; seconds until the law was another."""
+        self.spoil("degraded_rotor", share, kind, rotor=float(rotor))
+        return self.flight.fly(5.0, until=lambda: self.live.core.law is not self.before)
 
 
+@slow
 @pytest.mark.parametrize(
     ("name", "rotor", "kind"),
-    [
-        ("x8_demo.toml", 2, "weak_motor"), ("x8_demo.toml", 7, "weak_motor"), ("x8_demo.toml", 4, "tip"),
-        ("y6.toml", 3, "weak_motor"), ("y6.toml", 1, "tip"),
-    ],
-)  # fmt: skip
+    [("x8_demo.toml", 2, "weak_motor"), ("x8_demo.toml", 4, "tip"), ("y6.toml", 3, "weak_motor")],
+)
 def test_a_rotor_that_stops_is_flown_without_within_200_ms(name, rotor, kind):
-    flight = Mixed(name, rotor=rotor, kind=kind)
-    height = flight.a.plant.height
-    flight.fly(AFTER_S)
-    assert [c.rotor for c in flight.calls] == [rotor] and flight.calls[0].stopped
-    assert flight.adopted_s - flight.onset_s < 0.2
-    assert flight.core.sent[rotor - 1] == 0.0
-    assert max(flight.tilt[-round(AFTER_S / 0.004) :]) < 25.0 and flight.tilt[-1] < 8.0
-    assert flight.a.plant.height > height - 1.5
-    assert flight.reallocation.done[0] | {"time_s": 0} == {"rotor": rotor, "time_s": 0, "thrust_left": 0.0}
+    mixed = Mixed(name)
+    height = mixed.plant.height
+    assert mixed.lose(rotor, kind=kind) < FOUND_S
+    mixed.flight.fly(AFTER_S)
+    assert [c.rotor for c in mixed.calls] == [rotor] and mixed.calls[0].stopped and not mixed.watch.problem
+    assert mixed.live.core.sent[rotor - 1] == 0.0 and not mixed.live.failed.is_set()
+    assert max(row.tilt_deg for row in mixed.flight.rows) < 25.0 and mixed.flight.rows[-1].tilt_deg < 8.0
+    assert mixed.plant.height > height - 1.5 and mixed.flight.outputs_are_sound()
+    done = mixed.watch.account()["reallocated"][0]
+    assert (done["rotor"], done["thrust_left"]) == (rotor, 0.0)
 
 
-def test_measured_rpm_makes_it_sooner():
-    alone, measured = (Mixed("x8_demo.toml", escs=e, rotor=2) for e in ("none", "measured"))
-    for flight in (alone, measured):
-        flight.fly(0.4)
-        assert flight.calls[0].rotor == 2
-    assert (
-        measured.adopted_s <= alone.adopted_s and measured.calls[0].probability > alone.calls[0].probability
-    )
-
-
-def test_rpm_that_fails_alone_stops_nobody():
-    flight = Mixed("x8_demo.toml", escs="measured")
-    reading = telemetry.reported_escs
+@slow
+def test_measured_rpm_makes_it_sooner_and_alone_stops_nobody(monkeypatch):
+    alone, measured = (Mixed(escs=e) for e in ("none", "measured"))
+    assert measured.lose(2) < alone.lose(2)
+    mixed, reading = Mixed(escs="measured"), telemetry.reported_escs
 
     def torn(a):
         escs = reading(a)
         escs.rpm[3] = 0.0
         return escs
 
-    telemetry.reported_escs = torn
-    try:
-        flight.fly(2.0)
-    finally:
-        telemetry.reported_escs = reading
-    assert not flight.calls and flight.core.law is flight.before
+    monkeypatch.setattr(telemetry, "reported_escs", torn)
+    mixed.flight.fly(2.0)
+    assert not mixed.calls and mixed.live.core.law is mixed.before
 
 
-def test_a_sound_flight_keeps_its_law_and_the_law_is_not_taken_back():
-    flight = Mixed("y6.toml")
-    flight.a.go_to((6.0, 3.0, -6.0), 1.5)
-    flight.fly(8.0)
-    assert not flight.calls and flight.core.law is flight.before
-    FORMS["degraded_rotor"].apply(
-        flight.a.plant, Effect("degraded_rotor", 1.0, 0.0, {"rotor": 2.0}, "weak_motor")
-    )
-    flight.fly(0.3)
-    law = flight.core.law
-    flight.a.plant.geometry[flight.a.plant.index.G_SPEED, 1] = 1.0  # it would turn again
-    for message in (telemetry.heartbeat(flight.a), telemetry.extended_sys_state(flight.a)):
-        flight.hear(message)
-    flight.fly(1.0)
-    assert flight.core.law is law and flight.core.sent[1] == 0.0
+@slow
+def test_a_sound_flight_keeps_its_law_and_another_law_is_not_taken_back():
+    mixed = Mixed("y6.toml")
+    mixed.a.go_to((6.0, 3.0, -6.0), 1.5)
+    mixed.flight.fly(8.0)
+    assert not mixed.calls and mixed.live.core.law is mixed.before
+    mixed.lose(2)
+    law = mixed.live.core.law
+    mixed.plant.geometry[mixed.plant.index.G_SPEED, 1] = 1.0  # it would turn again
+    mixed.flight.fly(1.0)
+    assert mixed.live.core.law is law and mixed.live.core.sent[1] == 0.0
 
 
+@slow
 def test_a_weak_rotor_has_its_share_in_the_law():
-    flight = Mixed("x8_demo.toml", wind=0.0)
-    extra = {"rotor": 4.0}
-    FORMS["degraded_rotor"].apply(flight.a.plant, Effect("degraded_rotor", 0.2, 0.0, extra, "share"))
-    flight.fly(4.0)
-    assert {c.rotor for c in flight.calls} == {4} and not any(c.stopped for c in flight.calls)
-    assert flight.reallocation.done[0]["thrust_left"] == pytest.approx(0.8, abs=0.04)
-    gains = [r.thrust_gain for r in flight.in_air.vehicle.airframe.rotors]
+    mixed = Mixed(wind=0.0)
+    mixed.lose(4, 0.2, "share")
+    mixed.flight.fly(0.5)
+    assert {c.rotor for c in mixed.calls} == {4} and not any(c.stopped for c in mixed.calls)
+    assert mixed.watch.account()["reallocated"][0]["thrust_left"] == pytest.approx(0.8, abs=0.04)
+    gains = [r.thrust_gain for r in mixed.watch.in_air.vehicle.airframe.rotors]
     assert gains[3] == pytest.approx(0.8, abs=0.04) and gains[:3] == [1, 1, 1]
     # what was delivered is accounted by the rotors that there are
-    assert max(abs(e) for e in flight.core.error) < 1e-3
-    assert flight.core.law is not flight.before
+    assert max(abs(e) for e in mixed.live.core.error) < 1e-3
 
 
+@slow
 def test_without_it_nothing_is_changed():
-    flight = Mixed("x8_demo.toml", reallocate=False, rotor=2)
-    flight.fly(1.0)
-    assert flight.core.law is flight.before and not any(c.stopped for c in flight.calls)
+    mixed = Mixed(reallocate=False)
+    mixed.lose(2)
+    assert mixed.live.core.law is mixed.before and not any(c.stopped for c in mixed.calls)
 
 
 def test_other_laws_do_not_re_allocate():
@@ -225,32 +175,3 @@ def test_what_is_left_of_a_rotor_counts_all_of_its_calls():
     twice = weakened(weakened(vehicle, 3, 0.2), 3, 0.2)
     assert answer(live, twice)[0]["thrust_left"] == pytest.approx(0.64)
     assert answer(live, twice, stopped=(3,))[0]["thrust_left"] == 0.0
-
-
-@pytest.mark.slow
-def test_the_loop_itself_goes_on_without_it():
-    flight = Flight()
-    companion = Companion(flight)
-    live = companion.mix()
-    said = []
-    watch = HealthWatch(live, said.append, None, Reallocation(live))
-    watch.listen()
-
-    def work():
-        watch.work()
-        flight.clock.later(0.01, work)
-
-    work()
-    companion.until_live(live)
-    flight.fly(20.0, until=lambda: watch.in_air.now.word == "sound")
-    flight.fly(2.0)
-    extra = {"rotor": 2.0}
-    weak = Effect("degraded_rotor", 1.0, 0.0, extra, "weak_motor")
-    FORMS["degraded_rotor"].apply(flight.autopilot.plant, weak)
-    flight.rows.clear()
-    flight.fly(0.3, until=lambda: live.core.sent[1] == 0.0)
-    flight.fly(1.0)
-    assert [c.rotor for c in said] == [2] and not watch.problem
-    assert watch.account()["reallocated"][0]["rotor"] == 2
-    assert live.core.sent[1] == 0.0 and not live.failed.is_set()
-    assert flight.outputs_are_sound() and max(row.tilt_deg for row in flight.rows) < 25.0

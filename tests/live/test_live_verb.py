@@ -124,6 +124,44 @@ def test_commands_that_never_arrive_are_told_and_exit_code_1(mix: Verb, capsys: 
     assert "motor commands never arrived" in capsys.readouterr().err
 
 
+@pytest.mark.slow
+def test_with_propellers_off_each_motor_is_asked_about(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Any
+) -> None:
+    verb, typed, result = Verb(Flight(airborne=False), monkeypatch), ["they are on"], tmp_path / "mix.json"
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: typed[0])
+    monkeypatch.setattr("typer.confirm", lambda text, **_: "rotor 3" not in text)
+    assert verb("--props-off") == 4
+    typed[0] = "they are off"
+    assert verb("--props-off", "--json", str(result)) == 1
+    said = capsys.readouterr()
+    assert "rotor 3: rear left, upper, counter-clockwise from above: WRONG" in said.out
+    assert "rotor 3: not where" in said.err and said.out.count("right\n") == 7
+    assert [m["motor"] for m in json.loads(result.read_text())["motors"]] == list(range(1, 9))
+
+
+@pytest.mark.slow
+def test_a_loop_that_fails_is_exit_code_1_and_another_companion_4(mix: Verb, capsys: Any) -> None:
+    clock, rival = (
+        mix.flight.clock,
+        mavlink.MAVLink_set_actuator_control_target_message(1, 0, 1, 1, [0.5] * 8),
+    )
+    frame = bytes(rival.pack(mavlink.MAVLink(None, 1, 192)))
+
+    def intrude() -> None:
+        for address in mix.flight.companions:
+            mix.flight.net.send(frame, mix.flight.addresses[0], address)
+
+    clock.later(3.0, intrude)
+    assert mix() == 4
+    assert "another companion commands the motors" in capsys.readouterr().err
+    broken = {"name": "exact", "dropped": (), "speeds": lambda self, wrench: 1 / (wrench[1] == 0)}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coaxlink.mixer.make_law", lambda *_: type("Law", (), broken)())
+        assert mix() == 1
+    assert "live mixing stopped itself and fell silent" in capsys.readouterr().err
+
+
 def test_wrong_words_are_exit_code_2(capsys: Any) -> None:
     for words in (["--reallocate", "--law", "standard"], ["--supervise"], ["--loop"], ["--compiled"]):
         assert run(build_app(), ["mix", AIRFRAME, "--connect", "udpout:127.0.0.1:9", *words]) == 2

@@ -1,5 +1,7 @@
-"""Signed sessions in memory: pymavlink's own signing on the other side, wrong keys, no keys, replays; the book
-of timestamps. What a kill leaves is in test_mavlink_real_lines.py."""
+"""Signed sessions in memory: pymavlink's own signing on the other side, wrong keys, no keys, replays.
+
+Then the book of timestamps. What a kill leaves is in test_mavlink_real_lines.py.
+"""
 
 import hashlib
 import json

@@ -18,9 +18,9 @@ from coaxlink.monitor.screen.history import History, Point, Window
 from coaxlink.monitor.watch import Watch, to_json
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
-from sim.effects import Effect
+from sim.effects import HiddenEffect
 from sim.physics.rotors import read_pair
-from sim.quick.flight import World, fly_quick, make_design
+from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.vehicle import read_vehicle
 
 FRAME, ROTORS = Path(example("x8_demo.toml")), Path(example("rotor_paper.toml"))
@@ -31,9 +31,9 @@ ONSET_S, ROTOR = 12.0, 6
 def flight():
     vehicle = load_vehicle(FRAME, ROTORS)
     made = make_design(read_vehicle(FRAME), read_pair(ROTORS), report_px4(vehicle, "fitted").params)
-    wind = Effect("wind", 4.0, 0.0, {"direction_deg": 40.0}, "dryden")
-    weak = Effect("degraded_rotor", 0.1, ONSET_S, {"rotor": float(ROTOR)})
-    return vehicle, fly_quick(made, World((wind, weak), 2, "wander", 12.0), 8)[1]
+    wind = HiddenEffect("wind", 4.0, 0.0, {"direction_deg": 40.0}, "dryden")
+    weak = HiddenEffect("degraded_rotor", 0.1, ONSET_S, {"rotor": float(ROTOR)})
+    return vehicle, fly_quick(made, FlightWorld((wind, weak), 2, "wander", 12.0), 8)[1]
 
 
 def played(vehicle, log, *, landed=2, armed=True, boot_s=5.0, to_s=99.0):

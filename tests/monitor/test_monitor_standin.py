@@ -15,7 +15,7 @@ from test_monitor_board import table
 import coaxlink as cx
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.fly.commands import Vehicle
+from coaxlink.fly.commands import Commander
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.monitor.feed import Feed
@@ -53,7 +53,7 @@ def test_a_hover_and_an_upload_are_seen() -> None:
                 parameters = Parameters(session)
                 for name, value in table(73.06, 73.06, km=1.9 / 73.06).items():
                     parameters.write(name, value, 6 if name.endswith(("COUNT", "AIRFRAME", "METHOD")) else 9)
-                vehicle = Vehicle(session)
+                vehicle = Commander(session)
                 vehicle.arm()
                 vehicle.take_off(3.0)
             hover = until(
@@ -96,7 +96,7 @@ def test_what_px4_s_simulation_says_of_its_escs_is_passed_over_in_hover() -> Non
         with watched(address) as look, connect(address) as session:
             ground = until(look, lambda v: v.balance.thrust_N is not None)
             assert ground.speeds.source == "ESC_STATUS rpm"
-            vehicle = Vehicle(session)
+            vehicle = Commander(session)
             vehicle.arm()
             vehicle.take_off(3.0)
             hover = until(look, lambda v: "passed over" in " ".join(v.notes), 40.0)
@@ -118,7 +118,7 @@ def test_an_ardupilot_is_read_like_a_px4(tmp_path: Path, frame: str) -> None:
             coaxlink("upload", str(table), "--connect", address, "--yes", "--backup-dir", str(tmp_path))
             until(look, lambda v: v.board.kind == "reduced" and v.board.of_model, 60.0)
             with connect(address) as session:
-                vehicle = Vehicle(session)
+                vehicle = Commander(session)
                 vehicle.arm()
                 vehicle.take_off(3.0)
                 hover = until(

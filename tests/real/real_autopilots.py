@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as m
 
 from coaxlink.errors import CoaxlinkError
-from coaxlink.fly.commands import Vehicle
-from coaxlink.fly.trajectory import Hold, Plan, table_4_flight
+from coaxlink.fly.commands import Commander
+from coaxlink.fly.trajectory import FlightPlan, Hold, table_4_flight
 from coaxlink.mavlink import connect
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.mavlink.session import Session
@@ -166,9 +166,9 @@ def coaxlink(*arguments: str, cwd: Path = ROOT, fails: bool = False) -> subproce
     return done
 
 
-def take_off(session: Session) -> Vehicle:
+def take_off(session: Session) -> Commander:
     """Arm and climb to 3 m as soon as the vehicle lets us."""
-    vehicle, end = Vehicle(session), time.monotonic() + 600.0
+    vehicle, end = Commander(session), time.monotonic() + 600.0
     while True:
         try:
             vehicle.arm()
@@ -186,7 +186,7 @@ def fly_the_factory_table(url: str, tables: Path) -> float:
     refused = coaxlink("upload", str(tables), "--connect", url, "--yes", fails=True)
     assert refused.returncode == 4 and "armed" in refused.stderr
     with connect(url, timeout_s=60.0) as session:
-        vehicle = Vehicle(session)
+        vehicle = Commander(session)
         track = vehicle.follow(table_4_flight())
         vehicle.land()
     far = np.linalg.norm(np.array(track.wanted_m) - np.array(track.flown_m), axis=1)
@@ -211,13 +211,13 @@ def held_to_mix(done: NDArray[np.float64], mix: NDArray[np.float64], pure: NDArr
         assert done[lower] / done[upper] == pytest.approx(pure[lower] / pure[upper], rel=0.005)
 
 
-def hover(session: Session, vehicle: Vehicle, seconds: float = 20.0) -> NDArray[np.float64]:
+def hover(session: Session, vehicle: Commander, seconds: float = 20.0) -> NDArray[np.float64]:
     """Pulse widths (rows, 8) of a hover at 3 m, from SERVO_OUTPUT_RAW; lands."""
     position = (0.0, 0.0, -3.0)
     assert session.request_stream(m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 50.0)
-    vehicle.follow(Plan((Hold("settle", position, 8.0),)))
+    vehicle.follow(FlightPlan((Hold("settle", position, 8.0),)))
     with session.listen(("SERVO_OUTPUT_RAW",)) as heard:
-        vehicle.follow(Plan((Hold("hover", position, seconds),)))
+        vehicle.follow(FlightPlan((Hold("hover", position, seconds),)))
         rows = []
         while (message := session.take(heard, 0.0)) is not None:
             rows.append([getattr(message, f"servo{n}_raw") for n in range(1, 9)])

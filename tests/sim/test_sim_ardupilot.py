@@ -1,17 +1,11 @@
 """The stand-in ArduCopter: pymavlink and MAVSDK talk to it, scripts bring it tables, it flies them."""
 
-import math
 import re
 import struct
-import time
 import zlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from ground import client, command, get, mavsdk_system
-from mavsdk.plugins.ftp import FtpResult
 
 from firmware_params.ardupilot.scripts import loader_params, loader_script, matrix_script
 from sim.ardupilot.copter import GUIDED, Copter
@@ -21,7 +15,6 @@ from sim.line.ftp import Server
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
 from sim.px4.autopilot import Goal, Refused
-from sim.testing import standin
 from sim.truth import Truth
 from sim.vehicle import read_vehicle
 
@@ -32,92 +25,6 @@ REDUCED = [
         [(-1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, -1, -1), (1, 1, 1), (-1, 1, -1), (-1, -1, 1), (1, -1, -1)]
     )
 ]
-
-
-@pytest.fixture(scope="module")
-def link() -> Iterator[Any]:
-    with standin("--firmware", "ardupilot", "--speed", "4") as port, client(port) as c:
-        yield c
-
-
-def test_values_come_back_as_the_board_keeps_them(link: Any) -> None:
-    def put(name: str, value: float) -> float:
-        link.mav.param_set_send(1, 1, name.encode(), value, 9)
-        return float(get(link, "PARAM_VALUE", met=lambda v: v.param_id == name).param_value)
-
-    assert put("FRAME_CLASS", 3.7) == 3.0
-    assert put("FRAME_CLASS", 300.0) == 127.0
-    assert put("FRAME_CLASS", 4.0) == 4.0
-    assert put("MOT_THST_EXPO", 5.0) == 5.0
-    assert put("MOT_THST_EXPO", 0.65) == pytest.approx(0.65)
-    link.mav.param_request_read_send(1, 1, b"NO_SUCH", -1)
-    assert get(link, "PARAM_ERROR") is not None
-    link.mav.param_request_list_send(1, 1)
-    names = set()
-    while (message := get(link, "PARAM_VALUE")) is not None and len(names) < message.param_count:
-        names.add(message.param_id)
-        if len(names) == message.param_count:
-            break
-    assert {"SERVO8_FUNCTION", "SCR_ENABLE", "ATC_RAT_RLL_P"} <= names and len(names) > 400
-
-
-def test_it_says_nothing_unasked_and_streams_what_is_asked(link: Any) -> None:
-    assert get(link, "ATTITUDE", 0.5) is None
-    link.mav.request_data_stream_send(1, 1, 10, 5, 1)
-    assert get(link, "ATTITUDE") is not None
-    assert command(link, 511, 32, 100000) == 0
-    assert get(link, "LOCAL_POSITION_NED") is not None
-
-
-def test_a_guided_flight(link: Any) -> None:
-    link.mav.request_data_stream_send(1, 1, 0, 10, 1)
-    assert command(link, 22, 0, 0, 0, 0, 0, 0, 3.0) == 4  # neither guided nor armed
-    assert command(link, 176, 1, GUIDED) == 0
-    assert command(link, 400, 1) == 0
-    assert command(link, 246, 1) == 4  # no reboot while armed
-    assert command(link, 183, 1, 1500) == 4  # a motor's output is taken
-    assert command(link, 22, 0, 0, 0, 0, 0, 0, 3.0) == 0
-    assert get(link, "LOCAL_POSITION_NED", met=lambda p: p.z < -2.8) is not None
-    time.sleep(0.6)
-    link.mav.set_position_target_local_ned_send(0, 1, 1, 1, 0xDF8, 2, 1, -4, 0, 0, 0, 0, 0, 0, 0, 0)
-
-    def there(p: Any) -> bool:
-        return math.dist((p.x, p.y, p.z), (2, 1, -4)) < 0.2
-
-    assert get(link, "LOCAL_POSITION_NED", met=there) is not None  # told once, it goes and stays
-    assert command(link, 21) == 0
-    assert get(link, "HEARTBEAT", met=lambda h: not h.base_mode & 128) is not None
-
-
-def test_mavsdk_connects_reads_parameters_and_moves_files(tmp_path: Path) -> None:
-    from mavsdk.plugins.ftp import Ftp, FtpError
-    from mavsdk.plugins.param import Param
-
-    with standin("--firmware", "ardupilot", "--speed", "2") as port, mavsdk_system(port) as system:
-        assert Param(system).get_param_float("MOT_THST_EXPO") == pytest.approx(0.65)
-        ftp = Ftp(system)
-        ftp.create_directory("scripts")
-        with pytest.raises(FtpError):  # as the real one: it asks for times, and does not ask again without
-            ftp.list_directory("/")
-        script, back = tmp_path / "table.lua", tmp_path / "back"
-        script.write_text(matrix_script(REDUCED, title="test"))
-        back.mkdir()
-        transfer(ftp.upload_async, str(script), "scripts")
-        assert ftp.are_files_identical(str(script), "scripts/table.lua")
-        for burst in (False, True):
-            transfer(ftp.download_async, "scripts/table.lua", str(back), burst)
-            assert (back / "table.lua").read_bytes() == script.read_bytes()
-
-
-def transfer(start: Callable[..., None], *arguments: object) -> None:
-    """Run one of MAVSDK's transfers to its end."""
-    results: list[int] = []
-    start(*arguments, lambda result, progress, data: results.append(int(result)))
-    end = time.monotonic() + 600.0
-    while not results or results[-1] == FtpResult.NEXT:
-        assert time.monotonic() < end, results
-        time.sleep(0.01)
-    assert results[-1] == FtpResult.SUCCESS, results
 
 
 class Board:
@@ -253,12 +160,6 @@ def test_a_script_may_hold_outputs_for_a_while(board: Board) -> None:
     assert board.copter.outputs_us == [1580.0] * 8
     board.run(0.4)
     assert board.copter.outputs_us != [1580.0] * 8
-
-
-def test_setpoints_are_for_guided_and_in_the_air_only(board: Board) -> None:
-    board.copter.offboard(Goal((1.0, 1.0, -2.0)))
-    board.run(1.0)
-    assert board.copter.landed and not board.copter.armed
 
 
 def test_a_set_point_before_it_is_up_ends_a_take_off(board: Board) -> None:

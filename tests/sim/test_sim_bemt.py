@@ -10,8 +10,7 @@ from scipy.optimize import brentq
 
 from sim.errors import WorldError
 from sim.flights import fly
-from sim.physics.bemt import BemtPair, pair_air, pair_loads
-from sim.physics.blade_numbers import RHO, Blades
+from sim.physics.bemt import RHO, BemtPair, BladeNumbers, pair_air, pair_loads
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
 from sim.vehicle import read_vehicle
@@ -19,7 +18,7 @@ from sim.world import World, build
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = Path(__file__).parents[3] / "shared" / "data" / "coax"
-IDEAL = Blades(0.2, 0.1, 0.6, 0.25, 0.0, mach=0.0, bluff=0.0)
+IDEAL = BladeNumbers(0.2, 0.1, 0.6, 0.25, 0.0, mach=0.0, bluff=0.0)
 
 
 def test_a_lone_rotor_hovers_on_momentum_theory() -> None:
@@ -37,7 +36,7 @@ def test_the_wake_costs_the_lower_rotor_and_nobody_else() -> None:
     alone = pair_loads(IDEAL, 120.0, 0.0, 0.6)
     below = pair_loads(IDEAL, 120.0, 0.6, 0.6)
     assert below[2] < 0.95 * alone[2] and below[0] == pytest.approx(alone[2], rel=0.05)
-    far = pair_loads(Blades(0.2, 4.0, 0.6, 0.25, 0.0, mach=0.0, bluff=0.0), 120.0, 0.6, 0.6)
+    far = pair_loads(BladeNumbers(0.2, 4.0, 0.6, 0.25, 0.0, mach=0.0, bluff=0.0), 120.0, 0.6, 0.6)
     ring = 1 / math.sqrt(2)  # fully contracted: half of the disc sees twice the flow
     assert below[2] != pytest.approx(far[2]) and 0 < far[2] < alone[2] and ring < 1
 
@@ -45,10 +44,10 @@ def test_the_wake_costs_the_lower_rotor_and_nobody_else() -> None:
 def test_climb_unloads_and_the_lower_rotor_may_be_felt_above() -> None:
     still, up = (pair_loads(IDEAL, 120.0, 0.6, 0.6, c)[0] for c in (0.0, 2.0))
     assert up < still
-    felt = Blades(0.2, 0.1, 0.6, 0.25, 0.0, mach=0.0, bluff=0.0, feedback=0.5)
+    felt = BladeNumbers(0.2, 0.1, 0.6, 0.25, 0.0, mach=0.0, bluff=0.0, feedback=0.5)
     assert pair_loads(felt, 120.0, 0.6, 0.9)[0] < still
     near, away = (
-        pair_loads(Blades(0.2, z, 0.6, 0.25, 0.0, mach=0.0, feedback=0.5), 120.0, 0.6, 0.9)[0]
+        pair_loads(BladeNumbers(0.2, z, 0.6, 0.25, 0.0, mach=0.0, feedback=0.5), 120.0, 0.6, 0.9)[0]
         for z in (0.05, 0.4)
     )
     assert near < away
@@ -69,7 +68,7 @@ def test_a_real_pair_comes_out_within_what_its_file_says() -> None:
     assert isinstance(pair, BemtPair)
     errors = []
     for name, spacing in (("055", 0.55), ("07", 0.7), ("085", 0.85), ("1", 1.0)):
-        blades = Blades(**{**vars(pair.blades), "spacing_m": spacing * 0.4115})
+        blades = BladeNumbers(**{**vars(pair.blades), "spacing_m": spacing * 0.4115})
         for row in csv.DictReader((DATA / f"mn4014_16in_zD{name}.csv").read_text().splitlines()):
             a, b = float(row["Speed Left [rpm]"]), float(row["Speed Right [rpm]"])
             if min(a, b) < 300:
@@ -82,7 +81,7 @@ def test_a_real_pair_comes_out_within_what_its_file_says() -> None:
     assert len(errors) > 380 and (rms < [0.52, 0.009, 1.1, 0.04]).all()
 
 
-def solved(b: Blades, tip: float, u: tuple[float, float], climb: float, edge: float) -> list[float]:
+def solved(b: BladeNumbers, tip: float, u: tuple[float, float], climb: float, edge: float) -> list[float]:
     """Loads of both rotors and their drag along the disc, root by root, by none of the world's code."""
     x = b.spacing_m / b.radius_m
     reach = x / math.sqrt(1 + x * x)

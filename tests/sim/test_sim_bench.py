@@ -7,7 +7,7 @@ import pytest
 
 from sim.errors import WorldError
 from sim.physics.rotors import read_pair
-from sim.stand.effects import CHANNELS, SIZES, Bench, BenchEffect, measure, read_bench
+from sim.stand.effects import CHANNELS, SIZES, StandEffect, StandSetup, measure, read_bench
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PAIR = read_pair(EXAMPLES / "rotor_paper.toml")
@@ -15,8 +15,8 @@ LOADS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm
 
 
 def run(name: str = "", size: float = 0.0, channel: str = "lower_thrust", **how: object) -> dict:
-    effects = (BenchEffect(name, size, 0.0, CHANNELS.index(channel)),) if name else ()
-    return measure(PAIR, Bench(effects, **how), seed=5)  # type: ignore[arg-type]
+    effects = (StandEffect(name, size, 0.0, CHANNELS.index(channel)),) if name else ()
+    return measure(PAIR, StandSetup(effects, **how), seed=5)  # type: ignore[arg-type]
 
 
 def moved(name: str, size: float, **how: object) -> dict[str, float]:

@@ -19,9 +19,10 @@ from pymavlink.dialects.v20 import common as m
 from sim.bridge.ardupilot_json import ArduPilotBridge
 from sim.bridge.px4_hil import Px4Bridge
 from sim.errors import PortError, WorldError
+from sim.physics.sensors import SensorReading
 from sim.px4.cascade import Cascade, Four, Goal, Three
-from sim.px4.mixer import Mixer
-from sim.px4.store import Store
+from sim.px4.mixer import Px4Mixer
+from sim.px4.store import Px4Store
 from sim.px4.tuning import tune
 from sim.testing import standin
 from sim.world import World, build_bridge
@@ -35,8 +36,8 @@ class Pilot:
     """Control laws for a counterpart: hover at 3 m, then a circle around 4.5 m."""
 
     def __init__(self, bridge: Px4Bridge | ArduPilotBridge, rate_hz: float) -> None:
-        store = Store((1, 16, 1), bridge.plant.vehicle)
-        self._mixer = Mixer(store, 8)
+        store = Px4Store((1, 16, 1), bridge.plant.vehicle)
+        self._mixer = Px4Mixer(store, 8)
         tuned = tune(self._mixer, bridge.plant)
         store.preset("MPC_THR_HOVER", tuned.hover)
         for axis, gains in zip(("ROLL", "PITCH", "YAW"), tuned.gains, strict=True):
@@ -54,7 +55,8 @@ class Pilot:
         return Goal((r * math.cos(a), r * math.sin(a), up), velocity)
 
     def fly(self, t: float, position: Three, velocity: Three, attitude: Four, rates: Three) -> np.ndarray:
-        d = self._cascade.track(self.goal(t), position, velocity, attitude, rates)
+        values = np.array([0.0, 0.0, 0.0, *rates, *attitude, *position, *velocity, 0.0, 0.0])
+        d = self._cascade.track(self.goal(t), SensorReading(t, values, 0.0))
         return self._mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
 
 

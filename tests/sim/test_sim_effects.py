@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.effects import Effect
+from sim.effects import HiddenEffect
 from sim.flights import fly, write_flight
 from sim.line.truthlog import TruthLog
 from sim.physics.bemt import pair_loads
@@ -23,7 +23,7 @@ HOVER = np.array([0.441] * 4 + [0.648] * 4)
 QUIET = Noise(*[0.0] * 10)
 
 
-def flown(*effects: Effect, height: float = 5.0, rotor: str = "") -> Plant:
+def flown(*effects: HiddenEffect, height: float = 5.0, rotor: str = "") -> Plant:
     """At rest in the air, rotors at speed, effects on."""
     pair = read_pair(Path(rotor) if rotor else EXAMPLES / "rotor_paper.toml")
     plant = Plant(read_vehicle(EXAMPLES / "x8_demo.toml"), pair)
@@ -39,10 +39,10 @@ def flown(*effects: Effect, height: float = 5.0, rotor: str = "") -> Plant:
 def test_a_ceiling_draws_by_momentum_theory_or_by_an_image(height: float) -> None:
     free = flown(height=height).thrust.copy()
     left = 6.0 - (height - flown().vehicle.position_m[:, 2])
-    under = flown(Effect("ceiling_effect", 0.5, 0.0, {"ceiling_m": 6.0}), height=height)
+    under = flown(HiddenEffect("ceiling_effect", 0.5, 0.0, {"ceiling_m": 6.0}), height=height)
     square = (0.235 / left) ** 2
     assert under.thrust / free == pytest.approx((1 + np.sqrt(1 + 0.5 * square)) / 2)
-    image = flown(Effect("ceiling_effect", 0.5, 0.0, {"ceiling_m": 6.0}, "image"), height=height)
+    image = flown(HiddenEffect("ceiling_effect", 0.5, 0.0, {"ceiling_m": 6.0}, "image"), height=height)
     assert image.thrust / free == pytest.approx(1 / (1 - 0.125 * square))
 
 
@@ -59,7 +59,7 @@ def test_windings_warm_by_their_current_and_slow_the_rotors() -> None:
     assert p.windings == pytest.approx(expected, rel=2e-3) and p.windings.min() > 5.0
     assert p.motor_currents == pytest.approx(q / m.torque_Nm_A)
     for law in ("resistance", "linear"):
-        hot = flown(Effect("motor_heating", 0.08, 0.0, {}, law))
+        hot = flown(HiddenEffect("motor_heating", 0.08, 0.0, {}, law))
         first = hot.state[hot.index.SPEED + 16 :][:8]
         first[:] = 100.0
         hot.advance(HOVER, 200)
@@ -76,7 +76,7 @@ def test_windings_warm_by_their_current_and_slow_the_rotors() -> None:
 
 def test_thin_air_carries_less_with_eq_17_and_with_blades() -> None:
     ratio = (1 - 2.25577e-5 * 2000.0) ** 5.25588 * 288.15 / 303.15
-    thin = Effect("air_density", 1.0, 0.0, {"altitude_m": 2000.0, "temperature_C": 30.0})
+    thin = HiddenEffect("air_density", 1.0, 0.0, {"altitude_m": 2000.0, "temperature_C": 30.0})
     assert flown(thin).thrust == pytest.approx(flown().thrust * ratio)
     p = flown(thin, rotor="kde5215_bemt")
     p.parameters[[p.index.MASS, p.index.IXX, p.index.IYY, p.index.IZZ]] = 1e9
@@ -88,7 +88,7 @@ def test_thin_air_carries_less_with_eq_17_and_with_blades() -> None:
 
 
 def test_a_pack_is_swapped_once_the_vehicle_stands() -> None:
-    truth = Truth((Effect("battery_swap", 1.0, 2.0, {"resistance_ohm": 0.04}),))
+    truth = Truth((HiddenEffect("battery_swap", 1.0, 2.0, {"resistance_ohm": 0.04}),))
     p = flown()
     p.steps = 2500
     truth.act(p)
@@ -104,7 +104,7 @@ def test_a_pack_is_swapped_once_the_vehicle_stands() -> None:
 
 
 def test_every_reading_is_late_by_the_delay() -> None:
-    p = flown(Effect("sensor_delay", 0.04))
+    p = flown(HiddenEffect("sensor_delay", 0.04))
     sensors, true, read = Sensors(p, 3, QUIET), [], []
     for _ in range(60):
         true.append(float(p.velocity[2]))
@@ -116,7 +116,7 @@ def test_every_reading_is_late_by_the_delay() -> None:
 
 @pytest.mark.parametrize(("law", "times"), [("unbalance", 1), ("blade_pass", 2)])
 def test_rotors_shake_at_their_rate_as_their_speed_squared(law: str, times: int) -> None:
-    p = flown(Effect("vibration", 6.0, 0.0, {}, law))
+    p = flown(HiddenEffect("vibration", 6.0, 0.0, {}, law))
     p.speeds[:] = 0.0
     p.speeds[3] = 0.5
     sensors = Sensors(p, 1, QUIET)
@@ -127,7 +127,7 @@ def test_rotors_shake_at_their_rate_as_their_speed_squared(law: str, times: int)
 
 
 def test_strange_pushes_come_and_go() -> None:
-    truth = Truth((Effect("strange", 12.0, 1.0),))
+    truth = Truth((HiddenEffect("strange", 12.0, 1.0),))
     p, pushes = flown(), []
     for k in range(400):
         p.steps = 100 * k
@@ -155,7 +155,7 @@ def test_with_a_failed_rotor_it_lands_and_disarms_in_time(
     firmware: str, within_s: float, lost: float
 ) -> None:
     pilot = build(World(EXAMPLES / "x8_demo.toml", firmware=firmware), []).autopilot
-    pilot.truth = Truth((Effect("degraded_rotor", lost, 8.0, {"rotor": 5.0}),))
+    pilot.truth = Truth((HiddenEffect("degraded_rotor", lost, 8.0, {"rotor": 5.0}),))
     if firmware == "ardupilot":
         pilot.set_ap_mode(4)  # type: ignore[attr-defined]
     pilot.arm()

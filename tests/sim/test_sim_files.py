@@ -2,23 +2,14 @@
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from ground import mavsdk_system, until
-from mavsdk.plugins.action import Action
-from mavsdk.plugins.ftp import Ftp, FtpError, FtpResult
-from mavsdk.plugins.log_files import LogFiles, LogFilesResult
-from mavsdk.plugins.param import Param
-from mavsdk.plugins.telemetry import Telemetry
-from mavsdk.system import System
 
-from sim.line.ftp import Files, Manners, Server
+from sim.line.ftp import CardFiles, Manners, Server
 from sim.px4.autopilot import Autopilot, Mode
-from sim.testing import standin
 from sim.world import World, build
 
 PX4 = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
@@ -30,7 +21,7 @@ class Card:
     """A card and a peer that asks."""
 
     def __init__(self) -> None:
-        self.files = Files("fs/microsd", protected=("etc/",))
+        self.files = CardFiles("fs/microsd", protected=("etc/",))
         self.sent: list[bytes] = []
         self.server = Server(self.files, PX4, self.sent.append)
         self.number = 0
@@ -84,85 +75,6 @@ def test_what_is_not_the_cards_cannot_be_written(card: Card) -> None:
     assert card.ask(4, b"@PARAM/param.pck") == (NAK, bytes([10]))  # ArduPilot's, not PX4's
     assert card.ask(99) == (NAK, bytes([7])) and card.ask(7, b"x") == (NAK, bytes([4]))
     assert card.ask(6, b"/big")[0] == ACK and card.ask(7, b"x", 2**31)[0] == NAK
-
-
-@pytest.fixture(scope="module")
-def vehicle() -> Iterator[System]:
-    with standin("--speed", "4", "--seed", "3") as port, mavsdk_system(port) as system:
-        yield system
-
-
-def transfer(start: Callable[..., None], going: int, *arguments: object) -> int:
-    """Run one of MAVSDK's transfers to its end."""
-    results: list[int] = []
-    start(*arguments, lambda result, *_: results.append(int(result)))
-    until(lambda: bool(results) and results[-1] != going, "the transfer does not end")
-    return results[-1]
-
-
-def test_mavsdk_fetches_the_log_of_its_flight(vehicle: System, tmp_path: Path) -> None:
-    from pyulog import ULog
-
-    telemetry, action, param, ftp = Telemetry(vehicle), Action(vehicle), Param(vehicle), Ftp(vehicle)
-    param.set_param_float("COM_DISARM_PRFLT", -1.0)
-    param.set_param_int("SDLOG_PROFILE", 17)  # for the next boot: PX4 reads it once
-    assert ftp.list_directory("/fs/microsd/log").entries == []
-    action.set_takeoff_altitude(2.0)
-    action.arm()
-    action.takeoff()
-    until(lambda: telemetry.position().relative_altitude_m > 1.8, "did not climb")
-    action.land()
-    until(lambda: not telemetry.armed(), "did not land")
-
-    folder = "/fs/microsd/log/sess001"
-    entries = ftp.list_directory(folder).entries
-    assert [(e.name, e.size_bytes > 100_000) for e in entries] == [("log001.ulg", True)]
-    done, going = FtpResult.SUCCESS, FtpResult.NEXT
-    (tmp_path / "burst").mkdir()
-    for burst, where in ((True, tmp_path / "burst"), (False, tmp_path)):
-        assert transfer(ftp.download_async, going, f"{folder}/log001.ulg", str(where), burst) == done
-    path = tmp_path / "log001.ulg"
-    assert path.read_bytes() == (tmp_path / "burst" / "log001.ulg").read_bytes()
-    assert ftp.are_files_identical(str(path), f"{folder}/log001.ulg")
-
-    log = ULog(str(path))
-    topics = {d.name: d.data for d in log.data_list}
-    assert not log.file_corruption and log.initial_parameters["CA_ROTOR_COUNT"] == 8
-    assert any("Landing detected" in line.message for line in log.logged_messages)
-    gyro, motors = topics["vehicle_angular_velocity"], topics["actuator_motors"]
-    assert np.median(np.diff(gyro["timestamp"].astype(int))) == 20000
-    assert -topics["vehicle_local_position"]["z"].min() == pytest.approx(2.0, abs=0.3)
-    assert (
-        0.1 < motors["control[7]"][len(motors["control[7]"]) // 2] < 0.9
-        and np.isnan(motors["control[8]"]).all()
-    )
-    assert (
-        topics["esc_status"]["esc_count"].max() == 8 and topics["esc_status"]["esc[7].esc_rpm"].max() > 1000
-    )
-    landed = topics["vehicle_land_detected"]["landed"]
-    assert landed[-1] == 1 and 0 in landed
-
-    logs = LogFiles(vehicle)
-    (entry,) = logs.get_entries()
-    assert entry.size_bytes == path.stat().st_size
-    other = tmp_path / "other.ulg"
-    assert (
-        transfer(logs.download_log_file_async, LogFilesResult.NEXT, entry, str(other))
-        == LogFilesResult.SUCCESS
-    )
-    assert other.read_bytes() == path.read_bytes()
-
-    ftp.create_directory("/fs/microsd/etc")
-    mixer = tmp_path / "mixer.csv"
-    mixer.write_text("0.5,-0.5,0.25,1.0\n" * 40)
-    assert transfer(ftp.upload_async, going, str(mixer), "/fs/microsd/etc") == done
-    assert ftp.are_files_identical(str(mixer), "/fs/microsd/etc/mixer.csv")
-    ftp.rename("/fs/microsd/etc/mixer.csv", "/fs/microsd/etc/old.csv")
-    ftp.remove_file("/fs/microsd/etc/old.csv")
-    with pytest.raises(FtpError):
-        ftp.remove_file("/fs/microsd/etc/old.csv")
-    with pytest.raises(FtpError):
-        ftp.create_directory("/etc/new")
 
 
 def flown(firmware: str) -> Autopilot:

@@ -79,11 +79,3 @@ def test_faults_are_on_the_callers_clock() -> None:
     client.say(seconds=0.2)
     assert not client.say(seconds=1.8)
     assert client.say(seconds=0.2)
-
-
-def test_it_flies() -> None:
-    client = Client(InMemory(World(FRAME)))
-    client.say(seconds=1.0)
-    client.say(command(400, 1))
-    client.say(command(22, 0, 0, 0, 0, 0, 0, 488.0 + 3.0), seconds=8.0)
-    assert abs(client.board.autopilot.plant.height - 3.2) < 0.4

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.effects import FORMS, Effect
+from sim.effects import FORMS, HiddenEffect
 from sim.errors import WorldError
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
-from sim.stand.effects import Bench, BenchEffect, measure, read_bench
+from sim.stand.effects import StandEffect, StandSetup, measure, read_bench
 from sim.stand.laws import LAWS, friction
 from sim.truth import Truth, read_truth, truth_text
 from sim.vehicle import read_vehicle
@@ -20,7 +20,7 @@ PAIR = read_pair(EXAMPLES / "rotor_paper.toml")
 HOVER = np.array([0.441] * 4 + [0.648] * 4)
 
 
-def flown(effect: Effect | None = None, u: np.ndarray = HOVER, height: float = 5.0) -> Plant:
+def flown(effect: HiddenEffect | None = None, u: np.ndarray = HOVER, height: float = 5.0) -> Plant:
     """A vehicle at rest in the air, its rotors at speed, the effect on."""
     plant = Plant(read_vehicle(EXAMPLES / "x8_demo.toml"), PAIR)
     plant.state[:] = 0.0
@@ -38,11 +38,11 @@ def heights(plant: Plant) -> np.ndarray:
 @pytest.mark.parametrize("height", [0.5, 0.9, 2.0])
 def test_ground_effect_by_cheeseman_and_bennett_and_by_hayden(height: float) -> None:
     free, gain = flown(height=height).thrust.copy(), 0.2 / math.e
-    image = flown(Effect("ground_effect", 0.2, 0.0, {"scale_m": 0.8}, "cheeseman"), height=height)
+    image = flown(HiddenEffect("ground_effect", 0.2, 0.0, {"scale_m": 0.8}, "cheeseman"), height=height)
     h = heights(image)
     radius = 4 * 0.8 * math.sqrt(gain / (1 + gain))  # so that the gain at 0.8 m is the exponential law's
     assert image.thrust / free == pytest.approx(1 / (1 - (radius / (4 * h)) ** 2))
-    power = flown(Effect("ground_effect", 0.2, 0.0, {"scale_m": 0.8}, "hayden"), height=height)
+    power = flown(HiddenEffect("ground_effect", 0.2, 0.0, {"scale_m": 0.8}, "hayden"), height=height)
     assert power.thrust / free == pytest.approx((1 + ((1 + gain) ** 1.5 - 1) * (0.8 / h) ** 2) ** (2 / 3))
 
 
@@ -52,7 +52,7 @@ def test_drag_by_mass_flow_and_by_flapping() -> None:
         ("momentum", lambda u, t: 0.55 * np.sqrt(t / each)),
         ("flapping", lambda u, t: 0.55**2 * t / each / u),
     ):
-        p = flown(Effect("rotor_drag", 1.2, 0.0, {}, law))
+        p = flown(HiddenEffect("rotor_drag", 1.2, 0.0, {}, law))
         p.state[3] = 3.0
         p.advance(HOVER, 0)
         force = p.specific_force[0] * 20.0
@@ -63,7 +63,7 @@ def test_drag_by_mass_flow_and_by_flapping() -> None:
 @pytest.mark.parametrize("climb", [-3.0, 0.5, 3.0])
 def test_inflow_by_momentum_balances_blades_and_air(climb: float) -> None:
     size = 4.0
-    p = flown(Effect("axial_inflow", size, 0.0, {}, "momentum"))
+    p = flown(HiddenEffect("axial_inflow", size, 0.0, {}, "momentum"))
     still = p.thrust.copy()
     p.state[5] = -climb
     p.advance(HOVER, 0)
@@ -85,7 +85,7 @@ def test_inflow_by_momentum_balances_blades_and_air(climb: float) -> None:
 
 def test_a_motor_under_load_and_a_giving_governor() -> None:
     for law in ("motor", "shepherd"):
-        p = flown(Effect("battery_voltage", 0.6, 0.0, {"reference_V": 33.6}, law))
+        p = flown(HiddenEffect("battery_voltage", 0.6, 0.0, {"reference_V": 33.6}, law))
         p.parameters[p.index.RESISTANCE] = 0.0
         p.advance(HOVER, 400)
         v = p.voltage / 33.6
@@ -98,7 +98,7 @@ def test_a_motor_under_load_and_a_giving_governor() -> None:
 def test_the_packs_relax_as_their_laws_say() -> None:
     volts_of = {}
     for law in ("power", "motor", "shepherd"):
-        p = flown(Effect("battery_voltage", 1e-9, 0.0, {}, law))
+        p = flown(HiddenEffect("battery_voltage", 1e-9, 0.0, {}, law))
         p.state[2] = -1e5
         volts = []
         for _ in range(12):
@@ -124,12 +124,12 @@ def test_the_packs_relax_as_their_laws_say() -> None:
 
 
 def test_lags_of_second_order_and_unequal_ways() -> None:
-    p = flown(Effect("rotor_lag", 0.04, 0.0, {}, "second_order"))  # 0.06 s in all
+    p = flown(HiddenEffect("rotor_lag", 0.04, 0.0, {}, "second_order"))  # 0.06 s in all
     p.state[p.index.SPEED + 8 :][:8] = HOVER
     p.advance(HOVER + 0.1, 45)
     t = 0.045 / 0.03
     assert p.speeds - HOVER == pytest.approx(0.1 * (1 - (1 + t) * math.exp(-t)), rel=1e-9)
-    p = flown(Effect("rotor_lag", 0.04, 0.0, {"down_over_up": 2.0}, "asymmetric"))
+    p = flown(HiddenEffect("rotor_lag", 0.04, 0.0, {"down_over_up": 2.0}, "asymmetric"))
     way = np.where(np.arange(8) % 2, 0.1, -0.1)
     p.advance(HOVER + way, 45)
     tau = np.where(way > 0, 0.04, 0.08)
@@ -138,12 +138,12 @@ def test_lags_of_second_order_and_unequal_ways() -> None:
 
 def test_rotors_react_to_the_rate_their_lag_gives_them() -> None:
     for law, rate in (("second_order", 0.0), ("asymmetric", 0.05 / (0.02 * 2 / 2.8))):
-        p = flown(Effect("rotor_lag", 0.0, 0.0, {}, law))
+        p = flown(HiddenEffect("rotor_lag", 0.0, 0.0, {}, law))
         p.state[p.index.SPEED + 8 :][:8] = HOVER
         command = HOVER + 0.05 * (p.vehicle.spin > 0)
         p.advance(command, 0)
         before = p.out[5]
-        Truth((Effect("rotor_inertia_torque", 0.002),)).act(p)
+        Truth((HiddenEffect("rotor_inertia_torque", 0.002),)).act(p)
         p.advance(command, 0)
         expected = 4 * 0.002 * (5400 * math.pi / 30) * rate
         assert (p.out[5] - before) * 1.60 == pytest.approx(expected, abs=1e-9)
@@ -151,18 +151,18 @@ def test_rotors_react_to_the_rate_their_lag_gives_them() -> None:
 
 def test_weak_short_hung_and_moved() -> None:
     sound = flown()
-    short = flown(Effect("degraded_rotor", 0.2, 0.0, {"rotor": 2.0}, "tip"))
+    short = flown(HiddenEffect("degraded_rotor", 0.2, 0.0, {"rotor": 2.0}, "tip"))
     assert short.thrust[1] / sound.thrust[1] == pytest.approx(0.8)
     assert short.torque[1] / sound.torque[1] == pytest.approx(0.8**1.25)
-    weak = flown(Effect("degraded_rotor", 0.2, 0.0, {"rotor": 2.0}, "weak_motor"))
+    weak = flown(HiddenEffect("degraded_rotor", 0.2, 0.0, {"rotor": 2.0}, "weak_motor"))
     weak.advance(HOVER, 300)
     assert weak.speeds[1] / HOVER[1] == pytest.approx(math.sqrt(0.8))
-    hung = flown(Effect("mass_change", 2.0, 0.0, {"below_m": 0.2}, "hung"))
+    hung = flown(HiddenEffect("mass_change", 2.0, 0.0, {"below_m": 0.2}, "hung"))
     i = np.array([hung.parameters[k] for k in (hung.index.IXX, hung.index.IYY, hung.index.IZZ)])
     gained = 20.0 * 2.0 / 22.0 * 0.2**2  # Steiner's
     assert i - hung.vehicle.inertia_kg_m2 == pytest.approx([gained, gained, 0.0])
     assert hung.parameters[hung.index.CZ] == pytest.approx(0.2 * 2.0 / 22.0)
-    moved = flown(Effect("cg_offset", 0.01, 0.0, {"direction_deg": 0.0}, "ballast"))
+    moved = flown(HiddenEffect("cg_offset", 0.01, 0.0, {"direction_deg": 0.0}, "ballast"))
     reach = 0.01 * 20.0 / 1.5  # how far 1.5 kg were moved
     steiner = 1.5 * (reach - 0.01) ** 2 + 18.5 * 0.01**2
     i = np.array([moved.parameters[k] for k in (moved.index.IXX, moved.index.IYY, moved.index.IZZ)])
@@ -171,13 +171,13 @@ def test_weak_short_hung_and_moved() -> None:
 
 
 def test_wind_grows_with_height_or_pushes_in_proportion() -> None:
-    truth = Truth((Effect("wind", 5.0, 0.0, {}, "shear"),))
+    truth = Truth((HiddenEffect("wind", 5.0, 0.0, {}, "shear"),))
     p = flown()
     for height, share in ((1.0, (1 / 4) ** 0.2), (4.0, 1.0), (8.0, 2**0.2)):
         p.state[2] = 0.2 - height
         truth.act(p)
         assert p.parameters[p.index.WIND] == pytest.approx(5.0 * share)
-    p = flown(Effect("wind", 5.0, 0.0, {"body_drag_kg_m": 0.1}, "linear"))
+    p = flown(HiddenEffect("wind", 5.0, 0.0, {"body_drag_kg_m": 0.1}, "linear"))
     assert p.specific_force[0] * 20.0 == pytest.approx(0.1 * 25.0)
     p.state[3] = 2.5
     p.advance(HOVER, 0)
@@ -185,7 +185,7 @@ def test_wind_grows_with_height_or_pushes_in_proportion() -> None:
 
 
 def test_dryden_gusts_across_the_wind_forget_faster() -> None:
-    truth = Truth((Effect("wind", 4.0, 0.0, {"gust_m_s": 1.5}, "dryden"),))
+    truth = Truth((HiddenEffect("wind", 4.0, 0.0, {"gust_m_s": 1.5}, "dryden"),))
     p, felt = flown(), []
     for _ in range(80000):
         truth.act(p)
@@ -200,7 +200,7 @@ def test_dryden_gusts_across_the_wind_forget_faster() -> None:
 
 def test_a_law_survives_its_file_and_a_bad_one_is_named(tmp_path: Path) -> None:
     path = tmp_path / "truth.toml"
-    effects = tuple(Effect(n, 0.1, 1.0, {}, law) for n, f in FORMS.items() for law in f.laws)
+    effects = tuple(HiddenEffect(n, 0.1, 1.0, {}, law) for n, f in FORMS.items() for law in f.laws)
     path.write_text(truth_text(Truth(effects)))
     assert read_truth(path).effects == effects
     path.write_text('[[effects]]\nname = "wind"\nsize = 1\nlaw = "breezy"')
@@ -233,12 +233,12 @@ def test_every_law_of_the_stand_is_as_large_as_the_first_and_another(name: str) 
     ramps = name in ("hysteresis", "rotor_lag", "dead_band")
     how = {"pattern": "ramps"} if ramps else {"sweeps": 4}
 
-    def run(*effects: BenchEffect) -> dict[str, np.ndarray]:
-        return measure(PAIR, Bench(effects, drive="throttle", **how), seed=2)  # type: ignore[arg-type]
+    def run(*effects: StandEffect) -> dict[str, np.ndarray]:
+        return measure(PAIR, StandSetup(effects, drive="throttle", **how), seed=2)  # type: ignore[arg-type]
 
     plain, by = run(), {}
     for law in LAWS[name]:
-        log = run(BenchEffect(name, SIZES[name], 0.0, 2, law))
+        log = run(StandEffect(name, SIZES[name], 0.0, 2, law))
         by[law] = {c: log[c] - plain[c] for c in LOADS}
     first = by[LAWS[name][0]]
     channel = max(LOADS, key=lambda c: np.std(first[c]) / np.std(plain[c]))

@@ -1,87 +1,12 @@
 """Manners of the firmwares that a companion stumbles over: lost links, bench tests, versions, indices."""
 
 import math
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as m
+from sim_pilot import GUIDED, LAND, RTL, Pilot
 
-from firmware_params.px4 import messages
-from sim.line.links import Peer, Port
-from sim.px4.autopilot import Goal, Mode
-from sim.standin import Standin
-from sim.world import World, build
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-GUIDED, RTL, LAND = 4, 6, 9
-
-
-class Talk(Port):
-    """A peer without a wire: what it says is heard at the next tick, what it is told is kept."""
-
-    def __init__(self) -> None:
-        super().__init__("test", "", 0, 1)
-        self.peers = [Peer(self, ("", 0), 1)]  # type: ignore[arg-type]
-        self.mav, self.parser = m.MAVLink(None, srcSystem=255, srcComponent=190), m.MAVLink(None)
-        self.inbox: list[bytes] = []
-        self.received: list[Any] = []
-
-    @property
-    def sockets(self) -> list:
-        return []
-
-    def sendto(self, data: bytes, address: object) -> None:
-        self.received += self.parser.parse_buffer(data) or []
-
-    def receive(self) -> list[tuple[Peer, bytes]]:
-        found, self.inbox = self.inbox, []
-        return [(self.peers[0], data) for data in found]
-
-
-class Pilot:
-    """A stand-in, ticked by hand, and someone who talks to it."""
-
-    def __init__(self, firmware: str) -> None:
-        self.port = Talk()
-        self.standin: Standin = build(World(EXAMPLES / "x8_demo.toml", firmware=firmware), [self.port])
-        self.autopilot: Any = self.standin.autopilot
-        self.ground_station()
-        self.run(0.1)
-
-    def say(self, message: Any) -> None:
-        self.port.inbox.append(message.pack(self.port.mav))
-
-    def ground_station(self) -> None:
-        self.say(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-
-    def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
-        for _ in range(round(250 * seconds)):
-            each()
-            self.standin.tick()
-
-    def heard(self, kind: str) -> list[Any]:
-        found = [message for message in self.port.received if message.get_type() == kind]
-        self.port.received = [message for message in self.port.received if message.get_type() != kind]
-        return found
-
-    def command(self, number: int, *p: float) -> int:
-        self.heard("COMMAND_ACK")
-        self.say(m.MAVLink_command_long_message(1, 1, number, 0, *[*p, *[0.0] * (7 - len(p))]))
-        self.run(0.008)
-        return int(self.heard("COMMAND_ACK")[-1].result)
-
-    def put(self, name: str, value: float) -> None:
-        self.autopilot.store.preset(name, value)
-
-    def climb(self) -> None:
-        if self.autopilot.id_parameter == "MAV_SYSID":
-            assert self.command(176, 1, GUIDED) == 0
-        assert self.command(400, 1) == 0
-        self.autopilot.take_off(3.0)
-        self.run(7.0)
-        assert not self.autopilot.landed
+from sim.px4.autopilot import Goal, Mode, Refused
 
 
 @pytest.fixture
@@ -92,15 +17,6 @@ def px4() -> Pilot:
 @pytest.fixture
 def copter() -> Pilot:
     return Pilot("ardupilot")
-
-
-@pytest.fixture(autouse=True)
-def known_messages() -> Iterator[None]:
-    before = m.mavlink_map.get(291)
-    m.mavlink_map[291] = messages.MAVLink_esc_status_message
-    yield
-    if before is None:
-        del m.mavlink_map[291]
 
 
 @pytest.mark.parametrize(("action", "mode"), [(1, Mode.HOLD), (2, Mode.RTL), (3, Mode.LAND)])
@@ -226,16 +142,34 @@ def test_ardupilot_answers_names_without_an_index_and_hides_what_is_off(copter: 
     assert len(copter.heard("LOCAL_POSITION_NED")) == pytest.approx(10, abs=1)
 
 
-def test_a_reboot_forgets_what_was_asked_for(copter: Pilot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.standin.REBOOT_S", 0.05)
+def test_a_reboot_forgets_what_was_asked_for(copter: Pilot) -> None:
     assert copter.command(511, 32, 10000) == 0
     copter.run(0.5)
     assert copter.heard("LOCAL_POSITION_NED")[-1].time_boot_ms > 1000 * copter.autopilot.plant.time_s + 950
     assert copter.command(246, 1) == 0
-    while copter.standin._booting:
-        copter.run(0.004)
-    copter.heard("LOCAL_POSITION_NED")
-    copter.run(0.5)
+    copter.run(2.0)
     assert copter.heard("LOCAL_POSITION_NED") == []
     assert copter.command(512, 32) == 0
     assert copter.heard("LOCAL_POSITION_NED")[-1].time_boot_ms < 1000 * copter.autopilot.plant.time_s + 500
+
+
+def test_after_a_landing_px4_is_in_the_mode_chosen_before(px4: Pilot) -> None:
+    """UserModeIntention.cpp, and seen on the real one."""
+    a = px4.autopilot
+
+    def flown(*, offboard: bool) -> Mode:
+        px4.climb()
+        if offboard:
+            a.offboard(Goal((0.0, 0.0, -3.0)))
+            a.set_mode(Mode.OFFBOARD)
+        a.set_mode(Mode.LAND)
+        px4.until(lambda: not a.armed)
+        return a.mode
+
+    assert flown(offboard=False) == Mode.HOLD
+    assert flown(offboard=True) == Mode.OFFBOARD
+    with pytest.raises(Refused, match="health failures"):
+        a.arm()
+    a.set_mode(Mode.HOLD)
+    a.arm()
+    assert a.armed

@@ -8,7 +8,7 @@ from ground import mavsdk_system, until
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.info import Info
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw
-from mavsdk.plugins.param import Param, ParamError
+from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import FlightMode, LandedState, Telemetry
 from mavsdk.system import System
 
@@ -23,20 +23,6 @@ def vehicle(request: pytest.FixtureRequest) -> Iterator[System]:
         mavsdk_system(port) as system,
     ):
         yield system
-
-
-def test_mavsdk_reads_and_sets_parameters(vehicle: System) -> None:
-    param = Param(vehicle)
-    assert param.get_param_int("CA_ROTOR_COUNT") == 8
-    assert param.get_param_float("CA_ROTOR0_CT") == pytest.approx(6.5)
-    param.set_param_float("CA_ROTOR4_CT", 69.89)
-    param.set_param_int("COM_RC_IN_MODE", 4)
-    assert param.get_param_float("CA_ROTOR4_CT") == pytest.approx(69.89, abs=1e-5)
-    assert param.get_param_int("COM_RC_IN_MODE") == 4
-    everything = param.get_all_params()
-    assert len(everything.int_params) + len(everything.float_params) > 350
-    with pytest.raises(ParamError):
-        param.get_param_float("NO_SUCH_PARAM")
 
 
 def test_mavsdk_arms_takes_off_flies_offboard_and_lands(vehicle: System) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.px4.mixer import Mixer
-from sim.px4.store import Store
+from sim.px4.mixer import Px4Mixer
+from sim.px4.store import Px4Store
 from sim.vehicle import read_vehicle
 
 HERE = Path(__file__).parents[1]
@@ -15,7 +15,7 @@ CASES = json.loads((HERE / "data" / "px4_vectors.json").read_text())["cases"]
 VEHICLE = read_vehicle(HERE.parent / "examples" / "x8_paper.toml")
 
 
-def wired(store: Store, name: str, value: float) -> None:
+def wired(store: Px4Store, name: str, value: float) -> None:
     import struct
 
     if store.type(name) == 6:
@@ -25,9 +25,9 @@ def wired(store: Store, name: str, value: float) -> None:
 
 @pytest.mark.parametrize("case", CASES, ids=lambda c: c["name"])
 def test_uploaded_tables_mix_as_px4_mixes_them(case: dict) -> None:
-    store = Store((1, 16, 1), VEHICLE)
+    store = Px4Store((1, 16, 1), VEHICLE)
     rotors = int(case["parameters"]["CA_ROTOR_COUNT"])
-    mixer = Mixer(store, rotors)
+    mixer = Px4Mixer(store, rotors)
     for name, value in case["parameters"].items():
         wired(store, name, value)
     for vector in case["vectors"]:
@@ -40,8 +40,8 @@ def test_uploaded_tables_mix_as_px4_mixes_them(case: dict) -> None:
 
 
 def test_the_old_mixer_of_1_13_ignores_the_table() -> None:
-    store = Store((1, 13, 3), VEHICLE)
-    mixer = Mixer(store, 8)
+    store = Px4Store((1, 13, 3), VEHICLE)
+    mixer = Px4Mixer(store, 8)
     before = mixer.command(0.05, -0.02, 0.03, 0.4)
     wired(store, "CA_ROTOR0_CT", 40.0)
     assert np.array_equal(mixer.command(0.05, -0.02, 0.03, 0.4), before)
@@ -50,8 +50,8 @@ def test_the_old_mixer_of_1_13_ignores_the_table() -> None:
 
 
 def test_a_table_that_cannot_be_mixed_stops_the_motors() -> None:
-    store = Store((1, 16, 1), VEHICLE)
-    mixer = Mixer(store, 8)
+    store = Px4Store((1, 16, 1), VEHICLE)
+    mixer = Px4Mixer(store, 8)
     assert mixer.command(0, 0, 0, 0.5).min() > 0.3
     wired(store, "CA_ROTOR_COUNT", 0)
     assert mixer.mix is None and not mixer.command(0, 0, 0, 0.5).any()

@@ -15,8 +15,8 @@ os.environ.setdefault("MAVLINK20", "1")
 from pymavlink import mavutil
 
 from coaxlink.studies.simulator import free_port
-from sim.ardupilot.mixer import Mixer
-from sim.ardupilot.store import Store
+from sim.ardupilot.mixer import ArduPilotMixer
+from sim.ardupilot.store import ArduPilotStore
 from sim.bridge.ardupilot_json import ArduPilotBridge
 from sim.px4.tuning import tune
 from sim.world import World, build_bridge
@@ -32,8 +32,8 @@ GUIDED = 4
 
 def defaults(bridge: ArduPilotBridge) -> str:
     """What the vehicle's owner would have set: frame, outputs, hover thrust, rate gains; no radio."""
-    store = Store(bridge.plant.vehicle)
-    tuned = tune(Mixer(store, 8), bridge.plant)
+    store = ArduPilotStore(bridge.plant.vehicle)
+    tuned = tune(ArduPilotMixer(store, 8), bridge.plant)
     values: dict[str, float] = {"FRAME_CLASS": 4, "FRAME_TYPE": 1, "ARMING_CHECK": 0, "FS_THR_ENABLE": 0}
     values |= {f"SERVO{n}_FUNCTION": 32 + n for n in range(1, 9)}
     values |= {"MOT_THST_HOVER": min(max(tuned.hover, 0.125), 0.6875), "SIM_RATE_HZ": 800, "DISARM_DELAY": 0}

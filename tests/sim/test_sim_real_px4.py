@@ -16,8 +16,8 @@ os.environ.setdefault("MAVLINK20", "1")
 from pymavlink import mavutil
 
 from sim.bridge.px4_hil import Px4Bridge
-from sim.px4.mixer import Mixer
-from sim.px4.store import Store
+from sim.px4.mixer import Px4Mixer
+from sim.px4.store import Px4Store
 from sim.px4.tuning import tune
 from sim.world import World, build_bridge
 
@@ -45,8 +45,8 @@ def instance() -> int:
 
 def presets(bridge: Px4Bridge) -> dict[str, str]:
     """What the vehicle's owner would have set: geometry, outputs, hover thrust, rate gains."""
-    store = Store((1, 16, 1), bridge.plant.vehicle)
-    tuned, rotors = tune(Mixer(store, 8), bridge.plant), range(8)
+    store = Px4Store((1, 16, 1), bridge.plant.vehicle)
+    tuned, rotors = tune(Px4Mixer(store, 8), bridge.plant), range(8)
     names = [f"CA_ROTOR{n}_{k}" for n in rotors for k in ("PX", "PY", "PZ", "KM", "CT")]
     names += [f"PWM_MAIN_FUNC{n + 1}" for n in rotors] + ["CA_ROTOR_COUNT"]
     values: dict[str, float] = {name: store[name] for name in names}

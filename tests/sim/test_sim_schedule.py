@@ -9,7 +9,7 @@ import pytest
 
 from sim.errors import WorldError
 from sim.physics.rotors import read_pair
-from sim.stand.effects import Bench, BenchEffect, measure
+from sim.stand.effects import StandEffect, StandSetup, measure
 from sim.stand.schedule import read_schedule
 
 ROTOR = Path(__file__).parents[2] / "examples" / "rotor_paper.toml"
@@ -46,7 +46,7 @@ def test_the_supply_is_what_the_plan_sets(tmp_path):
         )
     )
     columns = measure(
-        read_pair(ROTOR), Bench((BenchEffect("battery_voltage", 1.0, 0.0, 0),)), seed=3, schedule=plan
+        read_pair(ROTOR), StandSetup((StandEffect("battery_voltage", 1.0, 0.0, 0),)), seed=3, schedule=plan
     )
     volts, rpm = columns["voltage_V"], columns["upper_rpm"]
     assert abs(volts[:50].mean() - 33.6) < 0.02 and abs(volts[50:].mean() - 29.4) < 0.02

@@ -9,7 +9,6 @@ import pytest
 from sim.errors import WorldError
 from sim.flights import fly, write_flight
 from sim.line.wire import Wire, WireFaults, parse_faults
-from sim.testing import standin
 from sim.world import World, build
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -83,30 +82,7 @@ def test_a_bad_option_is_one_clear_line(text: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_reboot_in_the_middle_of_an_upload_keeps_what_was_written() -> None:
-    from pymavlink import mavutil
-
-    with standin("--wire", "reboot=3", "--speed", "4") as port:
-        link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=255, dialect="common")
-        link.mav.heartbeat_send(6, 8, 0, 0, 4)
-        assert link.wait_heartbeat(timeout=600) is not None
-        for n in range(5):
-            link.mav.param_set_send(1, 1, b"CA_ROTOR%d_CT" % n, 20.0 + n, 9)
-            link.recv_match(type="PARAM_VALUE", blocking=True, timeout=0.3)
-        assert link.recv_match(type="HEARTBEAT", blocking=True, timeout=600) is not None
-        values = []
-        for n in range(5):
-            link.mav.param_request_read_send(1, 1, b"CA_ROTOR%d_CT" % n, -1)
-            name = f"CA_ROTOR{n}_CT"
-            message = None
-            while message is None or message.param_id != name:
-                message = link.recv_match(type="PARAM_VALUE", blocking=True, timeout=600)
-                assert message is not None
-            values.append(message.param_value)
-        link.close()
-    assert values == [20.0, 21.0, 22.0, 6.5, 6.5]
-
-
+@pytest.mark.slow
 def test_the_same_seed_flies_the_same_bytes(tmp_path: Path) -> None:
     logs = []
     for name in ("a", "b"):

@@ -8,7 +8,7 @@ import pytest
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import CheckFailed
-from coaxlink.fly.trajectory import Hold, Plan, Swing
+from coaxlink.fly.trajectory import FlightPlan, Hold, Swing
 from coaxlink.rotor import load_rotor_model
 from coaxlink.rotor.model import EffectEntry as Effect
 from coaxlink.studies import allocation, flights
@@ -19,7 +19,7 @@ AIRFRAME = load_airframe(files.example("x8_demo.toml"))
 MODEL = load_rotor_model(files.example("rotor_paper.toml"))
 VEHICLE = Vehicle(AIRFRAME, MODEL)
 HOVER, NORTH, UP = (0.0, 0.0, -3.0), (1.0, 0.0, -3.0), (0.0, 0.0, -4.2)
-PLAN = Plan(
+PLAN = FlightPlan(
     (Hold("hover", HOVER, 3.0), Swing("to and fro", HOVER, NORTH, 7.5, 3), Swing("up", HOVER, UP, 6.0, 3))
 )
 # the world's own law is another: thrust times 1 - r / (1 + |r|), r = 4 V / (u 105 m/s)

@@ -3,10 +3,9 @@
 import json
 import lzma
 
-from fork_board import fork_board
+from memory_net import meet, standin
 from px4_board import params_text
 
-from coaxlink.mavlink import connect
 from coaxlink.mavlink.ftp import Files
 from coaxlink.uploading.limits import PATH, Limits, board_limits, parse_limits
 from coaxlink.uploading.plan import load_plan
@@ -32,7 +31,8 @@ def test_limits_of_a_list():
 def test_a_value_that_the_board_s_own_list_forbids_is_refused(tmp_path):
     table = tmp_path / "x8.params"
     table.write_text(params_text())  # CT 46.98 above, 69.89 below: within ours, beyond this board's
-    with fork_board() as (url, files, _), connect(url) as session:
+    with standin() as board, meet(board) as session:
+        files = board.autopilot.files
         files.folders |= {"etc", "etc/extras"}
         files.files[PATH.strip("/")] = lzma.compress(json.dumps(LIST).encode())
         outcome = Uploader(session, backup_folder=tmp_path / "b").upload(load_plan(table))
@@ -42,7 +42,8 @@ def test_a_value_that_the_board_s_own_list_forbids_is_refused(tmp_path):
 
 
 def test_a_damaged_list_is_no_list(tmp_path):
-    with fork_board() as (url, files, _), connect(url) as session:
+    with standin() as board, meet(board) as session:
+        files = board.autopilot.files
         files.folders |= {"etc", "etc/extras"}
         files.files[PATH.strip("/")] = b"not xz at all"
         assert board_limits(Files(session), session.identity) is None

@@ -4,12 +4,11 @@ import struct
 from pathlib import Path
 
 import pytest
+from memory_net import Net, meet
 from px4_board import params_text, x8
 from scripted_autopilot import FLOAT, INT32, ScriptedAutopilot
 
 from coaxlink.errors import InputError
-from coaxlink.mavlink import connect
-from coaxlink.mavlink.parameters import Parameters
 from coaxlink.uploading.backup import read_backup
 from coaxlink.uploading.journal import Journal
 from coaxlink.uploading.outcome import Talk
@@ -29,23 +28,20 @@ OTHERS = {
 
 @pytest.fixture
 def board():
-    with ScriptedAutopilot(x8() | OTHERS) as vehicle:
+    with ScriptedAutopilot(x8() | OTHERS, net=Net()) as vehicle:
         vehicle.param_errors = True
         yield vehicle
 
 
 def _worker(session, tmp_path, talk=None):
-    parameters = Parameters(session, timeout_s=0.1)
-    return Uploader(
-        session, backup_folder=tmp_path / "b", talk=talk, patience_s=1.0, parameters=parameters, reboot_s=0.1
-    )
+    return Uploader(session, backup_folder=tmp_path / "b", talk=talk, patience_s=1.0)
 
 
 def _upload(board, tmp_path, **options):
     folder = tmp_path / "t"
     folder.mkdir(exist_ok=True)
     (folder / "x8.params").write_text(params_text(**options))
-    with connect(board.url) as session:
+    with meet(board) as session:
         outcome = _worker(session, tmp_path).upload(load_plan(folder))
     assert outcome.result == "verified", outcome.reason
     return Path(outcome.backup)
@@ -53,7 +49,7 @@ def _upload(board, tmp_path, **options):
 
 def _restore(board, path, tmp_path, **options):
     said = []
-    with connect(board.url) as session:
+    with meet(board) as session:
         return _worker(session, tmp_path, Talk(say=said.append)).restore(read_backup(path), **options), said
 
 
@@ -133,7 +129,7 @@ def test_all_puts_the_rest_back_but_what_the_board_owns(board, tmp_path):
     assert board.params["COM_FLIGHT_UUID"][0] == 42 and "COM_FLIGHT_UUID" not in board.sets
     assert {row["name"] for row in outcome.to_json()["left_out"]} == set(outcome.left_out)
     assert any("COM_FLIGHT_UUID (counter)" in text for text in said)
-    with connect(board.url) as session:
+    with meet(board) as session:
         assert set(Journal(session.identity).last().values) < set(x8())  # `verify` is of the table
 
 
@@ -150,7 +146,7 @@ def test_all_goes_on_past_what_the_board_refuses_of_the_rest(board, tmp_path, ho
     assert outcome.to_json()["passed_over"][0]["why"] == ("read only" if how == "refuses" else "keeps 7")
     assert board.params["SDLOG_PROFILE"][0] == 1 and board.params["CA_ROTOR3_CT"][0] == 6.5
     assert any("passed over" in text for text in said)
-    with connect(board.url) as session:
+    with meet(board) as session:
         assert Journal(session.identity).open_entry() is None
 
 
@@ -173,7 +169,7 @@ def test_an_interrupted_restore_of_all_is_finished_past_a_refusal(board, tmp_pat
     outcome, _ = _restore(board, path, tmp_path, everything=True)
     assert outcome.result == "failed" and outcome.standing["new"]
     board.armed = False
-    with connect(board.url) as session:
+    with meet(board) as session:
         again = _worker(session, tmp_path).upload(load_plan(tmp_path / "t"))
     assert again.result == "verified", again.reason
     assert _held(board) == table | _held(board, "MPC_XY_CRUISE")
@@ -183,7 +179,7 @@ def test_verify_does_not_take_a_table_s_value_for_learned_on_px4(board, tmp_path
     """PX4's estimator keeps its hover thrust to itself: another MPC_THR_HOVER is somebody's doing."""
     _upload(board, tmp_path)
     _set(board, "MPC_THR_HOVER", 0.42)
-    with connect(board.url) as session:
+    with meet(board) as session:
         result = verify(session, None)
     assert not result.holds and [w["name"] for w in result.mismatches] == ["MPC_THR_HOVER"]
     assert result.learned == ()

@@ -1,15 +1,12 @@
 """Tables on the stand-ins of `sim`, which share no code with the upload."""
 
 import re
-import time
 from pathlib import Path
 
 import numpy as np
-import pytest
+from memory_net import EXAMPLES, X8, meet, standin
 
 from coaxlink.airframe import load_airframe
-from coaxlink.cli import main
-from coaxlink.mavlink import connect
 from coaxlink.mavlink.ftp import FileError, Files
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.rotor import load_rotor_model
@@ -24,54 +21,12 @@ from coaxlink.uploading.verify import verify
 from coaxlink.uploading.worker import Uploader
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot import packed, scripts
-from sim.testing import standin
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-X8 = EXAMPLES / "x8_paper.toml"
-
-
-@pytest.fixture(scope="module")
-def tables(tmp_path_factory):
-    """Folders by name, each written by the verb."""
-    folder = tmp_path_factory.mktemp("tables")
-    wanted = {
-        "px4": ["--firmware", "px4", "--law", "reduced", "--rotor", str(EXAMPLES / "rotor_eq15.toml")],
-        "matrix": ["--firmware", "ardupilot", "--law", "reduced"],
-        "loader": ["--firmware", "ardupilot", "--law", "reduced", "--frame-class", "17", "--spin-min", "0"],
-        "loader-standard": [
-            "--firmware",
-            "ardupilot",
-            "--frame-class",
-            "17",
-            "--spin-min",
-            "0",
-            "--law",
-            "standard",
-        ],
-    }
-    for name, options in wanted.items():
-        with pytest.raises(SystemExit) as ended:
-            main(["table", str(X8), *options, "--out", str(folder / name)])
-        assert ended.value.code == 0
-    return {name: folder / name for name in wanted}
-
-
-def test_px4_takes_a_table_over_a_bad_line_and_gives_it_back(tables, tmp_path):
-    wire = "loss=0.05,copies=0.03,disorder=0.05,corruption=0.005,delay=0.003"
-    with standin("--firmware", "px4", "--wire", wire) as port, connect(f"udpout:127.0.0.1:{port}") as session:
-        plan = load_plan(tables["px4"])
-        before = Parameters(session).read_many(plan.params)
-        outcome = Uploader(session, backup_folder=tmp_path).upload(plan)
-        assert outcome.result == "verified" and len(outcome.changed) == 18 and outcome.retries > 0
-        assert verify(session, None).holds
-        back = Uploader(session, backup_folder=tmp_path).restore(read_backup(Path(outcome.backup)))
-        assert back.result == "verified"
-        after = Parameters(session).read_many(plan.params)
-        assert all(after[n].same(v) for n, v in before.items())
+pytestmark = pytest.mark.slow
 
 
 def test_px4_keeps_it_over_a_reboot(tables, tmp_path):
-    with standin("--firmware", "px4") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("px4") as board, meet(board) as session:
         said = []
         worker = Uploader(session, backup_folder=tmp_path, talk=Talk(say=said.append), reboot_s=0.4)
         assert worker.upload(load_plan(tables["px4"]), reboot=True).result == "verified"
@@ -80,32 +35,17 @@ def test_px4_keeps_it_over_a_reboot(tables, tmp_path):
 
 def test_what_is_verified_survives_a_power_cut(tables, tmp_path):
     """PX4 saves its parameters up to two seconds late: the word "verified" must not come before."""
-    plan, memory = load_plan(tables["px4"]), ("--memory", str(tmp_path / "flash"))
+    plan, memory = load_plan(tables["px4"]), tmp_path / "flash"
     with (
-        standin("--firmware", "px4", *memory) as port,
-        connect(f"udpout:127.0.0.1:{port}") as session,
+        standin("px4", memory=memory) as board,
+        meet(board) as session,
     ):
         assert Uploader(session, backup_folder=tmp_path).upload(plan).result == "verified"
     with (
-        standin("--firmware", "px4", *memory) as port,
-        connect(f"udpout:127.0.0.1:{port}") as session,
+        standin("px4", memory=memory) as board,
+        meet(board) as session,
     ):
         assert verify(session, plan).holds
-
-
-def test_a_reboot_in_the_middle_does_not_leave_a_mixture(tables, tmp_path):
-    with (
-        standin("--firmware", "px4", "--wire", "reboot=7") as port,
-        connect(f"udpout:127.0.0.1:{port}") as session,
-    ):
-        plan = load_plan(tables["px4"])
-        outcome = Uploader(session, backup_folder=tmp_path).upload(plan)
-        assert outcome.result in ("verified", "rolled_back")
-        found = Parameters(session).read_many(plan.params)
-        changed = {c.name: c for c in outcome.changed}
-        side = "new" if outcome.result == "verified" else "old"
-        assert all(found[n].same(getattr(c, side)) for n, c in changed.items())
-        assert Journal(session.identity).open_entry() is None
 
 
 def _ap(session, folder, **options):
@@ -121,11 +61,11 @@ def _of_the_user(session):
     return {n: v.value for n, v in values.items() if n not in OWN and not n.startswith("STAT_")}
 
 
-def _comes(said, text, wait_s=10.0):
-    end = time.monotonic() + wait_s
+def _comes(session, said, text, wait_s=10.0):
+    end = session.clock.monotonic() + wait_s
     while not any(text in line for line in said):
-        assert time.monotonic() < end, said
-        time.sleep(0.05)
+        assert session.clock.monotonic() < end, said
+        session.clock.sleep(0.05)
 
 
 def _ardupilot_said(session):
@@ -135,7 +75,7 @@ def _ardupilot_said(session):
 
 
 def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables, tmp_path):
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot") as board, meet(board) as session:
         said = _ardupilot_said(session)
         before = _of_the_user(session)
 
@@ -148,7 +88,7 @@ def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables
 
         first, talk = upload("matrix")
         assert "rebooting" in talk and first.scripts == (f"/APM/scripts/{scripts.MATRIX_NAME}",)
-        _comes(said, "matrix of 8 motors")
+        _comes(session, said, "matrix of 8 motors")
         assert Parameters(session).read("FRAME_CLASS").value == 15
 
         _, talk = upload("loader")
@@ -156,7 +96,7 @@ def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables
         said.clear()
         _, talk = upload("loader-standard")
         assert "rebooting" not in talk
-        _comes(said, "table of 8 motors live")  # no reboot, no second init
+        _comes(session, said, "table of 8 motors live")  # no reboot, no second init
         assert verify(session, None).holds and verify(session, load_plan(tables["loader-standard"])).holds
         other = verify(session, load_plan(tables["loader"]))
         assert {w["name"] for w in other.mismatches} >= {"CXL_SUM", "CXL_T1"}
@@ -172,7 +112,7 @@ def test_ardupilot_takes_a_matrix_and_then_a_loader_whose_tables_are_live(tables
 
 
 def test_ardupilot_refuses_what_it_must(tables, tmp_path):
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot") as board, meet(board) as session:
         folder = tmp_path / "t"
         (folder / "scripts").mkdir(parents=True)
         text = next(tables["matrix"].glob("*.param")).read_text()
@@ -212,7 +152,7 @@ def test_a_script_that_fails_its_own_check_is_rolled_back_or_cannot_arm(tables, 
     (folder / "scripts").mkdir(parents=True)
     (folder / "x.param").write_text(next(tables["loader"].glob("*.param")).read_text())
     (folder / "scripts" / scripts.LOADER_NAME).write_text("error('broken')\n")
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot") as board, meet(board) as session:
         before = _of_the_user(session)
         outcome = _ap(session, tmp_path / "b").upload(load_plan(folder))
         assert outcome.result == "rolled_back" and "CXL_SUM does not appear" in outcome.reason
@@ -220,27 +160,9 @@ def test_a_script_that_fails_its_own_check_is_rolled_back_or_cannot_arm(tables, 
         assert Files(session).listing("/APM/scripts") == []
 
 
-def test_files_over_a_bad_line(tmp_path):
-    data = np.random.default_rng(3).integers(0, 256, 1500, dtype=np.uint8).tobytes()
-    wire = "loss=0.1,copies=0.05,disorder=0.05,corruption=0.01"
-    with (
-        standin("--firmware", "ardupilot", "--wire", wire) as port,
-        connect(f"udpout:127.0.0.1:{port}") as session,
-    ):
-        files = Files(session, timeout_s=0.15)
-        files.make_folder("/APM/scripts")
-        files.write("/APM/scripts/a.lua", data)
-        assert files.read("/APM/scripts/a.lua") == data and files.crc(
-            "/APM/scripts/a.lua"
-        ) == scripts.file_crc(data)
-        assert files.listing("/APM/scripts") == ["a.lua"] and files.listing("/APM/none") is None
-        assert files.read("/APM/scripts/none") is None and files.crc("/APM/none") is None
-        assert files.remove("/APM/scripts/a.lua") and files.retries > 0
-
-
 def test_a_file_that_an_old_request_spoils_is_written_again(monkeypatch):
     """A doubled and delayed "remove" comes after the renaming; a restart forgets an open file."""
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot") as board, meet(board) as session:
         files, other, late = Files(session), Files(session), ["rename", "write"]
         request, window = files._request, files._window
 
@@ -266,7 +188,7 @@ def test_a_file_that_an_old_request_spoils_is_written_again(monkeypatch):
 
 def test_a_folder_without_a_parent_is_no_end_of_the_search(monkeypatch):
     """The real SITL has no /APM: making /APM/scripts there is answered with errno 2."""
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot") as board, meet(board) as session:
         files, made = Files(session), []
         request = files._request
 
@@ -281,7 +203,7 @@ def test_a_folder_without_a_parent_is_no_end_of_the_search(monkeypatch):
 
 
 def test_the_packed_file_is_the_list():
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot") as board, meet(board) as session:
         found = packed.unpack(Files(session).read(packed.PATH))
         listed = Parameters(session).read_all().values
         assert found == {n: (v.value, v.type) for n, v in listed.items()}
@@ -304,7 +226,7 @@ def test_the_stand_in_mixes_what_realise_says():
 
 def test_an_interrupted_change_of_scripts_does_not_bring_the_other_script_back(tables, tmp_path):
     """Killed when the loader was gone and the matrix there, before the restart that makes it fly."""
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot") as board, meet(board) as session:
         matrix, loader = (f"/APM/scripts/{n}" for n in (scripts.MATRIX_NAME, scripts.LOADER_NAME))
         plan = load_plan(tables["matrix"])
         assert _ap(session, tmp_path / "b").upload(plan).result == "verified"

@@ -1,15 +1,13 @@
 """The whole story on both stand-ins: upload, fly, verify, restore; arming under way; a board that starts."""
 
-import time
 from pathlib import Path
 
 import pytest
+from memory_net import X8, meet, standin
 from pymavlink.dialects.v20 import common as m
 
-from coaxlink.cli import main
 from coaxlink.errors import CoaxlinkError
-from coaxlink.fly.commands import Vehicle
-from coaxlink.mavlink import connect
+from coaxlink.fly.commands import Commander
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import FLOAT, Parameters
 from coaxlink.uploading.backup import read_backup
@@ -19,26 +17,10 @@ from coaxlink.uploading.plan import load_plan
 from coaxlink.uploading.verify import verify
 from coaxlink.uploading.worker import Uploader
 from firmware_params.ardupilot import packed
-from sim.testing import standin
 
-X8 = Path(__file__).parents[2] / "examples" / "x8_paper.toml"
-LAWS = {
-    "px4": ["--firmware", "px4", "--law", "reduced"],
-    "ardupilot": ["--firmware", "ardupilot", "--law", "reduced"],
-    "loader": ["--firmware", "ardupilot", "--law", "reduced", "--frame-class", "17"],
-}
+pytestmark = pytest.mark.slow
+TABLES = ("px4", "matrix", "loader")
 _READING = (1, 3, 4, 5, 14)  # MAVFTP: close, list, open to read, read, checksum
-
-
-@pytest.fixture(scope="module")
-def tables(tmp_path_factory):
-    """Folders by name, each written by the verb."""
-    folder = tmp_path_factory.mktemp("tables")
-    for name, options in LAWS.items():
-        with pytest.raises(SystemExit) as ended:
-            main(["table", str(X8), *options, "--out", str(folder / name)])
-        assert ended.value.code == 0
-    return {name: folder / name for name in LAWS}
 
 
 def _firmware(table):
@@ -52,31 +34,31 @@ def _worker(session, tmp_path, said=None):
 
 def _fly(session, seconds):
     """Up to 3 m and down again; at many times real time."""
-    vehicle, end = Vehicle(session), time.monotonic() + 600.0
+    vehicle, end = Commander(session), session.clock.monotonic() + 600.0
     while True:
         try:
             vehicle.arm()
             break
         except CoaxlinkError:  # an ArduPilot whose scripts have not run yet
-            assert time.monotonic() < end
-            time.sleep(0.2)
+            assert session.clock.monotonic() < end
+            session.clock.sleep(0.2)
     vehicle.take_off(3.0)
-    time.sleep(seconds)
+    session.clock.sleep(seconds)
     vehicle.land()
     while session.armed:
-        assert time.monotonic() < end
-        time.sleep(0.05)
-    time.sleep(0.5)
+        assert session.clock.monotonic() < end
+        session.clock.sleep(0.05)
+    session.clock.sleep(0.5)
 
 
-@pytest.mark.parametrize("table", LAWS)
+@pytest.mark.parametrize("table", TABLES)
 def test_up_flown_verified_undone(tables, tmp_path, table):
     """What the issue's pilot did on a real ArduCopter, four times in vain."""
     ardupilot = table != "px4"
     plan = load_plan(tables[table])
     with (
-        standin("--firmware", _firmware(table), "--speed", "5") as port,
-        connect(f"udpout:127.0.0.1:{port}") as session,
+        standin(_firmware(table)) as board,
+        meet(board) as session,
     ):
         parameters = Parameters(session)
         listed = parameters.read_all().values
@@ -119,8 +101,8 @@ def test_up_flown_verified_undone(tables, tmp_path, table):
 def test_a_refusal_of_the_rest_that_no_list_knows(tables, tmp_path, monkeypatch):
     """BARO1_GND_PRESS as the firmware of a day to come might flag another: passed over, said, exit 1."""
     monkeypatch.setattr("coaxlink.uploading.owned.ARDUPILOT", ())
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
-        done = _worker(session, tmp_path).upload(load_plan(tables["ardupilot"]))
+    with standin("ardupilot") as board, meet(board) as session:
+        done = _worker(session, tmp_path).upload(load_plan(tables["matrix"]))
         assert done.result == "verified", done.reason
         outcome = _worker(session, tmp_path).restore(read_backup(Path(done.backup)), everything=True)
         assert outcome.result == "incomplete" and outcome.error.exit_code == 1
@@ -158,16 +140,16 @@ class _Line:
         return message.get_type() == "PARAM_SET" or command
 
     def _arm(self):
-        target = self.session.identity
-        end = time.monotonic() + 600.0
-        while not self.session.armed:
-            assert time.monotonic() < end
+        session, target = self.session, self.session.identity
+        end = session.clock.monotonic() + 600.0
+        while not session.armed:
+            assert session.clock.monotonic() < end
             self._send(
                 m.MAVLink_command_long_message(
                     target.system, target.component, 400, 0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 )
             )
-            time.sleep(0.1)
+            session.clock.sleep(0.1)
 
 
 def _opcode(message):
@@ -176,21 +158,21 @@ def _opcode(message):
 
 def _disarm(session):
     session.command(400, 0.0)
-    end = time.monotonic() + 600.0
+    end = session.clock.monotonic() + 600.0
     while session.armed:
-        assert time.monotonic() < end
-        time.sleep(0.05)
+        assert session.clock.monotonic() < end
+        session.clock.sleep(0.05)
 
 
 _CHUNK, _RENAME = 7, 13  # MAVFTP
-CASES = [("px4", "PARAM_SET", 5), ("ardupilot", "PARAM_SET", 3), ("ardupilot", _RENAME, 1)]
+CASES = [("px4", "PARAM_SET", 5), ("matrix", "PARAM_SET", 3), ("matrix", _RENAME, 1)]
 
 
 def test_half_a_file_beside_the_old_one_is_no_change(tables, tmp_path):
     """A script goes to a side name first: armed then, the board holds what it held, and the journal ends."""
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot") as board, meet(board) as session:
         line = _Line(session, after=2, kind=_CHUNK)
-        outcome = _worker(session, tmp_path).upload(load_plan(tables["ardupilot"]))
+        outcome = _worker(session, tmp_path).upload(load_plan(tables["matrix"]))
         assert session.armed and line.left == 0 and line.writes_armed == 0
         assert outcome.result == "refused" and outcome.error.exit_code == 4
         assert "the board holds its old table" in outcome.reason
@@ -203,8 +185,8 @@ def test_half_a_file_beside_the_old_one_is_no_change(tables, tmp_path):
 def test_nothing_is_written_once_the_vehicle_is_seen_armed(tables, tmp_path, table, kind, after, verb):
     plan = load_plan(tables[table])
     with (
-        standin("--firmware", _firmware(table)) as port,
-        connect(f"udpout:127.0.0.1:{port}") as session,
+        standin(_firmware(table)) as board,
+        meet(board) as session,
     ):
         before = Parameters(session).read_many(plan.params, missing_ok=True)
         Parameters(session).write("DISARM_DELAY" if table != "px4" else "COM_DISARM_PRFLT", 0, *_kind(table))
@@ -247,16 +229,16 @@ def test_a_board_that_is_starting_is_waited_for(tables, tmp_path):
 
     Power is cut; `verify` and the backup of the next upload both come too early.
     """
-    plan, memory = load_plan(tables["loader"]), ("--memory", str(tmp_path / "memory.json"))
-    with standin("--firmware", "ardupilot", *memory) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    plan, memory = load_plan(tables["loader"]), tmp_path / "memory.json"
+    with standin("ardupilot", memory=memory) as board, meet(board) as session:
         assert _worker(session, tmp_path).upload(plan).result == "verified"
-    with standin("--firmware", "ardupilot", *memory) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot", memory=memory) as board, meet(board) as session:
         assert "CXL_SUM" not in Parameters(session).read_many(["CXL_SUM"], missing_ok=True)  # early enough
         result = verify(session, None)
         assert result.holds, result.mismatches
-    with standin("--firmware", "ardupilot", *memory) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot", memory=memory) as board, meet(board) as session:
         assert "CXL_SUM" not in packed.unpack(Files(session).read(packed.PATH))
-        again = load_plan(tables["ardupilot"])
+        again = load_plan(tables["matrix"])
         outcome = _worker(session, tmp_path).upload(again)
         assert outcome.result == "verified", outcome.reason
         saved = read_backup(Path(outcome.backup)).params
@@ -265,21 +247,18 @@ def test_a_board_that_is_starting_is_waited_for(tables, tmp_path):
 
 def test_a_table_that_is_not_there_is_not_waited_for(tables, tmp_path):
     """Without the loader on its card a board has nothing to wait for."""
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
-        started = time.monotonic()
+    with standin("ardupilot") as board, meet(board) as session:
+        started = session.clock.monotonic()
         result = verify(session, load_plan(tables["loader"]), script_s=60.0)
-        assert not result.holds and time.monotonic() - started < 30.0
+        assert not result.holds and session.clock.monotonic() - started < 30.0
         assert {"CXL_SUM", "CXL_T8"} <= {w["name"] for w in result.mismatches}
 
 
 def test_a_loader_s_table_goes_back_live(tables, tmp_path):
     """Two tables of class 17: the undo of the second is the first, whole, without a restart."""
-    other = tmp_path / "other"
-    with pytest.raises(SystemExit):
-        main(["table", str(X8), *LAWS["loader"][:2], "--frame-class", "17", "--out", str(other)])
-    with standin("--firmware", "ardupilot") as port, connect(f"udpout:127.0.0.1:{port}") as session:
+    with standin("ardupilot") as board, meet(board) as session:
         assert _worker(session, tmp_path).upload(load_plan(tables["loader"])).result == "verified"
-        changed = _worker(session, tmp_path).upload(load_plan(other))
+        changed = _worker(session, tmp_path).upload(load_plan(tables["loader-standard"]))
         assert changed.result == "verified" and any(c.name == "CXL_SUM" for c in changed.changed)
         said = []
         back = _worker(session, tmp_path, said).restore(read_backup(Path(changed.backup)))
@@ -291,16 +270,19 @@ class _Pulled(Exception):
     pass
 
 
-@pytest.mark.parametrize("table", LAWS)
+@pytest.mark.parametrize("table", TABLES)
 def test_a_plug_pulled_in_the_middle_of_the_write(tables, tmp_path, table):
     """Power goes after some writes, later each time; the board starts anew and the same upload ends it."""
-    plan, memory = load_plan(tables[table]), ("--memory", str(tmp_path / "memory.json"))
-    options = ("--firmware", _firmware(table), *memory)
+    plan, memory = load_plan(tables[table]), tmp_path / "memory.json"
+
+    def options():
+        return standin(_firmware(table), memory=memory)
+
     for writes in (2, 7):
         with (
             pytest.raises(_Pulled),
-            standin(*options) as port,
-            connect(f"udpout:127.0.0.1:{port}") as session,
+            options() as board,
+            meet(board) as session,
         ):
             send, left = session.send, [writes]
 
@@ -312,7 +294,7 @@ def test_a_plug_pulled_in_the_middle_of_the_write(tables, tmp_path, table):
 
             session.send = until_pulled
             _worker(session, tmp_path).upload(plan)
-        with standin(*options) as port, connect(f"udpout:127.0.0.1:{port}") as session:
+        with options() as board, meet(board) as session:
             journal = Journal(session.identity)
             assert journal.open_entry() is not None
             assert not verify(session, plan).holds

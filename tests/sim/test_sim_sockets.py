@@ -1,0 +1,113 @@
+"""What goes through real sockets and processes: three vehicles, TCP, a port that is taken, logs."""
+
+from __future__ import annotations
+
+import math
+import socket
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ground import client, command, get
+from pymavlink import mavutil
+from sim_pilot import X8, Pilot
+
+from coaxlink.studies.simulator import free_port
+from sim.errors import SimError, WorldError
+from sim.recorder import CsvRecorder, TlogPort
+from sim.testing import standin, standins
+from sim.world import World, build_many
+
+
+@pytest.mark.slow
+def test_three_fly_at_once() -> None:
+    with ExitStack() as stack:
+        ports = stack.enter_context(standins("--vehicles", "3", "--speed", "4"))
+        links = [stack.enter_context(client(port)) for port in ports]
+        assert [link.target_system for link in links] == [1, 2, 3]
+        boards = set()
+        for system, link in enumerate(links, 1):
+            link.mav.param_set_send(system, 1, b"COM_DISARM_PRFLT", -1.0, 9)
+            assert command(link, 512, 148, system=system) == 0
+            boards.add(bytes(get(link, "AUTOPILOT_VERSION").uid2))
+        assert len(boards) == 3
+        for system, link in enumerate(links, 1):
+            assert command(link, 400, 1, system=system) == 0
+            assert (
+                command(link, 22, 0, 0, 0, math.nan, math.nan, math.nan, 490.0 + system, system=system) == 0
+            )
+        for system, link in enumerate(links, 1):
+            high = -1.75 - system
+            assert get(link, "LOCAL_POSITION_NED", met=lambda p, h=high: p.z < h) is not None
+        assert command(links[1], 21, system=2) == 0
+        assert get(links[1], "HEARTBEAT", met=lambda h: not h.base_mode & 128) is not None
+        assert get(links[0], "HEARTBEAT").base_mode & 128 and get(links[2], "HEARTBEAT").base_mode & 128
+
+
+def test_ports_follow_one_another_and_are_let_go() -> None:
+    base, world = free_port(), World(X8)
+    address = f"udpin:127.0.0.1:{base}"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", base + 2))
+        with pytest.raises(SimError, match="cannot be opened"):
+            build_many(world, 3, [address], 1.0)
+    fleet = build_many(world, 3, [address], 1.0)
+    assert [port.name for one in fleet for port in one.ports] == [
+        f"udpin:127.0.0.1:{base + k}" for k in range(3)
+    ]
+    for one in fleet:
+        one.ports[0].close()
+    with pytest.raises(WorldError, match="1 to 50"):
+        build_many(world, 0, [address], 1.0)
+
+
+@pytest.mark.slow
+def test_tcp_serves_two_clients_and_outlives_them() -> None:
+    with standin("--speed", "4", kind="tcpin") as port:
+        with client(port, "tcp", "common") as a, client(port, "tcp", "common") as b:
+            assert get(a, "ATTITUDE") is not None and get(b, "ATTITUDE") is not None
+        with client(port, "tcp", "common") as again:
+            assert get(again, "ATTITUDE") is not None
+
+
+@pytest.mark.slow
+def test_a_busy_port_is_one_clear_line() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        address = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(SimError, match="cannot be opened") as caught, standin("--listen", address):
+            pass
+        assert "\n" not in str(caught.value) and "Traceback" not in str(caught.value)
+
+
+@pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
+def test_logs_of_a_clients_flight_agree_and_are_stamped_by_the_vehicles_clock(
+    tmp_path: Path, firmware: str
+) -> None:
+    csv, tlog = tmp_path / "a.csv", tmp_path / "a.tlog"
+    pilot = Pilot(firmware, wire="loss=0.1")
+    pilot.standin.recorder = CsvRecorder(pilot.autopilot, csv)
+    pilot.standin.ports.append(TlogPort(pilot.autopilot, tlog))
+    if pilot.copter:
+        pilot.autopilot.set_ap_mode(4)
+    pilot.autopilot.arm()
+    pilot.autopilot.take_off(2.0)
+    pilot.run(6.0)
+    pilot.standin.recorder.close()
+    pilot.standin.ports[-1].close()
+    rows = np.genfromtxt(csv, delimiter=",", names=True)
+    assert rows["height_m"].max() > 1.5 and np.diff(rows["time_s"]) == pytest.approx(0.008)
+    reader = mavutil.mavlink_connection(str(tlog), dialect="ardupilotmega")
+    by_type: dict[str, list] = {}
+    while (message := reader.recv_match()) is not None:
+        by_type.setdefault(message.get_type(), []).append(message)
+    reader.close()
+    assert {"HEARTBEAT", "ATTITUDE", "LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW", "DISTANCE_SENSOR"} <= set(
+        by_type
+    )
+    positions = by_type["LOCAL_POSITION_NED"]
+    gaps = np.diff([p.time_boot_ms for p in positions])
+    assert np.median(gaps) == 20 and gaps.max() <= 24  # none lost: the log has no wire
+    assert positions[-1]._timestamp == pytest.approx(positions[-1].time_boot_ms / 1000, abs=0.01)
+    assert max(-p.z for p in positions) == pytest.approx(rows["height_m"].max() - 0.2, abs=0.15)

@@ -1,0 +1,305 @@
+"""What is said on the wire: parameters, a flight by set-points, live motors, tables, missions, ESCs, keys."""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as m
+from sim_pilot import Pilot
+
+from sim.errors import WorldError
+from sim.px4.autopilot import Mode
+from sim.world import read_key, read_uid
+
+NAN = math.nan
+LAT, LON, METRE = 47.397742, 8.545594, 1 / 111319.49
+TAKEOFF, WAYPOINT, LAND, RTL, JUMP = 22, 16, 21, 20, 177
+
+
+def as_int(field: float) -> int:
+    return int(struct.unpack("<i", struct.pack("<f", field))[0])
+
+
+def target(z: float, yaw: float = 0.0) -> Any:
+    return m.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0x0800, 0.5, 0.0, z, 0, 0, 0, 0, 0, 0, yaw, 0.0
+    )
+
+
+def test_px4_s_list_starts_with_the_hash_of_what_follows() -> None:
+    pilot = Pilot()
+    pilot.say(m.MAVLink_param_request_list_message(1, 1))
+    pilot.run(1.0)
+    first, *values = pilot.heard("PARAM_VALUE")
+    assert (first.param_id, first.param_index, first.param_type) == ("_HASH_CHECK", 65535, 5)
+    assert [v.param_index for v in values] == list(range(first.param_count))
+    crc = 0
+    for v in values:
+        form, value = ("<i", as_int(v.param_value)) if v.param_type == 6 else ("<f", v.param_value)
+        crc = zlib.crc32(v.param_id.encode() + struct.pack(form, value), crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
+    assert crc == struct.unpack("<I", struct.pack("<f", first.param_value))[0]
+
+
+def test_a_new_value_is_answered_and_told_and_a_wrong_type_is_not_taken() -> None:
+    pilot = Pilot()
+    assert [v.param_value for v in pilot.set("CA_ROTOR0_CT", 30.0)] == [30.0, 30.0]
+    assert len(pilot.set("CA_ROTOR0_CT", 30.0)) == 1  # no news
+    assert pilot.set("CA_ROTOR0_CT", 1.0, 6) == [] and pilot.set("NO_SUCH", 1.0) == []
+    assert pilot.set("CA_ROTOR0_CT", NAN) == []
+    read = m.MAVLink_param_request_read_message(1, 1, b"CA_ROTOR0_CT", -1)
+    assert pilot.answers(read, kind="PARAM_VALUE")[0].param_value == 30.0
+
+
+def test_ardupilot_s_values_come_back_as_the_board_keeps_them() -> None:
+    pilot = Pilot("ardupilot")
+    for name, value, kept in (
+        ("FRAME_CLASS", 3.7, 3.0), ("FRAME_CLASS", 300.0, 127.0), ("MOT_THST_EXPO", 5.0, 5.0),
+    ):  # fmt: skip
+        assert pilot.set(name, value)[-1].param_value == kept, name
+    unknown = m.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1)
+    assert pilot.answers(unknown, kind="PARAM_ERROR")
+    pilot.run(1.0)
+    assert not pilot.heard("ATTITUDE")  # it says nothing unasked
+    pilot.say(m.MAVLink_request_data_stream_message(1, 1, 10, 5, 1))
+    pilot.run(1.0)
+    assert pilot.heard("ATTITUDE")
+    for number in (291, 11031):
+        assert pilot.command(511, number, 50_000) == 2
+        assert pilot.heard("STATUSTEXT")[-1].text == f"No ap_message for mavlink id ({number})"
+
+
+def test_offboard_follows_a_stream_and_holds_without_it() -> None:
+    pilot = Pilot()
+    pilot.run(0.3, lambda: pilot.say(target(-2.0)))
+    assert pilot.command(400, 1) == 0
+    assert pilot.command(246, 1) == 2  # no reboot while armed
+    assert pilot.command(176, 1, 6, 0) == 0
+    pilot.run(6.0, lambda: pilot.say(target(-2.0, 0.3)))
+    assert pilot.heard("LOCAL_POSITION_NED")[-1].z == pytest.approx(-2.0, abs=0.3)
+    assert pilot.command(400, 0) != 0  # not in the air
+    pilot.run(2.0)
+    beat = pilot.heard("HEARTBEAT")[-1]
+    assert beat.custom_mode == Mode.HOLD and beat.base_mode & 128
+    assert pilot.command(21) == 0
+    pilot.until(lambda: not pilot.autopilot.armed)
+    pilot.run(1.0)
+    servo = pilot.heard("SERVO_OUTPUT_RAW")[-1]
+    assert [getattr(servo, f"servo{n}_raw") for n in range(1, 10)] == [900] * 8 + [0]
+
+
+@pytest.mark.parametrize(("firmware", "taken"), [("px4:1.13", True), ("px4", False)])
+def test_live_motor_commands_are_taken_by_1_13_only(firmware: str, taken: bool) -> None:
+    pilot = Pilot(firmware)
+    assert pilot.command(511, 140, 4000) == (0 if taken else 4)
+    pilot.climb(2.0)
+    live = m.MAVLink_set_actuator_control_target_message(0, 0, 1, 1, [0.31] * 8)
+    pilot.run(0.2, lambda: pilot.say(live))
+    assert (pilot.autopilot.outputs_us == [1310.0] * 8) == taken
+    assert len(pilot.heard("ACTUATOR_CONTROL_TARGET")) > 100 or not taken
+    pilot.run(0.3)  # the stream has stopped: its own mixer flies again
+    assert pilot.autopilot.outputs_us != [1310.0] * 8
+
+
+def test_a_table_acts_at_once() -> None:
+    pilot = Pilot()
+    pilot.climb(2.0)
+
+    def ratio() -> float:
+        us = np.array(pilot.autopilot.outputs_us) - 1000
+        return float(us[4:].sum() / us[:4].sum())
+
+    assert ratio() == pytest.approx(1.0, abs=0.03)
+    for n in range(4):
+        pilot.set(f"CA_ROTOR{n}_CT", 4.37)
+    pilot.run(0.3)
+    assert ratio() == pytest.approx(6.5 / 4.37, abs=0.05)
+
+
+def item(seq: int, number: int, north: float, east: float, up: float, *p: float, frame: int = 6) -> Any:
+    params = [*p, *[0.0] * (3 - len(p)), NAN]
+    x = round(1e7 * (LAT + north * METRE))
+    y = round(1e7 * (LON + east * METRE / math.cos(math.radians(LAT))))
+    return m.MAVLink_mission_item_int_message(1, 1, seq, frame, number, 0, 1, *params, x, y, up, 0)
+
+
+def upload(pilot: Pilot, items: list[Any]) -> int:
+    """Result of the upload."""
+    pilot.heard("MISSION_ACK")
+    pilot.received.clear()
+    pilot.say(m.MAVLink_mission_count_message(1, 1, len(items), 0))
+    for _ in range(200):
+        pilot.run(0.008)
+        for request in pilot.heard("MISSION_REQUEST_INT") + pilot.heard("MISSION_REQUEST"):
+            pilot.say(items[request.seq])
+        if acks := pilot.heard("MISSION_ACK"):
+            return int(acks[-1].type)
+    raise AssertionError("the upload ends without a word")
+
+
+HOME = item(0, WAYPOINT, 0, 0, 0, frame=0)
+
+
+@pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
+def test_a_mission_is_read_back_and_flown(firmware: str) -> None:
+    pilot, first = Pilot(firmware), int(firmware == "ardupilot")
+    items = [
+        *[HOME][:first],
+        item(first, TAKEOFF, 0, 0, 3.0),
+        item(first + 1, WAYPOINT, 4, 0, 3.0, 0.5, 0.4),
+        item(first + 2, WAYPOINT, 4, 4, 4.0, 0, 0.4),
+        item(first + 3, LAND, 4, 4, 0),
+    ]
+    assert upload(pilot, items) == 0
+    counted = pilot.answers(m.MAVLink_mission_request_list_message(1, 1, 0), kind="MISSION_COUNT")
+    assert counted[0].count == len(items)
+    for sent in items:
+        read = m.MAVLink_mission_request_int_message(1, 1, sent.seq, 0)
+        (back,) = pilot.answers(read, kind="MISSION_ITEM_INT")
+        assert (back.command, back.frame, back.x, back.y) == (sent.command, sent.frame, sent.x, sent.y)
+    if first:  # ArduCopter is armed in GUIDED, and AUTO waits for a start
+        assert pilot.command(176, 1, 4) == 0 and pilot.command(400, 1) == 0
+        assert pilot.command(176, 1, 3) == 0
+    assert pilot.command(300) == 0
+    path: list[list[float]] = []
+    a = pilot.autopilot
+    pilot.until(lambda: path.append(a.plant.position.tolist()) or not a.armed, 90.0)
+    reached = [r.seq for r in pilot.heard("MISSION_ITEM_REACHED")]
+    assert reached == [first + k for k in range(4)]
+    for corner in ((4, 0, -3), (4, 4, -4)):
+        assert min(math.dist(p, corner) for p in path) < 0.5
+    assert math.dist(path[-1][:2], (4, 4)) < 0.5 and path[-1][2] > -0.3
+    assert all(p[0] < 0.5 for p in path if -p[2] < 1.0 and p[1] < 1.0)  # it went straight up first
+
+
+def test_a_mission_that_cannot_be_flown_is_refused() -> None:
+    pilot = Pilot()
+    assert pilot.command(176, 1, 4, 4) == 0 and pilot.command(300) == 2  # no mission yet
+    for wrong, result in (
+        (item(0, 31010, 0, 0, 0), 3), (item(0, WAYPOINT, 0, 0, 3, frame=17), 2),
+        (item(0, WAYPOINT, 0, 0, NAN), 5),
+    ):  # fmt: skip
+        assert upload(pilot, [wrong]) == result
+    pilot.say(m.MAVLink_mission_count_message(1, 1, 2, 0))
+    pilot.run(1.0)
+    requested = [r.seq for r in pilot.heard("MISSION_REQUEST_INT")]
+    assert requested[:3] == [0, 0, 0]  # what does not come is asked for again
+    pilot.run(5.0)
+    assert [a.type for a in pilot.heard("MISSION_ACK")] == [15]
+    assert upload(pilot, [item(0, WAYPOINT, 0, 0, 3)]) == 0
+    pilot.say(m.MAVLink_mission_clear_all_message(1, 1, 255))
+    counted = pilot.answers(m.MAVLink_mission_request_list_message(1, 1, 0), kind="MISSION_COUNT")
+    assert counted[0].count == 0
+
+
+def test_an_ardupilot_mission_starts_with_a_takeoff_and_jumps() -> None:
+    pilot = Pilot("ardupilot")
+    assert pilot.command(176, 1, 3) == 0 and pilot.command(400, 1) == 4  # "AUTO mode not armable"
+    assert upload(pilot, [HOME, item(1, WAYPOINT, 3, 0, 3)]) == 0
+    assert pilot.command(176, 1, 4) == 0 and pilot.command(400, 1) == 0
+    assert pilot.command(176, 1, 3) == 4  # "Missing Takeoff Cmd"
+    legs = [item(2, WAYPOINT, 3, 0, 3), item(3, WAYPOINT, 0, 3, 3)]
+    legs += [item(4, JUMP, 0, 0, 0, 2, 1), item(5, RTL, 0, 0, 0)]
+    assert upload(pilot, [HOME, item(1, TAKEOFF, 0, 0, 3), *legs]) == 0
+    assert pilot.command(300) == 0
+    reached: list[int] = []
+    pilot.until(
+        lambda: reached.extend(r.seq for r in pilot.heard("MISSION_ITEM_REACHED")) or 5 in reached, 90.0
+    )
+    assert [seq for seq in reached if seq != 4] == [1, 2, 3, 2, 3, 5]
+
+
+@pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
+@pytest.mark.parametrize("kind", ["measured", "sitl", "none"])
+def test_escs_tell_what_they_measure_or_what_the_real_simulations_make_up(firmware: str, kind: str) -> None:
+    pilot = Pilot(firmware, escs=kind)
+    assert pilot.command(511, 11030 if pilot.copter else 291, 50_000) == 0
+    pilot.climb()
+    names = ["ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8"] if pilot.copter else ["ESC_STATUS"]
+    told = [message.rpm for name in names for message in pilot.heard(name)[-20:]]
+    if kind == "none":
+        assert not told
+        return
+    outputs = (np.array(pilot.autopilot.outputs_us) - 1000) / 1000
+    full = np.mean(told) / np.mean(outputs)
+    made_up = 0.0 if pilot.copter else 6000.0
+    assert full == pytest.approx(made_up if kind == "sitl" else 5400.0, rel=0.05)
+
+
+@pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
+def test_a_board_says_the_uid_it_was_given_as_real_ones_do(firmware: str) -> None:
+    pilot = Pilot(firmware, uid="0123456789abcdef01234567")
+    command = m.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0)
+    version = pilot.answers(command, kind="AUTOPILOT_VERSION")[0]
+    at = 0 if pilot.copter else 6  # PX4 puts its kind of processor first
+    assert bytes(version.uid2)[at : at + 12] == bytes.fromhex("0123456789abcdef01234567")
+    for text in ("", "xyz", "0" * 25):
+        with pytest.raises(WorldError, match="hex digits"):
+            read_uid(text)
+
+
+KEY = bytes(range(32))
+
+
+def signed(pilot: Pilot, key: bytes | None) -> None:
+    """Sign what is said from now on, or no longer."""
+    pilot.mav.signing = m.MAVLinkSigning()
+    pilot.mav.signing.sign_outgoing = key is not None
+    pilot.mav.signing.secret_key = key
+    pilot.mav.signing.timestamp = 10**15
+
+
+@pytest.mark.parametrize(("firmware", "name"), [("px4", "CA_ROTOR0_CT"), ("ardupilot", "MOT_THST_EXPO")])
+def test_only_who_has_the_key_is_heard_and_no_replay_on_another_link(
+    tmp_path: Path, firmware: str, name: str
+) -> None:
+    (tmp_path / "key").write_bytes(KEY)
+    pilot = Pilot(firmware, ports=2, signing_key=tmp_path / "key")
+    held = pilot.autopilot.store[name]
+    for key in (None, bytes(32 * [7])):
+        signed(pilot, key)
+        pilot.set(name, 0.75)
+        assert pilot.autopilot.store[name] == held, key
+    signed(pilot, KEY)
+    stolen = m.MAVLink_param_set_message(1, 1, name.encode(), 0.5, 9).pack(pilot.mav)
+    pilot.ports[0].put(0, stolen)
+    pilot.run(0.01)
+    assert pilot.autopilot.store[name] == 0.5
+    pilot.set(name, 0.625)
+    future = bytearray(stolen)
+    future[-12:-6] = b"\xff" * 6  # a forger must not move the clock of the true sender
+    pilot.ports[1].put(0, stolen + bytes(future))
+    pilot.run(0.01)
+    assert pilot.autopilot.store[name] == 0.625
+    pilot.set(name, 0.25)
+    assert pilot.autopilot.store[name] == 0.25
+
+
+def test_a_key_is_set_up_and_taken_away() -> None:
+    pilot = Pilot()
+    for key, mine, value in ((KEY, None, None), (KEY, KEY, 9.0), (bytes(32), KEY, None), (None, None, 8.0)):
+        if value is None:
+            pilot.say(m.MAVLink_setup_signing_message(1, 1, key, 0))
+            pilot.run(0.01)
+            signed(pilot, mine)
+            continue
+        signed(pilot, mine)
+        pilot.set("CA_ROTOR0_CT", value)
+        assert pilot.autopilot.store["CA_ROTOR0_CT"] == value
+
+
+def test_keys_are_read_as_ground_stations_write_them(tmp_path: Path) -> None:
+    path = tmp_path / "key"
+    for data, read in ((KEY, KEY), (KEY.hex().encode() + b"\n", KEY), (b"open sesame", None)):
+        path.write_bytes(data)
+        assert read_key(path) == read or (read is None and len(read_key(path)) == 32)
+    path.write_text("")
+    with pytest.raises(WorldError, match="found nothing"):
+        read_key(path)
+    with pytest.raises(WorldError, match="cannot be read"):
+        read_key(tmp_path / "none")
