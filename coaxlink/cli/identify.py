@@ -183,7 +183,7 @@ def identify(
 
 def _checks(result: Identification, diameter_m: float | None) -> dict[str, Any]:
     """What is odd in the log, what it covers, and which propellers its units mean."""
-    from coaxlink.data.sound import electrical_turns, other_units, sizes
+    from coaxlink.data.unit_check import electrical_turns, other_units, sizes
     from coaxlink.rotor.coverage import coverage
     from coaxlink.rotor.plausible import oddities, poor_errors
 

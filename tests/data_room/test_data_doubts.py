@@ -10,7 +10,7 @@ from stand_files import SIDES, Pair, grid, readings, table, write
 
 from coaxlink.data import read_stand_log
 from coaxlink.data.headings import recognise
-from coaxlink.data.sound import electrical_turns, other_units
+from coaxlink.data.unit_check import electrical_turns, other_units
 from coaxlink.errors import InputError
 from coaxlink.rotor.identification import identify
 from coaxlink.rotor.plausible import poor_errors
