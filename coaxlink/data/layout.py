@@ -23,8 +23,6 @@ _UNIT = re.compile(r"[\[(].*[\])]|[a-z%°/·⋅*.\-^²³0-9 µμ]{1,8}|-|", re.I
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 _COMMA = re.compile(r"[+-]?(\d{1,3}(\.\d{3})+|\d*),\d+([eE][+-]?\d+)?")
 _CONTEXT_UNITS = {"pwm", "pa", "hpa", "°c", "c", "k", "m", "mm", "-"}  # no quantity of ours
-    ["pwm", "pa", "hpa", "°c", "c", "k", "m", "mm", "-"]
-)  # of columns that are no quantity of ours
 _UNITS = _CONTEXT_UNITS.union(*(quantity.units for quantity in QUANTITIES.values()))
 Row = tuple[int, list[str]]  # line number, cells
 
