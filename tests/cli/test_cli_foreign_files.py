@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "data_room"))
 from stand_files import SIDES, UNITS, Array, Pair, equal, grid, readings, sheet, table, write
 
 from coaxlink.cli import build_app
