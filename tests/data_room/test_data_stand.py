@@ -225,13 +225,20 @@ def test_logs_of_one_propeller_joined() -> None:
 @needs_shared
 @pytest.mark.shared_data
 def test_every_real_stand_log_reads() -> None:
+    """README of the data: Left is the upper rotor; of tmotor28 B is."""
     with case_table() as case:
         for path in sorted([*SHARED.glob("coax/*.csv"), *SHARED.glob("single/*.csv")]):
+            short = path.stem.endswith("run2")  # keeps near equal loads: nothing in it shows the rotors
             with case(path.stem):
-                # the short runs keep near equal loads: nothing in them tells the rotors apart
-                log = read_stand_log(path, upper="left" if path.stem.endswith("run2") else None)
+                if short:
+                    with pytest.raises(RotorsUnclear, match="`upper` left or `upper` right"):
+                        read_stand_log(path)
+                log = read_stand_log(path, upper="left" if short else None)
                 effort = "upper_rpm" if log.has("upper_rpm") else "upper_throttle"
                 assert log.rows >= 14 and log["upper_thrust_N"] @ log[effort] ** 2 > 0
+                upper = "B" if "tmotor28" in path.stem else "left"
+                said = " ".join(log.notes)
+                assert f"'{upper}' is the upper rotor" in said or not log.has("lower_thrust_N")
     log = read_stand_log(SHARED / "coax" / "mn4014_16in_zD1.csv")
     assert log.rows == 100 and "line 2, line 3, line 104" in "\n".join(log.notes)
     assert log["upper_thrust_N"].max() == pytest.approx(2590.41840348e-3 * G)
