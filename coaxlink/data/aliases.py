@@ -54,7 +54,7 @@ def _quantity(
     suffix: str, words: str, symbols: str, units: dict[str, float | Unit], unwritten: str = ""
 ) -> Quantity:
     """`units` by their spellings, the shown one first ("_" is a space in it)."""
-    found = {}
+    found: dict[str, Unit] = {}
     for spellings, scale in units.items():
         first, *others = spellings.split()
         unit = scale if isinstance(scale, Unit) else Unit(first.replace("_", " "), scale)

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import STANDARD_DENSITY_KG_M3
-from coaxlink.data.aliases import QUANTITIES
 
 Array = NDArray[np.float64]
 AIR = STANDARD_DENSITY_KG_M3  # altitude changes a diameter by little
@@ -51,10 +50,14 @@ class Reading:
     shaft_W: float | None = None
     in_wake: bool = False  # the other rotor turns as well
 
-    def scaled(self, **factors: float) -> Reading:
-        """The same reading with thrust, torque or speed (keys of QUANTITIES) in other units."""
-        names = {QUANTITIES[q].suffix: factor for q, factor in factors.items()}
-        return replace(self, **{name: _times(getattr(self, name), f) for name, f in names.items()})
+    def scaled(self, thrust: float = 1.0, torque: float = 1.0, speed: float = 1.0) -> Reading:
+        """The same reading with thrust, torque or speed in other units."""
+        return replace(
+            self,
+            thrust_N=_times(self.thrust_N, thrust),
+            torque_Nm=_times(self.torque_Nm, torque),
+            rpm=_times(self.rpm, speed),
+        )
 
     def shaft_fault(self) -> tuple[float, str] | None:
         """Torque times speed over a measured power that it cannot be, and which power that is."""

@@ -6,9 +6,10 @@ not alias; what arrives slower is interpolated. Stretches without data stay empt
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ class TimeSeries:
     columns: Mapping[str, Array]  # each (n,)
 
     @classmethod
-    def of(cls, time_s: Array, columns: Mapping[str, Array]) -> TimeSeries | None:
+    def of(cls, time_s: Array, columns: Mapping[str, NDArray[Any]]) -> TimeSeries | None:
         """In the order of the stamps, repeated stamps and rows with NaN left out; None without two rows."""
         if not columns:
             return None
@@ -67,6 +68,13 @@ def series(message: Message | None, fields: Mapping[str, str], scale: float = 1.
     if message is None or any(f not in message for f in fields.values()):
         return None
     return TimeSeries.of(message["time_s"], {name: scale * message[f] for name, f in fields.items()})
+
+
+def derived(
+    message: Message | None, columns: Callable[[Message], Mapping[str, NDArray[Any]]]
+) -> TimeSeries | None:
+    """What is computed from a message, None where it is not logged."""
+    return None if message is None else TimeSeries.of(message["time_s"], columns(message))
 
 
 def rows_of(message: Message | None, mask: NDArray[np.bool_]) -> Message | None:

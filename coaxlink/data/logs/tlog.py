@@ -15,7 +15,7 @@ import numpy as np
 from coaxlink import files
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.logs.outputs import commands, used_outputs
-from coaxlink.data.logs.streams import Message, TimeSeries, euler_of, longest, merge, rows_of, series
+from coaxlink.data.logs.streams import Message, TimeSeries, derived, euler_of, longest, merge, rows_of, series
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from firmware_params import bounded
@@ -87,7 +87,8 @@ def read_tlog(path: Path) -> Samples:
         series(messages.get("LOCAL_POSITION_NED"), {"vel_n_m_s": "vx", "vel_e_m_s": "vy", "vel_d_m_s": "vz"}),
         _height(messages, notes),
         _voltage(messages.get("BATTERY_STATUS")),
-        *_states(messages),
+        derived(messages.get("HEARTBEAT"), lambda m: {"armed": m["base_mode"].astype(int) & ARMED_FLAG > 0}),
+        derived(messages.get("EXTENDED_SYS_STATE"), lambda m: {"landed": m["landed_state"] == ON_GROUND}),
         *_rpm(messages, notes),
     ]
     return merge(str(path), motors, measured, notes)
@@ -205,8 +206,8 @@ IMU_FIELDS = (("accel_{}_m_s2", "acc"), ("gyro_{}_rad_s", "gyro"))
 def _attitude(messages: Mapping[str, Message]) -> TimeSeries | None:
     quaternion = messages.get("ATTITUDE_QUATERNION")
     found = longest(messages.get("ATTITUDE"), quaternion)
-    if found is not None and found is quaternion:
-        return TimeSeries.of(found["time_s"], euler_of([found[f"q{i}"] for i in range(1, 5)]))
+    if found is quaternion:
+        return derived(found, lambda m: euler_of([m[f"q{i}"] for i in range(1, 5)]))
     return series(found, {"roll_rad": "roll", "pitch_rad": "pitch", "yaw_rad": "yaw"})
 
 
@@ -214,7 +215,7 @@ def _height(messages: Mapping[str, Message], notes: list[str]) -> TimeSeries | N
     ranger = messages.get("DISTANCE_SENSOR")
     down = None if ranger is None else rows_of(ranger, ranger["orientation"] == DOWNWARD)
     if down is not None:
-        return TimeSeries.of(down["time_s"], {"height_m": down["current_distance"] / 100})
+        return derived(down, lambda m: {"height_m": m["current_distance"] / 100})
     if "LOCAL_POSITION_NED" in messages:
         notes.append("height_m from the estimator's z above its origin: no DISTANCE_SENSOR")
     return series(messages.get("LOCAL_POSITION_NED"), {"height_m": "z"}, -1.0)
@@ -226,19 +227,8 @@ def _voltage(battery: Message | None) -> TimeSeries | None:
         return None
     cells = battery["voltages"]
     filled = (cells > 0) & (cells < NO_CELL_MV)
-    pack = rows_of(
-        {"time_s": battery["time_s"], "voltage_V": np.where(filled, cells, 0.0).sum(axis=1) / 1e3},
-        (battery["id"] == 0) & filled[:, 0],
-    )
-    return series(pack, {"voltage_V": "voltage_V"})
-
-
-def _states(messages: Mapping[str, Message]) -> list[TimeSeries | None]:
-    beat, state = messages.get("HEARTBEAT"), messages.get("EXTENDED_SYS_STATE")
-    return [
-        beat and TimeSeries.of(beat["time_s"], {"armed": beat["base_mode"].astype(int) & ARMED_FLAG > 0}),
-        state and TimeSeries.of(state["time_s"], {"landed": state["landed_state"] == ON_GROUND}),
-    ]
+    pack = {"time_s": battery["time_s"], "pack": np.where(filled, cells, 0.0).sum(axis=1) / 1e3}
+    return series(rows_of(pack, (battery["id"] == 0) & filled[:, 0]), {"voltage_V": "pack"})
 
 
 def _rpm(messages: Mapping[str, Message], notes: list[str]) -> list[TimeSeries | None]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from coaxlink.data.logs.outputs import commands, px4_outputs, used_outputs
 from coaxlink.data.logs.quiet import one_line, silenced
-from coaxlink.data.logs.streams import Message, TimeSeries, euler_of, merge, series
+from coaxlink.data.logs.streams import Message, TimeSeries, derived, euler_of, merge, series
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 
@@ -45,11 +45,11 @@ def read_ulog(path: Path) -> Samples:
     notes: list[str] = ["the file is damaged: some of it could not be read"] if log.file_corruption else []
     measured = [
         *_motion(topics),
-        _attitude(topics.get("vehicle_attitude")),
+        derived(topics.get("vehicle_attitude"), lambda m: euler_of([m[f"q[{i}]"] for i in range(4)])),
         series(topics.get("vehicle_local_position"), VELOCITY),
         _height(topics, notes),
         series(topics.get("battery_status"), {"voltage_V": "voltage_v"}),
-        _armed(topics.get("vehicle_status")),
+        derived(topics.get("vehicle_status"), lambda m: {"armed": m["arming_state"] == ARMED}),
         series(topics.get("vehicle_land_detected"), {"landed": "landed"}),
         _rpm(topics.get("esc_status"), notes),
     ]
@@ -145,14 +145,6 @@ def _motion(topics: Mapping[str, Message]) -> list[TimeSeries | None]:
         in_raw = {ours: theirs.replace("xyz", raw) for ours, theirs in columns.items()}
         found.append(series(topics.get(topic), columns) or series(combined, in_raw))
     return found
-
-
-def _attitude(topic: Message | None) -> TimeSeries | None:
-    return topic and TimeSeries.of(topic["time_s"], euler_of([topic[f"q[{i}]"] for i in range(4)]))
-
-
-def _armed(topic: Message | None) -> TimeSeries | None:
-    return topic and TimeSeries.of(topic["time_s"], {"armed": topic["arming_state"] == ARMED})
 
 
 def _height(topics: Mapping[str, Message], notes: list[str]) -> TimeSeries | None:
