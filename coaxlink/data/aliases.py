@@ -62,74 +62,35 @@ def _quantity(
     return Quantity(suffix, _words(words), symbols, found, unwritten)
 
 
-QUANTITIES = {
-    "thrust": _quantity(
-        "thrust_N",
-        "thrust force lift fz schub kraft schubkraft",
-        "tf",
-        {
-            "N newton newtons": 1.0,
-            "mN": 1e-3,
-            "kN": 1e3,
-            "gf g gram grams pond": G / 1e3,
-            "kgf kg kp": G,
-            "lbf lb lbs": LBF,
-            "ozf oz": LBF / 16,
-        },
-    ),
-    "torque": _quantity(
-        "torque_Nm",
-        "torque moment trq mz drehmoment",
-        "q",
-        {
-            "N_m nm newtonmeter": 1.0,
-            "N_cm": 1e-2,
-            "N_mm mnm": 1e-3,
-            "kgf_m kgm": G,
-            "kgf_cm kgcm": G / 100,
-            "gf_cm gcm": G / 1e5,
-            "lbf_in lbin inlbf inlb": LBF * INCH,
-            "lbf_ft lbft ftlbf ftlb": LBF * 12 * INCH,
-            "ozf_in ozin inozf inoz": LBF / 16 * INCH,
-        },
-    ),
-    "speed": _quantity(
-        "rpm",
-        "speed rpm erpm omega rps drehzahl velocity",
-        "n",
-        {
-            "rpm 1/min min1 min^1 u/min rev/min r/min tr/min umin": 1.0,
-            "rad/s rad/sec rads radps": 30 / math.pi,
-            "rev/s hz rps 1/s s1 s^1 r/s revs": 60.0,
-            "krpm": 1e3,
-            "deg/s °/s": 1 / 6,
-            "erpm": Unit("erpm", 1.0, electrical=True),
-        },
-    ),
-    "throttle": _quantity(
-        "throttle",
-        "throttle pwm esc duty gas",
-        "",
-        {
-            "% pct percent": 0.01,
-            "1 0..1 01 ratio fraction": 1.0,
-            "us usec": Unit("us", 1 / PWM_SPAN_US, -PWM_STOP_US / PWM_SPAN_US),
-            "ms": Unit("ms", 1e3 / PWM_SPAN_US, -PWM_STOP_US / PWM_SPAN_US),
-        },
-    ),
-    "voltage": _quantity(
-        "voltage_V", "voltage volt volts spannung", "uv", {"V volt volts": 1.0, "mV": 1e-3}, "v"
-    ),
+_PULSE_US = Unit("us", 1 / PWM_SPAN_US, -PWM_STOP_US / PWM_SPAN_US)
+_PULSE_MS = Unit("ms", 1e3 / PWM_SPAN_US, -PWM_STOP_US / PWM_SPAN_US)
+QUANTITIES = {  # our suffix, words, symbols, units by their spellings, unit where none is written
+    "thrust": _quantity("thrust_N", "thrust force lift fz schub kraft schubkraft", "tf", {
+        "N newton newtons": 1.0, "mN": 1e-3, "kN": 1e3, "gf g gram grams pond": G / 1e3, "kgf kg kp": G,
+        "lbf lb lbs": LBF, "ozf oz": LBF / 16,
+    }),
+    "torque": _quantity("torque_Nm", "torque moment trq mz drehmoment", "q", {
+        "N_m nm newtonmeter": 1.0, "N_cm": 1e-2, "N_mm mnm": 1e-3, "kgf_m kgm": G, "kgf_cm kgcm": G / 100,
+        "gf_cm gcm": G / 1e5, "lbf_in lbin inlbf inlb": LBF * INCH, "lbf_ft lbft ftlbf ftlb": LBF * 12 * INCH,
+        "ozf_in ozin inozf inoz": LBF / 16 * INCH,
+    }),
+    "speed": _quantity("rpm", "speed rpm erpm omega rps drehzahl velocity", "n", {
+        "rpm 1/min min1 min^1 u/min rev/min r/min tr/min umin": 1.0, "rad/s rad/sec rads radps": 30 / math.pi,
+        "rev/s hz rps 1/s s1 s^1 r/s revs": 60.0, "krpm": 1e3, "deg/s °/s": 1 / 6,
+        "erpm": Unit("erpm", 1.0, electrical=True),
+    }),
+    "throttle": _quantity("throttle", "throttle pwm esc duty gas", "", {
+        "% pct percent": 0.01, "1 0..1 01 ratio fraction": 1.0, "us usec": _PULSE_US, "ms": _PULSE_MS,
+    }),
+    "voltage": _quantity("voltage_V", "voltage volt volts spannung", "uv", {
+        "V volt volts": 1.0, "mV": 1e-3,
+    }, "v"),
     "current": _quantity("current_A", "current amps strom", "i", {"A amp amps ampere": 1.0, "mA": 1e-3}, "a"),
     "power": _quantity("power_W", "power watts leistung", "p", {"W watt watts": 1.0, "kW": 1e3}, "w"),
-    "time": _quantity(
-        "time_s",
-        "time timestamp zeit",
-        "t",
-        {"s sec seconds": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-        "s",
-    ),
-}
+    "time": _quantity("time_s", "time timestamp zeit", "t", {
+        "s sec seconds": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0,
+    }, "s"),
+}  # fmt: skip
 OF_A_ROTOR = ("thrust", "torque", "speed", "throttle")  # without a rotor's name these are no reading
 LOADS_AND_SPEED = ("thrust", "torque", "speed")  # the quantities that a propeller ties together
 QUANTITY_OF = {word: name for name, quantity in QUANTITIES.items() for word in quantity.words}
@@ -139,6 +100,7 @@ UPPER = _words("upper top upr oben obere oberer oberes")
 LOWER = _words("lower bottom lwr btm unten untere unterer unteres")
 LABELS = _words("left right front rear back first second one two cw ccw")
 LETTERS = _words("a b c d l r u")
+ROTOR_NAMES = UPPER | LOWER | LABELS | LETTERS
 # sums and ratios of other columns of the same row, statistics: they can only mislead a fit
 DERIVED = _words(
     """total sum net efficiency centre center ratio coefficient coeff loading per std stdev min max error raw
@@ -155,16 +117,9 @@ ELSEWHERE = _words(
 OWN_COLUMNS = (
     "time_s",
     *(f"{side}_{QUANTITIES[q].suffix}" for side in SIDES for q in ("speed", "throttle", "thrust", "torque")),
-    "voltage_V",
-    "upper_voltage_V",
-    "lower_voltage_V",
-    "upper_current_A",
-    "lower_current_A",
-    "motor_temperature_C",
-    "air_temperature_C",
-    "air_pressure_Pa",
-    "rotor_spacing_m",
-)
+    "voltage_V", "upper_voltage_V", "lower_voltage_V", "upper_current_A", "lower_current_A",
+    "motor_temperature_C", "air_temperature_C", "air_pressure_Pa", "rotor_spacing_m",
+)  # fmt: skip
 
 
 def plain(text: str) -> str:

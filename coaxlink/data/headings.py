@@ -9,24 +9,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from coaxlink.data.aliases import (
-    DERIVED,
-    ELSEWHERE,
-    LABELS,
-    LETTERS,
-    LOWER,
-    PULSE,
-    QUANTITIES,
-    QUANTITY_OF,
-    SET_POINT,
-    SIDES,
-    UPPER,
-    Unit,
-    find_unit,
-    plain,
-    unit_names,
-    words_of,
-)
+from coaxlink.data import aliases
+from coaxlink.data.aliases import QUANTITIES, QUANTITY_OF, Unit, find_unit, plain, unit_names, words_of
 from coaxlink.data.table import TextTable
 
 
@@ -72,7 +56,7 @@ def recognised(table: TextTable, skip: Iterable[int] = ()) -> list[Heading]:
         try:
             heading = recognise(i, text, lettered, table.units[i])
         except UnknownUnitError as error:
-            side = next((s for s in SIDES if s in words_of(text)), "upper")
+            side = next((s for s in aliases.SIDES if s in words_of(text)), "upper")
             line = line_for(
                 f"{side}_{QUANTITIES[error.quantity].suffix}", text, unit_names(error.quantity)[0]
             )
@@ -92,12 +76,12 @@ def line_for(name: str, heading: str, unit: str) -> str:
 
 def is_derived(text: str) -> bool:
     """Whether the column is computed from others of its row (totals, efficiencies), or of no rotor."""
-    return bool(DERIVED & set(words_of(text)))
+    return bool(aliases.DERIVED & set(words_of(text)))
 
 
 def letters_name_rotors(headings: Iterable[str]) -> bool:
     """Whether single letters behind quantities are rotors: then "Current A" is a rotor's, not amperes."""
-    found = {w for text in headings for w in words_of(_without_unit(text)[0])[1:] if w in LETTERS}
+    found = {w for text in headings for w in words_of(_without_unit(text)[0])[1:] if w in aliases.LETTERS}
     return len(found) > 1 or "b" in found
 
 
@@ -108,7 +92,7 @@ def recognise(index: int, text: str, lettered: bool = True, unit_line: str = "")
     """
     name, bracketed = _without_unit(text)
     words = words_of(text if unit_line else name)
-    if set(words) & (ELSEWHERE | DERIVED):
+    if set(words) & (aliases.ELSEWHERE | aliases.DERIVED):
         return None
     quantity = next((QUANTITY_OF[w] for w in words if w in QUANTITY_OF), None)
     if quantity == "speed" and "esc" in words:
@@ -116,7 +100,7 @@ def recognise(index: int, text: str, lettered: bool = True, unit_line: str = "")
     written = unit_line or bracketed
     if quantity is None and _is_pulse(words, written):
         return _heading(index, text, "throttle", words, find_unit("throttle", "us"), lettered)
-    if quantity != "throttle" and SET_POINT & set(words):
+    if quantity != "throttle" and aliases.SET_POINT & set(words):
         return None
     if quantity is None:
         return _symbol(index, text, words, written, lettered)
@@ -125,7 +109,7 @@ def recognise(index: int, text: str, lettered: bool = True, unit_line: str = "")
     if "throttle" in words:
         quantity = "throttle"
     unit = find_unit(quantity, written) if written else None
-    if written and unit is None and set(words_of(written)) & (set(QUANTITY_OF) | DERIVED):
+    if written and unit is None and set(words_of(written)) & (set(QUANTITY_OF) | aliases.DERIVED):
         words, written = [*words, *words_of(written)], ""  # brackets around a word, not a unit
     if written and unit is None:
         if quantity in ("power", "time", "throttle") or "/w" in plain(written):
@@ -152,11 +136,11 @@ def _is_pulse(words: list[str], written: str) -> bool:
     if unit is None or unit.name != "us":
         return False
     rest = words[:-1] if tail else words
-    named = PULSE | SET_POINT | UPPER | LOWER
+    named = aliases.PULSE | aliases.SET_POINT | aliases.UPPER | aliases.LOWER
     if not named & set(rest):
         return False  # a stamp of time may be called so as well
-    labels = named | LETTERS | LABELS
-    return all(word in labels or (word.isdigit() and len(word) == 1) for word in rest)
+    known = named | aliases.ROTOR_NAMES
+    return all(word in known or (word.isdigit() and len(word) == 1) for word in rest)
 
 
 def _symbol(index: int, text: str, words: list[str], written: str, lettered: bool) -> Heading | None:
@@ -169,7 +153,10 @@ def _symbol(index: int, text: str, words: list[str], written: str, lettered: boo
         label_words = rest
         if not written and rest:
             unit, label_words = _unit_in_words(quantity, rest, lettered)
-        if any(w not in LETTERS | LABELS | UPPER | LOWER and not w.isdigit() for w in label_words):
+        if any(
+            w not in aliases.LETTERS | aliases.LABELS | aliases.UPPER | aliases.LOWER and not w.isdigit()
+            for w in label_words
+        ):
             continue
         if unit is None and (written or symbol in "fiuvp"):
             continue
@@ -183,7 +170,7 @@ def _unit_in_words(quantity: str, words: list[str], lettered: bool) -> tuple[Uni
     """A unit at the end of a heading without brackets (thrust_kgf, torque N m), and the words before it."""
     for count in (3, 2, 1):
         tail = words[-count:]
-        if len(words) <= count - 1 or (lettered and count == 1 and tail[0] in LETTERS):
+        if len(words) <= count - 1 or (lettered and count == 1 and tail[0] in aliases.LETTERS):
             continue
         for joined in ("".join(tail), "/".join(tail)):
             unit = find_unit(quantity, joined)
@@ -206,10 +193,14 @@ def _heading(
         unit = find_unit("speed", "erpm")
     label = ""
     for word in words:
-        if word in UPPER | LOWER:
-            label = "upper" if word in UPPER else "lower"
+        if word in aliases.UPPER | aliases.LOWER:
+            label = "upper" if word in aliases.UPPER else "lower"
             break
-        if word in LABELS or (lettered and word in LETTERS) or (word.isdigit() and len(word) == 1):
+        if (
+            word in aliases.LABELS
+            or (lettered and word in aliases.LETTERS)
+            or (word.isdigit() and len(word) == 1)
+        ):
             label = label or word
     shaft = quantity == "power" and bool({"mechanical", "mech", "shaft"} & set(words))
     return Heading(index, text, quantity, label, unit, shaft, "optical" in words)

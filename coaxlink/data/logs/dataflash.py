@@ -22,22 +22,9 @@ from coaxlink.data.logs.streams import Message, TimeSeries, longest, merge, rows
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 
-TYPES = [
-    "MOUT",
-    "RCOU",
-    "IMU",
-    "XKF1",
-    "XKF2",
-    "XKF4",
-    "NKF1",
-    "ATT",
-    "BAT",
-    "CURR",
-    "RFND",
-    "ESC",
-    "EV",
-    "ARM",
-]
+TYPES = (
+    "MOUT", "RCOU", "IMU", "XKF1", "XKF2", "XKF4", "NKF1", "ATT", "BAT", "CURR", "RFND", "ESC", "EV", "ARM",
+)  # fmt: skip
 MOST_LOST = 20_000  # messages that cannot be read; a torn log loses some, a card's bad block some hundred
 EVENT_ARMED, EVENT_DISARMED, EVENT_LANDED, EVENT_AIRBORNE = 10, 11, 18, 28
 INSTANCE = ("Instance", "Inst", "I")  # what the number of a sensor is called, over the years

@@ -23,21 +23,10 @@ from firmware_params import bounded
 EPOCH_US = 1e15  # a stamp above this counts from 1970, one below from boot
 ESC_TELEMETRY = ("ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8", "ESC_TELEMETRY_9_TO_12")
 NAMES = (
-    "HEARTBEAT",
-    "HIGHRES_IMU",
-    "SCALED_IMU",
-    "RAW_IMU",
-    "ATTITUDE",
-    "ATTITUDE_QUATERNION",
-    "LOCAL_POSITION_NED",
-    "ACTUATOR_OUTPUT_STATUS",
-    "SERVO_OUTPUT_RAW",
-    "BATTERY_STATUS",
-    "ESC_STATUS",
-    *ESC_TELEMETRY,
-    "DISTANCE_SENSOR",
-    "EXTENDED_SYS_STATE",
-)
+    "HEARTBEAT", "HIGHRES_IMU", "SCALED_IMU", "RAW_IMU", "ATTITUDE", "ATTITUDE_QUATERNION",
+    "LOCAL_POSITION_NED", "ACTUATOR_OUTPUT_STATUS", "SERVO_OUTPUT_RAW", "BATTERY_STATUS", "ESC_STATUS",
+    *ESC_TELEMETRY, "DISTANCE_SENSOR", "EXTENDED_SYS_STATE",
+)  # fmt: skip
 WRAP_S = 2**32 / 1e6  # 32 bits of microseconds come round every 71 minutes
 REBOOT_S = 5.0  # a clock that goes back by more than this was restarted
 ARMED_FLAG, ARDUPILOT = 128, 3

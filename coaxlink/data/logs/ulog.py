@@ -22,17 +22,9 @@ from coaxlink.errors import InputError
 
 STAMPED_BY_SAMPLE = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_attitude")
 TOPICS = [
-    *STAMPED_BY_SAMPLE,
-    "actuator_motors",
-    "actuator_outputs",
-    "sensor_combined",
-    "vehicle_local_position",
-    "distance_sensor",
-    "battery_status",
-    "esc_status",
-    "vehicle_status",
-    "vehicle_land_detected",
-]
+    *STAMPED_BY_SAMPLE, "actuator_motors", "actuator_outputs", "sensor_combined", "vehicle_local_position",
+    "distance_sensor", "battery_status", "esc_status", "vehicle_status", "vehicle_land_detected",
+]  # fmt: skip
 CIRCLES = 20  # steps back to where the reader was before; looking for a sync mark takes one or two
 ARMED = 2
 VELOCITY = {"vel_n_m_s": "vx", "vel_e_m_s": "vy", "vel_d_m_s": "vz"}
