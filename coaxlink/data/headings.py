@@ -153,10 +153,7 @@ def _symbol(index: int, text: str, words: list[str], written: str, lettered: boo
         label_words = rest
         if not written and rest:
             unit, label_words = _unit_in_words(quantity, rest, lettered)
-        if any(
-            w not in aliases.LETTERS | aliases.LABELS | aliases.UPPER | aliases.LOWER and not w.isdigit()
-            for w in label_words
-        ):
+        if not all(word in aliases.ROTOR_NAMES or word.isdigit() for word in label_words):
             continue
         if unit is None and (written or symbol in "fiuvp"):
             continue
