@@ -152,7 +152,7 @@ class _AirframeFile(BaseModel):
         Positive | None, Field(description="Energy of the pack that a flight may use, Wh.")
     ] = None
     attitude_loop: Annotated[
-        dict[str, Any] | None, Field(description="Read no more: gains of loops that `mix` once closed.")
+        dict[str, Any] | None, Field(description="Read no more: gains of loops that live mixing once closed.")
     ] = None
     rotors: Annotated[
         list[_RotorTable], Field(min_length=3, max_length=16, description="One table a rotor, any order.")

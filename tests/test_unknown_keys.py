@@ -122,7 +122,7 @@ CASES = {
 
 READERS = {
     *(f"coaxlink/{p}.py" for p in ("airframe", "cli/shared/rate_loops", "data/columns_map")),
-    *(f"coaxlink/{p}.py" for p in ("fly/plans", "live/attitude_loop", "mixer/limits", "monitor/config")),
+    *(f"coaxlink/{p}.py" for p in ("fly/plans", "mixer/limits", "monitor/config")),
     "coaxlink/rotor/model.py", "coaxlink/studies/campaign/spec.py",
     *(f"sim/{p}.py" for p in ("manoeuvres", "physics/rotors", "truth", "vehicle")),
     *(f"sim/stand/{p}.py" for p in ("effects", "schedule")),

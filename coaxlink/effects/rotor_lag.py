@@ -292,5 +292,5 @@ EFFECT = PhysicalEffect(
     flight=FLIGHT,
     stand=STAND,
     no_static="a mixer is static: declare motor_lag_s and tune the loops for the slower rotor",
-    no_live="declare motor_lag_s and fly with `lead_s`, which amplifies noise, or tune the loops to it",
+    no_live="declare motor_lag_s and tune the loops to it",
 )  # fmt: skip

@@ -6,9 +6,7 @@ older one.
 
 from __future__ import annotations
 
-import queue
 import struct
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -17,9 +15,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.errors import CheckFailed, InputError, LinkError
 from coaxlink.mavlink.identity import version_request
 from coaxlink.mavlink.request_window import Asker
+from coaxlink.mavlink.requests import Inbox
 from coaxlink.mavlink.session import Message, Session
 from coaxlink.mavlink.strangers import LOST_S
-from coaxlink.mavlink.values import FLOAT, Coding, Number, ParamSet, Value, raw_bits
+from coaxlink.mavlink.values import FLOAT, Number, ParamSet, Value, decode, encode, is_bytewise, raw_bits
 from firmware_params.plain import is_parameter_name
 
 __all__ = ["FLOAT", "Number", "Parameters", "Snapshot", "Value"]
@@ -62,14 +61,21 @@ class Parameters:
         self._session = session
         self._timeout_s = timeout_s
         self._asker = Asker(session, timeout_s=timeout_s, window=_WINDOW)
-        coding = Coding(session.identity)
-        self.encode, self.decode, self.bytewise = coding.encode, coding.decode, coding.bytewise
+        self.bytewise = is_bytewise(session.identity.autopilot, session.identity.capabilities)
         self.again = 0  # asked or written again for another reason than silence
 
     @property
     def retries(self) -> int:
         """Requests and writes that were repeated."""
         return self._asker.retries + self.again
+
+    def encode(self, name: str, value: Number, kind: int) -> Value:
+        """`values.encode` as this vehicle has it."""
+        return encode(name, value, kind, self.bytewise)
+
+    def decode(self, message: Message) -> Value:
+        """`values.decode` as this vehicle has it."""
+        return decode(message, self.bytewise)
 
     # -- reading -------------------------------------------------------------------------------------------
 
@@ -140,7 +146,7 @@ class Parameters:
 
     def _list_once(
         self,
-        inbox: queue.SimpleQueue[Message],
+        inbox: Inbox,
         listing: _Listing,
         progress: Callable[[int, int], None] | None,
     ) -> None:
@@ -149,7 +155,8 @@ class Parameters:
         self._session.send(mavlink.MAVLink_param_request_list_message(target.system, target.component))
         # the list may begin later than a single answer would come, and is long
         quiet_s = min(3.0 * self._asker.pace.wait_s(0) + 0.1, self._timeout_s + 0.3)
-        heard, started = 0, time.monotonic()
+        clock = self._session.clock
+        heard, started = 0, clock.monotonic()
         while (message := self._session.take(inbox, quiet_s)) is not None:
             if message.param_id == HASH:
                 listing.hash = struct.unpack("<I", raw_bits(message))[0]
@@ -157,7 +164,7 @@ class Parameters:
                 listing.count = message.param_count
                 listing.by_index[message.param_index] = self.decode(message)
                 heard += 1
-                quiet_s = min(max(40.0 * (time.monotonic() - started) / heard, 0.15), self._timeout_s + 0.3)
+                quiet_s = min(max(40.0 * (clock.monotonic() - started) / heard, 0.15), self._timeout_s + 0.3)
                 if progress:
                     progress(len(listing.by_index), listing.count)
             if listing.count and not listing.gaps:
@@ -254,9 +261,7 @@ class Parameters:
         """Raise LinkError where silence is no answer: the vehicle answers not even who it is."""
         session = self._session
         request = version_request(session.identity)
-        answer, _ = session.exchange(
-            request, ("AUTOPILOT_VERSION",), lambda m: True, tries=self._asker.tries()
-        )
+        answer, _ = session.exchange(request, "AUTOPILOT_VERSION", tries=self._asker.tries())
         if answer is None:
             what = "it is heard, but answers nothing"
             raise LinkError(session.address, f"{what} (does it take signed messages only? `signing_key`)")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.live.in_air import NOTHING_HEARD, RotorsInAir
-from coaxlink.live.mixer import DemandScale
+from coaxlink.live.mixer_core import DemandScale
 from coaxlink.mixer.coefficients import standard_coefficients
 from coaxlink.mixer.law import Law
 from coaxlink.monitor.arms import ArmView, RotorView, arm_name, arms_of, ideal_shares, rotors_of, share_of

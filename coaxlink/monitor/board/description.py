@@ -9,7 +9,6 @@ import numpy as np
 
 from coaxlink.airframe import Airframe
 from coaxlink.mixer.coefficients import reduced_coefficients, standard_coefficients
-from coaxlink.mixer.intent import intended_wrench
 from coaxlink.monitor.board import ardupilot as board_ardupilot
 from coaxlink.monitor.board.view import ABSURD, NEAR, Board, digest_of
 from coaxlink.vehicle import Vehicle
@@ -75,7 +74,7 @@ def intended(parameters: Mapping[str, float], commands: Sequence[float | None]) 
         return None
     try:
         with np.errstate(all="ignore"):
-            wrench = intended_wrench(used, [float(c or 0.0) for c in commands])
+            wrench = realise(used).wrench([float(c or 0.0) for c in commands])
     except (FirmwareParamsError, *ABSURD):
         return None
     return tuple(float(w) for w in wrench) if np.isfinite(wrench).all() else None
