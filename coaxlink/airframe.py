@@ -180,33 +180,20 @@ def load_airframe(path: str | Path) -> Airframe:
     if [t.number for t in tables] != list(range(1, len(tables) + 1)):
         raise InputError(path, "rotors.number", f"numbers must run from 1 to {len(tables)}, each once")
     _check_pairs(path, tables)
-    rotors = []
-    for t in tables:
-        norm = float(np.linalg.norm(t.axis))
-        if norm < 1e-6:
-            raise InputError(path, f"rotors[{t.number}].axis", "a direction is expected, found zero length")
-        axis = tuple(float(a) / norm for a in t.axis)
-        rotors.append(
-            Rotor(
-                t.number,
-                t.position_m,
-                (axis[0], axis[1], axis[2]),
-                1 if t.spin == "ccw" else -1,
-                t.level,
-                t.pair,
-            )
-        )
+    rotors = tuple(_rotor(path, t) for t in tables)
     model = path.parent / parsed.rotor_model if parsed.rotor_model else None
     return Airframe(
-        parsed.name,
-        parsed.mass_kg,
-        parsed.inertia_kg_m2,
-        tuple(rotors),
-        parsed.motor_lag_s,
-        model,
-        path,
+        parsed.name, parsed.mass_kg, parsed.inertia_kg_m2, rotors, parsed.motor_lag_s, model, path,
         parsed.battery_Wh,
-    )
+    )  # fmt: skip
+
+
+def _rotor(path: Path, t: _RotorTable) -> Rotor:
+    norm = float(np.linalg.norm(t.axis))
+    if norm < 1e-6:
+        raise InputError(path, f"rotors[{t.number}].axis", "a direction is expected, found zero length")
+    x, y, z = (float(a) / norm for a in t.axis)
+    return Rotor(t.number, t.position_m, (x, y, z), 1 if t.spin == "ccw" else -1, t.level, t.pair)
 
 
 def _by_number(error: InputError, document: dict[str, Any]) -> InputError:

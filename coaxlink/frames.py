@@ -102,7 +102,7 @@ STAND_CHANNELS = (*STAND_LOADS, "upper_speed", "lower_speed")
 STAND_UNITS = (*(load.unit for load in Load), "1", "1")
 
 
-class Surface(Protocol):
+class LoadMisfit(Protocol):
     """What fitted terms miss of one load, over both speeds."""
 
     def __call__(self, speeds: Array) -> Array:
@@ -138,7 +138,7 @@ class StandFrame:
     block: NDArray[np.intp]  # (rows,)
     keep: NDArray[np.intp]
     notes: tuple[str, ...] = ()
-    surfaces: Mapping[int, Surface] = field(default_factory=dict)  # by load: what the fitted terms miss
+    surfaces: Mapping[int, LoadMisfit] = field(default_factory=dict)  # by load: what the fitted terms miss
     # as a flight's
     last_columns: list[tuple[object, Mapping[str, float], Array]] = field(
         default_factory=list, init=False, repr=False, compare=False

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from coaxlink.data.aliases import SIDES
 from coaxlink.data.samples import Samples
 
 MOST = 5_000  # rows: more only repeat what the stand has said
@@ -28,16 +29,11 @@ def shortened(samples: Samples, most: int = MOST) -> Samples:
         return samples
     size = -(-samples.rows // most)
     count = samples.rows // size
-    speeds = [
-        samples[f"{side}_{what}"]
-        for what in ("rpm", "throttle")
-        for side in ("upper", "lower")
-        if samples.has(f"{side}_{what}")
-    ]
     steady = np.ones(count, bool)
-    for speed in speeds:
-        parts = speed[: count * size].reshape(count, size)
-        steady &= np.ptp(parts, axis=1) <= STEADY * max(float(np.abs(speed).max()), 1e-300)
+    for name in (f"{side}_{what}" for what in ("rpm", "throttle") for side in SIDES):
+        if samples.has(name):
+            parts = samples[name][: count * size].reshape(count, size)
+            steady &= np.ptp(parts, axis=1) <= STEADY * max(float(np.abs(samples[name]).max()), 1e-300)
     if 2 * steady.sum() < count:
         sparse = samples.take(np.arange(0, samples.rows, size))
         return sparse.with_notes(f"every {size}th of {samples.rows} rows: the speeds never hold still")

@@ -8,7 +8,7 @@ upper_torque_Nm = { column = "Q1", scale = -0.001, offset = 0 } # ours = scale *
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from coaxlink import files
+from coaxlink.data.aliases import OWN_COLUMNS, Unit, find_unit, quantity_of, unit_names
 from coaxlink.data.headings import UnknownUnitError, recognise
 from coaxlink.data.table import TextTable
-from coaxlink.data.units import Unit, find_unit, quantity_of, unit_names
 from coaxlink.errors import InputError
 from firmware_params.keys import misspelt, unknown_key
 
 FORM = '{ column = "HEADING", unit = "UNIT" } or { column = "HEADING", scale = 1.0, offset = 0.0 }'
+NEEDS_POLES = "electrical turns: say the motor's magnet poles with `poles` (14, 24, 28)"
 
 
 class _Entry(BaseModel):
@@ -44,12 +45,12 @@ class Mapped:
     notes: tuple[str, ...]
 
 
-def map_columns(table: TextTable, path: Path, known: Sequence[str], poles: int | None = None) -> Mapped:
+def map_columns(table: TextTable, path: Path, poles: int | None = None) -> Mapped:
     """The columns that the map at `path` makes of a table. Raises InputError naming file and key."""
     columns, used, stated, notes = {}, set(), set(), []
     for name, value in files.read_toml(path).items():
         entry = _entry(path, name, value)
-        if meant := misspelt(name, known):  # others are context: any name will do
+        if meant := misspelt(name, OWN_COLUMNS):  # others are context: any name will do
             raise InputError(path, name, f"unknown; {meant}?")
         heading = " ".join(entry.column.split())
         if heading not in table.headings:
@@ -62,12 +63,6 @@ def map_columns(table: TextTable, path: Path, known: Sequence[str], poles: int |
             stated.add(name)
         notes.append(f"{name} = {said}")
     return Mapped(columns, frozenset(used), frozenset(stated), tuple(notes))
-
-
-def line_for(name: str, heading: str, unit: str) -> str:
-    """The line of a map that states a unit."""
-    quoted = heading.replace("\\", "\\\\").replace('"', '\\"')
-    return f'{name} = {{ column = "{quoted}", unit = "{unit}" }}'
 
 
 def _entry(path: Path, name: str, value: object) -> _Entry:
@@ -91,28 +86,23 @@ def _conversion(
     if entry.scale is not None or (entry.unit is None and entry.offset):
         scale = 1.0 if entry.scale is None else entry.scale
         return scale, entry.offset, f"{scale:g} x '{heading}'" + (f" + {entry.offset:g}" * bool(entry.offset))
-    quantity = quantity_of(name)
-    unit = _unit(table, path, name, entry, index, quantity)
+    unit = _unit(table, path, name, entry, index)
     if unit is None:
         return 1.0, 0.0, f"1 x '{heading}'"
     if unit.electrical and not poles:
-        raise InputError(
-            path, name, "electrical turns: say the motor's magnet poles with `poles` (14, 24, 28)"
-        )
+        raise InputError(path, name, NEEDS_POLES)
     return unit.factor(poles), unit.offset + entry.offset, f"'{heading}' in {unit.name}"
 
 
-def _unit(
-    table: TextTable, path: Path, name: str, entry: _Entry, index: int, quantity: str | None
-) -> Unit | None:
+def _unit(table: TextTable, path: Path, name: str, entry: _Entry, index: int) -> Unit | None:
     """The unit that the map states, or else the heading."""
+    quantity, text = quantity_of(name), table.headings[index]
     if entry.unit is not None:
         unit = find_unit(quantity, entry.unit) if quantity else None
         if unit is None:
             expected = ", ".join(unit_names(quantity)) if quantity else "none: a column without a unit"
             raise InputError(path, name, f"unit: {expected} expected, found '{entry.unit}'")
         return unit
-    text = table.headings[index]
     if quantity is None or text == name:
         return None
     try:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coaxlink.data.aliases import SIDES
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 
@@ -22,20 +23,17 @@ def join(logs: Sequence[Samples]) -> Samples:
     """
     if len(logs) == 1:
         return logs[0]
-    parts_by_name: dict[str, list[np.ndarray]] = {}
-    names = [name for log in logs for name in log.columns]
+    columns: dict[str, np.ndarray] = {}
     dropped = []
-    for name in dict.fromkeys(names):
-        filled = [_filled(log, name) for log in logs]
-        known = [column for column in filled if column is not None]
+    for name in dict.fromkeys(name for log in logs for name in log.columns):
+        known = [column for log in logs if (column := _filled(log, name)) is not None]
         if len(known) == len(logs):
-            parts_by_name[name] = known
+            columns[name] = np.concatenate(known)
         else:
             dropped.append(name)
-    for side in ("upper", "lower"):
-        if any(log.has(f"{side}_{what}") for log in logs for what in SPEEDS) and not any(
-            f"{side}_{what}" in parts_by_name for what in SPEEDS
-        ):
+    for side in SIDES:
+        speeds = [f"{side}_{what}" for what in SPEEDS]
+        if any(log.has(name) for log in logs for name in speeds) and not columns.keys() & set(speeds):
             lacking = next(log for log in logs if not log.has(f"{side}_rpm"))
             raise InputError(
                 lacking.source, f"column {side}_rpm", "missing, and the logs joined with it have it"
@@ -44,7 +42,6 @@ def join(logs: Sequence[Samples]) -> Samples:
     notes.append(f"joined: {', '.join(f'{log.source} ({log.rows} rows)' for log in logs)}")
     if dropped:
         notes.append(f"left out, not in every log: {', '.join(dropped)}")
-    columns = {name: np.concatenate(parts) for name, parts in parts_by_name.items()}
     return Samples(columns, " + ".join(log.source for log in logs), tuple(notes))
 
 
@@ -53,9 +50,9 @@ def _filled(log: Samples, name: str) -> np.ndarray | None:
     if log.has(name):
         return log[name]
     side, _, what = name.partition("_")
-    if side not in ("upper", "lower"):
+    if side not in SIDES:
         return None
-    on_the_stand = any(log.has(f"{side}_{w}") for w in (*SPEEDS, *LOADS))
     if what in LOADS:
         return np.full(log.rows, np.nan)
+    on_the_stand = any(log.has(f"{side}_{w}") for w in (*SPEEDS, *LOADS))
     return np.zeros(log.rows) if what in SPEEDS and not on_the_stand else None

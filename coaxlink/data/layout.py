@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from coaxlink.data.aliases import QUANTITIES, plain
 from coaxlink.data.lines import Line
 from coaxlink.errors import InputError
 
@@ -21,11 +22,13 @@ HEAD = 400  # lines that may come before the first row of numbers
 _UNIT = re.compile(r"[\[(].*[\])]|[a-z%°/·⋅*.\-^²³0-9 µμ]{1,8}|-|", re.IGNORECASE)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 _COMMA = re.compile(r"[+-]?(\d{1,3}(\.\d{3})+|\d*),\d+([eE][+-]?\d+)?")
+_CONTEXT_UNITS = {"pwm", "pa", "hpa", "°c", "c", "k", "m", "mm", "-"}  # no quantity of ours
+_UNITS = _CONTEXT_UNITS.union(*(quantity.units for quantity in QUANTITIES.values()))
 Row = tuple[int, list[str]]  # line number, cells
 
 
 @dataclass(frozen=True)
-class Layout:
+class TableLayout:
     """Where the columns are and what they are called."""
 
     headings: tuple[str, ...]
@@ -37,30 +40,19 @@ class Layout:
     raw: tuple[tuple[str, ...], ...] = ()  # the heading lines as they stand, to know them again further down
     notes: tuple[str, ...] = ()
 
-    @property
-    def width(self) -> int:
-        """Number of columns."""
-        return len(self.headings)
-
     def number(self, text: str) -> float:
         """A cell as a number; "50%" is 50. Raises ValueError."""
-        text = text.rstrip().removesuffix("%")
-        return float(decimal_point(text) if self.decimal_comma and "," in text else text)
+        return _number(text.rstrip().removesuffix("%"), self.decimal_comma)
 
 
-def decimal_point(text: str) -> str:
-    """1.234,5 as 1234.5."""
-    return text.replace(".", "").replace(",", ".")
-
-
-def find_layout(path: Path, lines: Sequence[Line]) -> Layout:
-    """The layout of a delimited text from its first lines, quotes joined. Raises InputError."""
+def find_layout(path: Path, lines: Sequence[Line]) -> TableLayout:
+    """The layout of a delimited text from its first lines. Raises InputError."""
     rest = [(n, line) for n, line in lines if line.strip(" \t;,|")]
     if not rest:
         raise InputError(path, "", "empty: a heading line and rows of numbers are expected")
     best = (-1, -1), ",", [(n, [line]) for n, line in rest]
     for delimiter in DELIMITERS:
-        rows = [(n, split(path, uncommented(line), delimiter, strict=False)) for n, line in rest]
+        rows = [(n, split(path, _uncommented(line), delimiter, strict=False)) for n, line in rest]
         score = _score(rows)
         if (score[0] > best[0][0]) if delimiter == " " else (score > best[0]):
             best = score, delimiter, rows
@@ -83,7 +75,7 @@ def split(path: Path, line: str, delimiter: str, *, strict: bool = True) -> list
         raise InputError(path, "", f"not a table of columns separated by {shown} ({error})") from error
 
 
-def uncommented(line: str) -> str:
+def _uncommented(line: str) -> str:
     """A line without the mark of a comment before it: some loggers write their headings as a comment."""
     text = line.lstrip()
     mark = next((m for m in COMMENTS if text.startswith(m)), "")
@@ -96,33 +88,22 @@ def layout_of(
     commented: set[int] | frozenset[int] = frozenset(),
     *,
     decimal_comma: bool = False,
-) -> Layout:
+) -> TableLayout:
     """The layout of rows already split: the headings are the last text above the first numbers.
 
     Raises InputError.
     """
-
-    def numeric(row: Row) -> bool:
-        return row[0] not in commented and _is_data(row[1], decimal_comma)
-
-    first = next((i for i, row in enumerate(rows) if numeric(row)), None)
-    if first == 0:
-        raise InputError(path, f"line {rows[0][0]}", "column headings are expected, found numbers")
+    first = next(
+        (i for i, row in enumerate(rows) if row[0] not in commented and _is_data(row[1], decimal_comma)), None
+    )
     if first is None:
-        # headings without numbers, or a row of which no cell is one
-        top = next((row for row in rows if row[0] not in commented and len(row[1]) > 1), rows[0])
-        after = [row for row in rows if row[0] > top[0]]
-        if not after:
-            raise InputError(
-                path, f"line {top[0] + 1}", "no rows: numbers are expected under the heading line"
-            )
-        raise InputError(path, f"line {after[0][0]}", "no rows of numbers follow the heading line")
+        raise _no_numbers(path, rows, commented)
     number, cells = rows[first]
-    width = len(_stripped(cells))
+    width = len(stripped(cells))
     above = [
-        row for row in rows[:first] if len(_stripped(row[1])) > 1 or row[0] not in commented or width == 1
+        row for row in rows[:first] if len(stripped(row[1])) > 1 or row[0] not in commented or width == 1
     ]
-    wide = [row for row in above if len(_stripped(row[1])) >= width] or above
+    wide = [row for row in above if len(stripped(row[1])) >= width] or above
     if not wide:
         raise InputError(path, f"line {number}", "column headings are expected, found numbers")
     top, units = wide[-1], [""] * len(wide[-1][1])
@@ -133,9 +114,9 @@ def layout_of(
     headings, group = _grouped(top, above)
     while headings and not headings[-1]:  # a trailing delimiter names no column
         headings.pop()
+    _check(path, headings, top[0])
     units = [" ".join(u.split()).strip("[]() ") for u in units]
     units = [("" if u == "-" else u) for u in units[: len(headings)]] + [""] * (len(headings) - len(units))
-    _check(path, headings, top[0])
     notes = []
     before = sum(1 for row in rows[:first] if row[0] < (group or top[0]))
     if before:
@@ -144,16 +125,25 @@ def layout_of(
         notes.append(f"headings of lines {group} and {top[0]} put together")
     if any(units):
         notes.append(f"units on line {wide[-1][0]}")
-    return Layout(
+    return TableLayout(
         tuple(headings), tuple(units), top[0], number, "", decimal_comma,
-        tuple(tuple(c.strip() for c in _stripped(r)) for r in raw), tuple(notes),
+        tuple(tuple(stripped(r)) for r in raw), tuple(notes),
     )  # fmt: skip
 
 
-def _stripped(cells: Sequence[str]) -> list[str]:
-    """Cells without the empty ones at the end."""
-    out = list(cells)
-    while out and not out[-1].strip():
+def _no_numbers(path: Path, rows: Sequence[Row], commented: set[int] | frozenset[int]) -> InputError:
+    """Headings without numbers, or no row of which a cell is one."""
+    top = next((row for row in rows if row[0] not in commented and len(row[1]) > 1), rows[0])
+    after = [row for row in rows if row[0] > top[0]]
+    if not after:
+        return InputError(path, f"line {top[0] + 1}", "no rows: numbers are expected under the heading line")
+    return InputError(path, f"line {after[0][0]}", "no rows of numbers follow the heading line")
+
+
+def stripped(cells: Sequence[str]) -> list[str]:
+    """Cells without the white space around them and the empty ones at the end."""
+    out = [cell.strip() for cell in cells]
+    while out and not out[-1]:
         out.pop()
     return out
 
@@ -162,10 +152,8 @@ def _grouped(top: Row, above: Sequence[Row]) -> tuple[list[str], int]:
     """Headings; where they repeat under a line of group headings (Upper,,,Lower), both together."""
     names = [" ".join(c.split()) for c in top[1]]
     filled = [n for n in names if n]
-    if len(set(filled)) == len(filled):
-        return names, 0
-    over = [row for row in above if row[0] < top[0] and len(_stripped(row[1])) > 1]
-    if not over:
+    over = [row for row in above if row[0] < top[0] and len(stripped(row[1])) > 1]
+    if len(set(filled)) == len(filled) or not over:
         return names, 0
     line, groups = over[-1]
     held, joined = "", []
@@ -181,14 +169,13 @@ def _are_units(cells: Sequence[str]) -> bool:
     if not filled or not all(_UNIT.fullmatch(c) for c in filled):
         return False
     bracketed = sum(c[0] in "[(" for c in filled)
-    known = sum(c.strip("[]() ").casefold() in _KNOWN_UNITS for c in filled)
+    known = sum(_is_unit(c.strip("[]() ")) for c in filled)
     return bracketed == len(filled) or known > 0.5 * len(filled)
 
 
-_KNOWN_UNITS = frozenset(
-    """s ms us µs μs rpm erpm 1/min min-1 rad/s rad/sec hz rev/s rps n kn g gf kg kgf lb lbf lbs oz ozf nm n.m
-    n*m n·m n⋅m n-m mnm ncm n·cm nmm kgfcm kgf.cm kgf·cm v mv a ma w kw % pwm pa hpa °c c k m mm -""".split()  # noqa: SIM905
-)
+def _is_unit(word: str) -> bool:
+    word = plain(word)
+    return word in _UNITS or re.sub(r"[\s.*\-]", "", word) in _UNITS
 
 
 def _is_data(cells: Sequence[str], decimal_comma: bool) -> bool:
@@ -198,9 +185,14 @@ def _is_data(cells: Sequence[str], decimal_comma: bool) -> bool:
     return bool(filled) and count >= 1 and 2 * count >= len(filled)
 
 
+def _number(cell: str, decimal_comma: bool) -> float:
+    """1.234,5 is 1234.5 with a decimal comma. Raises ValueError."""
+    return float(cell.replace(".", "").replace(",", ".") if decimal_comma and "," in cell else cell)
+
+
 def _is_number(cell: str, decimal_comma: bool) -> bool:
     try:
-        float(decimal_point(cell) if decimal_comma and "," in cell else cell)
+        _number(cell, decimal_comma)
     except ValueError:
         return False
     return True
@@ -210,7 +202,7 @@ def _score(rows: Sequence[Row]) -> tuple[int, int]:
     """Numbers less other cells in the lines of the commonest width, and the widest line."""
     gain: dict[int, int] = {}
     for _, cells in rows:
-        filled = [c.strip() for c in _stripped(cells)]
+        filled = stripped(cells)
         if len(filled) > 1 and _is_data(filled, True):
             numbers = sum(_is_number(c, True) for c in filled if c)
             gain[len(filled)] = gain.get(len(filled), 0) + 2 * numbers - sum(bool(c) for c in filled)

@@ -1,10 +1,11 @@
-"""A text file as numbered lines: encoding by its bytes, read a piece at a time, quotes never split."""
+"""A text file as numbered lines: encoding by its bytes, read a piece at a time, quoted cells never split."""
 
 from __future__ import annotations
 
 import codecs
+import io
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from coaxlink.errors import InputError
@@ -22,39 +23,36 @@ Progress = Callable[[float], None]  # takes the share that is read, 0..1
 def read_lines(path: Path, progress: Progress | None = None) -> Iterator[list[Line]]:
     """Pieces of a text file as numbered lines: UTF-8, UTF-16 or, when it is neither, Latin-1.
 
-    Raises InputError: unreadable, or not text.
+    A quoted cell that runs over several lines is one line. Raises InputError: unreadable, or not text.
     """
+    quotes = _Quotes(path)
     try:
         with path.open("rb") as stream:
             size = max(path.stat().st_size, 1)
-            head = stream.read(PIECE)
-            encoding, skip = _encoding(path, head, complete=size <= len(head))
-            decoder = codecs.getincrementaldecoder(encoding)()
-            piece, rest, number, done = head[skip:], "", 1, skip
+            piece = stream.read(PIECE)
+            encoding, done = _encoding(path, piece, complete=size <= len(piece))
+            piece = piece[done:]
+            decoder = io.IncrementalNewlineDecoder(
+                codecs.getincrementaldecoder(encoding)(), translate=True
+            )  # \r\n and \r are \n
+            rest, number = "", 1
             while True:
-                done += len(piece)
                 text = rest + _decoded(path, decoder, piece, encoding, done)
-                last = not piece
-                lines = text.replace("\r\n", "\n").split("\n") if last else _complete_lines(text)
-                rest = "" if last else lines.pop()
-                lines = [part for line in lines for part in (line.split("\r") if "\r" in line else [line])]
-                yield list(zip(range(number, number + len(lines)), lines, strict=True))
+                done += len(piece)
+                lines = text.split("\n")
+                rest = lines.pop() if piece else ""
+                yield quotes.joined(list(enumerate(lines, number)), last=not piece)
                 number += len(lines)
                 if len(rest) > LONGEST_LINE:
                     problem = f"a line of at most {LONGEST_LINE >> 20} MB is expected"
                     raise InputError(path, f"line {number}", problem)
                 if progress is not None:
                     progress(min(done / size, 1.0))
-                if last:
+                if not piece:
                     return
                 piece = stream.read(PIECE)
     except OSError as error:
         raise InputError(path, "", f"cannot be read ({error.strerror})") from error
-
-
-def _complete_lines(text: str) -> list[str]:
-    """Lines of a piece; the last one may go on, and a return at its end may be half of a line's end."""
-    return text.replace("\r\n", "\n").split("\n")
 
 
 def _encoding(path: Path, head: bytes, *, complete: bool) -> tuple[str, int]:
@@ -80,38 +78,45 @@ def _encoding(path: Path, head: bytes, *, complete: bool) -> tuple[str, int]:
     return found, skip
 
 
-def _decoded(path: Path, decoder: codecs.IncrementalDecoder, piece: bytes, encoding: str, done: int) -> str:
+def _decoded(
+    path: Path, decoder: io.IncrementalNewlineDecoder, piece: bytes, encoding: str, done: int
+) -> str:
     try:
         text = decoder.decode(piece, final=not piece)
     except UnicodeDecodeError as error:
-        offset = done - len(piece) + error.start
-        raise InputError(path, f"byte {offset}", f"not text ({encoding.upper()} expected)") from error
+        problem = f"not text ({encoding.upper()} expected)"
+        raise InputError(path, f"byte {done + error.start}", problem) from error
     odd = _CONTROL.search(text)
     if odd is not None:
-        near = done - len(piece) + odd.start()
-        raise InputError(path, f"byte {near}", f"not text (found the control code {ord(odd[0]):#04x})")
+        problem = f"not text (found the control code {ord(odd[0]):#04x})"
+        raise InputError(path, f"byte {done + odd.start()}", problem)
     return text
 
 
-def is_open(line: str) -> bool:
-    """Whether a quoted cell that begins on this line goes on below it."""
-    return line.count('"') % 2 == 1 and _OPENING.search(line) is not None
+class _Quotes:
+    """Joins the lines of quoted cells, over the ends of pieces as well."""
 
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._held: list[str] = []
+        self._start = 0
 
-def joined_quotes(path: Path, lines: Iterable[Line]) -> Iterator[Line]:
-    """Lines whose quoted cells run over several are one line. Raises InputError when a quote never ends."""
-    held: list[str] = []
-    start = 0
-    for number, line in lines:
-        if not held and not is_open(line):
-            yield number, line
-            continue
-        start = start if held else number
-        held.append(line)
-        if sum(part.count('"') for part in held) % 2 == 0:
-            yield start, " ".join(held)
-            held = []
-        elif len(held) > LONGEST_QUOTE:
-            break
-    if held:
-        raise InputError(path, f"line {start}", "a quote opens that never closes")
+    def joined(self, lines: list[Line], *, last: bool) -> list[Line]:
+        """The lines that are complete. Raises InputError when a quote never ends."""
+        if not self._held and not any('"' in line for _, line in lines):
+            return lines
+        out = []
+        for number, line in lines:
+            if not self._held and not (line.count('"') % 2 == 1 and _OPENING.search(line)):
+                out.append((number, line))
+                continue
+            self._start = self._start if self._held else number
+            self._held.append(line)
+            if sum(part.count('"') for part in self._held) % 2 == 0:
+                out.append((self._start, " ".join(self._held)))
+                self._held = []
+            elif len(self._held) > LONGEST_QUOTE:
+                break
+        if self._held and (last or len(self._held) > LONGEST_QUOTE):
+            raise InputError(self.path, f"line {self._start}", "a quote opens that never closes")
+        return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,6 @@ from coaxlink.data.layout import Row
 from coaxlink.errors import InputError
 
 MAGIC = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # zip (xlsx, ods), OLE (xls)
-
 FEW = 6  # rows of numbers: no sheet with fewer can be identified from
 
 
@@ -19,7 +19,7 @@ def is_sheet(head: bytes) -> bool:
 
 
 def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
-    """Rows in which something stands, and the sheet's name: the one asked for, or the only one with numbers.
+    """Rows in which something stands, and the sheet's name: the one requested, or the only one with numbers.
 
     Raises InputError: not a spreadsheet, no such sheet, several that have numbers.
     """
@@ -36,8 +36,8 @@ def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
         }
     except (CalamineError, OSError, ValueError) as error:
         raise InputError(path, "", f"not a spreadsheet that can be read ({error})") from error
-    full = [n for n, rows in sheets.items() if _numbers(rows)]
-    full = [n for n in full if _numbers(sheets[n]) >= FEW] or full
+    counts = {n: _rows_of_numbers(rows) for n, rows in sheets.items()}
+    full = [n for n in sheets if counts[n] >= FEW] or [n for n in sheets if counts[n]]
     if len(full) > 1:
         raise InputError(path, "", f"several sheets hold numbers: name one with `sheet` ({', '.join(full)})")
     chosen = full[0] if full else next(iter(sheets), "")
@@ -48,26 +48,20 @@ def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
 
 def _rows(cells: list[list[Any]]) -> list[Row]:
     return [
-        (i, [_text(c) for c in row])
+        (i, ["" if c is None else repr(c) if isinstance(c, float) else str(c) for c in row])
         for i, row in enumerate(cells, start=1)
         if any(c not in ("", None) for c in row)
     ]
 
 
-def _text(cell: Any) -> str:
-    if cell is None:
-        return ""
-    return repr(cell) if isinstance(cell, float) else str(cell)
-
-
-def _numbers(rows: list[Row]) -> int:
+def _rows_of_numbers(rows: list[Row]) -> int:
     """Rows with at least two numbers."""
-    return sum(sum(_is_number(c) for c in row) >= 2 for _, row in rows)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    found = 0
+    for _, row in rows:
+        numbers = 0
+        for cell in row:
+            with contextlib.suppress(ValueError):
+                float(cell)
+                numbers += 1
+        found += numbers >= 2
+    return found

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.constants import STANDARD_DENSITY_KG_M3
-from coaxlink.data.headings import Heading, UnknownUnitError, letters_name_rotors, recognise, words_of
-from coaxlink.data.rotors import TWINS
+from coaxlink.data.aliases import LOADS_AND_SPEED, OWN_COLUMNS, words_of
+from coaxlink.data.headings import Heading, recognised
+from coaxlink.data.rotors import TWINS, values_of
 from coaxlink.data.samples import Samples
-from coaxlink.data.stand import OWN_COLUMNS, read_stand_log
+from coaxlink.data.stand import read_stand_log
 from coaxlink.data.table import TextTable, is_spreadsheet, read_table
-from coaxlink.data.units import unit_names
 from coaxlink.errors import InputError
 
 Array = NDArray[np.float64]
@@ -82,18 +82,18 @@ def read_single_table(
     path = Path(path)
     if columns_map is None and not is_spreadsheet(path):
         head = files.read_text(path)[:20_000]
+        first = next((line.casefold().split() for line in head.splitlines() if line.strip()), [])
         if re.search(r"PROP RPM\s*=", head):
             return _checked(_apc(path, diameter_m))
-        first = next((line for line in head.splitlines() if line.strip()), "")
-        if {"rpm", "ct", "cp"} <= {w.casefold() for w in first.split()}:
+        if {"rpm", "ct", "cp"} <= set(first):
             return _checked(_uiuc(path, diameter_m))
-        if {"j", "ct", "cp"} <= {w.casefold() for w in first.split()}:
+        if {"j", "ct", "cp"} <= set(first):
             raise InputError(path, "line 1", "static data (RPM CT CP) are expected, found a table over J")
     if columns_map is None:
         table = read_table(path, sheet=sheet)
-        names = set(table.headings)
-        if not names & set(OWN_COLUMNS) and not any("time" in words_of(h) for h in table.headings):
-            return _checked(_sheet(table))
+        ours = set(table.headings) & set(OWN_COLUMNS)
+        if not ours and not any("time" in words_of(h) for h in table.headings):
+            return _checked(_sheet(table, poles))
     log = read_stand_log(
         path, columns_map, poles=poles, diameter_m=diameter_m, sheet=sheet, trust_units=trust_units
     )
@@ -102,111 +102,90 @@ def read_single_table(
 
 def _of_log(log: Samples) -> SingleTable:
     """A stand's log of one rotor, or its rows in which the lower one stands."""
-    rows = np.ones(log.rows, bool)
     if log.has("lower_rpm"):
-        rows = log["lower_rpm"] <= STANDS_STILL * max(float(log["lower_rpm"].max()), 1.0)
-    if not rows.any():
+        log = log.take(log["lower_rpm"] <= STANDS_STILL * max(float(log["lower_rpm"].max()), 1.0))
+    if not log.rows:
         raise InputError(
             log.source, "", "a table of one rotor is expected, found two that turn: identify LOG"
         )
-    log = log.take(rows)
     log.require("upper_rpm", "upper_thrust_N")
-    turning = log["upper_rpm"] > 0.1 * log["upper_rpm"].max()  # of a ramp, what is above idling
-    log = log.take(turning)
+    log = log.take(log["upper_rpm"] > 0.1 * log["upper_rpm"].max())  # of a ramp, what is above idling
 
     def column(*names: str) -> Array | None:
         return next((log[n] for n in names if log.has(n)), None)
 
-    volts = column("upper_voltage_V", "voltage_V")
-    power = column("upper_power_W")
-    if power is None and volts is not None and log.has("upper_current_A"):
-        power = volts * log["upper_current_A"]
-    return SingleTable(
-        log["upper_rpm"], log["upper_thrust_N"], column("upper_torque_Nm"), power, STAND, log.source,
-        float(np.median(volts)) if volts is not None else None, log.notes,
+    return _table(
+        STAND, log.source, log.notes, log["upper_rpm"], log["upper_thrust_N"], column("upper_torque_Nm"),
+        column("upper_power_W"), column("upper_voltage_V", "voltage_V"), column("upper_current_A"),
     )  # fmt: skip
 
 
-def _sheet(table: TextTable) -> SingleTable:
+def _sheet(table: TextTable, poles: int | None) -> SingleTable:
     """A maker's sheet: of the columns it has, those that are numbers throughout."""
-    lettered = letters_name_rotors(table.headings)
     found: dict[str, Heading] = {}
-    for i, text in enumerate(table.headings):
-        if not text or table.column_is_empty(i):
-            continue
-        try:
-            heading = recognise(i, text, lettered, table.units[i])
-        except UnknownUnitError as error:
-            raise InputError(
-                table.source, f"line {table.heading_line}, column {text!r}", str(error)
-            ) from error
-        if heading is None:
-            continue
-        if heading.quantity in ("speed", "thrust") or table.numbers_or_none(i) is not None:
-            first = found.setdefault(heading.quantity, heading)
-            if first is not heading and heading.quantity in ("speed", "thrust", "torque"):
-                _same(table, first, heading)
-    for quantity, name, shape in (("speed", "rpm", "RPM"), ("thrust", "thrust", "Thrust (g)")):
+    for heading in recognised(table):
+        quantity = heading.quantity
+        if quantity in ("speed", "thrust") or table.numbers_or_none(heading.index) is not None:
+            first = found.setdefault(quantity, heading)
+            if first is not heading and quantity in LOADS_AND_SPEED and heading.unit is not None:
+                _same(table, first, heading, poles)
+    for quantity, name, example in (("speed", "rpm", "RPM"), ("thrust", "thrust", "Thrust (g)")):
         if quantity not in found:
             shown = ", ".join(h for h in table.headings if h)[:120]
-            raise InputError(
-                table.source,
-                f"line {table.heading_line}",
-                f"no column of {name}: a heading such as '{shape}' is expected (found {shown})",
-            )
-    columns = {q: _column(table, h) for q, h in found.items() if q != "throttle"}
-    power = columns.get("power")
-    if power is None and {"voltage", "current"} <= set(columns):
-        power = columns["voltage"] * columns["current"]
-    volts = columns.get("voltage")
-    notes = [f"{q} from '{h.text}'" for q, h in found.items() if q in columns]
-    return SingleTable(
-        columns["speed"], columns["thrust"], columns.get("torque"), power, MAKER, str(table.source),
-        float(np.median(volts)) if volts is not None else None, (*table.notes, *notes),
+            problem = f"no column of {name}: a heading such as '{example}' is expected (found {shown})"
+            raise table.heading_error("", problem)
+    columns = {q: values_of(table, h, None, poles) for q, h in found.items() if q != "throttle"}
+    notes = (*table.notes, *(f"{q} from '{h.text}'" for q, h in found.items() if q in columns))
+    return _table(
+        MAKER, str(table.source), notes, columns["speed"], columns["thrust"],
+        *(columns.get(q) for q in ("torque", "power", "voltage", "current")),
     )  # fmt: skip
 
 
-def _same(table: TextTable, first: Heading, second: Heading) -> None:
+def _table(
+    origin: Origin,
+    source: str,
+    notes: tuple[str, ...],
+    rpm: Array,
+    thrust: Array,
+    torque: Array | None,
+    power: Array | None,
+    volts: Array | None,
+    amps: Array | None,
+) -> SingleTable:
+    if power is None and volts is not None and amps is not None:
+        power = volts * amps
+    voltage = None if volts is None else float(np.median(volts))
+    return SingleTable(rpm, thrust, torque, power, origin, source, voltage, notes)
+
+
+def _same(table: TextTable, first: Heading, second: Heading, poles: int | None) -> None:
     """Raises InputError where two columns of one quantity are not one reading in two units."""
-    if second.unit is None:
-        return
-    a, b = _column(table, first), _column(table, second)
+    a, b = values_of(table, first, None, poles), values_of(table, second, None, poles)
     if np.median(np.abs(a - b)) > TWINS * np.median(np.abs(a)):
-        raise InputError(
-            table.source,
-            f"line {table.heading_line}, column {second.text!r}",
+        problem = (
             f"a second {second.quantity} beside '{first.text}': the table of one rotor is expected; "
-            "identify LOG takes those of a pair",
+            "identify LOG takes those of a pair"
         )
-
-
-def _column(table: TextTable, heading: Heading) -> Array:
-    if heading.unit is None or heading.unit.electrical:
-        expected = ", ".join(unit_names(heading.quantity))
-        raise InputError(
-            table.source,
-            f"line {table.heading_line}, column {heading.text!r}",
-            f"unit of a {heading.quantity} expected in the heading ({expected})",
-        )
-    return np.asarray(heading.unit.scale * table.numbers(heading.index) + heading.unit.offset)
+        raise table.heading_error(second.text, problem)
 
 
 def _uiuc(path: Path, diameter_m: float) -> SingleTable:
     lines = [(i, line.split()) for i, line in enumerate(files.read_text(path).splitlines(), 1)]
-    lines = [(i, cells) for i, cells in lines if cells]
-    names = [w.casefold() for w in lines[0][1]]
+    (_, names), *lines = [(i, cells) for i, cells in lines if cells]
     rows = []
-    for number, cells in lines[1:]:
+    for number, cells in lines:
         if len(cells) != len(names):
             raise InputError(path, f"line {number}", f"{len(names)} columns are expected, found {len(cells)}")
         rows.append([_number(path, number, cell) for cell in cells])
-    values = dict(zip(names, np.array(rows).T, strict=True)) if rows else {n: np.zeros(0) for n in names}
+    columns = np.array(rows).reshape(-1, len(names)).T
+    values = dict(zip([n.casefold() for n in names], columns, strict=True))
     return _of_coefficients(path, values["rpm"], values["ct"], values["cp"], diameter_m, UIUC)
 
 
 def _apc(path: Path, diameter_m: float) -> SingleTable:
     """The first row of each block: V = 0, the propeller at rest in the air."""
-    rpm, ct, cp = [], [], []
+    rows = []
     speed: float | None = None
     names: list[str] = []
     for number, line in enumerate(files.read_text(path).splitlines(), 1):
@@ -219,11 +198,10 @@ def _apc(path: Path, diameter_m: float) -> SingleTable:
         elif speed is not None and names and cells and re.match(r"[-+.\d]", cells[0]):
             row = dict(zip(names, cells, strict=False))
             if _number(path, number, row["v"]) == 0.0:
-                rpm.append(speed)
-                ct.append(_number(path, number, row["ct"]))
-                cp.append(_number(path, number, row["cp"]))
+                rows.append([speed, _number(path, number, row["ct"]), _number(path, number, row["cp"])])
             speed = None
-    return _of_coefficients(path, np.array(rpm), np.array(ct), np.array(cp), diameter_m, APC)
+    rpm, ct, cp = np.array(rows).reshape(-1, 3).T
+    return _of_coefficients(path, rpm, ct, cp, diameter_m, APC)
 
 
 def _of_coefficients(
@@ -262,10 +240,9 @@ def _checked(table: SingleTable) -> SingleTable:
     low, high = np.percentile(constant / middle, (10, 90))
     spread = float(high - low) / 2
     if spread > ONE_PROPELLER:
-        raise InputError(
-            table.source,
-            "",
+        problem = (
             f"thrust over speed squared scatters by {100 * spread:.0f} %: several propellers in one table? "
-            "keep the rows of one",
+            "keep the rows of one"
         )
+        raise InputError(table.source, "", problem)
     return table

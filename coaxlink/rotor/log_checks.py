@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data.sound import electrical_turns, other_units, sizes
+from coaxlink.data.unit_check import electrical_turns, other_units, sizes
 from coaxlink.load import Load
 from coaxlink.rotor.efficiency import electrical_power
 from coaxlink.rotor.fit import ROWS_A_TERM, Array, load_terms

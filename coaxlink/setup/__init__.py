@@ -4,10 +4,8 @@ from coaxlink.setup.checks import check_against, check_airframe
 from coaxlink.setup.complete import Body, MissingError, completed, inertia_estimate, missing
 from coaxlink.setup.document import airframe_toml
 from coaxlink.setup.drawing import draw
-from coaxlink.setup.from_ardupilot import ardupilot_layout
-from coaxlink.setup.from_px4 import px4_layout
 from coaxlink.setup.layout import Layout, Mount
-from coaxlink.setup.templates import TEMPLATES, template
+from coaxlink.setup.sources import TEMPLATES, ardupilot_layout, px4_layout, template
 
 __all__ = [
     "TEMPLATES",

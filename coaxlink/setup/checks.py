@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from coaxlink.airframe import Airframe, Rotor
+from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.rotor import RotorModel
 from coaxlink.setup.layout import Layout
@@ -29,14 +29,9 @@ _SIDE = 0.2  # of the longest arm: closer to an axis than this, a side is not to
 
 def check_airframe(airframe: Airframe, model: RotorModel | None = None) -> tuple[Finding, ...]:
     """Findings, errors first; an empty tuple is a sound vehicle. With the rotor model also its thrust."""
-    found = [
-        *_lengths(airframe),
-        *_pairs(airframe),
-        *_balance(airframe),
-        *_mass(airframe),
-        *_inertia(airframe),
-        *(_thrust(airframe, model) if model else ()),
-    ]
+    checks = (_lengths, _pairs, _balance, _mass, _inertia)
+    found = [finding for check in checks for finding in check(airframe)]
+    found += _thrust(airframe, model) if model else ()
     return tuple(sorted(found, key=lambda f: f.severity != "error"))
 
 
@@ -46,11 +41,12 @@ def check_against(airframe: Airframe, board: Layout) -> tuple[Finding, ...]:
         text = f"{len(airframe.rotors)} rotors here, {len(board.mounts)} on the board"
         return (Finding("airframe.count", "error", text, board.source),)
     found = []
+    arm = airframe_arm(airframe)
     for rotor, mount in zip(airframe.rotors, board.mounts, strict=True):
         wrong = []
-        for name, here, there, arm in (
-            ("front or rear", rotor.position_m[0], mount.x, airframe_arm(airframe)),
-            ("left or right", rotor.position_m[1], mount.y, airframe_arm(airframe)),
+        for name, here, there in (
+            ("front or rear", rotor.position_m[0], mount.x),
+            ("left or right", rotor.position_m[1], mount.y),
         ):
             if here * there < 0 and abs(here) > _SIDE * arm and abs(there) > _SIDE * board.arm:
                 wrong.append(name)
@@ -100,10 +96,9 @@ def airframe_arm(airframe: Airframe) -> float:
 
 def _lengths(airframe: Airframe) -> Iterator[Finding]:
     arm = airframe_arm(airframe)
-    if arm > _WIDEST_M:
-        yield Finding("airframe.units", "error", f"an arm of {arm:g} m: millimetres?", "metres are expected")
-    elif arm < _SHORTEST_M:
-        yield Finding("airframe.units", "error", f"an arm of {arm:g} m: another unit?", "metres are expected")
+    if not _SHORTEST_M <= arm <= _WIDEST_M:
+        text = f"an arm of {arm:g} m: {'millimetres' if arm > _WIDEST_M else 'another unit'}?"
+        yield Finding("airframe.units", "error", text, "metres are expected")
 
 
 def _pairs(airframe: Airframe) -> Iterator[Finding]:
@@ -111,7 +106,7 @@ def _pairs(airframe: Airframe) -> Iterator[Finding]:
     for u, w in airframe.pairs:
         upper, lower = airframe.rotors[u], airframe.rotors[w]
         names = f"rotors {upper.number} and {lower.number}"
-        apart = math.hypot(*(_flat(upper, k) - _flat(lower, k) for k in range(2)))
+        apart = math.hypot(*(upper.position_m[k] - lower.position_m[k] for k in range(2)))
         if apart > _APART * arm:
             text = f"{names} are a pair but do not stand one above the other"
             yield Finding("airframe.pair-apart", "error", text, f"{apart:.3f} m apart, seen from above")
@@ -129,7 +124,7 @@ def _balance(airframe: Airframe) -> Iterator[Finding]:
     if turns:
         text = f"{(count + turns) // 2} rotors turn ccw and {(count - turns) // 2} cw"
         yield Finding("airframe.spin-balance", "warning", text, "hover needs a steady yaw correction")
-    middle = math.hypot(*(sum(_flat(r, k) for r in airframe.rotors) / count for k in range(2)))
+    middle = math.hypot(*(sum(r.position_m[k] for r in airframe.rotors) / count for k in range(2)))
     if middle > _BALANCE * arm:
         text = f"the rotors' middle is {middle:.3f} m from the centre of mass"
         yield Finding("airframe.centre", "warning", text, "positions count from the centre of mass")
@@ -164,13 +159,8 @@ def _mass(airframe: Airframe) -> Iterator[Finding]:
 def _thrust(airframe: Airframe, model: RotorModel) -> Iterator[Finding]:
     thrust, torque = airframe.loads(model, [1.0] * len(airframe.rotors))
     ratio = float(airframe.wrench(thrust, torque)[0]) / (airframe.mass_kg * GRAVITY_M_S2)
-    if ratio < _LEAST_THRUST:
-        text = f"full thrust is {ratio:.2f} times the weight: mass_kg or the rotor model is wrong"
+    if not _LEAST_THRUST <= ratio <= _MOST_THRUST:
+        least = f"{ratio:.2f} times the weight: mass_kg or the rotor model is wrong"
+        most = f"{ratio:.0f} times the weight: is mass_kg in kilograms?"
+        text = f"full thrust is {least if ratio < _LEAST_THRUST else most}"
         yield Finding("airframe.mass", "error", text, f"{airframe.mass_kg:g} kg")
-    elif ratio > _MOST_THRUST:
-        text = f"full thrust is {ratio:.0f} times the weight: is mass_kg in kilograms?"
-        yield Finding("airframe.mass", "error", text, f"{airframe.mass_kg:g} kg")
-
-
-def _flat(rotor: Rotor, axis: int) -> float:
-    return rotor.position_m[axis]

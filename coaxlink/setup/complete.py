@@ -60,21 +60,19 @@ def completed(layout: Layout, body: Body) -> Airframe:
     scale = 1.0 if layout.metres else _positive("`arm_m`", body.arm_m)
     levels = _levels(layout, body.upper)[0]
     partners = {n: other for stack in layout.stacks() for n in stack for other in stack if other != n}
-    rotors = []
-    for n, mount in enumerate(layout.mounts):
-        rotors.append(
-            Rotor(
-                n + 1,
-                (mount.x * scale, mount.y * scale, _height(mount, levels[n], layout, body)),
-                mount.axis,
-                1 if mount.spin == "ccw" else -1,
-                levels[n],
-                partners[n] + 1 if n in partners else None,
-            )
+    rotors = tuple(
+        Rotor(
+            n + 1,
+            (mount.x * scale, mount.y * scale, _height(mount, levels[n], body)),
+            mount.axis,
+            1 if mount.spin == "ccw" else -1,
+            levels[n],
+            partners[n] + 1 if n in partners else None,
         )
+        for n, mount in enumerate(layout.mounts)
+    )
     mass = _positive("`mass_kg`", body.mass_kg)
-    inertia = body.inertia_kg_m2 or inertia_estimate(mass, tuple(rotors))
-    return Airframe(body.name, mass, inertia, tuple(rotors))
+    return Airframe(body.name, mass, body.inertia_kg_m2 or inertia_estimate(mass, rotors), rotors)
 
 
 def inertia_estimate(mass_kg: float, rotors: tuple[Rotor, ...]) -> Inertia:
@@ -104,19 +102,11 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str
         said = {n: n + 1 in upper for n in stack}
         if upper and said[a] == said[b]:
             both = "both" if said[a] else "neither"
-            raise InputError(
-                "`upper`",
-                "",
-                f"one of pair {a + 1}/{b + 1} is expected, {both} stands there",
-            )
+            raise InputError("`upper`", "", f"one of pair {a + 1}/{b + 1} is expected, {both} stands there")
         stated = None if not upper else ("upper" if said[a] else "lower")
         if known and stated and known != stated:
             top = (a if known == "upper" else b) + 1
-            raise InputError(
-                "`upper`",
-                "",
-                f"{layout.source} has rotor {top} on top of its pair",
-            )
+            raise InputError("`upper`", "", f"{layout.source} has rotor {top} on top of its pair")
         level = known or stated
         if level is None:
             unknown.append(f"{a + 1} or {b + 1}")
@@ -132,7 +122,7 @@ def _known_level(a: Mount, b: Mount) -> str | None:
     return a.level if a.level and b.level and a.level != b.level else None
 
 
-def _height(mount: Mount, level: str, layout: Layout, body: Body) -> float:
+def _height(mount: Mount, level: str, body: Body) -> float:
     if mount.z is not None:
         return mount.z
     if level == "single":

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from coaxlink.airframe import airframe_schema
+from coaxlink.data.aliases import OWN_COLUMNS, QUANTITIES, quantity_of, unit_names
 from coaxlink.data.logs.flight import MOTION
-from coaxlink.data.stand import OWN_COLUMNS
-from coaxlink.data.units import QUANTITIES, quantity_of, unit_names
 from coaxlink.rotor.model import rotor_schema
 from sim.effects import FORMS
 from sim.stand import schedule

@@ -6,21 +6,19 @@ Right means: thrust and torque of the written model within 5 per cent of the law
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "data_room"))
-from stand_files import SIDES, UNITS, Array, Pair, equal, grid, readings, sheet, table, write
+from case_table import case_table
+from stand_files import SIDES, UNITS, Array, Pair, equal, grid, readings, table, write
+from workbook import workbook
 
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
 from coaxlink.rotor import load_rotor_model
 
-SHARED = Path(__file__).parents[2] / ".." / "shared" / "data"
 PAIR = Pair(0.38, 0.09, 0.65, 6500.0)
 RPM = {"upper": PAIR.top_rpm, "lower": PAIR.top_rpm}
 U, V = grid()
@@ -313,25 +311,27 @@ FILES: dict[str, tuple[Make, tuple[str, ...], int, str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_the_right_rotor_or_a_refusal(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    make, options, expected, words = FILES[name]
-    out = tmp_path / "rotor.toml"
-    code = coaxlink("identify", make(tmp_path), "--form", "crm", "--out", out, *options)
-    said = capsys.readouterr().err
-    assert words in said
-    assert code == expected % 10, said
-    assert out.exists() == (code == 0)
-    if expected != RIGHT:
-        return
-    if "one rotor" in words:
-        assert off(out, ALONE_U, 0 * ALONE_U, alone=True) < 0.05
-    elif "pyBEMT" in name:
-        assert off(out, EQ_U, EQ_V) < 0.05
-    else:
-        assert off(out, throttle="duty" in name) < 0.05
+@pytest.mark.slow
+def test_the_right_rotor_or_a_refusal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with case_table() as case:
+        for number, (name, (make, options, expected, words)) in enumerate(FILES.items()):
+            folder = tmp_path / str(number)
+            folder.mkdir()
+            out = folder / "rotor.toml"
+            code = coaxlink("identify", make(folder), "--form", "crm", "--out", out, *options)
+            said = capsys.readouterr().err
+            with case(name):
+                assert code == expected % 10 and words in said, said
+                assert out.exists() == (code == 0)
+                if expected == RIGHT and "one rotor" in words:
+                    assert off(out, ALONE_U, 0 * ALONE_U, alone=True) < 0.05
+                elif expected == RIGHT and "pyBEMT" in name:
+                    assert off(out, EQ_U, EQ_V) < 0.05
+                elif expected == RIGHT:
+                    assert off(out, throttle="duty" in name) < 0.05
 
 
+@pytest.mark.slow
 def test_numbers_without_units_are_right_or_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -344,31 +344,12 @@ def test_numbers_without_units_are_right_or_refused(
         assert (code == 2 and "unit of a" in said) or (code == 0 and off(out) < 0.05)
 
 
-@pytest.mark.shared_data
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared real data is not beside this checkout")
-@pytest.mark.parametrize("path", sorted(SHARED.glob("coax/*.csv")), ids=lambda p: p.stem)
-def test_real_files(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """README of the data: Left is the upper rotor; of tmotor28 B is."""
-    out = tmp_path / "rotor.toml"
-    code = coaxlink("identify", path, "--form", "rcrm", "--out", out)
-    said = capsys.readouterr().err
-    if path.stem.endswith("run2"):
-        assert code == 2 and "--upper left or --upper right" in said and not out.exists()
-        assert coaxlink("identify", path, "--form", "rcrm", "--upper", "left") == 0
-        return
-    assert code == 0, said
-    upper = "B" if "tmotor28" in path.stem else "left"
-    alone = path.stem.endswith("alone") or path.stem == "tmotor28_data"
-    assert (
-        ("one rotor" in said or "rotor alone" in said) if alone else f"'{upper}' is the upper rotor" in said
-    )
-
-
+@pytest.mark.slow
 def test_a_sheet_of_a_workbook(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     columns = pick(HOME, **HOME_UNITS)
     rows = [list(columns), *([float(x) for x in row] for row in zip(*columns.values(), strict=True))]
-    book = sheet(tmp_path / "log.xlsx", {"Monday": rows, "Tuesday": rows})
-    out = tmp_path / "rotor.toml"
+    book, out = tmp_path / "log.xlsx", tmp_path / "rotor.toml"
+    book.write_bytes(workbook({"Monday": rows, "Tuesday": rows}))
     assert coaxlink("identify", book) == 2
     assert "name one with --sheet (Monday, Tuesday)" in capsys.readouterr().err
     assert coaxlink("identify", book, "--sheet", "Tuesday", "--form", "crm", "--out", out) == 0

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from case_table import case_table
 from cli_runs import coaxlink
 
 from coaxlink.airframe import airframe_schema, load_airframe
@@ -30,6 +31,7 @@ def test_a_template_becomes_a_vehicle(tmp_path):
     assert "--force" in again.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
 def test_a_board_becomes_a_vehicle(tmp_path, firmware):
     out = tmp_path / "x8.toml"
@@ -53,46 +55,41 @@ def test_a_board_becomes_a_vehicle(tmp_path, firmware):
         assert (here.level, here.pair, here.yaw_sign) == (there.level, there.pair, there.yaw_sign)
 
 
+@pytest.mark.slow
 @pytest.mark.shared_data
-@pytest.mark.parametrize(
-    ("log", "code", "said"),
-    [
-        ("flights/px4_null_fitted.ulg", 0, "nothing to mend"),
-        ("logs/sample_log_small.ulg", 2, "CA_ROTOR_COUNT"),
-        ("flights/ap_null.bin", 2, "coaxlink_matrix.lua"),
-        ("logs/ardupilot_24.bin", 2, "FRAME_CLASS"),
-    ],
-)
-def test_real_boards_logs(tmp_path, log, code, said):
-    if not (SHARED / log).is_file():
-        pytest.skip("shared/data is not beside this checkout")
-    run = coaxlink("init", tmp_path / "a.toml", "--mass", "20", "--from", SHARED / log)
-    assert run.code == code
-    assert said in run.out + run.err
-    assert (tmp_path / "a.toml").exists() == (code == 0)
+@pytest.mark.skipif(not SHARED.is_dir(), reason="shared/data is not beside this checkout")
+def test_real_boards_logs(tmp_path):
+    with case_table() as case:
+        for log, code, said in (
+            ("flights/px4_null_fitted.ulg", 0, "nothing to mend"),
+            ("logs/sample_log_small.ulg", 2, "CA_ROTOR_COUNT"),
+            ("flights/ap_null.bin", 2, "coaxlink_matrix.lua"),
+            ("logs/ardupilot_24.bin", 2, "FRAME_CLASS"),
+        ):
+            out = tmp_path / f"{Path(log).stem}.toml"
+            with case(log):
+                run = coaxlink("init", out, "--mass", "20", "--from", SHARED / log)
+                assert run.code == code and said in run.out + run.err
+                assert out.exists() == (code == 0)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--mass", "20"], "--template"),
-        (["--mass", "20", "--template", "x9"], "x8, coax-quad"),
-        (["--mass", "20", "--template", "x8"], "--arm"),
-        (["--mass", "-1", "--template", "x8", "--arm", "1", "--spacing", "0.1"], "--mass"),
-        (["--mass", "20", "--template", "x8", "--arm", "nan", "--spacing", "0.1"], "--arm"),
-        (
-            ["--mass", "20", "--template", "x8", "--arm", "1", "--spacing", "0.1", "--inertia", "1,2"],
-            "--inertia",
-        ),
-        (["--mass", "20", "--from", "nowhere.params"], "nowhere.params"),
-    ],
-)
-def test_what_is_missing_is_one_line(tmp_path, arguments, said):
-    run = coaxlink("init", tmp_path / "a.toml", *arguments)
-    assert run.code == 2
-    assert len(run.err.strip().splitlines()) == 1
-    assert said in run.err
-    assert not (tmp_path / "a.toml").exists()
+def test_what_is_missing_is_one_line(tmp_path):
+    x8 = ["--mass", "20", "--template", "x8"]
+    with case_table() as case:
+        for arguments, said in (
+            (["--mass", "20"], "--template"),
+            (["--mass", "20", "--template", "x9"], "x8, coax-quad"),
+            (x8, "--arm"),
+            (["--mass", "-1", "--template", "x8", "--arm", "1", "--spacing", "0.1"], "--mass"),
+            ([*x8, "--arm", "nan", "--spacing", "0.1"], "--arm"),
+            ([*x8, "--arm", "1", "--spacing", "0.1", "--inertia", "1,2"], "--inertia"),
+            ([*x8, "--arm", "1", "--spacing", "0.1", "--upper", "a"], "--upper"),
+            (["--mass", "20", "--from", "nowhere.params"], "nowhere.params"),
+        ):
+            with case(said):
+                run = coaxlink("init", tmp_path / "a.toml", *arguments)
+                assert run.code == 2 and len(run.err.strip().splitlines()) == 1
+                assert said in run.err and not (tmp_path / "a.toml").exists()
 
 
 def test_mistakes_are_exit_code_1(tmp_path):

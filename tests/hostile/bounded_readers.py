@@ -1,29 +1,27 @@
-"""Every reader on spoiled files, in a child with 1 GB of its own and 20 s a file.
-
-As a program it is that child: lines `KIND<TAB>NUMBER` come in, a JSON object a file goes out.
-"""
+"""Every reader on spoiled files, in a child with 1 GB of its own and 20 s a file."""
 
 from __future__ import annotations
 
-import json
 import lzma
+import multiprocessing
 import os
 import resource
-import select
 import shutil
 import signal
-import subprocess
-import sys
 import tempfile
 import time
+import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
 
 HERE = Path(__file__).parent
 GB, SECONDS = 1 << 30, 20  # of the processor: how busy the machine is elsewhere is no fault of a file
 WAIT_S = 10 * SECONDS  # of the clock, for what waits without working
+Case = tuple[str, int]  # kind and number: a file is spoiled the same way always
 
 
 @dataclass(frozen=True)
@@ -59,14 +57,12 @@ def readers() -> dict[str, Callable[[Path], object]]:
     from sim.line.memory import Memory
     from sim.manoeuvres import read_plan
     from sim.physics.rotors import read_pair
+    from sim.px4.autopilot import Autopilot
     from sim.stand.effects import read_bench
     from sim.stand.schedule import read_schedule
     from sim.truth import read_truth, truth_text
     from sim.vehicle import read_vehicle
     from sim.world import World, build_plant
-
-    def airframe(path: Path) -> None:
-        report_px4(vehicle_of(path, None)[0], "standard")
 
     def rotor(path: Path) -> None:
         model = load_rotor_model(path)
@@ -74,11 +70,8 @@ def readers() -> dict[str, Callable[[Path], object]]:
         save_rotor_model(path.with_name("again.toml"), model)
         assert load_rotor_model(path.with_name("again.toml")).terms() == model.terms()
 
-    def log(path: Path) -> None:
-        if is_flight_log(path):
-            read_flight_log(path)
-        else:
-            read_stand_log(path)
+    def log(path: Path) -> object:
+        return (read_flight_log if is_flight_log(path) else read_stand_log)(path)
 
     def column_map(path: Path) -> None:
         path.with_name("s.csv").write_text(stand_rows())
@@ -96,41 +89,32 @@ def readers() -> dict[str, Callable[[Path], object]]:
 
     def signing_state(path: Path) -> None:
         state_folder = path.with_name("state")
-        key = bytes(32)
-        first = Signer(key, state_folder)
+        first = Signer(bytes(32), state_folder)
         first.tick()
         first.close()
         (file,) = state_folder.glob("*.json")
         shutil.copy(path, file)
-        Signer(key, state_folder).close()
+        Signer(bytes(32), state_folder).close()
 
     def signing_key(path: Path) -> None:
         path.chmod(0o600)
         load_key(path)
 
     def limits(path: Path) -> None:
-        packed_text = lzma.compress(path.read_bytes())
-        board = SimpleNamespace(read=lambda path_: packed_text)
+        board = SimpleNamespace(read=lambda _: lzma.compress(path.read_bytes()))
         board_limits(board, replace(PX4, capabilities=32, git_hash="0" * 16))
 
     def memory(path: Path) -> None:
-        from sim.px4.autopilot import Autopilot
-
         plant, truth = build_plant(World(HERE.parents[1] / "examples" / "x8_demo.toml"))
         Memory(path, Autopilot(plant, truth, version=(1, 16, 1), seed=0), lazy=True).load()
 
     return {
-        "airframe": airframe,
+        "airframe": lambda path: report_px4(vehicle_of(path, None)[0], "standard"),
         "airframe of the world": read_vehicle,
         "rotor model": rotor,
         "rotor of the world": read_pair,
-        "stand CSV": log,
-        "stand sheet": log,
+        **dict.fromkeys(("stand CSV", "stand sheet", "flight CSV", "ULog", "DataFlash", "tlog"), log),
         "column map": column_map,
-        "flight CSV": log,
-        "ULog": log,
-        "DataFlash": log,
-        "tlog": log,
         ".params table": plan,
         ".param table": plan,
         "matrix script": lambda path: script_factors(path.read_bytes().decode("utf-8", "replace")),
@@ -153,38 +137,30 @@ def readers() -> dict[str, Callable[[Path], object]]:
     }
 
 
-# -- the parent --------------------------------------------------------------------------------
-
-
-def run(cases: list[tuple[str, int]], folder: Path) -> Iterator[Outcome]:
-    """What comes of each (kind, number). `folder` holds the sound files and is the child's to work in."""
+def run(cases: list[Case], folder: Path) -> Iterator[Outcome]:
+    """What comes of each case. `folder` holds the sound files, by kind."""
     left = list(cases)
+    processes = multiprocessing.get_context("spawn")
     while left:
-        command = [sys.executable, str(HERE / "bounded_readers.py"), str(folder)]
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
-            assert child.stdin and child.stdout
-            if not child.stdout.readline():
-                raise RuntimeError(f"the child did not start (exit code {child.wait()})")
-            while left:
-                kind, number = left.pop(0)
-                try:
-                    child.stdin.write(f"{kind}\t{number}\n")
-                    child.stdin.flush()
-                    ready, _, _ = select.select([child.stdout], [], [], WAIT_S)
-                    line = child.stdout.readline() if ready else ""
-                except BrokenPipeError:
-                    ready, line = [child.stdout], ""
-                if line:
-                    yield Outcome(kind, number, **json.loads(line))
-                    continue
-                child.kill()
-                yield Outcome(kind, number, "killed" if ready else "hang", f"exit code {child.wait()}")
+        line, childs = processes.Pipe()
+        child = processes.Process(target=_serve, args=(folder, childs), daemon=True)
+        child.start()
+        childs.close()
+        line.recv()  # it is ready, or this raises EOFError
+        while left:
+            case = left.pop(0)
+            try:
+                line.send(case)
+                answered = line.poll(WAIT_S)
+                yield line.recv() if answered else Outcome(*case, "hang")
+            except (EOFError, ConnectionError):
+                child.join()
+                yield Outcome(*case, "killed", f"exit code {child.exitcode}")
+                answered = False
+            if not answered:
                 break
-            else:
-                child.stdin.close()
-
-
-# -- the child ---------------------------------------------------------------------------------
+        child.kill()
+        child.join()
 
 
 class Late(BaseException):
@@ -221,8 +197,6 @@ def _one(read: Callable[[Path], object], path: Path) -> tuple[str, str]:
     except Late:
         return "hang", ""
     except BaseException as error:
-        import traceback
-
         last = traceback.extract_tb(error.__traceback__)[-1]
         return (
             "traceback",
@@ -230,32 +204,28 @@ def _one(read: Callable[[Path], object], path: Path) -> tuple[str, str]:
         )
 
 
-def _serve(folder: Path) -> None:
-    import warnings
-
+def _serve(folder: Path, line: Connection) -> None:
+    """The child: cases come in, outcomes go out."""
     from damage import damaged
+    from sound_files import file_of
 
     warnings.simplefilter("ignore")
-    out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what a library prints is no answer
     table = readers()
-    sound = {p.name: next(f for f in sorted(p.iterdir()) if _is_file_of(p.name, f)) for p in folder.iterdir()}
-    kinds = {kind: sound[kind.replace(" ", "-")] for kind in table}
+    kinds = {kind: file_of(folder, kind) for kind in table}
     contents = {kind: path.read_bytes() for kind, path in kinds.items()}
-    others = list(contents.values())
-    for kind, path in kinds.items():  # imports, compiled code: none of it is the first file's doing
-        with tempfile.TemporaryDirectory() as scratch:
-            work = Path(shutil.copytree(path.parent, Path(scratch) / "w")) / path.name
+    with tempfile.TemporaryDirectory() as scratch:  # imports, compiled code: not the first file's doing
+        for kind, path in kinds.items():
+            work = Path(shutil.copytree(path.parent, Path(scratch) / path.parent.name)) / path.name
             assert _one(table[kind], work)[0] == "ok", (kind, _one(table[kind], work))
     resource.setrlimit(resource.RLIMIT_AS, (int(_megabytes("VmSize") * 2**20) + GB,) * 2)
     signal.signal(signal.SIGPROF, _late)
-    out.write("ready\n")
-    out.flush()
-    for line in sys.stdin:
-        kind, _, number = line.rstrip("\n").partition("\t")
+    line.send("ready")
+    while True:
+        kind, number = line.recv()
         with tempfile.TemporaryDirectory() as scratch:
             work = Path(shutil.copytree(kinds[kind].parent, Path(scratch) / "w")) / kinds[kind].name
-            work.write_bytes(damaged(contents[kind], f"{kind}/{number}", others))
+            work.write_bytes(damaged(contents[kind], f"{kind}/{number}", list(contents.values())))
             Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here
             before, start = _megabytes("VmRSS"), time.process_time()
             signal.setitimer(signal.ITIMER_PROF, SECONDS)
@@ -264,21 +234,5 @@ def _serve(folder: Path) -> None:
             except Late:  # it came while the error was told
                 result, text = "hang", ""
             signal.setitimer(signal.ITIMER_PROF, 0)
-            answer = {
-                "result": result,
-                "text": text.replace(scratch, ""),
-                "seconds": time.process_time() - start,
-            }
-            out.write(json.dumps(answer | {"peak_MB": max(_megabytes("VmHWM") - before, 0.0)}) + "\n")
-            out.flush()
-
-
-def _is_file_of(kind: str, path: Path) -> bool:
-    """The file itself, not what belongs beside it."""
-    beside = {"airframe": "rotor_paper.toml", "airframe-of-the-world": "rotor_paper.toml"}
-    return path.is_file() and path.name != beside.get(kind)
-
-
-if __name__ == "__main__":
-    sys.path.insert(0, str(HERE.parents[1]))
-    _serve(Path(sys.argv[1]))
+            seconds, peak = time.process_time() - start, max(_megabytes("VmHWM") - before, 0.0)
+            line.send(Outcome(kind, number, result, text.replace(scratch, ""), seconds, peak))

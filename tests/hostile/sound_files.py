@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import json
 import struct
-import zipfile
 from pathlib import Path
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
+from workbook import workbook
 
+from coaxlink.frames import IMU_COLUMNS
 from coaxlink.live.record import LiveRecord
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Snapshot, Value
@@ -36,6 +36,12 @@ def sound_files(folder: Path) -> dict[str, Path]:
         kind_folder.mkdir(parents=True)
         made[kind] = make(kind_folder)
     return made
+
+
+def file_of(folder: Path, kind: str) -> Path:
+    """The file of that kind under `folder`, not what belongs beside it."""
+    found = sorted(p for p in (folder / kind.replace(" ", "-")).iterdir() if p.is_file())
+    return next(p for p in found if not (kind.startswith("airframe") and p.name == "rotor_paper.toml"))
 
 
 def _copied(name: str, *beside: str):
@@ -66,14 +72,7 @@ def flight_rows() -> str:
     time = np.arange(ROWS) * 0.02
     columns = {"time_s": time}
     columns |= {f"motor{n}": 0.5 + 0.1 * np.sin(time + n) for n in range(1, 9)}
-    for name in (
-        "accel_x_m_s2",
-        "accel_y_m_s2",
-        "accel_z_m_s2",
-        "gyro_x_rad_s",
-        "gyro_y_rad_s",
-        "gyro_z_rad_s",
-    ):
+    for name in IMU_COLUMNS:
         columns[name] = np.cos(time + len(name))
     columns |= {f"{axis}_rad": 0.01 * time for axis in ("roll", "pitch", "yaw")}
     columns |= {f"vel_{axis}_m_s": 0.1 * np.sin(time) for axis in "ned"} | {"height_m": 3.0 + 0.1 * time}
@@ -81,40 +80,11 @@ def flight_rows() -> str:
     return "\n".join([",".join(columns), *(",".join(f"{v:.6g}" for v in row) for row in rows)]) + "\n"
 
 
-def workbook(rows: str) -> bytes:
-    """A CSV text as the smallest xlsx there is."""
-    sheet = "".join(
-        "<row>" + "".join(_cell(cell) for cell in line.split(",")) + "</row>"
-        for line in rows.splitlines()[:20]
-    )
-    space = "http://schemas.openxmlformats.org"
-    office = f"{space}/officeDocument/2006/relationships"
-    parts = {
-        "[Content_Types].xml": f'<Types xmlns="{space}/package/2006/content-types">'
-        '<Default Extension="xml" ContentType="application/xml"/></Types>',
-        "_rels/.rels": f'<Relationships xmlns="{space}/package/2006/relationships"><Relationship Id="r1" '
-        f'Type="{office}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
-        "xl/workbook.xml": f'<workbook xmlns="{space}/spreadsheetml/2006/main" '
-        f'xmlns:r="{space}/officeDocument/2006/relationships"><sheets>'
-        '<sheet name="Data" sheetId="1" r:id="r1"/></sheets></workbook>',
-        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{space}/package/2006/relationships">'
-        f'<Relationship Id="r1" Type="{space}/officeDocument/2006/relationships/worksheet" '
-        'Target="worksheets/sheet1.xml"/></Relationships>',
-        "xl/worksheets/sheet1.xml": f'<worksheet xmlns="{space}/spreadsheetml/2006/main"><sheetData>'
-        f"{sheet}</sheetData></worksheet>",
-    }
-    stored = io.BytesIO()
-    with zipfile.ZipFile(stored, "w", zipfile.ZIP_STORED) as archive:  # stored: damage reaches the XML
-        for name, text in parts.items():
-            archive.writestr(name, text)
-    return stored.getvalue()
-
-
-def _cell(text: str) -> str:
-    try:
-        return f"<c><v>{float(text):g}</v></c>"
-    except ValueError:
-        return f'<c t="inlineStr"><is><t>{text}</t></is></c>'
+def sheet_rows(rows: str) -> bytes:
+    """The first rows of a CSV text as a workbook."""
+    head, *lines = rows.splitlines()[:20]
+    numbers = [[float(cell) for cell in line.split(",")] for line in lines]
+    return workbook({"Data": [head.split(","), *numbers]})
 
 
 def tlog() -> bytes:
@@ -256,19 +226,14 @@ LIMITS = {
     "version": 1,
     "parameters": [{"name": "CA_ROTOR0_CT", "min": 0.0, "max": 100.0}, {"name": "A", "longDesc": "b\nc"}],
 }
-PACKED = {
-    "FRAME_CLASS": (15.0, 2),
-    "FRAME_TYPE": (0.0, 2),
-    "MOT_THST_EXPO": (0.55, 9),
-    "SERVO1_FUNCTION": (33.0, 4),
-}
+PACKED = {"FRAME_CLASS": (15.0, 2), "MOT_THST_EXPO": (0.55, 9), "SERVO1_FUNCTION": (33.0, 4)}
 MAKERS = {
     "airframe": _copied("x8_paper.toml", "rotor_paper.toml"),
     "airframe of the world": _copied("y6.toml", "rotor_paper.toml"),
     "rotor model": _copied("rotor_paper.toml"),
     "rotor of the world": _copied("rotor_paper.toml"),
     "stand CSV": lambda folder: _written("s.csv", stand_rows())(folder),
-    "stand sheet": lambda folder: _written("s.xlsx", workbook(stand_rows()))(folder),
+    "stand sheet": lambda folder: _written("s.xlsx", sheet_rows(stand_rows()))(folder),
     "column map": _written("map.toml", COLUMN_MAP),
     "flight CSV": lambda folder: _written("f.csv", flight_rows())(folder),
     "ULog": _flown("ulg"),

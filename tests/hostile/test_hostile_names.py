@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import pytest
+from case_table import case_table
 from hostile_names import NAMES, REFUSED
 from pymavlink.dialects.v20 import common as mavlink
 from verb import run
@@ -25,8 +26,9 @@ from sim.errors import WorldError
 from sim.vehicle import read_vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-each = pytest.mark.parametrize("name", NAMES.values(), ids=NAMES.keys())
-each_refused = pytest.mark.parametrize("name", REFUSED.values(), ids=REFUSED.keys())
+MADE = ("emoji", "path", "Lua's long bracket", "rich markup")  # a table each; the writers have all of them
+# half a surrogate pair is no TOML
+REFUSED_TOML = {what: name for what, name in REFUSED.items() if "\ud800" not in name}
 
 
 def quoted(name):
@@ -44,93 +46,88 @@ def airframe_called(folder, name):
     return folder / "x.toml"
 
 
-@each_refused
-def test_an_airframe_of_that_name_is_refused(tmp_path, capsys, name):
-    if "\ud800" in name:
-        pytest.skip("no TOML file can hold half a surrogate pair")
-    path = airframe_called(tmp_path, name)
-    for verb in (
-        ("bridge", path, "--out", tmp_path / "out"),
-        ("table", path, "--firmware", "px4", "--out", tmp_path / "out"),
-        ("table", path, "--firmware", "ardupilot", "--out", tmp_path / "out"),
-    ):
-        code, out, err = run(capsys, *verb)
-        assert (code, out) == (2, "") and err.startswith(f"coaxlink: {path}: name: ")
-        assert err.count("\n") == 1 and err.removesuffix("\n").isprintable() and len(err) < 500
+def test_an_airframe_of_such_a_name_is_refused(tmp_path, capsys):
+    with case_table() as case:
+        for what, name in REFUSED_TOML.items():
+            path = airframe_called(tmp_path, name)
+            with case(what):
+                code, out, err = run(capsys, "table", path, "--firmware", "px4", "--out", tmp_path / "out")
+                assert (code, out) == (2, "") and err.startswith(f"coaxlink: {path}: name: ")
+                assert err.count("\n") == 1 and err.removesuffix("\n").isprintable() and len(err) < 500
+                with pytest.raises(WorldError, match="name"):
+                    read_vehicle(path)
     assert not (tmp_path / "out").exists()
-    with pytest.raises(WorldError, match="name"):
-        read_vehicle(path)
 
 
-@pytest.mark.parametrize("name", [n for k, n in NAMES.items() if k not in REFUSED])
-def test_an_odd_but_printable_name_is_kept_and_harmless(tmp_path, capsys, name):
-    path = airframe_called(tmp_path, name)
-    assert load_airframe(path).name == name == read_vehicle(path).name
-    for firmware, suffix in (("px4", "params"), ("ardupilot", "param")):
-        out = tmp_path / "out" / firmware
-        code, said, err = run(
-            capsys, "table", path, "--firmware", firmware, "--law", "standard", "--out", out
-        )
-        assert code == 0 and f"{name}: standard law" in said, err
-        (made,) = out.glob(f"*.{suffix}")
-        assert made.parent == out
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["out", "rotor_paper.toml", "x.toml"]
+@pytest.mark.slow
+def test_an_odd_but_printable_name_is_kept_and_harmless(tmp_path, capsys):
+    with case_table() as case:
+        for number, (what, name) in enumerate((k, n) for k, n in NAMES.items() if k not in REFUSED):
+            folder = tmp_path / str(number)
+            folder.mkdir()
+            path, out = airframe_called(folder, name), folder / "out"
+            with case(what):
+                assert load_airframe(path).name == name == read_vehicle(path).name
+                if what not in MADE:
+                    continue
+                arguments = ("--firmware", "px4", "--law", "standard", "--out", out)
+                code, said, err = run(capsys, "table", path, *arguments)
+                assert code == 0 and f"{name}: standard law" in said, err
+                assert len(list(out.glob("*.params"))) == 1
+                assert sorted(p.name for p in folder.iterdir()) == ["out", "rotor_paper.toml", "x.toml"]
 
 
-def test_the_attack_of_the_issue(tmp_path, capsys):
-    """A line of its own in the name wrote ARMING_CHECK on board."""
-    path = airframe_called(tmp_path, "X8\nARMING_CHECK,0")
-    code, _, err = run(capsys, "bridge", path, "--out", tmp_path / "b")
-    assert code == 2 and "one line of printable text is expected, found 'X8\\nARMING_CHECK,0'" in err
-    ardupilot.write_param_file(
-        tmp_path / "b.param", {"SCR_ENABLE": 1.0}, ["coaxlink bridge of X8\nARMING_CHECK,0"]
-    )
+def test_a_line_of_its_own_in_a_name_writes_no_parameter(tmp_path):
+    header = ["coaxlink bridge of X8\nARMING_CHECK,0"]
+    ardupilot.write_param_file(tmp_path / "b.param", {"SCR_ENABLE": 1.0}, header)
     assert ardupilot.read_param_file(tmp_path / "b.param").params == {"SCR_ENABLE": 1.0}
 
 
-@each_refused
-def test_no_text_of_a_rotor_file_is_like_that(tmp_path, name):
-    if "\ud800" in name or len(name) > 1000:
-        pytest.skip("half a surrogate pair is no TOML, and a long text is no name")
+def test_no_text_of_a_rotor_file_is_like_that(tmp_path):
     text = (EXAMPLES / "rotor_paper.toml").read_text()
     path = tmp_path / "r.toml"
-    path.write_text(f"{text}\n[identified]\nfile = {quoted(name)}\n", "utf-8")
-    with pytest.raises(InputError, match=r"identified\.file: one line of printable text"):
-        load_rotor_model(path)
+    with case_table() as case:
+        for what, name in REFUSED_TOML.items():
+            if len(name) > 1000:  # a long text is no name
+                continue
+            path.write_text(f"{text}\n[identified]\nfile = {quoted(name)}\n", "utf-8")
+            with case(what), pytest.raises(InputError, match=r"identified\.file: one line of printable text"):
+                load_rotor_model(path)
 
 
-@each
-def test_a_packed_parameter_of_that_name_is_refused(name):
-    raw = name.encode("utf-8", "surrogatepass")[:16]
-    if not raw:
-        pytest.skip("the format holds no empty name")
-    entry = bytes([4, (len(raw) - 1) << 4]) + raw + b"\0\0\x80\x3f"
+def test_a_packed_parameter_of_that_name_is_refused():
     data = packed.pack({"AHRS_EKF_TYPE": (3.0, ardupilot.parameters.INT8)})
-    count = (2).to_bytes(2, "little")
-    if raw.isalnum():
-        assert set(packed.unpack(data[:2] + count + data[4:] + entry)) > {"AHRS_EKF_TYPE"}
-        return
-    with pytest.raises(TableError, match="no name of a parameter"):
-        packed.unpack(data[:2] + count + data[4:] + entry)
+    head = data[:2] + (2).to_bytes(2, "little") + data[4:]
+    with case_table() as case:
+        for what, name in NAMES.items():
+            raw = name.encode("utf-8", "surrogatepass")[:16]
+            entry = head + bytes([4, max(len(raw) - 1, 0) << 4]) + raw + b"\0\0\x80\x3f"
+            with case(what):
+                if raw.isalnum():
+                    assert set(packed.unpack(entry)) > {"AHRS_EKF_TYPE"}
+                elif raw:  # the format holds no empty name
+                    with pytest.raises(TableError, match="no name of a parameter"):
+                        packed.unpack(entry)
 
 
-@each
-def test_the_monitor_shows_a_vehicle_that_speaks_like_that(name):
-    frame = dataclasses.replace(load_airframe(files.example("x8_paper.toml")), name=name)
-    model = load_rotor_model(frame.rotor_model)
-    collector = Collector()
-    text = name.encode("utf-8", "surrogatepass")[:50]
-    for message in (
-        mavlink.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3),
-        mavlink.MAVLink_statustext_message(2, text),
-        mavlink.MAVLink_param_value_message(text[:16], 1.0, 9, 1, 0),
-    ):
-        message._header = mavlink.MAVLink_header(message.get_msgId(), srcSystem=1, srcComponent=1)
-        collector.take(message, 0.0)
-    readings = collector.readings(0.1)
-    assert all(key.isidentifier() or key.isalnum() for key in readings.parameters)
-    view = observe(readings, Vehicle(frame, model), 0.1, address="udpin:0.0.0.0:14550")
-    shown = [head(view, 120), notes(view), summary(view)]
-    for words in shown:
-        assert all(line.isprintable() for line in words.plain.split("\n"))
-    assert json.dumps(to_json(view)).isascii()
+def test_the_monitor_shows_a_vehicle_that_speaks_like_that():
+    paper = load_airframe(files.example("x8_paper.toml"))
+    model = load_rotor_model(paper.rotor_model)
+    with case_table() as case:
+        for what, name in NAMES.items():
+            text, collector = name.encode("utf-8", "surrogatepass")[:50], Collector()
+            for message in (
+                mavlink.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3),
+                mavlink.MAVLink_statustext_message(2, text),
+                mavlink.MAVLink_param_value_message(text[:16], 1.0, 9, 1, 0),
+            ):
+                message._header = mavlink.MAVLink_header(message.get_msgId(), srcSystem=1, srcComponent=1)
+                collector.take(message, 0.0)
+            readings = collector.readings(0.1)
+            vehicle = Vehicle(dataclasses.replace(paper, name=name), model)
+            view = observe(readings, vehicle, 0.1, address="udpin:0.0.0.0:14550")
+            with case(what):
+                assert all(key.isidentifier() or key.isalnum() for key in readings.parameters)
+                for words in (head(view, 120), notes(view), summary(view)):
+                    assert all(line.isprintable() for line in words.plain.split("\n"))
+                assert json.dumps(to_json(view)).isascii()

@@ -26,32 +26,31 @@ def read_board_parameters(path: Path) -> BoardParameters:
     """From .params, .param (.parm), a ULog or a DataFlash log, recognised by content. Raises InputError."""
     path = Path(path)
     kind = log_kind(path)
+    if kind == "tlog":
+        raise InputError(path, "", "a tlog: .params, .param, a ULog or a DataFlash log is expected")
+    if kind == "text":
+        return _of_text(path)
+    params: Mapping[str, float | int]
     if kind == "ulog":
         from coaxlink.data.logs.ulog import ulog_parameters
 
-        return _known(path, BoardParameters("px4", ulog_parameters(path)))
-    if kind == "dataflash":
+        firmware, params = "px4", ulog_parameters(path)
+    else:
         from coaxlink.data.logs.dataflash import dataflash_parameters
 
-        return _known(path, BoardParameters("ardupilot", dataflash_parameters(path)))
-    if kind == "tlog":
-        raise InputError(path, "", "a tlog: .params, .param, a ULog or a DataFlash log is expected")
+        firmware, params = "ardupilot", dataflash_parameters(path)
+    if not params:
+        raise InputError(path, "", "the log holds no parameters")
+    return BoardParameters(firmware, params)
+
+
+def _of_text(path: Path) -> BoardParameters:
+    """QGC's rows have five fields between tabs, ArduPilot's have two."""
+    text = files.read_bytes(path).decode("utf-8", "replace")
+    rows = (line for _, line in lines_of(text) if line.strip() and not line.startswith("#"))
     try:
-        if _is_qgc(path):
+        if next(rows, "")[:1000].count("\t") == 4:
             return BoardParameters("px4", px4.read_params_file(path, finite=False).params)
         return BoardParameters("ardupilot", ardupilot.read_param_file(path, finite=False).params)
     except ParamsFileError as error:
         raise InputError(path, f"line {error.line}" if error.line else "", error.problem) from error
-
-
-def _known(path: Path, found: BoardParameters) -> BoardParameters:
-    if not found.params:
-        raise InputError(path, "", "the log holds no parameters")
-    return found
-
-
-def _is_qgc(path: Path) -> bool:
-    """QGC's rows have five fields between tabs, ArduPilot's have two. Raises InputError."""
-    text = files.read_bytes(path).decode("utf-8", "replace")
-    rows = (line for _, line in lines_of(text) if line.strip() and not line.startswith("#"))
-    return next(rows, "")[:1000].count("\t") == 4

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
-from coaxlink.data.logs.held import at_the_commands
 from coaxlink.data.logs.quiet import one_line
+from coaxlink.data.logs.streams import at_the_commands
 from coaxlink.data.samples import Samples
 from coaxlink.data.table import is_spreadsheet, read_headings, read_table
 from coaxlink.errors import InputError
@@ -29,6 +29,9 @@ AT_REST = 0.05  # of full command, judgement: below it a motor stands or idles, 
 _ULOG = b"ULog\x01\x12\x35"
 _DATAFLASH = b"\xa3\x95"
 _MAVLINK = (0xFD, 0xFE)
+_NAMES = {"ulog": "ULog", "dataflash": "DataFlash", "tlog": "tlog"}
+_SUFFIXES = {".ulg": "ulog", ".bin": "dataflash", ".tlog": "tlog"}
+_DAMAGE = (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, MemoryError)
 
 
 def read_flight_log(path: Path) -> Samples:
@@ -40,35 +43,22 @@ def read_flight_log(path: Path) -> Samples:
     """
     path = Path(path)
     kind = log_kind(path)
-    if kind == "text":
-        return read_flight_csv(path)
-    name, read = _READERS[kind]
     try:
-        return read(path)
+        if kind == "ulog":
+            from coaxlink.data.logs.ulog import read_ulog
+
+            return read_ulog(path)
+        if kind == "dataflash":
+            from coaxlink.data.logs.dataflash import read_dataflash
+
+            return read_dataflash(path)
+        if kind == "tlog":
+            from coaxlink.data.logs.tlog import read_tlog
+
+            return read_tlog(path)
     except _DAMAGE as error:  # formats describe their own fields: a damaged one promises what is not there
-        raise InputError(path, "", f"not a readable {name} log ({one_line(error)})") from error
-
-
-def _ulog(path: Path) -> Samples:
-    from coaxlink.data.logs.ulog import read_ulog
-
-    return read_ulog(path)
-
-
-def _dataflash(path: Path) -> Samples:
-    from coaxlink.data.logs.dataflash import read_dataflash
-
-    return read_dataflash(path)
-
-
-def _tlog(path: Path) -> Samples:
-    from coaxlink.data.logs.tlog import read_tlog
-
-    return read_tlog(path)
-
-
-_READERS = {"ulog": ("ULog", _ulog), "dataflash": ("DataFlash", _dataflash), "tlog": ("tlog", _tlog)}
-_DAMAGE = (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, MemoryError)
+        raise InputError(path, "", f"not a readable {_NAMES[kind]} log ({one_line(error)})") from error
+    return read_flight_csv(path)
 
 
 def is_flight_log(path: Path) -> bool:
@@ -92,10 +82,10 @@ def log_kind(path: Path) -> str:
     # the stamp, us since 1970, begins with a zero byte for 2000 years to come; no text does
     if len(head) > 9 and head[8] in _MAVLINK and head[0] == 0:
         return "tlog"
-    suffixes = {".ulg": "ULog", ".tlog": "tlog", ".bin": "DataFlash"}
-    if path.suffix.lower() in suffixes:
+    promised = _SUFFIXES.get(path.suffix.lower())
+    if promised:
         found = "an empty file" if not head else "something else"
-        raise InputError(path, "", f"a {suffixes[path.suffix.lower()]} file is expected, found {found}")
+        raise InputError(path, "", f"a {_NAMES[promised]} file is expected, found {found}")
     return "text"
 
 
@@ -107,7 +97,7 @@ def impossible_commands(commands: NDArray[np.float64]) -> NDArray[np.bool_]:
 def read_flight_csv(path: Path) -> Samples:
     """A CSV flight log in our own columns, every column a number in every row.
 
-    Commands outside 0..1 in part of the rows stay as they are; `refine` accuses them and leaves them out.
+    Commands outside 0..1 in part of the rows stay as they are; `refine` flags them and leaves them out.
     Raises InputError, also where the commands are in another unit.
     """
     table = read_table(path)
@@ -119,21 +109,21 @@ def read_flight_csv(path: Path) -> Samples:
     samples = Samples(columns, str(path), (), table.lines)
     samples.require("time_s", "motor1", *MOTION)
     count = sum(MOTOR.fullmatch(name) is not None for name in columns)
-    samples.require(*(f"motor{n}" for n in range(1, count + 1)))
-    for n in range(1, count + 1):
-        outside = impossible_commands(samples[f"motor{n}"])
-        turning = np.abs(samples[f"motor{n}"]) > AT_REST
+    motors = [f"motor{n}" for n in range(1, count + 1)]
+    samples.require(*motors)
+    for name in motors:
+        outside = impossible_commands(samples[name])
+        turning = np.abs(samples[name]) > AT_REST
         if outside.sum() > (1.0 - LEAST_SOUND) * turning.sum():  # a unit, not a damaged stretch
             row = int(np.argmax(outside))
-            found = f"0..1 is expected, found {samples[f'motor{n}'][row]:g}"
-            raise InputError(path, f"{samples.place(row)}, column motor{n}", found)
+            found = f"0..1 is expected, found {samples[name][row]:g}"
+            raise InputError(path, f"{samples.place(row)}, column {name}", found)
     step = np.diff(samples["time_s"])
     if (step < 0).any():
         where = samples.place(int(np.argmax(step < 0)) + 1)
         raise InputError(path, f"{where}, column time_s", "time goes back; increasing stamps are expected")
     repeated = np.concatenate([[False], step == 0])
     if repeated.any():
-        samples = samples.take(~repeated).with_notes(
-            f"{int(repeated.sum())} rows with a repeated stamp left out"
-        )
-    return at_the_commands(samples, [f"motor{n}" for n in range(1, count + 1)])
+        note = f"{int(repeated.sum())} rows with a repeated stamp left out"
+        samples = samples.take(~repeated).with_notes(note)
+    return at_the_commands(samples, motors)

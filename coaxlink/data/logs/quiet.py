@@ -12,27 +12,22 @@ from pathlib import Path
 @contextlib.contextmanager
 def silenced() -> Iterator[None]:
     """Send both output streams, down to their file descriptors, nowhere for a while."""
-    saved = []
-    sink = os.open(os.devnull, os.O_WRONLY)
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
         sys.stderr.flush()
-    try:
+    with (
+        Path(os.devnull).open("w", encoding="utf-8") as nowhere,
+        contextlib.redirect_stdout(nowhere),
+        contextlib.redirect_stderr(nowhere),
+        contextlib.ExitStack() as back,
+    ):
         for descriptor in (1, 2):
             with contextlib.suppress(OSError):  # closed by a daemon: nothing to silence
-                saved.append((descriptor, os.dup(descriptor)))
-                os.dup2(sink, descriptor)
-        with (
-            Path(os.devnull).open("w", encoding="utf-8") as nowhere,
-            contextlib.redirect_stdout(nowhere),
-            contextlib.redirect_stderr(nowhere),
-        ):
-            yield
-    finally:
-        for descriptor, copy in saved:
-            os.dup2(copy, descriptor)
-            os.close(copy)
-        os.close(sink)
+                copy = os.dup(descriptor)
+                back.callback(os.close, copy)
+                back.callback(os.dup2, copy, descriptor)
+                os.dup2(nowhere.fileno(), descriptor)
+        yield
 
 
 def one_line(error: Exception) -> str:

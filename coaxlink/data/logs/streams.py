@@ -6,8 +6,10 @@ not alias; what arrives slower is interpolated. Stretches without data stay empt
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +18,27 @@ from coaxlink.data.resolution import resolution_of
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 
+Array = NDArray[np.float64]
+Message = Mapping[str, Array]  # fields of one kind of message, each (n,) or (n, k), its stamps as time_s
 ANGLES = ("roll_rad", "pitch_rad", "yaw_rad")
 STATES = ("armed", "landed")  # hold their last value
 MOST_EMPTY = 100  # periods a motor command: a log with more pauses than this has damaged stamps
-GAP_PERIODS = 5.0  # a pause longer than this many periods of a stream is a gap, not jitter
+GAP_PERIODS = 5.0  # a pause longer than this many periods of a series is a gap, not jitter
+SELDOM = 0.1  # of the changes may follow another at once: rounding makes some pause, holding makes all
 
 
 @dataclass(frozen=True)
-class Stream:
+class TimeSeries:
     """Columns that share the stamps of one message."""
 
-    time_s: NDArray[np.float64]  # (n,) increasing
-    columns: Mapping[str, NDArray[np.float64]]  # each (n,)
+    time_s: Array  # (n,) increasing
+    columns: Mapping[str, Array]  # each (n,)
 
     @classmethod
-    def of(cls, time_s: NDArray[np.float64], columns: Mapping[str, NDArray[np.float64]]) -> Stream | None:
+    def of(cls, time_s: Array, columns: Mapping[str, NDArray[Any]]) -> TimeSeries | None:
         """In the order of the stamps, repeated stamps and rows with NaN left out; None without two rows."""
+        if not columns:
+            return None
         with np.errstate(invalid="ignore"):  # damaged logs hold numbers that are none: left out below
             stacked = np.stack([np.asarray(column, float) for column in columns.values()])
         good = np.isfinite(time_s) & np.isfinite(stacked).all(axis=0)
@@ -45,22 +52,66 @@ class Stream:
         """The usual step between two stamps."""
         return float(np.median(np.diff(self.time_s)))
 
+    def paces(self) -> bool:
+        """Whether the rows of the log depend on it: motion, not batteries or states, which may pause."""
+        return any(name.startswith(("motor", "accel", "gyro", "roll")) for name in self.columns)
+
+    def has_gap(self, grid: Array) -> NDArray[np.bool_]:
+        """(grid,) True between two stamps that stand too far apart."""
+        after = np.clip(np.searchsorted(self.time_s, grid), 1, len(self.time_s) - 1)
+        width = self.time_s[after] - self.time_s[after - 1]
+        return (width > max(GAP_PERIODS * self.period_s, 0.1)) & (grid != self.time_s[after])
+
+
+def series(message: Message | None, fields: Mapping[str, str], scale: float = 1.0) -> TimeSeries | None:
+    """Columns (our name: the message's field) times `scale`; None where one is not logged."""
+    if message is None or any(f not in message for f in fields.values()):
+        return None
+    return TimeSeries.of(message["time_s"], {name: scale * message[f] for name, f in fields.items()})
+
+
+def derived(
+    message: Message | None, columns: Callable[[Message], Mapping[str, NDArray[Any]]]
+) -> TimeSeries | None:
+    """What is computed from a message, None where it is not logged."""
+    return None if message is None else TimeSeries.of(message["time_s"], columns(message))
+
+
+def rows_of(message: Message | None, mask: NDArray[np.bool_]) -> Message | None:
+    """The rows of a mask (n,), None where there is none."""
+    return {f: c[mask] for f, c in message.items()} if message is not None and mask.any() else None
+
+
+def longest(*messages: Message | None) -> Message | None:
+    """The one with most rows, the first of equals."""
+    return max((m for m in messages if m is not None), key=lambda m: len(m["time_s"]), default=None)
+
+
+def euler_of(quaternions: Sequence[Array]) -> dict[str, Array]:
+    """Roll, pitch, yaw (ZYX, NED to FRD) of attitude quaternions, w first."""
+    w, x, y, z = quaternions
+    return {
+        "roll_rad": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        "pitch_rad": np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
+        "yaw_rad": np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    }
+
 
 def merge(
-    source: str, motors: Stream | None, streams: Sequence[Stream | None], notes: Sequence[str]
+    source: str, motors: TimeSeries | None, others: Sequence[TimeSeries | None], notes: Sequence[str]
 ) -> Samples:
-    """All streams on a uniform grid at the motor commands' rate, time_s from the log's own stamps.
+    """All series on a uniform grid at the motor commands' rate, time_s from the log's own stamps.
 
     Raises InputError when there are no motor commands, or nothing was measured while they ran.
     """
     if motors is None:
         raise InputError(source, "", "no motor commands in this log (two at least are expected)")
-    measured = [stream for stream in streams if stream is not None]
+    measured = [one for one in others if one is not None]
     if not measured:
         raise InputError(source, "", "no motion in this log (accelerations, rates or attitude expected)")
     period = motors.period_s
-    start = max([motors.time_s[0], *(s.time_s[0] for s in measured if _paces(s))])
-    stop = min([motors.time_s[-1], *(s.time_s[-1] for s in measured if _paces(s))])
+    pacing = [motors, *(s for s in measured if s.paces())]
+    start, stop = max(s.time_s[0] for s in pacing), min(s.time_s[-1] for s in pacing)
     first = motors.time_s[np.searchsorted(motors.time_s, start)] if start <= motors.time_s[-1] else start
     if (stop - first) / period > MOST_EMPTY * len(motors.time_s) + 1000:
         raise InputError(
@@ -69,15 +120,13 @@ def merge(
     grid = np.arange(first, stop + 1e-9, period)
     if len(grid) < 2:
         raise InputError(source, "", "motor commands and motion do not overlap in time")
-    keep = ~_in_gap(motors, grid)
-    columns: dict[str, NDArray[np.float64]] = {"time_s": grid}
+    columns: dict[str, Array] = {"time_s": grid}
     steps: dict[str, float] = {}
-    for stream in (motors, *measured):
-        for name, column in stream.columns.items():
+    for one in (motors, *measured):
+        for name, column in one.columns.items():
             steps[name] = resolution_of(column)
-            columns[name] = _resampled(name, stream.time_s, column, grid, period)
-        if _paces(stream):
-            keep &= ~_in_gap(stream, grid)
+            columns[name] = _resampled(name, one.time_s, column, grid, period)
+    keep = ~np.logical_or.reduce([one.has_gap(grid) for one in pacing])
     said = [f"{len(grid)} rows every {1e3 * period:.3g} ms, the rate of the motor commands"]
     if not keep.all():
         said.append(f"{int((~keep).sum())} rows left out where the log has gaps")
@@ -87,25 +136,7 @@ def merge(
     return samples
 
 
-def _paces(stream: Stream) -> bool:
-    """Whether the rows depend on this stream: motion, not batteries or states, which may pause."""
-    return any(name.startswith(("motor", "accel", "gyro", "roll")) for name in stream.columns)
-
-
-def _in_gap(stream: Stream, grid: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(grid,) True between two stamps that stand too far apart."""
-    after = np.clip(np.searchsorted(stream.time_s, grid), 1, len(stream.time_s) - 1)
-    width = stream.time_s[after] - stream.time_s[after - 1]
-    return (width > max(GAP_PERIODS * stream.period_s, 0.1)) & (grid != stream.time_s[after])
-
-
-def _resampled(
-    name: str,
-    time: NDArray[np.float64],
-    values: NDArray[np.float64],
-    grid: NDArray[np.float64],
-    period: float,
-) -> NDArray[np.float64]:
+def _resampled(name: str, time: Array, values: Array, grid: Array, period: float) -> Array:
     if name in STATES:
         return values[np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)]
     if name in ANGLES:
@@ -117,13 +148,11 @@ def _resampled(
     return np.remainder(values + np.pi, 2 * np.pi) - np.pi if name in ANGLES else values
 
 
-def _averaged(
-    time: NDArray[np.float64], values: NDArray[np.float64], grid: NDArray[np.float64], period: float
-) -> NDArray[np.float64]:
+def _averaged(time: Array, values: Array, grid: Array, period: float) -> Array:
     """Mean of the straight-line interpolant over one period around each grid point."""
     area = np.concatenate([[0.0], np.cumsum(np.diff(time) * (values[1:] + values[:-1]) / 2)])
 
-    def integral(at: NDArray[np.float64]) -> NDArray[np.float64]:
+    def integral(at: Array) -> Array:
         i = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
         step = at - time[i]
         slope = (values[i + 1] - values[i]) / (time[i + 1] - time[i])
@@ -131,16 +160,35 @@ def _averaged(
 
     low = np.clip(grid - period / 2, time[0], time[-1])
     high = np.clip(grid + period / 2, time[0], time[-1])
-    width = np.maximum(high - low, 1e-12)
-    return (integral(high) - integral(low)) / width
+    return (integral(high) - integral(low)) / np.maximum(high - low, 1e-12)
 
 
-def euler_of(
-    w: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
-    """Roll, pitch, yaw (ZYX, NED to FRD) of attitude quaternions."""
-    return {
-        "roll_rad": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        "pitch_rad": np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
-        "yaw_rad": np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-    }
+def at_the_commands(samples: Samples, motors: list[str]) -> Samples:
+    """A table at the rate of its commands, or as it is where they move from row to row.
+
+    Commands of 10 Hz written into rows of 100 Hz by holding them are late by half a step on average and full
+    of corners, which no motor saw. The rows at which they change are the log's own; all else is averaged onto
+    them, as from any log whose commands are its slowest series.
+    """
+    commands = np.stack([samples[name] for name in motors], axis=1)
+    moves = np.flatnonzero(np.any(np.diff(commands, axis=0) != 0.0, axis=1)) + 1
+    if len(moves) < 20:
+        return samples
+    gaps = np.diff(moves)
+    every = int(np.median(gaps))
+    if every < 2 or np.quantile(gaps, SELDOM) < 2:
+        return samples
+    edges = [0, *moves.tolist(), samples.rows]
+    pauses = [
+        np.arange(a + every, b - every // 2, every) for a, b in pairwise(edges)
+    ]  # nothing changes for long
+    rows = np.unique(np.concatenate([[0], moves, *pauses]))
+    time = samples["time_s"]
+    rest = samples.without(*motors, "time_s")
+    note = f"commands were logged every {every} rows and held between: the log is taken at their rate"
+    return merge(
+        samples.source,
+        TimeSeries.of(time[rows], {name: samples[name][rows] for name in motors}),
+        [TimeSeries.of(time, {name: rest[name] for name in rest.columns})],
+        (*samples.notes, note),
+    )

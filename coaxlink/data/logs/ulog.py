@@ -8,55 +8,44 @@ from __future__ import annotations
 
 import io
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from coaxlink.data.logs.outputs import commands, px4_outputs, used_outputs
 from coaxlink.data.logs.quiet import one_line, silenced
-from coaxlink.data.logs.streams import Stream, euler_of, merge
+from coaxlink.data.logs.streams import Message, TimeSeries, derived, euler_of, merge, series
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 
+STAMPED_BY_SAMPLE = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_attitude")
 TOPICS = [
-    "actuator_motors",
-    "actuator_outputs",
-    "vehicle_acceleration",
-    "vehicle_angular_velocity",
-    "sensor_combined",
-    "vehicle_attitude",
-    "vehicle_local_position",
-    "distance_sensor",
-    "battery_status",
-    "esc_status",
-    "vehicle_status",
-    "vehicle_land_detected",
-]
+    *STAMPED_BY_SAMPLE, "actuator_motors", "actuator_outputs", "sensor_combined", "vehicle_local_position",
+    "distance_sensor", "battery_status", "esc_status", "vehicle_status", "vehicle_land_detected",
+]  # fmt: skip
 CIRCLES = 20  # steps back to where the reader was before; looking for a sync mark takes one or two
 ARMED = 2
-FIRST_MOTOR_FUNCTION = 101
-Topic = Mapping[str, NDArray[Any]]
+VELOCITY = {"vel_n_m_s": "vx", "vel_e_m_s": "vy", "vel_d_m_s": "vz"}
 
 
 def read_ulog(path: Path) -> Samples:
     """A PX4 log as flight columns. Raises InputError."""
     log = _open(path)
-    topics: dict[str, Topic] = {d.name: d.data for d in reversed(log.data_list)}  # the first instance wins
+    topics = {d.name: _message(d.name, d.data) for d in reversed(log.data_list)}  # the first instance wins
     notes: list[str] = ["the file is damaged: some of it could not be read"] if log.file_corruption else []
-    streams = [
+    measured = [
         *_motion(topics),
-        _attitude(topics.get("vehicle_attitude")),
-        _plain(topics.get("vehicle_local_position"), {f"vel_{a}_m_s": f for a, f in _VELOCITY}),
+        derived(topics.get("vehicle_attitude"), lambda m: euler_of([m[f"q[{i}]"] for i in range(4)])),
+        series(topics.get("vehicle_local_position"), VELOCITY),
         _height(topics, notes),
-        _plain(topics.get("battery_status"), {"voltage_V": "voltage_v"}),
-        _state(topics.get("vehicle_status"), "armed", lambda d: d["arming_state"] == ARMED),
-        _state(topics.get("vehicle_land_detected"), "landed", lambda d: d["landed"]),
+        series(topics.get("battery_status"), {"voltage_V": "voltage_v"}),
+        derived(topics.get("vehicle_status"), lambda m: {"armed": m["arming_state"] == ARMED}),
+        series(topics.get("vehicle_land_detected"), {"landed": "landed"}),
         _rpm(topics.get("esc_status"), notes),
     ]
-    return merge(str(path), _motors(topics, log.initial_parameters, notes), streams, notes)
+    return merge(str(path), _motors(topics, log.initial_parameters, notes), measured, notes)
 
 
 def ulog_parameters(path: Path) -> dict[str, float | int]:
@@ -68,6 +57,14 @@ def ulog_texts(path: Path) -> list[tuple[float, int, str]]:
     """(time_s, severity 0..7, text) of what PX4 logged in words, in order. Raises InputError."""
     found = [(m.timestamp / 1e6, m.log_level - ord("0"), str(m.message)) for m in _open(path).logged_messages]
     return sorted(found, key=lambda row: row[0])
+
+
+def _message(name: str, topic: Mapping[str, Any]) -> Message:
+    """A topic with its stamps in s, all in 64 bit; what is no number in a damaged log becomes NaN."""
+    by_sample = name in STAMPED_BY_SAMPLE and "timestamp_sample" in topic
+    with np.errstate(invalid="ignore"):
+        fields = {field: np.asarray(values, np.float64) for field, values in topic.items()}
+    return fields | {"time_s": np.asarray(topic["timestamp_sample" if by_sample else "timestamp"]) / 1e6}
 
 
 def _open(path: Path) -> Any:
@@ -99,122 +96,75 @@ class _Onward(io.BufferedReader):
         return position
 
 
-_VELOCITY = (("n", "vx"), ("e", "vy"), ("d", "vz"))
-
-
-def _time(topic: Topic, sample: bool = False) -> NDArray[np.float64]:
-    return (
-        np.asarray(topic["timestamp_sample" if sample and "timestamp_sample" in topic else "timestamp"]) / 1e6
-    )
-
-
-def _float(values: NDArray[Any]) -> NDArray[np.float64]:
-    """As 64 bit; what is no number in a damaged log becomes NaN, without a warning."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(values, np.float64)
-
-
-def _plain(topic: Topic | None, fields: Mapping[str, str], sample: bool = False) -> Stream | None:
-    if topic is None or any(field not in topic for field in fields.values()):
-        return None
-    columns = {name: _float(topic[field]) for name, field in fields.items()}
-    return Stream.of(_time(topic, sample), columns)
-
-
-def _state(topic: Topic | None, name: str, of: Any) -> Stream | None:
-    return None if topic is None else Stream.of(_time(topic), {name: np.asarray(of(topic), float)})
-
-
-def _motors(topics: Mapping[str, Topic], parameters: Mapping[str, Any], notes: list[str]) -> Stream | None:
+def _motors(
+    topics: Mapping[str, Message], parameters: Mapping[str, Any], notes: list[str]
+) -> TimeSeries | None:
     controls, outputs = topics.get("actuator_motors"), topics.get("actuator_outputs")
-    if controls is not None and (outputs is None or len(controls["timestamp"]) >= len(outputs["timestamp"])):
+    if controls is not None and (outputs is None or len(controls["time_s"]) >= len(outputs["time_s"])):
         return _from_controls(controls, parameters, notes)
     return None if outputs is None else _from_outputs(outputs, parameters, notes)
 
 
-def _from_controls(topic: Topic, parameters: Mapping[str, Any], notes: list[str]) -> Stream | None:
+def _from_controls(topic: Message, parameters: Mapping[str, Any], notes: list[str]) -> TimeSeries | None:
     factor = float(parameters.get("THR_MDL_FAC", 0.0))
-    control = np.stack([_float(topic[f"control[{i}]"]) for i in range(12)])
-    used = np.flatnonzero((np.nan_to_num(control) != 0).any(axis=1))
+    control = np.nan_to_num(np.stack([topic[f"control[{i}]"] for i in range(12)]))
+    used = np.flatnonzero((control != 0).any(axis=1))
     count = int(parameters.get("CA_ROTOR_COUNT", 0)) or (int(used[-1]) + 1 if len(used) else 0)
-    thrust = np.clip(np.nan_to_num(control[:count]), 0, 1)
-    speed = thrust
+    speed = np.clip(control[:count], 0, 1)
     if factor > 0:  # control = factor u^2 + (1 - factor) u
         linear = 1 - factor
-        speed = (np.sqrt(linear**2 + 4 * factor * thrust) - linear) / (2 * factor)
+        speed = (np.sqrt(linear**2 + 4 * factor * speed) - linear) / (2 * factor)
     notes.append(f"motor1..{count} from actuator_motors, THR_MDL_FAC = {factor:g} undone")
-    return Stream.of(_time(topic), {f"motor{i + 1}": speed[i] for i in range(count)}) if count else None
+    return TimeSeries.of(topic["time_s"], {f"motor{i + 1}": speed[i] for i in range(count)})
 
 
-def _from_outputs(topic: Topic, parameters: Mapping[str, Any], notes: list[str]) -> Stream | None:
-    pwm = np.stack([_float(topic[f"output[{i}]"]) for i in range(16)])
-    channel = {  # motor: output
-        int(value) - FIRST_MOTOR_FUNCTION: int(match[1]) - 1
-        for name, value in parameters.items()
-        if (match := re.fullmatch(r"PWM_(?:MAIN|AUX)_FUNC(\d+)", name))
-        and FIRST_MOTOR_FUNCTION <= value < FIRST_MOTOR_FUNCTION + 12
-    }
-    if not channel:  # firmware before 1.13: motors are the first outputs
-        used = np.flatnonzero((pwm >= 800).any(axis=1))
-        channel = {int(i): int(i) for i in used}
-    notes.append(f"motor1..{len(channel)} = (PWM - 1000) / 1000 from actuator_outputs")
-    columns = {f"motor{m + 1}": np.clip((pwm[c] - 1000) / 1000, 0, 1) for m, c in sorted(channel.items())}
-    return Stream.of(_time(topic), columns) if columns else None
+def _from_outputs(topic: Message, parameters: Mapping[str, Any], notes: list[str]) -> TimeSeries | None:
+    pulses = {n: topic[f"output[{n - 1}]"] for n in range(1, 17)}
+    outputs = px4_outputs(parameters) or {n: n for n in used_outputs(pulses)}
+    notes.append(f"motor1..{len(outputs)} = (PWM - 1000) / 1000 from actuator_outputs")
+    return TimeSeries.of(topic["time_s"], commands(outputs, pulses))
 
 
-def _motion(topics: Mapping[str, Topic]) -> list[Stream | None]:
+def _motion(topics: Mapping[str, Message]) -> list[TimeSeries | None]:
+    """Accelerations and rates, filtered where logged, else raw."""
     combined = topics.get("sensor_combined")
-    accel = _plain(
-        topics.get("vehicle_acceleration"),
-        {f"accel_{a}_m_s2": f"xyz[{i}]" for i, a in enumerate("xyz")},
-        True,
-    )
-    gyro = _plain(
-        topics.get("vehicle_angular_velocity"),
-        {f"gyro_{a}_rad_s": f"xyz[{i}]" for i, a in enumerate("xyz")},
-        True,
-    )
-    return [
-        accel
-        or _plain(combined, {f"accel_{a}_m_s2": f"accelerometer_m_s2[{i}]" for i, a in enumerate("xyz")}),
-        gyro or _plain(combined, {f"gyro_{a}_rad_s": f"gyro_rad[{i}]" for i, a in enumerate("xyz")}),
-    ]
+    found = []
+    for name, topic, raw in (
+        ("accel_{}_m_s2", "vehicle_acceleration", "accelerometer_m_s2"),
+        ("gyro_{}_rad_s", "vehicle_angular_velocity", "gyro_rad"),
+    ):
+        columns = {name.format(axis): f"xyz[{i}]" for i, axis in enumerate("xyz")}
+        in_raw = {ours: theirs.replace("xyz", raw) for ours, theirs in columns.items()}
+        found.append(series(topics.get(topic), columns) or series(combined, in_raw))
+    return found
 
 
-def _attitude(topic: Topic | None) -> Stream | None:
-    if topic is None:
-        return None
-    q = [_float(topic[f"q[{i}]"]) for i in range(4)]
-    return Stream.of(_time(topic, sample=True), euler_of(*q))
-
-
-def _height(topics: Mapping[str, Topic], notes: list[str]) -> Stream | None:
+def _height(topics: Mapping[str, Message], notes: list[str]) -> TimeSeries | None:
     """Height above ground: the estimator's terrain distance, the range finder, or its z as a last resort."""
     local, ranger = topics.get("vehicle_local_position"), topics.get("distance_sensor")
     if local is not None and "dist_bottom" in local and np.any(local["dist_bottom_valid"]):
-        valid = np.asarray(local["dist_bottom_valid"]) != 0
-        bottom, above = _float(local["dist_bottom"]), -_float(local["z"])
+        valid = local["dist_bottom_valid"] != 0
+        bottom, above = local["dist_bottom"], -local["z"]
         if not valid.all():
             notes.append(
                 f"height_m from the estimator's z, level ground, in {(~valid).mean():.0%} of the log"
             )
         # the estimator's z has an offset of its own: take it from where both are known
         height = np.where(valid, bottom, above + np.median((bottom - above)[valid]))
-        return Stream.of(_time(local), {"height_m": height})
+        return TimeSeries.of(local["time_s"], {"height_m": height})
     if ranger is not None:
-        return _plain(ranger, {"height_m": "current_distance"})
+        return series(ranger, {"height_m": "current_distance"})
     if local is not None:
         notes.append("height_m from the estimator's z above its origin: no distance to the ground logged")
-        return Stream.of(_time(local), {"height_m": -_float(local["z"])})
-    return None
+    return series(local, {"height_m": "z"}, -1.0)
 
 
-def _rpm(topic: Topic | None, notes: list[str]) -> Stream | None:
+def _rpm(topic: Message | None, notes: list[str]) -> TimeSeries | None:
     if topic is None:
         return None
-    rpm = [_float(topic[f"esc[{i}].esc_rpm"]) for i in range(8) if f"esc[{i}].esc_rpm" in topic]
+    rpm = [topic[f"esc[{i}].esc_rpm"] for i in range(8) if f"esc[{i}].esc_rpm" in topic]
     rpm = rpm[: int(np.max(topic["esc_count"]))]
     if len(rpm) == 8 and np.any(rpm[0]) and all(np.array_equal(rpm[i], rpm[i + 4]) for i in range(4)):
         notes.append("rpm5..8 left out: esc_status repeats rotors 1-4 there")
         rpm = rpm[:4]
-    return Stream.of(_time(topic), {f"rpm{i + 1}": column for i, column in enumerate(rpm)}) if rpm else None
+    return TimeSeries.of(topic["time_s"], {f"rpm{i + 1}": column for i, column in enumerate(rpm)})

@@ -107,12 +107,12 @@ def test_a_copied_stretch_is_found_whatever_its_resolution(coarse: bool) -> None
 
 
 def test_the_resolution_of_the_log_outlives_resampling() -> None:
-    from coaxlink.data.logs.streams import Stream, merge
+    from coaxlink.data.logs.streams import TimeSeries, merge
 
     coarse = rounded(flight())
     t = coarse["time_s"]
-    motors = Stream.of(t[:-3] + 0.007, {"motor1": coarse["motor1"][:-3], "motor2": coarse["motor2"][:-3]})
-    merged = merge("x", motors, [Stream.of(t, {"gyro_x_rad_s": coarse["gyro_x_rad_s"]})], ())
+    motors = TimeSeries.of(t[:-3] + 0.007, {"motor1": coarse["motor1"][:-3], "motor2": coarse["motor2"][:-3]})
+    merged = merge("x", motors, [TimeSeries.of(t, {"gyro_x_rad_s": coarse["gyro_x_rad_s"]})], ())
     assert merged.resolution["gyro_x_rad_s"] == pytest.approx(MRAD)
     assert resolution_of(merged["gyro_x_rad_s"]) < 0.5 * MRAD  # between two rows it is finer
     assert merged.take(np.arange(50)).resolution == merged.resolution

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,53 +91,4 @@ def table(columns: dict[str, Array | list[str]], mark: str = ",", comma: bool = 
 def write(path: Path, text: str, encoding: str = "utf-8") -> Path:
     """A file of this text."""
     path.write_bytes(text.encode(encoding))
-    return path
-
-
-def sheet(path: Path, sheets: dict[str, list[list[object]]]) -> Path:
-    """A workbook as small as the format allows, written by hand."""
-    spreadsheet = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-    package = "http://schemas.openxmlformats.org/package/2006"
-    names = list(sheets)
-    listed = "".join(f'<sheet name="{n}" sheetId="{i}" r:id="rId{i}"/>' for i, n in enumerate(names, 1))
-    linked = "".join(
-        f'<Relationship Id="rId{i}" Type="{office}/worksheet" Target="worksheets/sheet{i}.xml"/>'
-        for i in range(1, len(names) + 1)
-    )
-    with zipfile.ZipFile(path, "w") as book:
-        book.writestr(
-            "[Content_Types].xml",
-            f'<Types xmlns="{package}/content-types"><Default Extension="xml" ContentType="application/xml"/>'
-            '<Override PartName="/xl/workbook.xml" ContentType="application/vnd.openxmlformats-'
-            'officedocument.spreadsheetml.sheet.main+xml"/></Types>',
-        )
-        book.writestr(
-            "_rels/.rels",
-            f'<Relationships xmlns="{package}/relationships"><Relationship Id="rId1" '
-            f'Type="{office}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
-        )
-        book.writestr(
-            "xl/workbook.xml",
-            f'<workbook xmlns="{spreadsheet}" xmlns:r="{office}"><sheets>{listed}</sheets></workbook>',
-        )
-        book.writestr(
-            "xl/_rels/workbook.xml.rels",
-            f'<Relationships xmlns="{package}/relationships">{linked}</Relationships>',
-        )
-        for i, name in enumerate(names, 1):
-            rows = ""
-            for r, row in enumerate(sheets[name], 1):
-                cells = ""
-                for c, value in enumerate(row):
-                    cell = f"{chr(65 + c)}{r}"
-                    if isinstance(value, str):
-                        cells += f'<c r="{cell}" t="inlineStr"><is><t>{value}</t></is></c>'
-                    elif value is not None:
-                        cells += f'<c r="{cell}"><v>{value}</v></c>'
-                rows += f'<row r="{r}">{cells}</row>'
-            book.writestr(
-                f"xl/worksheets/sheet{i}.xml",
-                f'<worksheet xmlns="{spreadsheet}"><sheetData>{rows}</sheetData></worksheet>',
-            )
     return path

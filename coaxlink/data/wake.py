@@ -1,9 +1,10 @@
 """Which of two rotors is the lower one, by the loads: it works in the other's wake.
 
-Two witnesses. Where both speeds vary apart, each thrust is regressed on its own rotor's speed, then on the
-other's as well: the lower rotor's thrust falls with the upper one's speed, the upper one's hardly notices the
-lower one's (F-test of the added terms, and the share of the thrust that they carry). Where both rotors run at
-about one speed, T^1.25 / (Q n^0.5), which a propeller's size does not change, is a third lower in the wake.
+Two kinds of evidence. Where both speeds vary apart, each thrust is regressed on its own rotor's speed, then
+on the other's as well: the lower rotor's thrust falls with the upper one's speed, the upper one's hardly
+notices the lower one's (F-test of the added terms, and the share of the thrust that they carry). Where both
+rotors run at about one speed, T^1.25 / (Q n^0.5), which a propeller's size does not change, is a third lower
+in the wake.
 """
 
 from __future__ import annotations
@@ -12,8 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from coaxlink.errors import InputError
 
 Array = NDArray[np.float64]
 CHANCE = 1e-6  # an effect that chance shows once in a million logs
@@ -28,8 +27,8 @@ SPENT = (0.4, 0.8)
 
 
 @dataclass(frozen=True)
-class Rotor:
-    """What one rotor of a log shows; each (rows,), None where not measured."""
+class RotorLog:
+    """What a log shows of one rotor; each (rows,), None where not measured."""
 
     speed: Array  # rpm, or throttle
     thrust: Array | None
@@ -38,45 +37,33 @@ class Rotor:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """The lower rotor of two, 0 or 1, or None; what speaks for it, in words with {0} and {1} for names."""
+class WakeEvidence:
+    """The lower rotor of two, 0 or 1, or None; the evidence in words with {0} and {1} for names."""
 
     lower: int | None
-    evidence: tuple[str, ...]
+    lines: tuple[str, ...]
     odd: bool = False  # one rotor does far worse than a wake explains
 
-    def said(self, *names: str) -> tuple[str, ...]:
+    def words(self, *names: str) -> tuple[str, ...]:
         """The evidence with the rotors' names."""
-        return tuple(line.format(*names) for line in self.evidence)
+        return tuple(line.format(*names) for line in self.lines)
 
 
-class RotorsUnclear(InputError):
-    """Two rotors whose headings do not say which is the upper, and data that do not either."""
-
-    def __init__(self, source: object, labels: tuple[str, str], evidence: tuple[str, ...]) -> None:
-        self.labels, self.evidence = labels, evidence
-        found = "; ".join(evidence) or "the rows do not show it"
-        super().__init__(
-            str(source),
-            f"rotors {labels[0]} and {labels[1]}",
-            f"which is the upper one? Say `upper` {labels[0]} or `upper` {labels[1]} ({found})",
-        )
-
-
-def lower_rotor(first: Rotor, second: Rotor) -> Verdict:
+def lower_rotor(first: RotorLog, second: RotorLog) -> WakeEvidence:
     """Who works in whose wake. Loads need their signs and units, rows are those in which a rotor turns."""
-    votes: list[int] = []
+    found: list[int] = []
     odd = False
-    said: list[str] = []
-    pair = (first, second)
-    shares = [_felt(pair[i].thrust, pair[i].speed, pair[1 - i].speed) for i in (0, 1)]
-    for share, lower in ((shares[0], 0), (shares[1], 1)):
-        other = shares[1 - lower]
+    lines: list[str] = []
+    shares = (
+        _share_of_other(first.thrust, first.speed, second.speed),
+        _share_of_other(second.thrust, second.speed, first.speed),
+    )
+    for lower, (share, other) in enumerate((shares, shares[::-1])):
         if share is None or other is None or share >= -LEAST:
             continue
         if abs(share) > TWICE * abs(min(other, 0.0)):
-            votes.append(lower)
-            said.append(
+            found.append(lower)
+            lines.append(
                 f"thrust of {{{lower}}} falls with the speed of {{{1 - lower}}} by {-100 * share:.0f} % "
                 f"of itself, the other way by {max(0.0, -100 * other):.0f} %"
             )
@@ -89,23 +76,23 @@ def lower_rotor(first: Rotor, second: Rotor) -> Verdict:
         text = f"at equal speeds {{{lower}}} gives {100 * less:.0f} % of the thrust of {{{1 - lower}}}"
         if worse < SPENT[0]:
             odd = True
-            said.append(
+            lines.append(
                 f"{text} and {100 * worse:.0f} % for its torque: more than a wake takes, is it a unit?"
             )
         elif worse < SPENT[1] and less < 1:
-            votes.append(lower)
-            said.append(f"{text}, and {100 * (1 - worse):.0f} % less for its torque")
-        elif not votes:
-            said.append(f"{text}: too near to decide")
-    if not votes and all(s is None for s in shares) and quality is None:
-        said.append("no rows in which the speeds vary apart, none at equal speeds with torque or power")
-    agreed = votes[0] if votes and len(set(votes)) == 1 else None
-    if votes and agreed is None:
-        said.append("these contradict each other")
-    return Verdict(None if odd else agreed, tuple(said), odd)
+            found.append(lower)
+            lines.append(f"{text}, and {100 * (1 - worse):.0f} % less for its torque")
+        elif not found:
+            lines.append(f"{text}: too near to decide")
+    if not found and quality is None and shares == (None, None):
+        lines.append("no rows in which the speeds vary apart, none at equal speeds with torque or power")
+    if len(set(found)) > 1:
+        lines.append("these contradict each other")
+    agreed = found[0] if len(set(found)) == 1 and not odd else None
+    return WakeEvidence(agreed, tuple(lines), odd)
 
 
-def _felt(load: Array | None, own: Array, other: Array) -> float | None:
+def _share_of_other(load: Array | None, own: Array, other: Array) -> float | None:
     """Share of a load that goes with the other rotor's speed, negative where it falls; 0 by chance.
 
     None where the rows cannot tell.
@@ -125,17 +112,17 @@ def _felt(load: Array | None, own: Array, other: Array) -> float | None:
         return None
     rest = y - base @ np.linalg.lstsq(base, y, rcond=None)[0]
     gain = free @ np.linalg.lstsq(free, rest, rcond=None)[0]
-    spare = len(y) - base.shape[1] - added.shape[1]
+    freedom = len(y) - base.shape[1] - added.shape[1]
     explained, left = float(gain @ gain), float(np.sum((rest - gain) ** 2))
-    from scipy.special import fdtrc
+    from scipy.special import fdtrc  # scipy is for foreign headings alone: not at every start
 
-    if fdtrc(2, spare, explained / 2 / max(left / spare, 1e-300)) > CHANCE:
+    if fdtrc(2, freedom, explained / 2 / max(left / freedom, 1e-300)) > CHANCE:
         return 0.0
     share = np.sqrt(explained / apart / len(y)) / max(float(np.sqrt(np.mean(y**2))), 1e-300)
     return float(np.sign(gain @ free[:, 0]) * share)
 
 
-def _quality(first: Rotor, second: Rotor) -> tuple[float, float] | None:
+def _quality(first: RotorLog, second: RotorLog) -> tuple[float, float] | None:
     """T^1.25 / (Q n^0.5) of the first over the second's and their thrusts' ratio, at about equal speeds."""
     if first.thrust is None or second.thrust is None or np.ptp(first.speed) <= 0:
         return None
@@ -143,8 +130,7 @@ def _quality(first: Rotor, second: Rotor) -> tuple[float, float] | None:
         ratio = first.speed / second.speed
     rows = (ratio > EQUAL[0]) & (ratio < EQUAL[1]) & (first.speed > 0.4 * first.speed.max())
     rows &= (first.thrust > 0) & (second.thrust > 0)
-    for name, power in (("torque", 0), ("power", 1)):
-        a, b = getattr(first, name), getattr(second, name)
+    for power, (a, b) in enumerate(((first.torque, second.torque), (first.power, second.power))):
         if a is None or b is None:
             continue
         good = rows & (a > 0) & (b > 0)
@@ -152,8 +138,7 @@ def _quality(first: Rotor, second: Rotor) -> tuple[float, float] | None:
             continue
         n = ratio[good]
         thrust = first.thrust[good] / second.thrust[good]
-        quality = thrust**1.25 / (a[good] / b[good]) * n ** (power - 0.5)
-        q = np.log(quality)
+        q = np.log(thrust**1.25 / (a[good] / b[good]) * n ** (power - 0.5))
         error = 1.2533 * float(np.std(q)) / np.sqrt(len(q))  # of a median
         middle = float(np.median(q))
         if abs(middle) < 5 * error:

@@ -10,11 +10,15 @@ propeller gives these readings: one of the units is wrong.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from coaxlink.constants import STANDARD_DENSITY_KG_M3
 
+Array = NDArray[np.float64]
 AIR = STANDARD_DENSITY_KG_M3  # altitude changes a diameter by little
 THRUST_COEFFICIENT = (0.03, 0.2)
 FIGURE_OF_MERIT = (0.3, 0.85)
@@ -32,6 +36,7 @@ TORQUE_ARM = tuple(
     math.sqrt(2 / math.pi) * math.sqrt(c) / f / (2 * math.pi)
     for c, f in zip(THRUST_COEFFICIENT, reversed(FIGURE_OF_MERIT), strict=True)
 )
+HIGH, SLOW = 0.7, 0.1  # of a rotor's fastest row; of the other rotor's range
 
 
 @dataclass(frozen=True)
@@ -45,25 +50,77 @@ class Reading:
     shaft_W: float | None = None
     in_wake: bool = False  # the other rotor turns as well
 
-    def scaled(self, thrust_N: float = 1.0, torque_Nm: float = 1.0, rpm: float = 1.0) -> Reading:
+    def scaled(self, thrust: float = 1.0, torque: float = 1.0, speed: float = 1.0) -> Reading:
         """The same reading with thrust, torque or speed in other units."""
         return replace(
             self,
-            thrust_N=_times(self.thrust_N, thrust_N),
-            torque_Nm=_times(self.torque_Nm, torque_Nm),
-            rpm=_times(self.rpm, rpm),
+            thrust_N=_times(self.thrust_N, thrust),
+            torque_Nm=_times(self.torque_Nm, torque),
+            rpm=_times(self.rpm, speed),
         )
+
+    def shaft_fault(self) -> tuple[float, str] | None:
+        """Torque times speed over a measured power that it cannot be, and which power that is."""
+        if not self.rpm or not self.torque_Nm:
+            return None
+        shaft = abs(self.torque_Nm) * 2 * math.pi * (self.rpm / 60)
+        for power, (least, most), name in (
+            (self.shaft_W, SHAFT_SENSOR, "mechanical"),
+            (self.power_W, MOTOR_EFFICIENCY, "electrical"),
+        ):
+            if power and not least <= shaft / abs(power) <= most:
+                return shaft / abs(power), name
+        return None
+
+
+def readings_of(rotors: Mapping[str, Mapping[str, Array]], shafts: Mapping[str, Array]) -> dict[str, Reading]:
+    """Each rotor at high speed, the other one as slow as the rows have it.
+
+    `rotors`: by a rotor's name its columns by quantity, each (rows,); `shafts`: mechanical powers, W.
+    """
+    names = list(rotors)
+    other = {a: b for a in names for b in names if a != b} if len(names) == 2 else {}
+    return {n: _reading(rotors[n], rotors.get(other.get(n, ""), {}), shafts.get(n)) for n in names}
+
+
+def _reading(own: Mapping[str, Array], other: Mapping[str, Array], shaft: Array | None) -> Reading:
+    drive = own.get("speed", own.get("throttle"))
+    if drive is None or not np.any(drive > 0):
+        return Reading(None, None, None)
+    rows = drive >= HIGH * drive.max()
+    beside = other.get("speed", other.get("throttle"))
+    in_wake = False
+    if beside is not None and np.any(beside > 0):
+        slowest = float(beside[rows].min())
+        rows &= beside <= slowest + SLOW * float(beside.max())
+        in_wake = slowest > SLOW * float(beside.max())
+    n = float(np.median(drive[rows]))
+
+    def at(values: Array | None, power: int) -> float | None:
+        found = None if values is None else float(np.median(values[rows] / (drive[rows] / n) ** power))
+        return found or None
+
+    power = own.get("power")
+    if power is None and "current" in own and "voltage" in own:
+        power = own["current"] * own["voltage"]
+    return Reading(
+        at(own.get("thrust"), 2),
+        at(own.get("torque"), 2),
+        n if "speed" in own else None,
+        at(power, 3),
+        at(shaft, 3),
+        in_wake,
+    )
 
 
 def diameters(reading: Reading, diameter_m: float | None = None) -> tuple[float, float] | None:
     """(least, greatest) diameter in m that gives this reading, or None when no propeller does."""
     if not reading.rpm and reading.torque_Nm and reading.power_W:
         return _without_speed(reading, diameter_m)
+    if reading.shaft_fault():
+        return None
     worst = IN_WAKE if reading.in_wake else 1.0
-    T, Q, P, S = (
-        None if x is None else abs(x)
-        for x in (reading.thrust_N, reading.torque_Nm, reading.power_W, reading.shaft_W)
-    )
+    T, Q, P = (None if x is None else abs(x) for x in (reading.thrust_N, reading.torque_Nm, reading.power_W))
     low, high = DIAMETER if diameter_m is None else tuple(diameter_m * g for g in GIVEN)
     ranges = [(low, high)]
     merit = (FIGURE_OF_MERIT[0] * worst, FIGURE_OF_MERIT[1])
@@ -74,14 +131,8 @@ def diameters(reading: Reading, diameter_m: float | None = None) -> tuple[float,
         ranges.append((TIP_SPEED[0] / (math.pi * n), TIP_SPEED[1] / (math.pi * n)))
         if T:
             ranges.append(_range((T / (AIR * n**2 * c)) ** 0.25 for c in coefficient))
-        if Q:
-            shaft = Q * 2 * math.pi * n
-            if S and not SHAFT_SENSOR[0] <= shaft / S <= SHAFT_SENSOR[1]:
-                return None
-            if P and not MOTOR_EFFICIENCY[0] <= shaft / P <= MOTOR_EFFICIENCY[1]:
-                return None
-            if T:
-                ranges.append(_range(T**1.5 / (shaft * disc * f) for f in merit))
+        if T and Q:
+            ranges.append(_range(T**1.5 / (Q * 2 * math.pi * n * disc * f) for f in merit))
     elif T and Q:
         arm = (TORQUE_ARM[0], TORQUE_ARM[1] / worst**1.5)
         ranges.append(_range(Q / (T * a) for a in arm))
@@ -106,7 +157,7 @@ def _range(values: Iterable[float]) -> tuple[float, float]:
     return min(found), max(found)
 
 
-def possible(readings: dict[str, Reading], diameter_m: float | None = None) -> bool:
+def possible(readings: Mapping[str, Reading], diameter_m: float | None = None) -> bool:
     """Whether every rotor can be a propeller, and two rotors a pair of about one size."""
     if any(diameters(r, diameter_m) is None for r in readings.values()):
         return False
