@@ -19,7 +19,7 @@ from coaxlink.mavlink.identity import version_request
 from coaxlink.mavlink.request_window import Asker
 from coaxlink.mavlink.session import Message, Session
 from coaxlink.mavlink.strangers import LOST_S
-from coaxlink.mavlink.values import FLOAT, Coding, Number, ParamSet, Value, raw_bits
+from coaxlink.mavlink.values import FLOAT, Number, ParamSet, Value, decode, encode, is_bytewise, raw_bits
 from firmware_params.plain import is_parameter_name
 
 __all__ = ["FLOAT", "Number", "Parameters", "Snapshot", "Value"]
@@ -62,14 +62,21 @@ class Parameters:
         self._session = session
         self._timeout_s = timeout_s
         self._asker = Asker(session, timeout_s=timeout_s, window=_WINDOW)
-        coding = Coding(session.identity)
-        self.encode, self.decode, self.bytewise = coding.encode, coding.decode, coding.bytewise
+        self.bytewise = is_bytewise(session.identity.autopilot, session.identity.capabilities)
         self.again = 0  # asked or written again for another reason than silence
 
     @property
     def retries(self) -> int:
         """Requests and writes that were repeated."""
         return self._asker.retries + self.again
+
+    def encode(self, name: str, value: Number, kind: int) -> Value:
+        """`values.encode` as this vehicle has it."""
+        return encode(name, value, kind, self.bytewise)
+
+    def decode(self, message: Message) -> Value:
+        """`values.decode` as this vehicle has it."""
+        return decode(message, self.bytewise)
 
     # -- reading -------------------------------------------------------------------------------------------
 

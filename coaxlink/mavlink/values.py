@@ -1,4 +1,5 @@
-"""Parameters as they travel: a value's bits in the float field of the wire.
+"""Parameters as they travel: a value's bits in the float field of the wire. The one place that reads and writes
+them, for uploads, live mixing and the monitor alike.
 
 PX4 sends an int32 bytewise in the float field, ArduPilot sends every value as a float; which of the two is
 read from the capability bits, else from the kind of autopilot.
@@ -14,7 +15,6 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import InputError
-from coaxlink.mavlink.identity import Identity
 
 Message = Any  # a pymavlink message
 Number = float | int
@@ -43,44 +43,42 @@ class Value:
         return self.type == other.type and self.bits == other.bits
 
 
-class Coding:
-    """How one vehicle puts values on the wire."""
+def is_bytewise(autopilot: int, capabilities: int | None = None) -> bool:
+    """Whether a vehicle of this MAV_AUTOPILOT sends integers as raw bytes; its capability bits know best."""
+    if not capabilities:
+        return autopilot == mavlink.MAV_AUTOPILOT_PX4
+    return bool(capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE)
 
-    def __init__(self, identity: Identity) -> None:
-        bytewise = identity.is_px4
-        if identity.capabilities is not None:
-            bit = mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
-            bytewise = bool(identity.capabilities & bit) or (bytewise and not identity.capabilities)
-        self.bytewise = bytewise
 
-    def encode(self, name: str, value: Number, kind: int) -> Value:
-        """The wire's bits of a value, and the value as the vehicle will store it.
+def encode(name: str, value: Number, kind: int, bytewise: bool) -> Value:
+    """The wire's bits of a value, and the value as the vehicle will store it.
 
-        Raises InputError for what the type cannot hold.
-        """
-        if kind not in _INTEGERS:
-            if not math.isfinite(value):
-                raise InputError(name, "", f"a finite number is expected, found {value}")
-            bits = struct.pack("<f", value)
-            return Value(name, struct.unpack("<f", bits)[0], kind, bits)
-        code, low, high = _INTEGERS[kind]
-        if not math.isfinite(value) or value != int(value) or not low <= value <= high:
-            raise InputError(name, "", f"an integer in {low}..{high} is expected, found {value}")
-        if self.bytewise:
-            return Value(name, int(value), kind, struct.pack(f"<{code}", int(value)).ljust(4, b"\0"))
-        return Value(name, int(value), kind, struct.pack("<f", float(value)))
+    Raises InputError for what the type cannot hold.
+    """
+    if kind not in _INTEGERS:
+        if not math.isfinite(value):
+            raise InputError(name, "", f"a finite number is expected, found {value}")
+        bits = struct.pack("<f", value)
+        return Value(name, struct.unpack("<f", bits)[0], kind, bits)
+    code, low, high = _INTEGERS[kind]
+    if not math.isfinite(value) or value != int(value) or not low <= value <= high:
+        raise InputError(name, "", f"an integer in {low}..{high} is expected, found {value}")
+    if bytewise:
+        return Value(name, int(value), kind, struct.pack(f"<{code}", int(value)).ljust(4, b"\0"))
+    return Value(name, int(value), kind, struct.pack("<f", float(value)))
 
-    def decode(self, message: Message) -> Value:
-        """The value in a PARAM_VALUE."""
-        bits, kind = raw_bits(message), int(message.param_type)
-        if kind not in _INTEGERS:
-            return Value(message.param_id, struct.unpack("<f", bits)[0], kind, bits)
-        code = _INTEGERS[kind][0]
-        if self.bytewise:
-            size = struct.calcsize(code)
-            value = struct.unpack(f"<{code}", bits[:size])[0]
-            return Value(message.param_id, value, kind, bits[:size].ljust(4, b"\0"))
-        return Value(message.param_id, int(message.param_value), kind, bits)
+
+def decode(message: Message, bytewise: bool) -> Value:
+    """The parameter in a PARAM_VALUE, the one way for all that hear one; `bytewise` as `is_bytewise` says."""
+    name, bits, kind = str(message.param_id), raw_bits(message), int(message.param_type)
+    if kind not in _INTEGERS:
+        return Value(name, struct.unpack("<f", bits)[0], kind, bits)
+    if not bytewise:
+        sent = float(message.param_value)
+        return Value(name, int(sent) if math.isfinite(sent) else sent, kind, bits)
+    code = _INTEGERS[kind][0]
+    size = struct.calcsize(code)
+    return Value(name, struct.unpack(f"<{code}", bits[:size])[0], kind, bits[:size].ljust(4, b"\0"))
 
 
 class ParamSet(mavlink.MAVLink_param_set_message):
@@ -99,7 +97,9 @@ class ParamSet(mavlink.MAVLink_param_set_message):
 
 
 def raw_bits(message: Message) -> bytes:
-    """The four bytes of PARAM_VALUE's value as they came."""
+    """The four bytes of PARAM_VALUE's value as they came, or would go."""
     frame = message.get_msgbuf()
+    if not frame:  # not off a wire
+        return struct.pack("<f", message.param_value)
     start = 10 if frame[0] == mavlink.PROTOCOL_MARKER_V2 else 6
     return bytes(frame[start : start + 4])
