@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import common as m
 from sim.line.links import Peer, Port, wait
 from sim.line.memory import Memory
 from sim.line.signing import Signing
-from sim.line.wire import Wire, WireFaults
+from sim.line.wire import Clock, Wire, WireFaults
 from sim.px4.autopilot import RATE_HZ, Autopilot
 from sim.px4.cascade import Demand
 from sim.px4.protocol import Conversation
@@ -50,12 +50,13 @@ class Standin:
         key: bytes | None = None,
         lockstep: bool = False,
         memory: Memory | None = None,
+        clock: Clock = time.monotonic,
     ) -> None:
         self._signing, self._memory = None if key is None else Signing(key), memory
         self._lockstep, self._commands = lockstep, 0
         # the newest stamps (us) that set-points and answers carried, and those at which a wait was in vain
         self._heard, self._silent = {"goal": -1, "answer": -1}, {"goal": -2, "answer": -2}
-        self._manners = manners
+        self._manners, self._clock = manners, clock
         self._faults, self._seed = faults, seed
         self._sets, self._silent_until = 0, 0.0
         self.autopilot, self.ports, self.speed = autopilot, list(ports), speed
@@ -137,9 +138,9 @@ class Standin:
     def _restart(self) -> None:
         """After a reboot: silent for a while, and what was asked for is forgotten."""
         self._boots = self.autopilot.boots
-        self._silent_until = time.monotonic() + REBOOT_S
+        self._silent_until = self._clock() + REBOOT_S
         for peer in self._conversations:
-            self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone)
+            self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone, self._clock)
 
     def _set_up_signing(self, message: Any) -> None:
         """A new key for every link, or with zeros none; on the ground only."""
@@ -152,17 +153,17 @@ class Standin:
 
     @property
     def _booting(self) -> bool:
-        return self._silent_until > 0.0 and time.monotonic() < self._silent_until
+        return self._silent_until > 0.0 and self._clock() < self._silent_until
 
     def _meet(self, peer: Peer) -> Conversation:
         if peer not in self._conversations:
             if self._faults is not None and peer.faulty:
                 number = 2 * len(self._conversations) + 1000 * self._seed
-                peer.out, peer.back = Wire(self._faults, number), Wire(self._faults, number + 1)
+                peer.out, peer.back = (Wire(self._faults, number + k, self._clock) for k in (0, 1))
             if self._signing is not None:
                 peer.sign(self._signing)
             peer.packer.srcSystem = self._system
-            self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone)
+            self._conversations[peer] = self._manners(self.autopilot, peer, self._everyone, self._clock)
         return self._conversations[peer]
 
     def _rename(self) -> None:
@@ -211,9 +212,9 @@ class Standin:
 
     def _until(self, met: Callable[[], bool], patience_s: float) -> bool:
         """Hear what comes until then; False when that took too long."""
-        end = time.monotonic() + patience_s
+        end = self._clock() + patience_s
         while not met():
-            left = end - time.monotonic()
+            left = end - self._clock()
             if left <= 0 or self.stop():
                 return False
             wait(self.ports, min(left, LOOK_UP_S))

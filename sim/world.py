@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import hashlib
 import string
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from sim.documents import write_atomic
 from sim.errors import WorldError
 from sim.line.links import Port, open_port
 from sim.line.memory import Memory
-from sim.line.wire import parse_faults
+from sim.line.wire import Clock, parse_faults
 from sim.physics.escs import KINDS, MEASURED
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
@@ -98,7 +99,13 @@ def build_many(world: World, count: int, addresses: Sequence[str], speed: float)
         raise
 
 
-def build(world: World, ports: Sequence[Port], speed: float = 1.0, number: int = 0) -> Standin:
+def build(
+    world: World,
+    ports: Sequence[Port],
+    speed: float = 1.0,
+    number: int = 0,
+    clock: Clock = time.monotonic,
+) -> Standin:
     """A stand-in ready to run, the one of that number of its world. Raises WorldError."""
     from sim.px4.autopilot import Autopilot
     from sim.px4.logger import UlogLogger
@@ -108,7 +115,7 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0, number: int =
     faults = parse_faults(world.wire) if world.wire else None
     uid = read_uid(world.uid) if world.uid else Autopilot.uid
     plant, truth = build_plant(world)
-    common: dict[str, Any] = {"speed": speed, "faults": faults, "seed": world.seed}
+    common: dict[str, Any] = {"speed": speed, "faults": faults, "seed": world.seed, "clock": clock}
     common["lockstep"] = world.lockstep
     common["key"] = None if world.signing_key is None else read_key(world.signing_key)
     if ardupilot:
@@ -121,21 +128,21 @@ def build(world: World, ports: Sequence[Port], speed: float = 1.0, number: int =
         DataFlashLogger(copter)
         _settle(copter, number, uid)
         copter.escs = _escs(world.escs)
-        common["memory"] = _memory(world.memory, copter, lazy=False)
+        common["memory"] = _memory(world.memory, copter, clock, lazy=False)
         return Standin(copter, ports, manners=ApConversation, **common)
     autopilot = Autopilot(plant, truth, version=version, seed=world.seed)
     UlogLogger(autopilot)
     _settle(autopilot, number, uid)
     autopilot.escs = _escs(world.escs)
-    common["memory"] = _memory(world.memory, autopilot, lazy=True)
+    common["memory"] = _memory(world.memory, autopilot, clock, lazy=True)
     return Standin(autopilot, ports, **common)
 
 
-def _memory(path: Path | None, autopilot: Any, *, lazy: bool) -> Memory | None:
+def _memory(path: Path | None, autopilot: Any, clock: Clock, *, lazy: bool) -> Memory | None:
     """What it knew before its power was cut. Raises WorldError."""
     if path is None:
         return None
-    memory = Memory(path, autopilot, lazy=lazy)
+    memory = Memory(path, autopilot, lazy=lazy, clock=clock)
     memory.load()
     return memory
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -14,6 +13,7 @@ from sim.ardupilot.copter import Copter
 from sim.ardupilot.files import MANNERS
 from sim.ardupilot.telemetry import BUILDERS, DEFAULT_HZ, GROUPS
 from sim.line.links import Peer
+from sim.line.wire import Clock
 from sim.px4.autopilot import Refused
 from sim.px4.protocol import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Conversation, _status, _text
 
@@ -42,8 +42,8 @@ class ApConversation(Conversation):
     unknown_stream = DENIED
     mission_request = m.MAVLink_mission_request_message  # and it takes either kind of item
 
-    def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None]) -> None:
-        super().__init__(autopilot, peer, everyone)
+    def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None], clock: Clock) -> None:
+        super().__init__(autopilot, peer, everyone, clock)
         self.copter = autopilot
         for name in RATE_GROUPS:
             if autopilot.store[name] > 0:
@@ -99,7 +99,7 @@ class ApConversation(Conversation):
         self.send(m.MAVLink_param_error_message(*source, name.encode(), -1, why))
 
     def _param_list(self, message: Any) -> None:
-        self._listed_at = time.monotonic()
+        self._listed_at = self._clock()
         self._listing = deque(range(len(self.copter.store.names)))
 
     def _param_set(self, message: Any) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as m
+
+from sim.line.wire import Clock
 
 PIECE = 90
 PIECES_HZ = 4000.0  # a second of wall time
@@ -16,8 +17,8 @@ AT_ONCE = 60
 class LogTransfer:
     """What one peer asks for of the card's logs, numbered from `first`."""
 
-    def __init__(self, autopilot: Any, send: Callable[[Any], None], first: int) -> None:
-        self._autopilot, self._send, self._first = autopilot, send, first
+    def __init__(self, autopilot: Any, send: Callable[[Any], None], first: int, clock: Clock) -> None:
+        self._autopilot, self._send, self._first, self._clock = autopilot, send, first, clock
         self._number, self._at, self._end = 0, 0, 0
         self._data = b""
         self._sent_at = 0.0
@@ -48,7 +49,7 @@ class LogTransfer:
         self._data = bytes(self._autopilot.files.files[logs[index]])
         self._number, self._at = message.id, message.ofs
         self._end = min(message.ofs + message.count, len(self._data))
-        self._sent_at = time.monotonic()
+        self._sent_at = self._clock()
         if self._at >= self._end:  # nothing there: an empty piece says so
             self._send(m.MAVLink_log_data_message(message.id, message.ofs, 0, [0] * PIECE))
 
@@ -56,7 +57,7 @@ class LogTransfer:
         """Send what the link takes now."""
         if self._at >= self._end:
             return
-        now = time.monotonic()
+        now = self._clock()
         share = int(min((now - self._sent_at) * PIECES_HZ, AT_ONCE))
         if share:
             self._sent_at = now

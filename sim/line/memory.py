@@ -17,6 +17,7 @@ from firmware_params import bounded
 from sim.documents import write_atomic
 from sim.errors import WorldError
 from sim.line.ftp import LOGS
+from sim.line.wire import Clock
 
 PX4_WAIT_S, PX4_APART_S = 0.3, 2.0
 
@@ -35,8 +36,8 @@ def float32(value: Any) -> int | float:
 class Memory:
     """The memory of one autopilot. `load` before its clock runs, then `step` in every tick."""
 
-    def __init__(self, path: Path, autopilot: Any, *, lazy: bool) -> None:
-        self._path, self._autopilot, self._lazy = path, autopilot, lazy
+    def __init__(self, path: Path, autopilot: Any, *, lazy: bool, clock: Clock = time.monotonic) -> None:
+        self._path, self._autopilot, self._clock, self._lazy = path, autopilot, clock, lazy
         self._due_s: float | None = None
         self._saved_s = 0.0
         self._values: dict[str, Any] = {}
@@ -65,7 +66,7 @@ class Memory:
 
     def save(self) -> None:
         """Keep the parameters as they are now."""
-        self._values, self._due_s, self._saved_s = self._autopilot.store.memory(), None, time.monotonic()
+        self._values, self._due_s, self._saved_s = self._autopilot.store.memory(), None, self._clock()
         self._write()
 
     def step(self) -> None:
@@ -74,12 +75,12 @@ class Memory:
         if card != self._card:
             self._card = card
             self._write()
-        if self._due_s is not None and time.monotonic() >= self._due_s:
+        if self._due_s is not None and self._clock() >= self._due_s:
             self.save()
 
     def _changed(self) -> None:
         if self._due_s is None:
-            now = time.monotonic()
+            now = self._clock()
             self._due_s = max(now + PX4_WAIT_S, self._saved_s + PX4_APART_S) if self._lazy else now
 
     def _on_card(self) -> dict[str, Any]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as m
 
 from sim.line.mission import DELAY, FRAMES, KNOWN, NAVIGATION, RTL, Item
+from sim.line.wire import Clock
 
 ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE, INVALID, BAD_SEQUENCE, CANCELLED = 0, 1, 2, 3, 4, 5, 13, 15
 FENCE_AND_RALLY = {5000, 5001, 5002, 5003, 5004, 5100}
@@ -26,8 +26,10 @@ class MissionTransfer:
         send: Callable[[Any], None],
         everyone: Callable[[Any], None],
         request: Callable[..., Any],
+        clock: Clock,
     ) -> None:
         self._autopilot, self._send, self._everyone, self._request = autopilot, send, everyone, request
+        self._clock = clock
         self._kind, self._count = 0, 0
         self._items: list[Item] | None = None  # of an upload that runs
         self._peer = (255, 190)
@@ -60,12 +62,12 @@ class MissionTransfer:
 
     def _ask(self, again: bool = False) -> None:
         assert self._items is not None
-        self._requested_at, self._tries = time.monotonic(), self._tries + 1 if again else 0
+        self._requested_at, self._tries = self._clock(), self._tries + 1 if again else 0
         self._send(self._request(*self._peer, len(self._items), self._kind))
 
     def go_on(self) -> None:
         """Ask again for what did not come; give up in the end."""
-        if self._items is None or time.monotonic() - self._requested_at < AGAIN_S:
+        if self._items is None or self._clock() - self._requested_at < AGAIN_S:
             return
         if self._tries >= TRIES:
             self._ack(CANCELLED, self._kind)

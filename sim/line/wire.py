@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 
 from sim.errors import WorldError
 
+Clock = Callable[[], float]  # seconds that only grow
+
 
 @dataclass(frozen=True)
 class WireFaults:
@@ -68,7 +70,7 @@ class Wire:
 
     faults: WireFaults
     seed: int
-    clock: Callable[[], float] = time.monotonic
+    clock: Clock = time.monotonic
     _late: list[tuple[float, int, bytes]] = field(default_factory=list)
     _count: int = 0
 

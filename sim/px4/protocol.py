@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -18,6 +17,7 @@ from sim.line.links import Peer
 from sim.line.logs import LogTransfer
 from sim.line.mission import ABOVE_HOME
 from sim.line.mission_link import MissionTransfer
+from sim.line.wire import Clock
 from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Refused
 from sim.px4.store import HASH_CHECK
 from sim.px4.telemetry import BUILDERS, DEFAULT_HZ, stamp_us
@@ -41,8 +41,10 @@ class Conversation:
     unknown_stream = FAILED  # answer to SET_MESSAGE_INTERVAL of a message that is not known
     mission_request = m.MAVLink_mission_request_int_message
 
-    def __init__(self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None]) -> None:
-        self.autopilot, self.peer, self._everyone = autopilot, peer, everyone
+    def __init__(
+        self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None], clock: Clock
+    ) -> None:
+        self.autopilot, self.peer, self._everyone, self._clock = autopilot, peer, everyone, clock
         self.builders = self._known_messages()
         self.interval_us = {k: 1e6 / hz for k, hz in self.default_hz.items()}
         self._due_us: dict[int, float] = {}
@@ -50,8 +52,8 @@ class Conversation:
         self._listed_at = 0.0
         self._files = Server(autopilot.files, self.file_manners, self._file_reply)
         self._file_source = (255, 190)
-        self._logs = LogTransfer(autopilot, self.send, self.first_log)
-        self._mission = MissionTransfer(autopilot, self.send, everyone, self.mission_request)
+        self._logs = LogTransfer(autopilot, self.send, self.first_log, clock)
+        self._mission = MissionTransfer(autopilot, self.send, everyone, self.mission_request, clock)
         self._handlers: dict[str, Callable[[Any], None]] = {
             "HEARTBEAT": self._heartbeat,
             "PARAM_REQUEST_READ": self._param_read,
@@ -106,7 +108,7 @@ class Conversation:
         self._mission.go_on()
         if not self._listing:
             return
-        now = time.monotonic()
+        now = self._clock()
         share = int(min((now - self._listed_at) * LIST_HZ, 40.0))
         if share:
             self._listed_at = now
@@ -169,7 +171,7 @@ class Conversation:
         self.send(ap.MAVLink_param_error_message(*source, name.encode(), -1, why))
 
     def _param_list(self, message: Any) -> None:
-        self._listed_at = time.monotonic()
+        self._listed_at = self._clock()
         self._param_value(-1)
         self._listing = deque(range(len(self.autopilot.store.names)))
 

@@ -1,5 +1,6 @@
 """What a stand-in still knows after its plug was pulled."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,8 @@ X8 = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
 FLOAT = 9
 
 
-def _boot(memory, firmware="px4"):
-    return build(World(X8, firmware=firmware, memory=memory), [])
+def _boot(memory, firmware="px4", clock=time.monotonic):
+    return build(World(X8, firmware=firmware, memory=memory), [], clock=clock)
 
 
 def test_px4_saves_late_or_when_it_is_told_to(tmp_path):
@@ -27,11 +28,10 @@ def test_px4_saves_late_or_when_it_is_told_to(tmp_path):
     assert again.autopilot.mixer.mix.effectiveness[5, 0] == -30.0  # and flies it
 
 
-def test_px4_s_own_save_comes_a_moment_after_the_change(tmp_path, monkeypatch):
+def test_px4_s_own_save_comes_a_moment_after_the_change(tmp_path):
     clock = [100.0]
-    monkeypatch.setattr("sim.line.memory.time.monotonic", lambda: clock[0])
     memory = tmp_path / "memory.json"
-    board = _boot(memory)
+    board = _boot(memory, clock=lambda: clock[0])
 
     def after_restart(after_s):
         clock[0] += after_s

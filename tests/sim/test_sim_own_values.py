@@ -88,7 +88,7 @@ class _Ear:
     def __init__(self, standin):
         self.sent = []
         self.peer = type("Peer", (), {"link": 0, "packer": m.MAVLink(None, 1, 1)})()
-        self.talk = ApConversation(standin, self.peer, self.sent.append)
+        self.talk = ApConversation(standin, self.peer, self.sent.append, lambda: 0.0)
         self.talk.send = self.sent.append
 
     def set(self, name, value):
