@@ -9,8 +9,6 @@ a simulator that runs faster than real time. Wall time only bounds how long sile
 from __future__ import annotations
 
 import math
-import queue
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +17,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 from coaxlink.fly.trajectory import Plan, Setpoint
+from coaxlink.mavlink.requests import Inbox
 from coaxlink.mavlink.session import Session
 
 OFFBOARD, AUTO, LOITER = 6, 4, 3  # PX4 main modes, and a sub mode
@@ -137,14 +136,15 @@ class Vehicle:
             mavlink.MAVLINK_MSG_ID_SYS_STATUS,
             *[0.0] * 6,
         )
-        end = time.monotonic() + READY_S
+        clock = self.session.clock
+        end = clock.monotonic() + READY_S
         while True:
-            status, _ = self.session.exchange(ask, ("SYS_STATUS",), lambda _: True)
+            status, _ = self.session.exchange(ask, "SYS_STATUS")
             if status is None or not status.onboard_control_sensors_present & checks:
                 return
-            if status.onboard_control_sensors_health & checks or time.monotonic() > end:
+            if status.onboard_control_sensors_health & checks or clock.monotonic() > end:
                 return
-            time.sleep(0.2)
+            clock.sleep(0.2)
 
     def _follows(self) -> bool:
         """Whether its last heartbeat says that it follows set-points."""
@@ -161,10 +161,10 @@ class Vehicle:
             raise LinkError(self.session.address, f"no position for {SILENCE_S:.0f} s")
         return message
 
-    def _newest(self, inbox: queue.SimpleQueue[Any]) -> mavlink.MAVLink_local_position_ned_message:
+    def _newest(self, inbox: Inbox) -> mavlink.MAVLink_local_position_ned_message:
         """The newest position that waits, or the next."""
-        message = self.session.take(inbox, SILENCE_S)
-        while message is not None and not inbox.empty():
+        message: Any = self.session.take(inbox, SILENCE_S)
+        while message is not None and inbox:
             message = self.session.take(inbox, 0.0) or message
         if message is None:
             raise LinkError(self.session.address, f"no position for {SILENCE_S:.0f} s")
@@ -181,9 +181,10 @@ class Vehicle:
         self._command("mode change", mavlink.MAV_CMD_DO_SET_MODE, custom, main, sub)
 
     def _until(self, met: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
-        end = time.monotonic() + timeout_s
+        clock = self.session.clock
+        end = clock.monotonic() + timeout_s
         while not met():
-            if time.monotonic() > end:
+            if clock.monotonic() > end:
                 raise CheckFailed(otherwise)
             self.session.wait("HEARTBEAT", 1.0)
 

@@ -7,8 +7,6 @@ only bounds how long silence is borne; then the autopilot's own loss-of-link fai
 from __future__ import annotations
 
 import math
-import queue
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,6 +18,7 @@ from coaxlink.fly.bridge import Bridge, command, request
 from coaxlink.fly.limits import Limits, State, breach, plan_faults
 from coaxlink.fly.trajectory import Plan, Setpoint
 from coaxlink.mavlink import Session
+from coaxlink.mavlink.requests import Inbox
 
 # message id: rate in Hz; what the limits are held against
 STREAMS = {32: 20.0, 30: 20.0, 33: 2.0, 1: 2.0, 147: 2.0, 245: 2.0}
@@ -85,12 +84,6 @@ class ModeWatch:
         return self._missed > (0 if self._entered else 1)
 
 
-def emptied(inbox: queue.SimpleQueue[Any]) -> None:
-    """Forget what was said before a command was acknowledged."""
-    while not inbox.empty():
-        inbox.get_nowait()
-
-
 class Pilot:
     """Flies one plan on a bridge within limits."""
 
@@ -139,8 +132,9 @@ class Pilot:
 
     def _reported(self) -> float | None:
         """Share of the charge that is left, once it is reported; a busy link takes its time."""
-        end = time.monotonic() + REPORTED_S
-        while (left := self.battery()) is None and time.monotonic() < end:
+        clock = self.session.clock
+        end = clock.monotonic() + REPORTED_S
+        while (left := self.battery()) is None and clock.monotonic() < end:
             self.session.wait("BATTERY_STATUS", 1.0)
         return left
 
@@ -150,14 +144,15 @@ class Pilot:
 
     def _ready(self) -> bool:
         checks = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        end = time.monotonic() + READY_S
+        clock = self.session.clock
+        end = clock.monotonic() + READY_S
         while True:
             status = self.session.latest("SYS_STATUS") or self.session.wait("SYS_STATUS", 2.0)
             if status is None or not status.onboard_control_sensors_present & checks:
                 return True  # it does not say; its answer to arming will
             if status.onboard_control_sensors_health & checks:
                 return True
-            if time.monotonic() > end:
+            if clock.monotonic() > end:
                 return False
             self.session.wait("SYS_STATUS", 1.0)
 
@@ -198,7 +193,7 @@ class Pilot:
             finally:
                 flown.battery = (flown.battery[0], self.battery())
 
-    def _take_off(self, height_m: float, inbox: queue.SimpleQueue[Any]) -> None:
+    def _take_off(self, height_m: float, inbox: Inbox) -> None:
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         if self.session.identity.is_ardupilot:
             # armed outside of guided mode it would not take off; a set-point before it is up calls that off
@@ -210,7 +205,7 @@ class Pilot:
             how = (0.0, 0.0, 0.0, math.nan, math.nan, math.nan, self._altitude() + height_m)
         command("arming", self.session, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         command("take-off", self.session, mavlink.MAV_CMD_NAV_TAKEOFF, *how)
-        emptied(inbox)
+        inbox.clear()  # what was said before the command was acknowledged
         began: float | None = None
         mode_watch = ModeWatch()
         while True:
@@ -227,10 +222,10 @@ class Pilot:
             if now - began > CLIMB_S:
                 raise OverLimit(f"flight ended: {height_m:g} m not reached in {CLIMB_S:.0f} s, landed")
 
-    def _follow(self, plan: Plan, inbox: queue.SimpleQueue[Any], flown: Flown, watch: Watch | None) -> None:
+    def _follow(self, plan: Plan, inbox: Inbox, flown: Flown, watch: Watch | None) -> None:
         self._aim(plan.at(0.0)[1])
         request("offboard mode", self.session, self.offboard.start)
-        emptied(inbox)
+        inbox.clear()  # what was said before the command was acknowledged
         began: float | None = None
         mode_watch = ModeWatch()
         while True:
@@ -248,7 +243,7 @@ class Pilot:
             if t > plan.duration_s:
                 return
             segment, setpoint = plan.at(t)
-            if inbox.empty():  # of positions that waited only the newest gets its set-point
+            if not inbox:  # of positions that waited only the newest gets its set-point
                 self._aim(setpoint)
             state = self._held(message, setpoint)
             flown.flown_s, flown.worst_m = t, max(flown.worst_m, state.off_plan_m)
@@ -257,9 +252,9 @@ class Pilot:
             if watch:
                 watch(segment, t, state)
 
-    def _land(self, inbox: queue.SimpleQueue[Any]) -> None:
+    def _land(self, inbox: Inbox) -> None:
         request("landing", self.session, self.action.land)
-        emptied(inbox)
+        inbox.clear()  # what was said before the command was acknowledged
         began: float | None = None
         mode_watch = ModeWatch()
         while self.session.armed:
@@ -331,7 +326,7 @@ class Pilot:
             raise LinkError(self.session.address, f"no position for {SILENCE_S:.0f} s")
         return message
 
-    def _next(self, inbox: queue.SimpleQueue[Any]) -> Any:
+    def _next(self, inbox: Inbox) -> Any:
         message = self.session.take(inbox, SILENCE_S)
         if message is None:
             lost = "its own failsafe for a lost link has the vehicle now"

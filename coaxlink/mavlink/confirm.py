@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 from coaxlink.errors import LinkError, SafetyRefusal
 from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.identity import version_request
@@ -28,11 +26,9 @@ def confirm(session: Session, *, alone: bool = True) -> None:
         raise SafetyRefusal("the vehicle does not say which board it is: it could be mistaken for another")
     _listen(session)
     session.bound.refuse_others(alone=alone)
-    answer, _ = session.exchange(
-        version_request(wanted), ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=TRY_S, tries=TRIES
-    )
+    answer, _ = session.exchange(version_request(wanted), "AUTOPILOT_VERSION", timeout_s=TRY_S, tries=TRIES)
     if answer is not None:
-        time.sleep(SECOND_S)
+        session.clock.sleep(SECOND_S)
     session.bound.refuse_others(alone=alone)
     if answer is None:
         raise LinkError(session.address, f"board {wanted.uid} does not answer any more")
@@ -50,8 +46,9 @@ def alone(session: Session) -> None:
 
 def _listen(session: Session) -> None:
     """Until it is known who is there; no longer than a link may be silent."""
-    bound, end = session.bound, time.monotonic() + LOST_S
+    bound, clock = session.bound, session.clock
+    end = clock.monotonic() + LOST_S
     if parse_address(session.address).kind == "udpin":
-        time.sleep(max(0.0, bound.bound_s + TWO_BEATS_S - time.monotonic()))
-    while bound.strangers.undecided(time.monotonic()) and time.monotonic() < end:
-        time.sleep(TICK_S)
+        clock.sleep(max(0.0, bound.bound_s + TWO_BEATS_S - clock.monotonic()))
+    while bound.strangers.undecided(clock.monotonic()) and clock.monotonic() < end:
+        clock.sleep(TICK_S)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import random
 import struct
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from typing import TypeVar
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
+from coaxlink.mavlink.clock import Clock
 from coaxlink.mavlink.request_window import Asker
 from coaxlink.mavlink.session import Message, Session
 from firmware_params.ardupilot.scripts import file_crc
@@ -101,6 +101,11 @@ class Files:
             yield
         finally:
             self._guard = None
+
+    @property
+    def clock(self) -> Clock:
+        """The session's."""
+        return self._session.clock
 
     @property
     def retries(self) -> int:
@@ -239,7 +244,7 @@ class Files:
             except (_Spoiled, FileError) as error:
                 if isinstance(error, FileError) and error.code not in (_NO_SESSION, _NOT_FOUND):
                     raise
-                time.sleep(_LATE_S)  # until what is under way has come
+                self.clock.sleep(_LATE_S)  # until what is under way has come
         return work()
 
     def _maybe(self, code: int, data: bytes) -> _Answer | None:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from coaxlink.errors import InputError
 from coaxlink.mavlink.address import parse_address
+from coaxlink.mavlink.clock import SYSTEM, Clock
 from coaxlink.mavlink.session import COMPANION_COMPONENT, COMPANION_SYSTEM, Session
-from coaxlink.mavlink.transport import open_transport
+from coaxlink.mavlink.transport import Transport, open_transport
 
 if TYPE_CHECKING:
     from coaxlink.mavlink.signing import Signer
@@ -25,13 +26,16 @@ def connect(
     target_system: int | None = None,
     signing_key: Path | None = None,
     listen_only: bool = False,
+    transport: Transport | None = None,
+    clock: Clock = SYSTEM,
 ) -> Session:
     """Open a line and wait for an autopilot's heartbeat.
 
     `record` writes a tlog of all that passes. `target_system` picks one of several vehicles on the line.
-    With `signing_key` (a file of mode 600) both sides must sign. Raises InputError for a bad address,
-    LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that does not
-    sign with this key, or signs and answers nobody without one (with `listen_only` that is borne).
+    With `signing_key` (a file of mode 600) both sides must sign. `transport` is a line that is open already (in
+    tests one in memory, on their own `clock`); then `url` is only its name. Raises InputError for a bad
+    address, LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that does
+    not sign with this key, or signs and answers nobody without one (with `listen_only` that is borne).
     """
     if not 0.0 < timeout_s < math.inf:
         raise InputError("`timeout_s`", "", f"seconds above 0 are expected, found {timeout_s:g}")
@@ -39,14 +43,15 @@ def connect(
         found = f"found {target_system}"
         raise InputError("`target_system`", "", f"a system id from 1 to 255 is expected, {found}")
     address = parse_address(url)
-    line = open_transport(address, timeout_s)
+    line = transport or open_transport(address, timeout_s)
     try:
         signer = _signer(signing_key) if signing_key else None
     except BaseException:
         line.close()
         raise
-    session = Session(line, url, source_system, source_component, target_system, record, signer)
-    session.reopen = lambda: open_transport(address, 0.0)
+    session = Session(line, url, source_system, source_component, target_system, record, signer, clock)
+    if transport is None:
+        session.reopen = lambda: open_transport(address, 0.0)
     try:
         session.start(timeout_s)
         if not listen_only:

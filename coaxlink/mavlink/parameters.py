@@ -6,9 +6,7 @@ older one.
 
 from __future__ import annotations
 
-import queue
 import struct
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -17,6 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.errors import CheckFailed, InputError, LinkError
 from coaxlink.mavlink.identity import version_request
 from coaxlink.mavlink.request_window import Asker
+from coaxlink.mavlink.requests import Inbox
 from coaxlink.mavlink.session import Message, Session
 from coaxlink.mavlink.strangers import LOST_S
 from coaxlink.mavlink.values import FLOAT, Number, ParamSet, Value, decode, encode, is_bytewise, raw_bits
@@ -147,7 +146,7 @@ class Parameters:
 
     def _list_once(
         self,
-        inbox: queue.SimpleQueue[Message],
+        inbox: Inbox,
         listing: _Listing,
         progress: Callable[[int, int], None] | None,
     ) -> None:
@@ -156,7 +155,8 @@ class Parameters:
         self._session.send(mavlink.MAVLink_param_request_list_message(target.system, target.component))
         # the list may begin later than a single answer would come, and is long
         quiet_s = min(3.0 * self._asker.pace.wait_s(0) + 0.1, self._timeout_s + 0.3)
-        heard, started = 0, time.monotonic()
+        clock = self._session.clock
+        heard, started = 0, clock.monotonic()
         while (message := self._session.take(inbox, quiet_s)) is not None:
             if message.param_id == HASH:
                 listing.hash = struct.unpack("<I", raw_bits(message))[0]
@@ -164,7 +164,7 @@ class Parameters:
                 listing.count = message.param_count
                 listing.by_index[message.param_index] = self.decode(message)
                 heard += 1
-                quiet_s = min(max(40.0 * (time.monotonic() - started) / heard, 0.15), self._timeout_s + 0.3)
+                quiet_s = min(max(40.0 * (clock.monotonic() - started) / heard, 0.15), self._timeout_s + 0.3)
                 if progress:
                     progress(len(listing.by_index), listing.count)
             if listing.count and not listing.gaps:
@@ -261,9 +261,7 @@ class Parameters:
         """Raise LinkError where silence is no answer: the vehicle answers not even who it is."""
         session = self._session
         request = version_request(session.identity)
-        answer, _ = session.exchange(
-            request, ("AUTOPILOT_VERSION",), lambda m: True, tries=self._asker.tries()
-        )
+        answer, _ = session.exchange(request, "AUTOPILOT_VERSION", tries=self._asker.tries())
         if answer is None:
             what = "it is heard, but answers nothing"
             raise LinkError(session.address, f"{what} (does it take signed messages only? `signing_key`)")

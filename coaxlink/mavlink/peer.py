@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,19 +11,20 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import SafetyRefusal
+from coaxlink.mavlink.clock import Clock
 from coaxlink.mavlink.identity import Identity, uid_of
 from coaxlink.mavlink.strangers import Stranger, Strangers, address_text
 
 _UNBOUND = 32  # addresses that are listened to before one of them is the vehicle's
-_ASK_S, _REQUESTS = 0.35, 6  # a candidate is asked so often; then the first that was heard is believed
+_ASK_S, _REQUESTS = 0.35, 6  # a claimant is asked so often; then the first that was heard is believed
 _HERE_S = 10.0  # heard within that time
 _REPORTED_MOST = 8  # addresses that are named; a flood of them is only counted
 _NEWS = 8  # lines that wait to be read
 
 
 @dataclass
-class Candidate:
-    """An address where an autopilot was heard before the session was bound; forgers do not answer."""
+class Claimant:
+    """Who says from an address to be an autopilot, before the session is bound; forgers do not answer."""
 
     identity: Identity
     heartbeat: Any
@@ -41,7 +41,11 @@ class Bound:
     """
 
     def __init__(
-        self, line: str, new_parser: Callable[[], mavlink.MAVLink], genuine: Callable[[bytes], bool] | None
+        self,
+        line: str,
+        new_parser: Callable[[], mavlink.MAVLink],
+        genuine: Callable[[bytes], bool] | None,
+        clock: Clock,
     ) -> None:
         self.identity: Identity | None = None
         self.peer: Any = None
@@ -49,10 +53,10 @@ class Bound:
         self.bound_s = 0.0
         self.signs = False  # whether its heartbeats come signed
         self.strangers = Strangers(genuine)
-        self._line, self._new_parser = line, new_parser
+        self._line, self._new_parser, self._clock = line, new_parser, clock
         self._stream = new_parser()
         self._parsers: dict[Any, mavlink.MAVLink] = {}  # one an address, until one of them is the vehicle's
-        self._candidates: dict[Any, Candidate] = {}
+        self._claimants: dict[Any, Claimant] = {}
         self._news: deque[str] = deque(maxlen=_NEWS)
         self._reported = 0
         self._other = ""  # who else answers behind the vehicle's own address
@@ -68,42 +72,42 @@ class Bound:
         return self._parsers[peer]
 
     @property
-    def candidates(self) -> bool:
+    def claimants(self) -> bool:
         """Whether an autopilot was heard that may still answer."""
-        return bool(self._candidates)
+        return bool(self._claimants)
 
-    def candidate(self, peer: Any) -> Candidate | None:
+    def claimant(self, peer: Any) -> Claimant | None:
         """Who was heard there before the session is bound."""
-        return self._candidates.get(peer)
+        return self._claimants.get(peer)
 
     def suggest(self, identity: Identity, heartbeat: Any, peer: Any) -> None:
         """An autopilot's heartbeat came from there."""
-        if peer not in self._candidates and len(self._candidates) >= _UNBOUND:
-            del self._candidates[next(iter(self._candidates))]
-        known = self._candidates.setdefault(peer, Candidate(identity, heartbeat, time.monotonic()))
+        if peer not in self._claimants and len(self._claimants) >= _UNBOUND:
+            del self._claimants[next(iter(self._claimants))]
+        known = self._claimants.setdefault(peer, Claimant(identity, heartbeat, self._clock.monotonic()))
         if known.identity == identity:
             known.heartbeat = heartbeat
 
     def to_ask(self) -> list[tuple[Identity, Any]]:
-        """Candidates whose turn it is to be asked who they are."""
-        now, found = time.monotonic(), []
-        for peer, who in self._candidates.items():
+        """Claimants whose turn it is to be asked who they are."""
+        now, found = self._clock.monotonic(), []
+        for peer, who in self._claimants.items():
             if who.requests < _REQUESTS and now - who.requested_s >= _ASK_S:
                 who.requests, who.requested_s = who.requests + 1, now
                 found.append((who.identity, peer))
         return found
 
-    def silent_choice(self) -> tuple[Candidate, Any] | None:
+    def silent_choice(self) -> tuple[Claimant, Any] | None:
         """The first that was heard, once it was asked often enough and nobody has answered."""
         patience_s = _ASK_S * _REQUESTS
-        for peer, who in self._candidates.items():
-            return (who, peer) if time.monotonic() - who.first_s > patience_s else None
+        for peer, who in self._claimants.items():
+            return (who, peer) if self._clock.monotonic() - who.first_s > patience_s else None
         return None
 
     def bind(self, identity: Identity, peer: Any) -> None:
         """This is the vehicle."""
-        self._candidates.clear()
-        self.peer, self.bound_s = peer, time.monotonic()
+        self._claimants.clear()
+        self.peer, self.bound_s = peer, self._clock.monotonic()
         self._stream = self._parsers.pop(peer, self._stream)
         self._parsers.clear()
         self.identity = identity
@@ -114,7 +118,7 @@ class Bound:
 
     def look(self, data: bytes, peer: Any) -> bool:
         """Count a datagram from elsewhere; whether its sender is to be asked who it is."""
-        known, now = self.identity, time.monotonic()
+        known, now = self.identity, self._clock.monotonic()
         assert known is not None
         new = self.strangers.get(peer) is None
         stranger = self.strangers.take(data, peer, (known.system, known.component), now)
@@ -142,7 +146,7 @@ class Bound:
             if message.autopilot != known.autopilot:
                 self._other = f"an autopilot of type {message.autopilot}"
                 return False
-            self.heard_s = time.monotonic()
+            self.heard_s = self._clock.monotonic()
             self.signs = bool(message.get_header().incompat_flags & mavlink.MAVLINK_IFLAG_SIGNED)
             for second in self.strangers.beat():
                 what = f"a second vehicle answers as system {known.system}"
@@ -163,7 +167,7 @@ class Bound:
 
     def standing(self) -> list[str]:
         """Who else is here now, a line each, for a screen."""
-        now, said = time.monotonic(), []
+        now, said = self._clock.monotonic(), []
         for s in self.strangers:
             if now - s.heard_s < _HERE_S:
                 what = "another vehicle of its ids" if s.beside else "messages under its ids"

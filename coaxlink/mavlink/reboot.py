@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -18,31 +17,31 @@ def reboot(session: Session, gone_s: float = 5.0, back_s: float = 30.0) -> None:
 
     `gone_s` bounds the wait for a sign of the restart: its clock starts again, or it falls silent.
     """
-    clock, restarted = [0], [False]
+    clock, stamps, restarted = session.clock, [0], [False]
 
     def watch(message: Message) -> None:
         stamp = getattr(message, "time_boot_ms", None)
         if stamp is not None:
-            restarted[0] |= stamp + 1000 < clock[0]
-            clock[0] = max(clock[0], stamp)
+            restarted[0] |= stamp + 1000 < stamps[0]
+            stamps[0] = max(stamps[0], stamp)
 
     leave = session.subscribe(watch)
     try:
         result = _ask(session, lambda: restarted[0])
         if result != mavlink.MAV_RESULT_ACCEPTED:
             raise CheckFailed(f"the vehicle refuses to reboot (result {result})")
-        gone = time.monotonic() + gone_s
-        while not restarted[0] and session.silence_s < 1.6 and time.monotonic() < gone:
-            time.sleep(0.05)
+        gone = clock.monotonic() + gone_s
+        while not restarted[0] and session.silence_s < 1.6 and clock.monotonic() < gone:
+            clock.sleep(0.05)
     finally:
         leave()
-    back = time.monotonic() + back_s
-    while time.monotonic() < back:
+    back = clock.monotonic() + back_s
+    while clock.monotonic() < back:
         try:
             if session.wait("HEARTBEAT", 1.0) is not None:
                 return
         except LinkError:
-            time.sleep(0.5)
+            clock.sleep(0.5)
     raise LinkError(session.address, f"the vehicle did not come back from its reboot within {back_s:g} s")
 
 

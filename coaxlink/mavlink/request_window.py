@@ -7,12 +7,11 @@ answer to a repeated request means that the repeat was hasty; then the patience 
 from __future__ import annotations
 
 import math
-import queue
-import time
 from collections.abc import Callable, Collection, Hashable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
+from coaxlink.mavlink.requests import Inbox
 from coaxlink.mavlink.session import Message, Session
 
 _SHORTEST_S = 0.04  # waits are never shorter, whatever was learnt
@@ -66,7 +65,7 @@ class Asker:
     """Sends requests and sorts their answers; `retries` counts requests that were repeated."""
 
     def __init__(self, session: Session, *, timeout_s: float, window: int) -> None:
-        self._session, self._window = session, window
+        self._session, self._window, self._clock = session, window, session.clock
         self.pace = Pace(timeout_s)
         if session.answer_s:
             self.pace.took(min(session.answer_s, timeout_s))
@@ -91,7 +90,7 @@ class Asker:
         given_up: list[Key] = []
         with self._session.listen(answers) as inbox:
             while waiting or due:
-                now = time.monotonic()
+                now = self._clock.monotonic()
                 for key in [k for k, request in due.items() if request.when <= now]:
                     if self._enough(due[key], now, patience):
                         given_up.append(key)
@@ -122,18 +121,18 @@ class Asker:
 
     def _drain(
         self,
-        inbox: queue.SimpleQueue[Message],
+        inbox: Inbox,
         due: dict[Key, _Due],
         repeated: set[Key],
         settle: Callable[[Message], Key | None],
     ) -> None:
         soonest = min(request.when for request in due.values())
-        message = self._session.take(inbox, max(0.0, soonest - time.monotonic()))
+        message = self._session.take(inbox, max(0.0, soonest - self._clock.monotonic()))
         while message is not None:
             key = settle(message)
             request = due.pop(key, None) if key is not None else None
             if request and request.tries == 1:
-                self.pace.took(time.monotonic() - request.first)
+                self.pace.took(self._clock.monotonic() - request.first)
             elif key is not None and not request and key in repeated:
                 repeated.discard(key)
                 self.pace.hasty()

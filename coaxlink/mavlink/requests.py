@@ -1,23 +1,63 @@
-"""The asking half of a session: a message until its answer comes, a command until it is acknowledged."""
+"""The waiting half of a session: who wants to know of which messages, one that is waited for, requests until
+they are answered."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Collection
+import contextlib
+import threading
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import LinkError
+from coaxlink.mavlink.clock import Clock
 from coaxlink.mavlink.identity import Identity
-from coaxlink.mavlink.listening import Ears, Match
 from coaxlink.mavlink.strangers import LOST_S
 from coaxlink.mavlink.values import Message
 
+Match = Callable[[Message], bool]
+_TICK_S = 0.05  # so soon a line that broke is noticed
 
-class Requests(Ears):
-    """What asks and waits, over whatever sends."""
+
+class Inbox:
+    """Messages that wait to be taken; filled by the receiver, emptied by one thread."""
+
+    def __init__(self) -> None:
+        self._messages: deque[Message] = deque()
+        self.filled = threading.Event()
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+    def put(self, message: Message) -> None:
+        """One more."""
+        self._messages.append(message)
+        self.filled.set()
+
+    def pop(self) -> Message | None:
+        """The oldest, None when there is none."""
+        if not self._messages:
+            self.filled.clear()
+        return self._messages.popleft() if self._messages else None
+
+    def clear(self) -> None:
+        """Forget what waits."""
+        self._messages.clear()
+
+
+class Requests:
+    """Messages from the receiver to callbacks, inboxes and the newest of each type; thread-safe."""
 
     address: str
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self._lock = threading.Lock()
+        self._failure: BaseException | None = None  # what ended the receiving; raised by the next wait
+        self._latest: dict[str, Message] = {}
+        self._subscribers: tuple[tuple[Callable[[Message], None], bool], ...] = ()
+        self._watchers: tuple[Callable[[bytes], None], ...] = ()
 
     @property
     def identity(self) -> Identity:
@@ -27,6 +67,85 @@ class Requests(Ears):
     def send(self, message: Message) -> None:
         """Send a message; thread-safe."""
         raise NotImplementedError
+
+    # -- hearing -------------------------------------------------------------------------------------------
+
+    def latest(self, type_name: str) -> Message | None:
+        """The autopilot's last message of a type, None if there was none."""
+        return self._latest.get(type_name)
+
+    def subscribe(
+        self, callback: Callable[[Message], None], *, whole_system: bool = False
+    ) -> Callable[[], None]:
+        """Call back with every message of the autopilot, on the receiver thread; returns the way out.
+
+        With `whole_system` those of its gimbal, cameras and companions come too; none may answer for it.
+        An error in a callback ends the session's receiving and is raised by the next wait.
+        """
+        entry = (callback, whole_system)
+        with self._lock:
+            self._subscribers = (*self._subscribers, entry)
+
+        def unsubscribe() -> None:
+            with self._lock:
+                self._subscribers = tuple(s for s in self._subscribers if s is not entry)
+
+        return unsubscribe
+
+    def watch(self, callback: Callable[[bytes], None]) -> Callable[[], None]:
+        """Call back with the frames that `book` keeps: with `subscribe`, all of the vehicle's."""
+        self._watchers = (*self._watchers, callback)
+
+        def leave() -> None:
+            self._watchers = tuple(w for w in self._watchers if w is not callback)
+
+        return leave
+
+    @contextlib.contextmanager
+    def listen(self, type_names: Collection[str], match: Match | None = None) -> Iterator[Inbox]:
+        """The messages of these types that arrive inside the block."""
+        inbox = Inbox()
+
+        def keep(message: Message) -> None:
+            if message.get_type() in type_names and (match is None or match(message)):
+                inbox.put(message)
+
+        leave = self.subscribe(keep)
+        try:
+            yield inbox
+        finally:
+            leave()
+
+    def wait(
+        self, type_names: str | Collection[str], timeout_s: float, match: Match | None = None
+    ) -> Message | None:
+        """The next message of these types, None after `timeout_s`. Raises LinkError when the line broke."""
+        names = (type_names,) if isinstance(type_names, str) else type_names
+        with self.listen(names, match) as inbox:
+            return self.take(inbox, timeout_s)
+
+    def take(self, inbox: Inbox, timeout_s: float) -> Message | None:
+        """The next message of a `listen` block, None after `timeout_s`. Raises what broke the line."""
+        end = self.clock.monotonic() + timeout_s
+        while True:
+            if self._failure is not None:
+                raise self._failure
+            if (message := inbox.pop()) is not None:
+                return message
+            left = end - self.clock.monotonic()
+            if left <= 0:
+                return None
+            self.clock.wait(inbox.filled, min(left, _TICK_S))
+
+    def _tell(self, name: str, message: Message, of_autopilot: bool) -> None:
+        """On the receiver thread: a message of the vehicle came."""
+        if of_autopilot:
+            self._latest[name] = message
+        for subscriber, whole_system in self._subscribers:
+            if of_autopilot or whole_system:
+                subscriber(message)
+
+    # -- asking --------------------------------------------------------------------------------------------
 
     def command(self, command_id: int, *params: float, timeout_s: float = 1.5, tries: int = 3) -> int:
         """Send COMMAND_LONG until it is acknowledged; the MAV_RESULT. Raises LinkError on silence."""
@@ -39,29 +158,22 @@ class Requests(Ears):
                         target.system, target.component, command_id, attempt, *values
                     )
                 )
-                end = time.monotonic() + timeout_s
-                while (ack := self.take_until(inbox, end)) is not None:
+                patience_s = timeout_s
+                while (ack := self.take(inbox, patience_s)) is not None:
                     if ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
                         return int(ack.result)
-                    end = time.monotonic() + max(timeout_s, LOST_S)
+                    patience_s = max(timeout_s, LOST_S)
         raise LinkError(self.address, f"command {command_id} was not acknowledged ({tries} tries)")
 
     def exchange(
-        self,
-        request: Message,
-        type_names: Collection[str],
-        match: Match,
-        *,
-        timeout_s: float = 0.6,
-        tries: int = 4,
+        self, request: Message, answer: str, *, timeout_s: float = 0.6, tries: int = 4
     ) -> tuple[Message | None, int]:
-        """Send a request until an answer matches; (answer or None, how often it was sent again)."""
-        with self.listen(type_names, match) as inbox:
+        """Send a request until an `answer` comes; (that message or None, how often it was sent again)."""
+        with self.listen((answer,)) as inbox:
             for attempt in range(tries):
                 self.send(request)
-                answer = self.take(inbox, timeout_s)
-                if answer is not None:
-                    return answer, attempt
+                if (message := self.take(inbox, timeout_s)) is not None:
+                    return message, attempt
         return None, tries - 1
 
     def request_stream(self, message_id: int, rate_hz: float) -> bool:

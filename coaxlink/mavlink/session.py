@@ -3,31 +3,32 @@
 It is bound to one peer (`bound`): what comes from another address under the same ids is not believed.
 
 One thread receives, calls the subscribers and sends our heartbeat; every other call may come from any thread.
+A line in memory (`transport.Driven`) needs no such thread: it calls `turn` as its clock goes.
 Messages are pymavlink objects of the `common` dialect, plus ESC_STATUS, ESC_INFO and ESC_TELEMETRY_*.
 """
 
 from __future__ import annotations
 
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from pymavlink.dialects.v20 import common as mavlink
 
 import firmware_params.ardupilot.messages  # teaches the dialect ESC_TELEMETRY_*
 import firmware_params.px4.messages  # noqa: F401 - and ESC_STATUS and ESC_INFO
-from coaxlink.errors import LinkError, SafetyRefusal
+from coaxlink.errors import InputError, LinkError, SafetyRefusal
+from coaxlink.mavlink.clock import SYSTEM, Clock
 from coaxlink.mavlink.codec import of_others
 from coaxlink.mavlink.identity import Identity, companion_heartbeat, is_vehicle, version_request, with_version
 from coaxlink.mavlink.line import Outgoing, Tap
-from coaxlink.mavlink.loss import Loss
-from coaxlink.mavlink.peer import Bound, Candidate
+from coaxlink.mavlink.peer import Bound, Claimant
 from coaxlink.mavlink.requests import Requests
-from coaxlink.mavlink.tlog import TLog
-from coaxlink.mavlink.transport import Transport
+from coaxlink.mavlink.transport import Driven, Transport
 from coaxlink.mavlink.values import Message
 
 if TYPE_CHECKING:
@@ -35,6 +36,28 @@ if TYPE_CHECKING:
 
 COMPANION_SYSTEM, COMPANION_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _TICK_S = 0.05
+
+
+class Loss:
+    """How much a line loses, from the sequence numbers of one sender's messages."""
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+        self._sent = self._received = 1
+
+    def heard(self, sequence: int) -> None:
+        """A message with this number (0..255) came."""
+        step = 1 if self._last is None else (sequence - self._last) % 256
+        if 0 < step < 128:  # a step back is a late or doubled message
+            self._sent += step
+            self._last = sequence
+        if step:
+            self._received += 1
+
+    @property
+    def share(self) -> float:
+        """Lost of all that were sent, 0..1."""
+        return max(0.0, 1.0 - self._received / self._sent)
 
 
 class Session(Requests):
@@ -49,8 +72,9 @@ class Session(Requests):
         target_system: int | None = None,
         record: Path | None = None,
         signer: Signer | None = None,
+        clock: Clock = SYSTEM,
     ) -> None:
-        super().__init__()
+        super().__init__(clock)
         self.address = address
         self.armed = False
         self.answer_s = 0.0  # how long the first answer took, 0 when its request had to be repeated
@@ -62,10 +86,11 @@ class Session(Requests):
         self._signer = signer
         if signer:
             signer.attach(self._out)
-        self.bound = Bound(address, self._new_parser, signer.genuine if signer else None)
+        self.bound = Bound(address, self._new_parser, signer.genuine if signer else None, clock)
         self._loss = Loss()
         self._stopping = threading.Event()
-        self._log = TLog(record) if record else None
+        self._log = _open_tlog(record) if record else None
+        self._beat_s = 0.0  # when our next heartbeat is due
         self._thread = threading.Thread(target=self._run, name="coaxlink-link", daemon=True)
 
     # -- life ----------------------------------------------------------------------------------------------
@@ -73,12 +98,15 @@ class Session(Requests):
     def start(self, timeout_s: float) -> None:
         """Start receiving; return once an autopilot is known. Raises LinkError."""
         with self.listen(("HEARTBEAT",)) as inbox:
-            self._thread.start()
-            end = time.monotonic() + timeout_s
+            if isinstance(self._transport, Driven):
+                self._transport.drive(self.turn)
+            else:
+                self._thread.start()
+            end = self.clock.monotonic() + timeout_s
             while self.bound.identity is None:
                 self.take(inbox, _TICK_S)
                 # who was heard is given the time to answer
-                lost = time.monotonic() > end and not self.bound.candidates
+                lost = self.clock.monotonic() > end and not self.bound.claimants
                 if lost and self.bound.identity is None:
                     if self._signer and self._signer.refused:
                         raise SafetyRefusal("the vehicle is heard, but does not sign with this key")
@@ -154,7 +182,7 @@ class Session(Requests):
     @property
     def silence_s(self) -> float:
         """Seconds since the autopilot's last heartbeat."""
-        return time.monotonic() - self.bound.heard_s
+        return self.clock.monotonic() - self.bound.heard_s
 
     @property
     def loss(self) -> float:
@@ -208,33 +236,35 @@ class Session(Requests):
     # -- inside --------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        while not self._stopping.is_set():
-            try:
-                self._receive()
-            except BaseException as error:
-                if self._stopping.is_set():
-                    return
-                self._failure = error
-                if not isinstance(error, LinkError) or not self._reopened():
-                    return
+        while self.turn(_TICK_S):
+            pass
 
-    def _receive(self) -> None:
-        beat = 0.0
-        while not self._stopping.is_set():
-            if time.monotonic() >= beat:
-                beat = time.monotonic() + 1.0
-                self._heartbeat()
-            if self.bound.candidates:
-                self._choose()
-            for data, peer in self._chunks():
-                for message in self.bound.parser(peer).parse_buffer(data) or ():
-                    self._received(message, peer)
+    def turn(self, wait_s: float) -> bool:
+        """Beat, ask, and receive for `wait_s` at most; False once there is nothing more to receive."""
+        try:
+            self._receive(wait_s)
+        except BaseException as error:
+            if self._stopping.is_set():
+                return False
+            self._failure = error
+            return isinstance(error, LinkError) and self._reopened()
+        return not self._stopping.is_set()
 
-    def _chunks(self) -> Iterator[tuple[bytes, Any]]:
+    def _receive(self, wait_s: float) -> None:
+        if self.clock.monotonic() >= self._beat_s:
+            self._beat_s = self.clock.monotonic() + 1.0
+            self.send(companion_heartbeat())
+        if self.bound.claimants:
+            self._choose()
+        for data, peer in self._chunks(wait_s):
+            for message in self.bound.parser(peer).parse_buffer(data) or ():
+                self._received(message, peer)
+
+    def _chunks(self, wait_s: float) -> Iterator[tuple[bytes, Any]]:
         """What came from the vehicle and is still to be parsed, after the tap had its look at it."""
         tap = self.tap
         if tap is None:
-            data, peer = self._transport.read(_TICK_S)
+            data, peer = self._transport.read(wait_s)
             if data and not self._strange(data, peer):
                 yield data, peer
             return
@@ -249,7 +279,7 @@ class Session(Requests):
 
     def _reopened(self) -> bool:
         """Try to open the line again until it works or the session ends; waits raise LinkError meanwhile."""
-        while self.reopen and not self._stopping.wait(0.5):
+        while self.reopen and not self.clock.wait(self._stopping, 0.5):
             try:
                 transport = self.reopen()
             except LinkError:
@@ -259,9 +289,6 @@ class Session(Requests):
                 self._transport, self._failure = transport, None
             return True
         return False
-
-    def _heartbeat(self) -> None:
-        self.send(companion_heartbeat())
 
     def _new_parser(self) -> mavlink.MAVLink:
         parser = mavlink.MAVLink(None, *self.source)
@@ -294,8 +321,8 @@ class Session(Requests):
             return
         system, component = _sender(message)
         if known is None:
-            if name == "AUTOPILOT_VERSION" and (candidate := self.bound.candidate(peer)):
-                self._answered(candidate, message, peer)
+            if name == "AUTOPILOT_VERSION" and (claimant := self.bound.claimant(peer)):
+                self._answered(claimant, message, peer)
             if name != "HEARTBEAT" or not is_vehicle(message, self._target):
                 return
             known = Identity(system, component, message.autopilot, message.type)
@@ -326,17 +353,17 @@ class Session(Requests):
             self._send(version_request(identity), peer)
         choice = self.bound.silent_choice()
         if choice is not None:
-            candidate, peer = choice
-            self.bound.bind(candidate.identity, peer)
-            self._believe("HEARTBEAT", candidate.heartbeat, True)
+            claimant, peer = choice
+            self.bound.bind(claimant.identity, peer)
+            self._believe("HEARTBEAT", claimant.heartbeat, True)
 
-    def _answered(self, candidate: Candidate, message: Message, peer: Any) -> None:
-        known = candidate.identity
-        if not candidate.requests or (known.system, known.component) != _sender(message):
+    def _answered(self, claimant: Claimant, message: Message, peer: Any) -> None:
+        known = claimant.identity
+        if not claimant.requests or (known.system, known.component) != _sender(message):
             return
-        self.answer_s = time.monotonic() - candidate.requested_s if candidate.requests == 1 else 0.0
+        self.answer_s = self.clock.monotonic() - claimant.requested_s if claimant.requests == 1 else 0.0
         self.bound.bind(with_version(known, message), peer)
-        self._believe("HEARTBEAT", candidate.heartbeat, True)
+        self._believe("HEARTBEAT", claimant.heartbeat, True)
         self._loss.heard(message.get_seq())
         self._believe("AUTOPILOT_VERSION", message, True)
 
@@ -345,17 +372,25 @@ class Session(Requests):
         if self.identity.uid:
             return
         request = version_request(self.identity)
-        started = time.monotonic()
-        answer, again = self.exchange(
-            request, ("AUTOPILOT_VERSION",), lambda m: True, timeout_s=0.35, tries=tries
-        )
+        started = self.clock.monotonic()
+        answer, again = self.exchange(request, "AUTOPILOT_VERSION", timeout_s=0.35, tries=tries)
         if answer is not None:
-            self.answer_s = 0.0 if again else time.monotonic() - started
+            self.answer_s = 0.0 if again else self.clock.monotonic() - started
             self.bound.identity = with_version(self.identity, answer)
 
     def _record(self, frame: bytes) -> None:
+        """A row of a tlog: time of day (us, big endian), then the frame."""
         if self._log:
-            self._log.write(frame)
+            self._log.write(struct.pack(">Q", time.time_ns() // 1000) + frame)
+
+
+def _open_tlog(path: Path) -> BinaryIO:
+    """Raises InputError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("wb")
+    except OSError as error:
+        raise InputError(path, "", f"cannot be written ({error.strerror})") from error
 
 
 def _sender(message: Message) -> tuple[int, int]:

@@ -9,7 +9,8 @@ import socket
 import struct
 import sys
 import time
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
 
 from coaxlink.errors import LinkError
 from coaxlink.mavlink.address import Address
@@ -30,6 +31,14 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Let the line go."""
+
+
+@runtime_checkable
+class Driven(Transport, Protocol):
+    """A line in memory, without a thread: it calls `turn(0.0)` whenever something came, and at a steady pace."""
+
+    def drive(self, turn: Callable[[float], bool]) -> None:
+        """Begin."""
 
 
 def open_transport(address: Address, timeout_s: float) -> Transport:

@@ -1,5 +1,6 @@
-"""Parameters as they travel: a value's bits in the float field of the wire. The one place that reads and writes
-them, for uploads, live mixing and the monitor alike.
+"""Parameters as they travel: a value's bits in the float field of the wire.
+
+Uploads, live mixing and the monitor all read and write them here.
 
 PX4 sends an int32 bytewise in the float field, ArduPilot sends every value as a float; which of the two is
 read from the capability bits, else from the kind of autopilot.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import time
 from collections.abc import Iterable, Mapping
 
 from coaxlink.errors import CheckFailed
@@ -42,11 +41,12 @@ def await_loader(
         return False
     if board.crc(f"{folder}/{scripts.LOADER_NAME}") is None:
         return False
-    end = time.monotonic() + wait_s
+    clock = board.clock
+    end = clock.monotonic() + wait_s
     while len(parameters.read_many(wanted, missing_ok=True)) < len(wanted):
-        if time.monotonic() > end:
+        if clock.monotonic() > end:
             return False
-        time.sleep(_LOOK_S)
+        clock.sleep(_LOOK_S)
     return True
 
 

@@ -42,9 +42,9 @@ def script_table(data: bytes | None) -> tuple[Factors, ...]:
     return scripts.script_factors(data.decode("utf-8", "replace"))
 
 
-def planned_table(params: Mapping[str, Number], cargo: Mapping[str, bytes]) -> ApTable | None:
+def planned_table(params: Mapping[str, Number], files: Mapping[str, bytes]) -> ApTable | None:
     """The table that files are to bring, None where they bring scripts of another kind."""
-    return present_table(params, lambda: cargo.get(scripts.MATRIX_NAME))
+    return present_table(params, lambda: files.get(scripts.MATRIX_NAME))
 
 
 def moved_rotors(old: ApTable, new: ApTable) -> list[str]:

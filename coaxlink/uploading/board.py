@@ -7,13 +7,12 @@ What each firmware does in its own way is in `board_px4` and `board_ardupilot`; 
 from __future__ import annotations
 
 import math
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from coaxlink.errors import CheckFailed, SafetyRefusal
+from coaxlink.errors import SafetyRefusal
 from coaxlink.mavlink.ftp import Files
 from coaxlink.mavlink.parameters import Parameters, Snapshot, Value
 from coaxlink.mavlink.reboot import reboot
@@ -182,7 +181,7 @@ class Board(ABC):
                 written |= {v.name for v in todo}
                 guard()
                 self._make_last()  # before reading: a board that lost its power in between says the old
-                time.sleep(settle_s)
+                self.session.clock.sleep(settle_s)
                 found = self.parameters.read_many(values, missing_ok=True)
                 while (echo := self.session.take(echoes, 0.0)) is not None:
                     found[echo.param_id] = self.parameters.decode(echo)  # the last word, whoever set it
@@ -251,14 +250,3 @@ class Board(ABC):
                 raise SafetyRefusal(f"{name}: type {kind} is to be written, the board has {found}")
             values[name] = self.parameters.encode(name, value, kind)
         return values
-
-
-def require_file_service(board: Board, path: str) -> None:
-    """Raise SafetyRefusal when the board lists no folder for `path` or speaks no MAVFTP."""
-    folder = path.rpartition("/")[0]
-    try:
-        there = board.files.listing(folder)
-    except CheckFailed as error:
-        raise SafetyRefusal(f"{path} cannot go on board: {error}") from error
-    if there is None:
-        board.files.make_folder(folder)

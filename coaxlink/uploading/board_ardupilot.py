@@ -7,7 +7,6 @@ fit its checksum keeps the vehicle from arming.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -78,10 +77,10 @@ class ArduPilotBoard(Board):
         wanted = plan.rotor_count
         if wanted and now not in (0, wanted):
             raise SafetyRefusal(f"another vehicle: the table is for {wanted} rotors, the board drives {now}")
-        if not new_geometry and is_table(plan.cargo):
+        if not new_geometry and is_table(plan.scripts):
             self._refuse_other_motors(plan, snapshot)
         values = self._as_stored(plan.params, snapshot)
-        return Content(values, self._folder.planned(plan.cargo, table=is_table(plan.cargo)))
+        return Content(values, self._folder.planned(plan.scripts, table=is_table(plan.scripts)))
 
     def loads(self, name: str) -> bool:
         """The loader's parameters live and die with its script."""
@@ -163,7 +162,7 @@ class ArduPilotBoard(Board):
         except CheckFailed as error:
             self._talk.say(f"packed parameters are not taken ({error}); writing them one by one")
             return False
-        time.sleep(settle_s)
+        self.session.clock.sleep(settle_s)
         found = self.parameters.read_many(values, missing_ok=True)
         return all(n in found and found[n].same(v) for n, v in values.items())
 
@@ -172,7 +171,7 @@ class ArduPilotBoard(Board):
     def _refuse_other_motors(self, plan: Plan, snapshot: Snapshot) -> None:
         """A frame of ArduPilot's own may number its motors in another way than the table (Y6 does)."""
         numbers = {n: v.value for n, v in snapshot.values.items()}
-        new = planned_table(plan.params, plan.cargo)
+        new = planned_table(plan.params, plan.scripts)
         old = present_table(numbers, lambda: self.files.read(f"{self._folder.path}/{scripts.MATRIX_NAME}"))
         if old is None or new is None:
             frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"

@@ -1,23 +1,21 @@
-"""PX4 during an upload: parameters, and `mixer.csv` on the research fork that reads one."""
+"""PX4 during an upload: parameters, held against the board's own list and saved before they are read back."""
 
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Mapping
 from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.errors import SafetyRefusal
 from coaxlink.mavlink.parameters import Snapshot
 from coaxlink.uploading.backup import Backup, Note, backup_path, write_backup
-from coaxlink.uploading.board import Board, require_file_service
+from coaxlink.uploading.board import Board
 from coaxlink.uploading.content import BoardFiles, Content
 from coaxlink.uploading.limits import Limits, board_limits, refuse_beyond
 from coaxlink.uploading.plan import Plan, refuse_table
 from coaxlink.uploading.restore_choice import Choice
-from firmware_params.px4 import PARAMETERS, csv_mixer
+from firmware_params.px4 import PARAMETERS
 
 _AUTOSAVE_S = 2.5  # PX4 v1.16 saves 0.3 s after a change, at most every 2 s (parameters/autosave.cpp)
 _SAVED_S = 5.0
@@ -28,9 +26,8 @@ _OUTPUT, _MOTOR_1 = re.compile(r"_FUNC\d+$"), 101
 class Px4Board(Board):
     """See the module."""
 
-    reboots = frozenset(csv_mixer.PARAMETERS)
     stands = "PX4 flies these numbers as they are, in flight too: land and disarm before anything else"
-    holds = frozenset((*PARAMETERS, *csv_mixer.PARAMETERS))
+    holds = frozenset(PARAMETERS)
 
     def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
         """Raises SafetyRefusal."""
@@ -40,19 +37,7 @@ class Px4Board(Board):
             refuse_beyond(plan.params, limits, self.session.identity.name)
             self._talk.say(f"values held against the {len(limits)} parameters of the board's own list")
         self._remark(plan, snapshot)
-        params, types = dict(plan.params), dict(plan.types)
-        if not plan.cargo:
-            return Content(self._stored(params, types, snapshot, known_only=False))
-        switch = self._switch(snapshot)
-        if switch is None:
-            raise SafetyRefusal(
-                f"{self.session.identity.name} on this board reads no mixer.csv: it has neither "
-                f"{' nor '.join(csv_mixer.PARAMETERS)}"
-            )
-        require_file_service(self, csv_mixer.BOARD_PATH)
-        params[switch], types[switch] = 1, snapshot.values[switch].type
-        values = self._stored(params, types, snapshot, known_only=False)
-        return Content(values, {csv_mixer.BOARD_PATH: plan.cargo[csv_mixer.FILE_NAME]})
+        return Content(self._stored(plan.params, plan.types, snapshot, known_only=False))
 
     def _remark(self, plan: Plan, snapshot: Snapshot) -> None:
         """What the flight engineer should know, though it forbids nothing."""
@@ -74,18 +59,9 @@ class Px4Board(Board):
         return board_limits(self.files, self.session.identity)
 
     def saved(self, backup: Backup, snapshot: Snapshot, choice: Choice) -> Content:
-        """A fork's mixer.csv goes back too, or away if there was none."""
+        """The chosen parameters."""
         params = {n: v for n, v in backup.params.items() if choice.takes(n)}
-        values = self._stored(params, backup.types, snapshot, known_only=True)
-        if self._switch(snapshot) is None:
-            return Content(values)
-        return Content(values, {csv_mixer.BOARD_PATH: backup.files.get(csv_mixer.FILE_NAME)})
-
-    def others(self, snapshot: Snapshot, known: BoardFiles) -> BoardFiles:
-        """The fork's mixer.csv."""
-        if self._switch(snapshot) is None or csv_mixer.BOARD_PATH in known:
-            return {}
-        return {csv_mixer.BOARD_PATH: self.files.read(csv_mixer.BOARD_PATH)}
+        return Content(self._stored(params, backup.types, snapshot, known_only=True))
 
     def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles, note: Note) -> Path:
         """QGC's format, with the board's own hash."""
@@ -99,16 +75,14 @@ class Px4Board(Board):
             result = self._save()
             if result != mavlink.MAV_RESULT_ACCEPTED:
                 self._talk.say(f"it does not save on request (result {result}); waiting until it has")
-                time.sleep(_AUTOSAVE_S)
+                self.session.clock.sleep(_AUTOSAVE_S)
                 return
 
     def _save(self) -> int:
-        end = time.monotonic() + _SAVED_S
+        clock = self.session.clock
+        end = clock.monotonic() + _SAVED_S
         while True:
             result = self.session.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1.0, timeout_s=0.4, tries=24)
-            if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or time.monotonic() > end:
+            if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or clock.monotonic() > end:
                 return result
-            time.sleep(0.05)
-
-    def _switch(self, snapshot: Snapshot) -> str | None:
-        return next((name for name in csv_mixer.PARAMETERS if name in snapshot.values), None)
+            clock.sleep(0.05)

@@ -40,9 +40,7 @@ class Plan:
     params: Mapping[str, Number]
     types: Mapping[str, int]  # MAV_PARAM_TYPE
     notes: tuple[str, ...] = field(default=())
-    cargo: Mapping[str, bytes] = field(
-        default_factory=dict
-    )  # files for the board by name: scripts, mixer.csv
+    scripts: Mapping[str, bytes] = field(default_factory=dict)  # ArduPilot's, by name
 
     @property
     def rotor_count(self) -> int | None:
@@ -65,8 +63,6 @@ def motor_outputs(params: Mapping[str, Number]) -> int:
 
 def load_plan(source: Path) -> Plan:
     """Read a folder with one table (or one file). Raises InputError with the file and line."""
-    cargo: dict[str, bytes] = {}
-    named_folder = source.is_dir()
     if source.is_dir():
         found = sorted([*source.glob("*.params"), *source.glob("*.param")])
         if len(found) != 1:
@@ -80,14 +76,10 @@ def load_plan(source: Path) -> Plan:
         if source.suffix == ".param":
             return _load_ardupilot(source)
         read = px4.read_params_file(source, finite=False)
-        paths = [source]
-        if (mixer := source.parent / px4.csv_mixer.FILE_NAME).exists() and named_folder:
-            px4.read_mixer_csv(mixer)  # raises for what the fork would not take
-            paths, cargo = [source, mixer], {mixer.name: files.read_bytes(mixer)}
     except ParamsFileError as error:
         where = f"line {error.line}" if error.line else ""
         raise InputError(error.path, where, error.problem) from error
-    return Plan("px4", tuple(paths), read.params, read.types, read.header, cargo)
+    return Plan("px4", (source,), read.params, read.types, read.header)
 
 
 def _load_ardupilot(source: Path) -> Plan:

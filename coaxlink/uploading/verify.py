@@ -15,7 +15,7 @@ from coaxlink.uploading.ardupilot_scripts import SCRIPT_S, await_loader, present
 from coaxlink.uploading.journal import Journal
 from coaxlink.uploading.owned import Ownership, switches
 from coaxlink.uploading.plan import Plan
-from firmware_params import ardupilot, px4
+from firmware_params import ardupilot
 from firmware_params.ardupilot import scripts
 
 
@@ -70,7 +70,7 @@ def verify(
         found = parameters.read_many(plan.params, missing_ok=True)
         wanted = _wanted(plan, parameters, found)
         source = ", ".join(map(str, plan.files))
-        crcs = {_board_path(plan, name): scripts.file_crc(data) for name, data in plan.cargo.items()}
+        crcs = {name: scripts.file_crc(data) for name, data in plan.scripts.items()}
     elif last is not None:
         wanted, source, crcs = dict(last.values), f"upload of {last.time}", last.scripts
         found = parameters.read_many(wanted, missing_ok=True)
@@ -120,11 +120,6 @@ def _wanted(plan: Plan, parameters: Parameters, found: Mapping[str, Value]) -> d
         kind = found[name].type if name in found else FLOAT
         wanted[name] = parameters.encode(name, ardupilot.as_stored(name, float(value), kind), kind)
     return wanted
-
-
-def _board_path(plan: Plan, name: str) -> str:
-    """A file's path where it is known without the board; ArduPilot's script folder is not."""
-    return px4.csv_mixer.BOARD_PATH if plan.firmware == "px4" else name
 
 
 def _wrong_scripts(board: Files, crcs: Mapping[str, int | None]) -> list[dict[str, Any]]:

@@ -268,7 +268,7 @@ class Uploader:
     def _stopped(self, old: Content, new: Content) -> Outcome:
         """The vehicle is armed: nothing more is written, nor put back; the journal stays for later."""
         self._talk.say("the vehicle armed: nothing more is written; reading what stands")
-        time.sleep(_SETTLE_S)  # words that were under way
+        self._session.clock.sleep(_SETTLE_S)  # words that were under way
         stands = what_stands(self._board, old, new)
         if stands.untouched:
             self._journal.end()
@@ -295,7 +295,8 @@ class Uploader:
     def _roll_back(self, old: Content, new: Content, error: CoaxlinkError) -> Outcome:
         mismatches = error.wrong if isinstance(error, Mismatch) else ()
         self._talk.say(f"{error}; putting the old table back")
-        end, last = time.monotonic() + self._patience_s, error
+        clock = self._session.clock
+        end, last = clock.monotonic() + self._patience_s, error
         while True:
             try:
                 confirm(self._session, alone=False)
@@ -313,7 +314,7 @@ class Uploader:
                 text = f"rolled back, the vehicle holds its old table: {error}"
                 cause = Unfinished(text, error.exit_code)
                 return self._outcome(ROLLED_BACK, error=cause, mismatches=mismatches)
-            if time.monotonic() > end:
+            if clock.monotonic() > end:
                 break
             self._await_link(end)
         text = (
@@ -323,12 +324,13 @@ class Uploader:
         return self._outcome(FAILED, error=Unfinished(text, error.exit_code), mismatches=mismatches)
 
     def _await_link(self, end: float) -> None:
-        while time.monotonic() < end:
+        clock = self._session.clock
+        while clock.monotonic() < end:
             try:
                 if self._session.wait("HEARTBEAT", 1.0) is not None:
                     return
             except LinkError:  # the line itself is down; the session opens it again
-                time.sleep(0.5)
+                clock.sleep(0.5)
 
     # -- small ---------------------------------------------------------------------------------------------
 

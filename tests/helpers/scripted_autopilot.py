@@ -1,6 +1,7 @@
 """A small autopilot for the tests: heartbeats, AUTOPILOT_VERSION, the parameter protocol, faults to order.
 
-It shares no code with coaxlink; frames are pymavlink's.
+It shares no code with coaxlink; frames are pymavlink's. With `net` (`memory_net.Net`) it lives in memory on
+the net's virtual clock, else on a loopback port with a thread of its own.
 """
 
 import random
@@ -15,11 +16,24 @@ INT32, FLOAT = 6, 9
 BYTEWISE = 16
 
 
+BEAT_S = 0.05
+
+
 class ScriptedAutopilot:
-    """Answers on a free loopback port (`url`) until closed. Attributes may be changed while it runs."""
+    """Answers at `address` (`url`) until closed. Attributes may be changed while it runs."""
 
     def __init__(
-        self, params, *, px4=True, version=(1, 16, 1), system=1, seed=0, uid=0xC0A1, key=None, towards=None
+        self,
+        params,
+        *,
+        net=None,
+        px4=True,
+        version=(1, 16, 1),
+        system=1,
+        seed=0,
+        uid=0xC0A1,
+        key=None,
+        towards=None,
     ):
         self.params = dict(params)  # name -> (value, type)
         self.px4, self.version, self.system, self.uid = px4, version, system, uid
@@ -42,11 +56,15 @@ class ScriptedAutopilot:
         self.commands = []
         self.heard = []
         self._random = random.Random(seed)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.settimeout(0.02)
-        self.address = self._socket.getsockname()
-        self.url = f"udpout:127.0.0.1:{self._socket.getsockname()[1]}"
+        self.net, self._socket, self._stop = net, None, threading.Event()
+        if net is None:
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            self._socket.bind(("127.0.0.1", 0))
+            self._socket.settimeout(0.02)
+            self.address = self._socket.getsockname()
+        else:
+            self.address = net.address()
+        self.url = f"udpout:{self.address[0]}:{self.address[1]}"
         self._out, self._in = m.MAVLink(None, system, 1), m.MAVLink(None, system, 1)
         self._in.robust_parsing = True
         if key:
@@ -55,9 +73,12 @@ class ScriptedAutopilot:
                 mav.signing.timestamp = int((time.time() - 1420070400) * 1e5)
                 mav.signing.sign_outgoing = True
         self._peer = towards  # whom to talk to before anyone was heard
-        self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        if net is None:
+            self._thread.start()
+        else:
+            net.bind(self.address, self._hear)
+            self._live()
 
     def __enter__(self):
         return self
@@ -67,6 +88,9 @@ class ScriptedAutopilot:
 
     def close(self):
         self._stop.set()
+        if self.net is not None:
+            self.net.leave(self.address)
+            return
         self._thread.join(2)
         self._socket.close()
 
@@ -74,24 +98,42 @@ class ScriptedAutopilot:
         frame = message.pack(self._out)
         self._out.seq = (self._out.seq + 1) % 256
         if self._peer and not self.deaf and self._random.random() >= self.loss:
-            self._socket.sendto(frame, self._peer)
+            self.put(frame)
         self.sent.append(frame)
+
+    def put(self, frame):
+        """Send bytes as they are."""
+        if self.net is not None:
+            self.net.send(frame, self.address, self._peer)
+        else:
+            self._socket.sendto(frame, self._peer)
+
+    def _beat(self):
+        autopilot = m.MAV_AUTOPILOT_PX4 if self.px4 else m.MAV_AUTOPILOT_ARDUPILOTMEGA
+        mode = 128 if self.armed else 0
+        self.send(m.MAVLink_heartbeat_message(self.vehicle_type, autopilot, mode, 0, 4, 3))
+
+    def _live(self):
+        if not self._stop.is_set():
+            self._beat()
+            self.net.clock.later(BEAT_S, self._live)
 
     def _run(self):
         beat = 0.0
         while not self._stop.is_set():
             if time.monotonic() > beat:
-                beat = time.monotonic() + 0.05
-                autopilot = m.MAV_AUTOPILOT_PX4 if self.px4 else m.MAV_AUTOPILOT_ARDUPILOTMEGA
-                mode = 128 if self.armed else 0
-                self.send(m.MAVLink_heartbeat_message(self.vehicle_type, autopilot, mode, 0, 4, 3))
+                beat = time.monotonic() + BEAT_S
+                self._beat()
             try:
-                data, self._peer = self._socket.recvfrom(4096)
+                self._hear(*self._socket.recvfrom(4096))
             except TimeoutError:
                 continue
-            for message in self._in.parse_buffer(data) or []:
-                if not self.deaf and self._random.random() >= self.loss:
-                    self._handle(message)
+
+    def _hear(self, data, source):
+        self._peer = source
+        for message in self._in.parse_buffer(data) or []:
+            if not self.deaf and self._random.random() >= self.loss:
+                self._handle(message)
 
     def _handle(self, message):
         kind = message.get_type()

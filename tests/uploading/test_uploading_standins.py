@@ -309,7 +309,7 @@ def test_an_interrupted_change_of_scripts_does_not_bring_the_other_script_back(t
         plan = load_plan(tables["matrix"])
         assert _ap(session, tmp_path / "b").upload(plan).result == "verified"
         old = Content({}, {matrix: None, loader: b"-- the loader that was there"})
-        new = Content({}, {matrix: plan.cargo[scripts.MATRIX_NAME], loader: None})
+        new = Content({}, {matrix: plan.scripts[scripts.MATRIX_NAME], loader: None})
         journal = Journal(session.identity)
         journal.begin(Entry(journal.board, old, new, "backup", (), "yesterday"))
         talk = []

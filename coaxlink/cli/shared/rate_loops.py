@@ -95,7 +95,7 @@ def _flown(
             mixes = [px4_speeds(px4.realise(params)) for params in (board, {**board, **plan.params})]
         else:
             held = next((d for p, d in on_board.items() if p.endswith(scripts.MATRIX_NAME)), None)
-            old, new = present_table(board, lambda: held), planned_table(plan.params, plan.cargo)
+            old, new = present_table(board, lambda: held), planned_table(plan.params, plan.scripts)
             if old is None or new is None:
                 frame = board.get("FRAME_CLASS", 0)
                 raise CheckFailed(f"the board flies a matrix that is not known here (FRAME_CLASS {frame:g})")
