@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from memory_net import Net, Standin, meet
 from monitor_messages import INTEGERS, X8, px4_table
 
+from coaxlink.cli import main
 from coaxlink.errors import InputError, LinkError
+from coaxlink.files import example
 from coaxlink.mavlink.parameters import Parameters
 from coaxlink.monitor.incoming.heard import Heard
 from coaxlink.monitor.incoming.link import COMPONENT, LinkThread, check_address
 from coaxlink.monitor.state.moment import Moment
 from coaxlink.monitor.state.watch import Watch
-from coaxlink.tables.ardupilot import report_ap
+from coaxlink.uploading.outcome import VERIFIED, Talk
+from coaxlink.uploading.plan import load_plan
+from coaxlink.uploading.worker import Uploader
 
 
 class Watched:
@@ -109,16 +115,26 @@ def test_link_lost_is_shown_and_heals_with_another_session() -> None:
 
 
 @pytest.mark.slow
-def test_an_ardupilot_that_streams_nothing_by_itself_is_read_like_a_px4() -> None:
+@pytest.mark.parametrize("frame", ["15", "17"])
+def test_an_ardupilot_is_read_like_a_px4(tmp_path: Path, frame: str) -> None:
+    """Battery, table (script or loader), ESCs, of a vehicle that streams nothing by itself."""
+    table = tmp_path / "table"
+    made = ["--firmware", "ardupilot", "--law", "reduced", "--frame-class", frame, "--out", str(table)]
+    with contextlib.suppress(SystemExit):
+        main(["table", str(example("x8_paper.toml")), *made])
     watched = Watched("ardupilot")
     before = watched.until(lambda m: m.board.state == "read" and m.speeds.source != "")
+    assert (before.board.kind, before.board.frame_class) == ("standard", 4)
     assert before.vehicle is not None and before.vehicle.firmware == "ArduPilot"
-    assert before.board.frame_class == 4 and before.speeds.source == "ESC_TELEMETRY rpm"
+    assert before.speeds.source == "ESC_TELEMETRY rpm" and before.vehicle.voltage_V is not None
     assert not any("mavlink id" in n for n in before.notes)
     assert watched.board is not None
-    report = report_ap(X8, "reduced")
-    upload(watched.board, {n: v for n, v in report.params.items() if n == "MOT_THST_EXPO"})
-    watched.until(lambda m: m.board.digest != before.board.digest and m.board.state == "read")
+    with meet(watched.board) as session:
+        talk = Talk(confirm=lambda: True)
+        outcome = Uploader(session, backup_folder=tmp_path, talk=talk).upload(load_plan(table))
+    assert outcome.result == VERIFIED
+    after = watched.until(lambda m: m.board.kind == "reduced" and m.board.of_model, 60.0)
+    assert after.board.frame_class == int(frame) and after.board.digest != before.board.digest
 
 
 def test_a_line_that_cannot_be_opened_is_said_while_it_is_tried_again() -> None:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import ClassVar
 
 from rich.text import Text
-from textual.app import App, ComposeResult, SystemCommand
+from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.css.query import NoMatches
-from textual.screen import Screen
 from textual.widgets import ContentSwitcher, Footer, Static
 
 from coaxlink import files
@@ -78,6 +77,7 @@ class Monitor(App[None]):
         *REPLAY_KEYS,
     ]
     CSS_PATH = "screen.tcss"
+    ENABLE_COMMAND_PALETTE = False  # every action has a key
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class Monitor(App[None]):
             yield MessagesPage(id="messages")
             yield HealthPage(id="health")
         yield Static(id="notes")
-        yield Footer(show_command_palette=False)
+        yield Footer()
 
     def on_mount(self) -> None:
         self.tick()
@@ -232,21 +232,6 @@ class Monitor(App[None]):
             self.notify(str(error), severity="error", markup=False)
         else:
             self.notify(f"saved {path}", markup=False)
-
-    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        """The command palette: every key's action by name."""
-        for name, what in (
-            ("split", "arms, balance, table"),
-            ("error", "the allocation error over time"),
-            ("parameters", "of the table on board"),
-            ("messages", "what the autopilot said"),
-            ("health", "which rotor lost thrust in the air"),
-        ):
-            yield SystemCommand(f"Page: {name}", what, lambda name=name: self.action_page(name))
-        yield SystemCommand("Pause", "hold the picture, or let it run", self.action_pause)
-        yield SystemCommand("Save", "this screen as SVG", self.action_save)
-        yield SystemCommand("Help", "keys, and what the numbers are", self.action_help)
-        yield SystemCommand("Quit", "leave the monitor", self.action_quit)
 
     def _put(self, name: str, text: Text) -> None:
         put(self.screen_stack[0].query_one(f"#{name}", Static), text)

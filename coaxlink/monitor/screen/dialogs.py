@@ -30,7 +30,6 @@ _KEYS = (
     ("p  s  q", "pause the picture, save it as SVG, quit"),
     ("← → end", "plots: earlier, later, now"),
     ("+ -", "plots: shorter, longer time (the mouse wheel too)"),
-    ("ctrl+p", "all of this by name"),
 )
 _REPLAY = (
     ("space  [ ]", "replay: stop or go on, slower, faster"),

@@ -80,12 +80,14 @@ class TimePlot(PlotWidget, can_focus=False):
         self.clear()
         self.set_xlimits(*span)
         self.set_ylimits(*y_range)
-        self.set_yticks(ticks(self.content_size.height - 2, *y_range) if self._numbers else [])
+        (low, high), rows = y_range, max(self.content_size.height - 2, 1)
+        self.set_yticks(ticks(rows, low, high) if self._numbers else [])
+        half_dot = (high - low) / (8 * rows)  # what lies on the edge would be drawn below the frame
         most = 4 * max(self.content_size.width, 1)  # points: two for each column of dots
         for line, of_line in lines:
             for part in parts(line[:: max(len(line) // most, 1)], (span[1] - span[0]) / 20):
                 x, y = zip(*part, strict=True)
-                inside = [min(max(value, y_range[0]), y_range[1]) for value in y]
+                inside = [min(max(value, low + half_dot), high - half_dot) for value in y]
                 self.plot(x, inside, of_line, HiResMode.BRAILLE)
 
     def render(self) -> RenderResult:
