@@ -20,6 +20,7 @@ from sim.physics.rotors import read_pair
 from sim.quick.flight import World, fly_quick, make_design
 from sim.vehicle import read_vehicle
 
+pytestmark = pytest.mark.slow
 FRAME, ROTORS = Path(example("x8_demo.toml")), Path(example("rotor_paper.toml"))
 ONSET_S, ROTOR = 12.0, 6
 

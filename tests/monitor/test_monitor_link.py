@@ -23,6 +23,8 @@ from coaxlink.uploading.outcome import VERIFIED, Talk
 from coaxlink.uploading.plan import load_plan
 from coaxlink.uploading.worker import Uploader
 
+pytestmark = pytest.mark.slow
+
 
 class Watched:
     """A stand-in, the link to it, and who looks at it while time passes."""
@@ -114,7 +116,6 @@ def test_link_lost_is_shown_and_heals_with_another_session() -> None:
     assert watched.opened > opened
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["15", "17"])
 def test_an_ardupilot_is_read_like_a_px4(tmp_path: Path, frame: str) -> None:
     """Battery, table (script or loader), ESCs, of a vehicle that streams nothing by itself."""

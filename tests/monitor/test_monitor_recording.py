@@ -145,6 +145,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
             load_recording(path)
 
 
+@pytest.mark.slow
 def test_keys_of_a_replay(tlog: Path) -> None:
     async def story() -> None:
         played = Played(load_recording(tlog))

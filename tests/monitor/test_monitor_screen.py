@@ -33,6 +33,7 @@ from textual.widgets._footer import FooterKey
 from coaxlink.monitor.screen.app import Monitor
 from coaxlink.monitor.screen.plots import TimePlot
 
+pytestmark = pytest.mark.slow
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 
 
@@ -92,7 +93,6 @@ SHOWN: dict[str, tuple[Callable[[OnScreen], object], str]] = {
 }
 
 
-@pytest.mark.slow
 def test_the_screen_is_as_it_was_looked_at(tmp_path: Path) -> None:
     changed = []
     for name, (played, key) in SHOWN.items():
