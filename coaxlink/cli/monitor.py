@@ -199,7 +199,7 @@ def _look_once(watch: Watch, seconds: float) -> Moment:
         moment = watch.look()
         while (left := end - time.monotonic()) > 0.0:
             session.wait((), min(left, 0.2))
-            moment = watch.look()  # a steady hover is told from several looks
+            moment = watch.look()  # a steady hover is seen over several looks
     return moment
 
 

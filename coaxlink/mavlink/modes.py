@@ -64,7 +64,7 @@ def firmware_name(autopilot: int) -> str:
 
 
 def mode_name(autopilot: int, custom_mode: int) -> str:
-    """Flight mode in the firmware's own words; an unknown one by its number, "" where it was not told."""
+    """Flight mode in the firmware's own words; an unknown one by its number, "" where it was not reported."""
     if custom_mode == NO_MODE:
         return ""
     if autopilot == 12:

@@ -32,7 +32,7 @@ class Flight(Scene):
         landed: int | None = None,
         turning: float = 1.0,
     ) -> Moment:
-        """`turning` is what the rotors do over what they are told."""
+        """`turning` is what the rotors do over their commands."""
         for _ in range(round(5 * seconds)):
             self.clock.sleep(0.2)
             ms = round(1000 * self.clock.now)

@@ -59,11 +59,11 @@ def monitor(address: str, *options: str) -> list[str]:
 
 def test_one_look_at_a_vehicle(address: str, tmp_path: Path) -> None:
     target = tmp_path / "look.json"
-    told = subprocess.run(
+    done = subprocess.run(
         monitor(address, "--once", "--seconds", "2", "--json", str(target)), capture_output=True, text=True
     )
-    assert told.returncode == 0, told.stderr
-    assert "front right" in told.stdout and "disarmed" in told.stdout
+    assert done.returncode == 0, done.stderr
+    assert "front right" in done.stdout and "disarmed" in done.stdout
     look = json.loads(target.read_text())
     assert look["link"]["state"] == "live" and look["board"]["state"] == "read"
     assert look["balance"]["thrust_N"] == 0.0 and look["parameters"]["CA_ROTOR_COUNT"] == 8.0
@@ -183,13 +183,15 @@ def test_in_a_browser(address: str, tmp_path: Path) -> None:
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are looked up in /proc")
 @pytest.mark.parametrize("what", ["live", "replay"])
 def test_no_screen_outlives_its_server(what: str, tmp_path: Path) -> None:
-    tape = tmp_path / "flight.tlog"
+    recording = tmp_path / "flight.tlog"
     link = mavlink.MAVLink(None, 1, 1)
     beat = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3).pack(link)
-    tape.write_bytes(
+    recording.write_bytes(
         b"".join(struct.pack(">Q", 1_700_000_000_000_000 + k * 1_000_000) + beat for k in range(90))
     )
-    options = ["--replay", str(tape)] if what == "replay" else ["--connect", f"udpin:127.0.0.1:{free_port()}"]
+    options = (
+        ["--replay", str(recording)] if what == "replay" else ["--connect", f"udpin:127.0.0.1:{free_port()}"]
+    )
     with serving(sys.executable, "-m", "coaxlink", "monitor", *options) as (served, url):
         screen = asyncio.run(left_by(served, url))
         try:

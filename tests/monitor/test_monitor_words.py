@@ -123,7 +123,7 @@ def test_battery_in_a_word_with_minutes() -> None:
     pack.time_remaining, pack.charge_state = 250, 3
     said = words.battery_words(look(heartbeat(), pack))
     assert said.plain == "CRITICAL, 4 min left" and marks.BAD in str(said.style) + str(said.spans)
-    assert words.battery_words(look(heartbeat())).plain == "charge not told"
+    assert words.battery_words(look(heartbeat())).plain == "charge not reported"
 
 
 def test_summary_is_complete() -> None:

@@ -24,7 +24,7 @@ from coaxlink.monitor.incoming.table_reader import TableReader
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
 SETTLE_S = 1.2  # how long to listen before asking for what is missing
 REFRESH_S = 3.0  # between looks at the table and at what does not come
-QUIET_S = 5.0  # a stream that is silent for so long is asked for again
+QUIET_S = 5.0  # a stream that is silent for so long is requested again
 GONE_S = 10.0  # silent for so long, a session is made anew: another vehicle may have come
 TRIES = 3  # of a stream that was promised and never came: the vehicle has none of it
 _COMMON = {
@@ -77,7 +77,7 @@ def line_notes(session: Session) -> list[str]:
 
 
 class Streams:
-    """Asks one vehicle for the messages the screen lives on; what it refuses is not asked for again."""
+    """Asks one vehicle for the messages the screen lives on; what it refuses is not requested again."""
 
     def __init__(self, heard: Heard, session: Session) -> None:
         self._heard, self._session = heard, session

@@ -33,7 +33,7 @@ WARM_S = 10.0  # what is played before the place that is sought: rarer messages 
 MOST_AHEAD_S = 60.0  # a step of more than this is a leap
 SLOWEST, FASTEST = 1 / 64, 1024.0
 _TEXT = 253  # STATUSTEXT
-_KEPT = {22, _TEXT}  # PARAM_VALUE too: told once, and still true later
+_KEPT = {22, _TEXT}  # PARAM_VALUE too: sent once, and still true later
 _STAMPED = {30, 32, 33}  # ATTITUDE and positions, which carry the time since boot
 
 

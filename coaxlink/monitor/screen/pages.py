@@ -111,12 +111,12 @@ class ParametersPage(VerticalScroll):
     """The mixer table on board, parameter by parameter, and the command that writes another."""
 
     def compose(self) -> ComposeResult:
-        yield Static(id="told")
+        yield Static(id="table")
 
     def draw(self, picture: Picture) -> None:
         """Show a picture."""
         self.border_title = "parameters of the table on board"
-        put(self.query_one("#told", Static), parameter_words(picture.view, self.content_size.width))
+        put(self.query_one("#table", Static), parameter_words(picture.view, self.content_size.width))
 
 
 class MessagesPage(VerticalScroll):

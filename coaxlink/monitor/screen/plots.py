@@ -155,6 +155,8 @@ class SplitPlots(_Plots):
     ) -> None:
         """`mark` is put behind the arms' names when what is shown is no longer of the present."""
         words = Text.assemble("upper share of thrust, ", ("ideal", DIM), f", {range_words}")
+        if not any(share is not None for point in history.points for share in point.shares):
+            words = Text("no split yet: no coaxial pair makes thrust", DIM)
         if not self.due(words, history, window, mark):
             return
         points = history.inside(window)

@@ -168,7 +168,7 @@ def battery_words(view: Moment) -> Text:
     """`ok, 12 min left`: how the battery is, in a word."""
     v = view.vehicle
     if v is None or not v.battery_word:
-        return Text("charge not told", DIM)
+        return Text("charge not reported", DIM)
     old = v.battery_stale or view.link.state == "lost"
     mark = STALE if old else ""
     words = Text(v.battery_word.upper() if v.battery_word not in ("ok", "charging") else v.battery_word)

@@ -60,7 +60,7 @@ class ArmView:
 
 @dataclass(frozen=True)
 class EscReadings:
-    """(N,) by rotor; None where it is not told."""
+    """(N,) by rotor; None where it is not reported."""
 
     current_A: Values
     temperature_C: Values

@@ -39,12 +39,12 @@ _LOW, _CRITICAL, _EMERGENCY = THRESHOLDS
 _FALLING = ("ok", "low", "critical", "emergency")
 _LEVELS = ((_EMERGENCY, 0.05, "emergency"), (_CRITICAL, 0.07, "critical"), (_LOW, 0.15, "low"))
 _WINDOW_S = 300.0  # of the fall of the charge: a flight's power changes within minutes
-_STEPS = 3  # falls of the remaining charge; it is told in whole percents, so two ends err by one of three
+_STEPS = 3  # falls of the remaining charge; it is reported in whole percents, so two ends err by one of three
 
 
 @dataclass(frozen=True)
 class VehicleState:
-    """What the autopilot says about itself; None is not told."""
+    """What the autopilot says about itself; None is not reported."""
 
     system: int
     firmware: str
@@ -64,7 +64,7 @@ class VehicleState:
     height_stale: bool
     clock_s: float | None
     text: str  # newest status text, if it is fresh
-    battery_word: str = ""  # ok, low, critical, ...; "" while nothing is told
+    battery_word: str = ""  # ok, low, critical, ...; "" while nothing is reported
     battery_minutes: float | None = None  # left
     battery_minutes_by: str = ""  # autopilot, battery_Wh or trend
 
@@ -111,8 +111,8 @@ def vehicle_of(
     def old(timed: Timed | None, limit_s: float = STALE_S) -> bool:
         return timed is not None and now - timed.received_s > limit_s
 
-    told = battery_of(telemetry)
-    pack = told.value if told else Battery(None, None, None)
+    reported = battery_of(telemetry)
+    pack = reported.value if reported else Battery(None, None, None)
     minutes, by = _minutes(pack, energy_Wh, trend_min)
     attitude = telemetry.latest("attitude")
     roll, pitch, yaw = attitude.value if attitude else (None, None, None)
@@ -127,7 +127,7 @@ def vehicle_of(
         pack.voltage_V,
         pack.current_A,
         pack.remaining,
-        old(told, BATTERY_STALE_S),
+        old(reported, BATTERY_STALE_S),
         roll,
         pitch,
         yaw,
@@ -137,14 +137,14 @@ def vehicle_of(
         old(height_at),
         telemetry.clock_s,
         plain(last.text, 100) if last and now - last.received_s <= _TEXT_S else "",
-        _battery_word(pack, heard.parameters) if told else "",
+        _battery_word(pack, heard.parameters) if reported else "",
         minutes,
         by,
     )
 
 
 def battery_of(telemetry: Telemetry) -> Timed | None:
-    """The first battery whose voltage is told."""
+    """The first battery whose voltage is reported."""
     return next((t for t in telemetry.each("battery").values() if t.value.voltage_V is not None), None)
 
 
@@ -159,14 +159,14 @@ def on_ground(telemetry: Telemetry) -> bool:
 
 
 def version_of(telemetry: Telemetry) -> str:
-    """Firmware version as "1.16.1"; empty when it was not told."""
-    told = telemetry.newest("AUTOPILOT_VERSION")
-    number = int(told.value.flight_sw_version) if told else 0
+    """Firmware version as "1.16.1"; empty when it was not reported."""
+    answer = telemetry.newest("AUTOPILOT_VERSION")
+    number = int(answer.value.flight_sw_version) if answer else 0
     return ".".join(str(number >> shift & 0xFF) for shift in (24, 16, 8)) if number else ""
 
 
 def _height(telemetry: Telemetry) -> tuple[float | None, str, Timed | None]:
-    """Height in m, whose it is, and when it was told: above ground if a range finder says so now."""
+    """Height in m, whose it is, and when it came: above ground if a range finder says so now."""
     if telemetry.get("height") is not None:
         ground = telemetry.latest("height")
         return telemetry.get("height"), "range", ground
