@@ -116,13 +116,13 @@ def make_table(
         from coaxlink.tables.px4 import px4_speeds, report_px4
 
         report = report_px4(vehicle, law, fit=_limited(vehicle, law, limits))
-        texts = table_files.px4_files(vehicle.airframe, report, made_from)
+        texts = table_files.table_files(vehicle.airframe, report, made_from)
         return Table(firmware, law, report.params, texts, report.findings, px4_speeds(report.mix))
     if firmware == "ardupilot":
         from coaxlink.tables.ardupilot import SPIN_MIN, ap_speeds, report_ap
 
         made = report_ap(vehicle, law, fit=_limited(vehicle, law, limits, SPIN_MIN))
-        texts = table_files.ap_files(vehicle.airframe, made, made_from)
+        texts = table_files.table_files(vehicle.airframe, made, made_from)
         return Table(firmware, law, made.params, texts, made.findings, ap_speeds(made.mix))
     raise InputError("firmware", firmware, f"one of {', '.join(FIRMWARES)} is expected")
 

@@ -1,227 +1,264 @@
-"""Wrench in, eight outputs out: `coaxlink mix` on loopback UDP beside a C echo server, in the same run.
+"""Wrench demand in, eight motor commands out: how soon, how many lost, how many late.
 
-    python research/live_latency.py [--law exact] [--way compiled|plain] [--cycles 8000] [--blocks 4]
-    python research/live_latency.py --endure 1000000 --rates 1000
-    python research/live_latency.py --telemetry [--reallocate]
+    python research/live_latency.py [--cycles 24000] [--rate 400] [--memory 100000] [--hostile]
+    python research/live_latency.py --flood elsewhere|own [--flood-hz 20000] --memory 0
 
-Blocks of the two alternate, so that a machine with other things to do slows both. The client (C too) paces
-the demands and times the answers. Prints p50 and p99 of each, their ratio, the time from start to the first
-heartbeat of `mix`, and its resident memory. `--telemetry`: an armed vehicle in the air tells its inertial
-readings at 50 Hz, so that the rotors' health is judged beside the loop.
+First `coaxlink mix` in a process of its own, through UDP in real time: the round trip that a client sees, in
+blocks that alternate with a bare echo in Python. `--flood` sends junk to its port meanwhile, from another
+address or from the vehicle's own. Then the same session and loop in memory, on a virtual clock as fast as
+they go: what the processor needs for a demand, books and parsing included; `--hostile` puts a damaged or
+nasty frame before each demand. Nothing out of 0..1 may leave, and no good demand stay unanswered.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import itertools
-import shutil
+import math
+import multiprocessing
+import os
+import random
+import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as m
 
+from coaxlink.live.mixer import LiveMixer
+from coaxlink.mavlink import codec
+from coaxlink.mavlink.clock import VirtualClock
+from coaxlink.mavlink.session import Session
 from coaxlink.studies.simulator import free_port
+from coaxlink.vehicle import load_vehicle
 
-HERE = Path(__file__).parent
-AIRFRAME = HERE.parent / "examples" / "x8_paper.toml"
-
-
-def build(folder: Path) -> Path:
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    if compiler is None:
-        sys.exit("a C compiler is needed for the echo server")
-    binary = folder / "live_latency"
-    subprocess.run([compiler, "-O2", "-o", str(binary), str(HERE / "live_latency.c")], check=True)
-    return binary
+AIRFRAME = Path(__file__).parents[1] / "examples" / "x8_paper.toml"
+LATE_S, BLOCKS = 0.02, 4
+DEMAND, ANSWER = codec.ACTUATOR_CONTROL_TARGET, codec.SET_ACTUATOR_CONTROL_TARGET
+BEAT = m.MAVLink_heartbeat_message(14, 12, 81 | m.MAV_MODE_FLAG_SAFETY_ARMED, 0, 3, 3)
 
 
-def measure(binary: Path, sock: socket.socket, rate: float, cycles: int, warm: int) -> tuple[np.ndarray, int]:
-    command = [str(binary), "client", str(sock.fileno()), str(rate), str(cycles), str(warm)]
-    done = subprocess.run(command, pass_fds=[sock.fileno()], stdout=subprocess.PIPE, check=True)
-    *times, late = np.frombuffer(done.stdout, "<i8").tolist()
-    return np.array(times) / 1e3, late
+def demand(stamp: int, number: int) -> bytes:
+    controls = (0.02 * math.sin(number / 20), -0.01, 0.02, 0.3, 0.0, 0.0, 0.0, 0.0)
+    return DEMAND.pack(number % 256, 1, 1, stamp, *controls, 0)
 
 
-class Mixing:
-    """`coaxlink mix` and as much of an autopilot as it asks for."""
+def autopilot(message: Any) -> list[Any]:
+    """As much of one as `mix` asks for: version, THR_MDL_FAC, the stream."""
+    kind, none = message.get_type(), [0] * 8
+    if kind == "PARAM_REQUEST_READ":
+        return [m.MAVLink_param_value_message(b"THR_MDL_FAC", 1.0, 9, 1, 0)]
+    if kind != "COMMAND_LONG":
+        return []
+    said = [m.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 191)]
+    if message.command == m.MAV_CMD_REQUEST_MESSAGE:
+        said.append(m.MAVLink_autopilot_version_message(0, 0x010D03FF, 0, 0, 0, none, none, none, 0, 0, 0))
+    return said
 
-    def __init__(self, law: str, extra: list[str], telemetry: bool = False) -> None:
-        port = free_port()
-        self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.sock.connect(("127.0.0.1", port))
-        self.sock.settimeout(0.002)
-        self._mav = m.MAVLink(None, 1, 1)
-        started = time.monotonic()
-        self.process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "coaxlink",
-                "mix",
-                str(AIRFRAME),
-                "--law",
-                law,
-                "--no-witness",
-                "--connect",
-                f"udpin:127.0.0.1:{port}",
-                "--rate",
-                "1000",
-                *extra,
-            ],
-            stdout=subprocess.DEVNULL,
-        )
-        self._shake_hands()
-        self.ready_s = time.monotonic() - started
-        self._stop = threading.Event()
-        self._beat = threading.Thread(target=self._beats, daemon=True)
-        self._beat.start()
-        self._telling = threading.Thread(target=self._tell, daemon=True)
-        if telemetry:
-            self._telling.start()
 
-    def _tell(self) -> None:
-        """Hover as the demand's thrust has it, with an autopilot's noise; stamps are the demands' clock."""
-        random, due = np.random.default_rng(0), time.monotonic()
-        for k in itertools.count():
-            due += 0.02
-            if self._stop.wait(max(due - time.monotonic(), 0.0)):
-                return
-            stamp, (x, y, z, p, q, r) = time.monotonic_ns() // 1000, random.standard_normal(6).tolist()
-            force, turn = (0.05 * x, 0.05 * y, 0.05 * z - 7.2), (1e-3 * p, 1e-3 * q, 1e-3 * r)
-            self._send(m.MAVLink_highres_imu_message(stamp, *force, *turn, *[0.0] * 7, 0x3F, 0))
-            if k % 50 == 0:
-                self._send(m.MAVLink_extended_sys_state_message(0, m.MAV_LANDED_STATE_IN_AIR))
+# -- in real time --------------------------------------------------------------------------------------------
 
-    def _send(self, message: m.MAVLink_message) -> None:
-        with contextlib.suppress(ConnectionRefusedError):
-            self.sock.send(message.pack(self._mav))
 
-    def _heartbeat(self) -> None:
-        self._send(m.MAVLink_heartbeat_message(14, 12, 81 | m.MAV_MODE_FLAG_SAFETY_ARMED, 0, 3, 3))
+def echo(port: int) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        line.bind(("127.0.0.1", port))
+        while True:
+            data, peer = line.recvfrom(2048)
+            line.sendto(ANSWER.pack(0, 1, 1, DEMAND.unpack(data[10:-2])[0], *[0.0] * 8, 0, 1, 1), peer)
 
-    def _shake_hands(self) -> None:
-        """Until it has asked for the demand: version, THR_MDL_FAC, the stream."""
-        end = time.monotonic() + 20.0
-        beat = 0.0
-        while time.monotonic() < end:
-            if time.monotonic() > beat:
-                beat = time.monotonic() + 0.01
-                self._heartbeat()
+
+def flood(line: socket.socket, port: int, rate_hz: float) -> None:
+    junk = [random.Random(k).randbytes(60) for k in range(64)]
+    began, sent = time.monotonic(), 0
+    while True:
+        while sent < (time.monotonic() - began) * rate_hz:
+            with contextlib.suppress(OSError):
+                line.sendto(junk[sent % 64], ("127.0.0.1", port))
+            sent += 1
+        time.sleep(0.0005)
+
+
+def meet(line: socket.socket) -> None:
+    """Until `mix` has asked for the demand, and a heartbeat a second from then on."""
+    mav, asked = m.MAVLink(None, 1, 1), False
+    line.settimeout(0.01)
+    while not asked:
+        with contextlib.suppress(OSError):
+            line.send(BEAT.pack(mav))
+            for message in mav.parse_buffer(line.recv(2048)) or []:
+                for said in autopilot(message):
+                    line.send(said.pack(mav))
+                asked = asked or (message.get_type() == "COMMAND_LONG" and message.param1 == DEMAND.number)
+
+    def beat() -> None:
+        while line.fileno() >= 0:
+            with contextlib.suppress(OSError):
+                line.send(BEAT.pack(mav))
+            time.sleep(1.0)
+
+    threading.Thread(target=beat, daemon=True).start()
+
+
+def round_trips(line: socket.socket, rate_hz: float, cycles: int) -> np.ndarray:
+    """Seconds (cycles,); infinite for no answer within a second, counted late above LATE_S."""
+    line.settimeout(LATE_S)
+    took, pending = np.full(cycles, np.inf), {}
+    due = time.monotonic()
+    for k in range(cycles):
+        due = max(due + 1.0 / rate_hz, time.monotonic() - 0.01)
+        time.sleep(max(due - time.monotonic(), 0.0))
+        sent = time.monotonic()
+        pending[stamp := round(sent * 1e6)] = (k, sent)
+        line.send(demand(stamp, k))
+        while stamp in pending:
             try:
-                data = self.sock.recv(2048)
-            except OSError:
-                continue
-            for message in self._mav.parse_buffer(data) or []:
-                if message.get_type() == "PARAM_REQUEST_READ":
-                    self._send(m.MAVLink_param_value_message(b"THR_MDL_FAC", 1.0, 9, 1, 0))
-                if message.get_type() != "COMMAND_LONG":
-                    continue
-                self._send(m.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 191))
-                if message.command == 512:
-                    number = 1 << 24 | 13 << 16 | 3 << 8 | 255
-                    none = [0] * 8
-                    self._send(
-                        m.MAVLink_autopilot_version_message(0, number, 0, 0, 0, none, none, none, 0, 0, 0)
-                    )
-                if message.command == 511 and round(message.param1) == 140:
-                    return
-        sys.exit("coaxlink mix did not ask for the demand")
+                data = line.recv(2048)
+            except TimeoutError:
+                break
+            if data[7] == ANSWER.number and (found := pending.pop(ANSWER.unpack(data[10:-2])[0], None)):
+                took[found[0]] = time.monotonic() - found[1]
+    return took
 
-    def _beats(self) -> None:
-        while not self._stop.wait(1.0):
-            self._heartbeat()
 
-    def memory_mb(self) -> float:
-        status = Path(f"/proc/{self.process.pid}/status").read_text()
-        return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1]) / 1024
+def told(name: str, took: np.ndarray) -> None:
+    us = 1e6 * took[np.isfinite(took)]
+    figures = zip(("p50", "p99", "p99.9", "largest"), np.percentile(us, [50, 99, 99.9, 100]), strict=True)
+    late = f"later than 20 ms {int((us > 1e6 * LATE_S).sum())} of {len(took)}"
+    print(f"{name:12s}", ", ".join(f"{what} {value:.0f} us" for what, value in figures), end="; ")
+    print(f"lost {len(took) - len(us)}, {late}; load {os.getloadavg()[0]:.1f}", flush=True)
+
+
+def real_time(cycles: int, rate_hz: float, law: str, flooded: str, flood_hz: float) -> None:
+    port, echo_port = free_port(), free_port()
+    lines = {name: socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for name in ("echo", "mix", "elsewhere")}
+    lines["echo"].connect(("127.0.0.1", echo_port))
+    lines["mix"].bind(("127.0.0.1", 0))
+    lines["mix"].connect(("127.0.0.1", port))
+    words = ["mix", str(AIRFRAME), "--law", law, "--no-witness", "--rate", str(rate_hz)]
+    command = [sys.executable, "-m", "coaxlink", *words, "--connect", f"udpin:127.0.0.1:{port}"]
+    children = [multiprocessing.Process(target=echo, args=(echo_port,), daemon=True)]
+    if flooded:
+        line = lines["mix" if flooded == "own" else "elsewhere"]
+        children.append(multiprocessing.Process(target=flood, args=(line, port, flood_hz), daemon=True))
+    verb = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    meet(lines["mix"])
+    for child in children:
+        child.start()
+    times: dict[str, list[np.ndarray]] = {"echo": [], "mix": []}
+    round_trips(lines["mix"], rate_hz, round(rate_hz))  # until the law has faded in
+    for _ in range(BLOCKS):
+        for name, blocks in times.items():
+            blocks.append(round_trips(lines[name], rate_hz, cycles // BLOCKS))
+            round_trips(lines["mix"], rate_hz, 40)  # it settles again after a silence
+    status = Path(f"/proc/{verb.pid}/status").read_text()
+    verb.send_signal(signal.SIGINT)
+    print(verb.communicate()[0].strip(), status[status.index("VmRSS") :].splitlines()[0], sep="\n")
+    for child in children:
+        child.terminate()
+    for name, blocks in times.items():
+        told(f"{name} {rate_hz:g} Hz", np.concatenate(blocks))
+
+
+# -- in memory -----------------------------------------------------------------------------------------------
+
+
+class Line:
+    """A `Driven` transport: the vehicle's end in the same process."""
+
+    def __init__(self) -> None:
+        self.waiting: list[bytes] = []
+        self.answers: dict[int, tuple[float, ...]] = {}
+        self._mav = m.MAVLink(None, 1, 1)
+
+    def drive(self, turn: Any) -> None:
+        self.turn = turn
+        self.say(BEAT)
+
+    def say(self, *messages: Any) -> None:
+        self.waiting += [bytes(message.pack(self._mav)) for message in messages]
+
+    def read(self, timeout_s: float) -> tuple[bytes, Any]:
+        return (self.waiting.pop(0) if self.waiting else b""), None
+
+    def write(self, data: bytes, peer: Any = None) -> None:
+        if data[7] == ANSWER.number:
+            stamp, *commands = ANSWER.unpack(data[10:-2])[:9]
+            self.answers[stamp] = tuple(commands)
+        else:
+            self.say(*(said for message in self._mav.parse_buffer(data) or [] for said in autopilot(message)))
 
     def close(self) -> None:
-        self._stop.set()
-        self.process.terminate()
-        self.process.wait()
-        self.sock.close()
+        pass
+
+
+def hostile(stamp: int, number: int, rng: random.Random) -> bytes:
+    """A demand damaged on its way, or whole with what is no number in it."""
+    if rng.random() < 0.5:
+        data = bytearray(demand(stamp, number))
+        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+        return bytes(data[: rng.choice([len(data), rng.randrange(len(data))])])
+    nasty = [math.nan, math.inf, -math.inf, 3e38, 1.6, -1.6]
+    return DEMAND.pack(0, 1, 1, stamp, *rng.choices(nasty, k=8), rng.choice([0, 0, 1, 255]))
+
+
+def in_memory(cycles: int, rate_hz: float, law: str, nasty: bool) -> None:
+    clock, line, rng = VirtualClock(), Line(), random.Random(1)
+
+    def look_about() -> None:
+        if line.turn(0.0):
+            clock.later(0.05, look_about)
+
+    clock.later(0.0, look_about)
+    session = Session(line, "memory", clock=clock)
+    session.start(3.0)
+    vehicle = load_vehicle(AIRFRAME, None)
+    live = LiveMixer(session, vehicle, law, rate_hz=rate_hz, witness=False)
+    live.start()
+    took, lost, outside = np.empty(cycles), 0, 0
+    settling = round(rate_hz)
+    for k in range(-settling, cycles):
+        clock.sleep(1.0 / rate_hz)
+        stamp = round(clock.now * 1e6)
+        if k % round(rate_hz) == 0:
+            line.say(BEAT)
+        # each in a turn of its own: of several that wait only the newest counts
+        if nasty:
+            line.waiting.append(hostile(stamp - 1000, k, rng))
+            line.turn(0.0)
+        line.waiting.append(demand(stamp, k))
+        began = time.perf_counter()
+        line.turn(0.0)
+        if k >= 0:
+            took[k] = time.perf_counter() - began
+            lost += stamp not in line.answers
+        outside += sum(not 0.0 <= u <= 1.0 for u in line.answers.pop(stamp, ()))
+        line.answers.clear()
+    told("in memory", took)
+    summary = live.summary()
+    print(f"lost {lost}, out of 0..1 {outside}, unanswered {summary['unanswered']}")
+    if outside or live.error or (lost and not nasty):
+        sys.exit(f"the loop failed: {live.error}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
+    parser.add_argument("--cycles", type=int, default=24_000, help="in real time, of each")
+    parser.add_argument("--memory", type=int, default=100_000, help="cycles in memory")
+    parser.add_argument("--rate", type=float, default=400.0)
     parser.add_argument("--law", default="exact")
-    parser.add_argument("--way", choices=["compiled", "plain"], help="default: what mix itself takes")
-    parser.add_argument("--telemetry", action="store_true", help="inertial readings at 50 Hz, in the air")
-    parser.add_argument("--reallocate", action="store_true", help="mix --reallocate")
-    parser.add_argument("--endure", type=int, default=0, help="only mix, so many cycles; memory, none lost")
-    parser.add_argument("--cycles", type=int, default=4000)
-    parser.add_argument("--blocks", type=int, default=3)
-    parser.add_argument("--rates", type=float, nargs="+", default=[400.0, 1000.0])
+    parser.add_argument("--hostile", action="store_true")
+    parser.add_argument("--flood", choices=["elsewhere", "own"], default="")
+    parser.add_argument("--flood-hz", type=float, default=20_000.0)
     o = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        binary = build(Path(folder))
-        port = free_port()
-        server = subprocess.Popen([str(binary), "echo", str(port)])
-        echo = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        echo.connect(("127.0.0.1", port))
-        extra = [f"--{o.way}"] * bool(o.way) + ["--reallocate"] * o.reallocate
-        mixing = Mixing(o.law, extra, o.telemetry)
-        try:
-            if o.endure:
-                endure(binary, mixing, o.rates[-1], o.endure)
-            else:
-                run(binary, echo, mixing, o)
-        finally:
-            mixing.close()
-            server.kill()
-            server.wait()
-            echo.close()
-
-
-def endure(binary: Path, mixing: Mixing, rate: float, cycles: int) -> None:
-    """So many cycles in ten pieces: what is lost, and what the memory does."""
-    lost = late = done = 0
-    for _ in range(10):
-        times, behind = measure(binary, mixing.sock, rate, cycles // 10, 0 if done else round(0.6 * rate))
-        lost, late, done = lost + int((times < 0).sum()) - behind, late + behind, done + len(times)
-        p50, p99 = np.percentile(times[times >= 0], [50, 99])
-        print(
-            f"{done:8d} cycles at {rate:g} Hz: lost {lost}, later than 20 ms {late}, "
-            f"p50 {p50:.1f} us p99 {p99:.1f} us, resident {mixing.memory_mb():.2f} MB",
-            flush=True,
-        )
-
-
-def run(binary: Path, echo: socket.socket, mixing: Mixing, o: argparse.Namespace) -> None:
-    cycles = o.cycles // o.blocks
-    memory = 0.0
-    for rate in o.rates:
-        times: dict[str, list[np.ndarray]] = {"C echo": [], "coaxlink": []}
-        behind = {"C echo": 0, "coaxlink": 0}
-        for _ in range(o.blocks):
-            for name, sock, warm in (("C echo", echo, 50), ("coaxlink", mixing.sock, round(0.6 * rate))):
-                block, late = measure(binary, sock, rate, cycles, warm)
-                times[name].append(block)
-                behind[name] += late
-            memory = memory or mixing.memory_mb()
-        rows = {}
-        for name, blocks in times.items():
-            all_us = np.concatenate(blocks)
-            late = behind[name]
-            lost = int((all_us < 0).sum()) - late
-            p50, p99 = np.percentile(all_us[all_us >= 0], [50, 99])
-            rows[name] = (p50, p99)
-            shown = (
-                f"p50 {p50:6.1f} us  p99 {p99:6.1f} us  later than 20 ms {late}, lost {lost} of {len(all_us)}"
-            )
-            print(f"{rate:6.0f} Hz  {name:9s} {shown}")
-        ratio = [a / b for a, b in zip(rows["coaxlink"], rows["C echo"], strict=True)]
-        print(f"{rate:6.0f} Hz  {o.law} / C echo: p50 {ratio[0]:.2f}, p99 {ratio[1]:.2f}")
-    print(
-        f"ready after {mixing.ready_s:.2f} s, resident {memory:.0f} MB, after all {mixing.memory_mb():.0f} MB"
-    )
+    if o.cycles:
+        real_time(o.cycles, o.rate, o.law, o.flood, o.flood_hz)
+    if o.memory:
+        in_memory(o.memory, o.rate, o.law, o.hostile)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What a user would otherwise do with a residual, side by side with `refine`, on the same hidden stand logs.
 
-    python research/peers.py [--seeds 1] [--clean 8] [--json F] [--again]      (needs the `bench` extra)
+    python research/peers.py [--seeds 1] [--clean 8] [--small] [--json F]      (needs the `bench` extra)
 
 Every peer gets the residual of each channel (measured minus the given rotor model), every recorded column
 as a variable, and the held-out blocks that `refine` uses. Its answer is read as it is meant: PySINDy
@@ -17,7 +17,7 @@ import json
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,9 +73,9 @@ class Answer:
     named: tuple[str, ...]  # variables or terms, most important first
 
 
-def logs(seeds: int, clean: int) -> Iterator[tuple[str, blind_stand.Made]]:
+def logs(effects: Iterable[str], seeds: int, clean: int) -> Iterator[tuple[str, blind_stand.Made]]:
     """Hidden runs with the rotor model given."""
-    for hidden, count in [*((n, seeds) for n in blind_stand.EFFECTS), ("", clean)]:
+    for hidden, count in [*((n, seeds) for n in effects), ("", clean)]:
         found, seed = 0, 700
         while found < count:
             seed += 1
@@ -263,14 +263,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=1, help="logs of each effect")
     parser.add_argument("--clean", type=int, default=8)
+    parser.add_argument("--small", action="store_true", help="one log with an effect")
     parser.add_argument("--json", type=Path, help="kept log by log, and gone on with")
-    parser.add_argument("--again", action="store_true", help="ask refine anew of the logs that are kept")
     a = parser.parse_args()
     judged = json.loads(a.json.read_text()) if a.json and a.json.exists() else []
-    for k, (hidden, made) in enumerate(logs(a.seeds, a.clean)):
+    run = logs(("battery_voltage",), 1, 0) if a.small else logs(blind_stand.EFFECTS, a.seeds, a.clean)
+    for k, (hidden, made) in enumerate(run):
         if k < len(judged):
-            if a.again:
-                judged[k]["answers"]["coaxlink refine"] = ours(hidden, made)
             continue
         judged.append({"hidden": hidden, "answers": judge(hidden, made)})
         said = "; ".join(f"{n}: {v['first'] or '-'}" for n, v in judged[-1]["answers"].items())

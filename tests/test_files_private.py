@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from coaxlink import files
-from coaxlink.live import compiled as code
 from sim.physics.compile_cache import private
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners on this system")
@@ -95,43 +90,3 @@ def test_another_users_file_is_not(
 def test_a_place_that_cannot_be_looked_into_is_not(trusts: Callable[[Path], bool], tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     assert not trusts(tmp_path / "file" / "code")
-
-
-@pytest.mark.skipif(importlib.util.find_spec("llvmlite") is None, reason="llvmlite is not installed")
-def test_the_compiled_loop_of_a_folder_open_to_others_is_not_loaded_and_mix_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if not code.available():
-        pytest.skip("the compiled loop runs on 64-bit Linux")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert not code.cached() and code.refused() == ""
-    folder = code.code_folder()
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "planted.nbc").write_bytes(b"not what we compiled")
-    folder.chmod(0o700)
-    assert code.cached()
-    folder.chmod(0o777)
-    assert not code.cached()
-    examples = Path(__file__).parents[1] / "examples"
-    command = [
-        sys.executable,
-        "-m",
-        "coaxlink",
-        "mix",
-        str(examples / "x8_demo.toml"),
-        "--connect",
-        "udpout::1",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert "can be written by others" in done.stderr
-    assert "Traceback" not in done.stderr
-
-    requested: dict[str, Any] = {}
-
-    def njit(signature: Any, **options: Any) -> Any:
-        requested.update(options)
-        return lambda function: function
-
-    monkeypatch.setattr("numba.njit", njit)
-    code.load.__wrapped__()
-    assert requested["cache"] is False  # anew, instead of what lies there, and not kept

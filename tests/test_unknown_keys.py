@@ -9,14 +9,13 @@ import pytest
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.studies.campaign.spec import read_spec
 from coaxlink.cli.shared.rate_loops import _vehicle
 from coaxlink.data import read_stand_log
 from coaxlink.fly.plans import plan_of
-from coaxlink.live.attitude_loop import load_gains
 from coaxlink.mixer.limits import load_limits
 from coaxlink.monitor.config import load_config
 from coaxlink.rotor import load_rotor_model
+from coaxlink.studies.campaign.spec import read_spec
 from coaxlink.studies.campaign_cells import known_effects
 from coaxlink.vehicle import load_rotors
 from firmware_params.keys import problem_of, unknown_key
@@ -99,14 +98,6 @@ CASES = {
     "monitor": (
         load_config, "connect = 'udpin:127.0.0.1:14550'\n", "connect", "conect", "conect: unknown; connect?",
     ),
-    "airframe's gains": (
-        load_airframe, AIRFRAME + "\n[attitude_loop]\nrate_rad_s = [1, 1, 1]\n", "rate_rad_s", "rate_rad",
-        "attitude_loop.rate_rad: unknown; rate_rad_s?",
-    ),
-    "gains": (
-        load_gains, "[attitude_loop]\nrate_rad_s = [1, 1, 1]\n", "rate_rad_s", "rate_rad",
-        "attitude_loop.rate_rad: unknown; rate_rad_s?",
-    ),
     "columns": (
         columns_map, "upper_rpm = 'n1'\n", "upper_rpm", "uper_rpm", "uper_rpm: unknown; upper_rpm?",
     ),
@@ -130,7 +121,7 @@ CASES = {
 
 READERS = {
     *(f"coaxlink/{p}.py" for p in ("airframe", "campaign/spec", "cli/shared/rate_loops", "data/columns_map")),
-    *(f"coaxlink/{p}.py" for p in ("fly/plans", "live/attitude_loop", "mixer/limits", "monitor/config")),
+    *(f"coaxlink/{p}.py" for p in ("fly/plans", "mixer/limits", "monitor/config")),
     "coaxlink/rotor/model.py",
     *(f"sim/{p}.py" for p in ("manoeuvres", "physics/rotors", "truth", "vehicle")),
     *(f"sim/stand/{p}.py" for p in ("effects", "schedule")),

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from coaxlink.mixer import Allocation
 
 
+UNITS = ("N", "N m", "N m", "N m")
 REACH = 0.01  # of what is demanded of an axis: a law of other rotors than these misses as much within reach
 MISSED = 1e-4  # where no law could do more, or this one's rotors are these: what rounding does not explain
 REACH_OF = (1.0, 0.1, 0.1, 0.1)  # N, N m: less is demanded of no vehicle that these laws are for
@@ -49,7 +50,6 @@ def allocate(
     conditions: dict[str, Any] = {"voltage": voltage, "height": height, "climb": climb, "density": density}
     true, _ = vehicle_of(airframe, rotor, **conditions)
     believed = vehicle_of(airframe, law_rotor, **conditions)[0] if law_rotor else true
-    frame = true.airframe
     result = mixer.allocate(mixer.make_law(law, believed), true, demand)
     if json_file:
         files.write_json(json_file, result.to_json() | believed.to_json())
@@ -59,16 +59,16 @@ def allocate(
 
     out = console()
     table = Table("rotor", "speed", "thrust N", "torque N m", "", box=None)
-    for i, placed in enumerate(frame.rotors):
+    for i, placed in enumerate(true.airframe.rotors):
         at = "at its bound" if result.saturated[i] else ""
         row = f"{result.speeds[i]:.4f}", f"{result.thrust_N[i]:.3f}", f"{result.torque_Nm[i]:.4f}"
         table.add_row(f"{placed.number} {placed.level}", *row, at)
     out.print(table)
     table = Table("axis", "demanded", "delivered", "error", box=None)
-    for k, axis in enumerate(AXES):
+    for k, (axis, unit) in enumerate(zip(AXES, UNITS, strict=True)):
         gave_up = " (given up)" if axis in result.dropped else ""
         row = plain(result.wrench[k]), plain(result.delivered[k]), f"{figure(result.error[k])}{gave_up}"
-        table.add_row(f"{axis} {'N' if k == 0 else 'N m'}", *row)
+        table.add_row(f"{axis} {unit}", *row)
     out.print(table)
     out.print(f"{result.law}: power {result.power:.4f} (sum of torque x speed), {result.power_W:.0f} W")
     refuse_out_of_reach(result, exact=law == "exact" and not law_rotor)
@@ -89,7 +89,7 @@ def refuse_out_of_reach(result: Allocation, *, exact: bool) -> None:
     share = MISSED if exact or all(result.saturated) else REACH
     scale = np.maximum(np.abs(result.wrench), REACH_OF)
     missed = [
-        f"{axis} {result.delivered[k]:.4g} of {result.wrench[k]:.4g} {'N' if k == 0 else 'N m'}"
+        f"{axis} {result.delivered[k]:.4g} of {result.wrench[k]:.4g} {UNITS[k]}"
         for k, axis in enumerate(AXES)
         if abs(result.error[k]) > share * scale[k]
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,7 +19,9 @@ from coaxlink.cli.shared.next import after_compare
 from coaxlink.cli.shared.shell import JsonOption, console, figure, say
 
 if TYPE_CHECKING:
+    from coaxlink.mixer import Law
     from coaxlink.mixer.comparison import Row
+    from coaxlink.vehicle import Vehicle
 
 LAW_HEADS = (
     "law", "thrust N", "roll N m", "pitch N m", "yaw N m", "power", "N/W", "most N", "most yaw N m"
@@ -30,7 +32,7 @@ def compare(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     printed: Annotated[
-        bool, typer.Option("--printed", help="Also the standard and reduced mixers with the paper's numbers.")
+        bool, typer.Option("--printed", help="Also the paper's mixers with the numbers and slips it prints.")
     ] = False,
     rows: Annotated[int, typer.Option(min=10, help="Wrenches in the envelope.")] = 400,
     out: Annotated[
@@ -62,13 +64,9 @@ def compare(
 
     from coaxlink import files
     from coaxlink.cli.shared import table_views
-    from coaxlink.constants import GRAVITY_M_S2
-    from coaxlink.mixer import make_law
     from coaxlink.mixer.comparison import compare as weigh
-    from coaxlink.mixer.fitted import FittedLaw, envelope
-    from coaxlink.rotor.model import load_rotor_model
-    from coaxlink.tables.curved_law import curved_law
-    from coaxlink.vehicle import Vehicle
+    from coaxlink.mixer.demands import envelope
+    from coaxlink.mixer.fitted import FittedLaw
 
     for output in (out, report, json_file):
         files.refuse_unwritable(output)
@@ -77,70 +75,80 @@ def compare(
     frame = vehicle.airframe
     load = table_views.load_shares(frame, light, heavy)
     fitted = FittedLaw(vehicle)
-    names = ("standard", "reduced", "coaxial-printed", "coaxial", "exact")
-    laws = [(name, make_law(name, vehicle)) for name in names]
-    laws.insert(2, ("fitted", fitted))
-    laws.insert(1, ("curved", curved_law(vehicle)))
-    if printed:
-        for name, file in (("reduced", "rotor_rcrm_paper.toml"), ("standard", "rotor_srm_paper.toml")):
-            belief = load_rotor_model(files.example(file))
-            laws.insert(0, (f"{name} (paper's numbers)", make_law(name, Vehicle(frame, belief))))
     wrenches = envelope(frame, rows, seed=2)
-    result = weigh(vehicle, laws, wrenches)
-    low, high = wrenches.min(axis=0), wrenches.max(axis=0)
-    table = Table(*LAW_HEADS, box=None)
-    law_rows = [_law_row(row) for row in result]
-    for cells in law_rows:
-        table.add_row(*cells)
-    screen = console()
+    result = weigh(vehicle, _laws(vehicle, fitted, printed=printed), wrenches)
     worths = table_views.weigh_tables(vehicle, load)
-    battery_wh = frame.battery_Wh if battery_wh is None else battery_wh
-    table_views.show_worths(screen, frame, worths, battery_wh, drive_efficiency)
+    battery = (frame.battery_Wh if battery_wh is None else battery_wh, drive_efficiency)
+    low, high = wrenches.min(axis=0), wrenches.max(axis=0)
     said = (
         f"{frame.name}, before any integrator: mean |error| over {rows} wrenches, "
         f"{low[0]:.0f}..{high[0]:.0f} N, "
         f"roll and pitch to {high[1]:.1f} N m, yaw to {high[3]:.1f} N m "
         "(most of curved's is a constant gain, which the learnt hover thrust takes off)"
     )
+    screen = console()
+    table_views.show_worths(screen, frame, worths, *battery)
     screen.print(f"\n{said}")
+    table = Table(*LAW_HEADS, box=None)
+    for row in result:
+        table.add_row(*_cells(row))
     screen.print(table)
     if out or report:
+        from coaxlink.constants import GRAVITY_M_S2
         from coaxlink.report.compare_page import compare_page
         from coaxlink.report.made import Made
         from coaxlink.report.pictures.figures import write_figure
         from coaxlink.report.pictures.mixers import draw_comparison
 
         made = Made.now([f for f in (airframe, rotor or frame.rotor_model) if f is not None], frame.name)
-        weight_N = frame.mass_kg * GRAVITY_M_S2
-        figure = draw_comparison(frame.name, weight_N, result, fitted.table, made.line())
+        picture = draw_comparison(frame.name, frame.mass_kg * GRAVITY_M_S2, result, fitted.table, made.line())
         if out:
-            write_figure(out, figure)
+            write_figure(out, picture)
             say(f"wrote {out}")
         if report:
-            table_of_laws, battery = (LAW_HEADS, law_rows), (battery_wh, drive_efficiency)
-            files.write_atomic(
-                report, compare_page(frame.name, figure, worths, table_of_laws, said, made, battery)
-            )
+            laws = (LAW_HEADS, [_cells(row) for row in result])
+            files.write_atomic(report, compare_page(frame.name, picture, worths, laws, said, made, battery))
             say(f"wrote {report}")
     if json_file:
-        envelope_json = {"rows": rows, "low": low.tolist(), "high": high.tolist()}
-        laws_json = [row.to_json() for row in result]
         from coaxlink.report.worth import to_json
 
-        worth_json = to_json(worths, battery_wh, drive_efficiency)
-        document = {"envelope": envelope_json, "laws": laws_json, "worth": worth_json}
+        document: dict[str, Any] = {
+            "envelope": {"rows": rows, "low": low.tolist(), "high": high.tolist()},
+            "laws": [row.to_json() for row in result],
+            "worth": to_json(worths, *battery),
+        }
         files.write_json(json_file, document | vehicle.to_json())
     say(after_compare(airframe, rotor))
 
 
-def _law_row(row: Row) -> list[str]:
+def _laws(vehicle: Vehicle, fitted: Law, *, printed: bool) -> list[tuple[str, Law]]:
+    """All laws of a vehicle by label; `printed`: also the paper's own, as it prints them."""
+    from coaxlink.mixer import make_law
+    from coaxlink.tables.curved_law import curved_law
+
+    made = {name: make_law(name, vehicle) for name in ("standard", "reduced", "coaxial", "exact")}
+    made |= {"curved": curved_law(vehicle), "fitted": fitted}
+    order = ["standard", "curved", "reduced", "fitted", "coaxial", "exact"]
+    if printed:
+        from coaxlink import files
+        from coaxlink.rotor import load_rotor_model
+        from coaxlink.studies.paper import printed_laws
+        from coaxlink.vehicle import Vehicle
+
+        for name, file in (("reduced", "rotor_rcrm_paper.toml"), ("standard", "rotor_srm_paper.toml")):
+            label = f"{name} (paper's numbers)"
+            made[label] = make_law(name, Vehicle(vehicle.airframe, load_rotor_model(files.example(file))))
+            order.insert(0, label)
+        made["coaxial-printed"] = printed_laws(vehicle)["coaxial-printed"]
+        order.insert(order.index("coaxial"), "coaxial-printed")
+    return [(label, made[label]) for label in order]
+
+
+def _cells(row: Row) -> list[str]:
     """A law's cells under LAW_HEADS."""
     errors = [figure(e) for e in row.mean_error]
-    power, reach = (
-        (f"{row.power:.4f}", f"{row.efficiency_N_W:.4f}"),
-        (f"{row.most_thrust_N:.0f}", f"{row.most_yaw_Nm:.2f}"),
-    )
-    return [row.label, *errors, *power, *reach]
+    reach = f"{row.most_thrust_N:.0f}", f"{row.most_yaw_Nm:.2f}"
+    return [row.label, *errors, f"{row.power:.4f}", f"{row.efficiency_N_W:.4f}", *reach]
 
 
 def register(app: typer.Typer) -> None:

@@ -4,25 +4,34 @@ from __future__ import annotations
 
 import gc
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from coaxlink.cli.shared.effects import say_effects, vehicle_of
-from coaxlink.cli.shared.line import introduced
-from coaxlink.cli.shared.mixing import Options, fly, motors
-from coaxlink.cli.shared.shell import JsonOption, say
-from coaxlink.cli.shared.supervise import supervise
+from coaxlink.cli.shared.line import introduced, tell_news
+from coaxlink.cli.shared.next import unanswered
+from coaxlink.cli.shared.shell import JsonOption, figure, say
 from coaxlink.cli.upload import SigningOption, SystemOption
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.errors import InputError
+from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
+    from coaxlink.live.effects import LiveEffects
+    from coaxlink.live.forward import Forwarder
+    from coaxlink.live.mixer import LiveMixer
+    from coaxlink.live.plot import Plotter
+    from coaxlink.live.record import LiveRecord
+    from coaxlink.mavlink import Session
+    from coaxlink.vehicle import Vehicle
 
 LOST_S = 10.0  # without a word of the vehicle the link counts as lost; PX4's own default (COM_DL_LOSS_T)
 SWITCH_S = 2e-4  # how long the screen may keep the live loop from the interpreter
+POLL_S = 0.2  # how often the verb looks at its loop
+SAYS = {"bridge": "own count", "outputs": "outputs", "timesync": "answers on the same line"}
 
 
 def mix(
@@ -58,26 +67,6 @@ def mix(
         bool,
         typer.Option("--witness/--no-witness", help="Let go when the motors do not follow our commands."),
     ] = True,
-    loop: Annotated[
-        bool, typer.Option("--loop", help="Run the attitude and rate loops here too, on ATTITUDE_TARGET.")
-    ] = False,
-    compiled: Annotated[
-        bool | None,
-        typer.Option(
-            "--compiled/--plain",
-            help="The exact law and the loop around it compiled (12 s of work, once; 120 MB). "
-            "Default: if it was compiled before.",
-        ),
-    ] = None,
-    lead: Annotated[
-        float | None,
-        typer.Option(
-            min=0,
-            max=100,
-            metavar="MS",
-            help="Lead the motors' declared lag down to so much; amplifies noise in the demand.",
-        ),
-    ] = None,
     air_temperature: Annotated[
         float | None,
         typer.Option(
@@ -95,9 +84,6 @@ def mix(
     lost: Annotated[
         float, typer.Option(min=1, metavar="S", help="So long without a word of the vehicle: exit code 3.")
     ] = LOST_S,
-    supervised: Annotated[
-        bool, typer.Option("--supervise", help="A parent process starts it again when it dies.")
-    ] = False,
     system: SystemOption = None,
     signing_key: SigningOption = None,
     json_file: JsonOption = None,
@@ -106,93 +92,221 @@ def mix(
 
     Arming stays with the pilot. Begin with --props-off, then --dry-run.
     """
-    if reallocate and law != "exact":
-        raise InputError("--reallocate", "", f"only the exact law re-allocates, found --law {law}")
-    if supervised and (props_off or seconds is not None):
-        raise InputError("--supervise", "", "not with --props-off or --seconds")
-
-    def one(life: int) -> None:
-        _mix(Options(
-            airframe, connect, law, rotor, rate, seconds, dry_run, props_off, _folder(record, life), plot,
-            forward, witness, loop, compiled, lead, air_temperature, lost, system, signing_key, json_file,
-            reallocate,
-        ))  # fmt: skip
-
-    if supervised:
-        supervise(one)
-    one(0)
-
-
-def _folder(record: Path | None, life: int) -> Path | None:
-    """Of a start's own record: the one before it died, and is kept."""
-    return record / f"start-{life + 1}" if record and life else record
-
-
-def _mix(o: Options) -> None:
-    from coaxlink import mixer
+    from coaxlink import files, mixer
+    from coaxlink.live.mixer import LiveMixer
+    from coaxlink.live.plot import Plotter
     from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.confirm import alone
 
+    if reallocate and law != "exact":
+        raise InputError("--reallocate", "", f"only the exact law re-allocates, found --law {law}")
     sys.setswitchinterval(SWITCH_S)
-    vehicle, _ = vehicle_of(o.airframe, o.rotor, measured_live=True)  # the rest is measured in flight
+    vehicle, _ = vehicle_of(airframe, rotor, measured_live=True)  # the rest is measured in flight
     say_effects(vehicle)
     frame = vehicle.airframe
-    chosen = mixer.make_law(o.law, vehicle)
-    native = _native(o.compiled) if o.law == "exact" and not o.dry_run else None
+    chosen = mixer.make_law(law, vehicle)
     # the first call compiles, or fills caches: never in flight
     chosen.speeds([GRAVITY_M_S2 * frame.mass_kg, 0.0, 0.0, 0.0])
-    lead_s = _lead(frame, o.lead, o.rate)
-    log = o.record / "mix.tlog" if o.record else None
+    log = record / "mix.tlog" if record else None
     with (
-        open_session(o.connect, target_system=o.system, signing_key=o.signing_key, record=log) as line,
+        open_session(connect, target_system=system, signing_key=signing_key, record=log) as line,
         introduced(line) as session,
     ):
         alone(session)
-        if o.props_off:
-            motors(session, frame, o.json_file)
+        if props_off:
+            _turn_motors(session, frame, json_file)
             return
+        _refuse_others(session)
+        live_record = _record(record, vehicle, law)
+        live = LiveMixer(
+            session, vehicle, chosen, rate_hz=rate, dry_run=dry_run, witness=witness, record=live_record,
+            compensation=_effects(session, vehicle, air_temperature), own_curve=_own_curve(session),
+        )  # fmt: skip
+        if session.identity.is_px4:
+            _warn_of_hand_over(live, frame)
         gc.collect()
         gc.freeze()  # what has been built so far is here to stay: no pause to look through it again
-        fly(session, vehicle, chosen, o, lead_s, native)
+        problem = None
+        try:
+            with _sharing(session, forward) as ground, live, _health(live, ground, reallocate) as health:
+                say("dry run: no motor command is sent" if dry_run else "live mixing")
+                try:
+                    problem = _watch(live, seconds, lost, Plotter(live, ground) if plot else None)
+                except KeyboardInterrupt:
+                    say("stopping: the autopilot flies its own mixer again")
+        finally:
+            if live_record:
+                live_record.close()
+        summary = {**live.summary(), "health": health.account()}
+        if health.problem:
+            say(f"rotors were not judged to the end: {health.problem}")
+        if json_file:
+            files.write_json(json_file, summary)
+        sys.stdout.write(_line(summary) + "\n")
+        if why := unanswered(summary["unanswered"]):
+            say(why)
+        if problem:
+            raise LinkError(session.address, problem)
+        _judge(live, summary)
 
 
-def _native(compiled: bool | None) -> Any:
-    """The compiled loop if it is asked for, or there and not unwanted."""
-    from coaxlink.live import compiled as code
-
-    if compiled is False or (compiled is None and not code.cached()):
-        if compiled is None and (why := code.refused()):
-            say(f"the compiled loop that is kept is not run: {why}; --compiled makes one for this run")
-        return None
-    if not code.available():
-        raise InputError("--compiled", "", "the compiled loop runs on 64-bit Linux only")
-    if not code.cached():
-        why = code.distrusted()
-        times = f"for this run alone ({why})" if why else "once for this processor and version"
-        say(f"compiling the live loop, {times}: 12 s or more")
-    try:
-        return code.load()
-    except ImportError as error:
-        raise InputError("--compiled", "", "numba is not installed") from error
-
-
-def _lead(frame: Airframe, lead_ms: float | None, rate_hz: float) -> tuple[float, float]:
-    """(lag declared, lag wanted) in s; zeros for no lead. Raises InputError where no lag is declared."""
-    if lead_ms is None:
-        return 0.0, 0.0
-    lag, quick = frame.motor_lag_s, lead_ms / 1e3
-    if not quick < lag:
-        found = f"motor_lag_s is {lag:g} s"
-        raise InputError(
-            frame.source or frame.name, "motor_lag_s", f"more than {quick:g} s expected, {found}"
+def _judge(live: LiveMixer, summary: dict[str, Any]) -> None:
+    """Raises SafetyRefusal, and CheckFailed when the loop failed or too many commands never arrived."""
+    if isinstance(live.error, SafetyRefusal):
+        raise live.error
+    if summary["unanswered"]["failures"]:
+        raise CheckFailed(f"live mixing stopped itself and fell silent: {live.error}")
+    if not summary["cycles"]:
+        raise CheckFailed("no wrench demand (ACTUATOR_CONTROL_TARGET) came that could be answered")
+    if (arrival := live.arrival) and arrival.noteworthy:
+        raise CheckFailed(
+            f"{_lost(summary['arrival'])}: the vehicle flew on its own mixer or on old commands"
         )
-    from math import exp
 
-    wanted = 1.0 - exp(-1.0 / (rate_hz * quick)) if quick > 0 else 1.0
-    gain = wanted / (1.0 - exp(-1.0 / (rate_hz * lag)))
-    what = f"motors led from {1e3 * lag:g} to {1e3 * quick:g} ms"
-    say(f"{what}: a step in the demand is commanded {gain:.1f} times as high")
-    return lag, quick
+
+def _refuse_others(session: Session) -> None:
+    """Before anything is asked of it. Raises SafetyRefusal for an autopilot that takes no motor commands."""
+    from coaxlink.live.paths import require_path
+
+    identity = session.identity
+    if not identity.is_ardupilot:  # there a bridge decides, which has to be listened for
+        require_path(identity.autopilot, identity.version)
+
+
+def _effects(session: Session, vehicle: Vehicle, air_C: float | None) -> LiveEffects | None:
+    from coaxlink.live.effects import LiveEffects
+
+    if not vehicle.live_effects:
+        return None
+    effects = LiveEffects(session, vehicle, air_temperature_C=air_C)
+    if "air_density" in effects.names and air_C is None:
+        say("air_density: nothing is done before the vehicle sends HYGROMETER_SENSOR (or --air-temperature)")
+    for name, why in effects.left_out.items():
+        say(f"not compensated live: {name} ({why})")
+    return effects
+
+
+def _record(folder: Path | None, vehicle: Vehicle, law: str) -> LiveRecord | None:
+    from coaxlink.live.record import LiveRecord
+
+    frame = vehicle.airframe
+    about = {
+        "law": law, "airframe": frame.name, "rotors": len(frame.rotors), "rotor_form": vehicle.model.form,
+    }  # fmt: skip
+    return LiveRecord(folder / "mix.live", about) if folder else None
+
+
+def _own_curve(session: Session) -> float:
+    """THR_MDL_FAC on board; 0, its default, where it does not say."""
+    from coaxlink.mavlink.parameters import Parameters
+
+    if not session.identity.is_px4:
+        return 0.0
+    found = Parameters(session).read_many(["THR_MDL_FAC"], missing_ok=True)
+    return float(found["THR_MDL_FAC"].value) if "THR_MDL_FAC" in found else 0.0
+
+
+def _warn_of_hand_over(live: LiveMixer, frame: Airframe) -> None:
+    weight = GRAVITY_M_S2 * frame.mass_kg
+    own = live.core.hand_over_thrust(weight)
+    if own < 0.8 * weight:
+        say(
+            f"warning: handed back in hover, the autopilot's own mixer first gives {own:.0f} N of "
+            f"{weight:.0f} N; with THR_MDL_FAC = 1 it would lose less height"
+        )
+
+
+def _sharing(session: Session, where: str | None) -> AbstractContextManager[Forwarder | None]:
+    from coaxlink.live.forward import Forwarder
+
+    if where is None:
+        return nullcontext()
+    sharing = Forwarder(session, where)
+    if sharing.exposed:
+        say(
+            f"--forward {where}: whoever of the network speaks there first is the ground station and "
+            "commands the vehicle through this line; leave the host out to listen on this machine only"
+        )
+    return sharing
+
+
+def _health(live: LiveMixer, ground: Forwarder | None, reallocate: bool) -> Any:
+    """Beside the loop: rotors that lose thrust are said here, on the line and to the ground station."""
+    from coaxlink.live.health_watch import HealthWatch
+    from coaxlink.live.reallocation import Reallocation
+
+    reallocation = Reallocation(live) if reallocate else None
+    return HealthWatch(live, lambda call: say(call.text), ground, reallocation)
+
+
+def _watch(live: LiveMixer, seconds: float | None, lost_s: float, plotter: Plotter | None) -> str | None:
+    """Show the state until the time is up, the loop failed or the link is lost (then the reason)."""
+    from coaxlink.live.stall import Absence
+
+    clock, screen = live.session.clock, sys.stderr.isatty()
+    started = clock.monotonic()
+    absence = Absence(started, POLL_S)
+    while seconds is None or clock.monotonic() - started < seconds:
+        if clock.wait(live.failed, POLL_S if seconds is None else min(POLL_S, seconds)):
+            return None
+        if plotter:
+            plotter.send()
+        if screen:
+            sys.stderr.write(f"\r\x1b[K{_line(live.summary())}")
+            sys.stderr.flush()
+        tell_news(live.session)
+        now = clock.monotonic()
+        silent_s = absence.silent_s(now, max(now - live.session.silence_s, live.guard.last))
+        if absence.slept_s:
+            say(f"stopped for {absence.slept_s:.1f} s; three good demands and the law fades in again")
+        if silent_s > lost_s:
+            return f"no word of the vehicle for {lost_s:g} s"
+    return None
+
+
+def _line(s: dict[str, Any]) -> str:
+    error, others = s["allocation_error"]["mean"], s["not_believed"]
+    lost = s["arrival"]["never_arrived"] if s["arrival"] else 0
+    return (
+        f"{s['law']}{' (dry run)' if s['dry_run'] else ''}, {s['state']}: "
+        f"{s['cycles']} demands answered in {s['seconds']:.1f} s ({s['rate_hz']:.0f} Hz), "
+        f"latency {s['latency_us']['p50']:.0f} / {s['latency_us']['p99']:.0f} us, "
+        f"error {figure(error[0], 2)} N, {figure(max(error[1:]), 2)} N m, "
+        f"unanswered {sum(s['unanswered'].values())}"
+        + (f", never arrived {lost}" if lost else "")
+        + (f", {others} datagrams under its ids not believed" if others else "")
+    )
+
+
+def _lost(arrival: dict[str, Any]) -> str:
+    """In words."""
+    exact = "" if arrival["by"] == "bridge" else "about "
+    return (
+        f"{exact}{arrival['never_arrived']} of {arrival['sent']} motor commands never arrived "
+        f"({100 * arrival['share']:.0f} %, by the vehicle's {SAYS[arrival['by']]})"
+    )
+
+
+def _turn_motors(session: Session, frame: Airframe, json_file: Path | None) -> None:
+    """Turn the motors one by one and ask. Raises SafetyRefusal, and CheckFailed when one is wrong."""
+    from coaxlink import files
+    from coaxlink.live.motor_test import turn_motors
+
+    typed = typer.prompt("Are all propellers off? Type: they are off", err=True)
+    if typed.strip() != "they are off":
+        raise SafetyRefusal("motors are tested with the propellers off")
+
+    def ask(number: int, mount: str) -> bool:
+        return typer.confirm(f"rotor {number}: did this one turn: {mount}?", err=True)
+
+    answers = turn_motors(session, frame, ask)
+    if json_file:
+        files.write_json(json_file, {"motors": [a.to_json() for a in answers]})
+    for a in answers:
+        sys.stdout.write(f"rotor {a.number}: {a.mount}: {'right' if a.right else 'WRONG'}\n")
+    wrong = [str(a.number) for a in answers if not a.right]
+    if wrong:
+        raise CheckFailed(f"rotor {', '.join(wrong)}: not where, or not turning as, the airframe file says")
 
 
 def register(app: typer.Typer) -> None:

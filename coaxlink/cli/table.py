@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from coaxlink import files
-from coaxlink.cli.shared import constraints, explanation, table_views
-from coaxlink.cli.shared.constraints import ConstrainOption
+from coaxlink.cli.shared import explanation, table_views
 from coaxlink.cli.shared.effects import (
     ClimbOption,
     DensityOption,
@@ -26,12 +25,14 @@ from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
-    from coaxlink.airframe import Airframe
+    from coaxlink.mixer.constrained import ConstrainedTable
     from coaxlink.mixer.fitted import FittedTable
-    from coaxlink.tables.rate_gains import PreservedGains
+    from coaxlink.tables.ardupilot import ApReport
+    from coaxlink.tables.px4 import TableReport
     from coaxlink.uploading.explain import Explanation
     from coaxlink.vehicle import Vehicle
-    from firmware_params.errors import Finding
+
+TITLES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 
 
 def table(
@@ -50,9 +51,6 @@ def table(
     ] = "",
     frame_class: Annotated[int, typer.Option(help="ArduPilot: 15 scripting, 17 dynamic matrix.")] = 15,
     spin_min: Annotated[float, typer.Option(help="ArduPilot: MOT_SPIN_MIN.")] = 0.05,
-    csv: Annotated[
-        bool, typer.Option("--csv", help="PX4: also mixer.csv, for the research fork that reads one.")
-    ] = False,
     keep_gains: Annotated[
         bool,
         typer.Option(
@@ -60,7 +58,10 @@ def table(
             help="With --connect: also write the rate gains that keep the loops as they are on board.",
         ),
     ] = False,
-    constrain: ConstrainOption = None,
+    constrain: Annotated[
+        Path | None,
+        typer.Option("--constrain", metavar="LIMITS.toml", help="With --law fitted: limits it shall keep."),
+    ] = None,
     voltage: VoltageOption = None,
     height: HeightOption = None,
     climb: ClimbOption = None,
@@ -68,46 +69,48 @@ def table(
     json_file: JsonOption = None,
 ) -> None:
     """Write a mixer table and say what mix the firmware will make of it."""
-    if firmware not in ("px4", "ardupilot"):
+    from coaxlink.tables.rate_gains import preserved_gains
+
+    if firmware not in TITLES:
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
     if keep_gains and not connect:
         raise InputError("--keep-gains", "", "--connect URL is expected: the gains to keep are on the board")
     files.refuse_unwritable(json_file)
     vehicle, path = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
-    wish = _Wish(law, out, explain, connect, csv, frame_class, spin_min, keep_gains, constrain, json_file)
+    report: TableReport | ApReport
     with _naming(path):
-        _make(firmware, _px4() if firmware == "px4" else _ardupilot(), vehicle, path, wish)
-
-
-@dataclass(frozen=True)
-class _Wish:
-    """The options, as they go to either firmware."""
-
-    law: str
-    out: Path | None
-    explain: bool
-    connect: str
-    csv: bool
-    frame_class: int
-    spin_min: float
-    keep_gains: bool
-    constrain: Path | None
-    json_file: Path | None
-
-    def gains(
-        self, firmware: str, explained: Explanation, board: Mapping[str, float | int] | None
-    ) -> PreservedGains:
-        """What becomes of the rate loops, and what is written about it."""
-        from coaxlink.tables.rate_gains import preserved_gains
-
-        against = explanation.under(explained.reference_name)
-        gains = preserved_gains(
-            firmware, explained.flown, explained.reference, board or {}, against, write=self.keep_gains
-        )
-        if gains.problem:
-            say(f"not all rate gains are written: {gains.problem}")
-        return gains
+        limited = _limited(vehicle, constrain, law, 0.0 if firmware == "px4" else spin_min)
+        fit = limited.table if limited else None
+        if firmware == "px4":
+            report, explained, board = _px4(vehicle, law, fit, connect)
+        else:
+            report, explained, board = _ardupilot(vehicle, law, fit, connect, frame_class, spin_min)
+    against = explanation.under(explained.reference_name)
+    gains = preserved_gains(firmware, explained.flown, explained.reference, board, against, write=keep_gains)
+    if gains.problem:
+        say(f"not all rate gains are written: {gains.problem}")
+    report = replace(report, params={**report.params, **gains.written})
+    written = [] if out is None or report.blocking else _write(out, vehicle, path, report)
+    if json_file:  # before anything is printed: a closed pipe must not lose it
+        document: dict[str, Any] = table_views.as_json(vehicle.airframe, report, written)
+        document |= vehicle.to_json() | gains.to_json()
+        document |= {"limits": limited.to_json()} if limited else {}
+        document |= {"explain": explained.to_json()} if explain else {}
+        files.write_json(json_file, document)
+    table_views.show(vehicle.airframe, report, gains.line)
+    if limited:
+        table_views.show_limits(limited, vehicle.model.speed_max_rpm)
+    if explain:
+        explanation.show(console(), vehicle.airframe, explained, TITLES[firmware], gains.axes)
+    for name in written:
+        say(f"wrote {name}")
+    if report.blocking:
+        raise SafetyRefusal(str(report.blocking[0]))
+    if out:
+        say(f"next: coaxlink upload {out} --connect URL --dry-run")
+    else:
+        say("next: --out DIR writes the files that coaxlink upload takes")
 
 
 @contextlib.contextmanager
@@ -123,104 +126,50 @@ def _naming(model_path: Path) -> Iterator[None]:
         raise InputError(model_path, error.where, error.problem) from error
 
 
-@dataclass(frozen=True)
-class _Firmware:
-    """What differs from one firmware to the other."""
+def _limited(vehicle: Vehicle, limits: Path | None, law: str, spin_min: float) -> ConstrainedTable | None:
+    """The table under the limits of a file. Raises InputError, and CheckFailed when none keeps them."""
+    if limits is None:
+        return None
+    if law != "fitted":
+        raise InputError("--constrain", "", f"--law fitted is expected, found {law}: only that one is chosen")
+    from coaxlink.mixer.constrained import constrained_table
+    from coaxlink.mixer.limits import load_limits
 
-    title: str
-    spin_min: Callable[[_Wish], float]  # least motor command of a fitted table
-    report: Callable[[Vehicle, _Wish, FittedTable | None], Any]
-    on_board: Callable[[str], Any]  # what a board at an address has, as `explain` takes it
-    parameters: Callable[[Any], Mapping[str, float | int]]  # of that
-    explain: Callable[[Vehicle, Any, Any], Explanation]
-    write: Callable[[Path, Airframe, Path, Any], list[str]]
-    to_json: Callable[[Airframe, Any, list[str]], dict[str, Any]]
-    show: Callable[[Airframe, Any, str], None]
+    return constrained_table(vehicle, load_limits(limits, vehicle.airframe), spin_min=spin_min)
 
 
-def _px4() -> _Firmware:
-    from coaxlink.tables import files as table_files
-    from coaxlink.tables import px4
+def _px4(
+    vehicle: Vehicle, law: str, fit: FittedTable | None, connect: str
+) -> tuple[TableReport, Explanation, Mapping[str, float | int]]:
+    """The table, explained against the board's (else the standard law's), and the board's parameters."""
+    from coaxlink.tables.px4 import report_px4
     from coaxlink.uploading.explain import explain_px4, present_px4
 
-    return _Firmware(
-        title="PX4",
-        spin_min=lambda _: 0.0,
-        report=lambda vehicle, wish, fit: px4.report_px4(vehicle, wish.law, fit=fit),
-        on_board=present_px4,
-        parameters=lambda board: board,
-        explain=explain_px4,
-        write=table_files.write_px4,
-        to_json=table_views.px4_json,
-        show=table_views.show_px4,
-    )
+    report = report_px4(vehicle, law, fit=fit)
+    board = present_px4(connect) if connect else None
+    return report, explain_px4(vehicle, report, board), board or {}
 
 
-def _ardupilot() -> _Firmware:
-    from coaxlink.tables import files as table_files
+def _ardupilot(
+    vehicle: Vehicle, law: str, fit: FittedTable | None, connect: str, frame_class: int, spin_min: float
+) -> tuple[ApReport, Explanation, Mapping[str, float | int]]:
+    """As `_px4`."""
     from coaxlink.tables.ardupilot import report_ap
     from coaxlink.uploading.explain import explain_ap, present_ap
 
-    return _Firmware(
-        title="ArduPilot",
-        spin_min=lambda wish: wish.spin_min,
-        report=lambda vehicle, wish, fit: report_ap(
-            vehicle, wish.law, frame_class=wish.frame_class, spin_min=wish.spin_min, fit=fit
-        ),
-        on_board=present_ap,
-        parameters=lambda board: board[0],
-        explain=explain_ap,
-        write=table_files.write_ap,
-        to_json=table_views.ap_json,
-        show=table_views.show_ap,
-    )
+    report = report_ap(vehicle, law, frame_class=frame_class, spin_min=spin_min, fit=fit)
+    board = present_ap(connect) if connect else None
+    return report, explain_ap(vehicle, report, board), board[0] if board else {}
 
 
-def _make(name: str, of: _Firmware, vehicle: Vehicle, model_path: Path, wish: _Wish) -> None:
-    """Fit the table, hold it against a board, write it, show it."""
-    frame = vehicle.airframe
-    limited = constraints.constrained(vehicle, wish.constrain, wish.law, of.spin_min(wish))
-    report = of.report(vehicle, wish, limited.table if limited else None)
-    board = of.on_board(wish.connect) if wish.connect else None
-    explained = of.explain(vehicle, report, board)
-    gains = wish.gains(name, explained, of.parameters(board) if board else None)
-    report = replace(report, params={**report.params, **gains.written})
-    written = []
-    if wish.out and not report.blocking:
-        forget_vehicle(wish.out)
-        written = of.write(wish.out, frame, model_path, report)
-        keep_vehicle(wish.out, vehicle, model_path)
-        if wish.csv and name == "px4":
-            written.append(table_views.write_csv(wish.out, report))
-    document = of.to_json(frame, report, written) | vehicle.to_json() | gains.to_json()
-    document |= constraints.as_json(limited)
-    _save(wish, document, explained)
-    of.show(frame, report, gains.line)
-    if limited:
-        constraints.show(limited, vehicle.model.speed_max_rpm)
-    if wish.explain:
-        explanation.show(console(), frame, explained, of.title, gains.axes)
-    _end(wish, written, report.blocking)
+def _write(out: Path, vehicle: Vehicle, rotors: Path, report: TableReport | ApReport) -> list[str]:
+    """The files of the table, and a copy of the vehicle that it was made from."""
+    from coaxlink.tables.files import write_table
 
-
-def _save(wish: _Wish, document: dict[str, Any], explained: Explanation) -> None:
-    """The JSON, before anything is printed: a closed pipe must not lose it."""
-    if wish.explain:
-        document["explain"] = explained.to_json()
-    if wish.json_file:
-        files.write_json(wish.json_file, document)
-
-
-def _end(wish: _Wish, written: list[str], blocking: Sequence[Finding]) -> None:
-    """What both firmwares end with: the files' names, a refusal, or what to do next."""
-    for path in written:
-        say(f"wrote {path}")
-    if blocking:
-        raise SafetyRefusal(str(blocking[0]))
-    if wish.out:
-        say(f"next: coaxlink upload {wish.out} --connect URL --dry-run")
-    else:
-        say("next: --out DIR writes the files that coaxlink upload takes")
+    forget_vehicle(out)
+    written = write_table(out, vehicle.airframe, rotors, report)
+    keep_vehicle(out, vehicle, rotors)
+    return written
 
 
 def register(app: typer.Typer) -> None:

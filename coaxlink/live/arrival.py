@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from coaxlink.live.mixer import LiveMixer
+from coaxlink.live.timesync import TimeSync
+from coaxlink.live.witness import Witness
 
 ENOUGH = 20  # samples below which nothing is concluded
 NOTEWORTHY = 0.1  # share of the commands; more, and the run was not what it was taken for
@@ -70,21 +70,6 @@ class Count:
             self.moved = self.moved or step > 0
 
 
-def of(live: LiveMixer) -> Arrival | None:
-    """What became of the commands of a live mixer; None where the vehicle says too little."""
-    sent = 0 if live.dry_run else live.core.counters.cycles
-    if not sent:
-        return None
-    if live.bridge is not None:
-        return by_bridge(sent, live.bridge.taken, live.bridge.acknowledged)
-    found = []
-    if live.witness is not None:
-        found.append(Arrival(sent, live.witness.reports, live.witness.strangers, "outputs"))
-    if live.timesync is not None and live.timesync.answered:
-        found.append(by_questions(sent, live.timesync.requested, live.timesync.answered, live.session.loss))
-    return max((a for a in found if a.observed >= ENOUGH), key=lambda a: a.share, default=None)
-
-
 def by_bridge(sent: int, taken: Count, acknowledged: bool) -> Arrival | None:
     """The bridge's own count; None for a script of an older coaxlink, which follows and has none."""
     if acknowledged and not taken.moved:
@@ -96,3 +81,13 @@ def by_questions(sent: int, requested: int, answered: int, lost_back: float) -> 
     """Of `requested` answers so many came, and a share `lost_back` of its words does not reach us."""
     reached = answered / max(1.0 - lost_back, 1e-9)
     return Arrival(sent, requested, max(requested - reached, 0.0), "timesync")
+
+
+def by_vehicle(sent: int, witness: Witness | None, sync: TimeSync | None, lost_back: float) -> Arrival | None:
+    """The larger loss of outputs and questions; None where there are too few of both."""
+    found = []
+    if witness is not None:
+        found.append(Arrival(sent, witness.reports, witness.strangers, "outputs"))
+    if sync is not None and sync.answered:
+        found.append(by_questions(sent, sync.requested, sync.answered, lost_back))
+    return max((a for a in found if a.observed >= ENOUGH), key=lambda a: a.share, default=None)

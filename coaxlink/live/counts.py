@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -56,19 +57,18 @@ class Counters:
     failures: int = 0
     hand_overs: int = 0
     latency: Histogram = field(default_factory=Histogram)
-    error_sum: list[float] = field(
-        default_factory=lambda: [0.0] * 4
-    )  # |delivered - demand|, by the rotor model
+    # |delivered - demand|, by the rotor model
+    error_sum: list[float] = field(default_factory=lambda: [0.0] * 4)
     error_max: list[float] = field(default_factory=lambda: [0.0] * 4)
 
-    def miss(self, miss: Any) -> None:
-        """Book one allocation error (4,), N and N m."""
-        total, worst = self.error_sum, self.error_max
-        for k in range(4):
-            m = abs(float(miss[k]))
-            total[k] += m
-            if m > worst[k]:
-                worst[k] = m
+    def answered(self, latency_s: float, error: Sequence[float], gave_up: bool) -> None:
+        """Count an answer, its allocation error (4,) in N and N m, and whether the law gave an axis up."""
+        self.cycles += 1
+        self.dropped += gave_up
+        self.latency.add(latency_s)
+        for k, e in enumerate(error):
+            self.error_sum[k] += abs(e)
+            self.error_max[k] = max(self.error_max[k], abs(e))
 
     def account(self, seconds: float) -> dict[str, Any]:
         """All of it as `coaxlink mix --json` writes it, after so many seconds."""

@@ -19,12 +19,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.effects import LeftOut, effect
 from coaxlink.effects.live import Part, SpeedPart
 from coaxlink.errors import InputError
-from coaxlink.live.telemetry import Telemetry, body_axes, wanted_streams
+from coaxlink.mavlink.clock import SYSTEM
+from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.rotor.model import Effect
 from coaxlink.vehicle import Vehicle, usual_lift
@@ -39,10 +41,9 @@ Wrench = NDArray[np.float64]
 
 
 class LiveEffects:
-    """`command` and `wrench` for `MixCore`; `left_out` names the effects nothing is done about, and why.
+    """`factor` and `wrench` for `MixCore`; `left_out` names the effects nothing is done about, and why.
 
-    `lag_s` is what the motors take to follow, the airframe's own if not given; `air_temperature_C` is the
-    air's, which a barometer does not know.
+    `air_temperature_C` is the air's, which a barometer does not know.
     """
 
     def __init__(
@@ -51,16 +52,15 @@ class LiveEffects:
         vehicle: Vehicle,
         telemetry: Telemetry | None = None,
         *,
-        lag_s: float | None = None,
         air_temperature_C: float | None = None,
     ) -> None:
         airframe, model = vehicle.airframe, vehicle.model
-        self.telemetry = telemetry or Telemetry()
+        self.telemetry = telemetry or Telemetry(session.clock.monotonic if session else SYSTEM.monotonic)
         self.left_out: dict[str, str] = {}
         self.names: list[str] = []
         self._rotors = PlainRotors.of(vehicle)
         self.airframe, self.model = airframe, model
-        self._lag_s = airframe.motor_lag_s if lag_s is None else lag_s
+        self._lag_s = airframe.motor_lag_s
         self._mass = airframe.mass_kg
         self._inertia = airframe.inertia_kg_m2
         self._total = [0.0] * 4  # delivered at the last speeds, effects and all
@@ -118,7 +118,7 @@ class LiveEffects:
         known = [factor for factor in found if factor is not None]
         if not known:
             return
-        now, raw = self.telemetry.clock(), math.prod(known)
+        now, raw = self.telemetry.now(), math.prod(known)
         share = 1.0 if self._heard_at is None else 1.0 - math.exp(-(now - self._heard_at) / SPEED_TAU_S)
         self._raw, self._heard_at = self._raw + share * (raw - self._raw), now
         self.factor = min(max(self._raw, FACTOR[0]), FACTOR[1])
@@ -169,18 +169,33 @@ class LiveEffects:
         return [sum(a * v for a, v in zip(row, velocity, strict=True)) for row in rows]
 
     def loads(self, speeds: Sequence[float]) -> tuple[Wrench, Wrench]:
-        r, n = self._rotors, len(speeds)
-        thrust, torque = np.zeros(n), np.zeros(n)
-        for a, b in r.pairs:
-            u, v = float(speeds[a]), float(speeds[b])
-            thrust[a], torque[a] = r.upper_thrust.value(u, v), r.upper_torque.value(u, v)
-            thrust[b], torque[b] = r.lower_thrust.value(u, v), r.lower_torque.value(u, v)
-        for i in r.singles:
-            u = float(speeds[i])
-            thrust[i], torque[i] = r.upper_thrust.value(u, 0.0), r.upper_torque.value(u, 0.0)
-        return thrust, torque
+        """(N,) thrust in N and (N,) torque in N m of the rotor model."""
+        loads, n = np.array(self._rotors.loads(speeds)), len(speeds)
+        return loads[:n], loads[n:]
 
     def wrench_of(self, thrust: Wrench, torque: Wrench | None = None) -> Wrench:
+        """(4,) wrench of rotor loads."""
         n = len(thrust)
         out = self._rotors.per_load[:, :n] @ thrust
         return out if torque is None else out + self._rotors.per_load[:, n:] @ torque
+
+
+def body_axes(roll: float, pitch: float, yaw: float) -> list[list[float]]:
+    """(3, 3) rotation from NED to body (FRD) for the angles yaw, pitch, roll (z, y, x)."""
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    return [
+        [cp * cy, cp * sy, -sp],
+        [sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp],
+        [cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp],
+    ]
+
+
+def wanted_streams(names: Sequence[str]) -> dict[int, float]:
+    """Message id -> rate in Hz of what these effects read."""
+    rates: dict[int, float] = {}
+    for name in names:
+        known = effect(name)
+        for message, rate_hz in (known.messages if known else {}).items():
+            message_id = getattr(mavlink, f"MAVLINK_MSG_ID_{message}")
+            rates[message_id] = max(rate_hz, rates.get(message_id, 0.0))
+    return rates

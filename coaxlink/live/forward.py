@@ -15,7 +15,6 @@ import contextlib
 import ipaddress
 import socket
 import threading
-import time
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -84,9 +83,7 @@ class Forwarder:
         return self._listens and not ipaddress.ip_address(self.own_address[0]).is_loopback
 
     def __enter__(self) -> Forwarder:
-        hear = self._session.subscribe(self._from_vehicle, whole_system=True)
-        leave = hear, self._session.watch(self._frame)
-        self._leave = lambda: [out() for out in leave]
+        self._leave = self._session.subscribe(self._from_vehicle, whole_system=True)
         self._thread.start()
         return self
 
@@ -117,7 +114,7 @@ class Forwarder:
                 data, peer = self._socket.recvfrom(65536)
             except OSError:  # nothing came, or the port is closed on the other side
                 continue
-            self.pass_on(data, peer, time.monotonic())
+            self.pass_on(data, peer, self._session.clock.monotonic())
 
     def pass_on(self, data: bytes, peer: Any, now: float) -> None:
         """A datagram of `peer` at `now` (s, monotonic): to the vehicle, if it is the ground station's."""

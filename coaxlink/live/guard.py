@@ -80,11 +80,6 @@ class Guard:
         return self.share
 
     @property
-    def steady(self) -> bool:
-        """Whether the law flies alone, and a demand will not change that."""
-        return self.state in (LIVE, HOLD) and self.share >= 1.0 and not self.leaving
-
-    @property
     def last(self) -> float:
         """When the last good demand came (s)."""
         return self._last

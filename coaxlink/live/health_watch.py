@@ -30,17 +30,11 @@ POLL_S = 0.05
 SOON_S = 0.01  # with re-allocation: half a period of what it listens to
 WAITING = 512  # messages: some seconds of them
 HEARD = frozenset(
-    {
-        "HEARTBEAT",
-        "EXTENDED_SYS_STATE",
-        "RAW_IMU",
-        "SCALED_IMU",
-        "HIGHRES_IMU",
-        "ATTITUDE",
-        "ATTITUDE_QUATERNION",
-    }
-)
+    {"HEARTBEAT", "EXTENDED_SYS_STATE", "RAW_IMU", "SCALED_IMU", "HIGHRES_IMU", "ATTITUDE",
+     "ATTITUDE_QUATERNION"}
+)  # fmt: skip
 RATE_HZ, ESC_HZ = 50.0, 20.0
+ASK_AFTER_S = 2.0  # streams that come by themselves have come by then
 
 
 class HealthWatch:
@@ -65,8 +59,12 @@ class HealthWatch:
         self._thread = threading.Thread(target=self._run, name="coaxlink-health", daemon=True)
         self._unsubscribe: Callable[[], None] | None = None
 
-    def __enter__(self) -> HealthWatch:
+    def listen(self) -> None:
+        """Hear what the vehicle says from now on; `work` judges it."""
         self._unsubscribe = self._live.session.subscribe(self._hear)
+
+    def __enter__(self) -> HealthWatch:
+        self.listen()
         self._thread.start()
         return self
 
@@ -88,10 +86,14 @@ class HealthWatch:
         try:
             self._ask()
             while not self._stopping.wait(self._poll_s):
-                while self._queue:
-                    self._one(*self._queue.popleft())
+                self.work()
         except Exception as error:  # whatever it is, the vehicle flies on
             self.problem = str(error) or type(error).__name__
+
+    def work(self) -> None:
+        """Judge what was heard since the last time."""
+        while self._queue:
+            self._one(*self._queue.popleft())
 
     def _one(self, message: Any, stamp_us: int, commands: tuple[float, ...]) -> None:
         if stamp_us:
@@ -109,7 +111,7 @@ class HealthWatch:
 
     def _ask(self) -> None:
         """For rates where none come by themselves (an ArduPilot sends nothing unasked)."""
-        if self._stopping.wait(2.0):
+        if self._stopping.wait(ASK_AFTER_S):
             return
         session = self._live.session
         wanted = {"EXTENDED_SYS_STATE": 2.0}
@@ -117,9 +119,8 @@ class HealthWatch:
         if not any(session.latest(name) for name in rates):
             wanted |= {"ATTITUDE": RATE_HZ, "RAW_IMU": RATE_HZ}
         if self.reallocation is not None and session.identity.is_px4:
-            wanted |= {
-                "ESC_STATUS": ESC_HZ
-            }  # an ArduPilot sends its own unasked, and nags about what it has not
+            # an ArduPilot sends its own unasked, and nags about what it has not
+            wanted["ESC_STATUS"] = ESC_HZ
         for name, rate_hz in wanted.items():
             if session.latest(name) is None:
                 try:

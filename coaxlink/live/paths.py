@@ -25,7 +25,6 @@ class LivePath:
     demand: str  # message that brings the wrench demand; empty: none does
     answer: str  # message that takes the motor commands; empty: none does
     own_mixer: bool  # whether its own mixer is known here, so that a hand-over can be ramped to it
-    timeout_ms: int  # after so much silence it flies its own mixer; 0: not known
     reason: str  # what a user reads when there is no way
     source: str
     bridge: bool = False  # only with coaxlink's script running on board
@@ -37,30 +36,30 @@ class LivePath:
 
 
 ANY: Version = (255, 255)
+_REMOVED = (
+    "PX4 {version} ignores SET_ACTUATOR_CONTROL_TARGET (139): removed in 1.14, and no other MAVLink message "
+    "flies eight rotors; upload a table instead (coaxlink table, coaxlink upload)"
+)
 PATHS: tuple[LivePath, ...] = (
     LivePath(
-        PX4, (0, 0), (1, 13), "ACTUATOR_CONTROL_TARGET", "SET_ACTUATOR_CONTROL_TARGET", True, 100, "",
+        PX4, (0, 0), (1, 13), "ACTUATOR_CONTROL_TARGET", "SET_ACTUATOR_CONTROL_TARGET", True, "",
         "PX4 1.12, 1.13 source: legacy mixer only (SYS_CTRL_ALLOC = 0); flown on the stand-in, no board",
     ),
     LivePath(
-        PX4, (1, 14), (1, 14), "", "", False, 0,
-        "PX4 {version} ignores SET_ACTUATOR_CONTROL_TARGET (139): removed in 1.14, and no other MAVLink "
-        "message flies eight rotors; upload a table instead (coaxlink table, coaxlink upload)",
+        PX4, (1, 14), (1, 14), "", "", False, _REMOVED,
         "PX4 1.14 source",
     ),
     LivePath(
-        PX4, (1, 15), ANY, "", "", False, 0,
-        "PX4 {version} ignores SET_ACTUATOR_CONTROL_TARGET (139): removed in 1.14, and no other MAVLink "
-        "message flies eight rotors; upload a table instead (coaxlink table, coaxlink upload)",
+        PX4, (1, 15), ANY, "", "", False, _REMOVED,
         "PX4 1.16.1 and main of March 2026, flown in its SITL: 139 is ignored; direct_actuator needs DDS",
     ),
     LivePath(
-        ARDUPILOT, (0, 0), ANY, "ACTUATOR_CONTROL_TARGET", "SET_ACTUATOR_CONTROL_TARGET", False, 100, "",
+        ARDUPILOT, (0, 0), ANY, "ACTUATOR_CONTROL_TARGET", "SET_ACTUATOR_CONTROL_TARGET", False, "",
         "master of March 2026: a script that takes 139 was flown in its SITL; ours on the stand-in (lupa)",
         bridge=True,
     ),
     LivePath(
-        ARDUPILOT, (0, 0), ANY, "", "", False, 0,
+        ARDUPILOT, (0, 0), ANY, "", "", False,
         "ArduPilot has no handler for SET_ACTUATOR_CONTROL_TARGET (139): it needs a Lua bridge on board "
         "(`bridge`), and none was heard",
         "ArduPilot master of March 2026: no native handler; a script that takes 139 was flown in its SITL",

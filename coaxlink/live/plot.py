@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.live.guard import STATES
+from coaxlink.live.mixer_core import CONTROLS
 
 if TYPE_CHECKING:
     from coaxlink.live.forward import Forwarder
@@ -30,17 +31,10 @@ class Plotter:
     def messages(self) -> list[Any]:
         """What `send` sends, stamped with the last demand's time."""
         live, core = self._live, self._live.core
-        speeds = core.speeds
-        thrust = [0.0] * 8
-        lower = total = 0.0
-        rotors = core.rotors
-        for a, b in rotors.pairs:
-            thrust[a] = rotors.upper_thrust.value(speeds[a], speeds[b])
-            thrust[b] = rotors.lower_thrust.value(speeds[a], speeds[b])
-            lower, total = lower + thrust[b], total + thrust[a] + thrust[b]
-        for i in rotors.singles:
-            thrust[i] = rotors.upper_thrust.value(speeds[i], 0.0)
-        error = [float(e) for e in core.error]
+        thrust = core.rotors.loads(core.speeds)[: core.count]
+        lower, total = (sum(thrust[pair[k]] for pair in core.rotors.pairs) for k in (1, 0))
+        total += lower
+        error = core.error
         p50, p99 = (core.counters.latency.percentile(p) * 1e6 for p in (50, 99))
         stamp_us = core.last_us or 0
         values = {
@@ -51,7 +45,7 @@ class Plotter:
             "cx_state": float(STATES.index(live.state)),
         }
         stamp_ms = stamp_us // 1000 % 2**32
-        array = [*thrust, *error, p50, p99]
+        array = [*thrust, *[0.0] * (CONTROLS - core.count), *error, p50, p99]
         array += [0.0] * (FLOATS - len(array))
         return [
             *(mavlink.MAVLink_named_value_float_message(stamp_ms, k.encode(), v) for k, v in values.items()),

@@ -7,15 +7,8 @@ awake to hear does not count as missing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from coaxlink.mavlink.transport import Udp
-
 ASLEEP_S = 0.5  # a watcher that wakes so much later than it meant to was stopped
-MOST = 2048  # datagrams of a backlog; the kernel's buffer holds a few hundred
-DRAIN_S = 0.1  # a line that is never empty ends the search for fresh demands after that
+CATCH_UP_S = 0.1  # a line that is never empty ends the search for fresh demands after that
 
 
 class Stall:
@@ -26,60 +19,36 @@ class Stall:
         self._gap_s = longest_s
         self._here: float | None = None
         self._until = 0.0  # leftovers are looked for so long; 0 for not at all
-        self._clock: tuple[int, float] | None = None  # a stamp (us) and when it came
+        self._last: tuple[int | None, float] = (
+            None,
+            0.0,
+        )  # stamp of the last demand before, and when it came
         self.count = 0
         self.longest_s = 0.0
-
-    def here(self, now: float) -> None:
-        """We were awake at `now`."""
-        if self._here is not None:
-            self._here = max(self._here, now)
 
     def turn(self, now: float, last_us: int | None, last_s: float) -> None:
         """A turn begins; the last demand dealt with bore `last_us` and came at `last_s`."""
         gap = now - self._here if self._here is not None else 0.0
         self._here = now
-        if gap <= self._gap_s:
-            return
-        self.count += 1
-        self.longest_s = max(self.longest_s, gap)
-        self._until = now + DRAIN_S
-        self._clock = None if last_us is None else (last_us, last_s)
+        if gap > self._gap_s:
+            self.count += 1
+            self.longest_s = max(self.longest_s, gap)
+            self._until, self._last = now + CATCH_UP_S, (last_us, last_s)
 
-    @property
-    def draining(self) -> bool:
-        """Whether leftovers of a stop may still be waiting."""
-        return bool(self._until)
-
-    def leftover(self, stamp_us: int, now: float, more: bool) -> bool:
-        """Whether a demand came while we were stopped; `more` bytes wait behind it."""
-        if not self._until:
+    def leftover(self, stamp_us: int, now: float) -> bool:
+        """Whether a demand came while we were stopped."""
+        if now > self._until:
             return False
-        if self._clock is not None:
-            last_us, last_s = self._clock
-            if stamp_us >= last_us + (now - last_s - self._gap_s) * 1e6:
-                self._until = 0.0
-                return False
-        if not more or now > self._until:
-            self._until = 0.0  # the line is read empty: what comes from now on is new
-        return True
+        last_us, last_s = self._last
+        # fresh: the vehicle's clock has moved on as ours has
+        fresh = last_us is not None and stamp_us >= last_us + (now - last_s - self._gap_s) * 1e6
+        if fresh:
+            self._until = 0.0
+        return not fresh
 
-
-def backlog(line: Udp, peer: Any, is_demand: Callable[[bytes], Any]) -> tuple[list[tuple[bytes, Any]], int]:
-    """What waits on a line, the newest demand of `peer` first; and how many older ones were left out."""
-    newest: tuple[bytes, Any] | None = None
-    rest: list[tuple[bytes, Any]] = []
-    left_out = 0
-    for _ in range(MOST):
-        data, whose = line.read(0.0)
-        if not data:
-            break
-        if whose == peer and is_demand(data):
-            left_out += newest is not None
-            newest = data, whose
-        else:
-            rest.append((data, whose))
-    return ([newest, *rest] if newest else rest), left_out
+    def caught_up(self) -> None:
+        """The line was read empty: what comes from now on is new."""
+        self._until = 0.0
 
 
 class Absence:

@@ -10,9 +10,7 @@ same way as the commands (`live_arrival`).
 
 from __future__ import annotations
 
-import time
 from collections import deque
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -28,17 +26,17 @@ LONGEST_NS = 1_000_000_000  # a round trip beyond this tells nothing
 class TimeSync:
     """`tick` often; `close` at the end."""
 
-    def __init__(self, session: Session, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        self._session, self._clock = session, clock_ns
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self._pending: dict[int, bool] = {}  # when, of those still open, and whether it counts
         self.requested = self.answered = 0  # of those that count and are settled
-        self._next = clock_ns()
+        self._next = 0
         self._trips: deque[tuple[int, int]] = deque(maxlen=KEPT)  # (round trip, offset), ns
         self._leave = session.subscribe(self._hear)
 
     def tick(self, flying: bool = False) -> None:
         """Ask again if it is time; it counts when the vehicle is `flying` on our commands."""
-        now = self._clock()
+        now = self._now_ns()
         if now >= self._next:
             for when in [t for t in self._pending if now - t >= LONGEST_NS]:
                 self.requested += self._pending.pop(when)
@@ -52,13 +50,16 @@ class TimeSync:
     def _hear(self, message: Any) -> None:
         if message.get_type() != "TIMESYNC":
             return
-        now = self._clock()
+        now = self._now_ns()
         if message.tc1 == 0:
             self._session.send(mavlink.MAVLink_timesync_message(now, message.ts1))
         elif message.ts1 in self._pending and 0 <= now - message.ts1 < LONGEST_NS:
             counts = self._pending.pop(message.ts1)  # once
             self.requested, self.answered = self.requested + counts, self.answered + counts
             self._trips.append((now - message.ts1, message.tc1 - (message.ts1 + now) // 2))
+
+    def _now_ns(self) -> int:
+        return round(self._session.clock.monotonic() * 1e9)
 
     @property
     def round_trip_s(self) -> float | None:

@@ -35,25 +35,6 @@ class Hot:
         body = head + payload
         return b"\xfd" + body + _CRC.pack(mcrf4xx(body + self.seed))
 
-    def alone(self, data: bytes, system: int, component: int) -> tuple[Any, ...] | None:
-        """Fields of a datagram that is just this message from there, unsigned and whole; else None.
-
-        The short way of what comes hundreds of times a second; `Scanner` deals with everything else.
-        """
-        size = len(data)
-        if (
-            size < 13
-            or data[0] != V2
-            or data[2]
-            or data[1] + 12 != size
-            or data[5] != system
-            or data[6] != component
-            or data[7] | data[8] << 8 | data[9] << 16 != self.number
-            or mcrf4xx(data[1:-2] + self.seed) != data[-2] | data[-1] << 8
-        ):
-            return None
-        return self.unpack(data[10:-2])
-
     def unpack(self, payload: bytes) -> tuple[Any, ...]:
         """Fields in wire order of a payload, whose cut zeros are put back. Longer ones are newer: cut."""
         size = self.layout.size
@@ -74,10 +55,6 @@ def _hot(name: str, number: int, layout: str, seed: int) -> Hot:
 ACTUATOR_CONTROL_TARGET = _hot("ACTUATOR_CONTROL_TARGET", 140, "Q8fB", 181)
 # time_usec, controls (8), group_mlx, target_system, target_component
 SET_ACTUATOR_CONTROL_TARGET = _hot("SET_ACTUATOR_CONTROL_TARGET", 139, "Q8fBBB", 168)
-# time_boot_ms, q1..q4, rollspeed, pitchspeed, yawspeed, repr_offset_q (4)
-ATTITUDE_QUATERNION = _hot("ATTITUDE_QUATERNION", 31, "I7f4f", 246)
-# time_boot_ms, q (4), body_roll_rate, body_pitch_rate, body_yaw_rate, thrust, type_mask
-ATTITUDE_TARGET = _hot("ATTITUDE_TARGET", 83, "I4f4fB", 22)
 # time_usec, active, actuator (32)
 ACTUATOR_OUTPUT_STATUS = _hot("ACTUATOR_OUTPUT_STATUS", 375, "QI32f", 251)
 
@@ -86,20 +63,9 @@ HOT = {
     for m in (
         ACTUATOR_CONTROL_TARGET,
         SET_ACTUATOR_CONTROL_TARGET,
-        ATTITUDE_QUATERNION,
-        ATTITUDE_TARGET,
         ACTUATOR_OUTPUT_STATUS,
     )
 }
-
-
-def fields_of(message: Any) -> tuple[Any, ...]:
-    """The fields of one of pymavlink's messages of these kinds, in wire order."""
-    flat: list[Any] = []
-    for name in message.ordered_fieldnames:
-        value = getattr(message, name)
-        flat += value if isinstance(value, list | tuple) else [value]
-    return tuple(flat)
 
 
 class Frame(NamedTuple):
@@ -110,7 +76,7 @@ class Frame(NamedTuple):
     system: int
     component: int
     payload: bytes
-    signed: bool
+    raw: bytes  # all of it, its signature too
 
 
 class Scanner:
@@ -125,14 +91,15 @@ class Scanner:
         self._rest = b""
         self.damaged = 0  # frames whose checksum was wrong, or noise between frames (counted once a run)
 
-    def drop(self) -> None:
-        """Wait for no other half: the next bytes are a beginning."""
-        self._rest = b""
-
     def feed(self, data: bytes) -> list[Frame]:
-        """The wanted frames completed by `data`."""
+        """The wanted frames completed by `data`.
+
+        What waits for its other half was noise where `data` by itself is one whole frame that is wanted: a
+        frame that only begins does not hold up those behind it.
+        """
         if self._rest:
-            data = self._rest + data
+            if not self._whole(data):
+                data = self._rest + data
             self._rest = b""
         found: list[Frame] = []
         at, end = 0, len(data)
@@ -145,15 +112,12 @@ class Scanner:
                     noise = True
                 at += 1
                 continue
-            head = 10 if start == V2 else 6
-            if at + head > end:
+            if at + 3 > end:
                 break
-            length = data[at + 1]
-            signed = start == V2 and bool(data[at + 2] & SIGNED)
-            total = head + length + 2 + (SIGNATURE if signed else 0)
+            total = _size(data, at)
             if at + total > end:
                 break
-            frame = self._frame(data, at, head, length, signed)
+            frame = self._frame(data, at, total)
             if frame is None:  # not a frame: look for the next start inside it
                 if not noise:
                     self.damaged += 1
@@ -167,10 +131,13 @@ class Scanner:
         self._rest = data[at:] if at < end else b""
         return found
 
-    def _frame(
-        self, data: bytes, at: int, head: int, length: int, signed: bool
-    ) -> Frame | Literal[False] | None:
+    def _whole(self, data: bytes) -> bool:
+        framed = len(data) >= 8 and data[0] in (V1, V2) and _size(data, 0) == len(data)
+        return bool(framed and self._frame(data, 0, len(data)))
+
+    def _frame(self, data: bytes, at: int, total: int) -> Frame | Literal[False] | None:
         """The frame; False for one that is not wanted; None for one that is damaged."""
+        head = 10 if data[at] == V2 else 6
         if head == 10:
             if data[at + 2] & ~SIGNED:  # an incompatibility nobody here knows
                 return None
@@ -178,7 +145,7 @@ class Scanner:
         else:
             number = data[at + 5]
         seed = self._seeds.get(number)
-        stop = at + head + length
+        stop = at + head + data[at + 1]
         if seed is None:
             return False
         if mcrf4xx(data[at + 1 : stop] + seed) != data[stop] | data[stop + 1] << 8:
@@ -186,7 +153,15 @@ class Scanner:
         if number not in self._wanted:
             return False
         ids = at + 4 if head == 10 else at + 2
-        return Frame(number, data[ids], data[ids + 1], data[ids + 2], data[at + head : stop], signed)
+        payload, raw = data[at + head : stop], data[at : at + total]
+        return Frame(number, data[ids], data[ids + 1], data[ids + 2], payload, raw)
+
+
+def _size(data: bytes, at: int) -> int:
+    """Bytes of the frame that begins there, by its header."""
+    if data[at] == V1:
+        return 8 + data[at + 1]
+    return 12 + data[at + 1] + (SIGNATURE if data[at + 2] & SIGNED else 0)
 
 
 def of_others(data: bytes, system: int) -> bool:

@@ -1,12 +1,14 @@
-"""What shares a session's line below its messages: the bytes that came, and the numbers of those that go."""
+"""What shares a session's line below its messages: live mixing sees the bytes first."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
-from pymavlink.dialects.v20 import common as mavlink
-
+from coaxlink.errors import LinkError
 from coaxlink.mavlink.transport import Transport
+
+MOST_WAITING = 512  # chunks read before they are dealt with; the kernel's buffer holds a few hundred
 
 
 class Tap(Protocol):
@@ -16,25 +18,24 @@ class Tap(Protocol):
     def tick_s(self) -> float:
         """It is called at least so often, with no bytes if none came."""
 
-    def take(self, data: bytes) -> None:
-        """Bytes as they came."""
-
-    def serve(self, line: Transport, peer: Any) -> list[tuple[bytes, Any]] | None:
-        """Read the line itself for a while; what came and is not dealt with. None: not now, read for it."""
+    def take(self, chunks: Sequence[bytes]) -> None:
+        """Everything that waited on the line, in order."""
 
 
-class Outgoing(mavlink.MAVLink):
-    """pymavlink's encoder with its sequence number where the compiled function counts it on too."""
+def read_waiting(line: Transport, timeout_s: float) -> list[tuple[bytes, Any]]:
+    """Wait for the first chunk, then read without waiting until the line is empty: (bytes, from where).
 
-    def __init__(self, system: int, component: int) -> None:
-        self.counter = bytearray(1)
-        super().__init__(None, system, component)
-
-    @property
-    def seq(self) -> int:
-        """Of the next frame."""
-        return self.counter[0]
-
-    @seq.setter
-    def seq(self, value: int) -> None:
-        self.counter[0] = value & 0xFF
+    Raises LinkError when the line broke before anything came.
+    """
+    chunks: list[tuple[bytes, Any]] = []
+    while len(chunks) < MOST_WAITING:
+        try:
+            data, peer = line.read(0.0 if chunks else timeout_s)
+        except LinkError:
+            if not chunks:
+                raise
+            break  # the next read raises it again
+        if not data:
+            break
+        chunks.append((data, peer))
+    return chunks

@@ -57,7 +57,6 @@ class Requests:
         self._failure: BaseException | None = None  # what ended the receiving; raised by the next wait
         self._latest: dict[str, Message] = {}
         self._subscribers: tuple[tuple[Callable[[Message], None], bool], ...] = ()
-        self._watchers: tuple[Callable[[bytes], None], ...] = ()
 
     @property
     def identity(self) -> Identity:
@@ -91,15 +90,6 @@ class Requests:
                 self._subscribers = tuple(s for s in self._subscribers if s is not entry)
 
         return unsubscribe
-
-    def watch(self, callback: Callable[[bytes], None]) -> Callable[[], None]:
-        """Call back with the frames that `book` keeps: with `subscribe`, all of the vehicle's."""
-        self._watchers = (*self._watchers, callback)
-
-        def leave() -> None:
-            self._watchers = tuple(w for w in self._watchers if w is not callback)
-
-        return leave
 
     @contextlib.contextmanager
     def listen(self, type_names: Collection[str], match: Match | None = None) -> Iterator[Inbox]:

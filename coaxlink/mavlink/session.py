@@ -25,7 +25,7 @@ from coaxlink.errors import InputError, LinkError, SafetyRefusal
 from coaxlink.mavlink.clock import SYSTEM, Clock
 from coaxlink.mavlink.codec import of_others
 from coaxlink.mavlink.identity import Identity, companion_heartbeat, is_vehicle, version_request, with_version
-from coaxlink.mavlink.line import Outgoing, Tap
+from coaxlink.mavlink.line import Tap, read_waiting
 from coaxlink.mavlink.peer import Bound, Claimant
 from coaxlink.mavlink.requests import Requests
 from coaxlink.mavlink.transport import Driven, Transport
@@ -82,7 +82,7 @@ class Session(Requests):
         self.tap: Tap | None = None  # gets the bytes ahead of the parser: live mixing
         self._transport = transport
         self._target = target_system
-        self._out = Outgoing(source_system, source_component)
+        self._out = mavlink.MAVLink(None, source_system, source_component)
         self._signer = signer
         if signer:
             signer.attach(self._out)
@@ -159,11 +159,6 @@ class Session(Requests):
         return self._out.srcSystem, self._out.srcComponent
 
     @property
-    def counter(self) -> bytearray:
-        """(1,) the sequence number of the next frame."""
-        return self._out.counter
-
-    @property
     def signed(self) -> bool:
         """Whether this side signs and asks for signatures."""
         return self._signer is not None
@@ -173,11 +168,9 @@ class Session(Requests):
         """Why signing's timestamps cannot be kept just now, "" while all is well."""
         return self._signer.trouble if self._signer else ""
 
-    @property
-    def fileno(self) -> int:
-        """Of the line as it is now, to poll; -1 when it has none."""
-        fileno = getattr(self._transport, "fileno", None)
-        return fileno() if fileno else -1
+    def genuine(self, frame: bytes) -> bool:
+        """Whether a frame may be believed: on a signed link, if it is signed with our key and new."""
+        return self._signer is None or self._signer.genuine(frame)
 
     @property
     def silence_s(self) -> float:
@@ -223,16 +216,6 @@ class Session(Requests):
             self._record(frames)
             self._transport.write(frames, self.bound.peer)
 
-    def book(self, heard: bytes, said: bytes) -> None:
-        """Keep a frame of the vehicle, and our answer to it, that passed by the parser."""
-        self._loss.heard(heard[4])
-        for watcher in self._watchers:
-            watcher(heard)
-        if self._log:
-            with self._lock:
-                self._record(heard)
-                self._record(said)
-
     # -- inside --------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
@@ -268,14 +251,10 @@ class Session(Requests):
             if data and not self._strange(data, peer):
                 yield data, peer
             return
-        served = tap.serve(self._transport, self.bound.peer)
-        if served is None:
-            served = [self._transport.read(tap.tick_s)]
-        meant = [(data, peer) for data, peer in served if data and not self._strange(data, peer)]
-        for data, peer in meant or [(b"", None)]:
-            tap.take(data)
-            if data:
-                yield data, peer
+        waiting = read_waiting(self._transport, min(wait_s, tap.tick_s))
+        meant = [(data, peer) for data, peer in waiting if not self._strange(data, peer)]
+        tap.take([data for data, _ in meant])
+        yield from meant
 
     def _reopened(self) -> bool:
         """Try to open the line again until it works or the session ends; waits raise LinkError meanwhile."""

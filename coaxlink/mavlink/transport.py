@@ -103,10 +103,6 @@ class Udp:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(timeout_s))
             self._timeout_s = timeout_s
 
-    def one_target(self, peer: Any) -> Any:
-        """Where `write` would send to if that is one place, else None."""
-        return peer or self._peer or (next(iter(self._peers)) if len(self._peers) == 1 else None)
-
     def write(self, data: bytes, peer: Any = None) -> None:
         targets = [peer] if peer else [self._peer] if self._peer else list(self._peers)
         for target in targets:
@@ -114,9 +110,6 @@ class Udp:
                 self._socket.sendto(data, target)
             except (BlockingIOError, ConnectionError, OSError):
                 continue  # what a datagram link loses, its protocol asks for again
-
-    def fileno(self) -> int:
-        return self._socket.fileno()
 
     def close(self) -> None:
         self._socket.close()
@@ -178,9 +171,6 @@ class Tcp:
         except OSError:
             return  # the reader finds the end of the stream and says so
 
-    def fileno(self) -> int:
-        return self._socket.fileno() if self._socket else -1
-
     def close(self) -> None:
         for part in (self._socket, self._listener):
             if part:
@@ -228,23 +218,5 @@ class Serial:
             except OSError:
                 return
 
-    def fileno(self) -> int:
-        return self._file
-
     def close(self) -> None:
         os.close(self._file)
-
-
-class Polled:
-    """Whether bytes wait on a line, asked often: keeps the poll of the descriptor it was last asked about."""
-
-    def __init__(self) -> None:
-        self._poll, self._number = select.poll(), -1
-
-    def readable(self, number: int) -> bool:
-        """Of a file descriptor; one below 0 is a line that is not open."""
-        if number != self._number:
-            self._poll, self._number = select.poll(), number
-            if number >= 0:
-                self._poll.register(number, select.POLLIN)
-        return bool(number >= 0 and self._poll.poll(0))

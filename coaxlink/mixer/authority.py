@@ -54,7 +54,7 @@ def yaw_authority(vehicle: Vehicle) -> float:
 
 
 def doublet_acceleration(vehicle: Vehicle) -> float:
-    """Largest yaw acceleration, rad/s^2, that a doublet may ask of this vehicle. Raises InputError."""
+    """Largest yaw acceleration, rad/s^2, that a doublet may demand of this vehicle. Raises InputError."""
     return SHARE * yaw_authority(vehicle) / float(vehicle.airframe.inertia_kg_m2[2])
 
 

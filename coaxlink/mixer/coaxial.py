@@ -1,8 +1,8 @@
 """The coaxial mixer: Algorithm 1 of Berra, Trujillo and Heredia 2024 (eq. 8-14, 16), and its completion.
 
-As printed (`coaxial-printed`): the pseudo-inverse of the 4 x 2N matrix A gives each rotor a thrust and a
-torque; each upper polynomial is solved for u_u, then each lower one for u_l, both for *thrust*. The
-allocated torques are never used, so whatever yaw the speeds happen to make is left standing: the yaw
+As printed (`studies.paper` alone flies that): the pseudo-inverse of the 4 x 2N matrix A gives each rotor a
+thrust and a torque; each upper polynomial is solved for u_u, then each lower one for u_l, both for *thrust*.
+The allocated torques are never used, so whatever yaw the speeds happen to make is left standing: the yaw
 error is the whole yaw demand.
 
 `coaxial` weighs the torque equations of eq. 13 too: what Algorithm 1 leaves of the wrench is shared among
@@ -12,23 +12,23 @@ speeds together. Where the two cannot be met inside 0 .. 1 thrust goes before to
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer.law import checked_wrench
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.vehicle import Vehicle
+
+PASSES = 3  # over all pairs; each leaves about the square of what the one before left
 
 
 @dataclass(frozen=True)
 class CoaxialPrinted:
     """Algorithm 1 as printed, for pairs; a single rotor is an upper one with nothing below."""
 
-    airframe: Airframe
     rotors: PlainRotors
     inverse: NDArray[np.float64]  # (N, 4) rotor thrust per wrench: the upper half of A+ (eq. 12)
     name: str = "coaxial-printed"
@@ -48,18 +48,15 @@ class CoaxialPrinted:
         return np.array(u)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Coaxial:
     """Algorithm 1 with the torque equations of eq. 13."""
 
     printed: CoaxialPrinted
     shares: NDArray[np.float64]  # (pairs + singles + pairs, 4): thrust of each, then net torque of each pair
-    passes: int = 3
+    signs: tuple[float, ...]  # spin of the lower against the upper, a pair each
+    dropped: tuple[str, ...]
     name: str = "coaxial"
-    dropped: tuple[str, ...] = ()
-    _signs: tuple[float, ...] = field(
-        default=(), repr=False
-    )  # spin of the lower against the upper, a pair each
 
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,)."""
@@ -68,10 +65,10 @@ class Coaxial:
         u = self.printed.speeds(demand).tolist()
         aims = [
             _pair_loads(rotors, a, b, u[a], u[b], s)[:2]
-            for (a, b), s in zip(rotors.pairs, self._signs, strict=True)
+            for (a, b), s in zip(rotors.pairs, self.signs, strict=True)
         ]
         lone = [rotors.gains[i][0] * rotors.upper_thrust.at(u[i], 0.0)[0] for i in rotors.singles]
-        for _ in range(self.passes):
+        for _ in range(PASSES):
             missing = demand - rotors.wrench(u)
             if np.abs(missing).max() < 1e-8:
                 break
@@ -79,7 +76,7 @@ class Coaxial:
             n = len(aims)
             aims = [(f + share[k], t + share[n + len(lone) + k]) for k, (f, t) in enumerate(aims)]
             lone = [f + share[n + k] for k, f in enumerate(lone)]
-            for (a, b), sign, (thrust, torque) in zip(rotors.pairs, self._signs, aims, strict=True):
+            for (a, b), sign, (thrust, torque) in zip(rotors.pairs, self.signs, aims, strict=True):
                 u[a], u[b] = solve_pair(rotors, (a, b), thrust, torque, sign, u[a], u[b])
             for i, thrust in zip(rotors.singles, lone, strict=True):
                 u[i] = rotors.upper_thrust.upper_for(thrust / rotors.gains[i][0])
@@ -95,7 +92,7 @@ def coaxial_printed(vehicle: Vehicle) -> CoaxialPrinted:
         raise InputError(source, "rotors", "these rotors cannot make thrust, roll and pitch")
     both = np.concatenate([per_thrust, per_torque], axis=1)  # (4, 2N), A of eq. 8
     inverse = np.asarray(np.linalg.pinv(both))[: per_thrust.shape[1]]
-    return CoaxialPrinted(airframe, PlainRotors.of(vehicle), inverse)
+    return CoaxialPrinted(PlainRotors.of(vehicle), inverse)
 
 
 def coaxial(vehicle: Vehicle) -> Coaxial:
@@ -109,7 +106,7 @@ def coaxial(vehicle: Vehicle) -> Coaxial:
     # yaw has no thrust to come from, so any scale serves; a small one keeps roll and pitch to thrust
     scale = np.array([1.0] * (len(columns) - len(signs)) + [0.05] * len(signs))
     shares = scale[:, None] * np.linalg.pinv(np.stack(columns, axis=1) * scale, rcond=1e-9)
-    return Coaxial(printed, shares, _signs=signs, dropped=() if signs else ("yaw",))
+    return Coaxial(printed, shares, signs, () if signs else ("yaw",))
 
 
 def _pair_loads(

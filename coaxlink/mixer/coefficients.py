@@ -44,16 +44,6 @@ class ReducedCoefficients:
         """p_l of eq. 7, N per u_l^2."""
         return self.p_0l
 
-    @property
-    def q_upper(self) -> float:
-        """q~_u of eq. 7, contra-rotating pair: torque on the body (N m) per u_u^2, in the upper's sense."""
-        return self.q_0u - self.q_1l
-
-    @property
-    def q_lower(self) -> float:
-        """q_l of eq. 7, N m per u_l^2, in the lower's sense."""
-        return self.q_0l
-
 
 @dataclass(frozen=True)
 class StandardCoefficients:
@@ -62,37 +52,16 @@ class StandardCoefficients:
     p: float
     q: float
 
-    @property
-    def p_upper(self) -> float:
-        """N per u^2."""
-        return self.p
 
-    @property
-    def p_lower(self) -> float:
-        """N per u^2."""
-        return self.p
-
-    @property
-    def q_upper(self) -> float:
-        """N m per u^2."""
-        return self.q
-
-    @property
-    def q_lower(self) -> float:
-        """N m per u^2."""
-        return self.q
-
-
-def reduced_coefficients(model: RotorModel, grid: NDArray[np.float64] = GRID) -> ReducedCoefficients:
+def reduced_coefficients(model: RotorModel) -> ReducedCoefficients:
     """Pure-square terms of a rotor model (eq. 6).
 
-    Where the model holds nothing but squares (form rcrm, srm) they are its own. Otherwise the model's
-    surface on grid x grid (normalised speeds) is fitted by least squares with squares alone, since the
-    linear and mixed terms must go somewhere: on eq. 17 this gives 85.7, 80.4, -34.6 N, not the 77.65,
-    69.89, -30.7 that the paper prints.
+    Where the model holds nothing but squares (form rcrm, srm) they are its own. Otherwise squares alone are
+    fitted to its surface on GRID x GRID by least squares: on eq. 17 this gives 85.7, 80.4, -34.6 N, not the
+    77.65, 69.89, -30.7 that the paper prints.
     """
     plain_rotors(model)
-    upper, lower = (x.ravel() for x in np.meshgrid(grid, grid, indexing="ij"))
+    upper, lower = (x.ravel() for x in np.meshgrid(GRID, GRID, indexing="ij"))
     p_0u, _ = _squares(model.upper_thrust, upper, np.zeros_like(upper))
     q_0u, _ = _squares(model.upper_torque, upper, np.zeros_like(upper))
     p_1l, p_0l = _squares(model.lower_thrust, upper, lower)
@@ -100,16 +69,15 @@ def reduced_coefficients(model: RotorModel, grid: NDArray[np.float64] = GRID) ->
     return ReducedCoefficients(p_0u, p_0l, p_1l, q_0u, q_0l, q_1l)
 
 
-def standard_coefficients(model: RotorModel, grid: NDArray[np.float64] = GRID) -> StandardCoefficients:
+def standard_coefficients(model: RotorModel) -> StandardCoefficients:
     """The lone rotor of eq. 18: f = p u^2 and tau = q u^2 of the upper rotor with the lower one removed.
 
-    Least squares over `grid` (normalised speeds) where the model has more than squares.
+    Least squares over GRID where the model has more than squares.
     """
     plain_rotors(model)
-    none = np.zeros_like(grid)
-    return StandardCoefficients(
-        _squares(model.upper_thrust, grid, none)[0], _squares(model.upper_torque, grid, none)[0]
-    )
+    none = np.zeros_like(GRID)
+    (p, _), (q, _) = (_squares(load, GRID, none) for load in (model.upper_thrust, model.upper_torque))
+    return StandardCoefficients(p, q)
 
 
 def _squares(load: Polynomial, upper: NDArray[np.float64], lower: NDArray[np.float64]) -> tuple[float, float]:

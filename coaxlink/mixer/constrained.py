@@ -14,21 +14,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import CheckFailed
-from coaxlink.mixer.fitted import (
-    AUTHORITY_PRICE,
-    Columns,
-    FittedTable,
-    TableFit,
-    Trade,
-    fit_with_workings,
-    mixing,
-)
+from coaxlink.mixer.demands import demand_units
+from coaxlink.mixer.fitted import AUTHORITY_PRICE, Columns, FittedTable, TableFit, Trade, mixing
 from coaxlink.mixer.limits import Limit
 from coaxlink.rotor.lasso import solve
 from coaxlink.vehicle import Vehicle
@@ -60,6 +53,23 @@ class ConstrainedTable:
     fitted: FittedTable  # without any
     limits: tuple[HeldLimit, ...]
 
+    def to_json(self) -> dict[str, Any]:
+        """As `table --constrain --json` writes it."""
+        kept = [
+            {
+                "limit": held.limit.to_json(),
+                "fitted": held.before,
+                "now": held.now,
+                "without": held.without.to_json(),
+            }
+            for held in self.limits
+        ]
+        return {
+            "fitted": self.fitted.chosen.to_json(),
+            "now": self.table.chosen.to_json(),
+            "kept": kept,
+        }
+
 
 def constrained_table(
     vehicle: Vehicle, limits: Sequence[Limit], *, spin_min: float = 0.0, spin_max: float = 1.0
@@ -69,8 +79,9 @@ def constrained_table(
     `spin_min`, `spin_max` as for `fit_table`. Raises InputError as that does, and CheckFailed when no table
     near the fitted one keeps them: it names the limit and how far one gets.
     """
-    fitted, fit, least = fit_with_workings(vehicle, spin_min=spin_min, spin_max=spin_max)
-    search = _Search(fit, fitted, least)
+    fit = TableFit(vehicle, spin_min, spin_max)
+    fitted = fit.fitted()
+    search = _Search(fit, fitted)
     start = np.array([*fitted.ct, *fitted.yaw, fitted.curve])
     x = search.under(start, limits)
     for limit in limits:
@@ -87,22 +98,18 @@ def constrained_table(
             x if search.missed(start, limit) <= 0 and others else search.under(start, others)
         )
         held.append(HeldLimit(limit, search.worst(start, limit), search.worst(x, limit), without))
-    ct, yaw, curve = search.columns(x)
-    table = FittedTable(ct, yaw, fitted.axes, curve, search.trade(x), fitted.trade)
+    table = FittedTable(*search.columns(x), search.trade(x), fitted.trade)
     return ConstrainedTable(table, fitted, tuple(held))
 
 
 class _Search:
     """Everything that stays the same while limits come and go. x = [ct (N,), yaw (N,), curve]."""
 
-    def __init__(self, fit: TableFit, fitted: FittedTable, least: float) -> None:
-        self.fit, self.least = fit, least
-        frame = fit.airframe
-        self.n = len(frame.rotors)
-        self.weight = frame.mass_kg * GRAVITY_M_S2
-        arm = max(float(np.hypot(*r.position_m[:2])) for r in frame.rotors)
-        self.units = self.weight * np.array([1.0, arm, arm, 0.25 * arm])  # as `envelope` has them
-        self.scales = {"speed": 1.0, "hover_share": 1.0, "ceiling_N": self.weight, "yaw_Nm": self.units[3]}
+    def __init__(self, fit: TableFit, fitted: FittedTable) -> None:
+        self.fit = fit
+        self.n = len(fit.airframe.rotors)
+        self.units = demand_units(fit.airframe, fit.weight)
+        self.scales = {"speed": 1.0, "hover_share": 1.0, "ceiling_N": fit.weight, "yaw_Nm": self.units[3]}
         self.top = max(t.ceiling_N for t in fitted.trade)
         first = np.array([*fitted.ct, *fitted.yaw, fitted.curve])
         # a yaw column may be next to nothing: it moves with the largest
@@ -121,7 +128,7 @@ class _Search:
     def trade(self, x: Array) -> Trade:
         columns = self.columns(x)
         ratio = [float(columns[0][u] / columns[0][w]) for u, w in self.fit.airframe.pairs]
-        return self.fit.weigh(float(np.mean(ratio)) if ratio else 1.0, columns, self.least)
+        return self.fit.weigh(float(np.mean(ratio)) if ratio else 1.0, columns)
 
     def under(self, start: Array, limits: Sequence[Limit]) -> Array:
         """The best x that keeps the limits, or comes nearest; `start` itself if it keeps them all."""
@@ -134,19 +141,16 @@ class _Search:
         radius, merit = WIDEST, self._merit(x, measured)
         for _ in range(STEPS):
             step = self._step(x, measured, ties, radius)
-            if step is None:
+            found = np.inf if step is None else self._merit(x + step, measured)
+            if step is None or found >= merit - 1e-9:
                 radius /= 4.0
-            else:
-                found = self._merit(x + step, measured)
-                if found < merit - 1e-9:
-                    small = merit - found < 1e-6
-                    x, merit = x + step, found
-                    radius = min(2.0 * radius, WIDEST)
-                    if small:
-                        break
-                else:
-                    radius /= 4.0
-            if radius < CLOSEST:
+                if radius < CLOSEST:
+                    break
+                continue
+            gain = merit - found
+            x, merit = x + step, found
+            radius = min(2.0 * radius, WIDEST)
+            if gain < 1e-6:
                 break
         return x
 
@@ -182,7 +186,7 @@ class _Search:
         u = self.fit.speeds(columns)
         loads = self.fit.airframe.loads(self.fit.model, u)
         error = (self.fit.airframe.wrench(*loads) - self.fit.demands) / self.units
-        power = float((loads[1] * u).sum(axis=1).mean()) / self.least - 1.0
+        power = float((loads[1] * u).sum(axis=1).mean()) / self.fit.least - 1.0
         return error.ravel() / np.sqrt(len(u)), power, self._ceilings(columns)
 
     def _ceilings(self, columns: Columns) -> Array:
@@ -202,7 +206,7 @@ class _Search:
             return np.asarray(self.fit.speeds(columns)[:, which].ravel())
         ct, yaw, curve = columns
         mix = mixing(frame, ct, yaw)
-        hover = mix[:, 0] * self.weight
+        hover = mix[:, 0] * self.fit.weight
         if limit.kind == "hover_share":
             thrust = frame.loads(model, self._speeds_beyond(hover, curve))[0]
             return np.array([thrust[u] / (thrust[u] + thrust[w]) for u, w in frame.pairs])
@@ -261,15 +265,14 @@ class _Search:
 
     def _ties(self, limits: Sequence[Limit]) -> Array:
         """(m, 2N + 1) rows that are zero on x where the limits of kind equal want numbers alike."""
-        rotors, gains = self.fit.airframe.rotors, self.fit.gains
+        rotors, gains = self.fit.airframe.rotors, self.fit.airframe.gains
         rows = []
         for limit in limits:
             if limit.kind != "equal":
                 continue
             for i, j in _alike(self.fit, limit.of):
-                for k, weights in enumerate(
-                    (1.0 / gains[0], np.array([r.yaw_sign for r in rotors]) / gains[1])
-                ):
+                spins = np.array([r.yaw_sign for r in rotors])
+                for k, weights in enumerate((1.0 / gains[0], spins / gains[1])):
                     row = np.zeros(2 * self.n + 1)
                     row[k * self.n + i], row[k * self.n + j] = weights[i], -weights[j]
                     rows.append(row)

@@ -1,4 +1,4 @@
-"""What a user may ask of a fitted table besides being right: limits, and the TOML file that states them.
+"""What a user may require of a fitted table besides being right: limits, and the TOML file that states them.
 
     [[limit]]
     kind = "ceiling_N"      # level thrust when the first rotor is at full speed
@@ -68,14 +68,8 @@ class Limit:
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
-        given = {
-            "kind": self.kind,
-            "min": self.low,
-            "max": self.high,
-            "rotors": list(self.rotors),
-            "of": self.of,
-        }
-        return {key: value for key, value in given.items() if value not in (None, [], "")}
+        given = {"kind": self.kind, "min": self.low, "max": self.high, "rotors": list(self.rotors)}
+        return {key: value for key, value in (given | {"of": self.of}).items() if value not in (None, [], "")}
 
 
 Number = Annotated[float | None, Field(allow_inf_nan=False)]

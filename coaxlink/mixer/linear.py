@@ -61,17 +61,11 @@ def reduced_matrix(airframe: Airframe, c: ReducedCoefficients) -> NDArray[np.flo
     return (per_thrust * thrust_gain) @ thrust + (per_torque * torque_gain) @ torque
 
 
-def standard_matrix(
-    airframe: Airframe, c: StandardCoefficients, *, printed: bool = False
-) -> NDArray[np.float64]:
-    """A (4, N) of eq. 18, wrench per squared speed.
-
-    `printed` keeps the yaw row as the paper prints it, 0.026 where 1.9 is meant: the ratio of torque to
-    thrust instead of the torque.
-    """
+def standard_matrix(airframe: Airframe, c: StandardCoefficients) -> NDArray[np.float64]:
+    """A (4, N) of eq. 18, wrench per squared speed, with the torque that its yaw row means."""
     per_thrust, per_torque = airframe.effectiveness()
     thrust_gain, torque_gain = airframe.gains
-    return c.p * per_thrust * thrust_gain + (c.q / c.p if printed else c.q) * per_torque * torque_gain
+    return c.p * per_thrust * thrust_gain + c.q * per_torque * torque_gain
 
 
 def reduced(vehicle: Vehicle) -> SquareLaw:
@@ -81,13 +75,6 @@ def reduced(vehicle: Vehicle) -> SquareLaw:
 
 
 def standard(vehicle: Vehicle) -> SquareLaw:
-    """The standard mixer of a vehicle, yaw row mended."""
+    """The standard mixer of a vehicle."""
     airframe = vehicle.airframe
     return square_law("standard", airframe, standard_matrix(airframe, standard_coefficients(vehicle.model)))
-
-
-def standard_printed(vehicle: Vehicle) -> SquareLaw:
-    """The standard mixer with the yaw row as printed."""
-    airframe = vehicle.airframe
-    matrix = standard_matrix(airframe, standard_coefficients(vehicle.model), printed=True)
-    return square_law("standard-printed", airframe, matrix)

@@ -12,7 +12,14 @@ from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.mixer.law import Law
 from coaxlink.vehicle import Vehicle, require_vehicle
 
-LAWS = ("standard", "standard-printed", "reduced", "coaxial", "coaxial-printed", "exact", "fitted")
+_MAKERS: dict[str, Callable[..., Law]] = {
+    "standard": linear.standard,
+    "reduced": linear.reduced,
+    "coaxial": coaxial.coaxial,
+    "exact": ExactLaw,
+    "fitted": FittedLaw,
+}
+LAWS = tuple(_MAKERS)
 
 
 def make_law(name: str, vehicle: Vehicle, **options: Any) -> Law:
@@ -26,16 +33,7 @@ def make_law(name: str, vehicle: Vehicle, **options: Any) -> Law:
     >>> law.speeds([196.1, 0.0, 0.0, 0.0]).round(3).tolist()  # N, N m; normalised speeds of rotors 1 to 8
     [0.441, 0.441, 0.441, 0.441, 0.648, 0.648, 0.648, 0.648]
     """
-    makers: dict[str, Callable[..., Law]] = {
-        "standard": linear.standard,
-        "standard-printed": linear.standard_printed,
-        "reduced": linear.reduced,
-        "coaxial": coaxial.coaxial,
-        "coaxial-printed": coaxial.coaxial_printed,
-        "exact": ExactLaw,
-        "fitted": FittedLaw,
-    }
-    if name not in makers:
+    if name not in _MAKERS:
         raise InputError("`law`", name, f"no such law; expected one of {', '.join(LAWS)}")
     require_vehicle(vehicle)
-    return makers[name](vehicle, **options)
+    return _MAKERS[name](vehicle, **options)

@@ -16,16 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.airframe import AXES, Airframe
+from coaxlink.airframe import AXES
 from coaxlink.constants import GRAVITY_M_S2, RAD_S_PER_RPM
-from coaxlink.mixer.fitted import envelope
-from coaxlink.mixer.law import Law
-from coaxlink.rotor import RotorModel
+from coaxlink.mixer.demands import Speeds, envelope
 from coaxlink.vehicle import Vehicle
 from coaxlink.vehicle.changed_model import scaled_speed
 
-# (roll, pitch, yaw, thrust up 0..1) -> normalised speeds (N,)
-Speeds = Callable[[float, float, float, float], NDArray[np.float64]]
 Array = NDArray[np.float64]
 
 STEP = 0.01  # of demand, for slopes
@@ -37,7 +33,7 @@ DRIVE_EFFICIENCY = 0.80  # shaft over electrical watts of motor and ESC; enters 
 
 
 @dataclass(frozen=True)
-class Limit:
+class AxisReach:
     """How far one axis goes in hover before a rotor is at its bound, and how far at a demand of 1."""
 
     axis: str
@@ -74,7 +70,7 @@ class Worth:
     load_span: Array  # (4,) largest over smallest gain from light to heavy
     sag_span: Array  # (4,) the same in hover from a full pack to SAG, ESCs unregulated
     ceiling_N: float  # level thrust, the most of any demand
-    limits: tuple[Limit, Limit, Limit]  # roll, pitch, yaw
+    limits: tuple[AxisReach, AxisReach, AxisReach]  # roll, pitch, yaw
     hard_Nm: Array  # (3,) moments of the hard manoeuvre
     coupling: Array  # (3, 4) delivered less meant when roll, pitch or yaw alone is demanded
     shape_error: Array  # (4,) mean |error| over the envelope, best constant gain an axis taken off
@@ -117,23 +113,23 @@ def weigh(
     heavy: float = HEAVY,
 ) -> Worth:
     """What `speeds` is worth on the vehicle; `light` and `heavy` are shares of the vehicle's mass."""
-    airframe, model = vehicle.airframe, vehicle.model
-    fly = _Flown(airframe, model, speeds)
+    airframe = vehicle.airframe
+    fly = Flown(vehicle, speeds)
     weight = airframe.mass_kg * GRAVITY_M_S2
     top = fly.ceiling()
     hover = solve(fly.lift, weight)
-    drained = _Flown(airframe, scaled_speed(model, SAG), speeds)
+    drained = Flown(vehicle, speeds, SAG)
     hard = HARD * np.abs(envelope(airframe, 2000)[:, 1:]).max(axis=0)
     hold = (light * airframe.mass_kg, heavy * airframe.mass_kg)
     if hover is None:
         nan = np.full(4, math.nan)
-        none = tuple(Limit(axis, math.nan, (), True, math.nan, math.nan) for axis in AXES[1:])
+        none = tuple(AxisReach(axis, math.nan, (), True, math.nan, math.nan) for axis in AXES[1:])
         return Worth(
             name, airframe.mass_kg, math.nan, math.nan, nan, math.nan, hold, nan, nan, top,
             (none[0], none[1], none[2]), hard, np.full((3, 4), math.nan), nan,
         )  # fmt: skip
     gain = fly.slopes(hover)
-    limits = tuple(_limit(fly, hover, k) for k in (1, 2, 3))
+    limits = tuple(_reach(fly, hover, k) for k in (1, 2, 3))
     return Worth(
         name,
         airframe.mass_kg,
@@ -152,20 +148,6 @@ def weigh(
     )
 
 
-def law_speeds(law: Law, airframe: Airframe, ceiling_N: float) -> Speeds:
-    """A law on wrenches as one on demands: thrust 1 is `ceiling_N`, a moment of 1 as much as that could turn.
-
-    Weight x arm in roll and pitch; in yaw a quarter of it, as the envelope has it.
-    """
-    arm = max(float(np.hypot(*r.position_m[:2])) for r in airframe.rotors)
-    turn = airframe.mass_kg * GRAVITY_M_S2 * arm
-
-    def speeds(roll: float, pitch: float, yaw: float, thrust: float) -> Array:
-        return law.speeds([thrust * ceiling_N, roll * turn, pitch * turn, 0.25 * yaw * turn])
-
-    return speeds
-
-
 def solve(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
     """The demand in 0..1 whose thrust is `weight_N`, None when none is; thrust grows with the demand."""
     if thrust_N(1.0) < weight_N:
@@ -177,11 +159,13 @@ def solve(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
     return high
 
 
-class _Flown:
+class Flown:
     """A table on rotors: demands (4,) [thrust, roll, pitch, yaw] to what is delivered."""
 
-    def __init__(self, airframe: Airframe, model: RotorModel, speeds: Speeds) -> None:
-        self.airframe, self.model, self._speeds = airframe, model, speeds
+    def __init__(self, vehicle: Vehicle, speeds: Speeds, full_speed: float = 1.0) -> None:
+        """`full_speed`: what a command of 1 brings, of the speed it brings on a full pack."""
+        self.airframe, self.model = vehicle.airframe, scaled_speed(vehicle.model, full_speed)
+        self._speeds = speeds
         self.least = float(np.min(speeds(0.0, 0.0, 0.0, 0.0)))  # ArduPilot's rotors never stand still
 
     def speeds(self, demand: Array) -> Array:
@@ -218,7 +202,7 @@ class _Flown:
         return np.array(found)
 
 
-def _limit(fly: _Flown, hover: float, axis: int) -> Limit:
+def _reach(fly: Flown, hover: float, axis: int) -> AxisReach:
     at = np.array([hover, 0.0, 0.0, 0.0])
     still, ways = fly.wrench(at), []
     for sign in (1.0, -1.0):
@@ -234,7 +218,7 @@ def _limit(fly: _Flown, hover: float, axis: int) -> Limit:
         reached = np.flatnonzero(fly.bound(u))
         most = fly.wrench(at + unit)
         ways.append(
-            Limit(
+            AxisReach(
                 AXES[axis],
                 abs(float(fly.wrench(at + high * unit)[axis])),
                 tuple(int(n) + 1 for n in reached),
@@ -255,7 +239,7 @@ def _span(gains: list[Array]) -> Array:
     return np.where(sound, size.max(axis=0) / np.where(sound, size.min(axis=0), 1.0), math.nan)
 
 
-def _coupling(fly: _Flown, hover: float, gain: Array, hard: Array) -> Array:
+def _coupling(fly: Flown, hover: float, gain: Array, hard: Array) -> Array:
     """(3, 4) off what was meant, the larger of both ways, with its sign."""
     at = np.array([hover, 0.0, 0.0, 0.0])
     still, rows = fly.wrench(at), []
@@ -268,7 +252,7 @@ def _coupling(fly: _Flown, hover: float, gain: Array, hard: Array) -> Array:
     return np.array(rows)
 
 
-def _shape_error(fly: _Flown, hover: float, gain: Array, wrenches: Array) -> Array:
+def _shape_error(fly: Flown, hover: float, gain: Array, wrenches: Array) -> Array:
     """(4,) mean |delivered - g demand|, g of least squares; demands mean `wrenches` by hover's own gains."""
     unit = np.array([fly.airframe.mass_kg * GRAVITY_M_S2 / hover, *gain[1:]])
     demands = wrenches / unit

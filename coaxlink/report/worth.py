@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.mixer.worth import DRIVE_EFFICIENCY, HARD, SAG, Limit, Worth
+from coaxlink.mixer.worth import DRIVE_EFFICIENCY, HARD, SAG, AxisReach, Worth
 from coaxlink.tables.worth import CURVED, Worths
 
 NONE = "cannot"
@@ -118,7 +118,7 @@ def rows(
     return [[label, *cells] for label, cells in made]
 
 
-def first_bound(limit: Limit) -> str:
+def first_bound(limit: AxisReach) -> str:
     """Which rotors are first at a bound, and at which."""
     if not limit.rotors:
         return "none"

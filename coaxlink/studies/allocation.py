@@ -29,9 +29,10 @@ def errors_of_table(
 
     `as_paper`: of the paper's hover and circle alone, and without a lag.
     """
-    from coaxlink.mixer.intent import intended_wrench
+    from firmware_params import px4
 
-    return _errors(flight, vehicle, lambda _, motor: intended_wrench(parameters, motor), as_paper)
+    mix = px4.realise(parameters)
+    return _errors(flight, vehicle, lambda _, motor: mix.wrench(motor), as_paper)
 
 
 def errors_of_live(
@@ -41,7 +42,7 @@ def errors_of_live(
 
     `as_paper` as above.
     """
-    from coaxlink.live.mixer import DemandScale
+    from coaxlink.live.mixer_core import DemandScale
     from coaxlink.mixer import standard_coefficients
 
     scale = DemandScale(vehicle.airframe, standard_coefficients(vehicle.model)).matrix

@@ -22,6 +22,7 @@ from coaxlink.studies.simulator import simulator
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.mavlink import Session
+    from coaxlink.mixer import Law
     from coaxlink.tables.px4 import TableReport
     from coaxlink.vehicle import Vehicle
 
@@ -80,10 +81,10 @@ class Demands:
 
 def write_table(out: Path, airframe: Airframe, name: str, report: TableReport, rotor_file: Path) -> Path:
     """Write a PX4 table to OUT/tables/NAME and return that folder."""
-    from coaxlink.tables.files import write_px4
+    from coaxlink.tables import files as table_files
 
     folder = out / "tables" / name
-    write_px4(folder, airframe, rotor_file, report)
+    table_files.write_table(folder, airframe, rotor_file, report)
     return folder
 
 
@@ -149,7 +150,7 @@ def fly_live(
     sim: Simulation,
     vehicle: Vehicle,
     plan: Plan,
-    law: str = LIVE_LAW,
+    law: str | Law = LIVE_LAW,
     *,
     name: str | None = None,
     lead_s: tuple[float, float] = (0.0, 0.0),
@@ -160,7 +161,9 @@ def fly_live(
     """
     from coaxlink.live.effects import LiveEffects
     from coaxlink.live.mixer import LiveMixer
-    from coaxlink.live.telemetry import Telemetry
+    from coaxlink.mavlink.telemetry import Telemetry
+
+    called = law if isinstance(law, str) else law.name
 
     def flown(sim: Simulation) -> tuple[Flight, Demands, dict[str, Any]]:
         demands = Demands()
@@ -173,7 +176,6 @@ def fly_live(
             extra = LiveEffects(session, vehicle, Telemetry(demands.now)) if vehicle.live_effects else None
             live = LiveMixer(
                 session, vehicle, law, own_curve=OWN_CURVE, compensation=extra, timing=PATIENT, witness=False,
-                lead_s=lead_s,
             )  # fmt: skip
             with live:
                 yield
@@ -184,9 +186,9 @@ def fly_live(
 
         companion: Callable[[Session], AbstractContextManager[object]] = mixing
         with _simulator(sim, "px4:1.13") as address:
-            log = sim.out / f"{name or f'live_{law}'}.tlog"
+            log = sim.out / f"{name or f'live_{called}'}.tlog"
             flight = fly(
-                name or f"live {law}",
+                name or f"live {called}",
                 address,
                 plan,
                 log,

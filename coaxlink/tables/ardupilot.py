@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError
+from coaxlink.mixer.demands import Speeds
 from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
-from coaxlink.tables.behaviour import Behaviour, Speeds, behaviour
+from coaxlink.tables.behaviour import Behaviour, behaviour
 from coaxlink.tables.px4 import px4_table
 from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params import ardupilot as ap

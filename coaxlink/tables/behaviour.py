@@ -6,15 +6,14 @@ The answer is the rotor model's, not the table's own belief, so two tables can b
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.mixer.worth import STEP, Speeds, solve
+from coaxlink.mixer.demands import Speeds
+from coaxlink.mixer.worth import STEP, Flown, solve
 from coaxlink.vehicle import Vehicle
-
-__all__ = ["TURNS", "Behaviour", "Speeds", "behaviour", "solve"]
 
 TURNS = ("roll", "pitch", "yaw")
 
@@ -36,38 +35,34 @@ class Behaviour:
         roll, pitch, yaw = (old / new if new else float("inf") for old, new in pairs)
         return roll, pitch, yaw
 
+    def to_json(self) -> dict[str, Any]:
+        """The key `rotor_model` of the JSON of `table`."""
+        return {
+            "hover": self.hover,
+            "hover_speeds": list(self.hover_speeds),
+            "ceiling_N": self.ceiling_N,
+            "gain_Nm": list(self.gain_Nm),
+            "authority_Nm": list(self.authority_Nm),
+        }
+
 
 def behaviour(vehicle: Vehicle, speeds: Speeds) -> Behaviour:
     """Fly a table by the rotor model, without an airframe in motion."""
-    airframe, model = vehicle.airframe, vehicle.model
-
-    def wrench(roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
-        loads = airframe.loads(model, speeds(roll, pitch, yaw, thrust))
-        result: NDArray[np.float64] = airframe.wrench(*loads)
-        return result
-
-    def lift(thrust: float) -> float:
-        return float(wrench(0.0, 0.0, 0.0, thrust)[0])
-
-    hover = solve(lift, airframe.mass_kg * GRAVITY_M_S2)
-    at = 1.0 if hover is None else hover
-
-    def turned(demand: NDArray[np.float64]) -> NDArray[np.float64]:
-        return wrench(float(demand[0]), float(demand[1]), float(demand[2]), at)
-
-    gain, authority, cross = [], [], 0.0
-    for axis in range(3):
-        unit = np.eye(3)[axis]
-        high, low = turned(STEP * unit), turned(-STEP * unit)
-        gain.append(float(high[axis + 1] - low[axis + 1]) / (2.0 * STEP))
-        cross = max(cross, abs(float(high[0] - low[0])) / (2.0 * STEP))
-        most, least = turned(unit)[axis + 1], turned(-unit)[axis + 1]
-        authority.append(float(min(abs(most), abs(least))))
+    fly = Flown(vehicle, speeds)
+    hover = solve(fly.lift, vehicle.airframe.mass_kg * GRAVITY_M_S2)
+    at = np.array([1.0 if hover is None else hover, 0.0, 0.0, 0.0])
+    gain, authority, cross = [], [], []
+    for axis in (1, 2, 3):
+        unit = np.eye(4)[axis]
+        slope = (fly.wrench(at + STEP * unit) - fly.wrench(at - STEP * unit)) / (2.0 * STEP)
+        gain.append(float(slope[axis]))
+        cross.append(abs(float(slope[0])))
+        authority.append(min(abs(float(fly.wrench(at + way * unit)[axis])) for way in (1.0, -1.0)))
     return Behaviour(
         hover,
-        tuple(float(u) for u in speeds(0.0, 0.0, 0.0, at)),
-        lift(1.0),
+        tuple(fly.speeds(at).tolist()),
+        fly.lift(1.0),
         (gain[0], gain[1], gain[2]),
         (authority[0], authority[1], authority[2]),
-        cross,
+        max(cross),
     )

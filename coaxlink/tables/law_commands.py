@@ -1,4 +1,4 @@
-"""What a law asks of every rotor, to hold a firmware's mix against it."""
+"""What a law demands of every rotor, to hold a firmware's mix against it."""
 
 from __future__ import annotations
 

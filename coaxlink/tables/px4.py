@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.mixer import reduced_coefficients, standard_coefficients
+from coaxlink.mixer.demands import ENVELOPE, Speeds
 from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
-from coaxlink.tables.behaviour import TURNS, Behaviour, Speeds, behaviour, solve
+from coaxlink.mixer.worth import solve
+from coaxlink.tables.behaviour import TURNS, Behaviour, behaviour
 from coaxlink.tables.law_commands import nearest, wanted_mix, worst_relative
-from coaxlink.tables.motor_curve import own_curve
 from coaxlink.vehicle import Vehicle, refuse_live
 from firmware_params import px4
 from firmware_params.errors import Finding, TableError
@@ -28,6 +29,7 @@ TABLE_LAWS = ("fitted", "reduced", "standard", "curved")
 ROTOR_MODEL = "rotor model"  # source of an error that its numbers are the cause of
 _AXES = (*TURNS, "thrust")
 _LEAN_SHARE = 0.02
+_LEVEL = np.linspace(*ENVELOPE, 12)  # of the weight: the envelope's thrusts
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,33 @@ def px4_table(vehicle: Vehicle, law: str) -> px4.Px4Table:
     return px4.Px4Table(rotors, 1.0)
 
 
+def own_curve(vehicle: Vehicle, table: px4.Px4Table) -> float:
+    """The THR_MDL_FAC that makes a table's level thrust most nearly proportional to the demand, 0..1.
+
+    Over the envelope's thrusts; the table's columns stay as they are.
+    """
+    from scipy.optimize import minimize_scalar  # scipy takes a third of a second to load
+
+    airframe, model = vehicle.airframe, vehicle.model
+    share = -px4.realise(table).mix[:, 5]
+    level = _LEVEL * airframe.mass_kg * GRAVITY_M_S2
+    demand = np.linspace(0.02, 1.0 / max(float(share.max()), 1e-6), 80)
+
+    def misfit(curve: float) -> float:
+        mix = px4.realise(dataclasses.replace(table, thr_mdl_fac=curve))
+        u = np.clip(mix.throttle(demand[:, None] * share), 0.0, 1.0)
+        lift = airframe.wrench(*airframe.loads(model, u))[..., 0]
+        if lift[-1] < level[0]:
+            return float("inf")
+        wanted = np.clip(level, lift[0], lift[-1])
+        at = np.interp(wanted, lift, demand)
+        gain = float(wanted @ at) / float(at @ at)
+        return float(np.mean((wanted - gain * at) ** 2))
+
+    found = minimize_scalar(misfit, bounds=(0.01, 1.0), method="bounded", options={"xatol": 1e-3})
+    return round(float(found.x), 2)
+
+
 def report_px4(vehicle: Vehicle, law: str, *, fit: FittedTable | None = None) -> TableReport:
     """The table of a law with all that is known about its flight. Raises InputError.
 
@@ -141,10 +170,7 @@ def assess_px4(vehicle: Vehicle, law: str, table: px4.Px4Table) -> TableReport:
     share = -mix.mix[:, 5]
     splits = tuple(
         PairSplit(
-            u + 1,
-            w + 1,
-            float(share[w] / share[u]) if share[u] else float("inf"),
-            (speeds[u], speeds[w]),
+            u + 1, w + 1, float(share[w] / share[u]) if share[u] else float("inf"), (speeds[u], speeds[w])
         )
         for u, w in airframe.pairs
     )

@@ -60,7 +60,7 @@ class PreservedGains:
 
     axes: tuple[AxisGain, ...]  # (3,)
     line: str
-    written: Mapping[str, float]  # parameters that become part of the table; empty unless told to
+    written: Mapping[str, float]  # parameters that become part of the table; empty unless requested
     problem: str  # why some of them are not
 
     def to_json(self) -> dict[str, Any]:

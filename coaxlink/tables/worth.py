@@ -8,9 +8,9 @@ import numpy as np
 
 from coaxlink.airframe import Airframe
 from coaxlink.errors import InputError
+from coaxlink.mixer.demands import Speeds, law_speeds
 from coaxlink.mixer.exact import ExactLaw
-from coaxlink.mixer.worth import HEAVY, LIGHT, Worth, law_speeds, weigh
-from coaxlink.tables.behaviour import Speeds
+from coaxlink.mixer.worth import HEAVY, LIGHT, Worth, weigh
 from coaxlink.tables.px4 import px4_speeds, px4_table
 from coaxlink.vehicle import Vehicle
 from firmware_params import px4

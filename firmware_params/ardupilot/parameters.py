@@ -1,54 +1,40 @@
 """ArduCopter's table parameters: type and range of each, as its own metadata states them.
 
 Every value travels as a float; the board keeps int8 and int16 parameters truncated (3.7 becomes 3, 300 in an
-int8 becomes 127) and checks no range.
+int8 becomes 127).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
+from firmware_params import parameters
 from firmware_params.errors import Finding
+from firmware_params.parameters import FLOAT, INT8, INT16, INT32, BoardParameter
 
-INT8, INT16, INT32, FLOAT = 2, 4, 6, 9  # MAV_PARAM_TYPE
 _LIMITS = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
 
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter: `minimum` and `maximum` are inclusive."""
-
-    name: str
-    type: int
-    minimum: float
-    maximum: float
-
-
-def _table() -> dict[str, Parameter]:
-    rows = [
-        Parameter("FRAME_CLASS", INT8, 0, 17),
-        Parameter("FRAME_TYPE", INT8, 0, 19),
-        Parameter("MOT_PWM_MAX", INT16, 0, 2000),
-        Parameter("MOT_PWM_MIN", INT16, 0, 2000),
-        Parameter("MOT_SPIN_ARM", FLOAT, 0, 0.3),
-        Parameter("MOT_SPIN_MAX", FLOAT, 0.9, 1.0),
-        Parameter("MOT_SPIN_MIN", FLOAT, 0, 0.3),
-        Parameter("MOT_THST_EXPO", FLOAT, -1, 1),
-        Parameter("MOT_THST_HOVER", FLOAT, 0.125, 0.6875),
-        Parameter("MOT_YAW_HEADROOM", INT16, 0, 500),
-        Parameter("SCR_ENABLE", INT8, 0, 2),
-        Parameter("SCR_LD_CHECKSUM", INT32, -1, 0x7FFFFF),
-        Parameter("SCR_VM_I_COUNT", INT32, 1000, 1_000_000),
+PARAMETERS = parameters.by_name(
+    [
+        BoardParameter("FRAME_CLASS", INT8, 0, 17),
+        BoardParameter("FRAME_TYPE", INT8, 0, 19),
+        BoardParameter("MOT_PWM_MAX", INT16, 0, 2000),
+        BoardParameter("MOT_PWM_MIN", INT16, 0, 2000),
+        BoardParameter("MOT_SPIN_ARM", FLOAT, 0, 0.3),
+        BoardParameter("MOT_SPIN_MAX", FLOAT, 0.9, 1.0),
+        BoardParameter("MOT_SPIN_MIN", FLOAT, 0, 0.3),
+        BoardParameter("MOT_THST_EXPO", FLOAT, -1, 1),
+        BoardParameter("MOT_THST_HOVER", FLOAT, 0.125, 0.6875),
+        BoardParameter("MOT_YAW_HEADROOM", INT16, 0, 500),
+        BoardParameter("SCR_ENABLE", INT8, 0, 2),
+        BoardParameter("SCR_LD_CHECKSUM", INT32, -1, 0x7FFFFF),
+        BoardParameter("SCR_VM_I_COUNT", INT32, 1000, 1_000_000),
+        *(BoardParameter(f"SERVO{n}_FUNCTION", INT16, -1, 200) for n in range(1, 33)),
     ]
-    rows += [Parameter(f"SERVO{n}_FUNCTION", INT16, -1, 200) for n in range(1, 33)]
-    return {row.name: row for row in rows}
-
-
-PARAMETERS: Mapping[str, Parameter] = _table()
+)
 
 
 def as_stored(name: str, value: float, kind: int | None = None) -> float:
@@ -63,17 +49,14 @@ def as_stored(name: str, value: float, kind: int | None = None) -> float:
 
 def out_of_range(params: Mapping[str, float]) -> list[Finding]:
     """Findings for values that are not finite, out of ArduPilot's documented range, or to be truncated."""
-    found = []
+    found = parameters.out_of_range(params, PARAMETERS, "ap", "ArduPilot")
+    wrong = {finding.text.split()[0] for finding in found}
     for name, value in params.items():
         known = PARAMETERS.get(name)
-        if not math.isfinite(value):
-            found.append(Finding("ap.not-finite", "error", f"{name} is {value}; a number is expected"))
-        elif known and not known.minimum <= value <= known.maximum:
-            text = f"{name} = {value:g} is outside {known.minimum:g}..{known.maximum:g}"
-            found.append(Finding("ap.out-of-range", "error", text, "ArduPilot stores it unchecked"))
-        elif known and known.type != FLOAT and value != int(value):
-            text = f"{name} = {value:g} would be kept as {int(value)}"
-            found.append(Finding("ap.truncated", "error", text))
+        if known and known.type != FLOAT and name not in wrong and value != int(value):
+            found.append(
+                Finding("ap.truncated", "error", f"{name} = {value:g} would be kept as {int(value)}")
+            )
     return found
 
 

@@ -17,16 +17,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from firmware_params.ardupilot.table import ApTable, used_factors
+from firmware_params.ardupilot.table import SCRIPTING_MATRIX, ApTable, expo_for, used_factors
 from firmware_params.errors import Finding
 
 _TINY = 1.19e-7  # FLT_EPSILON, as ArduPilot's is_zero and is_positive have it
+_BALANCE = 1.0 / 3.0  # the thrust-balance check trips in hover where a motor has a third of another's thrust
 FLAGS = ("roll", "pitch", "yaw", "throttle_lower", "throttle_upper")
 
 
 @dataclass(frozen=True)
 class Demand:
-    """What the attitude controller asks of the mixer, and the state the motors are in."""
+    """What the attitude controller demands of the mixer, and the state the motors are in."""
 
     roll: float
     pitch: float
@@ -193,7 +194,40 @@ def compensation_gain(lift_max: float, air_density_ratio: float) -> float:
 
 def realise(table: ApTable) -> ApMix:
     """The mix of a table. Raises TableError when ArduPilot would not take it."""
-    from firmware_params.ardupilot.traps import findings
-
     factors = used_factors(table)
-    return ApMix(factors, table, findings(table, factors))
+    return ApMix(factors, table, _findings(table, factors))
+
+
+def _findings(table: ApTable, factors: NDArray[np.float64]) -> tuple[Finding, ...]:
+    """What ArduPilot will do with a table of these used factors (N, 4) that its author may not expect."""
+    found = []
+    for axis, name in enumerate(("roll", "pitch", "yaw", "throttle")):
+        if not np.abs(factors[:, axis]).any():
+            found.append(Finding("ap.no-authority", "error", f"no rotor acts on {name}"))
+    throttle = factors[:, 3]
+    if throttle.max() > 0 and throttle.min() <= _BALANCE * throttle.max():
+        text = "the thrust-balance check trips in hover: a throttle factor is a third of the largest or less"
+        found.append(Finding("ap.thrust-balance", "warning", text, f"{throttle.min() / throttle.max():.3f}"))
+    p = table.parameters
+    fair = expo_for(1.0, p.spin_min, p.spin_max)
+    if np.ptp(throttle) > 1e-6 and p.thst_expo > fair + 1e-3:
+        text = (
+            f"MOT_SPIN_MIN bends the ratio between rotors: MOT_THST_EXPO {fair:.3f} keeps it for u^2 rotors"
+        )
+        evidence = f"MOT_SPIN_MIN = {p.spin_min:g}, MOT_THST_EXPO = {p.thst_expo:g}"
+        found.append(Finding("ap.spin-min", "warning", text, evidence))
+    if np.ptp(throttle) > 1e-6:
+        text = "saturation ignores throttle factors: rotors below 1 can clip on yaw without a limit flag"
+        found.append(Finding("ap.silent-clip", "warning", text, f"smallest factor {throttle.min():.3f}"))
+    for name, value, low, high in (
+        ("MOT_THST_EXPO", p.thst_expo, -1.0, 1.0),
+        ("MOT_SPIN_MIN", p.spin_min, 0.0, 0.3),
+        ("MOT_SPIN_MAX", p.spin_max, 0.9, 1.0),
+        ("MOT_SPIN_ARM", p.spin_arm, 0.0, 1.0),
+    ):
+        if not low <= value <= high:
+            text = f"{name} = {value:g} is outside {low:g}..{high:g}"
+            found.append(Finding("ap.out-of-range", "error", text, "ArduPilot stores it unchecked"))
+    if table.frame_class == SCRIPTING_MATRIX and np.abs(np.array(table.factors)[:, 3]).max() == 0.0:
+        found.append(Finding("ap.no-throttle", "error", "every throttle factor is 0"))
+    return tuple(found)

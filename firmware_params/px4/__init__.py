@@ -1,9 +1,7 @@
 """PX4: what its tables can say, and the mix it will make of them (v1.14 and later)."""
 
 from firmware_params.errors import Finding, ParamsFileError, TableError
-from firmware_params.px4 import csv_mixer
-from firmware_params.px4.csv_mixer import mixer_csv, read_mixer_csv, realise_csv
-from firmware_params.px4.parameters import PARAMETERS, Parameter, as_stored, out_of_range, type_of
+from firmware_params.px4.parameters import PARAMETERS, as_stored, out_of_range, type_of
 from firmware_params.px4.qgc import ParamsFile, params_text, read_params_file, write_params_file
 from firmware_params.px4.realise import Px4Mix, effectiveness, realise
 from firmware_params.px4.table import Px4Table, RotorEntry, params_to_table, table_to_params
@@ -11,7 +9,6 @@ from firmware_params.px4.table import Px4Table, RotorEntry, params_to_table, tab
 __all__ = [
     "PARAMETERS",
     "Finding",
-    "Parameter",
     "ParamsFile",
     "ParamsFileError",
     "Px4Mix",
@@ -19,16 +16,12 @@ __all__ = [
     "RotorEntry",
     "TableError",
     "as_stored",
-    "csv_mixer",
     "effectiveness",
-    "mixer_csv",
     "out_of_range",
     "params_text",
     "params_to_table",
-    "read_mixer_csv",
     "read_params_file",
     "realise",
-    "realise_csv",
     "table_to_params",
     "type_of",
     "write_params_file",

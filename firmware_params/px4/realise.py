@@ -84,6 +84,15 @@ class Px4Mix:
         curved = np.sqrt(half * half + np.maximum(sp, 0.0) / self.thr_mdl_fac) - half
         return np.where(sp > FLT_EPSILON, curved, sp)
 
+    def wrench(self, motor: ArrayLike) -> NDArray[np.float64]:
+        """Wrench (..., 4), thrust up N, roll, pitch, yaw N m, that the table means by commands (..., N).
+
+        PX4 takes rotor thrust as CT times its set-point s = fac u^2 + (1 - fac) u.
+        """
+        u, factor = np.asarray(motor, float), self.thr_mdl_fac
+        rows = self.effectiveness @ np.moveaxis(factor * u**2 + (1.0 - factor) * u, -1, 0)
+        return np.moveaxis(np.stack([-rows[THRUST_Z], rows[ROLL], rows[PITCH], rows[YAW]]), 0, -1)
+
     def _desaturate_without_yaw(self, sp: _Floats) -> None:
         if self.airmode == 1:
             _desaturate(sp, self._pulls[THRUST_Z])

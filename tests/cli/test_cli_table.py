@@ -17,16 +17,11 @@ PLACES = [(1, 1), (1, -1), (-1, -1), (-1, 1), (1, -1), (1, 1), (-1, 1), (-1, -1)
 FACTORY = {
     f"CA_ROTOR{n}_{key}": value
     for n, (x, y) in enumerate(PLACES)
-    for key, value in {
-        "PX": 0.1807 * x,
-        "PY": 0.1807 * y,
-        "PZ": -0.075 if n < 4 else 0.075,
-        "AX": 0.0,
-        "AY": 0.0,
-        "AZ": -1.0,
-        "CT": 6.5,
-        "KM": 0.05 * (1 if n % 2 == 0 else -1),
-    }.items()
+    for key, value in zip(
+        ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM"),
+        (0.1807 * x, 0.1807 * y, -0.075 if n < 4 else 0.075, 0.0, 0.0, -1.0, 6.5, 0.05 * (-1) ** n),
+        strict=True,
+    )
 }
 
 
@@ -55,24 +50,23 @@ def test_writes_a_file_that_qgc_reads_and_says_the_mix(tmp_path, capsys):
     assert shown["files"] == [str(path)]
 
 
+@pytest.mark.slow
 def test_without_out_nothing_is_written(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert _run(capsys, X8, "--firmware", "px4")[0] == 0
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
+def test_bad_use_is_one_line_and_two(capsys):
+    for arguments, text in (
         ((X8, "--firmware", "betaflight"), "--firmware: betaflight: expected"),
         ((X8, "--firmware", "px4", "--law", "nope"), "--law: nope: "),
+        ((X8, "--firmware", "px4", "--keep-gains"), "--connect URL is expected"),
         (("none.toml", "--firmware", "px4"), "none.toml"),
         ((X8, "--firmware", "px4", "--rotor", X8), "x8_paper.toml: an airframe file; a rotor file"),
-    ],
-)
-def test_bad_use_is_one_line_and_two(capsys, arguments, text):
-    code, out, err = _run(capsys, *arguments)
-    assert code == 2 and text in err and err.count("\n") == 1 and out == ""
+    ):
+        code, out, err = _run(capsys, *arguments)
+        assert code == 2 and text in err and err.count("\n") == 1 and out == "", arguments
 
 
 def test_a_trap_is_refused_and_nothing_written(tmp_path, capsys):
@@ -88,18 +82,10 @@ def test_a_trap_is_refused_and_nothing_written(tmp_path, capsys):
     assert not (tmp_path / "t").exists()
 
 
+@pytest.mark.slow
 def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
-    code, out, err = _run(
-        capsys,
-        X8,
-        "--firmware",
-        "ardupilot",
-        "--out",
-        tmp_path / "a",
-        "--explain",
-        "--json",
-        tmp_path / "a.json",
-    )
+    files = ("--out", tmp_path / "a", "--json", tmp_path / "a.json")
+    code, out, err = _run(capsys, X8, "--firmware", "ardupilot", "--explain", *files)
     assert code == 0 and "FRAME_CLASS 15" in out and "ATC_RAT_RLL_P, I, D x" in out and "wrote" in err
     names = sorted(p.relative_to(tmp_path / "a").as_posix() for p in (tmp_path / "a").rglob("*.*"))
     copies = ["vehicle/airframe.toml", "vehicle/rotor.toml"]
@@ -116,6 +102,7 @@ def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
     assert code == 0 and "MC_YAWRATE_K x" in out and "PX4 does what the law demands" in out
 
 
+@pytest.mark.slow
 def test_an_explanation_fits_80_columns_and_says_what_the_board_loses(capsys, monkeypatch):
     board = {"CA_ROTOR_COUNT": 8, "MC_ROLLRATE_K": 1.5, **FACTORY}
     monkeypatch.setattr("coaxlink.uploading.explain.present_px4", lambda url: board)
@@ -130,11 +117,3 @@ def test_an_explanation_fits_80_columns_and_says_what_the_board_loses(capsys, mo
     assert float(roll[1]) == pytest.approx(1.5 * float(roll[0]), rel=1e-3)
     assert "What this table changes on board: 16 parameters" in explained
     assert re.search(r"CA_ROTOR4_\*\s+6.5 -> [\d.]+\s+0.05 -> 0.0", explained)
-
-
-def test_the_research_fork_s_file_is_the_same_mix(tmp_path, capsys):
-    arguments = (X8, "--firmware", "px4", "--law", "reduced", "--out", tmp_path, "--csv")
-    code, _, err = _run(capsys, *arguments)
-    assert code == 0 and "/fs/microsd/etc/mixer.csv" in err
-    mix = px4.realise(px4.read_params_file(tmp_path / "paper-x8.params").params).mix
-    assert px4.read_mixer_csv(tmp_path / "mixer.csv") == pytest.approx(mix, abs=1e-6)

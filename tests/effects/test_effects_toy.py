@@ -16,8 +16,8 @@ from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.effects import LeftOut, Parameter, PhysicalEffect, Stage, Tracing, effect, registered
 from coaxlink.files import example
-from coaxlink.live.effects import LiveEffects
-from coaxlink.live.telemetry import Telemetry, wanted_streams
+from coaxlink.live.effects import LiveEffects, wanted_streams
+from coaxlink.mavlink.telemetry import Telemetry
 from coaxlink.mixer import make_law
 from coaxlink.report.refine import tables, verdict
 from coaxlink.residual import refine_stand

@@ -5,9 +5,7 @@ import zlib
 import numpy as np
 import pytest
 
-from firmware_params import ardupilot as ap
 from firmware_params.ardupilot import scripts
-from firmware_params.errors import ParamsFileError
 
 lupa = pytest.importorskip("lupa.lua53", reason="lupa runs ArduPilot's Lua scripts")
 
@@ -112,25 +110,19 @@ def _altered(text, old, new):
     return text.replace(old, new, 1)
 
 
-@pytest.mark.parametrize(
-    ("alter", "board", "why"),
-    [
-        (lambda t: _altered(t, "672199", "672198"), {}, "table checksum is"),
-        (
-            lambda t: _altered(t, "local MOTORS = 8", "local MOTORS = 6"),
-            {},
-            "8 motors in the table, 6 expected",
-        ),
-        (lambda t: t, {"frame_class": 4}, "FRAME_CLASS must be 15"),
-        (lambda t: t, {"outputs": range(33, 40)}, "no output has SERVOn_FUNCTION 40"),
-        (lambda t: t, {"accept": False}, "motor 1 refused its throttle factor"),
-    ],
-)
-def test_the_matrix_script_checks_itself(alter, board, why):
-    board = Board(**({"frame_class": 15} | board))
-    with pytest.raises(lupa.LuaError, match=why):
-        board.run(alter(scripts.matrix_script(RCRM, title="t")))
-    assert board.inits == [] and why in board.said[-1]
+def test_the_matrix_script_checks_itself():
+    script = scripts.matrix_script(RCRM, title="t")
+    for text, change, why in (
+        (_altered(script, "672199", "672198"), {}, "table checksum is"),
+        (_altered(script, "local MOTORS = 8", "local MOTORS = 6"), {}, "8 motors in the table, 6 expected"),
+        (script, {"frame_class": 4}, "FRAME_CLASS must be 15"),
+        (script, {"outputs": range(33, 40)}, "no output has SERVOn_FUNCTION 40"),
+        (script, {"accept": False}, "motor 1 refused its throttle factor"),
+    ):
+        board = Board(**({"frame_class": 15} | change))
+        with pytest.raises(lupa.LuaError, match=why):
+            board.run(text)
+        assert board.inits == [] and why in board.said[-1]
 
 
 def _loader(board):
@@ -200,45 +192,3 @@ def test_checksums():
         scripts.checksum([[1, 2], [3]]) == scripts.checksum([[1], [2, 3]]) != scripts.checksum([[3, 2], [1]])
     )
     assert 0 <= scripts.checksum([[8_000_000, -8_000_000]] * 48) < 2**24
-
-
-def test_param_files(tmp_path):
-    path = tmp_path / "a.param"
-    params = {"MOT_THST_EXPO": 1.0, "SCR_LD_CHECKSUM": 8388607.0, "MOT_SPIN_MIN": 0.05, "X": -0.0}
-    ap.write_param_file(path, params, header=["one", "two"])
-    read = ap.read_param_file(path)
-    assert read.params == {
-        n: float(np.float32(v)) if n != "MOT_SPIN_MIN" else 0.05 for n, v in params.items()
-    }
-    assert read.header == ("one", "two")
-    path.write_text("MOT_THST_EXPO 1.0\nSERVO1_FUNCTION=33 # motor\n\nFRAME_CLASS\t15 @READONLY\n")
-    assert ap.read_param_file(path).params == {
-        "MOT_THST_EXPO": 1.0,
-        "SERVO1_FUNCTION": 33.0,
-        "FRAME_CLASS": 15.0,
-    }
-
-
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [
-        ("MOT_THST_EXPO,x", "line 1: MOT_THST_EXPO: a number"),
-        ("A,1\nA,2", "line 2: A stands twice"),
-        ("lower,1", "line 1: NAME,VALUE"),
-        ("A,nan", "line 1: A: a finite"),
-        ("# nothing", "no parameters"),
-    ],
-)
-def test_bad_param_files_name_the_line(tmp_path, text, why):
-    path = tmp_path / "b.param"
-    path.write_text(text)
-    with pytest.raises(ParamsFileError, match=why):
-        ap.read_param_file(path)
-
-
-def test_what_the_board_keeps():
-    assert ap.as_stored("FRAME_CLASS", 15.7) == 15.0 and ap.as_stored("FRAME_CLASS", 300) == 127.0
-    assert ap.as_stored("MOT_THST_EXPO", 0.65) == float(np.float32(0.65))
-    found = ap.out_of_range({"MOT_THST_EXPO": 5.0, "FRAME_CLASS": 14.5, "MOT_SPIN_MIN": float("nan")})
-    assert [f.id for f in found] == ["ap.out-of-range", "ap.truncated", "ap.not-finite"]
-    assert [ap.servo_function(n) for n in (1, 8, 9, 12)] == [33, 40, 82, 85]

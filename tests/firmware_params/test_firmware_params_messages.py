@@ -1,4 +1,4 @@
-"""The two hand-written messages against what pymavlink's own generator makes of their definition."""
+"""Messages made of their definition against what pymavlink's own generator makes of their definition."""
 
 import importlib.util
 import io
@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common
 from pymavlink.generator import mavgen
 
 from firmware_params.ardupilot import messages as ardupilot_messages
+from firmware_params.messages import message
 from firmware_params.px4 import messages
 
 FIELDS = {
@@ -41,46 +42,52 @@ def generated(tmp_path_factory):
     return module
 
 
-@pytest.mark.parametrize("number", [290, 291])
-def test_layout_is_the_generator_s(generated, number):
-    ours, theirs = common.mavlink_map[number], generated.mavlink_map[number]
-    layout = "id msgname fieldnames ordered_fieldnames fieldtypes native_format orders lengths array_lengths"
-    for name in (*layout.split(), "crc_extra", "instance_field", "instance_offset"):
-        assert getattr(ours, name) == getattr(theirs, name), name
-    assert ours.unpacker.format == theirs.unpacker.format
+LAYOUT = [
+    "id",
+    "msgname",
+    "fieldnames",
+    "ordered_fieldnames",
+    "fieldtypes",
+    "native_format",
+    "orders",
+    "lengths",
+    "array_lengths",
+    "crc_extra",
+    "instance_field",
+    "instance_offset",
+]
 
 
-@pytest.mark.parametrize("number", [290, 291])
-def test_each_side_reads_the_other(generated, number):
-    values = VALUES[common.mavlink_map[number].msgname]
-    for sender, receiver in ((common, generated), (generated, common)):
+def _alike(number, theirs, values):
+    """Layout, and frames read by the other side."""
+    ours, other = common.mavlink_map[number], theirs.mavlink_map[number]
+    assert ours is not other
+    for name in LAYOUT:
+        assert getattr(ours, name) == getattr(other, name), name
+    assert ours.unpacker.format == other.unpacker.format
+    for sender, receiver in ((common, theirs), (theirs, common)):
         frame = sender.mavlink_map[number](*values).pack(sender.MAVLink(io.BytesIO(), 1, 1))
         (read,) = receiver.MAVLink(None).parse_buffer(frame)
         assert [getattr(read, name) for name in read.fieldnames] == list(values)
-        assert read.get_type() == common.mavlink_map[number].msgname
+        assert read.get_type() == ours.msgname
 
 
-def test_a_dialect_that_knows_them_keeps_its_own():
-    class Dialect:
-        mavlink_map = {290: "its own"}  # noqa: RUF012
-
-    messages.register(Dialect)
-    assert Dialect.mavlink_map[290] == "its own"
-    assert Dialect.mavlink_map[291] is messages.MAVLink_esc_status_message
+def test_esc_info_and_status_are_what_the_generator_makes(generated):
+    for number in (messages.ESC_INFO, messages.ESC_STATUS):
+        _alike(number, generated, VALUES[common.mavlink_map[number].msgname])
 
 
-@pytest.mark.parametrize("number", ardupilot_messages.ESC_TELEMETRY)
-def test_esc_telemetry_is_ardupilotmega_s(number):
+def test_esc_telemetry_is_ardupilotmega_s():
     """pymavlink generates ArduPilot's own dialect; what `common` is taught must read and write the same."""
     from pymavlink.dialects.v20 import ardupilotmega
 
-    ours, theirs = common.mavlink_map[number], ardupilotmega.mavlink_map[number]
-    assert ours is not theirs
-    layout = "id msgname fieldnames ordered_fieldnames fieldtypes native_format orders lengths array_lengths"
-    for name in (*layout.split(), "crc_extra", "instance_field", "instance_offset", "fieldunits_by_name"):
-        assert getattr(ours, name) == getattr(theirs, name), name
     values = [30, 31, 0, 255], [2500] * 4, [9, 0, 65535, 1], [0, 1, 2, 3], [2700, 0, 3240, 65535], [7] * 4
-    for sender, receiver in ((common, ardupilotmega), (ardupilotmega, common)):
-        frame = sender.mavlink_map[number](*values).pack(sender.MAVLink(io.BytesIO(), 1, 1))
-        (read,) = receiver.MAVLink(None).parse_buffer(frame)
-        assert [list(getattr(read, name)) for name in read.fieldnames] == list(values)
+    for number in ardupilot_messages.ESC_TELEMETRY:
+        _alike(number, ardupilotmega, values)
+        units = [d.mavlink_map[number].fieldunits_by_name for d in (common, ardupilotmega)]
+        assert units[0] == units[1]
+
+
+def test_a_message_that_the_dialect_knows_keeps_its_own():
+    own = common.mavlink_map[0]
+    assert message(0, "HEARTBEAT", "uint8_t type") is not own and common.mavlink_map[0] is own

@@ -1,208 +1,219 @@
-"""A stand-in PX4 1.13 in the test's own hands: ticked by the test, in real time or as fast as it goes.
+"""A stand-in in the air and the companions on its lines, in memory on one virtual clock: no thread, no sleep.
 
 What the motors were told, whether a companion drove them and where the vehicle was is read off the world
-itself, tick by tick. `Faults` lies on the vehicle's line and does what lines do when they fail.
+itself, tick by tick (`Flight.rows`). `Companion.line` does what lines do when they fail.
 """
 
 from __future__ import annotations
 
 import math
-import sys
-import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, NamedTuple
 
 import numpy as np
-import pytest
-import slow_clock
+from memory_net import Line, Net
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.mavlink.address import parse_address
+from coaxlink.airframe import load_airframe
+from coaxlink.live.mixer import LiveMixer
 from coaxlink.mavlink.session import Session
-from coaxlink.mavlink.transport import Udp
+from coaxlink.rotor.model import load_rotor_model
+from coaxlink.vehicle import Vehicle
+from sim.in_memory import MemoryPort
 from sim.px4.autopilot import Mode
-from sim.world import World, build, open_links
+from sim.world import World, build
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TICK_S = 0.004
 HEIGHT_M = 4.0
-AGAIN = 3  # at last 27 times as slow
+X8 = load_airframe(EXAMPLES / "x8_demo.toml")
+CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 
 
-def real_time(test: Callable[..., None]) -> Callable[..., None]:
-    """A test of milliseconds on a machine that others use too.
+class Row(NamedTuple):
+    """One tick of the world."""
 
-    A failure is flown again, `AGAIN` times at most, each time on a clock three times as slow (`slow_clock`):
-    a fault of the machine goes with that, one of the code does not. pytest counts the repeats.
-    """
-    return pytest.mark.flaky(reruns=AGAIN)(test)
+    time_s: float
+    driven: bool  # by a companion
+    commands: list[float]
+    height_m: float
+    tilt_deg: float
 
 
 class Flight:
-    """A vehicle in the air."""
+    """A vehicle in the air, that lives while somebody waits on its clock."""
+
+    firmware, links = "px4:1.13", 1
 
     def __init__(
-        self,
-        own_curve: float = 1.0,
-        airborne: bool = True,
-        airframe: str = "x8_demo.toml",
-        key_file: Path | None = None,
+        self, *, airborne: bool = True, airframe: str = "x8_demo.toml", key_file: Path | None = None
     ) -> None:
-        # the vehicle and its companion share one interpreter here: neither may hold it for long
-        sys.setswitchinterval(0.0005)
-        self.ports = open_links(["udpin:127.0.0.1:0"] * self.links)
-        self.address = "udpout:" + self.ports[0].name.partition(":")[2]
-        self.standin = build(
-            World(EXAMPLES / airframe, firmware=self.firmware, signing_key=key_file), self.ports
-        )
+        self.net = Net()
+        self.net.delay_s = 0.0005
+        self.clock = self.net.clock
+        self.ports = [MemoryPort() for _ in range(self.links)]
+        self.addresses = [self.net.address() for _ in self.ports]
+        world = World(EXAMPLES / airframe, firmware=self.firmware, signing_key=key_file)
+        self.standin = build(world, self.ports, clock=self.clock.monotonic)
         self.autopilot: Any = self.standin.autopilot
-        self.rows: list[tuple[float, bool, list[float], float, float]] = []
-        self._next = time.monotonic()
-        self._own_curve = own_curve
+        self.rows: list[Row] = []
+        self.companions: dict[Any, Any] = {}  # by their addresses, each with its `line`
+        self.peers: list[list[tuple[Any, Companion | None]]] = [[] for _ in self.ports]
+        for link, address in enumerate(self.addresses):
+            self.net.bind(address, lambda data, source, link=link: self._hear(link, data, source))
         self.prepare()
+        self._tick()
         if airborne:
             self.depart()
 
-    firmware = "px4:1.13"
-    links = 1
-
     def prepare(self) -> None:
         """On the ground, before arming."""
-        self.autopilot.store.write("THR_MDL_FAC", 9, self._own_curve)
+        self.autopilot.store.write("THR_MDL_FAC", 9, 1.0)
 
     def depart(self) -> None:
         """To HEIGHT_M, and hold there."""
         self.autopilot.arm()
         self.autopilot.take_off(HEIGHT_M)
-        self.rush(12.0)
+        self.clock.sleep(12.0)
         assert self.autopilot.mode == Mode.HOLD
         self.rows.clear()
 
-    def close(self) -> None:
-        for port in self.ports:
-            port.close()
-
-    def rush(self, seconds: float) -> None:
-        """As fast as it goes, nobody listening."""
-        for _ in range(round(seconds / TICK_S)):
-            self._tick()
+    def url(self, link: int = 0) -> str:
+        host, port = self.addresses[link]
+        return f"udpout:{host}:{port}"
 
     def fly(self, seconds: float, until: Callable[[], bool] = lambda: False) -> float:
-        """In step with the clock; returns the seconds flown, fewer if `until` came true."""
-        start = self._next = time.monotonic()
-        for _ in range(round(seconds / TICK_S)):
-            self._tick()
-            if until():
-                break
-            self._next += TICK_S
-            ahead = self._next - time.monotonic()
-            if ahead > 0:
-                time.sleep(ahead * slow_clock.factor)
-            elif ahead < -0.1:
-                self._next = time.monotonic()
-        return time.monotonic() - start
+        """Let time pass, less if `until` comes true; the seconds that passed."""
+        start = self.clock.monotonic()
+        while self.clock.monotonic() < start + seconds - 1e-9 and not until():
+            self.clock.sleep(min(TICK_S, start + seconds - self.clock.monotonic()))
+        return self.clock.monotonic() - start
 
-    def back_to_hover(self) -> None:
-        self.autopilot.go_to((0.0, 0.0, -HEIGHT_M), 0.0)
-        self.rush(5.0)
-        self.rows.clear()
+    # -- the world -----------------------------------------------------------------------------------------
+
+    def _hear(self, link: int, data: bytes, source: Any) -> None:
+        known = [address for address, _ in self.peers[link]]
+        if source not in known:
+            self.peers[link].append((source, self.companions.get(source)))
+            known.append(source)
+        number, port = known.index(source), self.ports[link]
+        companion = self.peers[link][number][1]
+        if companion is None:
+            port.put(number, data)
+        elif not companion.line.loses(data):
+            self.clock.later(companion.line.late_s, lambda: port.put(number, data))
+
+    def forget(self, companion: Companion) -> None:
+        """Nobody is there any more."""
+        for link, port in enumerate(self.ports):
+            numbers = [(n,) for n, (_, who) in enumerate(self.peers[link]) if who is companion]
+            port.peers = [peer for peer in port.peers if peer.address not in numbers]
 
     def _tick(self) -> None:
         self.standin.tick()
+        for link, port in enumerate(self.ports):
+            for number, (address, companion) in enumerate(self.peers[link]):
+                data, port.sent[number] = bytes(port.sent[number]), bytearray()
+                for one in companion.line.there(data) if companion else [data]:
+                    if one:
+                        self.net.send(one, self.addresses[link], address)
         a = self.autopilot
         _, x, y, _ = a.plant.quaternion.tolist()
         tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
-        self.rows.append((time.monotonic(), self.driven, a.command.tolist(), a.plant.height, tilt))
+        self.rows.append(Row(self.clock.now, self.driven, a.command.tolist(), a.plant.height, tilt))
+        self.clock.later(TICK_S, self._tick)
 
     @property
     def driven(self) -> bool:
         return bool(self.autopilot.live)
 
+    # -- what became of it -----------------------------------------------------------------------------------
+
     def outputs_are_sound(self) -> bool:
-        u = np.array([row[2] for row in self.rows])
+        u = np.array([row.commands for row in self.rows])
         return bool(np.isfinite(u).all() and (u >= 0.0).all() and (u <= 1.0).all())
-
-    @property
-    def lowest_m(self) -> float:
-        return min(row[3] for row in self.rows)
-
-    @property
-    def steepest_deg(self) -> float:
-        return max(row[4] for row in self.rows)
 
     def own_since(self, since: float) -> float | None:
         """Seconds from `since` to the first tick flown on the autopilot's own mixer for good."""
         found = None
-        for at, live, *_ in self.rows:
-            if at >= since:
-                found = None if live else (at if found is None else found)
+        for row in self.rows:
+            if row.time_s >= since:
+                found = None if row.driven else (row.time_s if found is None else found)
         return None if found is None else found - since
+
+    def stays_up(self, seconds: float = 3.0) -> None:
+        """The vehicle neither hits the ground nor tips over, and every output was sound."""
+        self.clock.sleep(seconds)
+        assert self.outputs_are_sound()
+        assert min(row.height_m for row in self.rows) > 1.0
+        assert max(row.tilt_deg for row in self.rows) < 25.0
+        assert not self.autopilot.landed
+        assert abs(self.autopilot.plant.velocity[2]) < 0.5
 
 
 class Faults:
-    """What a line does when it fails, put where the vehicle's words leave it and others' reach it.
-
-    The companion keeps a socket of its own, so that its compiled loop meets the same faults.
-    """
+    """What a line does when it fails."""
 
     def __init__(self) -> None:
-        self.dead = False
-        self.change: Callable[[Any], Any] | None = None  # of demands; it may lose one by returning None
-        self._parser = mavlink.MAVLink(None)
-        self._packer = mavlink.MAVLink(None, 1, 1)
+        self.dead, self.late_s = False, 0.0  # late: what the companion says
+        self.change: Callable[[Any], Any] | None = None  # of demands; None instead of one loses it
+        self.steal: Callable[[bytes], bool] = lambda data: False  # of what the companion says
+        self._parser, self._packer = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 1)
 
-    def lie_on(self, peer: Any) -> None:
-        """On a peer's way there and back, in the shape of the world's own wires."""
-        peer.out, peer.back = _Way(self._there), _Way(self._back)
+    def loses(self, data: bytes) -> bool:
+        """On the way to the vehicle."""
+        return self.dead or self.steal(data)
 
-    def _back(self, data: bytes) -> list[bytes]:
-        return [] if self.dead else [data]
-
-    def _there(self, data: bytes) -> list[bytes]:
-        if self.dead:
-            return []
-        if self.change is None:
-            return [data]
-        (message,) = self._parser.parse_buffer(data)
-        if message.get_type() != "ACTUATOR_CONTROL_TARGET":
-            return [data]
-        changed = self.change(message)
-        if changed is None or changed is message:
-            return [data] if changed is message else []
-        self._packer.seq = message.get_seq()
-        return [bytes(changed.pack(self._packer))]
+    def there(self, data: bytes) -> list[bytes]:
+        if self.dead or self.change is None:
+            return [] if self.dead else [data]
+        out = []
+        for message in self._parser.parse_buffer(data) or []:
+            said = self.change(message) if message.get_type() == "ACTUATOR_CONTROL_TARGET" else message
+            if said is message:
+                out.append(bytes(message.get_msgbuf()))
+            elif said is not None:
+                self._packer.seq = message.get_seq()
+                out.append(bytes(said.pack(self._packer)))
+        return [b"".join(out)]
 
 
-class _Way:
-    def __init__(self, carry: Callable[[bytes], list[bytes]]) -> None:
-        self.carry = carry
+class LiveLine(Line):
+    """Looks about as often as a live loop ticks."""
 
-    def due(self) -> list[bytes]:
-        return []
+    def _look_about(self) -> None:
+        if self._turn is not None and self._turn(0.0):
+            self.net.clock.later(0.005, self._look_about)
 
 
 class Companion:
-    """A session on a faulty line; needs the vehicle ticked while it connects."""
+    """A session on a line of a vehicle, and a live mixer on it."""
 
-    left: ClassVar[list[Companion]] = []  # not closed: they would fly the next test's vehicle
+    def __init__(self, flight: Flight, component: int = 191, *, link: int = 0, signer: Any = None) -> None:
+        self.flight, self.line = flight, Faults()
+        line = LiveLine(flight.net, flight.addresses[link])
+        flight.companions[line.address] = self
+        self.address = line.address
+        self.session = Session(line, flight.url(link), 245, component, signer=signer, clock=flight.clock)
+        self.session.start(5.0)
 
-    def __init__(self, flight: Flight, component: int = 191, signer: Any = None, link: int = 0) -> None:
-        self.left.append(self)
-        address = "udpout:" + flight.ports[link].name.partition(":")[2]
-        self.session = Session(Udp(parse_address(address)), address, 245, component, signer=signer)
-        starting = threading.Thread(target=self.session.start, args=(5.0,))
-        starting.start()
-        flight.fly(5.0, until=lambda: not starting.is_alive())
-        starting.join()
-        self.line = Faults()
-        self.line.lie_on(flight.ports[link].peers[-1])
+    def mix(self, law: Any = "exact", **options: Any) -> LiveMixer:
+        """A live mixer that has begun."""
+        mixer = LiveMixer(self.session, Vehicle(X8, CRM), law, own_curve=1.0, **options)
+        mixer.start()
+        return mixer
+
+    def until_live(self, mixer: LiveMixer) -> None:
+        self.flight.fly(3.0, until=lambda: mixer.state == "live")
+        assert mixer.state == "live"
+        self.flight.fly(0.3)
+        self.flight.rows.clear()
 
     def close(self) -> None:
-        self.left.remove(self)
         self.session.tap = None
         self.session.close()
+        self.flight.forget(self)
 
 
 def demand(time_usec: int, controls: list[float]) -> Any:

@@ -42,11 +42,9 @@ def readers() -> dict[str, Callable[[Path], object]]:
     """What each kind of file goes through before coaxlink acts on it."""
     from sound_files import PX4, stand_rows
 
-    from coaxlink.airframe import load_airframe
     from coaxlink.cli.shared.board_source import layout_of_file
     from coaxlink.cli.shared.effects import vehicle_of
     from coaxlink.data import is_flight_log, read_flight_log, read_stand_log
-    from coaxlink.live.attitude_loop import load_gains
     from coaxlink.live.record import read_record
     from coaxlink.mavlink.signing import Signer, load_key
     from coaxlink.rotor import load_rotor_model, save_rotor_model
@@ -135,7 +133,6 @@ def readers() -> dict[str, Callable[[Path], object]]:
         "tlog": log,
         ".params table": plan,
         ".param table": plan,
-        "mixer.csv": px4.read_mixer_csv,
         "matrix script": lambda path: script_factors(path.read_bytes().decode("utf-8", "replace")),
         "packed parameters": lambda path: packed.unpack(path.read_bytes()),
         "board for init": layout_of_file,
@@ -147,7 +144,6 @@ def readers() -> dict[str, Callable[[Path], object]]:
         "signing key": signing_key,
         "board's limits": limits,
         "live record": read_record,
-        "loop gains": lambda path: (load_gains(path), load_airframe),
         "truth": lambda path: truth_text(read_truth(path)),
         "truth of a stand": read_bench,
         "schedule": read_schedule,

@@ -252,7 +252,6 @@ def _blades(folder: Path) -> Path:
     return _written("blades.toml", (pairs / "kde5215_bemt.toml").read_bytes())(folder)
 
 
-LOOP_GAINS = "[attitude_loop]\nrate_rad_s = [6.0, 6.0, 2.5]\n"
 LIMITS = {
     "version": 1,
     "parameters": [{"name": "CA_ROTOR0_CT", "min": 0.0, "max": 100.0}, {"name": "A", "longDesc": "b\nc"}],
@@ -277,7 +276,6 @@ MAKERS = {
     "tlog": lambda folder: _written("f.tlog", tlog())(folder),
     ".params table": _params,
     ".param table": _param,
-    "mixer.csv": _written("mixer.csv", "0.1,0.2,0.3,0,0,-1\n" * 8),
     "matrix script": _written("coaxlink_matrix.lua", matrix_script(FACTORS, title="X8")),
     "packed parameters": _written("param.pck", packed.pack(PACKED)),
     "board for init": _params,
@@ -289,7 +287,6 @@ MAKERS = {
     "signing key": _written("key", b"0123456789abcdef" * 4),
     "board's limits": _written("parameters.json", json.dumps(LIMITS)),
     "live record": _live,
-    "loop gains": _written("gains.toml", LOOP_GAINS),
     "truth": _copied("truth_weak_rotor_cg_offset.toml"),
     "truth of a stand": _copied("truth_stand_spacing.toml"),
     "schedule": _copied("schedule_poor.toml"),

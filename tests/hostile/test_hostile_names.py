@@ -50,7 +50,6 @@ def test_an_airframe_of_that_name_is_refused(tmp_path, capsys, name):
     path = airframe_called(tmp_path, name)
     for verb in (
         ("bridge", path, "--out", tmp_path / "out"),
-        ("bridge", path, "--on-board", "--out", tmp_path / "out"),
         ("table", path, "--firmware", "px4", "--out", tmp_path / "out"),
         ("table", path, "--firmware", "ardupilot", "--out", tmp_path / "out"),
     ):

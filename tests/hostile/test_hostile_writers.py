@@ -1,6 +1,5 @@
 """No name breaks out of the field it stands in: every writer against one list of hostile names."""
 
-import dataclasses
 import html.parser
 import io
 import json
@@ -14,17 +13,13 @@ from hostile_names import NAMES
 from rich.table import Table
 
 from coaxlink import files
-from coaxlink.airframe import load_airframe
 from coaxlink.cli.shared.console import PlainConsole
 from coaxlink.cli.shared.shell import console, run, say, talk
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
-from coaxlink.live.scripts.onboard import onboard_script
 from coaxlink.report.document import html_table
 from coaxlink.report.html import escape
 from coaxlink.report.pictures.label import label
-from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.files import file_name
-from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot, px4
 from firmware_params.ardupilot.scripts import matrix_script, script_factors
 from firmware_params.errors import ParamsFileError, TableError
@@ -84,20 +79,6 @@ def test_a_matrix_script_is_the_same_but_for_its_comment(name):
     assert lua_of(hostile) == lua_of(plain)
     assert script_factors(hostile) == script_factors(plain)
     assert harmless(hostile, len(plain.split("\n")) - 1)
-
-
-@pytest.fixture(scope="module")
-def vehicle():
-    frame = load_airframe(files.example("x8_paper.toml"))
-    model = load_rotor_model(frame.rotor_model)
-    return frame, model, onboard_script(Vehicle(frame, model))
-
-
-@each
-def test_an_onboard_script_is_the_same_but_for_its_comment(vehicle, name):
-    frame, model, plain = vehicle
-    hostile = onboard_script(Vehicle(dataclasses.replace(frame, name=name), model))
-    assert lua_of(hostile) == lua_of(plain)
 
 
 @each

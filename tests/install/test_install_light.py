@@ -58,7 +58,6 @@ def test_it_makes_a_table_uploads_verifies_watches_mixes_and_restores(tmp_path, 
 def test_what_is_left_out_is_one_line_that_says_what_to_install(tmp_path):
     commands = {
         "scipy": ["table", X8, "--firmware", "px4", "--out", "t"],
-        "numba": ["mix", X8, "--connect", "udpout:127.0.0.1:9", "--compiled"],
         "matplotlib": ["airframe", X8, "--picture", "x.png"],
         "coaxlink": ["sim", "--firmware", "px4"],
         "threadpoolctl": ["refine", "example"],

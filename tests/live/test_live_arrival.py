@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from live_line import Session
 from pymavlink.dialects.v20 import common as mavlink
-from test_live_hot import HOVER, Rig, demand
 
-from coaxlink.cli.shared.mixing import _line, _lost
-from coaxlink.live import arrival as live_arrival
+from coaxlink.live import arrival
 from coaxlink.live.arrival import Arrival, Count
 from coaxlink.live.timesync import TimeSync
 from coaxlink.live.witness import Witness
@@ -45,9 +44,9 @@ def test_what_the_bridge_counted_is_what_arrived(lost: float) -> None:
     for _ in range(5000):
         arrived += draw.random() >= lost
         taken.hear(float(arrived))
-    found = live_arrival.by_bridge(5000, taken, True)
+    found = arrival.by_bridge(5000, taken, True)
     assert found is not None
-    assert abs(found.never - (5000 - arrived)) <= live_arrival.IN_FLIGHT
+    assert abs(found.never - (5000 - arrived)) <= arrival.IN_FLIGHT
     assert found.noteworthy is (lost > 0.1)
 
 
@@ -55,69 +54,56 @@ def test_an_older_script_that_follows_but_does_not_count_says_nothing() -> None:
     taken = Count(65536)
     for _ in range(100):
         taken.hear(0.0)
-    assert live_arrival.by_bridge(1000, taken, True) is None
-    alone = live_arrival.by_bridge(1000, taken, False)  # it never followed us: none of them came
+    assert arrival.by_bridge(1000, taken, True) is None
+    alone = arrival.by_bridge(1000, taken, False)  # it never followed us: none of them came
     assert alone is not None
     assert alone.share == pytest.approx(1.0, abs=0.01)
 
 
-class Line:
+class Line(Session):
     """A vehicle that answers TIMESYNC, and a line that loses some of it on the way there and back."""
 
     def __init__(self, lost_there: float, lost_back: float) -> None:
-        self.now, self._draw = 10**9, random.Random(11)
+        super().__init__()
+        self._draw = random.Random(11)
         self._there, self._back = lost_there, lost_back
-        self._hear: Any = None
-
-    def subscribe(self, callback: Any) -> Any:
-        self._hear = callback
-        return lambda: None
 
     def send(self, message: Any) -> None:
         if self._draw.random() >= self._there and self._draw.random() >= self._back:
-            self._hear(mavlink.MAVLink_timesync_message(self.now + 5, message.ts1))
+            self.hear(mavlink.MAVLink_timesync_message(5, message.ts1))
 
 
-@pytest.mark.parametrize(("there", "back"), [(0.0, 0.0), (0.0, 0.4), (0.8, 0.0), (0.3, 0.3)])
-def test_questions_tell_the_loss_on_the_way_there_alone(there: float, back: float) -> None:
-    line = Line(there, back)
-    sync = TimeSync(line, lambda: line.now)  # type: ignore[arg-type]
-    for _ in range(40_000):
-        line.now += 100_000_000
-        sync.tick(True)
-    found = live_arrival.by_questions(10_000, sync.requested, sync.answered, back)
-    assert found.share == pytest.approx(there, abs=0.02)
-    assert found.noteworthy is (there > 0.1)
+def test_questions_tell_the_loss_on_the_way_there_alone() -> None:
+    for there, back in ((0.0, 0.0), (0.0, 0.4), (0.8, 0.0), (0.3, 0.3)):
+        line = Line(there, back)
+        sync = TimeSync(line)  # type: ignore[arg-type]
+        for _ in range(10_000):
+            line.clock.sleep(0.2001)
+            sync.tick(True)
+        found = arrival.by_questions(10_000, sync.requested, sync.answered, back)
+        assert found.share == pytest.approx(there, abs=0.02)
+        assert found.noteworthy is (there > 0.1)
 
 
 def test_questions_of_a_time_when_nobody_was_flown_do_not_count() -> None:
     line = Line(1.0, 0.0)
-    sync = TimeSync(line, lambda: line.now)  # type: ignore[arg-type]
+    sync = TimeSync(line)  # type: ignore[arg-type]
     for _ in range(100):
-        line.now += 300_000_000
+        line.clock.sleep(0.3)
         sync.tick(False)
     assert (sync.requested, sync.answered) == (0, 0)
 
 
 def test_of_two_losses_the_larger_is_told_and_a_few_samples_are_none() -> None:
-    def live(reports: int, strangers: int, requested: int, answered: int) -> Any:
-        witness = SimpleNamespace(reports=reports, strangers=strangers)
-        sync = SimpleNamespace(requested=requested, answered=answered)
-        core = SimpleNamespace(counters=SimpleNamespace(cycles=1000))
-        return SimpleNamespace(
-            dry_run=False, core=core, bridge=None, witness=witness, timesync=sync,
-            session=SimpleNamespace(loss=0.0),
-        )  # fmt: skip
+    def of(reports: int, strangers: int, requested: int, answered: int) -> Any:
+        witness: Any = SimpleNamespace(reports=reports, strangers=strangers)
+        sync: Any = SimpleNamespace(requested=requested, answered=answered)
+        return arrival.by_vehicle(1000, witness, sync, 0.0)
 
-    def arrival_of(*numbers: int) -> Arrival:
-        found = live_arrival.of(live(*numbers))
-        assert found is not None
-        return found
-
-    assert (arrival_of(100, 0, 100, 20).never, arrival_of(100, 0, 100, 20).by) == (800, "timesync")
-    assert (arrival_of(100, 60, 100, 100).never, arrival_of(100, 60, 100, 100).by) == (600, "outputs")
-    assert live_arrival.of(live(5, 5, 5, 1)) is None
-    assert arrival_of(100, 0, 100, 0).by == "outputs"  # one that answers no TIMESYNC at all
+    assert (of(100, 0, 100, 20).never, of(100, 0, 100, 20).by) == (800, "timesync")
+    assert (of(100, 60, 100, 100).never, of(100, 60, 100, 100).by) == (600, "outputs")
+    assert of(5, 5, 5, 1) is None
+    assert of(100, 0, 100, 0).by == "outputs"  # one that answers no TIMESYNC at all
     assert not Arrival(1000, 30, 4, "outputs").noteworthy  # 13 % of 30 may be chance
     assert Arrival(1000, 1000, 130, "outputs").noteworthy
 
@@ -129,24 +115,3 @@ def test_reports_that_are_not_ours_are_counted() -> None:
         if n >= 100 and n % 5 == 0:
             witness.reported(0.004 * n, others if n >= 150 else [1500.0] * 8)
     assert (witness.reports, witness.strangers) == (20, 10)
-
-
-def test_the_summary_says_how_many_never_arrived() -> None:
-    rig = Rig(None)
-    try:
-        for n in range(30):
-            rig.say(demand(1_000_000 + 4000 * n, HOVER, sequence=n))
-            rig.hear()
-        sync = rig.live.timesync
-        assert sync is not None
-        sync.requested, sync.answered = 50, 10
-        summary = rig.live.summary()
-    finally:
-        rig.close()
-    assert summary["arrival"]["by"] == "timesync"
-    assert summary["arrival"]["share"] == pytest.approx(0.8)
-    assert summary["arrival"]["never_arrived"] == round(0.8 * summary["cycles"])
-    never, sent = summary["arrival"]["never_arrived"], summary["cycles"]
-    assert sent >= 28
-    assert f"about {never} of {sent} motor commands never arrived (80 %" in _lost(summary["arrival"])
-    assert _line(summary).endswith(f"never arrived {never}")

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from live_line import CRM, X8
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.airframe import load_airframe
 from coaxlink.live.effects import LiveEffects
-from coaxlink.live.mixer import MixCore
-from coaxlink.live.telemetry import Telemetry
-from coaxlink.rotor.model import Effect, load_rotor_model
+from coaxlink.live.mixer_core import MixCore
+from coaxlink.mavlink.telemetry import Telemetry
+from coaxlink.rotor.model import Effect
 from coaxlink.vehicle import Vehicle
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-X8 = load_airframe(EXAMPLES / "x8_paper.toml")
-CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 DEMAND = [0.02, -0.03, 0.04, 0.32, 0, 0, 0, 0]
 
 
@@ -146,8 +142,8 @@ def test_what_acts_later_is_taken_as_it_will_be_then() -> None:
     model = dataclasses.replace(CRM, effects=(Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}),))
     clock = Clock()
     telemetry = Telemetry(clock)
-    vehicle = Vehicle(X8, model, measured_live=True)
-    core = MixCore(vehicle, "exact", LiveEffects(None, vehicle, telemetry, lag_s=lag))
+    vehicle = Vehicle(dataclasses.replace(X8, motor_lag_s=lag), model, measured_live=True)
+    core = MixCore(vehicle, "exact", LiveEffects(None, vehicle, telemetry))
     telemetry.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, 0, 0, 0, 1.0))
     telemetry.hear(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0.4, 0, 0))
     clock.now += age

@@ -1,299 +1,135 @@
-"""Live mixing: every demand gets one bounded answer or none, and only from an autopilot that takes it."""
+"""The live loop: every demand gets one bounded answer or none, and only from an autopilot that takes it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
+import random
+import struct
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from live_line import CRM, HOVER, RIVAL, X8, Session, mixer_on
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.airframe import load_airframe
-from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.live.guard import Timing
-from coaxlink.live.mixer import DemandScale, LiveMixer, MixCore, require_path
-from coaxlink.mixer import StandardCoefficients, make_law
-from coaxlink.rotor.model import load_rotor_model
+from coaxlink.errors import SafetyRefusal
+from coaxlink.live.guard import STOPPED, Timing
+from coaxlink.live.mixer import LiveMixer
+from coaxlink.live.mixer_core import MixCore
+from coaxlink.live.paths import require_path
+from coaxlink.mixer import make_law
 from coaxlink.vehicle import Vehicle
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-X8 = load_airframe(EXAMPLES / "x8_paper.toml")
-CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
-HOVER = [0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 0.0]
+SIGNATURE = b"signed"
 
 
-def core(law: str = "coaxial") -> MixCore:
-    return MixCore(Vehicle(X8, CRM), law)
-
-
-class ScriptedSession:
-    """A peer that says what the test wants, byte for byte by pymavlink, and keeps what it is sent."""
-
-    fileno, loss = -1, 0.0
-    bound = SimpleNamespace(strangers=SimpleNamespace(datagrams=0))
-
-    def __init__(
-        self,
-        version: tuple[int, ...] = (1, 13, 3),
-        autopilot: int = mavlink.MAV_AUTOPILOT_PX4,
-        signed: bool = False,
-    ) -> None:
-        self.identity = SimpleNamespace(system=1, component=1, autopilot=autopilot, version=version)
-        self.takes_requests = True
-        self.signed = signed
-        self.armed = True
-        self.tap: Any = None
-        self.sent: list[Any] = []
-        self.requests: list[tuple[int, float]] = []
-        self.listeners: list[Callable[[Any], None]] = []
-        self.landed_state = 2
-        self._packer = mavlink.MAVLink(None, 1, 1)
-        self._parser = mavlink.MAVLink(None)
-
-    def subscribe(self, callback: Callable[[Any], None]) -> Callable[[], None]:
-        self.listeners.append(callback)
-        return lambda: self.listeners.remove(callback)
-
-    def request_stream(self, message_id: int, rate_hz: float) -> bool:
-        self.requests.append((message_id, rate_hz))
-        return self.takes_requests
-
-    def wait(self, names: Any, timeout_s: float) -> None:
-        return None
-
-    def latest(self, name: str) -> Any:
-        return SimpleNamespace(landed_state=self.landed_state)
-
-    def send(self, message: Any) -> None:
-        if message.get_type() != "TIMESYNC":
-            self.sent.append(message)
-
-    def send_frame(self, pack: Callable[[int, int, int], bytes], seed: bytes) -> None:
-        self.sent += self._parser.parse_buffer(pack(len(self.sent) % 256, 245, 191)) or []
-
-    def hear(self, message: Any, system: int = 1, component: int = 1) -> None:
-        packer = self._packer
-        packer.srcSystem, packer.srcComponent = system, component
-        data = bytes(message.pack(packer))
-        packer.seq = (packer.seq + 1) % 256
-        if self.tap is not None:
-            self.tap.take(data)
-        for listener in list(self.listeners):
-            listener(message)
-
-    def demand(self, time_usec: int, controls: list[float], group: int = 0) -> None:
-        self.hear(mavlink.MAVLink_actuator_control_target_message(time_usec, group, controls))
-
-
-def test_a_hover_demand_means_eight_equal_setpoints_of_the_standard_table() -> None:
-    # thrust scale is 1 when all entries are alike: setpoint s on each of eight rotors of 73.06 N
-    scale = DemandScale(X8, StandardCoefficients(73.06, 1.9))
-    assert scale.wrench([0, 0, 0, 0.4]) == pytest.approx([8 * 73.06 * 0.4, 0, 0, 0], abs=1e-3)
-
-
-def test_a_roll_demand_follows_px4s_scale_by_hand() -> None:
-    # every rotor at +-0.1807 m: entries e = +-1/(8 * 73.06 * 0.1807), scale sqrt(8 e^2 / 4) = sqrt(2) e
-    scale = DemandScale(X8, StandardCoefficients(73.06, 1.9))
-    by_hand = 8 * 73.06 * 0.1807 / math.sqrt(2.0)
-    assert scale.wrench([0.1, 0, 0, 0]) == pytest.approx([0, 0.1 * by_hand, 0, 0], abs=1e-3)
-    assert scale.wrench([0, 0, 0.1, 0]) == pytest.approx([0, 0, 0, 0.1 * 8 * 1.9], abs=1e-3)
-
-
-def test_a_demand_becomes_the_wrench_it_means_on_the_rotor_model() -> None:
-    c = core()
-    out = c.step(1000, 0, [0.02, -0.03, 0.05, 0.3, 0, 0, 0, 0])
-    assert out is not None
-    assert len(out) == 8
-    thrust, torque = X8.loads(CRM, out)
-    assert X8.wrench(thrust, torque) == pytest.approx(c.wrench, abs=1e-6)
-    assert c.wrench[0] > 100
-    assert c.wrench[1] > 0 > c.wrench[2]
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("axis", [0, 1, 2, 3])
-def test_what_is_not_finite_gets_no_answer(bad: float, axis: int) -> None:
-    c = core()
-    assert c.step(1000, 0, HOVER) is not None
-    demand = list(HOVER)
-    demand[axis] = bad
-    assert c.step(2000, 0, demand) is None
-    assert c.counters.not_finite == 1
-    assert c.step(3000, 0, HOVER) is not None
-
-
-def test_old_and_repeated_demands_get_no_answer_but_a_rebooted_clock_does() -> None:
-    c = core()
-    assert c.step(5_000_000, 0, HOVER) is not None
-    assert c.step(5_000_000, 0, HOVER) is None
-    assert c.step(4_996_000, 0, HOVER) is None
-    assert c.counters.late == 2
-    assert c.step(10_000, 0, HOVER) is None  # one stray stamp is not a new clock, two in a row are
-    assert c.step(14_000, 0, HOVER) is not None
-    assert c.counters.clock_jumps == 1
-
-
-def test_a_single_stamp_from_elsewhere_does_not_lock_the_right_ones_out() -> None:
-    c = core()
-    assert c.step(5_000_000, 0, HOVER) is not None
-    assert c.step(2**63, 0, HOVER) is None
-    assert c.step(5_004_000, 0, HOVER) is not None
-    assert c.step(0, 0, HOVER) is None
-    assert c.step(5_008_000, 0, HOVER) is not None
-
-
-def test_other_groups_are_not_ours() -> None:
-    c = core()
-    assert c.step(1000, 1, HOVER) is None
-    assert c.counters.other_group == 1
-
-
-def test_absurd_demands_get_no_answer_and_outputs_keep_their_range() -> None:
-    rng = np.random.default_rng(5)
-    for law in ("standard", "reduced", "coaxial", "coaxial-printed"):
-        c, answered = core(law), 0
-        for k in range(120):
-            demand = list(rng.uniform(-1, 1, 8) * 10.0 ** rng.uniform(-2, 3))
-            out = c.step(1000 * (k + 1), 0, demand)
-            absurd = max(abs(v) for v in demand[:3]) > 1.5 or not -0.5 <= demand[3] <= 1.5
-            assert (out is None) == absurd
-            if out is not None:
-                answered += 1
-                assert all(0.0 <= u <= 1.0 for u in out)
-        assert answered > 10
-        assert c.counters.absurd == 120 - answered
-    assert c.counters.clamped > 0
-
-
-def test_a_law_that_gives_rubbish_is_not_passed_on() -> None:
-    for rubbish in (math.nan, 1.2, -0.1):
-        law = SimpleNamespace(name="mad", speeds=lambda w, x=rubbish: np.full(8, x), dropped=())
-        c = MixCore(Vehicle(X8, CRM), law)
-        assert c.step(1000, 0, HOVER) is None
-        assert c.counters.refused_outputs == 1
-
-
-# a slow machine's pauses between demands are none of the vehicle's
-QUICK = Timing(settle=1, fade_s=0.0, hold_after_s=30.0, ramp_after_s=60.0)
-
-
-def mixer_on(session: ScriptedSession, law: Any = None, **options: Any) -> LiveMixer:
-    law = law or make_law("coaxial", Vehicle(X8, CRM))
-    return LiveMixer(session, Vehicle(X8, CRM), law, **{"timing": QUICK, **options})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("signed", [False, True])
-def test_the_loop_answers_each_demand_once_and_with_its_stamp(signed: bool) -> None:
-    session = ScriptedSession(signed=signed)
+def test_each_demand_is_answered_once_and_with_its_stamp() -> None:
+    session = Session()
     with mixer_on(session) as mixer:
         assert session.requests[0] == (140, 250.0)
         for k in range(20):
-            session.demand(4000 * (k + 1), HOVER)
-        session.demand(4000 * 10, HOVER)
+            session.demand(4000 * (k + 1))
+        session.demand(4000 * 10)
     answered = len(session.sent)
-    session.demand(999_999, HOVER)  # after stop: silence
+    session.demand(999_999)  # after stop: silence
     assert len(session.sent) == answered
     assert [m.time_usec for m in session.sent[:20]] == [4000 * (k + 1) for k in range(20)]
     assert all(m.get_type() == "SET_ACTUATOR_CONTROL_TARGET" and m.group_mlx == 0 for m in session.sent)
     assert all((m.target_system, m.target_component) == (1, 1) for m in session.sent)
     summary = mixer.summary()
-    assert summary["cycles"] == 20
-    assert summary["unanswered"]["late"] == 1
+    assert summary["cycles"] == 20 and summary["unanswered"]["late"] == 1
     assert max(summary["allocation_error"]["max"]) < 1e-6
-    assert 0 < summary["latency_us"]["p50"] <= summary["latency_us"]["p99"]
 
 
 def test_what_goes_out_is_what_the_law_says() -> None:
-    session = ScriptedSession()
-    with mixer_on(session):
-        session.demand(1000, HOVER)
-        session.demand(2000, [0.02, -0.03, 0.05, 0.35, 0, 0, 0, 0])
-    c = core()
-    for message, demand in zip(session.sent, (HOVER, [0.02, -0.03, 0.05, 0.35, 0, 0, 0, 0]), strict=False):
-        float32 = np.array(demand, np.float32).astype(float)
-        assert list(message.controls) == pytest.approx(c.step(message.time_usec, 0, list(float32)), abs=1e-6)
+    session, c = Session(), MixCore(Vehicle(X8, CRM), "coaxial")
+    mixer_on(session)
+    for stamp, controls in ((1000, HOVER), (2000, [0.02, -0.03, 0.05, 0.35, 0, 0, 0, 0])):
+        (message,) = session.demand(stamp, controls)
+        float32 = np.array(controls, np.float32).astype(float).tolist()
+        assert list(message.controls) == pytest.approx(c.step(stamp, 0, float32), abs=1e-6)
 
 
 def test_a_dry_run_computes_and_sends_nothing() -> None:
-    session = ScriptedSession()
+    session = Session()
     with mixer_on(session, dry_run=True) as mixer:
         for k in range(20):
-            session.demand(4000 * (k + 1), HOVER)
+            session.demand(4000 * (k + 1))
     assert session.sent == []
-    assert mixer.summary()["cycles"] == 20
-    assert max(mixer.core.sent) > 0.3
+    assert mixer.summary()["cycles"] == 20 and max(mixer.core.sent) > 0.3
 
 
 def test_it_takes_over_from_the_autopilots_own_mixer_without_a_step() -> None:
-    session = ScriptedSession()
-    with mixer_on(session, timing=Timing(settle=4, fade_s=1e9)):
-        for k in range(8):
-            session.demand(4000 * (k + 1), [0.05, 0.0, 0.1, 0.4, 0, 0, 0, 0])
-        sent = list(session.sent)
-    assert [m.time_usec for m in sent] == [4000 * k for k in range(4, 9)]
+    session = Session()
+    mixer_on(session, timing=Timing(settle=4, fade_s=1e9))
+    for k in range(8):
+        session.demand(4000 * (k + 1), [0.05, 0.0, 0.1, 0.4, 0, 0, 0, 0])
+    assert [m.time_usec for m in session.sent] == [4000 * k for k in range(4, 9)]
     # setpoints of the geometry mixer: thrust 0.4 on all, roll +-, yaw by spin, each entry +-1 of the axis
-    first = np.array(sent[0].controls)
+    first = np.array(session.sent[0].controls)
     assert first.mean() == pytest.approx(0.4, abs=1e-6)
     assert np.unique(np.abs(first - 0.4).round(4)).size == 2  # |0.05 e + 0.1| and |0.05 e - 0.1|
 
 
 def test_of_demands_that_wait_only_the_newest_is_answered() -> None:
-    session = ScriptedSession()
-    with mixer_on(session):
-        packer = mavlink.MAVLink(None, 1, 1)
-        burst = b"".join(
-            bytes(mavlink.MAVLink_actuator_control_target_message(1000 * k, 0, HOVER).pack(packer))
-            for k in range(1, 30)
-        )
-        session.tap.take(burst)
-        summary = session.tap.summary()
-        assert [m.time_usec for m in session.sent] == [29_000]
-    assert summary["unanswered"]["superseded"] == 28
+    session = Session()
+    mixer = mixer_on(session)
+    frames = [
+        session.frame(mavlink.MAVLink_actuator_control_target_message(1000 * k, 0, HOVER))
+        for k in range(1, 30)
+    ]
+    session.tap.take([b"".join(frames[:20]), *frames[20:]])
+    assert [m.time_usec for m in session.sent] == [29_000]
+    assert mixer.summary()["unanswered"]["superseded"] == 28
+
+
+def test_a_frame_that_only_begins_does_not_hold_up_the_demand_behind_it() -> None:
+    session = Session()
+    mixer_on(session)
+    session.tap.take([b"\xfd\xff\x00"])
+    assert session.demand(1000)
 
 
 def test_a_demand_of_someone_else_is_not_answered() -> None:
-    session = ScriptedSession()
-    with mixer_on(session) as mixer:
-        message = mavlink.MAVLink_actuator_control_target_message(1000, 0, HOVER)
-        session.hear(message, system=1, component=50)
-        session.hear(message, system=9)
-    assert session.sent == []
+    session = Session()
+    mixer = mixer_on(session)
+    assert not session.demand(1000, component=50) and not session.demand(1000, system=9)
     assert mixer.summary()["unanswered"]["foreign"] == 2
 
 
+def test_on_a_signed_line_only_what_is_signed_is_believed() -> None:
+    session = Session()
+    mixer, session.signed_with = mixer_on(session), SIGNATURE
+    assert not session.demand(1000)
+    session.hear(RIVAL, 246, 191)
+    assert mixer.summary()["unanswered"]["foreign"] == 1 and not mixer.failed.is_set()
+    session.signed_with = b""
+    assert session.demand(1000)
+
+
 def test_another_companions_commands_on_the_line_end_it() -> None:
-    session = ScriptedSession()
+    session = Session()
     mixer = mixer_on(session)
-    mixer.start()
-    session.demand(1000, HOVER)
-    assert len(session.sent) == 1
-    session.hear(session.sent[0], 245, 191)  # our own words, handed back by a router
+    (ours,) = session.demand(1000)
+    session.hear(ours, 245, 191)  # our own words, handed back by a router
+    asking = mavlink.MAVLink_set_actuator_control_target_message(0, 255, 1, 1, [0.0] * 8)
+    session.hear(asking, 246, 191)  # asks ArduPilot's bridge for the demand, commands nothing
     assert not mixer.failed.is_set()
-    rival = mavlink.MAVLink_set_actuator_control_target_message(1500, 0, 1, 1, [0.3] * 8)
-    session.hear(rival, 246, 191)
-    session.demand(2000, HOVER)
-    assert isinstance(mixer.error, SafetyRefusal)
-    assert "another companion" in str(mixer.error)
-    assert len(session.sent) == 1
+    session.hear(RIVAL, 246, 191)
+    assert not session.demand(2000)
+    assert isinstance(mixer.error, SafetyRefusal) and "another companion" in str(mixer.error)
 
 
 def test_a_failing_law_falls_silent_instead_of_failing_at_every_demand() -> None:
     def broken(wrench: object) -> None:
         raise RuntimeError("no")
 
-    session = ScriptedSession()
+    session = Session()
     mixer = mixer_on(session, SimpleNamespace(name="broken", speeds=broken, dropped=()))
-    mixer.start()
-    session.demand(1000, HOVER)
-    assert mixer.failed.is_set()
-    assert str(mixer.error) == "no"
-    session.demand(2000, HOVER)
-    assert session.sent == []
+    assert not session.demand(1000) and not session.demand(2000)
+    assert mixer.failed.is_set() and str(mixer.error) == "no"
     assert mixer.summary()["unanswered"]["failures"] == 1
 
 
@@ -310,21 +146,17 @@ def test_a_failing_law_falls_silent_instead_of_failing_at_every_demand() -> None
 def test_an_autopilot_that_ignores_the_stream_is_refused_with_the_reason(
     autopilot: int, version: tuple[int, ...] | None, says: str
 ) -> None:
+    session = Session(version, autopilot)
     with pytest.raises(SafetyRefusal, match=says):
-        require_path(autopilot, version)
-    session = ScriptedSession(version or (1, 99), autopilot)
-    with pytest.raises(SafetyRefusal):
-        LiveMixer(session, Vehicle(X8, CRM), "reduced").start()  # type: ignore[arg-type]
-    assert session.tap is None
-    assert session.requests == []
+        mixer_on(session)
+    assert session.tap is None and session.requests == []
 
 
 def test_an_autopilot_that_will_not_send_its_demand_is_refused_and_left_alone() -> None:
-    session = ScriptedSession()
-    session.takes_requests = False
+    session = Session(takes_requests=False)
     with pytest.raises(SafetyRefusal, match="will not send"):
-        LiveMixer(session, Vehicle(X8, CRM), "reduced").start()  # type: ignore[arg-type]
-    assert session.tap is None
+        mixer_on(session)
+    assert session.tap is None and session.listeners == []
 
 
 def test_older_px4_is_accepted() -> None:
@@ -332,7 +164,93 @@ def test_older_px4_is_accepted() -> None:
         require_path(mavlink.MAV_AUTOPILOT_PX4, version)
 
 
-def test_more_motors_than_the_message_carries_are_refused() -> None:
-    nine = replace(X8, rotors=(*X8.rotors, replace(X8.rotors[0], number=9, level="single", pair=None)))
-    with pytest.raises(InputError, match="8 rotors at most"):
-        MixCore(Vehicle(nine, CRM), SimpleNamespace())  # type: ignore[arg-type]
+# -- another law in flight -----------------------------------------------------------------------------------
+
+
+def test_of_laws_handed_over_the_newest_flies_from_the_next_demand_on() -> None:
+    session, vehicle = Session(), Vehicle(X8, CRM)
+    mixer = mixer_on(session, "exact")
+    first, second = (make_law("exact", vehicle) for _ in range(2))
+    mixer.adopt(first, vehicle)
+    mixer.adopt(second, vehicle)
+    assert session.demand(1000) and mixer.core.law is second
+
+
+def test_a_law_that_cannot_be_taken_up_falls_silent_and_says_why() -> None:
+    session = Session()
+    mixer = mixer_on(session, "exact")
+    mixer.adopt(make_law("exact", Vehicle(X8, CRM)), None)  # type: ignore[arg-type]
+    assert not session.demand(1000)
+    assert mixer.failed.is_set() and mixer.guard.state == STOPPED and "airframe" in str(mixer.error)
+
+
+# -- hostile bytes -------------------------------------------------------------------------------------------
+
+NASTY = [math.nan, math.inf, -math.inf, 3.4e38, -3.4e38, 1e-45, -0.0, 0.0, 1.0, -1.0, 1.5, -1.5, 1.50001, 2.0]
+
+
+def hostile(rng: random.Random) -> Iterator[bytes]:
+    """Frames without end: good ones, nasty ones, damaged ones, noise, pieces and heaps of them."""
+    packer = mavlink.MAVLink(None, 1, 1)
+    stamp, left = 1_000_000, b""
+    while True:
+        kind = rng.random()
+        stamp += rng.choice([4000, 4000, 4000, 1, 0, -8000])
+        controls = [rng.uniform(-0.3, 0.3) for _ in range(3)] + [rng.uniform(0, 1)] + [0.0] * 4
+        group, when = 0, stamp
+        if kind < 0.35:
+            for _ in range(rng.randint(1, 8)):
+                controls[rng.randrange(8)] = rng.choice([*NASTY, rng.uniform(-2, 2)])
+        elif kind < 0.40:
+            when = rng.choice([0, 1, 2**63, 2**64 - 1, rng.getrandbits(64)])
+        elif kind < 0.43:
+            group = rng.randrange(256)
+        elif kind < 0.46:  # any bits at all in the float fields
+            controls = list(struct.unpack("<8f", rng.randbytes(32)))
+        message = mavlink.MAVLink_actuator_control_target_message(max(when, 0), group, controls)
+        packer.srcSystem, packer.srcComponent = rng.choice([(1, 1)] * 9 + [(1, 2), (0, 0), (255, 190)])
+        packer.seq = rng.randrange(256)
+        data = bytes(message.pack(packer, force_mavlink1=rng.random() < 0.05))
+        if 0.46 <= kind < 0.56:
+            corrupted = bytearray(data)
+            for _ in range(rng.randint(1, 4)):
+                corrupted[rng.randrange(len(corrupted))] = rng.randrange(256)
+            data = bytes(corrupted)
+        elif 0.56 <= kind < 0.60:
+            data = rng.randbytes(rng.randint(0, 120))
+        elif 0.60 <= kind < 0.64:
+            cut = rng.randrange(len(data))
+            data, left = left + data[:cut], data[cut:]
+        elif 0.64 <= kind < 0.67:
+            outputs = [rng.choice([*NASTY, 1500.0]) for _ in range(32)]
+            other = mavlink.MAVLink_actuator_output_status_message(max(stamp, 0), 8, outputs)
+            data = bytes(other.pack(packer)) + data
+        elif 0.67 <= kind < 0.70:
+            data = data * rng.randint(2, 6)
+        yield data
+
+
+class Judge(Session):
+    """Looks at every byte it is given to send."""
+
+    def send_frame(self, pack: Any, seed: bytes) -> None:
+        super().send_frame(pack, seed)
+        message = self.sent[-1]
+        assert message.get_type() == "SET_ACTUATOR_CONTROL_TARGET" and len(message.controls) == 8
+        assert all(0.0 <= u <= 1.0 for u in message.controls), message  # false for NaN too
+
+
+@pytest.mark.slow
+def test_nothing_out_of_bounds_leaves_whatever_comes_in() -> None:
+    for law, frames in (("exact", 1000), ("reduced", 1000)):
+        session = Judge()
+        # without its witness, which would rightly give up soon
+        mixer = LiveMixer(session, Vehicle(X8, CRM), law, witness=False, timing=Timing(settle=1, fade_s=0.02))  # type: ignore[arg-type]
+        mixer.start()
+        for _, data in zip(range(frames), hostile(random.Random(7)), strict=False):
+            session.clock.sleep(0.001)
+            mixer.take([data])
+        unanswered = mixer.summary()["unanswered"]
+        assert len(session.sent) > frames / 10 and unanswered["failures"] == 0
+        for reason in ("not_finite", "absurd", "late", "foreign", "other_group", "superseded"):
+            assert unanswered[reason] > 0, reason

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import threading
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from live_flight import Companion, Flight, real_time
+from live_flight import Companion, Flight
+from live_line import Session
 
 from coaxlink.errors import InputError
 from coaxlink.files import example
-from coaxlink.live.guard import STOPPED
 from coaxlink.live.health_watch import HealthWatch
 from coaxlink.live.in_air import Call, InAir, weakened
 from coaxlink.live.mixer import LiveMixer
@@ -43,7 +42,6 @@ class Mixed:
         self.a.exchange = self._answer
         self.core = MixCore(self.vehicle, "exact", own_curve=1.0)
         self.in_air = InAir(self.vehicle, stops=reallocate)
-        self.dry_run, self.exchange = False, None
         self.reallocation = Reallocation(self) if reallocate else None
         self.calls, self.due, self.tilt, self.turn = [], [], [], 0
         self.a.store.write("THR_MDL_FAC", 9, 1.0)
@@ -200,13 +198,13 @@ def test_yaw_is_given_up_first():
 def by_hand(law="exact", **options):
     """A mixer without a line."""
     vehicle = load_vehicle(example("y6.toml"), ROTORS)
-    return LiveMixer(None, vehicle, make_law(law, vehicle, **options)), vehicle
+    return LiveMixer(Session(), vehicle, make_law(law, vehicle, **options)), vehicle
 
 
 def test_bounds_and_priority_of_the_law_stay():
     live, vehicle = by_hand(low=0.2, high=0.9, priority=("yaw", "roll", "pitch", "thrust"), failed=[5])
     answer(live, weakened(vehicle, 3, 0.3), (1,))
-    live.serve(None, None)
+    live.take([])
     weight = 9.80665 * vehicle.airframe.mass_kg
     speeds = live.core.law.speeds([0.3 * weight, 0.0, 0.0, 0.0])
     assert speeds[[0, 4]].tolist() == [0.0, 0.0] and speeds[[1, 2, 3, 5]].min() >= 0.2 - 1e-9
@@ -229,86 +227,30 @@ def test_what_is_left_of_a_rotor_counts_all_of_its_calls():
     assert answer(live, twice, stopped=(3,))[0]["thrust_left"] == 0.0
 
 
-def test_a_law_that_comes_while_another_is_taken_up_is_not_lost():
-    live, vehicle = by_hand()
-    first, second = (make_law("exact", vehicle) for _ in range(2))
-    change, coming = live._change, [second]
-
-    def late(*law):
-        if coming:
-            live.adopt(coming.pop(), vehicle)
-        change(*law)
-
-    live._change = late
-    live.adopt(first, vehicle)
-    live.serve(None, None)
-    live.serve(None, None)
-    assert live.core.law is second
-
-
-def test_a_law_that_cannot_be_taken_up_falls_silent_and_says_why():
-    live, vehicle = by_hand()
-    live.core.adopt = lambda *_: 1 / 0
-    live.adopt(make_law("exact", vehicle), vehicle)
-    live.serve(None, None)
-    assert live.failed.is_set() and live.guard.state == STOPPED and "division" in str(live.error)
-
-
-def test_a_law_that_comes_as_a_compiled_turn_begins_waits_for_one_answer():
-    compiled = pytest.importorskip("coaxlink.live.compiled")
-    ends = []
-
-    def function(*_):
-        ends.append(int(exchange._state.until_ns))
-        return 0
-
-    core = MixCore(load_vehicle(example("x8_demo.toml"), ROTORS), "exact")
-    exchange = compiled.Exchange(function, core, core.law, bytearray(1), (1, 1, 1, 191))
-    exchange.interrupt()
-    for _ in range(2):
-        exchange(0, ("127.0.0.1", 9), 0.0, 0.1, 0.1)
-    assert ends[0] == 0 < ends[1]
-
-
-@pytest.fixture(scope="module", params=["plain", "compiled"])
-def native(request):
-    if request.param == "plain":
-        return None
-    from coaxlink.live import compiled
-
-    if not compiled.available():
-        pytest.skip("the compiled loop runs on 64-bit Linux")
-    return compiled.load()
-
-
-@real_time
-def test_the_loop_itself_goes_on_without_it(native):
+@pytest.mark.slow
+def test_the_loop_itself_goes_on_without_it():
     flight = Flight()
     companion = Companion(flight)
-    vehicle = load_vehicle(example("x8_demo.toml"), ROTORS)
-    live = LiveMixer(companion.session, vehicle, make_law("exact", vehicle), own_curve=1.0, native=native)
-    starting = threading.Thread(target=live.start)
-    try:
-        starting.start()
-        flight.fly(3.0, until=lambda: not starting.is_alive())
-        starting.join()
-        said = []
-        with HealthWatch(live, said.append, None, Reallocation(live)) as watch:
-            flight.fly(20.0, until=lambda: watch.in_air.now.word == "sound")
-            flight.fly(2.0)
-            extra = {"rotor": 2.0}
-            FORMS["degraded_rotor"].apply(
-                flight.autopilot.plant, Effect("degraded_rotor", 1.0, 0.0, extra, "weak_motor")
-            )
-            flight.rows.clear()
-            flight.fly(5.0, until=lambda: live.core.sent[1] == 0.0)
-            flight.fly(1.0)
-        assert [c.rotor for c in said] == [2] and not watch.problem
-        assert watch.account()["reallocated"][0]["rotor"] == 2
-        assert live.core.sent[1] == 0.0 and not live.failed.is_set()
-        assert native is None or live.exchange.answers > 100
-        assert flight.outputs_are_sound() and flight.steepest_deg < 25.0
-    finally:
-        live.session.tap = None
-        companion.close()
-        flight.close()
+    live = companion.mix()
+    said = []
+    watch = HealthWatch(live, said.append, None, Reallocation(live))
+    watch.listen()
+
+    def work():
+        watch.work()
+        flight.clock.later(0.01, work)
+
+    work()
+    companion.until_live(live)
+    flight.fly(20.0, until=lambda: watch.in_air.now.word == "sound")
+    flight.fly(2.0)
+    extra = {"rotor": 2.0}
+    weak = Effect("degraded_rotor", 1.0, 0.0, extra, "weak_motor")
+    FORMS["degraded_rotor"].apply(flight.autopilot.plant, weak)
+    flight.rows.clear()
+    flight.fly(0.3, until=lambda: live.core.sent[1] == 0.0)
+    flight.fly(1.0)
+    assert [c.rotor for c in said] == [2] and not watch.problem
+    assert watch.account()["reallocated"][0]["rotor"] == 2
+    assert live.core.sent[1] == 0.0 and not live.failed.is_set()
+    assert flight.outputs_are_sound() and max(row.tilt_deg for row in flight.rows) < 25.0

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import threading
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from live_flight import EXAMPLES, Companion, Flight, real_time
+from live_flight import Companion, Flight, demand
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.airframe import load_airframe
-from coaxlink.live.attitude_loop import AttitudeLoop
-from coaxlink.live.mixer import LiveMixer
 from coaxlink.mavlink import codec
 from coaxlink.mavlink.signing import Signer
-from coaxlink.rotor.model import load_rotor_model
-from coaxlink.vehicle import Vehicle
 
-X8 = load_airframe(EXAMPLES / "x8_demo.toml")
-CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 KEY = bytes(range(32))
 byte = st.integers(0, 255)
 shares = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0, 1, width=32))
@@ -67,75 +58,40 @@ def test_timestamps_rise_whoever_signs(tmp_path: Path) -> None:
             else bytes(beat.pack(packer))
         )
         stamps.append(int.from_bytes(frame[-12:-6], "little"))
-        digest = hashlib.sha256(KEY + frame[:-6]).digest()
-        assert frame[-6:] == digest[:6]
+        assert frame[-6:] == hashlib.sha256(KEY + frame[:-6]).digest()[:6]
     assert all(b > a for a, b in itertools.pairwise(stamps))
 
 
-def test_fields_of_a_message_are_those_of_its_bytes() -> None:
-    four = [0.25, -0.5, 1.0, 0.125]
-    messages: list[Any] = [
-        mavlink.MAVLink_actuator_control_target_message(7, 3, [0.5] * 8),
-        mavlink.MAVLink_attitude_quaternion_message(9, *four, 0.5, 1.5, 2.5, four),
-        mavlink.MAVLink_attitude_target_message(11, 7, four, 0.5, 1.5, 2.5, 0.75),
-        mavlink.MAVLink_actuator_output_status_message(13, 8, [1500.0] * 32),
-    ]
-    for message in messages:
-        frame = bytes(message.pack(mavlink.MAVLink(None, 1, 1)))
-        kind = codec.HOT[message.get_msgId()]
-        assert codec.fields_of(message) == kind.unpack(frame[10:-2])
+@pytest.mark.slow
+def test_it_flies_on_a_signed_line_and_nothing_unsigned_or_replayed_moves_it(
+    key_file: Path, tmp_path: Path
+) -> None:
+    flight, signer = Flight(key_file=key_file), Signer(KEY, tmp_path)
+    companion, heard = Companion(flight, signer=signer), []
+    send = flight.net.send
 
+    def overheard(data: bytes, source: object, target: object) -> None:
+        if target == companion.address:
+            heard.append(data)
+        send(data, source, target)
 
-@real_time
-@pytest.mark.parametrize("own_loop", [False, True])
-def test_it_flies_on_a_signed_line(tmp_path: Path, own_loop: bool) -> None:
-    key_file = tmp_path / "key"
-    key_file.write_bytes(KEY)
-    key_file.chmod(0o600)
-    flight = Flight(key_file=key_file)
-    signer = Signer(KEY, tmp_path)
-    companion = Companion(flight, signer=signer)
-    live = LiveMixer(
-        companion.session, Vehicle(X8, CRM), "exact", own_curve=1.0,
-        loop=AttitudeLoop(X8.inertia_kg_m2) if own_loop else None,
-    )  # fmt: skip
-    starting = threading.Thread(target=live.start)
-    starting.start()
-    flight.fly(5.0, until=lambda: not starting.is_alive())
-    flight.fly(3.0, until=lambda: live.state == "live")
-    flight.rows.clear()
-    flight.fly(1.5)
-    driven = sum(row[1] for row in flight.rows) / len(flight.rows)
-    live.session.tap = None
-    companion.close()
-    flight.close()
-    assert live.error is None
-    assert driven > 0.9
-    assert flight.outputs_are_sound()
-    assert abs(flight.rows[-1][3] - 4.0) < 0.7
-    assert signer.refused == 0
-    assert live.core.counters.cycles > 200
-
-
-@real_time
-def test_an_unsigned_demand_drives_nothing(tmp_path: Path) -> None:
-    key_file = tmp_path / "key"
-    key_file.write_bytes(KEY)
-    key_file.chmod(0o600)
-    flight = Flight(key_file=key_file)
-    companion = Companion(flight, signer=Signer(KEY, tmp_path))
-    live = LiveMixer(companion.session, Vehicle(X8, CRM), "reduced", own_curve=1.0)
-    live.session.tap = live
-    live._target = (1, 1)
-    live._unsubscribe = companion.session.subscribe(live._on_message)
-    packer = mavlink.MAVLink(None, 1, 1)
+    flight.net.send = overheard
+    live = companion.mix()
+    companion.until_live(live)
+    flight.fly(1.0)
+    assert signer.refused == 0 and all(row.driven for row in flight.rows)
+    before = live.core.counters.cycles
+    forged = demand(10**9, [0.0, 0.0, 0.0, 0.9] + [0.0] * 4)
+    rival = mavlink.MAVLink_set_actuator_control_target_message(1, 0, 1, 1, [0.5] * 8)
     for k in range(20):
-        forged = mavlink.MAVLink_actuator_control_target_message(
-            10**9 + 4000 * k, 0, [0.0, 0, 0, 0.9] + [0.0] * 4
-        )
-        live.take(bytes(forged.pack(packer)))
-    assert live.core.counters.cycles == 0
-    assert live.core.counters.foreign == 20
-    live.session.tap = None
+        for message in (forged, rival):
+            data = bytes(message.pack(mavlink.MAVLink(None, 1, 1)))
+            send(data, flight.addresses[0], companion.address)
+        send(heard[k], flight.addresses[0], companion.address)  # what it said a second ago
+        flight.fly(0.012)
+    assert live.error is None and all(row.driven for row in flight.rows)
+    assert live.core.counters.cycles - before == 60
+    assert live.core.counters.foreign >= 20
+    assert live.core.held[3] < 0.8
     companion.close()
-    flight.close()
+    flight.stays_up()

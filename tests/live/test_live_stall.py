@@ -2,96 +2,88 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from live_line import HOVER, Session, mixer_on
 from pymavlink.dialects.v20 import common as mavlink
-from test_live_mixer import CRM, HOVER, X8, ScriptedSession
 
-from coaxlink.live import mixer as mixing
-from coaxlink.live.stall import Absence, backlog
-from coaxlink.vehicle import Vehicle
+from coaxlink.live.guard import Timing
+from coaxlink.live.stall import Absence
+from coaxlink.mavlink.line import MOST_WAITING, read_waiting
 
-PERIOD_US = 4000
+PERIOD_S = 0.004
 
 
-class Clock:
-    """The loop's own clock and its line, both in the test's hands."""
+class Rhythm:
+    """Demands at 250 Hz to a mixer that may be stopped."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.now, self.waiting = 100.0, 0
-        fake = SimpleNamespace(
-            perf_counter=lambda: self.now, monotonic=lambda: self.now, sleep=lambda s: None
-        )
-        monkeypatch.setattr(mixing, "time", fake)
-        self.session = ScriptedSession()
-        self.mixer = mixing.LiveMixer(
-            self.session, Vehicle(X8, CRM), "coaxial", own_curve=1.0, witness=False  # type: ignore[arg-type]
-        )  # fmt: skip
-        self.mixer.start()
-        self.mixer.inbox.line = SimpleNamespace(readable=lambda number: self.waiting > 0)  # type: ignore[assignment]
+    def __init__(self) -> None:
+        self.session = Session()
+        self.mixer = mixer_on(self.session, timing=Timing(), witness=False)
         self.stamp = 50_000_000
 
-    def demand(self, stamp: int) -> list[Any]:
-        """Hear one demand; what was answered."""
+    def waiting(self, count: int, period_s: float = PERIOD_S) -> list[bytes]:
+        """The next demands."""
+        frames = []
+        for _ in range(count):
+            self.stamp += round(1e6 * period_s)
+            message = mavlink.MAVLink_actuator_control_target_message(self.stamp, 0, HOVER)
+            frames.append(self.session.frame(message))
+        return frames
+
+    def take(self, chunks: list[bytes]) -> list[Any]:
         before = len(self.session.sent)
-        self.session.hear(mavlink.MAVLink_actuator_control_target_message(stamp, 0, HOVER))
+        self.mixer.take(chunks)
         return self.session.sent[before:]
 
-    def fly(self, count: int) -> list[bool]:
-        """Demands in their rhythm, awake: which were answered."""
-        answered = []
+    def fly(self, count: int) -> int:
+        """Demands in their rhythm, awake: how many were answered."""
+        answered = 0
         for _ in range(count):
-            self.now += PERIOD_US / 1e6
-            self.stamp += PERIOD_US
-            answered.append(bool(self.demand(self.stamp)))
+            self.session.clock.sleep(PERIOD_S)
+            answered += len(self.take(self.waiting(1)))
         return answered
 
 
 @pytest.mark.parametrize("stopped_s", [0.3, 3.0, 30.0])
-def test_after_any_stop_the_third_fresh_demand_is_answered_and_none_that_waited(
-    monkeypatch: pytest.MonkeyPatch, stopped_s: float
-) -> None:
-    clock = Clock(monkeypatch)
-    assert sum(clock.fly(200)) == 198
-    assert clock.mixer.state == "live"
-    clock.now += stopped_s
+def test_after_any_stop_the_third_fresh_demand_is_answered_and_none_that_waited(stopped_s: float) -> None:
+    rhythm = Rhythm()
+    assert rhythm.fly(200) == 198 and rhythm.mixer.state == "live"
+    rhythm.session.clock.sleep(stopped_s)
     # the kernel kept the first quarter of a second of what came, in order
-    stamps = [clock.stamp + PERIOD_US * (n + 1) for n in range(60)]
-    for n, stamp in enumerate(stamps):
-        clock.waiting = len(stamps) - 1 - n
-        clock.now += 0.0002
-        assert clock.demand(stamp) == []
-    clock.stamp += round(stopped_s * 1e6)
-    # one more where the gap looks like another clock
-    assert clock.fly(4)[-1]
-    assert clock.mixer.state == "fading"
-    assert clock.session.sent[-1].time_usec == clock.stamp
-    assert sum(clock.fly(100)) == 100
-    assert clock.mixer.state == "live"
-    assert not clock.mixer.failed.is_set()
-    summary = clock.mixer.summary()
-    assert summary["stalls"]["count"] == 1
-    assert summary["stalls"]["longest_s"] == pytest.approx(stopped_s, abs=0.01)
-    assert summary["unanswered"]["superseded"] >= 59
+    frames = rhythm.waiting(60)
+    rhythm.stamp += round(1e6 * (stopped_s - 60 * PERIOD_S))
+    assert rhythm.take(frames) == []
+    # after 0.3 s the newest of them is fresh enough to be the first of three; after a second and more the gap
+    # looks like another clock, which is believed when it comes twice
+    assert [rhythm.fly(1) for _ in range(4)] == ([0, 1, 1, 1] if stopped_s < 1.0 else [0, 0, 0, 1])
+    assert rhythm.mixer.state == "fading" and rhythm.session.sent[-1].time_usec == rhythm.stamp
+    assert rhythm.fly(100) == 100 and rhythm.mixer.state == "live"
+    summary = rhythm.mixer.summary()
+    assert summary["stalls"] == {"count": 1, "longest_s": pytest.approx(stopped_s, abs=0.01)}
+    assert summary["unanswered"]["superseded"] == (59 if stopped_s < 1.0 else 60)
+    assert not rhythm.mixer.failed.is_set()
 
 
-def test_a_demand_that_is_fresh_after_a_stop_counts_even_if_more_waits_behind_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    clock = Clock(monkeypatch)
-    clock.fly(200)
-    clock.now += 0.2
-    clock.stamp += 200_000
-    clock.waiting = 3  # a line that is never empty
-    answers = []
-    for _ in range(8):
-        clock.now += 0.0045  # each waits out the patience with newer ones
-        clock.stamp += 4500
-        answers.append(bool(clock.demand(clock.stamp)))
-    assert any(answers)
-    assert clock.mixer.summary()["unanswered"]["superseded"] <= 5
+def test_a_demand_that_is_fresh_after_a_stop_counts_though_older_ones_waited() -> None:
+    rhythm = Rhythm()
+    rhythm.fly(200)
+    rhythm.session.clock.sleep(0.2)
+    assert rhythm.take(rhythm.waiting(50)) == []  # the newest of them counts, as the first of three
+    assert rhythm.fly(2) == 1
+    assert rhythm.mixer.summary()["unanswered"]["superseded"] == 49
+
+
+def test_a_line_that_is_never_empty_ends_the_search_for_fresh_demands() -> None:
+    rhythm = Rhythm()
+    rhythm.fly(200)
+    rhythm.session.clock.sleep(5.0)
+    junk = [b"x"] * MOST_WAITING
+    for _ in range(60):
+        rhythm.session.clock.sleep(PERIOD_S)
+        answered = rhythm.take(junk + rhythm.waiting(1))
+    assert answered  # by stamps a vehicle whose clock stood still while we were stopped
 
 
 def test_a_silence_counts_only_while_somebody_was_there_to_hear_it() -> None:
@@ -108,21 +100,18 @@ def test_a_silence_counts_only_while_somebody_was_there_to_hear_it() -> None:
     assert absence.silent_s(now + 0.2, now) == pytest.approx(0.2)
 
 
-def test_of_a_backlog_the_newest_demand_comes_first_and_nothing_else_is_lost() -> None:
-    ours, other = ("127.0.0.1", 1), ("127.0.0.1", 2)
-    waiting = [
-        (b"d1", ours), (b"beat", ours), (b"d2", other), (b"d3", ours), (b"attitude", ours), (b"d4", ours),
-        (b"imu", ours),
-    ]  # fmt: skip
-    came = iter(waiting)
-    line = SimpleNamespace(read=lambda timeout_s: next(came, (b"", None)))
+class Queue:
+    def __init__(self, waiting: int) -> None:
+        self.waiting, self.timeouts = [(b"%d" % k, "there") for k in range(waiting)], []
 
-    def is_demand(data: bytes) -> bool:
-        return data.startswith(b"d")
+    def read(self, timeout_s: float) -> tuple[bytes, Any]:
+        self.timeouts.append(timeout_s)
+        return self.waiting.pop(0) if self.waiting else (b"", None)
 
-    found, left_out = backlog(line, ours, is_demand)  # type: ignore[arg-type]
-    assert found[0] == (b"d4", ours)
-    gone = [(b"d1", ours), (b"d3", ours), (b"d4", ours)]
-    assert sorted(found[1:]) == sorted(w for w in waiting if w not in gone)
-    assert left_out == 2
-    assert backlog(line, ours, is_demand) == ([], 0)  # type: ignore[arg-type]
+
+def test_all_that_waits_is_read_in_order_and_only_the_first_is_waited_for() -> None:
+    line: Any = Queue(3)
+    assert [data for data, _ in read_waiting(line, 0.05)] == [b"0", b"1", b"2"]
+    assert line.timeouts == [0.05, 0.0, 0.0, 0.0]
+    assert read_waiting(line, 0.05) == []
+    assert len(read_waiting(Queue(2 * MOST_WAITING), 0.05)) == MOST_WAITING  # type: ignore[arg-type]

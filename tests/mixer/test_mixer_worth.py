@@ -16,7 +16,7 @@ import pytest
 
 from coaxlink.airframe import load_airframe
 from coaxlink.mixer.fitted import envelope
-from coaxlink.mixer.worth import Worth, weigh
+from coaxlink.mixer.worth import weigh
 from coaxlink.report.worth import remark_on_curve, rows, verdict
 from coaxlink.rotor.model import load_rotor_model
 from coaxlink.tables.ardupilot import ap_speeds, report_ap
@@ -24,10 +24,11 @@ from coaxlink.tables.px4 import px4_speeds, report_px4
 from coaxlink.tables.worth import CURVED, DEFAULTS, LIVE, px4_worths
 from coaxlink.vehicle import Vehicle
 
+pytestmark = pytest.mark.slow  # every table of the vehicle is made and weighed
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FRAME = load_airframe(EXAMPLES / "x8_paper.toml")
 MODEL = load_rotor_model(EXAMPLES / "rotor_paper.toml")
-WORTHS = px4_worths(Vehicle(FRAME, MODEL))
+VEHICLE = Vehicle(FRAME, MODEL)
 WEIGHT = 20.0 * 9.80665
 LAWS = ("standard", "reduced", "fitted")
 
@@ -65,7 +66,7 @@ def _wrench(u: np.ndarray) -> tuple[np.ndarray, float]:
 @cache
 def _table(name: str) -> tuple[np.ndarray, float]:
     """(8, 4) mix of thrust, roll, pitch, yaw as PX4 normalises it, and its curve, from the parameters."""
-    params = report_px4(Vehicle(FRAME, MODEL), name).params
+    params = report_px4(VEHICLE, name).params
     ct = np.array([params[f"CA_ROTOR{n}_CT"] for n in range(8)])
     km = np.array([params[f"CA_ROTOR{n}_KM"] for n in range(8)])
     x, y = (np.array([params[f"CA_ROTOR{n}_P{k}"] for n in range(8)]) for k in "XY")
@@ -99,14 +100,19 @@ def _hover(name: str) -> float:
     return _where(lambda t: _flown(name, [t, 0, 0, 0])[0], WEIGHT)
 
 
-def _row(name: str) -> Worth:
-    row = WORTHS.named(name)
+@cache
+def worths():
+    return px4_worths(VEHICLE)
+
+
+def _row(name):
+    row = worths().named(name)
     assert row is not None
     return row
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_gains_and_their_span_are_those_of_finite_differences(name: str) -> None:
+def test_gains_and_their_span_are_those_of_finite_differences(name: str):
     def slopes(kg: float) -> np.ndarray:
         h = _where(lambda t: _flown(name, [t, 0, 0, 0])[0], kg * 9.80665)
         found = []
@@ -125,7 +131,7 @@ def test_gains_and_their_span_are_those_of_finite_differences(name: str) -> None
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_power_and_ceiling_are_the_rotor_files_own(name: str) -> None:
+def test_power_and_ceiling_are_the_rotor_files_own(name: str):
     row, mix = _row(name), _table(name)[0]
     hover = _hover(name)
     level = _commands(name, _setpoints(name, [hover, 0, 0, 0]))
@@ -137,27 +143,25 @@ def test_power_and_ceiling_are_the_rotor_files_own(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("axis", [1, 2, 3])
-def test_the_first_rotor_at_its_bound_is_the_one_of_a_fine_grid(name: str, axis: int) -> None:
+def test_the_first_rotor_at_its_bound_is_the_one_of_a_fine_grid(name: str):
     hover = _hover(name)
-    base, turn = _setpoints(name, [hover, 0, 0, 0]), _table(name)[0][:, axis]
-    found = []
-    for sign in (1.0, -1.0):
-        for d in np.linspace(0.0, 1.0, 4001):
-            s = base + sign * d * turn
-            if s.min() <= 1e-7 or s.max() >= 1.0:
-                moment = abs(_wrench(_commands(name, np.clip(s, 0.0, 1.0)))[0][axis])
-                found.append((moment, {int(n) + 1 for n in np.flatnonzero((s <= 1e-3) | (s >= 0.999))}, s))
-                break
-    moment, rotors, s = found[1] if found[1][0] < 0.999 * found[0][0] else found[0]  # a tie: the first
-    limit = _row(name).limits[axis - 1]
-    assert limit.moment_Nm == pytest.approx(moment, rel=5e-3)
-    assert limit.rotors and set(limit.rotors) <= rotors
-    assert limit.full == bool(s[limit.rotors[0] - 1] > 0.5)
+    base = _setpoints(name, [hover, 0, 0, 0])
+    for axis in (1, 2, 3):
+        turn, found = _table(name)[0][:, axis], []
+        for sign in (1.0, -1.0):
+            at = base + sign * np.linspace(0.0, 1.0, 4001)[:, None] * turn
+            s = at[np.argmax((at.min(axis=1) <= 1e-7) | (at.max(axis=1) >= 1.0))]
+            moment = abs(_wrench(_commands(name, np.clip(s, 0.0, 1.0)))[0][axis])
+            found.append((moment, {int(n) + 1 for n in np.flatnonzero((s <= 1e-3) | (s >= 0.999))}, s))
+        moment, rotors, s = found[1] if found[1][0] < 0.999 * found[0][0] else found[0]  # a tie: the first
+        limit = _row(name).limits[axis - 1]
+        assert limit.moment_Nm == pytest.approx(moment, rel=5e-3), axis
+        assert limit.rotors and set(limit.rotors) <= rotors, axis
+        assert limit.full == bool(s[limit.rotors[0] - 1] > 0.5), axis
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_coupling_and_what_a_constant_gain_leaves(name: str) -> None:
+def test_coupling_and_what_a_constant_gain_leaves(name: str):
     row = _row(name)
     hover = _hover(name)
     still = _flown(name, [hover, 0, 0, 0])
@@ -175,7 +179,7 @@ def test_coupling_and_what_a_constant_gain_leaves(name: str) -> None:
         assert row.shape_error[axis] == pytest.approx(left, rel=0.02, abs=2e-4)
 
 
-def test_unregulated_speed_controllers_change_the_gain_as_scaled_speeds_do() -> None:
+def test_unregulated_speed_controllers_change_the_gain_as_scaled_speeds_do():
     def slope(share: float) -> float:
         def lift(t: float) -> float:
             return float(_wrench(share * _commands("standard", _setpoints("standard", [t, 0, 0, 0])))[0][0])
@@ -186,11 +190,11 @@ def test_unregulated_speed_controllers_change_the_gain_as_scaled_speeds_do() -> 
     assert _row("standard").sag_span[0] == pytest.approx(slope(1.0) / slope(0.85), rel=2e-3)
 
 
-def test_the_exact_law_keeps_every_gain_and_the_curve_alone_most() -> None:
+def test_the_exact_law_keeps_every_gain_and_the_curve_alone_most():
     exact, curved, standard = _row(LIVE), _row(CURVED), _row("standard")
     assert exact.load_span == pytest.approx([1.0] * 4, abs=1e-4)
     assert exact.shape_error == pytest.approx([0.0] * 4, abs=1e-4)
-    assert WORTHS.own_curve is not None
+    assert worths().own_curve is not None
     # a curve moves no rotor in hover: the same power and ceiling, other gains
     assert curved.hover_W == pytest.approx(standard.hover_W, rel=1e-6)
     assert curved.ceiling_N == pytest.approx(standard.ceiling_N, rel=1e-6)
@@ -199,20 +203,20 @@ def test_the_exact_law_keeps_every_gain_and_the_curve_alone_most() -> None:
     u = np.linspace(0.45, 0.75, 50)
     lift = _surface("upper", "thrust_N", u, u) + _surface("lower", "thrust_N", u, u)
     a, b = np.linalg.lstsq(np.stack([u**2, u], axis=-1), lift, rcond=None)[0]
-    assert pytest.approx(a / (a + b), abs=0.02) == WORTHS.own_curve
+    assert pytest.approx(a / (a + b), abs=0.02) == worths().own_curve
 
 
-def test_the_sentence_says_what_is_gained_and_what_is_lost() -> None:
+def test_the_sentence_says_what_is_gained_and_what_is_lost():
     said = verdict(_row("fitted"), _row("standard"))
     assert said.startswith("The fitted table saves 4.9% of hover power against the standard one (+5.1% time")
     assert "0.9% from 15 to 25 kg (standard: 8.1%)" in said
     assert "2.09 times the weight (2.43)" in said and "6.2 N m until a rotor is at its bound (6.8)" in said
-    assert "THR_MDL_FAC 0.69" in remark_on_curve(_row(CURVED), _row("fitted"), WORTHS.own_curve)
-    shown = {row[0]: row[1:] for row in rows(WORTHS.rows, 700.0)}
-    assert len(shown["minutes in hover, 700 Wh, drive 80%"]) == len(WORTHS.rows) == 6
+    assert "THR_MDL_FAC 0.69" in remark_on_curve(_row(CURVED), _row("fitted"), worths().own_curve)
+    shown = {row[0]: row[1:] for row in rows(worths().rows, 700.0)}
+    assert len(shown["minutes in hover, 700 Wh, drive 80%"]) == len(worths().rows) == 6
 
 
-def test_a_y6_of_equal_rotors_tips_over_in_a_turn_and_the_fitted_table_keeps_it_level() -> None:
+def test_a_y6_of_equal_rotors_tips_over_in_a_turn_and_the_fitted_table_keeps_it_level():
     frame = load_airframe(EXAMPLES / "y6.toml")
     assert frame.rotor_model is not None
     y6 = px4_worths(Vehicle(frame, load_rotor_model(frame.rotor_model)))
@@ -224,14 +228,14 @@ def test_a_y6_of_equal_rotors_tips_over_in_a_turn_and_the_fitted_table_keeps_it_
     )
 
 
-def test_what_cannot_hover_is_said_and_not_a_number() -> None:
+def test_what_cannot_hover_is_said_and_not_a_number():
     stone = replace(FRAME, mass_kg=60.0)
-    row = weigh(Vehicle(stone, MODEL), px4_speeds(report_px4(Vehicle(FRAME, MODEL), "fitted").mix), "fitted")
+    row = weigh(Vehicle(stone, MODEL), px4_speeds(report_px4(VEHICLE, "fitted").mix), "fitted")
     assert math.isnan(row.hover_W) and row.to_json()["hover_W"] is None
     assert row.thrust_to_weight == pytest.approx(_row("fitted").thrust_to_weight / 3.0)
     loaded = weigh(
-        Vehicle(FRAME, MODEL),
-        px4_speeds(report_px4(Vehicle(FRAME, MODEL), "fitted").mix),
+        VEHICLE,
+        px4_speeds(report_px4(VEHICLE, "fitted").mix),
         "fitted",
         heavy=2.2,
     )
@@ -242,14 +246,11 @@ def test_what_cannot_hover_is_said_and_not_a_number() -> None:
     assert rows([row])[0][1] == "cannot"
 
 
-def test_the_curved_law_is_a_table_that_both_firmwares_take() -> None:
-    report, plain = report_px4(Vehicle(FRAME, MODEL), "curved"), report_px4(Vehicle(FRAME, MODEL), "standard")
-    assert report.params["THR_MDL_FAC"] == pytest.approx(WORTHS.own_curve, abs=1e-6)
+def test_the_curved_law_is_a_table_that_both_firmwares_take():
+    report, plain = report_px4(VEHICLE, "curved"), report_px4(VEHICLE, "standard")
+    assert report.params["THR_MDL_FAC"] == pytest.approx(worths().own_curve, abs=1e-6)
     differing = {name for name, value in report.params.items() if plain.params[name] != value}
     assert differing == {"THR_MDL_FAC", "MPC_THR_HOVER"} and not report.blocking
-    copter = [
-        weigh(Vehicle(FRAME, MODEL), ap_speeds(report_ap(Vehicle(FRAME, MODEL), law).mix))
-        for law in ("standard", "curved")
-    ]
+    copter = [weigh(VEHICLE, ap_speeds(report_ap(VEHICLE, law).mix)) for law in ("standard", "curved")]
     assert copter[1].load_span.max() - 1.0 < 0.5 * (copter[0].load_span.max() - 1.0)
     assert copter[1].lift_exponent > copter[0].lift_exponent

@@ -14,10 +14,9 @@ from coaxlink.tables.px4 import report_px4
 from coaxlink.uploading.ardupilot_table import moved_rotors, present_table
 from coaxlink.uploading.explain import explain_ap, explain_px4
 from coaxlink.vehicle import Vehicle
-from firmware_params.ardupilot import scripts, used_factors
+from firmware_params.ardupilot import ApTable, scripts, used_factors
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-FRAMES = ["x8_paper", "coax_quad_plus", "y6", "mixed_hexa"]
 
 
 def _load(frame="x8_paper", rotor="rotor_eq15"):
@@ -33,79 +32,78 @@ def test_the_paper_s_normalised_matrix():
 
 
 def test_the_standard_law_is_ardupilot_s_own_x8():
-    from firmware_params.ardupilot import ApTable, used_factors
-
     factors = np.array(ap_factors(Vehicle(*_load()), "standard"))
     np.testing.assert_allclose(factors, used_factors(ApTable(4)), atol=1e-6)
 
 
 def test_the_files_carry_one_table():
-    airframe, model = _load()
-    report = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.0)
+    vehicle = Vehicle(*_load())
+    report = report_ap(vehicle, "reduced", spin_min=0.0)
     (text,) = report.scripts.values()
     assert report.params["SCR_LD_CHECKSUM"] == scripts.load_checksum([text.encode()])
     assert report.params["FRAME_CLASS"] == 15 and report.params["SERVO8_FUNCTION"] == 40
     hover = 20 * 9.80665 / (4 * (46.98 * 46.98 / 69.89 + 69.89))
     assert report.params["MOT_THST_HOVER"] == pytest.approx(hover, abs=2e-4)
     assert report.squared_ratio == pytest.approx([1.487654] * 4, abs=1e-4)
-    own_curve = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.05)
+    own_curve = report_ap(vehicle, "reduced", spin_min=0.05)
     assert own_curve.params["MOT_THST_EXPO"] == pytest.approx(0.9025 / 0.9975, abs=1e-4)
     assert own_curve.squared_ratio == pytest.approx([1.487654] * 4, rel=3e-3)
     assert "ap.spin-min" not in {f.id for f in own_curve.findings}
-    other_curve = report_ap(Vehicle(airframe, model), "reduced", spin_min=0.05, expo=1.0)
+    other_curve = report_ap(vehicle, "reduced", spin_min=0.05, expo=1.0)
     assert other_curve.squared_ratio[0] < 1.47 and "ap.spin-min" in {f.id for f in other_curve.findings}
-    loader = report_ap(Vehicle(airframe, model), "reduced", frame_class=17)
+    loader = report_ap(vehicle, "reduced", frame_class=17)
     assert loader.params["CXL_N"] == 8 and loader.params["FRAME_CLASS"] == 17
     with pytest.raises(InputError, match="expected 15"):
-        report_ap(Vehicle(airframe, model), "reduced", frame_class=4)
+        report_ap(vehicle, "reduced", frame_class=4)
 
 
-@pytest.mark.parametrize(("frame", "law"), [*((f, "reduced") for f in FRAMES), ("x8_paper", "fitted")])
-def test_done_is_asked_where_the_firmware_can(frame, law):
-    airframe, model = _load(frame, "rotor_eq15" if law == "reduced" else "rotor_paper")
-    for explained in (
-        explain_ap(Vehicle(airframe, model), report_ap(Vehicle(airframe, model), law)),
-        explain_px4(Vehicle(airframe, model), report_px4(Vehicle(airframe, model), law)),
-    ):
-        assert max(explained.worst.values()) < 1e-3
-        assert set(explained.to_json()["gain_scale"]) == {"roll", "pitch", "yaw"}
+@pytest.mark.slow
+def test_done_is_demanded_where_the_firmware_can():
+    for frame, law in (("x8_paper", "fitted"), ("coax_quad_plus", "reduced"), ("mixed_hexa", "reduced")):
+        vehicle = Vehicle(*_load(frame, "rotor_eq15" if law == "reduced" else "rotor_paper"))
+        for explained in (
+            explain_ap(vehicle, report_ap(vehicle, law)),
+            explain_px4(vehicle, report_px4(vehicle, law)),
+        ):
+            assert max(explained.worst.values()) < 1e-3, (frame, law)
+            assert set(explained.to_json()["gain_scale"]) == {"roll", "pitch", "yaw"}
 
 
 def test_a_gain_is_the_slope_that_the_paper_s_numbers_give():
     """Eq. 15 on its own rotors: roll torque per unit roll demand is the row of A times PX4's column."""
-    airframe, model = _load()
-    report = report_px4(Vehicle(airframe, model), "reduced")
+    vehicle = Vehicle(*_load())
+    report = report_px4(vehicle, "reduced")
     roll = 4 * (8.48929 * 0.557875 + 12.62912 * 0.829925)
     assert report.behaviour.gain_Nm[0] == pytest.approx(roll, rel=1e-3)
     yaw = 4 * (2.44 * 1.0 + 2.0 * 0.819672)
     assert report.behaviour.gain_Nm[2] == pytest.approx(yaw, rel=1e-3)
-    explained = explain_px4(Vehicle(airframe, model), report)
+    explained = explain_px4(vehicle, report)
     assert explained.to_json()["gain_scale"]["roll"] == pytest.approx(
         explained.reference.gain_Nm[0] / roll, rel=1e-3
     )
 
 
 def test_against_the_board():
-    airframe, model = _load()
-    report = report_px4(Vehicle(airframe, model), "reduced")
+    vehicle = Vehicle(*_load())
+    report = report_px4(vehicle, "reduced")
     board = dict(report.params) | {"CA_ROTOR0_CT": 50.0}
-    explained = explain_px4(Vehicle(airframe, model), report, board)
+    explained = explain_px4(vehicle, report, board)
     assert explained.reference_name == "on board"
     assert explained.changed == (("CA_ROTOR0_CT", 50.0, pytest.approx(46.98)),)
     with pytest.raises(InputError, match="holds no multirotor table"):
-        explain_px4(Vehicle(airframe, model), report, {"CA_ROTOR_COUNT": 0})
+        explain_px4(vehicle, report, {"CA_ROTOR_COUNT": 0})
     with pytest.raises(InputError, match="6 rotors"):
-        explain_px4(Vehicle(airframe, model), report, board | {"CA_ROTOR_COUNT": 6})
+        explain_px4(vehicle, report, board | {"CA_ROTOR_COUNT": 6})
 
 
 def test_an_ardupilot_board_is_known_by_its_frame_its_script_or_its_parameters():
-    airframe, model = _load()
-    matrix = report_ap(Vehicle(airframe, model), "reduced")
+    vehicle = Vehicle(*_load())
+    matrix = report_ap(vehicle, "reduced")
     (text,) = matrix.scripts.values()
     built_in = present_table({"FRAME_CLASS": 4, "FRAME_TYPE": 1}, lambda: None)
     scripted = present_table({**matrix.params, "FRAME_TYPE": 0}, text.encode)
     np.testing.assert_allclose(used_factors(scripted), matrix.mix.factors, atol=1e-6)
-    loader = report_ap(Vehicle(airframe, model), "reduced", frame_class=17)
+    loader = report_ap(vehicle, "reduced", frame_class=17)
     live = present_table(loader.params, lambda: None)
     np.testing.assert_allclose(used_factors(live), loader.mix.factors, atol=1e-6)
     assert not moved_rotors(built_in, scripted) and not moved_rotors(scripted, live)
@@ -116,13 +114,11 @@ def test_an_ardupilot_board_is_known_by_its_frame_its_script_or_its_parameters()
         (loader.params | {"CXL_T1": 0.9}, None),
     ):
         assert present_table(params, lambda script=script: script) is None
-    explained = explain_ap(
-        Vehicle(airframe, model), matrix, ({"FRAME_CLASS": 4.0, "ATC_RAT_RLL_P": 0.135}, built_in)
-    )
+    explained = explain_ap(vehicle, matrix, ({"FRAME_CLASS": 4.0, "ATC_RAT_RLL_P": 0.135}, built_in))
     assert explained.reference_name == "on board" and explained.gains_now == {"ATC_RAT_RLL_P": 0.135}
     assert explained.changed == (("FRAME_CLASS", 4.0, 15.0),)
     with pytest.raises(InputError, match="not known here"):
-        explain_ap(Vehicle(airframe, model), matrix, ({"FRAME_CLASS": 3.0}, None))
+        explain_ap(vehicle, matrix, ({"FRAME_CLASS": 3.0}, None))
 
 
 def test_motors_that_a_frame_numbers_in_another_way_are_found():

@@ -26,7 +26,6 @@ OPTIONS = {
     "join": "--join",
     "keep_gains": "--keep-gains",
     "law": "--law",
-    "lead_s": "--lead",
     "reallocate": "--reallocate",
     "mass_kg": "--mass",
     "new_geometry": "--new-geometry",

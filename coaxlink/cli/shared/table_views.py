@@ -1,9 +1,8 @@
-"""How tables look: their mix, traps and worth, on the screen and as JSON."""
+"""How tables look: their mix, traps, limits and worth, on the screen and as JSON."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coaxlink.cli.shared.shell import PIPE_WIDTH, console, say
@@ -11,97 +10,80 @@ from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
+    from coaxlink.mixer.constrained import ConstrainedTable
+    from coaxlink.mixer.fitted import Trade
     from coaxlink.tables.ardupilot import ApReport
-    from coaxlink.tables.behaviour import Behaviour
     from coaxlink.tables.px4 import TableReport
     from coaxlink.tables.worth import Worths
     from coaxlink.vehicle import Vehicle
     from firmware_params.errors import Finding
 
 
-def write_csv(folder: Path, report: TableReport) -> str:
-    """Write DIR/mixer.csv, the same mix for PX4's research fork. Raises InputError."""
-    from coaxlink import files
-    from firmware_params.px4 import csv_mixer
+def as_json(frame: Airframe, report: TableReport | ApReport, written: list[str]) -> dict[str, Any]:
+    """A report as `--json` writes it."""
+    from coaxlink.tables.px4 import TableReport
 
-    path = folder / csv_mixer.FILE_NAME
-    files.write_atomic(path, csv_mixer.mixer_csv(report.mix.mix))
-    say(f"mixer.csv goes to {csv_mixer.BOARD_PATH}; {csv_mixer.PARAMETERS[0]} = 1 and a reboot make it fly")
-    return str(path)
-
-
-def px4_json(frame: Airframe, report: TableReport, written: list[str]) -> dict[str, Any]:
-    """The report as `--json` writes it."""
+    px4 = isinstance(report, TableReport)
     return {
         "airframe": frame.name,
-        "firmware": "px4",
+        "firmware": "px4" if px4 else "ardupilot",
         "law": report.law,
         "parameters": report.params,
-        "mix": {
-            "axes": ["roll", "pitch", "yaw", "thrust_x", "thrust_y", "thrust_z"],
-            "rows": report.mix.mix.tolist(),
-        },
-        "pairs": [
-            {
-                "upper": s.upper,
-                "lower": s.lower,
-                "lower_over_upper_u2": s.squared_ratio,
-                "hover_u": list(s.hover),
-            }
-            for s in report.splits
-        ],
+        **(_px4_json(report) if px4 else _ap_json(frame, report)),  # type: ignore[arg-type]
+        "rotor_model": report.behaviour.to_json(),
+        "findings": [finding_json(f) for f in report.findings],
+        "files": written,
+    }
+
+
+def _px4_json(report: TableReport) -> dict[str, Any]:
+    pairs = [
+        {
+            "upper": s.upper,
+            "lower": s.lower,
+            "lower_over_upper_u2": s.squared_ratio,
+            "hover_u": list(s.hover),
+        }
+        for s in report.splits
+    ]
+    axes = ["roll", "pitch", "yaw", "thrust_x", "thrust_y", "thrust_z"]
+    return {
+        "mix": {"axes": axes, "rows": report.mix.mix.tolist()},
+        "pairs": pairs,
         "hover_thrust_setpoint": report.behaviour.hover,
         "hover_thrust_setpoint_by_table": report.hover_thrust_table,
         "ceiling_N": report.ceiling_N,
         "full_throttle_N": report.full_N,
-        "rotor_model": behaviour_json(report.behaviour),
-        "findings": [finding_json(f) for f in report.findings],
-        "files": written,
     }
 
 
-def ap_json(frame: Airframe, report: ApReport, written: list[str]) -> dict[str, Any]:
-    """The report as `--json` writes it."""
+def _ap_json(frame: Airframe, report: ApReport) -> dict[str, Any]:
+    pairs = zip(frame.pairs, report.squared_ratio, strict=True)
     return {
-        "airframe": frame.name,
-        "firmware": "ardupilot",
-        "law": report.law,
-        "parameters": report.params,
         "factors": {"axes": ["roll", "pitch", "yaw", "throttle"], "rows": report.mix.factors.tolist()},
-        "pairs": [
-            {"upper": u + 1, "lower": w + 1, "lower_over_upper_u2": ratio}
-            for (u, w), ratio in zip(frame.pairs, report.squared_ratio, strict=True)
-        ],
+        "pairs": [{"upper": u + 1, "lower": w + 1, "lower_over_upper_u2": ratio} for (u, w), ratio in pairs],
         "hover_throttle": report.behaviour.hover,
-        "rotor_model": behaviour_json(report.behaviour),
-        "findings": [finding_json(f) for f in report.findings],
-        "files": written,
-    }
-
-
-def behaviour_json(flown: Behaviour) -> dict[str, Any]:
-    """A behaviour as JSON."""
-    return {
-        "hover": flown.hover,
-        "hover_speeds": list(flown.hover_speeds),
-        "ceiling_N": flown.ceiling_N,
-        "gain_Nm": list(flown.gain_Nm),
-        "authority_Nm": list(flown.authority_Nm),
     }
 
 
 def finding_json(finding: Finding) -> dict[str, str]:
     """A finding as JSON."""
-    return {
-        "id": finding.id,
-        "severity": finding.severity,
-        "text": finding.text,
-        "evidence": finding.evidence,
-    }
+    return {key: getattr(finding, key) for key in ("id", "severity", "text", "evidence")}
 
 
-def show_px4(frame: Airframe, report: TableReport, gains: str) -> None:
-    """The mix PX4 will make, in words and columns."""
+def show(frame: Airframe, report: TableReport | ApReport, gains: str) -> None:
+    """The mix that the firmware will make, in words and columns; `gains` says what becomes of the loops."""
+    from coaxlink.tables.px4 import TableReport
+
+    if isinstance(report, TableReport):
+        _show_px4(frame, report, gains)
+    else:
+        _show_ap(frame, report, gains)
+    for finding in report.findings:
+        console().print(f"{finding.severity}: {finding}")
+
+
+def _show_px4(frame: Airframe, report: TableReport, gains: str) -> None:
     from rich.table import Table
 
     out = console()
@@ -118,20 +100,19 @@ def show_px4(frame: Airframe, report: TableReport, gains: str) -> None:
             f"pair {split.upper}/{split.lower}: lower/upper u^2 = {split.squared_ratio:.4f} (setpoints), "
             f"u = {split.hover[0]:.4f} / {split.hover[1]:.4f} in hover"
         )
-    hover = "no hover" if report.behaviour.hover is None else f"{report.behaviour.hover:.3f}"
     out.print(
-        f"hover at thrust setpoint {hover} on the rotor model ({report.hover_thrust_table:.3f} by the "
-        f"table's own numbers): MPC_THR_HOVER {report.params['MPC_THR_HOVER']:.3f}"
+        f"hover at thrust setpoint {_hover(report)} on the rotor model ({report.hover_thrust_table:.3f} by "
+        f"the table's own numbers): MPC_THR_HOVER {report.params['MPC_THR_HOVER']:.3f}"
     )
     out.print(
         f"ceiling {report.ceiling_N:.1f} N by the table at thrust setpoint 1 (every rotor full: "
         f"{report.full_N:.1f} N); {report.behaviour.ceiling_N:.1f} N on the rotor model"
     )
-    show_findings(report.findings, "traps: none (every axis survives PX4's zeroing)")
+    if not report.findings:
+        out.print("traps: none (every axis survives PX4's zeroing)")
 
 
-def show_ap(frame: Airframe, report: ApReport, gains: str) -> None:
-    """The factors ArduPilot will use, in words and columns."""
+def _show_ap(frame: Airframe, report: ApReport, gains: str) -> None:
     from rich.table import Table
 
     out, p = console(), report.table.parameters
@@ -151,38 +132,62 @@ def show_ap(frame: Airframe, report: ApReport, gains: str) -> None:
             f"pair {upper + 1}/{lower + 1}: lower/upper throttle {factor:.4f}, "
             f"u^2 in hover {ratio:.4f} (spin range)"
         )
-    hover = "no hover" if report.behaviour.hover is None else f"{report.behaviour.hover:.3f}"
     out.print(
-        f"hover at throttle {hover}, ceiling {report.behaviour.ceiling_N:.1f} N, both on the rotor model"
+        f"hover at throttle {_hover(report)}, ceiling {report.behaviour.ceiling_N:.1f} N, "
+        "both on the rotor model"
     )
-    show_findings(report.findings, "traps: none")
+    if not report.findings:
+        out.print("traps: none")
 
 
-def show_findings(findings: tuple[Finding, ...], none: str) -> None:
-    """Findings, a line each."""
+def _hover(report: TableReport | ApReport) -> str:
+    return "no hover" if report.behaviour.hover is None else f"{report.behaviour.hover:.3f}"
+
+
+def show_limits(made: ConstrainedTable, speed_max_rpm: float) -> None:
+    """What every limit does to the fitted table and costs, then all of them together."""
+    from rich.table import Table
+
+    rows = Table("limit", "fitted", "now", "power", "ceiling", "yaw in hover", "mean thrust error", box=None)
+    for held in made.limits:
+        values = ["" if x is None else held.limit.shown(x) for x in (held.before, held.now)]
+        rows.add_row(str(held.limit), *values, *_change(held.without, made.table.chosen, speed_max_rpm))
+    if len(made.limits) > 1:
+        rows.add_row("all", "", "", *_change(made.fitted.chosen, made.table.chosen, speed_max_rpm))
     out = console()
-    for finding in findings:
-        out.print(f"{finding.severity}: {finding}")
-    if not findings:
-        out.print(none)
+    out.print("limits hold; what each costs (this table less the one without it, power over the envelope):")
+    out.print(rows)
+
+
+def _change(without: Trade, now: Trade, speed_max_rpm: float) -> list[str]:
+    """Power, ceiling, yaw and error of `now` beside those of `without`."""
+    watts = speed_max_rpm * math.pi / 30.0
+    power = now.power - without.power
+    if abs(power) < 1e-5 * now.power and abs(now.ceiling_N - without.ceiling_N) < 1e-4 * now.ceiling_N:
+        return ["nothing", "", "", ""]
+    return [
+        f"{power * watts:+.0f} W ({power / without.power:+.1%})",
+        f"{without.ceiling_N:.0f} -> {now.ceiling_N:.0f} N",
+        f"{without.yaw_Nm:.2f} -> {now.yaw_Nm:.2f} N m",
+        f"{without.error[0]:.2f} -> {now.error[0]:.2f} N",
+    ]
 
 
 def load_shares(frame: Airframe, light: float | None, heavy: float | None) -> tuple[float, float]:
     """--light and --heavy (kg) as shares of the vehicle's mass. Raises InputError."""
     from coaxlink.mixer.worth import HEAVY, LIGHT
 
-    low = LIGHT if light is None else light / frame.mass_kg
-    high = HEAVY if heavy is None else heavy / frame.mass_kg
-    for name, share in (("--light", low), ("--heavy", high)):
-        if not (math.isfinite(share) and 0.0 < share <= 10.0):
-            raise InputError(
-                name, f"{share * frame.mass_kg:g}", f"a mass near {frame.mass_kg:g} kg is expected"
-            )
-    if low >= high:
-        raise InputError(
-            "--light", f"{low * frame.mass_kg:g}", f"less than {high * frame.mass_kg:g} kg is expected"
-        )
-    return low, high
+    mass = frame.mass_kg
+    kg = {
+        "--light": LIGHT * mass if light is None else light,
+        "--heavy": HEAVY * mass if heavy is None else heavy,
+    }
+    for name, load in kg.items():
+        if not (math.isfinite(load) and 0.0 < load <= 10.0 * mass):
+            raise InputError(name, f"{load:g}", f"a mass near {mass:g} kg is expected")
+    if kg["--light"] >= kg["--heavy"]:
+        raise InputError("--light", f"{kg['--light']:g}", f"less than {kg['--heavy']:g} kg is expected")
+    return kg["--light"] / mass, kg["--heavy"] / mass
 
 
 def weigh_tables(vehicle: Vehicle, load: tuple[float, float]) -> Worths:

@@ -1,78 +1,56 @@
-"""`exact.kernel` through numba: the same functions, compiled; nothing is written twice.
+# mypy: disallow-untyped-defs=False
+"""`exact.solver` through numba: the same functions, compiled; nothing is written twice.
 
-numba is imported here and nowhere else in the law, and only when a compiled law is asked for.
+numba is imported here and nowhere else in the law, and only when a compiled law is made: it takes a second.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
+from inspect import isfunction
 from pathlib import Path
 from typing import Any
 
 from coaxlink import files
-from coaxlink.mixer.exact import dual, kernel, loads, quadratic, schur, warm
+from coaxlink.mixer.exact import solver
 
-# callees before callers
-HELPERS = {
-    loads: (
-        "surface", "value", "line", "value_of_one", "expand_arm", "expand", "miss", "merit", "move",
-        "largest_step", "worst_met",
-    ),
-    schur: ("reduce_arm", "assemble", "give_up", "factor", "substitute", "correct"),
-    dual: ("box_arm", "dual_slope", "ascent", "along", "climb"),
-    quadratic: ("step_arms", "revise", "quadratic_step"),
-    warm: ("away", "keep", "recall", "start"),
-    kernel: ("promise", "persist", "solve", "restart", "optimum"),
-}  # fmt: skip
-# what every call goes through, inlined by force: handing on the forty numbers that describe an arm's
-# arrays costs as much as the arm's own arithmetic
-INLINE = frozenset((
-    "surface", "value", "line", "value_of_one", "expand_arm", "expand", "miss", "move", "largest_step",
-    "worst_met", "reduce_arm", "assemble", "factor", "substitute", "step_arms", "revise", "away", "start",
-))  # fmt: skip
 # fused multiply-add; no check of every division (a pivot is tested before it divides); no counting of
 # references to rows, since nothing is allocated
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "_nrt": False}
 
 
 @cache
-def compiled() -> tuple[Any, Any]:
-    """(`kernel.optimum`, `kernel.batch`) compiled, and cached on disk where only we can write.
+def functions() -> tuple[Any, Any]:
+    """(`solver.optimum`, `solver.batch`) compiled. Raises ImportError without numba."""
+    import numba
+    from numba.extending import register_jitable
 
-    Raises ImportError without numba.
+    for function in vars(solver).values():
+        if isfunction(function) and function.__module__ == solver.__name__:
+            register_jitable(**OPTIONS)(function)  # the two may call it
+    with kept_code() as keep:
+        return tuple(numba.njit(f, cache=keep, **OPTIONS) for f in (solver.optimum, solver.batch))
+
+
+@contextmanager
+def kept_code() -> Iterator[bool]:
+    """Where numba keeps what is compiled inside: a folder of ours for this very source; False: nowhere.
+
+    numba itself looks at one file, and would run the old law after an upgrade of another.
     """
     import numba
 
-    register()
-    folder = cache_folder()
-    keep = not files.keep_private(folder)
+    folder = files.code_folder(f"exact-{source_digest()}")
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
     try:
-        optimum = numba.njit(kernel.optimum, cache=keep, **OPTIONS)
-        return optimum, numba.njit(kernel.batch, cache=keep, **OPTIONS)
+        yield not files.keep_private(folder)
     finally:
         numba.config.CACHE_DIR = before
 
 
-def register(inline: bool = True) -> None:
-    """Tell numba that it may compile the law's helpers where they are called.
-
-    Without `inline` that takes half the time, and a call half a microsecond more.
-    """
-    from numba.extending import register_jitable
-
-    for module, names in HELPERS.items():
-        for name in names:
-            register_jitable(**OPTIONS, forceinline=inline and name in INLINE)(getattr(module, name))
-
-
-def cache_folder() -> Path:
-    """Where the compiled law is kept: a folder for this very source.
-
-    numba looks at the text of kernel.py alone, and would run the old law after an upgrade of another
-    module of the law.
-    """
-    texts = [Path(str(module.__file__)).read_bytes() for module in HELPERS]
-    texts.append(Path(__file__).read_bytes())
-    return files.code_folder(f"exact-{hashlib.sha256(b''.join(texts)).hexdigest()[:16]}")
+def source_digest(folder: Path = Path(__file__).parent) -> str:
+    """Of all sources of the law."""
+    return hashlib.sha256(b"".join(p.read_bytes() for p in sorted(folder.glob("*.py")))).hexdigest()[:16]

@@ -1,9 +1,9 @@
 # mypy: disallow-untyped-defs=False
-"""The exact law as a C function, for loops that someone else compiled: demand in, motor commands out.
+"""The exact law as a C function, for flights that are compiled as a whole: demand in, motor commands out.
 
 `void law(int64 *book, double *demand, double *command)`: demand = (roll, pitch, yaw, thrust) normalised, as
-`mixer.worth.law_speeds` has them: thrust 1 is the ceiling, a turn of 1 as much as weight x arm. The book
-holds the addresses of `exact.kernel`'s arrays, so that every flight has a memory of its own.
+`mixer.demands.law_speeds` has them. The book holds the addresses of the solver's arrays, so that every flight
+has a memory of its own.
 """
 
 from __future__ import annotations
@@ -14,18 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink import files
-from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.mixer.exact.compiled import cache_folder, compiled
-from coaxlink.mixer.exact.law import FAR, STEPS, ExactLaw
-from coaxlink.mixer.exact.warm import ROWS
-from coaxlink.mixer.worth import law_speeds
+from coaxlink.mixer.demands import demand_units, law_speeds
+from coaxlink.mixer.exact.compiled import functions, kept_code
+from coaxlink.mixer.exact.law import FAR, STEPS, ExactLaw, standing
+from coaxlink.mixer.exact.solver import Arms, State
 from coaxlink.vehicle import Vehicle
 
-# the book: sizes, then addresses of the kernel's arrays in its own order, then of the units and slots
-ARMS, TERMS, ROTORS, WORK, SUMS, PAST, FIRST = range(7)
-ARRAYS = 15  # of `kernel.optimum`, up to its limit
-UNITS, SLOTS, BOOK = FIRST + ARRAYS, FIRST + ARRAYS + 1, FIRST + ARRAYS + 2
+# the book: arms, orders, terms of a load, rotors; then addresses of the arrays of Arms and of State, of the
+# units of a demand and of the slots
+SIZES, ARRAYS = 5, len(Arms._fields) - 3 + len(State._fields)
+BOOK = SIZES + ARRAYS + 2
 
 
 class NativeExact:
@@ -34,18 +32,16 @@ class NativeExact:
     name = "exact"
 
     def __init__(self, vehicle: Vehicle) -> None:
-        frame, model = vehicle.airframe, vehicle.model
+        frame = vehicle.airframe
+        full = float(frame.wrench(*frame.loads(vehicle.model, np.ones(len(frame.rotors))))[0])
         self._law = ExactLaw(vehicle, compiled=True)
-        full = float(frame.wrench(*frame.loads(model, np.ones(len(frame.rotors))))[0])
-        arm = max(float(np.hypot(*r.position_m[:2])) for r in frame.rotors)
-        turn = frame.mass_kg * GRAVITY_M_S2 * arm
         self._speeds = law_speeds(self._law, frame, full)
-        p = self._law.problem
-        units = np.array([full, turn, turn, 0.25 * turn])[p.order] / p.scale
-        # (2, 4): wrench of a unit of demand by rank, in the kernel's unit; where that demand stands
-        self._units = np.stack([units, np.array([3.0, 0.0, 1.0, 2.0])[p.order]])
-        self._slots = np.ascontiguousarray(p.slots, np.int64)
-        self._alive: list[Any] = []
+        order, scale = self._law.units.order, self._law.units.scale
+        units = demand_units(frame, full)[order] / scale
+        # (2, 4): wrench of a unit of demand by rank, in the solver's unit; where that demand stands
+        self._units = np.stack([units, np.array([3.0, 0.0, 1.0, 2.0])[order]])
+        self._slots = np.ascontiguousarray(self._law.units.slots, np.int64)
+        self._alive: State | None = None
         self.address = int(_function().address)
 
     def command(self, roll: float, pitch: float, yaw: float, thrust: float) -> NDArray[np.float64]:
@@ -54,21 +50,11 @@ class NativeExact:
 
     def book(self) -> NDArray[np.int64]:
         """As new, standing in the middle of the bounds; it lives until the next one is made."""
-        p = self._law.problem
-        arrays = self._law.arrays()
-        self._alive = arrays
-        book = np.zeros(BOOK, np.int64)
-        book[:FIRST] = (
-            p.arms,
-            p.c.shape[2],
-            len(p.slots),
-            arrays[11].shape[1],
-            len(arrays[12]),
-            arrays[14].shape[1],
-        )
-        book[FIRST:UNITS] = [a.ctypes.data for a in arrays]
-        book[UNITS], book[SLOTS] = self._units.ctypes.data, self._slots.ctypes.data
-        return book
+        p = self._law.arms
+        self._alive = standing(p)
+        arrays = [*p[3:], *self._alive, self._units, self._slots]
+        sizes = [p.size, p.upper_order, p.lower_order, p.load.shape[2], len(self._slots)]
+        return np.array([*sizes, *(a.ctypes.data for a in arrays)], np.int64)
 
 
 @cache
@@ -78,7 +64,7 @@ def _function() -> Any:
     from numba import carray, types
     from numba.extending import intrinsic
 
-    optimum, _ = compiled()
+    optimum, _ = functions()
 
     def pointer_to(kind):
         @intrinsic
@@ -90,33 +76,34 @@ def _function() -> Any:
 
         return pointer
 
-    floats, integers = pointer_to(types.float64), pointer_to(types.int64)
+    f, i = pointer_to(types.float64), pointer_to(types.int64)
 
     def law(book_at, demand_at, command_at):
         book, demand = carray(book_at, BOOK), carray(demand_at, 4)
-        arms, terms, rotors = book[ARMS], book[TERMS], book[ROTORS]
-        at = book[FIRST:]
+        arms, rotors, at = book[0], book[4], book[SIZES:]
         n = 2 * arms
-        c, g = carray(floats(at[0]), (arms, 4, terms)), carray(floats(at[1]), (arms, 16))
-        shape = carray(integers(at[2]), 4)
-        lo, hi, x = carray(floats(at[3]), n), carray(floats(at[4]), n), carray(floats(at[5]), n)
-        act, lam, el = carray(integers(at[6]), n), carray(floats(at[7]), 4), carray(integers(at[8]), 4)
-        cap, mu = carray(floats(at[9]), 4), carray(floats(at[10]), 4)
-        work, sums = carray(floats(at[11]), (arms, book[WORK])), carray(floats(at[12]), book[SUMS])
-        box, past = carray(floats(at[13]), 3 * n), carray(floats(at[14]), (ROWS, book[PAST]))
-        units = carray(floats(book[UNITS]), (2, 4))
-        slots, command = carray(integers(book[SLOTS]), rotors), carray(command_at, rotors)
+        p = Arms(
+            arms, book[1], book[2], carray(f(at[0]), (arms, 4, book[3])), carray(f(at[1]), (arms, 4, 4)),
+            carray(f(at[2]), n), carray(f(at[3]), n), carray(f(at[4]), 4),
+        )  # fmt: skip
+        s = State(
+            carray(f(at[5]), 4), carray(f(at[6]), n), carray(i(at[7]), n), carray(f(at[8]), 4),
+            carray(i(at[9]), 4), carray(f(at[10]), 4), carray(f(at[11]), 1), carray(f(at[12]), n),
+            carray(f(at[13]), (n, 4)), carray(f(at[14]), (arms, 3)), carray(f(at[15]), n),
+            carray(f(at[16]), (n, 4)), carray(f(at[17]), n), carray(f(at[18]), (4, 4)),
+            carray(f(at[19]), (4, 4)), carray(f(at[20]), 4), carray(f(at[21]), 4), carray(f(at[22]), 4),
+            carray(f(at[23]), n), carray(f(at[24]), n), carray(f(at[25]), n), carray(f(at[26]), (3, 4)),
+            carray(f(at[27]), (3, 4)), carray(i(at[28]), (3, 4)), carray(f(at[29]), (3, n)),
+            carray(i(at[30]), (3, n)), carray(f(at[31]), 1),
+        )  # fmt: skip
+        units, slots = carray(f(at[ARRAYS]), (2, 4)), carray(i(at[ARRAYS + 1]), rotors)
+        command = carray(command_at, rotors)
         for j in range(4):
-            mu[j] = min(max(demand[int(units[1, j])] * units[0, j], -FAR), FAR)
-        optimum(c, g, shape, lo, hi, x, act, lam, el, cap, mu, work, sums, box, past, STEPS)
-        for i in range(rotors):
-            command[i] = x[slots[i]]
+            s.mu[j] = min(max(demand[int(units[1, j])] * units[0, j], -FAR), FAR)
+        optimum(p, s, STEPS)
+        for r in range(rotors):
+            command[r] = s.x[slots[r]]
 
-    folder = cache_folder()
-    keep = not files.keep_private(folder)
-    pointers = (types.CPointer(types.int64), types.CPointer(types.float64), types.CPointer(types.float64))
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
-    try:
-        return numba.cfunc(types.void(*pointers), cache=keep)(law)
-    finally:
-        numba.config.CACHE_DIR = before
+    signature = types.void(types.CPointer(types.int64), *[types.CPointer(types.float64)] * 2)
+    with kept_code() as keep:
+        return numba.cfunc(signature, cache=keep)(law)

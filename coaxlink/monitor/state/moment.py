@@ -13,7 +13,7 @@ from typing import Any
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.live.in_air import NOTHING_HEARD, RotorsInAir
-from coaxlink.live.mixer import DemandScale
+from coaxlink.live.mixer_core import DemandScale
 from coaxlink.mavlink.telemetry import Text
 from coaxlink.mixer.coefficients import standard_coefficients
 from coaxlink.mixer.law import Law

@@ -14,7 +14,6 @@ import numpy as np
 
 from coaxlink.airframe import Airframe
 from coaxlink.mixer.coefficients import reduced_coefficients, standard_coefficients
-from coaxlink.mixer.intent import intended_wrench
 from coaxlink.monitor.incoming.table_reader import PX4_NAMES, rotor_names
 from coaxlink.vehicle import Vehicle
 from firmware_params.errors import FirmwareParamsError
@@ -95,7 +94,7 @@ def intended(table: Mapping[str, float], commands: Sequence[float | None]) -> tu
         return None
     try:
         with np.errstate(all="ignore"):
-            wrench = intended_wrench(used, known)
+            wrench = realise(used).wrench(known)
     except (FirmwareParamsError, *ABSURD):
         return None
     return tuple(float(w) for w in wrench) if np.isfinite(wrench).all() else None

@@ -1,0 +1,64 @@
+"""The exact law compiled: in Python's loop, in a batch, and as a C function; kept by its own source."""
+
+import ctypes
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coaxlink import files
+from coaxlink.mixer.exact import ExactLaw, compiled
+from coaxlink.mixer.exact.native import NativeExact
+from coaxlink.vehicle import load_vehicle
+
+KIND = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)
+
+
+def _run(law, rotors, demands):
+    book, out, function = law.book(), [], KIND(law.address)
+    for demand in demands:
+        row, command = np.ascontiguousarray(demand), np.zeros(rotors)
+        function(book.ctypes.data, row.ctypes.data, command.ctypes.data)
+        out.append(command)
+    return np.array(out)
+
+
+@pytest.mark.slow
+def test_the_c_function_is_the_law():
+    for name, rotors in (("x8_demo.toml", 8), ("y6.toml", 6)):
+        law = NativeExact(load_vehicle(files.example(name)))
+        random = np.random.default_rng(2)
+        demands = np.column_stack([*random.uniform(-0.3, 0.3, (3, 200)), random.uniform(0.1, 0.9, 200)])
+        flown = _run(law, rotors, demands)
+        wanted = np.array([law.command(*demand) for demand in demands])
+        assert np.abs(flown - wanted).max() < 1e-9
+        assert np.array_equal(flown, _run(law, rotors, demands))  # whatever was flown before
+
+
+def test_what_is_compiled_is_kept_by_every_source_of_the_law(tmp_path):
+    copy = shutil.copytree(Path(compiled.__file__).parent, tmp_path / "exact")
+    assert compiled.source_digest(copy) == compiled.source_digest()
+    (copy / "solver.py").write_text((copy / "solver.py").read_text() + "\n")
+    assert compiled.source_digest(copy) != compiled.source_digest()
+
+
+@pytest.mark.slow
+def test_compiled_or_not_it_is_the_same_law_and_ten_thousand_wrenches_are_delivered():
+    x8 = load_vehicle(files.example("x8_paper.toml"))
+    fast, plain = ExactLaw(x8, compiled=True), ExactLaw(x8)
+    assert fast.compiled and not plain.compiled
+    rng = np.random.default_rng(4)
+    demands = rng.uniform([100, -6, -6, -3], [320, 6, 6, 3], (40, 4))
+    demands[::8, 3] = 20.0
+    rows = np.array([plain.speeds(d) for d in demands])
+    assert np.array([fast.speeds(d) for d in demands]) == pytest.approx(rows, abs=1e-7)
+    fast.reset()
+    assert fast.many(demands) == pytest.approx(rows, abs=1e-7)
+    frame, u = x8.airframe, rng.uniform(0.2, 0.9, (10_000, 8))
+    demands = frame.wrench(*frame.loads(x8.model, u))  # all within reach, most far from any hover
+    found = fast.many(demands)
+    assert found.min() >= 0.0 and found.max() <= 1.0
+    thrust, torque = frame.loads(x8.model, found)
+    assert np.abs(frame.wrench(thrust, torque) - demands).max() < 5e-7  # 1e-9 of the authority
+    assert ((torque * found).sum(axis=1) <= (frame.loads(x8.model, u)[1] * u).sum(axis=1) * (1 + 1e-9)).all()
