@@ -1,13 +1,14 @@
 """Pictures of the monitor's pages (SVG) from a live run: a simulated PX4 takes off with the paper's X8.
 
-python research/screens.py FOLDER [SECONDS_OF_HOVER]
+python research/screens.py FOLDER       (--small: a hover of 2 s, pictures made and thrown away)
 """
 
 from __future__ import annotations
 
+import argparse
 import asyncio
-import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from coaxlink import files
 from coaxlink.fly.commands import Vehicle as Autopilot
@@ -53,8 +54,16 @@ async def pictures(address: str, folder: Path, hover_s: float) -> None:
         link.stop()
 
 
+def main() -> None:
+    """Write them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("screens"))
+    parser.add_argument("--small", action="store_true", help="what CI runs")
+    given = parser.parse_args()
+    with standin("--firmware", "px4", "--airframe", str(X8)) as port, TemporaryDirectory() as scratch:
+        folder = Path(scratch) if given.small else given.folder
+        asyncio.run(pictures(f"udpout:127.0.0.1:{port}", folder, 2.0 if given.small else 15.0))
+
+
 if __name__ == "__main__":
-    given = sys.argv[1:]
-    with standin("--firmware", "px4", "--airframe", str(X8)) as port:
-        where = Path(given[0] if given else "screens")
-        asyncio.run(pictures(f"udpout:127.0.0.1:{port}", where, float(given[1]) if len(given) > 1 else 15.0))
+    main()
