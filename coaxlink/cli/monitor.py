@@ -7,7 +7,6 @@ import shlex
 import socket
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,10 +18,10 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from coaxlink.monitor.config import Config
-    from coaxlink.monitor.player import Player
-    from coaxlink.monitor.state import View
-    from coaxlink.monitor.watch import Watch
-
+    from coaxlink.monitor.incoming.recording import Player
+    from coaxlink.monitor.state.moment import Moment
+    from coaxlink.monitor.state.watch import Watch
+    from coaxlink.vehicle import Vehicle
 
 _SERVED = "TEXTUAL_DRIVER" in os.environ  # by textual-serve, to a browser
 
@@ -54,9 +53,6 @@ def monitor(
     start: Annotated[
         float, typer.Option("--start", min=0.0, metavar="S", help="Where --replay begins, in s.")
     ] = 0.0,
-    theme: Annotated[
-        str | None, typer.Option("--theme", help="dark, light, or none: without colour (as with NO_COLOR).")
-    ] = None,
     config: Annotated[
         Path | None,
         typer.Option("--config", metavar="FILE", help="Settings (default: ~/.config/coaxlink/monitor.toml)."),
@@ -75,23 +71,28 @@ def monitor(
 ) -> None:
     """Live thrust of upper and lower rotors, split, balance, table on board and link."""
     from coaxlink.monitor.config import load_config
-    from coaxlink.monitor.feed import check_address
-    from coaxlink.monitor.screen.format import replay_words
+    from coaxlink.monitor.incoming.heard import Heard
+    from coaxlink.monitor.incoming.link import check_address
+    from coaxlink.monitor.state.watch import Watch
 
     settings = load_config(config)
-    settings = replace(settings, theme=_theme(theme or settings.theme))
     url = connect or settings.connect
-    watch = _watch(str(replay) if replay else url, airframe or settings.airframe, rotor or settings.rotor)
-    player = None if replay is None else _player(replay, watch, speed, start)
+    vehicle = _vehicle(airframe or settings.airframe, rotor or settings.rotor)
+    player = None if replay is None else _player(replay, speed, start)
     if player is None:
         check_address(url)
+        watch = Watch(Heard(), vehicle, url)
+    else:
+        watch = Watch(player.heard, vehicle, str(replay))
     if once or json is not None:
         if player is None:
-            _look_once(watch, seconds, json)
+            _show(_look_once(watch, seconds), json)
         else:
-            tape = player.recording
-            where = replay_words(tape.name, player.position_s, tape.length_s, 1.0, False)
-            _show(player.look_once(), json, where)
+            from coaxlink.monitor.screen.words import replay_words
+
+            player.playing, player.speed = False, 1.0
+            watch.judge_table()
+            _show(watch.look(), json, replay_words(player))
         return
     if web:
         _serve(port)
@@ -124,28 +125,15 @@ def _serve(port: int) -> None:
     Server(command, host="127.0.0.1", port=port, title="coaxlink monitor").serve()
 
 
-def _theme(name: str | None) -> str:
-    from coaxlink.errors import InputError
-    from coaxlink.monitor.screen.themes import PALETTES
+def _player(path: Path, speed: float, start_s: float) -> Player:
+    from coaxlink.monitor.incoming.recording import Player, load_recording
 
-    if name is not None and name not in PALETTES:
-        raise InputError("--theme", "", f"one of {', '.join(PALETTES)} is expected, found {name!r}")
-    return name or ("none" if os.environ.get("NO_COLOR") else "dark")
+    return Player(load_recording(path), speed=speed, start_s=start_s)
 
 
-def _player(path: Path, watch: Watch, speed: float, start_s: float) -> Player:
-    from coaxlink.monitor.player import Player
-    from coaxlink.monitor.tape import load_tape
-
-    tape = load_tape(path)
-    watch.line = lambda: list(tape.notes)
-    return Player(tape, watch, speed=speed, start_s=start_s)
-
-
-def _watch(connect: str, airframe_path: Path | None, rotor_path: Path | None) -> Watch:
+def _vehicle(airframe_path: Path | None, rotor_path: Path | None) -> Vehicle:
     from coaxlink import files
     from coaxlink.airframe import load_airframe
-    from coaxlink.monitor.watch import Watch
     from coaxlink.vehicle import Vehicle, load_rotors
 
     airframe = load_airframe(airframe_path or files.example("x8_paper.toml"))
@@ -153,36 +141,36 @@ def _watch(connect: str, airframe_path: Path | None, rotor_path: Path | None) ->
     vehicle = Vehicle(airframe, model)
     for name, why in vehicle.left_out.items():
         say(f"not in the rotors shown: {name}: {why}")
-    return Watch(connect, vehicle)
+    return vehicle
 
 
 def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
-    from coaxlink.monitor.board.desk import Desk
-    from coaxlink.monitor.feed import Feed
+    from coaxlink.monitor.incoming.link import LinkThread
     from coaxlink.monitor.screen.app import Monitor
 
     shown: dict[str, Any] = {
         "folder": settings.snapshots,
         "plot_span_s": settings.plot_s,
         "page": settings.page,
-        "palette": settings.theme,
     }
     if _SERVED:
         _end_with(os.getppid())
     if player is not None:
-        Monitor(player.look, player=player, **shown).run()
+
+        def played() -> Moment:
+            player.advance()
+            return watch.look()
+
+        Monitor(played, player=player, **shown).run()
         return
-    # who opens a page of this machine has not sat down at the terminal: a browser writes nothing
-    desk = None if _SERVED else Desk(settings.backups or Path("backups"))
-    shown["why_no_desk"] = "in a browser the monitor only watches: use it in a terminal"
-    feed = Feed(watch, desk=desk)
-    feed.start()
+    link = LinkThread(watch.heard, watch.address)
+    link.start()
     try:
-        Monitor(watch.look, trouble=lambda: feed.failure, desk=desk, table=settings.table, **shown).run()
+        Monitor(watch.look, trouble=lambda: link.failure, **shown).run()
     finally:
-        feed.stop()
-    if feed.failure is not None:
-        raise feed.failure
+        link.stop()
+    if link.failure is not None:
+        raise link.failure
 
 
 def _end_with(server: int) -> None:
@@ -197,34 +185,28 @@ def _end_with(server: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _look_once(watch: Watch, seconds: float, json: Path | None) -> None:
-    from coaxlink.mavlink import connect
-    from coaxlink.monitor.board.table_reader import TableReader
-    from coaxlink.monitor.feed import COMPONENT, begin
-    from coaxlink.monitor.telemetry.streams import Streams
+def _look_once(watch: Watch, seconds: float) -> Moment:
+    from coaxlink.monitor.incoming.link import Streams, begin, connect_to
+    from coaxlink.monitor.incoming.table_reader import TableReader
 
     end = time.monotonic() + seconds
-    patience_s = max(seconds, 3.0)
-    with connect(
-        watch.address, timeout_s=patience_s, source_component=COMPONENT, listen_only=True
-    ) as session:
-        begin(watch, session)
+    with connect_to(watch.address, max(seconds, 3.0)) as session:
+        begin(watch.heard, session)
         session.wait((), min(1.2, seconds / 2))
-        Streams(watch, session).request_missing()
-        TableReader(watch, session).refresh()
-        view = watch.look(time.monotonic())
+        Streams(watch.heard, session).request_missing()
+        TableReader(watch.heard, session).refresh()
+        watch.judge_table()
+        moment = watch.look()
         while (left := end - time.monotonic()) > 0.0:
             session.wait((), min(left, 0.2))
-            view = watch.look(time.monotonic())  # a steady hover is told from several looks
-    _show(view, json)
+            moment = watch.look()  # a steady hover is seen over several looks
+    return moment
 
 
-def _show(view: View, json: Path | None, replay: Text | None = None) -> None:
+def _show(moment: Moment, json: Path | None, replay: Text | None = None) -> None:
     from coaxlink import files
-    from coaxlink.monitor.screen.format import summary
-    from coaxlink.monitor.screen.themes import DARK, dress
-    from coaxlink.monitor.watch import to_json
+    from coaxlink.monitor.screen.words import summary
 
     if json is not None:
-        files.write_json(json, to_json(view))
-    console().print(dress(summary(view, replay), DARK))
+        files.write_json(json, moment.to_json())
+    console().print(summary(moment, replay))

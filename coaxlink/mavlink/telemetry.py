@@ -66,13 +66,13 @@ class Timed(NamedTuple):
 
 @dataclass(frozen=True)
 class Battery:
-    """What one battery is said to hold; None is not told, as the 0 V of a power module that is not there."""
+    """What one battery holds; None is not reported, as the 0 V of a power module that is not there."""
 
     voltage_V: float | None
     current_A: float | None
     remaining: float | None  # 0..1
     charge_state: int = 0  # MAV_BATTERY_CHARGE_STATE
-    remaining_s: float = 0.0  # until it is empty; 0 is not told
+    remaining_s: float = 0.0  # until it is empty; 0 is not reported
 
 
 @dataclass(frozen=True)

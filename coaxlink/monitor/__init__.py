@@ -1,5 +1,5 @@
-"""The live screen: what flies, arm by arm.
+"""The live screen: what flies, arm by arm. Nothing here commands a vehicle or writes to it.
 
-`readings` keeps what came over the link, `state` makes one frozen view of it, `screen` formats that view.
-Nothing here commands a vehicle.
+`incoming` keeps what came over a link or out of a recording, `state` makes one frozen moment of it, `screen`
+shows that moment. Each knows only the one before.
 """

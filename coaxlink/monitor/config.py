@@ -3,12 +3,9 @@
 connect = "udpin:127.0.0.1:14550"
 airframe = "my_x8.toml"     # paths are relative to this file
 rotor = "my_rotor.toml"
-theme = "dark"              # dark, light, none
 page = "split"              # split, error, parameters, messages, health
 plot_s = 60                 # seconds of a plot, 2 to 600
 snapshots = "pictures"      # where s puts the SVG files
-backups = "backups"         # where backups of parameters go
-table = "table"             # what the page of parameters compares with first
 """
 
 from __future__ import annotations
@@ -21,14 +18,12 @@ from typing import Any
 from coaxlink import files
 from coaxlink.errors import InputError
 from coaxlink.monitor.screen.history import KEPT_S, LEAST_S
-from coaxlink.monitor.screen.themes import PALETTES
 from firmware_params.keys import unknown_key
 
 DEFAULT_URL = "udpin:0.0.0.0:14550"
 PAGES = ("split", "error", "parameters", "messages", "health")
-_PATHS = ("airframe", "rotor", "snapshots", "backups", "table")
-_WORDS = {"theme": tuple(PALETTES), "page": PAGES}
-KEYS = ("connect", "airframe", "rotor", "theme", "page", "plot_s", "snapshots", "backups", "table")
+_PATHS = ("airframe", "rotor", "snapshots")
+KEYS = ("connect", "airframe", "rotor", "page", "plot_s", "snapshots")
 
 
 @dataclass(frozen=True)
@@ -38,12 +33,9 @@ class Config:
     connect: str = DEFAULT_URL
     airframe: Path | None = None
     rotor: Path | None = None
-    theme: str | None = None
     page: str = "split"
     plot_s: float = 60.0
     snapshots: Path | None = None
-    backups: Path | None = None
-    table: Path | None = None
 
 
 def config_path() -> Path:
@@ -72,6 +64,6 @@ def _value(path: Path, key: str, value: Any) -> Any:
         return float(value)
     if not isinstance(value, str) or not value:
         raise InputError(path, key, f"a text is expected, found {value!r}")
-    if key in _WORDS and value not in _WORDS[key]:
-        raise InputError(path, key, f"one of {', '.join(_WORDS[key])} is expected, found {value!r}")
+    if key == "page" and value not in PAGES:
+        raise InputError(path, key, f"one of {', '.join(PAGES)} is expected, found {value!r}")
     return path.parent / Path(value).expanduser() if key in _PATHS else value

@@ -13,10 +13,9 @@ from verb import run
 from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
-from coaxlink.monitor.screen.format import head, notes, summary
-from coaxlink.monitor.state import observe
-from coaxlink.monitor.telemetry.readings import Collector
-from coaxlink.monitor.watch import to_json
+from coaxlink.monitor.incoming.heard import Heard
+from coaxlink.monitor.screen.words import head, notes, summary
+from coaxlink.monitor.state.moment import observe
 from coaxlink.rotor import load_rotor_model
 from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot
@@ -115,19 +114,20 @@ def test_the_monitor_shows_a_vehicle_that_speaks_like_that():
     model = load_rotor_model(paper.rotor_model)
     with case_table() as case:
         for what, name in NAMES.items():
-            text, collector = name.encode("utf-8", "surrogatepass")[:50], Collector()
+            heard = Heard()
+            heard.follow(1, 1)
+            text = name.encode("utf-8", "surrogatepass")[:50]
             for message in (
                 mavlink.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3),
                 mavlink.MAVLink_statustext_message(2, text),
                 mavlink.MAVLink_param_value_message(text[:16], 1.0, 9, 1, 0),
             ):
                 message._header = mavlink.MAVLink_header(message.get_msgId(), srcSystem=1, srcComponent=1)
-                collector.take(message, 0.0)
-            readings = collector.readings(0.1)
+                heard.take(message)
             vehicle = Vehicle(dataclasses.replace(paper, name=name), model)
-            view = observe(readings, vehicle, 0.1, address="udpin:0.0.0.0:14550")
+            view = observe(heard, vehicle, address="udpin:0.0.0.0:14550")
             with case(what):
-                assert all(key.isidentifier() or key.isalnum() for key in readings.parameters)
+                assert all(key.isidentifier() or key.isalnum() for key in heard.parameters)
                 for words in (head(view, 120), notes(view), summary(view)):
                     assert all(line.isprintable() for line in words.plain.split("\n"))
-                assert json.dumps(to_json(view)).isascii()
+                assert json.dumps(view.to_json()).isascii()

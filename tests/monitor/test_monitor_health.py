@@ -6,16 +6,13 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from monitor_messages import Sender, heartbeat
+from monitor_messages import Scene, heartbeat
 from pymavlink.dialects.v20 import common as mavlink
 from textual.widgets import Static
 
 from coaxlink.files import example
-from coaxlink.monitor.screen import format as words
+from coaxlink.monitor.screen import words
 from coaxlink.monitor.screen.app import Monitor
-from coaxlink.monitor.screen.health import health_plot
-from coaxlink.monitor.screen.history import History, Point, Window
-from coaxlink.monitor.watch import Watch, to_json
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
 from sim.effects import HiddenEffect
@@ -23,6 +20,7 @@ from sim.physics.rotors import read_pair
 from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.vehicle import read_vehicle
 
+pytestmark = pytest.mark.slow
 FRAME, ROTORS = Path(example("x8_demo.toml")), Path(example("rotor_paper.toml"))
 ONSET_S, ROTOR = 12.0, 6
 
@@ -38,21 +36,20 @@ def flight():
 
 def played(vehicle, log, *, landed=2, armed=True, boot_s=5.0, to_s=99.0):
     """A watch that heard the flight: rates at 50 Hz, outputs at 10 Hz with 32 bit stamps."""
-    watch, send = Watch("", vehicle), Sender()
-    watch.collector.take(send(heartbeat(armed)), 0.0)
-    watch.collector.take(send(mavlink.MAVLink_extended_sys_state_message(0, landed)), 0.0)
+    scene = Scene(vehicle)
+    scene.hear(heartbeat(armed), mavlink.MAVLink_extended_sys_state_message(0, landed))
     for k, t in enumerate(log["time_s"].tolist()):
         stamp = round(1e6 * (t + boot_s))
         if t > to_s:
             break
         if k % 5 == 0:
             pulses = [round(1000 + 1000 * log[f"motor{i + 1}"][k]) for i in range(8)] + [0] * 8
-            watch.collector.take(send(mavlink.MAVLink_servo_output_raw_message(stamp % 2**32, 0, *pulses)), t)
+            scene.hear(mavlink.MAVLink_servo_output_raw_message(stamp % 2**32, 0, *pulses))
         gyro = [float(log[f"gyro_{a}_rad_s"][k]) for a in "xyz"]
         accel = [float(log[f"accel_{a}_m_s2"][k]) for a in "xyz"]
         imu = mavlink.MAVLink_highres_imu_message(stamp, *accel, *gyro, *[0.0] * 7, 0x3F, 0)
-        watch.collector.take(send(imu), t)
-    return watch.look(float(log["time_s"][-1]))
+        scene.hear(imu)
+    return scene.look()
 
 
 @pytest.mark.parametrize("boot_s", [5.0, 4290.0])  # the outputs' clock wraps in the second flight
@@ -65,30 +62,29 @@ def test_the_rotor_is_marked_and_said(flight, boot_s):
     assert marks == {n: "x" if n == ROTOR else "" for n in range(1, 9)}
     assert f"rotor {ROTOR} (x) lost" in words.notes(view).plain
     assert "rotors: called" in words.summary(view).plain and f"{ROTOR}x" in words.summary(view).plain
-    assert to_json(view)["health"]["calls"][0]["rotor"] == ROTOR
+    assert view.to_json()["health"]["calls"][0]["rotor"] == ROTOR
     assert len(call.text.encode()) <= 50
 
 
-def page_of(view, size, keys=("5",)):
+def page_of(view):
     """The page of health in text: table, border, plot."""
 
     async def story():
-        app = Monitor(lambda now: view)
-        async with app.run_test(size=size) as pilot:
-            await pilot.press(*keys)
+        app = Monitor(lambda: view)
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press("5")
             await pilot.pause()
             app.draw()
-            rotors, plot = app.query_one("#rotors", Static), app.query_one("#suspicion", Static)
-            assert rotors.region.height > 8 and plot.region.bottom <= size[1]
-            return str(rotors.visual), str(rotors.border_subtitle), str(plot.visual)
+            rotors, plot = app.query_one("#rotors", Static), app.query_one("#suspicion")
+            assert rotors.region.height > 8 and plot.region.bottom <= 24
+            shown = "\n".join(s.text for s in app.screen._compositor.render_strips())
+            return str(rotors.visual), str(rotors.border_subtitle), shown
 
     return asyncio.run(story())
 
 
-@pytest.mark.parametrize("size", [(80, 24), (200, 60)])
-def test_the_page_of_health_has_a_line_a_rotor(flight, size):
-    view = played(*flight)
-    table, border, _ = page_of(view, size)
+def test_the_page_of_health_has_a_line_a_rotor(flight):
+    table, border, _ = page_of(played(*flight))
     lines = table.splitlines()
     assert len(lines) == 9 and "rotors: called" in border
     own = next(line for line in lines if f"{ROTOR}x" in line)
@@ -98,18 +94,9 @@ def test_the_page_of_health_has_a_line_a_rotor(flight, size):
 
 
 def test_on_the_ground_the_page_of_health_says_that_nothing_is_judged(flight):
-    table, border, plot = page_of(played(*flight, landed=1), (80, 24))
+    table, border, shown = page_of(played(*flight, landed=1))
     assert table.count("not judged") == 8 and "judged in the air only" in border
-    assert "no verdict" in plot
-
-
-def test_suspicion_over_time_is_drawn():
-    history = History(60.0, tuple(Point(float(t), (0.5,), suspicion=t / 60) for t in range(61)))
-    text = health_plot(history, Window(60.0), 40, 8).plain.splitlines()
-    assert len(text) == 8 and text[0].startswith("100%") and text[-2].startswith("  0%")
-    assert text[-1].split() == ["0:00.0", "1:00.0"]
-    columns = [next((row for row in range(7) if text[row][c] not in " \u2800"), None) for c in (6, 38)]
-    assert columns == [6, 0]  # from the bottom left to the top right
+    assert "no verdict" in shown
 
 
 def test_before_it_and_on_the_ground_nothing_is_said(flight):

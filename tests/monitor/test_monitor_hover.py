@@ -10,24 +10,14 @@ import math
 from typing import Any
 
 import pytest
-from monitor_messages import HOVER_PULSES, EscStatus, Sender, attitude, heartbeat, position, servo
+from monitor_messages import HOVER_PULSES, Scene, attitude, escs, heartbeat, position, servo
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink import files
-from coaxlink.airframe import load_airframe
-from coaxlink.monitor.state import View
-from coaxlink.monitor.watch import Watch
-from coaxlink.rotor import load_rotor_model
-from coaxlink.vehicle import Vehicle
+from coaxlink.monitor.state.moment import Moment
 
 
-class Flight:
-    """A watch that looks five times a second at a vehicle whose clock is the watch's own."""
-
-    def __init__(self) -> None:
-        airframe = load_airframe(files.example("x8_paper.toml"))
-        self.watch = Watch("here", Vehicle(airframe, load_rotor_model(files.example("rotor_paper.toml"))))
-        self.sender, self.now = Sender(), 100.0
+class Flight(Scene):
+    """A vehicle whose clock is the watch's own, looked at five times a second."""
 
     def fly(
         self,
@@ -41,19 +31,17 @@ class Flight:
         armed: bool = True,
         landed: int | None = None,
         turning: float = 1.0,
-    ) -> View:
-        """`turning` is what the rotors do over what they are told."""
+    ) -> Moment:
+        """`turning` is what the rotors do over their commands."""
         for _ in range(round(5 * seconds)):
-            self.now += 0.2
-            ms = round(1000 * self.now)
+            self.clock.sleep(0.2)
+            ms = round(1000 * self.clock.now)
             rpm = [round(full_rpm * turning * (p - 1000) / 1000) for p in pulses]
             heard: list[Any] = [heartbeat(armed), servo(pulses), attitude(tilt, 0.0, 0.0, ms)]
-            heard += [position(down, ms, sinking), EscStatus(0, rpm[:4]), EscStatus(4, rpm[4:])]
+            heard += [position(down, ms, sinking), escs(0, rpm[:4]), escs(4, rpm[4:])]
             if landed is not None:
                 heard.append(mavlink.MAVLink_extended_sys_state_message(0, landed))
-            for message in heard:
-                self.watch.collector.take(self.sender(message), self.now)
-            view = self.watch.look(self.now)
+            view = self.look(*heard)
         return view
 
 
@@ -72,19 +60,16 @@ def test_a_simulations_rpm_is_passed_over_for_the_commands() -> None:
     assert mended.speeds.source == "ESC_STATUS rpm" and not mended.notes
 
 
-@pytest.mark.parametrize(
-    "how",
-    [
+def test_only_a_steady_hover_judges() -> None:
+    for how in (
         {"tilt": math.radians(12.0)},
         {"sinking": 1.0},
         {"armed": False},
         {"down": -0.2},
         {"landed": 1},
-    ],
-)
-def test_only_a_steady_hover_judges(how: dict[str, Any]) -> None:
-    view = Flight().fly(4.0, full_rpm=6000, **how)
-    assert view.speeds.source == "ESC_STATUS rpm"
+    ):
+        view = Flight().fly(4.0, full_rpm=6000, **how)
+        assert view.speeds.source == "ESC_STATUS rpm", how
 
 
 def test_a_fall_that_gathers_speed_judges_nothing() -> None:
@@ -100,10 +85,10 @@ def test_an_autopilot_that_says_it_flies_needs_no_height() -> None:
     assert Flight().fly(4.0, full_rpm=6000, down=0.0, landed=2).speeds.source == "SERVO_OUTPUT_RAW"
 
 
-@pytest.mark.parametrize(("full", "passed_over"), [(5400, False), (5600, False), (5760, True), (4900, True)])
-def test_ten_per_cent_of_thrust(full: float, passed_over: bool) -> None:
-    view = Flight().fly(4.0, full_rpm=full)
-    assert (view.speeds.source == "SERVO_OUTPUT_RAW") == passed_over
+def test_ten_per_cent_of_thrust() -> None:
+    for full, passed_over in ((5400, False), (5600, False), (5760, True), (4900, True)):
+        view = Flight().fly(3.0, full_rpm=full)
+        assert (view.speeds.source == "SERVO_OUTPUT_RAW") == passed_over, full
 
 
 def test_a_low_pack_speaks_against_the_commands_not_the_escs() -> None:
@@ -131,8 +116,6 @@ def test_without_commands_there_is_nothing_to_turn_to() -> None:
     flight = Flight()
     flight.fly(4.0, full_rpm=6000)
     for _ in range(15):
-        flight.now += 0.2
-        flight.watch.collector.take(flight.sender(EscStatus(0, [2646] * 4)), flight.now)
-        flight.watch.collector.take(flight.sender(EscStatus(4, [3888] * 4)), flight.now)
-        view = flight.watch.look(flight.now)
+        flight.clock.sleep(0.2)
+        view = flight.look(escs(0, [2646] * 4), escs(4, [3888] * 4))
     assert view.speeds.source == "ESC_STATUS rpm"

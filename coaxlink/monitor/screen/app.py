@@ -3,33 +3,35 @@
 from __future__ import annotations
 
 import contextlib
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import ClassVar
 
 from rich.text import Text
-from textual.app import App, ComposeResult, SystemCommand
+from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.css.query import NoMatches
-from textual.screen import Screen
-from textual.theme import Theme
 from textual.widgets import ContentSwitcher, Footer, Static
 
 from coaxlink import files
 from coaxlink.errors import CoaxlinkError
-from coaxlink.monitor.board.desk import Desk
-from coaxlink.monitor.player import Player
-from coaxlink.monitor.screen import format as words
-from coaxlink.monitor.screen.go_to import GoTo
-from coaxlink.monitor.screen.help import Help
+from coaxlink.monitor.incoming.recording import Player
+from coaxlink.monitor.screen import words
+from coaxlink.monitor.screen.dialogs import GoTo, Help
 from coaxlink.monitor.screen.history import History, Window
 from coaxlink.monitor.screen.marks import DIM, WARN
-from coaxlink.monitor.screen.pages import ErrorPage, HealthPage, MessagesPage, Picture, SplitPage, Zoomed, put
-from coaxlink.monitor.screen.parameters_page import ParametersPage
-from coaxlink.monitor.screen.themes import PALETTES, TEXTUAL
-from coaxlink.monitor.state import View
+from coaxlink.monitor.screen.pages import (
+    ErrorPage,
+    HealthPage,
+    MessagesPage,
+    ParametersPage,
+    Picture,
+    SplitPage,
+    put,
+)
+from coaxlink.monitor.screen.plots import Zoomed
+from coaxlink.monitor.state.moment import Moment
 
 REFRESH_S = 0.2
 REPLAY_KEYS: list[BindingType] = [
@@ -46,15 +48,14 @@ REPLAY_ACTIONS = ("play", "seek", "speed", "go_to")
 
 
 class Monitor(App[None]):
-    """`look(now_s)` gives the view; once `trouble()` is not None the feed is dead and the screen ends.
+    """`look()` gives the present; once `trouble()` is not None the link is dead and the screen ends.
 
-    `folder` is where snapshots go (default: the current one), `page` what is shown first, `palette` a name
-    of `themes.PALETTES`; with `player` it is a replay.
-    `desk` reads and writes parameters, `table` is what it begins with; without one `why_no_desk` is said.
+    `folder` is where pictures go (default: the current one), `page` what is shown first; with `player` it is
+    a replay.
     """
 
     TITLE = "coaxlink monitor"
-    AUTO_FOCUS = ""  # else keys would go into the file name of a page that is not shown
+    AUTO_FOCUS = ""  # else keys would go to a page that is not shown
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual types it
     VERTICAL_BREAKPOINTS = [(0, "-short"), (30, "-tall")]  # noqa: RUF012
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -68,7 +69,6 @@ class Monitor(App[None]):
         ("question_mark", "help", "Help"),
         ("q", "quit", "Quit"),
         Binding("ctrl+c", "quit", "Quit", show=False, priority=True),
-        Binding("t", "theme", "Theme", show=False),
         Binding("left", "scroll(0.25)", "Earlier", show=False),
         Binding("right", "scroll(-0.25)", "Later", show=False),
         Binding("end", "scroll(-1000)", "Now", show=False),
@@ -77,53 +77,41 @@ class Monitor(App[None]):
         *REPLAY_KEYS,
     ]
     CSS_PATH = "screen.tcss"
+    ENABLE_COMMAND_PALETTE = False  # every action has a key
 
     def __init__(
         self,
-        look: Callable[[float], View],
+        look: Callable[[], Moment],
         *,
         trouble: Callable[[], BaseException | None] = lambda: None,
         folder: Path | None = None,
         plot_span_s: float = 60.0,
         page: str = "split",
-        palette: str = "dark",
         player: Player | None = None,
-        desk: Desk | None = None,
-        table: Path | None = None,
-        why_no_desk: str = "",
     ) -> None:
         super().__init__()
-        self.player, self.desk, self.table = player, desk, table
-        no_desk = "a replay has no vehicle to read or write" if player else "this screen only watches"
-        self._why_no_desk = why_no_desk or no_desk
-        self.look, self.trouble = look, trouble
+        self.look, self.trouble, self.player = look, trouble, player
         self.folder = folder or Path.cwd()
         self.paused = False
-        self.view: View | None = None
+        self.view: Moment | None = None
         self.window = Window(plot_span_s)
-        self.palette = palette
         self._first = page
         self._history = History()
         self._shown = self._history  # what a paused plot keeps
 
     def compose(self) -> ComposeResult:
-        view = self.look(time.monotonic())
         yield Static(id="head")
         yield Static(id="waiting")
         with ContentSwitcher(initial=self._first, id="pages"):
-            yield SplitPage(len(view.arms))
+            yield SplitPage(self.look().arms)
             yield ErrorPage(id="error")
-            yield ParametersPage(self.desk, self.table, self._why_no_desk)
+            yield ParametersPage(id="parameters")
             yield MessagesPage(id="messages")
             yield HealthPage(id="health")
         yield Static(id="notes")
-        yield Footer(show_command_palette=False)
+        yield Footer()
 
     def on_mount(self) -> None:
-        for theme in TEXTUAL.values():
-            if isinstance(theme, Theme):
-                self.register_theme(theme)
-        self.use_palette(self.palette)
         self.tick()
         self.set_interval(REFRESH_S, self.tick)
 
@@ -136,9 +124,8 @@ class Monitor(App[None]):
         if self.trouble() is not None:
             self.exit()
             return
-        now = time.monotonic()
-        view = self.look(now)
-        self._history = self._history.extended(view, now)
+        view = self.look()
+        self._history = self._history.extended(view)
         if not self.paused:
             self.view, self._shown = view, self._history
         self.draw()
@@ -157,28 +144,18 @@ class Monitor(App[None]):
         pages = root.query_one("#pages", ContentSwitcher)
         pages.display = not waiting
         root.query_one("#waiting").display = waiting
-        tape = None if self.player is None else self._tape_words(self.player)
-        self._put("head", words.head(view, self.size.width - 2, self.paused, tape))
+        place = None if self.player is None else words.replay_words(self.player)
+        self._put("head", words.head(view, self.size.width - 2, self.paused, place))
         if waiting:
             root.query_one("#notes").display = False
             self._put("waiting", _waiting(view))
             return
         page = pages.visible_content
         if isinstance(page, SplitPage | ErrorPage | MessagesPage | HealthPage | ParametersPage):
-            page.draw(self._picture(view))
+            page.draw(Picture(view, self._shown, self.window, None if self.player else datetime.now()))
         notes = words.notes(view)
         root.query_one("#notes").display = bool(notes.plain)
         self._put("notes", notes)
-
-    def _picture(self, view: View) -> Picture:
-        return Picture(
-            view, self._shown, self.window, PALETTES[self.palette], None if self.player else datetime.now()
-        )
-
-    @staticmethod
-    def _tape_words(player: Player) -> Text:
-        tape = player.recording
-        return words.replay_words(tape.name, player.position_s, tape.length_s, player.speed, player.playing)
 
     # -- what the user does ----------------------------------------------------------------------------------
 
@@ -186,10 +163,8 @@ class Monitor(App[None]):
         """Show another page."""
         root = self.screen_stack[0]
         root.query_one("#pages", ContentSwitcher).current = name
-        if name == "parameters":
-            root.query_one("#report").focus()  # its keys work while something in it has the focus
-        else:
-            root.set_focus(None)
+        # so that the keys up and down scroll what is longer than the screen
+        root.set_focus(root.query_one(f"#{name}") if name in ("parameters", "messages") else None)
         # a page that was hidden has no size before the layout has run
         self.call_after_refresh(self.draw)
 
@@ -230,7 +205,7 @@ class Monitor(App[None]):
     def action_speed(self, factor: float) -> None:
         """Replay: so many times as fast."""
         if self.player:
-            self.player.scaled(factor)
+            self.player.scale(factor)
             self.draw()
 
     def action_go_to(self) -> None:
@@ -243,28 +218,9 @@ class Monitor(App[None]):
 
         self.push_screen(GoTo(), go)
 
-    def action_theme(self) -> None:
-        """The next theme."""
-        names = list(PALETTES)
-        self.use_palette(names[(names.index(self.palette) + 1) % len(names)])
-
-    def use_palette(self, name: str) -> None:
-        """Show everything in a theme of `themes.PALETTES`."""
-        self.palette = name
-        theme = TEXTUAL[name]
-        self.theme = theme.name if isinstance(theme, Theme) else theme
-        self.draw()
-
-    async def action_quit(self) -> None:
-        """Leave, but never in the middle of writing to a vehicle."""
-        if self.desk is not None and self.desk.busy == "upload":
-            self.notify("an upload is under way: wait until it has ended", severity="warning")
-            return
-        self.exit()
-
     def action_help(self) -> None:
         """Show the help."""
-        self.push_screen(Help(PALETTES[self.palette], replay=self.player is not None))
+        self.push_screen(Help(replay=self.player is not None))
 
     def action_save(self) -> None:
         """Write the screen as an SVG file beside the user's other files."""
@@ -277,29 +233,11 @@ class Monitor(App[None]):
         else:
             self.notify(f"saved {path}", markup=False)
 
-    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        """The command palette: every key's action, and the themes by name."""
-        for name, what in (
-            ("split", "arms, balance, table"),
-            ("error", "the allocation error over time"),
-            ("parameters", "difference to a file, backup, upload"),
-            ("messages", "what the autopilot said"),
-            ("health", "which rotor lost thrust in the air"),
-        ):
-            yield SystemCommand(f"Page: {name}", what, lambda name=name: self.action_page(name))
-        for name in PALETTES:
-            what = "without colour" if name == "none" else f"{name} background"
-            yield SystemCommand(f"Theme: {name}", what, lambda name=name: self.use_palette(name))
-        yield SystemCommand("Pause", "hold the picture, or let it run", self.action_pause)
-        yield SystemCommand("Save", "this screen as SVG", self.action_save)
-        yield SystemCommand("Help", "keys, and what the numbers are", self.action_help)
-        yield SystemCommand("Quit", "leave the monitor", self.action_quit)
-
     def _put(self, name: str, text: Text) -> None:
-        put(self.screen_stack[0].query_one(f"#{name}", Static), text, PALETTES[self.palette])
+        put(self.screen_stack[0].query_one(f"#{name}", Static), text)
 
 
-def _waiting(view: View) -> Text:
+def _waiting(view: Moment) -> Text:
     return Text.assemble(
         (f"waiting for {view.link.detail}\n\n", f"bold {WARN}"),
         ("no autopilot has been heard yet; the screen fills as soon as one is.\n", ""),

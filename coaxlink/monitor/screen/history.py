@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from coaxlink.monitor.state import View
+from coaxlink.monitor.state.moment import Moment
 
 KEPT_S = 600.0
 LEAST_S = 2.0  # the shortest window that is shown: ten looks
@@ -47,11 +47,11 @@ class History:
     span_s: float = KEPT_S
     points: tuple[Point, ...] = ()
 
-    def extended(self, view: View, received_s: float) -> History:
-        """With the view added, unless it is stale or nothing has moved on.
+    def extended(self, view: Moment) -> History:
+        """With the moment added, unless it is stale or nothing has moved on.
 
-        `received_s` is the time of a vehicle that sends none. A clock that jumps back (a reboot) or far
-        ahead starts the history anew.
+        A vehicle that sends no time has ours. A clock that jumps back (a reboot) or far ahead starts the
+        history anew.
         """
         shares = tuple(arm.upper_share for arm in view.arms)
         error = view.balance.error
@@ -59,7 +59,7 @@ class History:
         if view.link.state != "live" or view.speeds_stale or blank:
             return self
         clock = view.vehicle.clock_s if view.vehicle else None
-        now = received_s if clock is None else clock
+        now = view.now_s if clock is None else clock
         points = self.points
         if points:
             if points[-1].time_s - 1.0 < now <= points[-1].time_s:

@@ -1,7 +1,8 @@
-"""Numbers, bars and marks, the smallest pieces of every panel, in style names that a theme makes colours of.
+"""Numbers, bars, marks and colours: the smallest pieces of every panel.
 
-A number that is no longer of the present carries STALE behind it, in every theme: colour alone tells nobody
-who cannot see it, or prints in grey.
+A number that is no longer of the present carries STALE behind it: colour alone tells nobody who cannot see
+it, or prints in grey, or has set NO_COLOR. Upper and lower are blue and orange, which people with any of the
+usual colour blindness tell apart (Okabe and Ito 2008, jfly.uni-koeln.de/color).
 """
 
 from __future__ import annotations
@@ -10,10 +11,9 @@ import math
 
 from rich.text import Text
 
-# names of styles (`themes`), not colours
-UPPER, LOWER = "upper", "lower"
-GOOD, BAD, WARN, DIM = "good", "bad", "warn", "quiet"
-ARMS = tuple(f"arm{k}" for k in range(8))
+UPPER, LOWER = "#5cc8ff", "#ffb454"
+GOOD, BAD, WARN, DIM = "#7bd88f", "#ff6b6b", "#ffd866", "#8a8f98"
+ARMS = ("#5cc8ff", "#ffb454", "#7bd88f", "#ff7eb6", "#c3a6ff", "#ffd866", "#6fe3d6", "#ff9e80")
 NONE = "--"
 STALE = "*"
 _BLOCKS = " ▏▎▍▌▋▊▉"

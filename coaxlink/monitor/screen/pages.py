@@ -1,7 +1,8 @@
-"""The pages of the screen that only show: split, error over time, health, messages. They compute nothing."""
+"""The pages of the screen: split, error over time, parameters, messages, health. They compute nothing."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -9,177 +10,113 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Grid, Horizontal, Vertical, VerticalScroll
 from textual.content import Content
-from textual.events import MouseScrollDown, MouseScrollUp
-from textual.message import Message
 from textual.widgets import Static
 
-from coaxlink.monitor.screen import format as words
-from coaxlink.monitor.screen import health, plots
+from coaxlink.monitor.screen import words
 from coaxlink.monitor.screen.history import History, Window
-from coaxlink.monitor.screen.marks import STALE, clock, seconds
-from coaxlink.monitor.screen.themes import Palette, dress
-from coaxlink.monitor.state import ArmView, View
+from coaxlink.monitor.screen.marks import DIM, GOOD, STALE, clock, seconds
+from coaxlink.monitor.screen.plots import ErrorPlots, SplitPlots, SuspicionPlot
+from coaxlink.monitor.state.moment import Moment
+from coaxlink.monitor.state.rotors import ArmView
 
-_FEW = 10  # points of a plot that is drawn at every look
+_COLUMN = 16, 13  # cells of a parameter's name and of its number
 
 
 @dataclass(frozen=True)
 class Picture:
     """All that is shown at one moment."""
 
-    view: View
+    view: Moment
     history: History
     window: Window
-    palette: Palette
     day: datetime | None  # the time of day of `view`; None in a replay
 
-    def content(self, text: Text) -> Content:
-        """`text` in the theme's colours, for a border."""
-        return Content.from_rich_text(dress(text, self.palette))
-
     @property
-    def plot_range(self) -> Text:
+    def plot_range(self) -> str:
         """What a plot's time axis means, and whether it stands still."""
         window = self.window
         span = f"{seconds(window.span_s)} of the vehicle's clock"
         if window.back_s > 0:
-            return Text(f"{span}, up to {clock(self.history.range_s(window)[1])}")
+            return f"{span}, up to {clock(self.history.range_s(window)[1])}"
         if words.speeds_old(self.view):
-            return Text(f"the last {span} before it fell silent{STALE}")
-        return Text(f"the last {span}")
+            return f"the last {span} before it fell silent{STALE}"
+        return f"the last {span}"
 
 
-def put(widget: Static, text: Text, palette: Palette) -> None:
-    """Show `text` in the theme's colours; what has not changed is not drawn again."""
-    shown = dress(text, palette)
-    if getattr(widget, "shown", None) != shown:
-        widget.shown = shown  # type: ignore[attr-defined]
-        widget.update(shown)
-
-
-class Zoomed(Message):
-    """The mouse wheel was turned over a plot."""
-
-    def __init__(self, factor: float) -> None:
-        super().__init__()
-        self.factor = factor
-
-
-class Plot(Static):
-    """A plot that the mouse wheel zooms."""
-
-    def on_mouse_scroll_up(self, event: MouseScrollUp) -> None:
-        event.stop()
-        self.post_message(Zoomed(0.8))
-
-    def on_mouse_scroll_down(self, event: MouseScrollDown) -> None:
-        event.stop()
-        self.post_message(Zoomed(1.25))
+def put(widget: Static, text: Text) -> None:
+    """Show `text`; what has not changed is not drawn again."""
+    if getattr(widget, "shown", None) != text:
+        widget.shown = text  # type: ignore[attr-defined]
+        widget.update(text)
 
 
 class ArmPanel(Static):
     """One arm; its border carries name, ESC readings and split."""
 
-    def show(self, arm: ArmView, stale: bool, escs_stale: bool, picture: Picture) -> None:
+    def show(self, arm: ArmView, stale: bool, escs_stale: bool) -> None:
         """Draw `arm`."""
-        self.border_title = picture.content(words.arm_title(arm, escs_stale))
-        self.border_subtitle = picture.content(words.arm_split(arm, stale))
-        body = words.arm_body(arm, max(self.content_size.width, 24), stale)
-        put(self, body, picture.palette)
+        self.border_title = Content.from_rich_text(words.arm_title(arm, escs_stale))
+        self.border_subtitle = Content.from_rich_text(words.arm_split(arm, stale))
+        put(self, words.arm_body(arm, max(self.content_size.width, 24), stale))
 
 
 class SplitPage(Vertical):
     """Arms, balance, vehicle, table, and the split over time."""
 
-    def __init__(self, arms: int) -> None:
+    def __init__(self, arms: Sequence[ArmView]) -> None:
         super().__init__(id="split")
-        self._count = arms
-        self._drawn: object = None  # what the plot was last drawn for
+        self._arms = arms
 
     def compose(self) -> ComposeResult:
-        yield Grid(*(ArmPanel(id=f"arm{k}") for k in range(self._count)), id="arms")
+        yield Grid(*(ArmPanel(id=f"arm{k}") for k in range(len(self._arms))), id="arms")
         with Horizontal(id="info"):
-            yield Static(id="balance")
-            yield Static(id="vehicle")
-            yield Static(id="board")
-        yield Plot(id="plot")
-
-    def on_mount(self) -> None:
-        for name, title in (("balance", "balance"), ("vehicle", "vehicle"), ("board", "table on board")):
-            self.query_one(f"#{name}").border_title = title
+            for name, title in (("balance", "balance"), ("vehicle", "vehicle"), ("board", "table on board")):
+                panel = Static(id=name)
+                panel.border_title = title
+                yield panel
+        yield SplitPlots(self._arms)
 
     def draw(self, picture: Picture) -> None:
         """Show a picture."""
         view = picture.view
         stale = words.speeds_old(view)
         for k, arm in enumerate(view.arms):
-            panel = self.query_one(f"#arm{k}", ArmPanel)
-            panel.show(arm, stale, view.escs_stale or stale, picture)
-        for name, text in (
-            ("balance", words.balance(view)),
-            ("vehicle", words.vehicle(view)),
-            ("board", words.board(view)),
-        ):
-            put(self.query_one(f"#{name}", Static), text, picture.palette)
-        self.query_one("#balance").border_subtitle = picture.content(words.weight_and_split(view))
-        self.query_one("#vehicle").border_subtitle = picture.content(words.speeds_source(view))
-        plot = self.query_one("#plot", Plot)
-        plot.border_title = picture.content(plots.legend())
-        plot.border_subtitle = picture.content(picture.plot_range)
-        size = plot.content_size
-        mark = STALE if stale else ""
-        # a minute is 300 looks: the plot needs no new drawing for each of them, and it is the dearest part
-        points = len(picture.history.points)
-        end_s = int(2.0 * picture.history.points[-1].time_s) if points else 0
-        drawn = (size, picture.window, mark, end_s, points < _FEW and points, id(picture.palette))
-        if drawn == self._drawn:
-            return
-        self._drawn = drawn
-        text = plots.split_plot(
-            picture.history, view.arms, picture.window, size.width, size.height, mark=mark
+            self.query_one(f"#arm{k}", ArmPanel).show(arm, stale, view.escs_stale or stale)
+        put(self.query_one("#balance", Static), words.balance(view))
+        put(self.query_one("#vehicle", Static), words.vehicle(view))
+        put(self.query_one("#board", Static), words.board(view))
+        self.query_one("#balance").border_subtitle = Content.from_rich_text(words.weight_and_split(view))
+        self.query_one("#vehicle").border_subtitle = Content.from_rich_text(words.speeds_source(view))
+        self.query_one(SplitPlots).draw(
+            view.arms, picture.history, picture.window, picture.plot_range, mark=STALE if stale else ""
         )
-        put(plot, text, picture.palette)
 
 
 class ErrorPage(Vertical):
     """The allocation error over time."""
 
     def compose(self) -> ComposeResult:
-        yield Plot(id="errors")
+        yield ErrorPlots()
 
     def draw(self, picture: Picture) -> None:
         """Show a picture."""
-        plot = self.query_one("#errors", Plot)
         meant = "the demand" if picture.view.balance.basis == "demand" else "what the table means"
-        plot.border_title = f"allocation error: the rotors' wrench less {meant}"
-        plot.border_subtitle = picture.content(picture.plot_range)
-        size = plot.content_size
-        text = plots.error_plot(picture.history, picture.window, size.width, size.height)
-        put(plot, text, picture.palette)
+        text = Text(f"allocation error: the rotors' wrench less {meant}, {picture.plot_range}")
+        if not any(p.error is not None for p in picture.history.inside(picture.window)):
+            text = Text("no allocation error in this window", DIM)
+        self.query_one(ErrorPlots).draw(picture.history, picture.window, text)
 
 
-class HealthPage(Vertical):
-    """A line a rotor, and how likely it is that the most suspected one lost thrust."""
+class ParametersPage(VerticalScroll):
+    """The mixer table on board, parameter by parameter, and the command that writes another."""
 
     def compose(self) -> ComposeResult:
-        yield Static(id="rotors")
-        yield Plot(id="suspicion")
+        yield Static(id="table")
 
     def draw(self, picture: Picture) -> None:
         """Show a picture."""
-        view = picture.view
-        rotors, plot = self.query_one("#rotors", Static), self.query_one("#suspicion", Plot)
-        rotors.border_title = "rotors' health in the air"
-        rotors.border_subtitle = picture.content(health.health_words(view))
-        put(rotors, health.rotor_table(view, stale=words.speeds_old(view)), picture.palette)
-        plot.border_title = "probability that the most suspected rotor lost thrust; called at 95 %"
-        plot.border_subtitle = picture.content(picture.plot_range)
-        size = plot.content_size
-        put(
-            plot,
-            health.health_plot(picture.history, picture.window, size.width, size.height),
-            picture.palette,
-        )
+        self.border_title = "parameters of the table on board"
+        put(self.query_one("#table", Static), parameter_words(picture.view, self.content_size.width))
 
 
 class MessagesPage(VerticalScroll):
@@ -192,4 +129,39 @@ class MessagesPage(VerticalScroll):
         """Show a picture."""
         self.border_title = "what the autopilot said, newest first"
         self.border_subtitle = "vehicle's clock, time of day" if picture.day else "vehicle's clock"
-        put(self.query_one("#said", Static), words.said(picture.view, picture.day), picture.palette)
+        put(self.query_one("#said", Static), words.said(picture.view, picture.day))
+
+
+class HealthPage(Vertical):
+    """A line a rotor, and how likely it is that the most suspected one lost thrust."""
+
+    def compose(self) -> ComposeResult:
+        yield Static(id="rotors")
+        yield SuspicionPlot()
+
+    def draw(self, picture: Picture) -> None:
+        """Show a picture."""
+        view, rotors = picture.view, self.query_one("#rotors", Static)
+        rotors.border_title = "rotors' health in the air"
+        rotors.border_subtitle = Content.from_rich_text(words.health_words(view))
+        put(rotors, words.rotor_table(view, stale=words.speeds_old(view)))
+        what = "probability that the most suspected rotor lost thrust, flagged at 95 %"
+        self.query_one(SuspicionPlot).draw(picture.history, picture.window, Text(what))
+
+
+def parameter_words(view: Moment, width: int) -> Text:
+    """Names and numbers in as many columns as fit, and how another table gets on board."""
+    lines = [
+        Text("to compare another table, and without --dry-run to back up and write it:"),
+        Text(f"  coaxlink upload TABLE --connect {view.link.address} --dry-run", GOOD),
+        Text("leave this screen first (q) where the line is for one program", DIM),
+        Text(),
+    ]
+    name_cells, number_cells = _COLUMN
+    cells = [f"{n:<{name_cells}}{v:>{number_cells}.7g}" for n, v in view.parameters.items()]
+    if not cells:
+        return Text("\n").join([*lines, Text("none of them was read yet", DIM)])
+    columns = max((width + 3) // (name_cells + number_cells + 3), 1)
+    rows = -(-len(cells) // columns)
+    lines += [Text("   ".join(cells[row::rows])) for row in range(rows)]
+    return Text("\n").join(lines)

@@ -1,0 +1,217 @@
+"""How fast each rotor turns, and who says so.
+
+Measured speeds (ESC_STATUS, ArduPilot's ESC_TELEMETRY) are preferred to commanded ones (SERVO_OUTPUT_RAW,
+ACTUATOR_OUTPUT_STATUS). A source is passed over, and a note says so, when another one knows more rotors, when
+it went quiet, when it contradicts itself, or when a steady hover has contradicted it (`hover`).
+
+A command is a pulse after the thrust curve, u = (us - low) / (high - low): 1000 and 2000 us, on ArduPilot
+MOT_PWM_MIN and MOT_PWM_MAX. There a motor's output, and its ESC, is the one whose SERVOn_FUNCTION names it
+(once those were read); elsewhere output n drives motor n.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from coaxlink.mavlink.telemetry import Telemetry, Timed
+from coaxlink.monitor.incoming.heard import Heard
+from coaxlink.vehicle import Vehicle
+from firmware_params.ardupilot import servo_function
+
+STALE_S = 1.5  # speeds older than this are not the present
+RUNNING = 0.1  # normalised command above which a motor must turn
+Values = tuple[float | None, ...]  # (N,) by rotor
+_APART = 0.03  # normalised speed between two outputs whose ESCs read the same
+_OUTPUTS = 16  # of SERVO_OUTPUT_RAW
+_FASTER, _ALIKE = 1.05, 0.02  # rpm over command, on every rotor alike: not what one full pack can do
+
+
+@dataclass(frozen=True)
+class SpeedSource:
+    """Speeds of N rotors by one kind of message; None where it says nothing."""
+
+    name: str
+    basis: str  # measured or commanded
+    u: Values  # normalised speed
+    received_s: float | None = None
+    extra: int = 0  # rotors it reports beyond the airframe's
+
+    @property
+    def known(self) -> int:
+        """How many rotors it knows."""
+        return sum(u is not None for u in self.u)
+
+    def fresh(self, now_s: float) -> bool:
+        """Whether it is of the present."""
+        return self.received_s is not None and now_s - self.received_s <= STALE_S
+
+
+@dataclass(frozen=True)
+class RotorSpeeds:
+    """The speeds the screen goes by."""
+
+    source: str  # "ESC_STATUS rpm", ...; "" while nobody reports any
+    basis: str  # measured, commanded or none
+    u: Values  # normalised speed where measured, else the command
+    rpm: Values  # measured, or what u means by the rotor model
+    throttle: Values  # commanded 0..1, whatever `u` is from
+    received_s: float | None
+    notes: tuple[str, ...] = ()
+
+
+def rotor_speeds(heard: Heard, vehicle: Vehicle, distrusted: Mapping[str, str]) -> RotorSpeeds:
+    """Choose among what was heard of the N rotors; measured u are speeds, commanded ones commands.
+
+    `distrusted` are sources that a steady hover contradicted, and why.
+    """
+    now, rotors = heard.now(), len(vehicle.airframe.rotors)
+    commanded = commanded_speeds(heard, rotors)
+    measured, notes = measured_speeds(heard, vehicle, commanded)
+    chosen = _better(measured, commanded, now)
+    if chosen.known == 0:
+        blank = (None,) * rotors
+        return RotorSpeeds("", "none", blank, blank, blank, None, tuple(notes))
+    doubted = chosen is measured and measured.name in distrusted
+    if doubted and commanded.fresh(now) and commanded.known == rotors:
+        notes.insert(0, f"{measured.name} passed over, {commanded.name} used: {distrusted[measured.name]}")
+        chosen = commanded
+    elif chosen is commanded and measured.known:
+        kind = measured.name.removesuffix(" rpm")
+        fresh = measured.fresh(now)
+        notes.append(f"{kind} knows {measured.known} of {rotors} rotors" if fresh else f"{kind} went quiet")
+    elif chosen is measured and commanded.fresh(now):
+        notes += _scaled(measured, commanded, vehicle.speed_model.speed_max_rpm)
+    if chosen.known < rotors:
+        missing = ", ".join(str(i + 1) for i, u in enumerate(chosen.u) if u is None)
+        notes.append(f"no speed of rotor {missing}")
+    if chosen.extra:
+        notes.append(f"{chosen.name} reports {chosen.extra} more than the airframe's {rotors} rotors")
+    full_rpm = (vehicle.speed_model if chosen is measured else vehicle.model).speed_max_rpm
+    rpm = tuple(None if u is None else u * full_rpm for u in chosen.u)
+    old = not commanded.fresh(now) and chosen.fresh(now)
+    throttle = (None,) * rotors if old else commanded.u
+    return RotorSpeeds(chosen.name, chosen.basis, chosen.u, rpm, throttle, chosen.received_s, tuple(notes))
+
+
+def commanded_speeds(heard: Heard, rotors: int) -> SpeedSource:
+    """SERVO_OUTPUT_RAW, or ACTUATOR_OUTPUT_STATUS where that knows more."""
+    return _better(_servo(heard, rotors), _actuator_status(heard.telemetry, rotors), heard.now())
+
+
+def measured_speeds(heard: Heard, vehicle: Vehicle, commanded: SpeedSource) -> tuple[SpeedSource, list[str]]:
+    """What ESCs tell, and notes on what is not believed."""
+    rotors, rpm = len(vehicle.airframe.rotors), heard.telemetry.each("esc_rpm")
+    if not rpm:
+        return SpeedSource("ESC_STATUS rpm", "measured", (None,) * rotors), []
+    now, newest = heard.now(), max(rpm.values(), key=lambda t: t.received_s)
+    kind = newest.kind if newest.kind == "ESC_STATUS" else "ESC_TELEMETRY"
+    title, notes = f"{kind} rpm", []
+    # an ESC that stopped coming says nothing about now
+    live = {i: t for i, t in rpm.items() if newest.received_s - t.received_s <= STALE_S}
+    for first in _repeated(live, commanded.u if commanded.fresh(now) else ()):
+        notes.append(f"{kind} repeats rotors 1-4 as {first + 1}-{first + 4}: not used for them")
+        live = {i: t for i, t in live.items() if not first <= i < first + 4}
+    outputs = motor_outputs(heard.parameters, rotors)  # PX4 numbers ESCs by motor, ArduPilot by output
+    full_rpm = vehicle.speed_model.speed_max_rpm
+    u = tuple(abs(live[p].value) / full_rpm if p in live else None for p in outputs)
+    driven = commanded.fresh(now) and any(c is not None and c > RUNNING for c in commanded.u)
+    if driven and not any(u):
+        notes.append(f"{kind} reads 0 rpm while the motors are driven: not used")
+        return SpeedSource(title, "measured", (None,) * rotors), notes
+    extra = sum(1 for output, t in live.items() if t.value and output not in outputs)
+    return SpeedSource(title, "measured", u, newest.received_s, extra), notes
+
+
+def motor_outputs(parameters: Mapping[str, float], rotors: int) -> tuple[int | None, ...]:
+    """(N,) the output (from 0) of each motor; by number where no SERVOn_FUNCTION is known."""
+    functions = {
+        int(value): n
+        for n in range(_OUTPUTS)
+        if math.isfinite(value := parameters.get(f"SERVO{n + 1}_FUNCTION", math.nan))
+    }
+    if not functions:
+        return tuple(range(rotors))
+    return tuple(functions.get(servo_function(motor)) for motor in range(1, rotors + 1))
+
+
+def _better(first: SpeedSource, second: SpeedSource, now_s: float) -> SpeedSource:
+    """The fresher, then the fuller one; `first` when they are level."""
+
+    def rank(source: SpeedSource) -> tuple[bool, int]:
+        return source.fresh(now_s) and source.known > 0, source.known
+
+    return second if rank(second) > rank(first) else first
+
+
+def _servo(heard: Heard, rotors: int) -> SpeedSource:
+    name, newest = "SERVO_OUTPUT_RAW", heard.telemetry.newest("SERVO_OUTPUT_RAW")
+    if newest is None:
+        return SpeedSource(name, "commanded", (None,) * rotors)
+    # the second eight are an extension that some senders leave out
+    pulses = [float(getattr(newest.value, f"servo{n}_raw", 0) or 0) for n in range(1, _OUTPUTS + 1)]
+    low, high = (heard.parameters.get(f"MOT_PWM_{end}", math.nan) for end in ("MIN", "MAX"))
+    if not 0.0 < low < high < 1e4:
+        low, high = 1000.0, 2000.0
+    outputs = motor_outputs(heard.parameters, rotors)
+    u = tuple(None if p is None or p >= _OUTPUTS else _unit(pulses[p], low, high) for p in outputs)
+    return SpeedSource(name, "commanded", u, newest.received_s)
+
+
+def _actuator_status(telemetry: Telemetry, rotors: int) -> SpeedSource:
+    name, newest = "ACTUATOR_OUTPUT_STATUS", telemetry.newest("ACTUATOR_OUTPUT_STATUS")
+    if newest is None:
+        return SpeedSource(name, "commanded", (None,) * rotors)
+    active = int(newest.value.active) & 0xFFFFFFFF
+    values = [float(v) for v in newest.value.actuator]
+    # in simulation PX4 sends -1..1 instead of pulses
+    pulses = any(abs(v) > 1.5 for v in values if math.isfinite(v))
+    u: list[float | None] = []
+    for i, value in enumerate(values[:rotors]):
+        if (active and not active >> i & 1) or not math.isfinite(value):
+            u.append(None)
+        else:
+            u.append(_unit(value) if pulses else min(max(value, 0.0), 1.0))
+    return SpeedSource(name, "commanded", tuple(u), newest.received_s)
+
+
+def _unit(pulse_us: float, low: float = 1000.0, high: float = 2000.0) -> float | None:
+    """Normalised command of a pulse; None where there is none, 0 below the lowest (disarmed)."""
+    if not math.isfinite(pulse_us) or pulse_us <= 0:
+        return None
+    return min(max((pulse_us - low) / (high - low), 0.0), 1.0)
+
+
+def _repeated(rpm: Mapping[int, Timed], commanded: Values) -> list[int]:
+    """First ESCs of the fours that only repeat the first four (PX4 of the v1.14 era sends such)."""
+
+    def four(first: int) -> list[float | None]:
+        return [rpm[first + k].value if first + k in rpm else None for k in range(4)]
+
+    own = four(0)
+    if not any(own):
+        return []
+    repeated = []
+    for first in range(4, max(rpm) + 1, 4):
+        if four(first) != own:
+            continue
+        pairs = zip(commanded[:4], commanded[first : first + 4], strict=False)
+        witness = [abs(b - a) for a, b in pairs if a is not None and b is not None]
+        # equal speeds are real under the standard table: the outputs tell, or else four different ones do
+        if max(witness) > _APART if witness else len(set(own)) > 1:
+            repeated.append(first)
+    return repeated
+
+
+def _scaled(measured: SpeedSource, commanded: SpeedSource, speed_max_rpm: float) -> list[str]:
+    """A note when every rotor turns faster than commanded by one factor: another full speed is behind it."""
+    pairs = zip(measured.u, commanded.u, strict=True)
+    ratios = [a / c for a, c in pairs if a is not None and c is not None and c > RUNNING]
+    if len(ratios) < 3 or min(ratios) < _FASTER or max(ratios) - min(ratios) > _ALIKE * max(ratios):
+        return []
+    factor = sum(ratios) / len(ratios)
+    return [
+        f"{measured.name} is {factor:.2f} of the command on every rotor: full speed is not the model's "
+        f"{speed_max_rpm:.0f} rpm, or nobody measures (PX4's simulation says 6000 at full command)"
+    ]

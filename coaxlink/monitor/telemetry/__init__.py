@@ -1,1 +1,0 @@
-"""What messages say of a vehicle: readings, and whose of them are believed."""
