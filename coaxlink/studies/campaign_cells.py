@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
+from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from coaxlink.studies.campaign.cells import Cell, cell
 from coaxlink.studies.campaign.dataset import NUMBER, TEXT, WHOLE, YES
 from coaxlink.studies.campaign.engine import Rows
 from coaxlink.studies.campaign.spec import Known, Spec
-from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from firmware_params.bounded import parse_toml
 
 if TYPE_CHECKING:

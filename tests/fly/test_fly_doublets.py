@@ -20,7 +20,10 @@ from sim.quick.plans import PLANS
 from sim.vehicle import read_vehicle
 
 ROTORS = example("rotor_paper.toml")
-GUSTS = (HiddenEffect("wind", 4.0, 0.0, {"direction_deg": 30.0}, "dryden"), HiddenEffect("battery_voltage", 0.3))
+GUSTS = (
+    HiddenEffect("wind", 4.0, 0.0, {"direction_deg": 30.0}, "dryden"),
+    HiddenEffect("battery_voltage", 0.3),
+)
 # upper and lower thrust and torque of the prior over the true pair's; the first two yaw least
 OFF = ((1.15, 1.15, 1.15, 0.85), (0.85, 1.15, 0.85, 0.85), (1.0, 1.0, 1.0, 1.0))
 

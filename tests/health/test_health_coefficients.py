@@ -86,7 +86,10 @@ def test_a_prior_15_percent_off_meets_the_pair_under_a_sagging_pack(flown):
     vehicle, fly = flown
     true = vehicle.rotors
     prior = off(true, (0.85, 1.15, 1.15, 0.85))
-    logs = [fly("wander", HiddenEffect("battery_voltage", 0.5)), fly("circle", HiddenEffect("battery_voltage", 0.3))]
+    logs = [
+        fly("wander", HiddenEffect("battery_voltage", 0.5)),
+        fly("circle", HiddenEffect("battery_voltage", 0.3)),
+    ]
     update = coefficients_from_flights(logs, vehicle.declared, prior)
     assert update.measured_speeds
     u, v = (np.array([s]) for s in update.hover)

@@ -25,7 +25,10 @@ from sim.quick.flight import FlightWorld, fly_quick, make_design
 from sim.vehicle import read_vehicle
 
 FRAME, ROTORS = example("x8_demo.toml"), example("rotor_paper.toml")
-BREEZE = (HiddenEffect("wind", 4.0, 0.0, {"direction_deg": 70.0}, "dryden"), HiddenEffect("axial_inflow", 0.5))
+BREEZE = (
+    HiddenEffect("wind", 4.0, 0.0, {"direction_deg": 70.0}, "dryden"),
+    HiddenEffect("axial_inflow", 0.5),
+)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from memory_net import X8, meet, standin
+from memory_net import meet, standin
 from pymavlink.dialects.v20 import common as m
 
 from coaxlink.errors import CoaxlinkError
