@@ -48,7 +48,8 @@ class Counters:
     not_finite: int = 0
     absurd: int = 0
     other_group: int = 0
-    late: int = 0
+    late: int = 0  # not newer than the last
+    stale: int = 0  # may be too old, by the vehicle's own clock
     clock_jumps: int = 0
     superseded: int = 0
     settling: int = 0
@@ -92,7 +93,7 @@ class Counters:
     def unanswered(self) -> dict[str, int]:
         """Demands that got no answer, by reason."""
         names = (
-            "not_finite", "absurd", "late", "clock_jumps", "other_group", "superseded", "settling", "foreign",
-            "refused_outputs", "failures",
+            "not_finite", "absurd", "late", "stale", "clock_jumps", "other_group", "superseded", "settling",
+            "foreign", "refused_outputs", "failures",
         )  # fmt: skip
         return {name: getattr(self, name) for name in names}

@@ -30,6 +30,7 @@ class Timing:
     ramp_after_s: float = 0.030  # until then the autopilot is left with the last answer
     ramp_s: float = 0.050  # from the last answer to the autopilot's own mixer; then silence
     tick_s: float = 0.005
+    sync_s: float = 5.0  # the vehicle's clock (TIMESYNC) is waited for so long, then arrival spacing counts
 
     @property
     def silent_after_s(self) -> float:

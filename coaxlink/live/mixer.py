@@ -7,8 +7,8 @@ The walk of a demand, on the session's receiver thread:
 
     take        everything that waited on the line, ahead of the session's own parsing (`Session.tap`)
     _hear       the newest demand of the vehicle in it; on a signed link only what is signed with our key
-    _answer     one that waited while this process was stopped is left out (`stall`);
-                admission: group, finite, in range, newer than the last (`MixCore.admit`);
+    _answer     newer than the last, and young enough by the vehicle's clock (`age`);
+                admission: group, finite, in range (`MixCore.admit`);
                 ArduPilot's bridge may follow another companion: then we are done (`bridge`);
                 whether to answer, and how much of the law in it (`guard`);
                 wrench, effects, law, bounds (`MixCore.mix`)
@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import SafetyRefusal
+from coaxlink.live.age import DemandAge
 from coaxlink.live.arrival import Arrival, by_bridge, by_vehicle
 from coaxlink.live.guard import Guard, Timing, timing_for
 from coaxlink.live.mixer_core import Compensation, MixCore
@@ -34,7 +35,6 @@ from coaxlink.live.stall import Stall
 from coaxlink.live.timesync import TimeSync
 from coaxlink.live.witness import REPORT_HZ, Witness, flying
 from coaxlink.mavlink import codec
-from coaxlink.mavlink.line import MOST_WAITING
 from coaxlink.mixer import Law
 from coaxlink.vehicle import Vehicle, require_vehicle
 
@@ -86,6 +86,7 @@ class LiveMixer:
         self.witness = Witness(self.core.count) if witness and not dry_run else None
         self.stall = Stall(self.guard.timing.silent_after_s)
         self.timesync: TimeSync | None = None
+        self.age: DemandAge | None = None
         self.bridge: BridgeEnd | None = None
         self.span_s = (0.0, 0.0)  # when it started and stopped, monotonic; 0 for not yet
         self._record = record
@@ -117,6 +118,7 @@ class LiveMixer:
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self.span_s = (self._clock.monotonic(), 0.0)
         self.timesync = TimeSync(session)
+        self.age = DemandAge(self.timesync, self.guard.timing.sync_s)
         session.tap = self
         # a bridge sends its demand unasked, at its own pace
         if not bridged and not session.request_stream(DEMAND.number, self.rate_hz):
@@ -180,12 +182,10 @@ class LiveMixer:
         try:
             if self._next:
                 self.core.adopt(*self._next.pop())
-            self.stall.turn(came, self.core.last_us, self.guard.last)
+            self.stall.turn(came)
             demand = self._hear(chunks, came)
             if demand is not None:
                 self._answer(demand, came)
-            if len(chunks) < MOST_WAITING:
-                self.stall.caught_up()
             self._tick(self._clock.monotonic())
         except Exception as error:
             # what fails once must not fail again at 250 Hz, nor take the whole session down in flight:
@@ -216,8 +216,8 @@ class LiveMixer:
     def _answer(self, demand: Demand, came: float) -> None:
         core, guard = self.core, self.guard
         stamp, *controls, group = demand
-        if self.stall.leftover(stamp, came):
-            core.counters.superseded += 1
+        if self.age is not None and (why := self.age.judge(stamp, came)):
+            setattr(core.counters, why, getattr(core.counters, why) + 1)
             return
         if not core.admit(stamp, group, controls):
             return

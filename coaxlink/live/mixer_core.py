@@ -19,8 +19,6 @@ from firmware_params.px4 import Px4Table, RotorEntry, realise
 
 CONTROLS = 8  # motors that the messages carry
 ABSURD = 1.5  # a normalised demand beyond this is no demand; up to it, it is held to the range
-NO_CLOCK_US = 2**62  # a stamp beyond it is none: 146 000 years
-JUMP_US = 1_000_000  # stamps of one clock differ by less
 
 
 class Compensation(Protocol):
@@ -128,7 +126,6 @@ class MixCore:
         self.counters = Counters()
         self.count = count = len(airframe.rotors)
         self.last_us: int | None = None  # stamp of the last demand admitted, the vehicle's clock
-        self._strange_us: int | None = None  # one from another clock, not believed yet
         self.held = [0.0] * 4  # that demand: roll, pitch, yaw, thrust, held to the range
         self.speeds = [0.0] * count  # of the law, for the last answer
         self.commands = [0.0] * count  # that bring these speeds
@@ -165,7 +162,7 @@ class MixCore:
         return self.scale.wrench(self.held)
 
     def admit(self, time_usec: int, group: int, controls: Sequence[float]) -> bool:
-        """Whether a demand deserves an answer; keeps it, held to the range, as `held`."""
+        """Whether a demand, new and fresh (`live.age`), deserves an answer; keeps it, held to the range."""
         c = self.counters
         if group != 0:
             c.other_group += 1
@@ -177,29 +174,10 @@ class MixCore:
         if max(abs(roll), abs(pitch), abs(yaw)) > ABSURD or not 1.0 - ABSURD <= thrust <= ABSURD:
             c.absurd += 1
             return False
-        if not self._in_order(time_usec):
-            return False
+        self.last_us = time_usec
         self.held = [*(min(max(v, -1.0), 1.0) for v in (roll, pitch, yaw)), min(max(thrust, 0.0), 1.0)]
         c.clamped += self.held != [roll, pitch, yaw, thrust]
         return True
-
-    def _in_order(self, stamp: int) -> bool:
-        """Stamps must rise by less than JUMP_US; another clock must come twice in a row to be believed."""
-        last, strange = self.last_us, self._strange_us
-        if stamp >= NO_CLOCK_US:
-            self.counters.clock_jumps += 1
-            return False
-        if last is None or 0 < stamp - last < JUMP_US or (
-            strange is not None and 0 < stamp - strange < JUMP_US and abs(stamp - last) >= JUMP_US
-        ):  # fmt: skip
-            self.last_us, self._strange_us = stamp, None
-            return True
-        if -JUMP_US < stamp - last <= 0:
-            self.counters.late += 1
-        else:
-            self._strange_us = stamp
-            self.counters.clock_jumps += 1
-        return False
 
     def mix(self, share: float = 1.0) -> list[float] | None:
         """Eight commands in [0, 1] for the demand held; None when the law gave what is no speed.

@@ -189,8 +189,8 @@ class Copter(Autopilot):
         return True
 
     def millis(self) -> int:
-        """Of the vehicle's clock."""
-        return round(1000 * self.plant.time_s)
+        """Since boot, as TIMESYNC and all stamps count it (`sim.px4.telemetry.stamp_us`)."""
+        return round(1000 * (self.plant.time_s - self.booted_s)) + 1000
 
     # -- what others ask of it -----------------------------------------------------------------
 

@@ -157,6 +157,7 @@ class Faults:
 
     def __init__(self) -> None:
         self.dead, self.late_s = False, 0.0  # late: what the companion says
+        self.clock_us = 0  # by which the vehicle's clock jumped
         self.change: Callable[[Any], Any] | None = None  # of demands; None instead of one loses it
         self.steal: Callable[[bytes], bool] = lambda data: False  # of what the companion says
         self._parser, self._packer = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 1)
@@ -166,11 +167,16 @@ class Faults:
         return self.dead or self.steal(data)
 
     def there(self, data: bytes) -> list[bytes]:
-        if self.dead or self.change is None:
+        if self.dead or (self.change is None and not self.clock_us):
             return [] if self.dead else [data]
         out = []
         for message in self._parser.parse_buffer(data) or []:
-            said = self.change(message) if message.get_type() == "ACTUATOR_CONTROL_TARGET" else message
+            said, kind = message, message.get_type()
+            if kind == "ACTUATOR_CONTROL_TARGET":
+                said = demand(max(message.time_usec + self.clock_us, 0), list(message.controls))
+                said = self.change(said) if self.change else said
+            elif kind == "TIMESYNC" and message.tc1:
+                said = mavlink.MAVLink_timesync_message(message.tc1 + 1000 * self.clock_us, message.ts1)
             if said is message:
                 out.append(bytes(message.get_msgbuf()))
             elif said is not None:

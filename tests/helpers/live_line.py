@@ -18,7 +18,8 @@ from coaxlink.vehicle import Vehicle
 X8 = load_airframe(example("x8_paper.toml"))
 CRM = load_rotor_model(example("rotor_paper.toml"))
 HOVER = [0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 0.0]
-QUICK = Timing(settle=1, fade_s=0.0, hold_after_s=30.0, ramp_after_s=60.0)  # answers whatever the pace
+# answers whatever the pace
+QUICK = Timing(settle=1, fade_s=0.0, hold_after_s=30.0, ramp_after_s=60.0, sync_s=0.0)
 RIVAL = mavlink.MAVLink_set_actuator_control_target_message(1500, 0, 1, 1, [0.3] * 8)
 
 
@@ -45,6 +46,7 @@ class Session:
         self.texts: list[Any] = []  # what else it was sent, but TIMESYNC
         self.requests: list[tuple[int, float]] = []
         self.listeners: list[Any] = []
+        self.booted_s: float | None = None  # zero of the vehicle's clock, by ours; None: no TIMESYNC
         self.signed_with: bytes | None = None  # frames that end so are believed; None: all
         self._packer, self._parser = mavlink.MAVLink(None, 1, 1), mavlink.MAVLink(None)
 
@@ -68,6 +70,9 @@ class Session:
     def send(self, message: Any) -> None:
         if message.get_type() != "TIMESYNC":
             self.texts.append(message)
+        elif self.booted_s is not None and message.tc1 == 0:
+            vehicle_ns = round((self.clock.now - self.booted_s) * 1e9)
+            self.hear(mavlink.MAVLink_timesync_message(vehicle_ns, message.ts1))
 
     def send_frame(self, pack: Any, seed: bytes) -> None:
         self.sent += self._parser.parse_buffer(pack(len(self.sent) % 256, 245, 191)) or []

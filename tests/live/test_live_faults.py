@@ -125,10 +125,11 @@ def test_a_demand_out_of_reach_gets_bounded_outputs_and_is_owned_up_to(live: Liv
 
 @pytest.mark.parametrize("jump_s", [3600.0, -2.0, -30.0])
 def test_the_vehicles_clock_jumps(live: Live, jump_s: float) -> None:
-    live.line.change = lambda m: demand(max(m.time_usec + round(jump_s * 1e6), 0), list(m.controls))
+    live.line.clock_us = round(jump_s * 1e6)
     live.flight.fly(0.4)
     assert all(row.driven for row in live.flight.rows) and live.mixer.state == "live"
-    assert live.mixer.summary()["unanswered"]["clock_jumps"] == 1
+    left = live.mixer.summary()["unanswered"]
+    assert 1 <= left["clock_jumps"] + left["stale"] <= 3  # until TIMESYNC, asked at once, has the new clock
     live.ends_well()
 
 

@@ -20,6 +20,7 @@ class Rhythm:
 
     def __init__(self) -> None:
         self.session = Session()
+        self.session.booted_s = self.session.clock.now - 50.0
         self.mixer = mixer_on(self.session, timing=Timing(), witness=False)
         self.stamp = 50_000_000
 
@@ -49,20 +50,19 @@ class Rhythm:
 @pytest.mark.parametrize("stopped_s", [0.3, 3.0, 30.0])
 def test_after_any_stop_the_third_fresh_demand_is_answered_and_none_that_waited(stopped_s: float) -> None:
     rhythm = Rhythm()
-    assert rhythm.fly(200) == 198 and rhythm.mixer.state == "live"
+    # the first comes before the vehicle's clock is known, two settle
+    assert rhythm.fly(200) == 197 and rhythm.mixer.state == "live"
     rhythm.session.clock.sleep(stopped_s)
     # the kernel kept the first quarter of a second of what came, in order
     frames = rhythm.waiting(60)
     rhythm.stamp += round(1e6 * (stopped_s - 60 * PERIOD_S))
     assert rhythm.take(frames) == []
-    # after 0.3 s the newest of them is fresh enough to be the first of three; after a second and more the gap
-    # looks like another clock, which is believed when it comes twice
-    assert [rhythm.fly(1) for _ in range(4)] == ([0, 1, 1, 1] if stopped_s < 1.0 else [0, 0, 0, 1])
+    assert [rhythm.fly(1) for _ in range(4)] == [0, 0, 1, 1]
     assert rhythm.mixer.state == "fading" and rhythm.session.sent[-1].time_usec == rhythm.stamp
     assert rhythm.fly(100) == 100 and rhythm.mixer.state == "live"
     summary = rhythm.mixer.summary()
     assert summary["stalls"] == {"count": 1, "longest_s": pytest.approx(stopped_s, abs=0.01)}
-    assert summary["unanswered"]["superseded"] == (59 if stopped_s < 1.0 else 60)
+    assert (summary["unanswered"]["superseded"], summary["unanswered"]["stale"]) == (59, 1)
     assert not rhythm.mixer.failed.is_set()
 
 
@@ -73,17 +73,6 @@ def test_a_demand_that_is_fresh_after_a_stop_counts_though_older_ones_waited() -
     assert rhythm.take(rhythm.waiting(50)) == []  # the newest of them counts, as the first of three
     assert rhythm.fly(2) == 1
     assert rhythm.mixer.summary()["unanswered"]["superseded"] == 49
-
-
-def test_a_line_that_is_never_empty_ends_the_search_for_fresh_demands() -> None:
-    rhythm = Rhythm()
-    rhythm.fly(200)
-    rhythm.session.clock.sleep(5.0)
-    junk = [b"x"] * MOST_WAITING
-    for _ in range(60):
-        rhythm.session.clock.sleep(PERIOD_S)
-        answered = rhythm.take(junk + rhythm.waiting(1))
-    assert answered  # by stamps a vehicle whose clock stood still while we were stopped
 
 
 def test_a_silence_counts_only_while_somebody_was_there_to_hear_it() -> None:

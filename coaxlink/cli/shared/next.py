@@ -114,7 +114,8 @@ def on_simulator(firmware: str, ports: str) -> str:
 _WHY = {
     "not_finite": "with a number that is none",
     "absurd": "with a demand far beyond full",
-    "late": "that came too late",
+    "late": "no newer than the one before",
+    "stale": "that could be older than 20 ms",
     "clock_jumps": "stamped by another clock",
     "other_group": "of another control group",
     "superseded": "that a newer one had overtaken",
