@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
-import socket
 import sys
 import time
 from pathlib import Path
@@ -95,7 +93,7 @@ def monitor(
             _show(watch.look(), json, replay_words(player))
         return
     if web:
-        _serve(port)
+        _serve(port, None if player else url)
         return
     if not _SERVED and not (sys.stdin.isatty() and sys.stdout.isatty()):
         from coaxlink.errors import InputError
@@ -104,25 +102,22 @@ def monitor(
     _screen(watch, settings, player)
 
 
-def _serve(port: int) -> None:
-    """This very command line without --web, once for every browser that comes; Ctrl-C ends it."""
+def _serve(port: int, url: str | None) -> None:
+    """This very command line without --web, once for every page that is open; Ctrl-C ends it."""
     from coaxlink.errors import InputError
+    from coaxlink.mavlink.address import parse_address
 
     try:
-        from textual_serve.server import Server
+        from coaxlink.monitor.web import WebMonitor, bind
     except ImportError as error:
-        problem = "textual-serve is needed, which is not installed: pip install 'coaxlink[web]'"
+        problem = f"{error.name} is needed, which is not installed: pip install 'coaxlink[web]'"
         raise InputError("--web", "", problem) from error
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError as error:
-            raise InputError("--port", "", f"{port} cannot be had ({error.strerror})") from error
-    arguments = [a for a in sys.argv[1:] if a != "--web"]
-    # without a shell between, so that the monitor sees its server go
-    command = "exec " + shlex.join([sys.executable, "-m", "coaxlink", *arguments])
-    Server(command, host="127.0.0.1", port=port, title="coaxlink monitor").serve()
+    command = [sys.executable, "-m", "coaxlink", *(a for a in sys.argv[1:] if a != "--web")]
+    if url is None or parse_address(url).kind in ("udpout", "tcp"):
+        WebMonitor(command, bind(port)).serve()
+    else:
+        shared = f", and only one process at a time can have {url}"
+        WebMonitor(command, bind(port), 1, shared).serve()
 
 
 def _player(path: Path, speed: float, start_s: float) -> Player:
@@ -152,6 +147,7 @@ def _screen(watch: Watch, settings: Config, player: Player | None) -> None:
         "folder": settings.snapshots,
         "plot_span_s": settings.plot_s,
         "page": settings.page,
+        "saves": not _SERVED,
     }
     if _SERVED:
         _end_with(os.getppid())

@@ -1,4 +1,4 @@
-"""Demands that come late: none older than 20 ms is answered, whatever the line does; a jumped clock is not late.
+"""Late demands: none older than 20 ms is answered, whatever the line does; a jumped clock is not late.
 
 A vehicle and a line in memory: its demands, its answers to TIMESYNC and our questions each have a way of
 their own, and what was answered is judged by the vehicle's true clock.

@@ -12,10 +12,13 @@ import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
+import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -100,49 +103,6 @@ def test_in_a_terminal_of_80_by_24(address: str, tmp_path: Path) -> None:
         tmux("kill-server")
 
 
-async def drawn(address: str, colours: set[Any], folder: Path) -> bool:
-    """Whether headless Chromium shows all these colours there before long; by its DevTools protocol."""
-    from aiohttp import ClientSession
-
-    port = free_port()
-    switches = [f"--remote-debugging-port={port}", "--remote-allow-origins=*", f"--user-data-dir={folder}"]
-    browser = subprocess.Popen([str(CHROMIUM), *BROWSER, *switches, address], stderr=subprocess.DEVNULL)
-    try:
-        async with ClientSession() as http:
-            end = time.monotonic() + WAIT_S
-            while time.monotonic() < end:
-                await asyncio.sleep(0.5)
-                try:
-                    async with http.get(f"http://127.0.0.1:{port}/json") as answer:
-                        pages = [page for page in await answer.json() if page["url"].startswith(address)]
-                except OSError:
-                    continue
-                for page in pages:
-                    async with http.ws_connect(page["webSocketDebuggerUrl"], max_msg_size=0) as line:
-                        await line.send_json({"id": 1, "method": "Page.captureScreenshot"})
-                        shown = (await line.receive_json())["result"]["data"]
-                    if colours <= colours_of(base64.b64decode(shown)):
-                        return True
-        return False
-    finally:
-        browser.terminate()
-        browser.wait(WAIT_S)
-
-
-async def left_by(served: subprocess.Popen[bytes], address: str) -> int:
-    """The process behind a page that is still open when its server is killed."""
-    from aiohttp import ClientSession, WSMsgType
-
-    async with ClientSession() as http, http.ws_connect(f"{address}ws?width=80&height=24") as page:
-        while (said := await page.receive(WAIT_S)).type != WSMsgType.BINARY or len(said.data) < 1000:
-            assert said.type in (WSMsgType.BINARY, WSMsgType.TEXT)  # until the screen is drawn
-        of_server = ["pgrep", "-P", str(served.pid)]
-        screen = int(subprocess.run(of_server, capture_output=True, text=True).stdout.split()[-1])
-        served.kill()
-        served.wait()
-    return screen
-
-
 def colours_of(picture: bytes) -> set[Any]:
     """Those that more than twenty pixels have."""
     from PIL import Image
@@ -152,32 +112,175 @@ def colours_of(picture: bytes) -> set[Any]:
 
 
 @contextmanager
-def serving(*command: str) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
-    """The server of a monitor's command, and its address."""
+def serving(*command: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """The server of a monitor's command, and the address that it prints."""
     pytest.importorskip("textual_serve")
-    port = free_port()
-    served = subprocess.Popen([*command, "--web", "--port", str(port)], stdout=subprocess.DEVNULL)
-    url = f"http://127.0.0.1:{port}/"
-
-    def answers() -> bool:
+    port = ("--web", "--port", str(free_port()))
+    served = subprocess.Popen([*command, *port], stdout=subprocess.PIPE, text=True)
+    assert served.stdout is not None
+    with served.stdout as said:
         try:
-            return bool(urllib.request.urlopen(url, timeout=5).status == 200)
-        except OSError:
-            return False
+            yield served, said.readline().split()[2]
+        finally:
+            served.kill()
+            served.wait()
 
+
+def screens_of(served: subprocess.Popen[str]) -> list[int]:
+    """The processes of its sessions."""
+    found = subprocess.run(["pgrep", "-P", str(served.pid)], capture_output=True, text=True)
+    return [int(number) for number in found.stdout.split()]
+
+
+class Browser:
+    """Headless Chromium, spoken to by its DevTools protocol."""
+
+    def __init__(self, folder: Path, *switches: str) -> None:
+        self._port = free_port()
+        own = [
+            f"--remote-debugging-port={self._port}",
+            "--remote-allow-origins=*",
+            f"--user-data-dir={folder}",
+        ]
+        self.process = subprocess.Popen(
+            [str(CHROMIUM), *BROWSER, *own, *switches, "about:blank"],
+            stderr=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
+
+    def kill(self) -> None:
+        """With all its processes, as when the machine has no memory left."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait(WAIT_S)
+
+    def open(self, address: str) -> str:
+        """A page more; the address of its DevTools."""
+
+        def opened() -> bool:
+            nonlocal page
+            what = f"http://127.0.0.1:{self._port}/json/new?{urllib.parse.quote(address, safe='')}"
+            with suppress(OSError):
+                answer = urllib.request.urlopen(urllib.request.Request(what, method="PUT"), timeout=20)
+                page = json.loads(answer.read())["webSocketDebuggerUrl"]
+            return bool(page)
+
+        page = ""
+        assert wait(opened)
+        return page
+
+    def ask(self, page: str, method: str, **params: Any) -> Any:
+        """One word of the protocol."""
+
+        async def asked() -> Any:
+            from aiohttp import ClientSession
+
+            async with ClientSession() as http, http.ws_connect(page, max_msg_size=0) as line:
+                await line.send_json({"id": 1, "method": method, "params": params})
+                return (await line.receive_json())["result"]
+
+        return asyncio.run(asked())
+
+    def says(self, page: str, part: str, what: str = "document.body.innerText") -> bool:
+        """Whether a page says so before long."""
+
+        def said() -> bool:
+            found = self.ask(page, "Runtime.evaluate", expression=what)["result"].get("value")
+            return part in str(found)
+
+        return wait(said)
+
+    def shows_rotors(self, page: str) -> bool:
+        """Whether the bars of upper and lower rotors are on a page before long."""
+        bars = {tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5)) for colour in (UPPER, LOWER)}
+
+        def drawn() -> bool:
+            picture = base64.b64decode(self.ask(page, "Page.captureScreenshot")["data"])
+            return bars <= colours_of(picture)
+
+        return wait(drawn)
+
+
+@contextmanager
+def foreign_page(script: str) -> Iterator[str]:
+    """A page of somebody else, at another port of this machine."""
+
+    class Page(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(f"<!DOCTYPE html><body>here<script>{script}</script>".encode())
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Page)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
-        assert wait(answers)
-        yield served, url
+        yield f"http://127.0.0.1:{server.server_port}/"
     finally:
-        served.kill()
-        served.wait()
+        server.shutdown()
+        server.server_close()
 
 
 @pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
 def test_in_a_browser(address: str, tmp_path: Path) -> None:
-    with serving(*monitor(address)) as (_, url):
-        bars = {tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5)) for colour in (UPPER, LOWER)}
-        assert asyncio.run(drawn(url, bars, tmp_path / "profile"))  # the rotors' bars and names
+    with serving(*monitor(address)) as (served, url), Browser(tmp_path / "profile") as browser:
+        assert browser.shows_rotors(browser.open(url))
+        browser.kill()
+        assert wait(lambda: not screens_of(served))
+        served.send_signal(signal.SIGINT)
+        assert served.wait(10.0) == 0
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
+def test_a_browser_does_not_bring_others_in(tmp_path: Path) -> None:
+    line = ("--connect", f"udpin:127.0.0.1:{free_port()}")
+    with (
+        serving(sys.executable, "-m", "coaxlink", "monitor", *line) as (served, url),
+        Browser(tmp_path / "profile", "--host-resolver-rules=MAP evil.example 127.0.0.1") as browser,
+    ):
+        own, token = url.split("/?token=")
+        bent = own.replace("127.0.0.1", "evil.example")
+        assert browser.says(browser.open(own), "its token lets you in")
+        assert browser.says(browser.open(f"{bent}/?token={token}"), "for its own page only")
+        script = f"""
+            const line = new WebSocket("{own.replace("http", "ws")}/ws/{token}?width=80&height=24");
+            line.onopen = () => document.title = "came in";
+            line.onerror = () => document.title = "kept out";
+            fetch("{url}").then(a => a.text()).then(t => document.body.append("read it"), e => {{}});
+        """
+        with foreign_page(script) as foreign:
+            page = browser.open(foreign)
+            assert browser.says(page, "kept out", "document.title")
+            assert browser.says(page, "here") and "read it" not in browser.ask(
+                page, "Runtime.evaluate", expression="document.body.innerText"
+            )["result"]["value"].replace(script, "")
+        assert not screens_of(served)
+        first = browser.open(url)
+        assert browser.says(first, "-first-byte", "document.body.className")
+        second = browser.open(url)  # a line that one process alone can have
+        assert browser.says(second, "only one process at a time can have udpin")
+        assert len(screens_of(served)) == 1
+
+
+async def left_by(served: subprocess.Popen[str], url: str) -> int:
+    """The process behind a page that is still open when its server is killed."""
+    from aiohttp import ClientSession, WSMsgType
+
+    own, token = url.split("/?token=")
+    async with ClientSession() as http, http.ws_connect(f"{own}/ws/{token}?width=80&height=24") as page:
+        while (said := await page.receive(WAIT_S)).type != WSMsgType.BINARY or len(said.data) < 1000:
+            assert said.type in (WSMsgType.BINARY, WSMsgType.TEXT)  # until the screen is drawn
+        (screen,) = screens_of(served)
+        served.kill()
+        served.wait()
+    return screen
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are looked up in /proc")

@@ -50,8 +50,8 @@ REPLAY_ACTIONS = ("play", "seek", "speed", "go_to")
 class Monitor(App[None]):
     """`look()` gives the present; once `trouble()` is not None the link is dead and the screen ends.
 
-    `folder` is where pictures go (default: the current one), `page` what is shown first; with `player` it is
-    a replay.
+    `folder` is where pictures go (default: the current one), none are saved without `saves`; `page` is what
+    is shown first; with `player` it is a replay.
     """
 
     TITLE = "coaxlink monitor"
@@ -87,11 +87,13 @@ class Monitor(App[None]):
         folder: Path | None = None,
         plot_span_s: float = 60.0,
         page: str = "split",
+        saves: bool = True,
         player: Player | None = None,
     ) -> None:
         super().__init__()
         self.look, self.trouble, self.player = look, trouble, player
         self.folder = folder or Path.cwd()
+        self._saves = saves
         self.paused = False
         self.view: Moment | None = None
         self.window = Window(plot_span_s)
@@ -224,6 +226,9 @@ class Monitor(App[None]):
 
     def action_save(self) -> None:
         """Write the screen as an SVG file beside the user's other files."""
+        if not self._saves:
+            self.notify("a page of a browser writes no file; take the picture in a terminal", markup=False)
+            return
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
         path = self.folder / f"coaxlink-monitor-{stamp}.svg"
         try:
