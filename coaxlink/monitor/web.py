@@ -115,7 +115,7 @@ class WebMonitor:
             token.encode(), self._token.encode()
         ):
             return _said(403, "Open the address that the terminal shows: its token lets you in.")
-        return await handler(request)  # type: ignore[no-any-return]
+        return await handler(request)
 
     async def _full(self) -> str:
         """Why no further session can begin, "" when one can; one that is ending is waited for."""
@@ -216,7 +216,7 @@ async def _obey(page: web.WebSocketResponse, process: Process) -> None:
             continue
         try:
             kind, *rest = json.loads(message.data)
-            given = rest[0] if rest else None
+            given: Any = rest[0] if rest else None
             if kind == "stdin":
                 _tell(process, b"D", given.encode())
             elif kind == "resize":
