@@ -8,7 +8,7 @@ import json
 import os
 import stat
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,62 @@ from coaxlink.errors import InputError
 from firmware_params import bounded
 from firmware_params.plain import plain
 
+_read: dict[tuple[int, int], Path] | None = None  # device and inode of what the running verb has read
+_KINDS = {
+    stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
+}  # fmt: skip
+
+
+def note_reads() -> None:
+    """A verb begins: what it reads from now on is not written over by it."""
+    global _read
+    _read = {}
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_dev, about.st_ino
+
+
+def _target(path: Path, inputs: Iterable[Path] = ()) -> Path:
+    """The regular file that writing `path` makes or replaces, as a shell's `>` finds it: through links.
+
+    Raises InputError where something else is there, or a file that is read or stands open as output.
+    """
+    target = Path(os.path.realpath(path))
+    try:
+        about = path.stat()
+    except FileNotFoundError:
+        return target
+    except (OSError, ValueError) as error:  # ValueError: a NUL in a name
+        problem = f"cannot be written ({getattr(error, 'strerror', None) or error})"
+        raise InputError(path, "", problem) from error
+    if not stat.S_ISREG(about.st_mode):
+        found = _KINDS.get(stat.S_IFMT(about.st_mode), "no file")
+        raise InputError(path, "", f"{found} is there; only a file is written: name a new or a regular one")
+    identity = about.st_dev, about.st_ino
+    if any(_identity(other) == identity for other in inputs) or identity in (_read or ()):
+        raise InputError(path, "", "is read here, and is not written over: name another file")
+    for stream in (0, 1, 2):
+        with contextlib.suppress(OSError):
+            opened = os.fstat(stream)
+            if (opened.st_dev, opened.st_ino) == identity:
+                problem = "input or output of this command goes there already: name another file"
+                raise InputError(path, "", problem)
+    return target
+
 
 def write_atomic(path: Path, content: str | bytes) -> None:
-    """Replace `path` by `content` in one step; on any failure the old file stays.
+    """Replace `path` by `content` in one step; on any failure the old file stays. Links stay, too.
 
-    Raises InputError when the place cannot be written.
+    Raises InputError when the place cannot be written, is no regular file, or was read by this verb.
     """
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
+    path = _target(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -44,11 +93,14 @@ def write_atomic(path: Path, content: str | bytes) -> None:
         raise InputError(path, "", f"cannot be written ({error.strerror})") from error
 
 
-def refuse_unwritable(path: Path | None) -> None:
-    """Find out before the work whether a result can be put there. Raises InputError; leaves nothing."""
+def refuse_unwritable(path: Path | None, inputs: Iterable[Path] = ()) -> None:
+    """Find out before the work whether a result can be put there. Raises InputError; leaves nothing.
+
+    `inputs` will be read: none of them is written over.
+    """
     if path is None:
         return
-    folder = path.parent
+    folder = _target(path, inputs).parent
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -82,7 +134,15 @@ def _plain(value: Any) -> Any:
 
 @contextlib.contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """What a file cannot be read for, as InputError."""
+    """What a file cannot be read for, as InputError; once read, this verb does not write over it."""
+    with _unreadable(path):
+        yield
+    if _read is not None and (identity := _identity(path)):
+        _read[identity] = path
+
+
+@contextlib.contextmanager
+def _unreadable(path: Path) -> Iterator[None]:
     try:
         yield
     except bounded.Unreadable as error:
@@ -110,8 +170,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def read_json(path: Path) -> Any:
-    """A JSON document of bounded depth. Raises InputError."""
-    with reading(path):
+    """A JSON document of bounded depth, which may be a record that is kept up. Raises InputError."""
+    with _unreadable(path):
         return bounded.parse_json(bounded.read_text(path))
 
 
@@ -151,7 +211,8 @@ def keep_private(folder: Path) -> str:
 
 def sha256(path: Path) -> str:
     """Hex digest of a file's bytes."""
-    return hashlib.sha256(read_bytes(path, bounded.LOG)).hexdigest()
+    with _unreadable(path):
+        return hashlib.sha256(bounded.read_bytes(path, bounded.LOG)).hexdigest()
 
 
 def example(name: str) -> Path:

@@ -22,12 +22,14 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as m
 
+from coaxlink.live.guard import timing_for
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.mavlink import codec
 from coaxlink.mavlink.clock import VirtualClock
@@ -199,7 +201,8 @@ def in_memory(cycles: int, rate_hz: float, law: str, nasty: bool) -> None:
     session = Session(line, "memory", clock=clock)
     session.start(3.0)
     vehicle = load_vehicle(AIRFRAME, None)
-    live = LiveMixer(session, vehicle, law, rate_hz=rate_hz, witness=False)
+    timing = replace(timing_for(rate_hz), sync_s=0.0)  # no autopilot here that would answer TIMESYNC
+    live = LiveMixer(session, vehicle, law, rate_hz=rate_hz, witness=False, timing=timing)
     live.start()
     took, lost, outside = np.empty(cycles), 0, 0
     settling = round(rate_hz)

@@ -1,8 +1,12 @@
 """Files are whole or not there, and unreadable ones end in one clear line."""
 
 import json
+import os
+import socket
+from pathlib import Path
 
 import pytest
+from case_table import case_table
 
 from coaxlink import files
 from coaxlink.errors import InputError
@@ -30,6 +34,49 @@ def test_an_unwritable_place_is_known_before_the_work(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"x\.json: cannot be written"):
         files.refuse_unwritable(tmp_path / "file" / "x.json")
+
+
+def test_only_a_regular_file_is_written(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "to_pipe").symlink_to("pipe")
+    with socket.socket(socket.AF_UNIX) as listener, case_table() as case:
+        listener.bind(str(tmp_path / "socket"))
+        before = {path: path.lstat() for path in (*tmp_path.iterdir(), Path("/dev/null"), Path("/dev/full"))}
+        for path in before:
+            with case(path):
+                for write in (files.refuse_unwritable, lambda path: files.write_atomic(path, "x")):
+                    with pytest.raises(InputError, match=r"is there; only|cannot be written"):
+                        write(path)
+                assert os.path.samestat(path.lstat(), before[path])
+
+
+def test_a_link_stays_and_its_file_is_replaced(tmp_path):
+    (tmp_path / "there").mkdir()
+    for name in ("old", "new"):
+        (tmp_path / name).symlink_to(f"there/{name}")
+    (tmp_path / "there" / "old").write_text("old")
+    for name in ("old", "new"):
+        files.write_atomic(tmp_path / name, "x")
+        assert (tmp_path / name).is_symlink() and (tmp_path / "there" / name).read_text() == "x"
+
+
+def test_what_a_verb_reads_it_does_not_write_over(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_read", None)
+    (tmp_path / "a.toml").write_text("x = 1")
+    os.link(tmp_path / "a.toml", tmp_path / "hard")
+    (tmp_path / "soft").symlink_to("a.toml")
+    for name in ("a.toml", "hard", "soft"):
+        with pytest.raises(InputError, match="is read here"):
+            files.refuse_unwritable(tmp_path / name, [tmp_path / "a.toml"])
+    files.note_reads()
+    files.read_toml(tmp_path / "a.toml")
+    for name in ("a.toml", "hard", "soft"):
+        with pytest.raises(InputError, match="is read here"):
+            files.write_atomic(tmp_path / name, "y = 2")
+    files.note_reads()
+    files.write_atomic(tmp_path / "a.toml", "y = 2")  # another verb may
 
 
 @pytest.mark.parametrize(

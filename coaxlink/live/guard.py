@@ -30,6 +30,8 @@ class Timing:
     ramp_after_s: float = 0.030  # until then the autopilot is left with the last answer
     ramp_s: float = 0.050  # from the last answer to the autopilot's own mixer; then silence
     tick_s: float = 0.005
+    # five periods of 250 Hz; a rate loop of a 20 kg vehicle crosses over near 3 Hz, where it costs 22 degrees
+    oldest_s: float = 0.020  # a demand that may be older draws nothing; inf where simulated time waits for us
     sync_s: float = 5.0  # the vehicle's clock (TIMESYNC) is waited for so long, then arrival spacing counts
 
     @property

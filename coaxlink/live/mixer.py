@@ -118,7 +118,7 @@ class LiveMixer:
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self.span_s = (self._clock.monotonic(), 0.0)
         self.timesync = TimeSync(session)
-        self.age = DemandAge(self.timesync, self.guard.timing.sync_s)
+        self.age = DemandAge(self.timesync, self.guard.timing)
         session.tap = self
         # a bridge sends its demand unasked, at its own pace
         if not bridged and not session.request_stream(DEMAND.number, self.rate_hz):

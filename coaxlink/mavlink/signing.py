@@ -17,7 +17,7 @@ from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.mavlink.signing_timestamps import TICKS, Book
+from coaxlink.mavlink.signing_timestamps import END, TICKS, Book
 from firmware_params import bounded
 
 _EPOCH_S = 1420070400  # 2015-01-01, where MAVLink's signing clock starts
@@ -59,6 +59,10 @@ def load_key(path: Path) -> bytes:
     return hashlib.sha256(text).digest()
 
 
+def _now() -> int:
+    return int((time.time() - _EPOCH_S) * TICKS)
+
+
 class Signer:
     """The signing state of one session: shared by its sender and its receiver."""
 
@@ -74,6 +78,15 @@ class Signer:
         self.state.stream_timestamps = dict(self._book.heard)
         # above every sender's, too: who hears us raises its clock to ours, and is past what it said before
         self.state.timestamp = max(self._book.sent, *self._book.heard.values(), 0) + 1
+        if self.state.timestamp >= END:
+            problem = "the timestamps of this key are used up (a clock was wrong by decades): take a new key"
+            self._book.leave()
+            raise InputError(self._book.path, "", problem)
+        if _now() >= END:
+            self._book.leave()
+            today = time.strftime("%Y-%m-%d", time.gmtime(time.time()))
+            problem = f"{today} is beyond signing's timestamps: set it right"
+            raise InputError("the clock of this machine", "", problem)
         self.tick(cover=False)
         self._book.begin(self.state.timestamp)
 
@@ -100,12 +113,12 @@ class Signer:
         stream, stamp = (frame[-13], frame[5], frame[6]), int.from_bytes(frame[-12:-6], "little")
         last = self.state.stream_timestamps.get(stream, self.state.timestamp - NEW_STREAM)
         signature = hashlib.sha256(self.state.secret_key + frame[:-6]).digest()[:6]
-        return stamp > last and hmac.compare_digest(signature, frame[-6:])
+        return last < stamp < END and hmac.compare_digest(signature, frame[-6:])
 
     def tick(self, *, cover: bool = True) -> None:
         """Before a message is signed: the clock moves on with the time of day."""
-        now = int((time.time() - _EPOCH_S) * TICKS)
-        self.state.timestamp = max(self.state.timestamp, now)
+        now = _now()
+        self.state.timestamp = max(self.state.timestamp, now if now < END else 0)
         if cover:
             self._book.cover(self.state.timestamp, {})
 

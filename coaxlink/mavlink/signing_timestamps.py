@@ -23,7 +23,8 @@ TICKS = 100_000  # a second, in signing's 10 us
 # three kills in a row stay within the minute that a vehicle lets a new sender be behind
 AHEAD = 20 * TICKS
 _RETRY_S = 1.0
-_MOST = 1 << 48  # a timestamp has six bytes
+_MOST = 1 << 48  # a timestamp has six bytes, until 2104
+END = _MOST - 3600 * TICKS  # none from here on is used: what is written ahead of it still has its six bytes
 
 
 class Book:
@@ -31,7 +32,7 @@ class Book:
 
     def __init__(self, path: Path) -> None:
         """Raises InputError when the file is damaged or cannot be written."""
-        self._path = path
+        self.path = path
         self.sent, self.heard = 0, dict[Stream, int]()
         self.trouble = ""  # why it could not be written ahead; a session in flight goes on
         self._writing = threading.Lock()
@@ -66,7 +67,14 @@ class Book:
         """Raises InputError when nothing can be kept."""
         self._ahead(sent, {})
         if self.trouble:
-            raise InputError(self._path, "", self.trouble)
+            raise InputError(self.path, "", self.trouble)
+
+    def leave(self) -> None:
+        """Nothing was sent or believed: the file stays as it is."""
+        if not self._closed:
+            self._closed = True
+            self._wanted.set()
+            os.close(self._users)
 
     def close(self, sent: int, heard: Mapping[Stream, int]) -> None:
         """Keep what really was, if nobody else uses the key just now. Raises InputError."""
@@ -78,7 +86,7 @@ class Book:
             try:
                 with contextlib.suppress(BlockingIOError):
                     lock(self._users, wait=False)
-                    files.write_json(self._path, _document(sent, {**self.heard, **heard}))
+                    files.write_json(self.path, _document(sent, {**self.heard, **heard}))
             finally:
                 os.close(self._users)
 
@@ -95,7 +103,7 @@ class Book:
                     for stream, at in most[1].items():
                         merged[stream] = max(at, merged.get(stream, 0))
                     total = max(most[0], there[0])
-                    files.write_json(self._path, _document(total, merged))
+                    files.write_json(self.path, _document(total, merged))
             except InputError as error:
                 self.trouble = f"signing's timestamps cannot be stored: {error.problem}"
                 return
@@ -109,9 +117,9 @@ class Book:
                 self._ahead(*self._next)
 
     def _read(self) -> tuple[int, dict[Stream, int]]:
-        if not self._path.exists():
+        if not self.path.exists():
             return 0, {}
-        raw = files.read_json(self._path)
+        raw = files.read_json(self.path)
         try:
             found = {(int(a), int(b), int(c)): int(last) for a, b, c, last in raw["streams"]}
             sent = int(raw["timestamp"])
@@ -119,11 +127,14 @@ class Book:
                 raise ValueError
             return sent, found
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-            problem = f"damaged ({type(error).__name__}); without it replays cannot be detected"
-            raise InputError(self._path, "", problem) from error
+            problem = (
+                f"damaged ({type(error).__name__}); without it replays cannot be detected: "
+                "take a new key, or remove it where nobody can have recorded this line"
+            )
+            raise InputError(self.path, "", problem) from error
 
     def _open(self, ending: str) -> int:
-        path = self._path.with_suffix(ending)
+        path = self.path.with_suffix(ending)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             return os.open(path, os.O_RDWR | os.O_CREAT, 0o600)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -32,7 +33,9 @@ LIVE_LAW = "exact"
 DEMAND_ID = 140  # ACTUATOR_CONTROL_TARGET
 # the world waits for the companion, and the companion for the world: a machine that is busy elsewhere for
 # seconds is no silence of the vehicle
-PATIENT = Timing(fade_s=0.0, hold_after_s=20.0, ramp_after_s=40.0)
+PATIENT = Timing(
+    fade_s=0.0, hold_after_s=20.0, ramp_after_s=40.0, oldest_s=math.inf, sync_s=0.0
+)  # its time waits for us
 # a busy machine reads slower than a fast simulator talks, and a full socket loses acknowledgements
 SLOWER, UNBOUNDED = (3.0, 3.0), 30.0  # speed 0 has no bound; some 30 times real time is what it comes to
 OWN_CURVE = 1.0  # THR_MDL_FAC that makes the own mixer's demand mean about what the law's does (docs/live.md)

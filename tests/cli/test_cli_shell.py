@@ -1,12 +1,15 @@
 """Every verb ends in a documented exit code and one line on stderr, never a traceback."""
 
 import os
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import shellingham
 import typer
+from case_table import case_table
 
 import coaxlink
 from coaxlink.cli import build_app
@@ -156,6 +159,35 @@ def test_ctrl_c_is_not_lost_where_the_interpreter_ignores_exceptions():
     )
     done = subprocess.run([sys.executable, "-c", script, "examples"], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "coaxlink: interrupted\n")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_streams_that_are_closed_or_full_are_one_line():
+    command = f"{shlex.quote(sys.executable)} -m coaxlink"
+    rows = [
+        ("examples >&-", 2, "standard output is closed"),
+        ("examples >/dev/full", 2, "cannot be written (No space left on device)"),
+        ("--version >/dev/full", 2, "cannot be written (No space left on device)"),
+        ("allocate nothing.toml --wrench 1,0,0,0 >/dev/full", 2, "nothing.toml"),
+        ("allocate nothing.toml --wrench 1,0,0,0 2>/dev/full", 2, None),
+        ("examples 2>/dev/full", 0, None),
+        ("examples >&- 2>&-", 2, None),
+        ("examples 2>&- <&-", 0, None),
+    ]
+    with case_table() as case:
+        for unbuffered in ("", "1"):
+            for line, code, said in rows:
+                with case(f"{line} {unbuffered}"):
+                    done = subprocess.run(
+                        ["bash", "-o", "pipefail", "-c", f"{command} {line}"],
+                        env={**os.environ, "PYTHONUNBUFFERED": unbuffered}, capture_output=True, text=True,
+                    )  # fmt: skip
+                    assert done.returncode == code, done.stderr
+                    if said is not None:
+                        assert len(done.stderr.splitlines()) == bool(said) and said in done.stderr, (
+                            done.stderr
+                        )
 
 
 @pytest.mark.parametrize("loaded", ["from coaxlink.cli import build_app", ""])

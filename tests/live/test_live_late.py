@@ -16,11 +16,11 @@ from case_table import case_table
 from live_line import Session, mixer_on
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.live.age import OLDEST_S
 from coaxlink.live.guard import Timing
 from coaxlink.live.mixer import LiveMixer
 
 PERIOD_S = 0.004
+OLDEST_S = Timing.oldest_s
 FLOWN_S = 4.0
 Delay = Callable[[float], float]  # seconds at a time from the start on
 

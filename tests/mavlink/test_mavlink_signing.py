@@ -159,3 +159,31 @@ def test_a_disk_that_fills_up_in_flight_does_not_end_the_session(tmp_path, monke
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):  # at the start it does
         Signer(KEY, tmp_path / "file" / "x")
+
+
+@pytest.mark.parametrize("year", [2104.5, 2110, 9000])
+def test_a_clock_beyond_the_timestamps_is_one_line_and_keeps_nothing(tmp_path, monkeypatch, year):
+    Signer(KEY, tmp_path).close()
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    with monkeypatch.context() as clock:
+        clock.setattr(time, "time", lambda: (year - 1970) * 365.2425 * 86400)
+        with pytest.raises(InputError, match=r"the clock of this machine.*set it right"):
+            Signer(KEY, tmp_path)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    Signer(KEY, tmp_path).close()
+
+
+def test_stamps_at_the_end_of_time_are_not_believed_and_do_not_break_the_book(tmp_path, monkeypatch):
+    """A peer whose clock is wrong, and ours going wrong in flight."""
+    signer = Signer(KEY, tmp_path / "ours")
+    peer = m.MAVLink(None, 1, 1)
+    peer.signing.secret_key, peer.signing.sign_outgoing = KEY, True
+    beat = m.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)
+    for stamp, believed in ((signing_book.END - 1, True), (signing_book.END, False), ((1 << 48) - 1, False)):
+        peer.signing.timestamp = stamp
+        assert signer.genuine(bytes(beat.pack(peer))) is believed
+    monkeypatch.setattr(time, "time", lambda: 4.5e9)
+    signer.tick()
+    signer.close()
+    monkeypatch.undo()
+    Signer(KEY, tmp_path / "ours").close()

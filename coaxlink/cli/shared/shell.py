@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import typer
 
 from coaxlink.absent import absent
 from coaxlink.cli.shared.completion import require_shell
 from coaxlink.cli.shared.options import by_option
-from coaxlink.errors import CoaxlinkError
+from coaxlink.cli.shared.outputs import check_outputs_first
+from coaxlink.errors import CoaxlinkError, InputError
 from firmware_params.plain import plain_lines
 
 JsonOption = Annotated[
@@ -29,15 +32,61 @@ SchedulerOption = Annotated[
 
 INTERRUPTED = 130
 FAULT = 70  # EX_SOFTWARE of sysexits.h: the fault is coaxlink's own, not the input's
+# a disk or a pipe's end takes no more: the user's to mend
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF}
 NOTHING = 1e-6  # N, N m: what solvers leave of an error that is none
 PIPE_WIDTH = 140  # columns of text that no screen bounds
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; users see one line, never a traceback."""
+    if not _standard_streams():
+        say("coaxlink: standard output is closed, and the result goes there: give it a file or /dev/null")
+        return InputError.exit_code
+    code = _run(app, arguments)
+    if problem := _unwritten():
+        say(f"coaxlink: {problem}")
+        return code or InputError.exit_code
+    return code
+
+
+def _standard_streams() -> bool:
+    """Whether stdout is open; closed stdin and stderr become empty ones: no file of ours takes their place."""
+    nothing = Path(os.devnull)
+    if sys.stdin is None:
+        sys.stdin = nothing.open(encoding="utf-8")
+    if sys.stderr is None:
+        sys.stderr = nothing.open("w", encoding="utf-8")
+    return sys.stdout is not None
+
+
+def _unwritten() -> str:
+    """Why the last of what was said does not go out (a full disk), "" when it does; it is dropped then."""
+    problem = ""
+    for name, stream in (("standard output", sys.stdout), ("standard error", sys.stderr)):
+        try:
+            stream.flush()
+        except BrokenPipeError:
+            _drop(stream)  # whoever read it has seen enough
+        except OSError as error:
+            problem = problem or f"{name} cannot be written ({error.strerror})"
+            _drop(stream)
+    return problem
+
+
+def _drop(stream: TextIO) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, stream.fileno())
+        os.close(nothing)
+        stream.flush()
+
+
+def _run(app: typer.Typer, arguments: Sequence[str]) -> int:
     command = typer.main.get_command(app)
     try:
         require_shell(arguments)
+        check_outputs_first(command)
         outcome = command.main(args=list(arguments), prog_name="coaxlink", standalone_mode=False)
     except CoaxlinkError as error:
         say(f"coaxlink: {error}")
@@ -53,6 +102,10 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         say(f"coaxlink: {missing}")
         return missing.exit_code
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in FULL:
+            what = error.filename or "an output"
+            say(f"coaxlink: {_unwritten() or f'{what} cannot be written ({error.strerror})'}")
+            return InputError.exit_code
         # typer's usage errors, whichever click they come from, know their own text and exit code
         if not hasattr(error, "format_message"):
             return fault(error)
@@ -96,7 +149,8 @@ def say_vehicle(airframe: Path | None) -> None:
 
 def say(text: str) -> None:
     """Talk, to stderr, options by their names; nothing in it moves the cursor or colours the screen."""
-    sys.stderr.write(f"{plain_lines(by_option(text))}\n")
+    with contextlib.suppress(OSError):  # a full disk: the exit code still says it
+        sys.stderr.write(f"{plain_lines(by_option(text))}\n")
 
 
 def figure(value: float, digits: int = 3) -> str:
