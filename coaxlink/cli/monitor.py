@@ -108,9 +108,11 @@ def _serve(port: int, url: str | None) -> None:
     from coaxlink.mavlink.address import parse_address
 
     try:
+        import textual_serve.server  # noqa: F401 - its page is used, and what it depends on
+
         from coaxlink.monitor.web import WebMonitor, bind
     except ImportError as error:
-        problem = f"{error.name} is needed, which is not installed: pip install 'coaxlink[web]'"
+        problem = "textual-serve is needed, which is not installed: pip install 'coaxlink[web]'"
         raise InputError("--web", "", problem) from error
     command = [sys.executable, "-m", "coaxlink", *(a for a in sys.argv[1:] if a != "--web")]
     if url is None or parse_address(url).kind in ("udpout", "tcp"):

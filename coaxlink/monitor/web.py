@@ -51,7 +51,7 @@ def bind(port: int) -> socket.socket:
         listener.listen()
     except OSError as error:
         listener.close()
-        raise InputError("--port", "", f"{port} cannot be had ({error.strerror})") from error
+        raise InputError(f"port {port}", "", f"cannot be had ({error.strerror})") from error
     return listener
 
 

@@ -68,7 +68,7 @@ def test_every_effect_can_be_put_into_a_table_or_says_why_not():
 def test_demands_without_an_answer_are_told_with_their_reasons():
     counters = Counters(late=3, settling=2)
     said = unanswered(counters.unanswered())
-    assert "3 that came too late" in said and "2 while three good ones" in said
+    assert "3 no newer than the one before" in said and "2 while three good ones" in said
     assert unanswered(Counters().unanswered()) == ""
     for reason in counters.unanswered():  # every reason there is has its words
         assert unanswered({reason: 1}).startswith("not answered: 1 ")

@@ -10,7 +10,7 @@ from typing import Any
 from coaxlink import files
 from coaxlink.errors import InputError
 
-# options that name what is written, in whichever verb; `out` is the argument of `init`
+# options that name what is written, in whichever verb; one is an argument, that of "init"
 WRITTEN = {
     "--json", "--out", "out", "--report", "--markdown", "--picture", "--plot", "--next", "--record",
     "--log", "--stand", "--tlog", "--truth-log", "--truth-out",
@@ -52,7 +52,7 @@ def _refuse(parameters: list[Any], values: dict[str, Any]) -> None:
 def _refuse_output(path: Path, *, folder: bool, others: dict[str, Path]) -> None:
     if folder:
         if path.exists() and not path.is_dir():
-            raise InputError(path, "", "a folder is expected, and something else is there")
+            raise InputError(path, "", "cannot be written (a folder is expected, something else is there)")
         return
     place = os.path.realpath(path)
     if place in others:

@@ -51,7 +51,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
 
 
 def _standard_streams() -> bool:
-    """Whether stdout is open; closed stdin and stderr become empty ones: no file of ours takes their place."""
+    """Whether stdout is open; closed stdin and stderr become empty ones, no file takes their place."""
     nothing = Path(os.devnull)
     if sys.stdin is None:
         sys.stdin = nothing.open(encoding="utf-8")
