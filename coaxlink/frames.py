@@ -133,7 +133,7 @@ class StandFrame:
     present: tuple[int, ...]  # channels that were measured
     slope: Array  # (rows, 4, 2) of the loads over u_u, u_l
     reference: Array  # (6,)
-    free_base: bool  # the base terms are fitted to this very log
+    free_nuisance: bool  # the base terms are fitted to this very log
     columns: Mapping[str, Array]  # everything the log has
     block: NDArray[np.intp]  # (rows,)
     keep: NDArray[np.intp]

@@ -16,7 +16,7 @@ from typing import Annotated
 import typer
 
 import coaxlink
-from coaxlink import _start
+from coaxlink import _interrupts
 from coaxlink.cli.shared.shell import interrupted, run
 
 
@@ -50,7 +50,7 @@ def _options(
         typer.Option("--version", help="Print the version and leave.", callback=_version, is_eager=True),
     ] = False,
 ) -> None:
-    _start.begin()  # the line is understood as far as the verb
+    _interrupts.begin()  # the line is understood as far as the verb
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

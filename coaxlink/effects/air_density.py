@@ -1,7 +1,7 @@
 """Air density: thrust and torque are proportional to the density of the air.
 
 Source: blade element theory; ideal gas. Torque may go by another power than thrust: profile drag has a
-Reynolds number too. Either is written about the density at which the base holds, to first order.
+Reynolds number too. Either is written about the density at which the nuisance model holds, to first order.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def density_of(pressure_Pa: ArrayLike, temperature_C: ArrayLike) -> Array:
 
 
 def load_gains(p: Numbers, density: float) -> tuple[float, float]:
-    """Thrust and torque over those at the density where the base holds."""
+    """Thrust and torque over those at the density where the nuisance model holds."""
     over = (1.0 + p.get("over", 0.0)) * (density / p["reference_density_kg_m3"] - 1.0)
     thrust = p["density_exponent"]
     return 1.0 + thrust * over, 1.0 + p.get("torque_exponent", thrust) * over
@@ -106,7 +106,7 @@ def _air_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, floa
     rho = density(frame)
     assert rho is not None
     torque = {"torque_exponent": float(c[1])} if "apart" in shape else {}
-    # where the base holds
+    # where the nuisance model holds
     reference = float(np.median(rho)) * (1.0 + shape.get("over", 0.0))
     return {"density_exponent": float(c[0]), **torque, **shape, "reference_density_kg_m3": reference}
 
@@ -132,14 +132,14 @@ STAND: Tracing[StandFrame] = Tracing(
     units={"density_exponent": "1", "torque_exponent": "1", "apart": "1", "over": "1",
            "reference_density_kg_m3": "kg/m3"},
     missing=_no_air,
-    shapes=lambda frame: [{}] if frame.free_base else [{"over": o} for o in OVER],
+    shapes=lambda frame: [{}] if frame.free_nuisance else [{"over": o} for o in OVER],
     columns=_air_columns,
     parameters=_air_parameters,
     inverse=_air_inverse,
     refuse=_air_refuse,
     cause=_air_cause,
     free=lambda _, shape: {"over": (-0.25, 0.25)} if "over" in shape else {},
-    finer=lambda _, shape, c: (
+    variants=lambda _, shape, c: (
         [] if "apart" in shape else [({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
     ),
 )  # fmt: skip

@@ -101,7 +101,7 @@ def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
     return frame.pulling(frame.thrust - _loss(frame, shape) @ c, frame.torque)
 
 
-def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _variants(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     start = np.array([c[0], 0.0])
     mine: Shape = {k: v for k, v in shape.items() if k == "by_thrust"}
     other: Shape = {} if mine else {"by_thrust": 1.0}
@@ -143,7 +143,7 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
     stage=3,
     apply=_apply,
     free=lambda _, shape: {"levelling_s_m": LEVELLING_S_M} if "levelling_s_m" in shape else {},
-    finer=_finer,
+    variants=_variants,
 )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coaxlink.effects.base import Numbers, Parameter, PhysicalEffect, Stage
-from coaxlink.effects.drive import LOAD, drive, load_finer, loaded, turn, turning
+from coaxlink.effects.drive import LOAD, drive, load_variants, loaded, turn, turning
 from coaxlink.effects.live import LiveView, SpeedPart
 from coaxlink.effects.static import LeftOut, StaticVehicle
 from coaxlink.effects.tracing import Array, Shape, Tracing, one_shape, outside
@@ -147,7 +147,7 @@ def _voltage_columns(frame: StandFrame, shape: Shape) -> Array:
         return frame.slowed(-lost_to_cap(shape, u, v / centre))[..., None]
     power = shape["power"]
     columns = [frame.slowed(loaded(u, shape) * _share(v / centre, power))]
-    if not frame.free_base:
+    if not frame.free_nuisance:
         columns.append(frame.slowed(u))  # the voltage at which the model holds need not be this run's
     return np.stack(columns, axis=-1)
 
@@ -171,7 +171,7 @@ def _voltage_inverse(frame: StandFrame, p: Mapping[str, float]) -> tuple[Shape, 
         return {name: p[name] for name in GOVERNED}, np.array([k])
     level = k * (1.0 - p["reference_voltage_V"] / centre)
     shape = {name: p[name] for name in ("power", "load") if name in p}
-    return shape, np.array([k] if frame.free_base else [k, level])
+    return shape, np.array([k] if frame.free_nuisance else [k, level])
 
 
 def _voltage_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
@@ -203,7 +203,7 @@ STAND: Tracing[StandFrame] = Tracing(
     refuse=lambda p: outside("speed_exponent", p["speed_exponent"], 0.02, 2.5),
     cause=_voltage_cause,
     free=_voltage_free,
-    finer=lambda frame, shape, c: [] if "cap" in shape else load_finer(frame, shape, c),
+    variants=lambda frame, shape, c: [] if "cap" in shape else load_variants(frame, shape, c),
 )
 
 

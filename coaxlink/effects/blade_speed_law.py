@@ -20,7 +20,7 @@ from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import parse_term
 
-SQUARE = 2  # power of an upper rotor's own terms: a base of more bends by itself
+SQUARE = 2  # power of an upper rotor's own terms: a nuisance model of more bends by itself
 SLOWEST = 0.025  # of full speed: a slower blade has no law of speed
 POWERS = (-0.5, -0.25, -0.1, 0.1, 0.25, 0.5)  # of Reynolds number: relative to full speed, downwards
 RISES = (2.0, 4.0, 7.0)  # of Mach number: nothing at rest
@@ -67,23 +67,23 @@ def _blade_refuse(p: Mapping[str, float]) -> str | None:
     return outside("loss", p.get("loss", 0.1), 0.0, 10.0)
 
 
-def _blade_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+def _blade_variants(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     """The same bend at the other end of the speeds; torque by a change of its own."""
     forms: dict[str, tuple[Shape, Array]] = {
         "soft": ({**shape, "soft": 0.2, "power": min(shape.get("power", 0.0), -1.0)}, c),
         "power": ({"power": -0.4}, 0.5 * c[:1]),
         "rise": ({"rise": 4.0}, -c[:1] if "tip" in shape else c[:1]),
     }
-    if frame.free_base:
+    if frame.free_nuisance:
         forms = {}
     out = [form for name, form in forms.items() if name not in shape and (name != "soft" or "power" in shape)]
     return out if "apart" in shape else [*out, ({**shape, "apart": 1.0}, np.array([c[0], c[0]]))]
 
 
 def _blade_shapes(frame: StandFrame) -> list[Shape]:
-    """What sets in at a speed; beside a given model also what bends over all, as a fitted base does."""
+    """What sets in at a speed; beside a given model also what bends over all, as a fitted nuisance does."""
     onset: list[Shape] = [{"tip": t, **apart} for t in TIPS for apart in ({}, {"apart": 1.0})]
-    if frame.free_base:
+    if frame.free_nuisance:
         return onset
     bent: list[Shape] = [*({"power": p} for p in POWERS), *({"rise": p} for p in RISES)]
     # a stall, or a slow blade, takes lift and adds drag: torque need not follow thrust
@@ -92,7 +92,7 @@ def _blade_shapes(frame: StandFrame) -> list[Shape]:
 
 def _unknowable(frame: StandFrame) -> str | None:
     own = [term for load in LOADS[:2] for term in frame.model.terms()[load]]
-    if frame.free_base and any(parse_term(term)[0] > SQUARE for term in own):
+    if frame.free_nuisance and any(parse_term(term)[0] > SQUARE for term in own):
         return "no rotor model is given, and the base fitted to this log bends with speed by itself"
     if frame.driven and frame.context("upper_rpm") is None and frame.context("lower_rpm") is None:
         return "no rpm in the log: what bends over throttle may be the drive, not the blades"
@@ -133,7 +133,7 @@ STAND: Tracing[StandFrame] = Tracing(
     free=lambda _, shape: {
         name: limit for name, limit in (BLADES | (SOFT if "soft" in shape else {})).items() if name in shape
     },
-    finer=_blade_finer,
+    variants=_blade_variants,
 )
 
 

@@ -107,7 +107,7 @@ def _running(u: Array, band: float, start: float) -> Array:
 def _dead_apply(frame: StandFrame, parameters: Mapping[str, float]) -> StandFrame:
     """The frame with its rotors at rest below the band, where a supply or a warm winding changes nothing.
 
-    What these take off on the average stays in: it is the scale of the throttle, which the base has too.
+    What these take off on the average stays in: it is the scale of the throttle, which the nuisance has too.
     """
     shape, c = STAND.inverse(frame, parameters)
     predicted = frame.predicted + STAND.columns(frame, shape) @ c
@@ -161,7 +161,7 @@ def _start(frame: StandFrame) -> tuple[float, float] | None:
     return float(np.max(u[rests])), float(np.min(u[turns]))
 
 
-def _dead_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _dead_variants(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     if "cells" in shape:
         return []
     bare, observed = {"band": shape["band"]}, _start(frame)
@@ -210,7 +210,7 @@ STAND: Tracing[StandFrame] = Tracing(
     ),
     apply=_dead_apply,
     free=_dead_free,
-    finer=_dead_finer,
+    variants=_dead_variants,
 )
 
 

@@ -90,7 +90,7 @@ def _apply(frame: FlightFrame, p: Mapping[str, float]) -> FlightFrame:
     return frame.pulling(frame.thrust * (1.0 - thrust * only), frame.torque * (1.0 - torque * only))
 
 
-def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _variants(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     same = {k: v for k, v in shape.items() if k != "slower"}
     if "slower" in shape:
         lost = 1.0 - (1.0 - c[0]) ** 2
@@ -127,7 +127,7 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
     stage=2,
     apply=_apply,
     free=onset_limits,
-    finer=_finer,
+    variants=_variants,
 )
 
 

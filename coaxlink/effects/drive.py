@@ -33,7 +33,7 @@ def loaded(u: Array, shape: Shape) -> Array:
     return np.asarray(u * np.maximum(u, 1e-3) ** shape["load"] if "load" in shape else u)
 
 
-def load_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def load_variants(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     return [] if "load" in shape else [({**shape, "load": 0.2}, c)]
 
 

@@ -1,4 +1,4 @@
-"""Forms of an effect that may stand in for another one: without them the other would be claimed.
+"""Forms of an effect that may be confounded with another one: without them the other would be claimed.
 
 A cell that warms up with its room looks like the room's air, magnets that weaken like a pack that sags. The
 selection of a log tries the plain forms of each effect (`Tracing.shapes`); whether a name may be claimed is

@@ -120,7 +120,7 @@ def _free(_: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
     return {"height_power": POWERS, **bend}
 
 
-def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _variants(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     sign = np.sign(c[0])
     mine = {k: v for k, v in shape.items() if k not in BENDS}
     other, size = ({"height_scale_m": 0.5}, 0.2) if "height_power" in shape else ({"height_power": 2.0}, 0.1)
@@ -158,7 +158,7 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
     stage=4,
     apply=_apply,
     free=_free,
-    finer=_finer,
+    variants=_variants,
 )
 
 

@@ -26,7 +26,7 @@ REACHES = (0.03, 0.1)  # of normalised speed: to turn the middle element round
 # of the throttle: starts of the fit, no judgement
 GAPS = (0.015, 0.03, 0.045, 0.06, 0.09, 0.13)
 SHARES = (0.7, 1.4)  # judgement, as of `rotor_lag`: of the play, what the speeds feel; 1 is physics
-RELAY_STEP, RELAY_WIDEST, RELAY_FINER = 0.06, 0.35, (0.02, 0.007)  # of normalised speed
+RELAY_STEP, RELAY_WIDEST, RELAY_VARIANTS = 0.06, 0.35, (0.02, 0.007)  # of normalised speed
 RELAY_MOST = 2.0  # of normalised speed: what runs further is no speed
 NAMES = ("thrust_share", "torque_share", "both", "upper", "lower", "sweep", "load", "bulge", "moving",
          "power", "reach", "spread", "fading", "lower_over_upper",
@@ -142,7 +142,7 @@ def _path(frame: StandFrame) -> Array:
 def _returns(frame: StandFrame, side: int) -> bool:
     """Whether a rotor stood at the same speeds coming from below and from above.
 
-    A level that was visited once has one sign, and what the base misses there would be its hysteresis.
+    A level that was visited once has one sign, and what the nuisance misses there would be its hysteresis.
     """
     way, u = direction(frame, side), frame.speeds[:, side]
     _, level = np.unique(np.round((u - u.min()) / SAME), return_inverse=True)
@@ -309,14 +309,14 @@ def _free(_: StandFrame, shape: Shape) -> dict[str, tuple[float, float]]:
     return {name: limit for name, limit in FREE.items() if name in shape and (mixed or name != "fading")}
 
 
-def _finer(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+def _variants(_: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     """Worn in, at every load alike or by a power of it, on both rotors by one share or by two."""
     if "angle" in shape or "command" in shape:
         return []
     if "relay" in shape:
         return [
             ({**shape, "on": shape["on"] + a, "off": shape["off"] + b}, c)
-            for step in RELAY_FINER
+            for step in RELAY_VARIANTS
             for a, b in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
             if shape["on"] + a > shape["off"] + b
         ]
@@ -378,7 +378,7 @@ STAND: Tracing[StandFrame] = Tracing(
         direction(frame, 1 if channel.startswith("lower") else 0),
     ),
     free=_free,
-    finer=_finer,
+    variants=_variants,
 )  # fmt: skip
 
 _DIRECTION_UNKNOWN = "the mixer does not know which way the speed came"

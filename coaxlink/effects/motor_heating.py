@@ -133,7 +133,7 @@ def _heat_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]
     return {"load": LOAD, "fading": (-0.5, 2.0)} if "load" in shape else {}
 
 
-def _heat_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _heat_variants(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     if "own_s" in shape:
         return [] if "load" in shape else [({**shape, "load": 0.1}, c)]
     return [] if "load" in shape else [({**shape, "load": 0.1, "fading": 0.1}, c)]
@@ -159,7 +159,7 @@ STAND: Tracing[StandFrame] = Tracing(
     refuse=_heat_refuse,
     cause=_heat_cause,
     free=_heat_free,
-    finer=_heat_finer,
+    variants=_heat_variants,
 )
 
 

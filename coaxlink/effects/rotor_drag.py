@@ -91,7 +91,7 @@ def _shapes(_: FlightFrame) -> Sequence[Shape]:
     return [*({form: 1.0} for form in _FORMS), *level]
 
 
-def _finer(frame: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _variants(frame: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     """Other forms of the same size, and from a drag that does not level off to one that may, at any speed."""
     usual = {form: _usual(frame, {form: 1.0}) for form in _FORMS if form != "by_square"}
     mine = next(iter(shape))
@@ -154,7 +154,7 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
     nil=lambda _: dict.fromkeys(_FORMS.values(), 0.0),
     stage=5,
     free=lambda _, shape: {"saturation_m_s": (0.5, 60.0)} if "saturation_m_s" in shape else {},
-    finer=_finer,
+    variants=_variants,
 )
 
 

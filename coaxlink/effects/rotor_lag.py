@@ -1,7 +1,7 @@
 """Rotor lag: the speed follows its command later than the airframe file declares.
 
 Source: first-order motor and rotor dynamics, lag x' = u - x (Hamandi, Tognon and Franchi 2020). Delays of a
-few milliseconds are clocks and belong to the base; a lag also rounds off what is fast, in forces and
+few milliseconds are clocks and belong to the nuisance; a lag also rounds off what is fast, in forces and
 torques alike. Two lags in a row (current and blades) and one that is slower down than up (a controller that
 does not brake) are other forms of the same.
 """
@@ -20,7 +20,8 @@ from coaxlink.frames import STAND_CHANNELS, FlightFrame, StandFrame
 from coaxlink.signals import lagged
 
 ROUNDS = 4
-# finer around a small one: the base's delay stands in for most of it, and what share is left turns quickly
+# finer around a small one: the nuisance's delay is confounded with most of it, and what share is left turns
+# quickly
 SMALL_S = (0.0, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08)
 FLIGHT_LAGS_S = (*SMALL_S, 0.1, 0.12, 0.15, 0.18, 0.22, 0.27, 0.33)
 
@@ -72,7 +73,7 @@ def _free(_: FlightFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
     return {k: limits[k] for k in shape if k in limits}
 
 
-def _finer(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _variants(_: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     one = np.ones(1)
     return [
         ({"lag_s": shape["lag_s"], "second": 1.0}, one),
@@ -104,7 +105,7 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
     stage=0,
     apply=_apply,
     free=_free,
-    finer=_finer,
+    variants=_variants,
 )
 
 
@@ -217,7 +218,7 @@ def _lag_free(_: StandFrame, shape: Shape) -> Mapping[str, tuple[float, float]]:
     return {name: limit for name, limit in limits.items() if name in shape}
 
 
-def _lag_finer(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _lag_variants(_: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     if "damping" in shape:
         return []
     second, down, lower = {"second_s": 0.2 * shape["lag_s"]}, {"down": 1.2}, {"lower": 1.2}
@@ -259,7 +260,7 @@ STAND: Tracing[StandFrame] = Tracing(
         np.gradient(drive(frame)[:, 1 if channel.startswith("lower") else 0], frame.time_s),
     ),
     free=_lag_free,
-    finer=_lag_finer,
+    variants=_lag_variants,
 )
 
 

@@ -46,7 +46,7 @@ def _no_spacing(frame: StandFrame) -> str | None:
 def spread(p: Numbers, relative: ArrayLike) -> Array:
     """Of a spacing over the reference, less 1: straight, or what is left of the wake dies away.
 
-    It is nought where the base holds: at the reference, or `apart` from it.
+    It is nought where the nuisance model holds: at the reference, or `apart` from it.
     """
     change = np.asarray(relative, float)
     if "decay" in p:
@@ -56,9 +56,9 @@ def spread(p: Numbers, relative: ArrayLike) -> Array:
 
 def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
     lower = list(of_rotor(1))
-    base = frame.loads_at(frame.speeds)[:, lower]
+    nuisance = frame.loads_at(frame.speeds)[:, lower]
     alone = frame.loads_at(np.stack([np.zeros(len(frame.time_s)), frame.speeds[:, 1]], axis=1))[:, lower]
-    wake = base - alone  # negative: what the lower rotor loses
+    wake = nuisance - alone  # negative: what the lower rotor loses
     change = spread(shape, _spacing(frame))
     if "alike" in shape:
         pair = np.zeros((len(frame.time_s), 6, 1))
@@ -77,7 +77,7 @@ def _spacing_columns(frame: StandFrame, shape: Shape) -> Array:
     return out
 
 
-def _spacing_finer(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
+def _spacing_variants(frame: StandFrame, shape: Shape, c: Array) -> list[tuple[Shape, Array]]:
     levels = len(np.unique(np.round(_spacing(frame), 2)))
     forms: list[tuple[Shape, Array]] = []
     if "decay" not in shape and levels > 2:
@@ -105,12 +105,12 @@ def alike_shapes(frame: StandFrame) -> list[Shape]:
 
 
 def _places(frame: StandFrame) -> list[Shape]:
-    """Where the base may hold."""
-    return [{}] if frame.free_base else [{"apart": a} for a in APART]
+    """Where the nuisance model may hold."""
+    return [{}] if frame.free_nuisance else [{"apart": a} for a in APART]
 
 
 def _spacing_parameters(frame: StandFrame, shape: Shape, c: Array) -> dict[str, float]:
-    reference = float(np.median(frame.columns["rotor_spacing_m"]))  # where the base holds
+    reference = float(np.median(frame.columns["rotor_spacing_m"]))  # where the nuisance model holds
     values = dict(zip(_names(shape), map(float, c), strict=True))
     return {**shape, "wake_thrust_share": 0.0, **values, "reference_spacing_m": reference}
 
@@ -150,7 +150,7 @@ STAND: Tracing[StandFrame] = Tracing(
     refuse=lambda p: outside("wake_thrust_share", p["wake_thrust_share"], -3.0, 3.0),
     cause=lambda frame, _, __: ("rotor_spacing_m", frame.columns["rotor_spacing_m"]),
     free=lambda _, shape: {name: limit for name, limit in SPACING.items() if name in shape},
-    finer=_spacing_finer,
+    variants=_spacing_variants,
 )
 
 

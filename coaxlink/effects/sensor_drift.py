@@ -113,7 +113,7 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
         out = np.zeros((len(elapsed), 6, 1))
         out[:, :4, 0] = trends[0][:, None] * frame.predicted[:, :4]
         return out
-    # the base may hold no constant: the zero at the start comes with the drift
+    # the nuisance model may hold no constant: the zero at the start comes with the drift
     cells = [int(shape[name]) for name in ("channel", "also") if name in shape]
     trends = [trends[0], np.ones(len(elapsed)), *trends[1:]]
     each = len(trends) + ("span" in shape)
@@ -128,7 +128,7 @@ def _drift_columns(frame: StandFrame, shape: Shape) -> Array:
     return out
 
 
-def _drift_finer(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _drift_variants(frame: StandFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     """A zero that drifts later, by a power of time, settles, or settles and creeps on; also in two cells."""
     forms: list[tuple[Shape, Array]] = []
     if "room" in shape:
@@ -225,7 +225,7 @@ STAND: Tracing[StandFrame] = Tracing(
     refuse=lambda p: None,
     cause=lambda frame, _, __: ("time_s", frame.time_s),
     free=lambda _, shape: {k: limits for k, limits in FREE.items() if k in shape},
-    finer=_drift_finer,
+    variants=_drift_variants,
     carried=_drift_carried,
 )
 

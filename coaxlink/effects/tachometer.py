@@ -58,7 +58,7 @@ def _tachometer(name: str) -> Tracing[StandFrame]:
         inverse=lambda _, p: ({"above": p["above"]}, np.array([p["reads_high_by"]])),
         refuse=refuse,
         cause=lambda frame, _, __: (f"{name}_speed", frame.speeds[:, side]),
-        accused=f"{name}_rpm",
+        flagged=f"{name}_rpm",
     )
 
 

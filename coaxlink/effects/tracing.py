@@ -24,7 +24,7 @@ class Tracing(Generic[Frame]):
     Effects act in the order of their `stage`, each on the frame that the earlier ones left (`acting`): what
     slows a rotor changes the thrust that the ground then raises. `apply` does that where adding the columns
     to the loads is not enough. `free` gives the shape's continuous numbers and their physical limits, which
-    the joint fit moves; `finer` other shapes and coefficients to start from there.
+    the joint fit moves; `variants` other shapes and coefficients to start from there.
 
     `parameters` turns shape and coefficients (K,) into named physical numbers; `inverse` turns those back;
     `refuse` says why physics does not allow them, or None. `cause` is the variable (label, rows) that its
@@ -47,13 +47,13 @@ class Tracing(Generic[Frame]):
     sudden: bool = False  # may begin in mid-log: knows the shape number `onset_s`
     # parameters that say how much of it there is, and what each reads where there is none; {}: not asked
     nil: Callable[[Frame], Mapping[str, float]] = lambda _: {}
-    accused: str = ""  # a column: what is found is a wrong instrument, not physics
+    flagged: str = ""  # a column: what is found is a wrong instrument, not physics
     stage: int = 5
     # of a shape, the coefficients that come with the effect and do not make it: a zero beside its drift
     carried: Callable[[Shape], tuple[int, ...]] = lambda _: ()
     apply: Callable[[Frame, Mapping[str, float]], Frame] | None = None
     free: Callable[[Frame, Shape], Mapping[str, tuple[float, float]]] = lambda _, __: {}
-    finer: Callable[[Frame, Shape, Array], Sequence[tuple[Shape, Array]]] = lambda _, __, ___: ()
+    variants: Callable[[Frame, Shape, Array], Sequence[tuple[Shape, Array]]] = lambda _, __, ___: ()
 
     def contribution(self, frame: Frame, parameters: Mapping[str, float]) -> Array:
         """(rows, channels) that the effect adds with these physical parameters."""

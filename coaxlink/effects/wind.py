@@ -124,7 +124,7 @@ def _refuse(p: Mapping[str, float]) -> str | None:
     )
 
 
-def _finer(frame: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
+def _variants(frame: FlightFrame, shape: Shape, c: Array) -> Sequence[tuple[Shape, Array]]:
     if "north" in shape:  # what else may be: drag of the body in proportion, less wind near the ground
         richer: list[tuple[Shape, Array]] = []
         if "linear" not in shape:
@@ -170,7 +170,7 @@ FLIGHT: Tracing[FlightFrame] = Tracing(
     nil=lambda _: {"wind_north_m_s": 0.0, "wind_east_m_s": 0.0},
     stage=5,
     free=lambda _, shape: {k: LIMITS[k] for k in shape if k in LIMITS},
-    finer=_finer,
+    variants=_variants,
 )
 
 

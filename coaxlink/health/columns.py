@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from coaxlink.constants import SIGMA_PER_MAD
 from coaxlink.effects.ground_effect import GROUND_FELT_M
 from coaxlink.frames import Array, FlightFrame
-from coaxlink.health.onsets import ROUNDS, Onset, finer, onsets
+from coaxlink.health.onsets import ROUNDS, Onset, onsets, variants
 from coaxlink.health.priors import (
     CG_DRAWN_M,
     CG_MOVED_M,
@@ -29,8 +29,8 @@ from coaxlink.health.priors import (
     TILT_ARM_M,
     TORQUE_TODAY,
 )
-from coaxlink.residual.base.flight_corrections import flight_corrections
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, reduce_columns
+from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 
 CHANNELS = (2, 3, 4, 5)  # force down, roll, pitch, yaw
 BOUND_SDS = 2.0  # a correction's largest believable size, in standard deviations
@@ -54,7 +54,7 @@ DAMPING_S = (
 
 
 @dataclass(frozen=True)
-class Column:
+class NuisanceColumn:
     """One unknown: its name, its prior's standard deviation, what a unit of it adds."""
 
     name: str
@@ -83,46 +83,50 @@ class Flight:
     noise: Array  # (4,) N, N m
 
 
-def lasting(frame: FlightFrame) -> Iterator[Column]:
+def lasting(frame: FlightFrame) -> Iterator[NuisanceColumn]:
     """What this vehicle differs by from its drawing, the same on every day."""
     for correction in flight_corrections(frame):
         if not correction.name.startswith("accel"):
-            yield Column(correction.name, correction.bound / BOUND_SDS, correction.columns)
+            yield NuisanceColumn(correction.name, correction.bound / BOUND_SDS, correction.columns)
     yield from _centre(frame, CG_DRAWN_M)
-    yield Column("tilt_arm_m", TILT_ARM_M, _about(frame, 5))
+    yield NuisanceColumn("tilt_arm_m", TILT_ARM_M, _about(frame, 5))
 
 
-def passing(frame: FlightFrame) -> Iterator[Column]:
+def passing(frame: FlightFrame) -> Iterator[NuisanceColumn]:
     """What may be otherwise on another day."""
     none = np.zeros_like(frame.thrust)
     lift, drag = frame.airframe.body_loads(frame.thrust, none), frame.airframe.body_loads(none, frame.torque)
-    yield Column("lift_today", LIFT_TODAY, lift)
-    yield Column("torque_today", TORQUE_TODAY, drag)
+    yield NuisanceColumn("lift_today", LIFT_TODAY, lift)
+    yield NuisanceColumn("torque_today", TORQUE_TODAY, drag)
     upper = np.array([1.0 if r.level == "upper" else 0.0 for r in frame.airframe.rotors])
     if 0 < upper.sum() < len(upper):
-        yield Column("upper_today", LEVEL_TODAY, frame.airframe.body_loads(frame.thrust * upper, none))
+        yield NuisanceColumn(
+            "upper_today", LEVEL_TODAY, frame.airframe.body_loads(frame.thrust * upper, none)
+        )
     for k in range(len(upper)):
         one = np.eye(len(upper))[k]
-        yield Column(f"thrust_{k}", THRUST_TODAY, frame.airframe.body_loads(frame.thrust * one, none))
-        yield Column(f"torque_{k}", TORQUE_TODAY_EACH, frame.airframe.body_loads(none, frame.torque * one))
+        yield NuisanceColumn(f"thrust_{k}", THRUST_TODAY, frame.airframe.body_loads(frame.thrust * one, none))
+        yield NuisanceColumn(
+            f"torque_{k}", TORQUE_TODAY_EACH, frame.airframe.body_loads(none, frame.torque * one)
+        )
     yield from _centre(frame, CG_MOVED_M)
     for correction in flight_corrections(frame):  # they are seen from the centre of mass
         if correction.name.startswith("imu_place"):
-            yield Column(correction.name, CG_MOVED_M, correction.columns)
+            yield NuisanceColumn(correction.name, CG_MOVED_M, correction.columns)
         elif correction.name.startswith("inertia"):
-            yield Column(correction.name, INERTIA_TODAY, correction.columns)
+            yield NuisanceColumn(correction.name, INERTIA_TODAY, correction.columns)
         elif "delay" in correction.name:
-            yield Column(correction.name, DELAY_TODAY_S, correction.columns)
+            yield NuisanceColumn(correction.name, DELAY_TODAY_S, correction.columns)
     for c in (3, 4, 5):
         trim = np.zeros_like(frame.predicted)
         trim[:, c] = frame.reference[c]
-        yield Column(f"trim_{c}", TRIM, trim)
+        yield NuisanceColumn(f"trim_{c}", TRIM, trim)
     if frame.voltage is not None:
         volts = frame.voltage / float(np.median(frame.voltage[frame.keep])) - 1.0
-        yield Column("voltage", 10.0 * VOLTAGE_SLOPE, lift * volts[:, None])
+        yield NuisanceColumn("voltage", 10.0 * VOLTAGE_SLOPE, lift * volts[:, None])
     bias = np.zeros_like(frame.predicted)
     bias[:, 2] = frame.airframe.mass_kg
-    yield Column("accel_z_bias_m_s2", 0.05, bias)
+    yield NuisanceColumn("accel_z_bias_m_s2", 0.05, bias)
     reference = frame.reference
     speeds = np.concatenate([frame.velocity, np.linalg.norm(frame.velocity, axis=1, keepdims=True)], axis=1)
     for k, axis in enumerate(("forward", "right", "down", "speed")):
@@ -130,25 +134,25 @@ def passing(frame: FlightFrame) -> Iterator[Column]:
         for c in CHANNELS:
             values = np.zeros_like(frame.predicted)
             values[:, c] = reference[c] * speeds[:, k] / usual
-            yield Column(f"{axis}_{c}", PASSING, values)
+            yield NuisanceColumn(f"{axis}_{c}", PASSING, values)
     for c, k in ((2, 2), (3, 1), (4, 0)):
         for way, unit in (("north", frame.north), ("east", frame.east)):
             air = np.zeros_like(frame.predicted)
             air[:, c] = reference[c] * unit[:, k]
-            yield Column(f"air_{way}_{c}", WIND, air)
+            yield NuisanceColumn(f"air_{way}_{c}", WIND, air)
     for c in (3, 4, 5):
         damping = np.zeros_like(frame.predicted)
         damping[:, c] = reference[c] * frame.rates[:, c - 3]
-        yield Column(f"damping_{c}", DAMPING_S, damping)
+        yield NuisanceColumn(f"damping_{c}", DAMPING_S, damping)
     if frame.height is not None and float(np.min(frame.height[frame.keep])) < GROUND_FELT_M:
         near = np.exp(-np.maximum(frame.height, 0.0) / 0.8)[:, None]  # He, Lee and Leang 2019
-        yield Column("ground", 0.2, lift * near)
+        yield NuisanceColumn("ground", 0.2, lift * near)
 
 
-def _centre(frame: FlightFrame, sd: float) -> Iterator[Column]:
+def _centre(frame: FlightFrame, sd: float) -> Iterator[NuisanceColumn]:
     """A centre of mass elsewhere: lift turns the body about it (Steiner's terms are second order)."""
-    yield Column("cg_forward_m", sd, _about(frame, 4))
-    yield Column("cg_right_m", sd, _about(frame, 3))
+    yield NuisanceColumn("cg_forward_m", sd, _about(frame, 4))
+    yield NuisanceColumn("cg_right_m", sd, _about(frame, 3))
 
 
 def _about(frame: FlightFrame, channel: int) -> Array:
@@ -260,7 +264,7 @@ def changed_once(y: Array, X: Array, sd: Array, last: int, time_s: Array, cutoff
     off = (rest / scale).ravel()
 
     def explained(onset: Onset) -> float:
-        own = flat[:, -last:] * np.repeat(onset.course(time_s, cutoff_hz), y.shape[1])[:, None]
+        own = flat[:, -last:] * np.repeat(onset.time_profile(time_s, cutoff_hz), y.shape[1])[:, None]
         cross = own.T @ flat
         told = own.T @ own + np.diag(sd[-last:] ** -2.0) - cross @ inverse @ cross.T
         pull = own.T @ off
@@ -272,9 +276,9 @@ def changed_once(y: Array, X: Array, sd: Array, last: int, time_s: Array, cutoff
         best = known[int(np.argmax([explained(o) for o in known]))]
         if again < ROUNDS:
             known = tuple(
-                o for o in finer(known, best) if abs(o.middle_s - best.middle_s) < 2.0 * best.width_s
+                o for o in variants(known, best) if abs(o.middle_s - best.middle_s) < 2.0 * best.width_s
             )
-    own = X[..., -last:] * best.course(time_s, cutoff_hz)[:, None, None]
+    own = X[..., -last:] * best.time_profile(time_s, cutoff_hz)[:, None, None]
     found = left(y, np.concatenate([X, own], axis=-1), np.concatenate([sd, sd[-last:]]))
     free = len(time_s) * independent(found / np.std(found, axis=0))
     price = 0.5 * (last + 1) * np.log(max(free, 1.0))

@@ -68,7 +68,7 @@ class FlightSums:
         self._products: dict[Onset, tuple[Array, ...]] = {}
         self._take()
 
-    def finer(self, known: Sequence[Onset]) -> FlightSums:
+    def variants(self, known: Sequence[Onset]) -> FlightSums:
         """The same flight with other onsets; what is known of the old ones is kept."""
         other = copy(self)
         other.onsets = tuple(known)
@@ -79,10 +79,10 @@ class FlightSums:
         """Products of every onset that is new."""
         for o in self.onsets:
             if o not in self._products:
-                w = o.course(self.flight.time_s, self.flight.cutoff_hz)
+                w = o.time_profile(self.flight.time_s, self.flight.cutoff_hz)
                 own = w[:, None] * self._flat
                 self._products[o] = (w, self._both.T @ own, self._y @ own, w**2 @ self._squares)
-        self.courses, cross, pull, squares = zip(*(self._products[o] for o in self.onsets), strict=True)
+        self.time_profiles, cross, pull, squares = zip(*(self._products[o] for o in self.onsets), strict=True)
         shape = (len(self.onsets), self.flight.thrust.shape[1], LOADS)
         self._cross = np.stack(cross, axis=1).reshape(self._both.shape[1], -1)  # (L + P, R N 3)
         self._pull = np.stack(pull).reshape(shape)
@@ -110,8 +110,8 @@ class FlightSums:
             )
         cross, extra = self._cross, P[:, self._passing.shape[1] :]
         if extra.shape[1]:
-            courses = np.stack(self.courses)  # (R, n)
-            more = [courses @ (column[:, None] * self._flat) for column in extra.T]  # (R, N 3) each
+            time_profiles = np.stack(self.time_profiles)  # (R, n)
+            more = [time_profiles @ (column[:, None] * self._flat) for column in extra.T]  # (R, N 3) each
             cross = np.concatenate([cross, np.stack(more).reshape(len(more), -1)])
         mine = cross[L.shape[1] :]
         solved = inverse @ mine
@@ -155,14 +155,14 @@ class FlightSums:
     def _slid(self, onset: Onset) -> tuple[Array, Array]:
         """Columns of a load that slides, drops or touches something in flight, and their sds."""
         f = self.flight
-        course = onset.course(f.time_s, f.cutoff_hz)[:, None]
+        time_profile = onset.time_profile(f.time_s, f.cutoff_hz)[:, None]
         columns, sds = [], []
         for start, sd in SLID:
             for i, name in enumerate(f.passing_names):
                 if name.startswith(start):
-                    columns.append(self._passing[:, [i]] * course)
+                    columns.append(self._passing[:, [i]] * time_profile)
                     sds.append(sd)
-        pushed = f.yaw_push[:, None] * course * np.sqrt(f.share)
+        pushed = f.yaw_push[:, None] * time_profile * np.sqrt(f.share)
         return np.concatenate([*columns, pushed], axis=1), np.array([*sds, DISTURBED])
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from coaxlink.frames import Array
 from coaxlink.health.columns import Flight, louder
 from coaxlink.health.evidence import FlightSums, Seen, evidence, lasting_precision, left, seen
-from coaxlink.health.onsets import ROUNDS, Onset, finer
+from coaxlink.health.onsets import ROUNDS, Onset, variants
 from coaxlink.health.priors import LOSS_SD, MATTERS, ROUGH_TORQUE, TORQUE_APART, TORQUE_WITH_THRUST
 
 FAULT_ODDS = 1 / 50  # that a vehicle somebody wants judged has a rotor that lost something
@@ -55,9 +55,9 @@ def compared(flights: Sequence[Flight]) -> Comparison:
         for k, parts in enumerate(split):
             known = sums[k].onsets
             for at in parts:
-                known = finer(known, at)
+                known = variants(known, at)
             if parts:
-                sums[k] = sums[k].finer(known)
+                sums[k] = sums[k].variants(known)
         found, best = _compared(sums)
     for _ in range(LOOKS):
         rests = _left(sums, best)
@@ -89,9 +89,9 @@ def _left(sums: Sequence[FlightSums], best: _Hypothesis) -> list[Array]:
         if best.fault and k >= best.fault[0]:
             onset, rotor = best.fault[1:3]
             f = s.flight
-            course = s.courses[onset if k == best.fault[0] else 0]
+            time_profile = s.time_profiles[onset if k == best.fault[0] else 0]
             loads = np.stack([-f.thrust[:, rotor], -f.torque[:, rotor], f.slower[:, rotor]], axis=1)
-            columns = loads[:, parts] * course[:, None]
+            columns = loads[:, parts] * time_profile[:, None]
         onset_of_payload = best.payload[1] if best.payload and best.payload[0] == k else None
         designs.append(s.columns(*_way(onset_of_payload), columns))
     return left(sums, lasting_precision(sums[0].flight), designs, np.asarray(np.linalg.inv(prior), float))
@@ -112,10 +112,10 @@ def _compared(sums: Sequence[FlightSums]) -> tuple[Comparison, _Hypothesis]:
     count, rotors = len(sums), sums[0].flight.thrust.shape[1]
     precision = lasting_precision(sums[0].flight)
     drawn = [s.eliminated() for s in sums]
-    base = seen(drawn, precision, count - 1)
+    nuisance = seen(drawn, precision, count - 1)
     # the ways in which a payload may have hung, and their log weights without a fault; the first is as drawn
     payloads: list[tuple[int, Onset | None]] = [(-1, None)]
-    without = [base.log + float(np.log(1 - PAYLOAD_ODDS))]
+    without = [nuisance.log + float(np.log(1 - PAYLOAD_ODDS))]
     for k, s in enumerate(sums):
         for onset in s.onsets:
             slid, strapped = _way(onset)
@@ -157,7 +157,7 @@ def _compared(sums: Sequence[FlightSums]) -> tuple[Comparison, _Hypothesis]:
 
     found = Comparison(
         tuple(s.onsets for s in sums), tuple(m / total for m in mass), given(matters), given(mean),
-        given(square), gain, 1.0 - float(ways[0]) / total, base.information[0],
+        given(square), gain, 1.0 - float(ways[0]) / total, nuisance.information[0],
     )  # fmt: skip
     way, fault = int(np.argmax(sound)), None
     most = sound[way]

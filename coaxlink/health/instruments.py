@@ -5,7 +5,7 @@ and least squares of the measured force on it takes some of the gust for a rotor
 turns (Ljung 1999, System Identification, 13.4; some 5 % of the slope in a wind of 4 m/s, and more with every
 hover). Two-stage least squares (Söderström and Stoica 1983) sees of every column that follows the commands
 only what instruments explain, and these do not follow the gust: how the vehicle moved, slowly, where a loop
-of height leaves nothing of a gust; the flight's mean and course; velocity, attitude and rates.
+of height leaves nothing of a gust; the flight's mean and time profile; velocity, attitude and rates.
 
 A logged command is rounded, and a log of 50 Hz folds a loop's quicker noise down. A mixer has four degrees of
 freedom; what N commands differ by beside these moved no rotor, and least squares of the torques on it takes
@@ -22,18 +22,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.frames import Array, FlightFrame
-from coaxlink.health.columns import CHANNELS, Column, rows_of
+from coaxlink.health.columns import CHANNELS, NuisanceColumn, rows_of
 from coaxlink.signals import low_pass
 
 LIFT = 0  # of the channels of `rows_of`
 SLOW_HZ = 0.5  # below a loop of height's bandwidth
-COURSE = 3  # order in time: a pack empties
+TIME_PROFILE = 3  # order in time: a pack empties
 ALIKE = 1e-6  # of the largest singular value: instruments that say the same
 # columns that follow the commands
 ENDOGENOUS = ("weighing", "force_delay", "voltage", "ground")
 
 
-def endogenous(columns: Sequence[Column]) -> NDArray[np.bool_]:
+def endogenous(columns: Sequence[NuisanceColumn]) -> NDArray[np.bool_]:
     """(K,) which columns follow the commands."""
     return np.array([c.name.startswith(ENDOGENOUS) for c in columns], bool)
 
@@ -47,16 +47,16 @@ def instruments(frame: FlightFrame, beside: Array, follows: NDArray[np.bool_]) -
     """
     slow = low_pass(frame.measured, frame.rate_hz, SLOW_HZ)
     moved = rows_of(frame, slow[..., None])[:, LIFT, 0]
-    course = np.polynomial.chebyshev.chebvander(np.linspace(-1.0, 1.0, len(moved)), COURSE)
+    time_profile = np.polynomial.chebyshev.chebvander(np.linspace(-1.0, 1.0, len(moved)), TIME_PROFILE)
     level = low_pass(frame.predicted, frame.rate_hz, SLOW_HZ)[:, 2:3]
     wrench = np.stack([frame.predicted, frame.predicted * level], axis=-1)  # (rows, 6, 2)
     asked = rows_of(frame, wrench).reshape(len(moved), -1)
     out = []
     for channel in range(len(CHANNELS)):
         if channel == LIFT:
-            known = np.column_stack([course, moved - moved.mean(), beside[:, channel, ~follows]])
+            known = np.column_stack([time_profile, moved - moved.mean(), beside[:, channel, ~follows]])
         else:
-            known = np.column_stack([course, asked, beside[:, channel]])
+            known = np.column_stack([time_profile, asked, beside[:, channel]])
         size = np.abs(known).max(axis=0)
         out.append(np.asarray(known[:, size > 0.0] / size[size > 0.0]))
     return out

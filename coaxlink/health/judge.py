@@ -66,7 +66,7 @@ class FlightHealth:
 
 
 @dataclass(frozen=True)
-class Suspect:
+class SuspectRotor:
     """A rotor that may have lost something: how likely, how much if so, since when."""
 
     number: int
@@ -84,7 +84,7 @@ class Health:
 
     verdict: str  # sound, watch, ground it
     probability: float  # that some rotor lost more than MATTERS
-    suspects: tuple[Suspect, ...]  # most likely first
+    suspects: tuple[SuspectRotor, ...]  # most likely first
     flights: tuple[FlightHealth, ...]
     payload: float  # probability that in one flight the centre of mass was elsewhere
     detects: float  # share of one rotor's thrust that these flights would tell from nothing, median rotor
@@ -141,7 +141,7 @@ def judge(
     return Health(verdict, probability, suspects, each, found.payload, _detects(found, rotors))
 
 
-def _suspect(rotor: int, number: int, found: Comparison, names: Sequence[str]) -> Suspect:
+def _suspect(rotor: int, number: int, found: Comparison, names: Sequence[str]) -> SuspectRotor:
     own = [f[:, rotor] for f in found.chances]  # (R, kinds) a flight
     matters = sum(float(np.sum(c * m[:, rotor])) for c, m in zip(own, found.matters, strict=True))
     flight = int(np.argmax([c.sum() for c in own]))
@@ -160,7 +160,7 @@ def _suspect(rotor: int, number: int, found: Comparison, names: Sequence[str]) -
     loss = Interval(mean, mean - half, mean + half)
     kind = KINDS[int(np.argmax(sum(c.sum(axis=0) for c in own)))]
     gradual = bool(within and here[slow].sum() > here[1:].sum() / 2)
-    return Suspect(number, matters, loss, names[flight], onset, gradual, kind)
+    return SuspectRotor(number, matters, loss, names[flight], onset, gradual, kind)
 
 
 def _quantiles(onsets: Sequence[Onset], weights: Array) -> Interval:
@@ -177,7 +177,7 @@ def _quantiles(onsets: Sequence[Onset], weights: Array) -> Interval:
 def _of_flight(
     flight: Flight, name: str, numbers: Sequence[int], pairs: Sequence[tuple[int, int]]
 ) -> FlightHealth:
-    """Every rotor's gains in one flight with nobody accused: all may be off, by LOSS_SD."""
+    """Every rotor's gains in one flight with nobody flagged: all may be off, by LOSS_SD."""
     rotors = flight.thrust.shape[1]
     X = np.concatenate([flight.thrust, flight.torque, flight.lasting, flight.passing], axis=1)
     precision = np.concatenate([np.zeros(2 * rotors), 1 / flight.lasting_sd**2, 1 / flight.passing_sd**2])

@@ -17,12 +17,12 @@ from coaxlink.frames import Array
 from coaxlink.signals import low_pass
 
 STEPS = 24  # times of a sudden onset, evenly over the flight but for MARGIN_S on either side
-FINER, ROUNDS = (
+VARIANTS, ROUNDS = (
     5,
     2,
 )  # parts of a step of that grid where it matters, and how often: a tenth of a second of a minute
 PERIODS, FINE = 4.0, 64.0  # of the cutoff: an edge's half width, points in each
-FINER_LENGTHS = 3  # likewise of a gradual one's length
+VARIANTS_LENGTHS = 3  # likewise of a gradual one's length
 RAMPS = ((1.0, 1), (0.5, 5), (0.25, 7))  # shares of the flight that a gradual one takes, starts of each
 # of faults in a flight: set in within it and not before (one flight of some ten since somebody last looked
 # at the propellers); of these: not at once, for which there is no source
@@ -38,7 +38,7 @@ def _edge() -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Onset:
-    """A fault's course in the flight in which it sets in; `start_s` None: it was there from the first row."""
+    """A fault's time profile in its flight; `start_s` None: it was there from the first row."""
 
     start_s: float | None
     over_s: float
@@ -56,10 +56,10 @@ class Onset:
         """When half of it is there; minus infinity where it always was."""
         return -np.inf if self.start_s is None else self.start_s + 0.5 * self.over_s
 
-    def course(self, time_s: Array, cutoff_hz: float) -> Array:
+    def time_profile(self, time_s: Array, cutoff_hz: float) -> Array:
         """(n,) 0 before it, 1 with all of it there; an edge as the rows' low-pass leaves it.
 
-        >>> Onset(2.0, 4.0, 1.0).course(np.array([0.0, 2.0, 4.0, 6.0, 8.0]), 4.0).tolist()
+        >>> Onset(2.0, 4.0, 1.0).time profile(np.array([0.0, 2.0, 4.0, 6.0, 8.0]), 4.0).tolist()
         [0.0, 0.0, 0.5, 1.0, 1.0]
         """
         if self.start_s is None:
@@ -94,7 +94,7 @@ def onsets(time_s: Array) -> tuple[Onset, ...]:
     )
 
 
-def finer(known: Sequence[Onset], at: Onset) -> tuple[Onset, ...]:
+def variants(known: Sequence[Onset], at: Onset) -> tuple[Onset, ...]:
     """`at` split into parts with its prior: a sudden one with those beside it in time, a gradual one alone.
 
     >>> three = [Onset(s, 0.0, 0.3, 1.0) for s in (0.5, 1.5, 2.5)]
@@ -107,12 +107,14 @@ def finer(known: Sequence[Onset], at: Onset) -> tuple[Onset, ...]:
         if o.start_s is None or not (near or o == at):
             out.append(o)
             continue
-        lengths = (0.0,) if o.sudden else tuple(o.octaves * k / FINER_LENGTHS for k in (-1, 0, 1))
-        part = FINER * len(lengths)
+        lengths = (0.0,) if o.sudden else tuple(o.octaves * k / VARIANTS_LENGTHS for k in (-1, 0, 1))
+        part = VARIANTS * len(lengths)
         for octaves in lengths:
             over = o.over_s * 2.0**octaves
-            for k in range(FINER):
-                middle = o.middle_s + o.width_s * ((k + 0.5) / FINER - 0.5)
-                width = o.width_s / FINER
-                out.append(Onset(middle - over / 2.0, over, o.prior / part, width, o.octaves / FINER_LENGTHS))
+            for k in range(VARIANTS):
+                middle = o.middle_s + o.width_s * ((k + 0.5) / VARIANTS - 0.5)
+                width = o.width_s / VARIANTS
+                out.append(
+                    Onset(middle - over / 2.0, over, o.prior / part, width, o.octaves / VARIANTS_LENGTHS)
+                )
     return tuple(out)

@@ -9,7 +9,7 @@ import numpy as np
 
 from coaxlink.airframe import Airframe
 from coaxlink.frames import Array, FlightFrame
-from coaxlink.health.columns import Column, lasting, passing, rows_of
+from coaxlink.health.columns import NuisanceColumn, lasting, passing, rows_of
 from coaxlink.health.instruments import LIFT, endogenous, explained, instruments
 from coaxlink.rotor.polynomial import design_matrix
 
@@ -49,7 +49,9 @@ def coefficient_columns(frame: FlightFrame, names: Sequence[tuple[str, str]]) ->
     return np.moveaxis(frame.airframe.body_loads(thrust, torque), 0, -1)
 
 
-def nuisances(frame: FlightFrame, measured: bool, zero_sd: float) -> tuple[list[Column], list[Column]]:
+def nuisances(
+    frame: FlightFrame, measured: bool, zero_sd: float
+) -> tuple[list[NuisanceColumn], list[NuisanceColumn]]:
     """What lasts from flight to flight and what does not, without what the coefficients themselves are.
 
     `measured`: the log has the rotors' speeds. `zero_sd`: of the accelerometer's vertical zero, m/s^2.
@@ -60,13 +62,13 @@ def nuisances(frame: FlightFrame, measured: bool, zero_sd: float) -> tuple[list[
     )
     passes = [replace(c, sd=zero_sd) if c.name == VERTICAL_ZERO else c for c in passes]
     none = np.zeros_like(frame.thrust)
-    lasts.append(Column("weighing", WEIGHED, frame.airframe.body_loads(frame.thrust, none)))
+    lasts.append(NuisanceColumn("weighing", WEIGHED, frame.airframe.body_loads(frame.thrust, none)))
     return lasts, passes
 
 
 def regressors(
     frame: FlightFrame, names: Sequence[tuple[str, str]], measured: bool, zero_sd: float
-) -> tuple[list[Array], list[Array], tuple[list[Column], list[Column]]]:
+) -> tuple[list[Array], list[Array], tuple[list[NuisanceColumn], list[NuisanceColumn]]]:
     """Columns (kept, 4, .) of the coefficients, of what lasts and of what does not, with these two's priors.
 
     Twice: as they are, and with what instruments explain of them (`instruments`): of the lift's rows what no

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from coaxlink.health.judge import GROUND, WATCH, Health, Suspect
+from coaxlink.health.judge import GROUND, WATCH, Health, SuspectRotor
 from coaxlink.health.priors import MATTERS
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.looks import THRUST, TORQUE
@@ -51,7 +51,7 @@ def remarks(health: Health) -> Iterator[str]:
     )
 
 
-def _since(suspect: Suspect) -> str:
+def _since(suspect: SuspectRotor) -> str:
     """When it set in; times are the log's own."""
     if suspect.onset_s is None:
         return f"since {suspect.since}"

@@ -1,12 +1,12 @@
 """Where the selection leaves a stand log open a second method looks: the posterior over explanations.
 
 Stepwise selection on held-out blocks (`answer.stand`) is hard to fool, and misses what has another form than
-those it tries. The posterior (`coaxlink.diagnosis`) finds such forms, and names now and then what is not
+those it tries. The posterior (`diagnosis`) finds such forms, and names now and then what is not
 there, on a pair that its rotor map does not follow. On logs that neither was built with they are about as
-good as one another and err on different ones (docs/tracing_record.md). So only what the selection leaves
+good as one another and err on different ones. So only what the selection leaves
 unexplained is asked about, and an answer is taken from the posterior where it
 
-    accuses a column, or
+    flags a column, or
     names one effect whose cause the log records, with positive evidence and numbers that physics allows, and
     the error shows it, or
     holds several names for one of which the log records the cause.
@@ -39,7 +39,7 @@ WITNESSES: dict[str, tuple[str, ...]] = {
     "motor_heating": (),
     "sensor_drift": (),
 }
-SLOW, CLOCK = 3, 0.9  # order of a slow course; share of a column's variance that makes it one
+SLOW, CLOCK = 3, 0.9  # order of a slow time profile; share of a column's variance that makes it one
 
 
 def leaves_open(selection: Refinement) -> bool:
@@ -105,7 +105,7 @@ def _recorded(witnesses: tuple[str, ...], logs: Sequence[Samples]) -> bool:
 
 
 def follows_clock(time_s: Array, values: Array) -> bool:
-    """Whether values (rows,) are a slow course of time.
+    """Whether values (rows,) are a slow time profile of time.
 
     >>> t = np.linspace(0.0, 600.0, 100)
     >>> follows_clock(t, 25.0 - t / 400.0), follows_clock(t, np.sin(t / 10.0))
@@ -115,5 +115,5 @@ def follows_clock(time_s: Array, values: Array) -> bool:
     t, v = time_s[good], values[good] - np.mean(values[good])
     if len(v) <= SLOW or not np.any(v) or np.ptp(t) <= 0.0:
         return True
-    course = np.polynomial.Polynomial.fit(t, v, SLOW)(t)
-    return bool(np.sum((v - course) ** 2) < (1.0 - CLOCK) * np.sum(v**2))
+    time_profile = np.polynomial.Polynomial.fit(t, v, SLOW)(t)
+    return bool(np.sum((v - time_profile) ** 2) < (1.0 - CLOCK) * np.sum(v**2))

@@ -63,7 +63,7 @@ def refine_stand(
     several = [in_order_of_time(without_empty_cells(log)) for log in _several(logs)]
 
     def run() -> Refinement:
-        from coaxlink.diagnosis.judge import diagnose_stand, reads_wrong
+        from coaxlink.residual.diagnosis.judge import diagnose_stand, reads_wrong
 
         if posterior_alone():
             return diagnose_stand(several, model, progress)

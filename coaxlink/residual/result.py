@@ -121,7 +121,7 @@ class Rejected:
 
 @dataclass(frozen=True)
 class SmoothSurface:
-    """What a load is beyond the polynomials of a base fitted to the log itself, over both speeds."""
+    """What a load is beyond the polynomials of a nuisance fitted to the log itself, over both speeds."""
 
     channel: str
     rms: float  # over the judged rows, in the channel's unit
@@ -149,7 +149,7 @@ class Series:
 
     time_s: NDArray[np.float64]  # (rows,)
     channels: tuple[str, ...]
-    before: NDArray[np.float64]  # (rows, channels) held-out residual of the base model
+    before: NDArray[np.float64]  # (rows, channels) held-out residual of the nuisance model model
     after: NDArray[np.float64]  # (rows, channels) held-out residual with the effects
     # (effect, channel) -> label and (rows,) of the variable it depends on there
     causes: Mapping[tuple[str, str], tuple[str, NDArray[np.float64]]]
@@ -168,10 +168,10 @@ class Refinement:
     suspect_data: tuple[Suspect, ...]
     rejected: tuple[Rejected, ...]
     model: RotorModel | None
-    corrections: Mapping[str, float] = field(default_factory=dict)  # small base corrections, by name
+    corrections: Mapping[str, float] = field(default_factory=dict)  # small nuisance corrections, by name
     trace: tuple[Step, ...] = ()
     notes: tuple[str, ...] = ()
-    surface: tuple[SmoothSurface, ...] = ()  # no effect: a base of its own form holds it
+    surface: tuple[SmoothSurface, ...] = ()  # no effect: a nuisance model of its own form holds it
     series: Series | None = None
     source: str = ""
 

@@ -15,7 +15,7 @@ ROOT = Path(coaxlink.__file__).parent
 OPTION = re.compile(r"(?<![\w<!-])--[a-z][a-z-]*(?![\w-]*:)")
 NAMED = re.compile(r"`([a-z]\w*)`")
 # no library: a stylesheet, the terminal program's own screen, a document that says which verb makes it
-VERBS = ("cli/", "simulated/")  # the second is what demo, loop and campaign run: it starts `coaxlink sim`
+VERBS = ("cli/", "studies/")  # the second is what demo, loop and campaign run: it starts `coaxlink sim`
 NOT_LIBRARY = {"report/document.py", "monitor/screen/app.py", "report/paper.py", "report/loop.py"}
 
 

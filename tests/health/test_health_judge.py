@@ -24,10 +24,11 @@ def slower(thrust, torque):
     return out
 
 
-def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5, course=1.0, weak=None):
+def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5, time_profile=1.0, weak=None):
     """A flight of four channels: rotors' loads wander, `loss` = (rotor, thrust, torque) is gone.
 
-    `course` (rows, 1): how much of the loss, of `weak` = (rotor, lost speed as thrust) and of `cg` is there.
+    `time profile` (rows, 1): how much of the loss, of `weak` = (rotor, lost speed as thrust) and of `cg` is
+    there.
     """
     lift = 25.0 * (1 + 0.15 * rng.standard_normal((ROWS, N)))
     drag = 0.02 * lift * (1 + 0.05 * rng.standard_normal((ROWS, N)))
@@ -40,13 +41,13 @@ def flight(rng, loss=None, cg=(0.0, 0.0), specimen=0.0, share=0.5, course=1.0, w
     centre[:, 1, 0], centre[:, 2, 1] = total, total
     noise = np.array([0.4, 0.03, 0.03, 0.02])
     gains = specimen * rng.standard_normal(N)
-    y = thrust @ gains + course * (centre @ np.array(cg)) + noise * rng.standard_normal((ROWS, 4))
+    y = thrust @ gains + time_profile * (centre @ np.array(cg)) + noise * rng.standard_normal((ROWS, 4))
     if loss:
         rotor, of_thrust, of_torque = loss
-        y = y - course * (of_thrust * thrust[..., rotor] + of_torque * torque[..., rotor])
+        y = y - time_profile * (of_thrust * thrust[..., rotor] + of_torque * torque[..., rotor])
     slow = slower(thrust, torque)
     if weak:
-        y = y + course * weak[1] * slow[..., weak[0]]
+        y = y + time_profile * weak[1] * slow[..., weak[0]]
     push = np.zeros((ROWS, 4, 1))
     push[:, 3] = total[:, None] * 0.25
     alike = np.concatenate([thrust.sum(-1, keepdims=True), torque.sum(-1, keepdims=True)], axis=-1)
@@ -127,7 +128,7 @@ def since(start_s, over_s=0.0):
 @pytest.mark.parametrize(("rotor", "torque"), [(1, 0.85), (4, 0.85), (2, -0.8), (7, -0.8)])
 def test_a_loss_within_a_flight_is_named_with_its_time(rotor, torque):
     rng = np.random.default_rng(20 + rotor)
-    found = health(flight(rng, (rotor, 0.12, 0.12 * torque), course=since(23.4)))
+    found = health(flight(rng, (rotor, 0.12, 0.12 * torque), time_profile=since(23.4)))
     first = found.suspects[0]
     assert found.verdict == "ground it" and first.number == rotor + 1
     assert first.onset_s.low <= 123.4 <= first.onset_s.high < first.onset_s.low + 1.5
@@ -139,7 +140,7 @@ def test_a_loss_within_a_flight_is_named_with_its_time(rotor, torque):
 
 def test_a_loss_that_comes_gradually_is_told_from_one_at_once():
     rng = np.random.default_rng(30)
-    found = health(flight(rng), flight(rng, (3, 0.15, 0.12), course=since(12.0, 18.0)))
+    found = health(flight(rng), flight(rng, (3, 0.15, 0.12), time_profile=since(12.0, 18.0)))
     first = found.suspects[0]
     assert first.number == 4 and first.gradual and first.since == "flight 2"
     assert first.onset_s.low < 112.0 < first.onset_s.high
@@ -148,7 +149,7 @@ def test_a_loss_that_comes_gradually_is_told_from_one_at_once():
 @pytest.mark.parametrize("rotor", [0, 5])
 def test_a_motor_that_turns_slower_is_told_from_a_blade(rotor):
     rng = np.random.default_rng(40 + rotor)
-    first = health(flight(rng, weak=(rotor, 0.15), course=since(15.0))).suspects[0]
+    first = health(flight(rng, weak=(rotor, 0.15), time_profile=since(15.0))).suspects[0]
     assert first.number == rotor + 1 and first.kind == "a motor that turns slower"
     assert first.loss.low < 0.15 < first.loss.high
 
@@ -161,7 +162,7 @@ def test_what_was_there_from_the_start_has_no_time():
 
 def test_a_load_that_slides_is_no_rotor():
     rng = np.random.default_rng(60)
-    found = health(flight(rng, cg=(0.02, 0.01), course=since(20.0)))
+    found = health(flight(rng, cg=(0.02, 0.01), time_profile=since(20.0)))
     assert found.verdict == "sound" and found.payload > 0.9
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from coaxlink.data.samples import Samples
 from coaxlink.effects.onset import COMES
 from coaxlink.frames import Array, FlightFrame, StandFrame
-from coaxlink.residual.base.rebased_model import rebased_flight
 from coaxlink.residual.experiments.manoeuvres import flight_experiment
 from coaxlink.residual.experiments.stand_run import Rival, stand_experiment
+from coaxlink.residual.nuisance.rebased_model import rebased_flight
 from coaxlink.residual.regression.blocks import bootstrap, error_interval, held_out, solve
 from coaxlink.residual.regression.coloured_noise import Colours, period_of
 from coaxlink.residual.regression.dependence import dependences, time_path
@@ -43,7 +43,7 @@ SERIES_ROWS = 4000
 SURFACE, LEAST_SURFACE = (
     " surface ",
     0.5,
-)  # in a base column's name; times the noise, from where on it is told
+)  # in a nuisance model column's name; times the noise, from where on it is told
 OF_MODEL = ("_level", "_tilt", "_wake")  # corrections of a given model's loads
 # times the noise, share of the reference load: more is said to be unexplained; no wind is without gusts
 SILENT, SILENT_SIZE, GUSTS = 1.3, 0.004, 0.0008
@@ -66,7 +66,8 @@ class Judged:
     doubts: tuple[Ambiguous, ...] = ()  # beside those of the selection
     open_ends: tuple[Unexplained, ...] | None = None  # what is unexplained, where that is known already
     impossible: tuple[tuple[str, str], ...] = ()  # effects that cannot be tried beside the problem's, and why
-    # nats by which each claim is ahead of what could stand in for it; a claim without an entry was not asked
+    # nats by which each claim is ahead of what could be confounded with it; a claim without an entry was not
+    # asked
     ahead: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
@@ -89,9 +90,9 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
     final = solve(q.blocks, use, np.ones(q.blocks.count))
     draws = bootstrap(q.blocks, use, DRAWS) if members else np.zeros((0, len(q.blocks.bounds)))
     named = [_found(j, k, final, draws, squares_after) for k in range(len(members))]
-    effects = tuple(e for e, m in zip(named, members, strict=True) if not m.effect.accused)
-    accused = [_accuse(e, m) for e, m in zip(named, members, strict=True) if m.effect.accused]
-    suspects = (*j.suspects, *accused)
+    effects = tuple(e for e, m in zip(named, members, strict=True) if not m.effect.flagged)
+    flagged = [_flag(e, m) for e, m in zip(named, members, strict=True) if m.effect.flagged]
+    suspects = (*j.suspects, *flagged)
     unexplained = j.open_ends
     if unexplained is None:
         # what an ambiguous effect would explain is no open end: it is named, only its cause is in doubt
@@ -120,7 +121,7 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
             *(Rejected(name, f"cannot be judged: {why}") for name, why in j.impossible),
         ),
         model=_with_effects(_rebased(q, final, bool(effects)), effects),
-        corrections={name: float(final[i]) for i, name in enumerate(q.base_names)},
+        corrections={name: float(final[i]) for i, name in enumerate(q.nuisance_names)},
         trace=tuple(j.selection.trace),
         notes=(
             *p.frame.notes,
@@ -137,12 +138,12 @@ def answer(j: Judged, logs: Sequence[Samples]) -> Refinement:
 
 def _at_limit(p: Problem, final: Array) -> tuple[str, ...]:
     """Of a stand held against a given model: what its corrections would take more of than they may."""
-    if not isinstance(p.frame, StandFrame) or p.frame.free_base:
+    if not isinstance(p.frame, StandFrame) or p.frame.free_nuisance:
         return ()
-    bounds = p.blocks.bounds[p.base]
+    bounds = p.blocks.bounds[p.nuisance]
     at = [
         name
-        for name, bound, value in zip(p.base_names, bounds, final[p.base], strict=True)
+        for name, bound, value in zip(p.nuisance_names, bounds, final[p.nuisance], strict=True)
         if name.endswith(OF_MODEL) and abs(value) > 0.999 * bound
     ]
     if not at:
@@ -155,7 +156,7 @@ def _at_limit(p: Problem, final: Array) -> tuple[str, ...]:
 
 def _surface(p: Problem, final: Array, floor: Array) -> tuple[SmoothSurface, ...]:
     """What surfaces over the speeds hold of each channel, from half its noise (C,) on."""
-    columns = [i for i, name in enumerate(p.base_names) if SURFACE in name]
+    columns = [i for i, name in enumerate(p.nuisance_names) if SURFACE in name]
     held = p.design[:, :, columns] @ final[columns] * p.sigma
     rms = np.sqrt(np.mean(held**2, axis=0))
     return tuple(
@@ -274,22 +275,22 @@ def _evidence(j: Judged, name: str) -> dict[str, Any]:
     return out | ({"was": was[0]} if was else {})
 
 
-def _accuse(found: FoundEffect, member: Option) -> Suspect:
+def _flag(found: FoundEffect, member: Option) -> Suspect:
     """An instrument that lies, in words."""
     numbers = ", ".join(f"{q.name} {q.value:.3g}" for q in found.parameters)
-    return Suspect(member.effect.accused, "all", f"{member.effect.physics} ({numbers})")
+    return Suspect(member.effect.flagged, "all", f"{member.effect.physics} ({numbers})")
 
 
 def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:
-    """The model, with its polynomials as fitted beside the effects where the base was free."""
+    """The model, with its polynomials as fitted beside the effects where the nuisance model was free."""
     model: RotorModel = p.frame.model
     if isinstance(p.frame, FlightFrame):
-        fitted = {name: float(final[i]) for i, name in enumerate(p.base_names)}
+        fitted = {name: float(final[i]) for i, name in enumerate(p.nuisance_names)}
         return rebased_flight(p.frame, fitted) if found else model
-    if not (isinstance(p.frame, StandFrame) and p.frame.free_base):
+    if not (isinstance(p.frame, StandFrame) and p.frame.free_nuisance):
         return model
     terms = {load: dict(named) for load, named in model.terms().items()}
-    for i, name in enumerate(p.base_names):
+    for i, name in enumerate(p.nuisance_names):
         load, _, term = name.partition(" ")
         if term in terms.get(load, {}):
             terms[load][term] += float(final[i])

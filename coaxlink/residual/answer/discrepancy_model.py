@@ -1,4 +1,4 @@
-"""A discrepancy model: what polynomials of a fitted base miss, as a Gaussian process of every load.
+"""A discrepancy model: what polynomials of a fitted nuisance model miss, as a Gaussian process of every load.
 
 Kennedy and O'Hagan, Bayesian calibration of computer models (2001): the effects are judged beside it.
 """
@@ -12,10 +12,10 @@ import numpy as np
 
 from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
 from coaxlink.residual.answer.assemble import Judged, held_out_residual
-from coaxlink.residual.base.gaussian_process import Process, find_process
 from coaxlink.residual.channels.stand import POLYNOMIALS, predict
 from coaxlink.residual.channels.stand_problem import reducing, stand_floor, stand_problem, stand_variables
 from coaxlink.residual.checks.posterior_check import undone
+from coaxlink.residual.nuisance.gaussian_process import Process, find_process
 from coaxlink.residual.regression.blocks import held_out
 from coaxlink.residual.regression.irls import channel_errors
 from coaxlink.residual.regression.joint_model import Joint, composed
@@ -24,10 +24,10 @@ from coaxlink.residual.search.select import Selection
 from coaxlink.residual.search.trial import ALPHA, Judge, columns_of
 from coaxlink.rotor.model import LOADS
 
-KNOWN = 1.0  # times the noise: a base less well known than that is none to hold a row against
+KNOWN = 1.0  # times the noise: a nuisance model less well known than that is none to hold a row against
 MOST_UNKNOWN = 0.3  # of the rows
 LEAST_NOISE = 2e-4  # of the reference load
-OF_SPEED = {"blade_speed_law"}  # a law of the speeds: a process over them can always stand in for it
+OF_SPEED = {"blade_speed_law"}  # a law of the speeds: a process over them can always be confounded with it
 LESS = 0.005  # of the error: by how much it must follow better than the polynomials
 
 
@@ -46,8 +46,8 @@ def log_error(joint: Joint) -> float:
 def with_discrepancy_model(j: Judged) -> Judged:
     """The same effects beside Gaussian processes of every load, if these leave less; else as it was.
 
-    What had stood in for a misfit of the polynomials goes: a law of the speeds alone, whose place a process
-    over the speeds can always take, only if that leaves less. Rows at speeds that no other block covers
+    What had was confounded with a misfit of the polynomials goes: a law of the speeds alone, whose place a
+    process over the speeds can take, only if that leaves less. Rows at speeds that no other block covers
     are not judged.
     """
     bare, q = j.problem.frame, j.joint.problem

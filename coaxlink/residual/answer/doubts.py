@@ -44,7 +44,7 @@ def with_rivals(
 
 
 def _swapped(j: Judged, r: Rivalry, fitted: Fitted, floor: Callable[[Joint], Array]) -> Judged:
-    """The judgement with what stands in for an effect in its place."""
+    """The judgement with what is confounded with an effect in its place."""
     winner, settled = r.rival, {m.name: m for m in j.joint.members}
     members = [*r.rest, winner.option]
     joint = fitted(members, {o.name: settled[o.name] for o in r.rest})

@@ -14,19 +14,19 @@ from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.answer.doubts import with_rivals
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.residual.channels.flight_problem import (
-    base_columns,
     flight_problem,
     flight_variables,
     floor_behind,
     known_parts,
+    nuisance_columns,
 )
 from coaxlink.residual.channels.velocity_noise import felt_noise
 from coaxlink.residual.checks.drag_in_wind import drag_beside
 from coaxlink.residual.checks.mass_or_thrust import Scales, behind_voltage, doubt, scales, why_mass
 from coaxlink.residual.checks.posterior_check import Doubt, disbelieved, settled, undone, without
-from coaxlink.residual.faults.flight_faults import flight_suspects, without_accused
+from coaxlink.residual.faults.flight_faults import flight_suspects, without_flagged
 from coaxlink.residual.regression.blocks import solve
-from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_base
+from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_nuisance
 from coaxlink.residual.regression.joint_model import SHORT, Joint, Member, Part, composed
 from coaxlink.residual.regression.problem import Option, Problem
 from coaxlink.residual.result import Ambiguous, Refinement, Step
@@ -58,7 +58,7 @@ class _Flight:
     def fitted(self, problem: Problem, selection: Selection, *, all_of: bool = False) -> _Choice:
         """A selection with its joint fit."""
         bare, known, reduce = self.bare, self.known, self.reduce
-        fit = fit_jointly(problem, selection, bare, known, reduce, base=base_columns, all_of=all_of)
+        fit = fit_jointly(problem, selection, bare, known, reduce, nuisance=nuisance_columns, all_of=all_of)
         return _Choice(problem, selection, *fit)
 
     @property
@@ -97,7 +97,7 @@ def judge_flight(
     progress("aligning")
     bare = flight_frame(several, airframe, model)
     suspects, bad, mislabelled = flight_suspects(bare, several)
-    bare = without_accused(bare, suspects)
+    bare = without_flagged(bare, suspects)
     if bad.any() and np.sum(~bad[bare.keep]) > LEAST_ROWS:
         bare = replace(bare, keep=bare.keep[~bad[bare.keep]])
     known, notes = known_parts(bare)
@@ -120,7 +120,7 @@ def judge_flight(
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(f.frame)
     parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled, doubts)
-    judged = Judged(settled_base(c.problem), c.selection, c.joint, floor, variables, *parts)
+    judged = Judged(settled_nuisance(c.problem), c.selection, c.joint, floor, variables, *parts)
 
     def fitted(options: Sequence[Option], _: Mapping[str, Member]) -> Joint:
         return f.fitted(c.problem, Selection(members=list(options)), all_of=True).joint
@@ -180,7 +180,7 @@ def _dragged(f: _Flight, c: _Choice) -> _Choice:
     if f.known or c.selection.doubtful or drag is None:
         return c
     fitter = fitter_of(c.problem, f.bare, f.known, c.names, f.reduce)
-    both = drag_beside(fitter, c.joint, base_columns)
+    both = drag_beside(fitter, c.joint, nuisance_columns)
     if both is None:
         return c
     selection = replace(c.selection, members=[*c.selection.members, drag])
@@ -213,5 +213,5 @@ def _doubted(f: _Flight, c: _Choice) -> _Choice:
 def _scales(c: _Choice, f: _Flight) -> Scales:
     q = c.joint.problem  # everything found acts in `c.acting`
     final = solve(q.blocks, columns_of(q, list(q.options)), np.ones(q.blocks.count))
-    named = dict(zip(q.base_names, final[q.base], strict=True))
+    named = dict(zip(q.nuisance_names, final[q.nuisance], strict=True))
     return scales(c.acting, named, q.block, f.reduce)

@@ -42,13 +42,13 @@ from coaxlink.rotor import RotorModel
 Progress = Callable[[str], None]
 ROUNDS = 3  # of judging again
 TRIED = 3  # effects that are moved to their best shape where none passes in a shape of the grid
-PLAINER = 0.005  # a plain base that errs by no more than this share above a rich one is kept
+PLAINER = 0.005  # a plain nuisance model that errs by no more than this share above a rich one is kept
 MANY_ROWS, STRETCH = 20_000, 64  # of a stand log: a longer one is judged on every so many stretches
 PLAIN, BENT = (2,), (3,)
 
 
 class Try(NamedTuple):
-    """A base fitted to the log itself, and what may be named beside it."""
+    """A nuisance model fitted to the log itself, and what may be named beside it."""
 
     orders: Orders = ANY
     shed: str = ""  # whose share is taken off first: "all" effects, or the "steady" ones, all but a drift
@@ -92,18 +92,18 @@ def judge_stand(
     best: tuple[float, Judged] | None = None
     shed: dict[str, Array] = {}  # what effects make of the loads: all of them, and all but a drift
     tried: list[tuple[str, bool, dict[str, set[str]]]] = []
-    # a base of high order may swallow an effect that a plain one leaves to be named; and how rich a base must
-    # be is seen better once the effects are known
+    # a nuisance of high order may swallow an effect that a plain one leaves to be named; and how rich a
+    # nuisance must be is seen better once the effects are known
     for orders, again, excess, law in TRIES[:1] if model is not None else TRIES:
         if again and (again not in shed or best is None or not _far_off(best[1], excess)):
             continue
         progress("fitting candidates")
         bare = stand_frame(samples, model, orders, shed.get(again), trusted)
         any_name = law or model is not None or (best is not None and _of_speed(best[1].joint.members))
-        base = again, any_name, {load: set(named) for load, named in bare.model.terms().items()}
-        if base in tried:
+        nuisance = again, any_name, {load: set(named) for load, named in bare.model.terms().items()}
+        if nuisance in tried:
             continue
-        tried.append(base)
+        tried.append(nuisance)
         known, notes = known_parts(bare)
         if thinned > 1:
             notes.append(f"a long log: one stretch of {STRETCH} rows in {thinned} is judged")
@@ -142,7 +142,9 @@ def judge_stand(
         if best is None or error <= best[0] + PLAINER:
             shed = {"all": acting.predicted - problem.frame.predicted} if selection.members else {}
             steady = [(m.effect, m.parameters(bare)) for m in joint.members if m.name != "sensor_drift"]
-            if 0 < len(steady) < len(joint.members):  # the drift may stand in for what the base lacks
+            if (
+                0 < len(steady) < len(joint.members)
+            ):  # the drift may be confounded with what the nuisance model lacks
                 shed["steady"] = composed(bare, [*known, *steady]).predicted - problem.frame.predicted
             floor = floor_beside(bare, joint)
             parts = (tuple(known), suspects, tuple(notes), not mislabelled)
@@ -150,7 +152,11 @@ def judge_stand(
     assert best is not None
     progress("judging")
     judged = best[1]
-    if judged.problem.frame.free_base and judged.labelled and len(judged.problem.frame.keep) >= LEAST_ROWS:
+    if (
+        judged.problem.frame.free_nuisance
+        and judged.labelled
+        and len(judged.problem.frame.keep) >= LEAST_ROWS
+    ):
         judged = with_discrepancy_model(judged)
     judged = _against_rivals(judged)
     return answer(judged, several)
@@ -272,8 +278,8 @@ def _again(
     """The selection judged again about its own joint fit, until it stands; its members there; that fit.
 
     A first choice is made in shapes of a grid. Once these have found their best form, some are needless (they
-    had stood in for a misfit of another's form), and what the misfit hid may show. No fit comes back where
-    another from there may still find a better form.
+    had was confounded with a misfit of another's form), and what the misfit hid may show. No fit comes back
+    where another from there may still find a better form.
     """
     settled: dict[str, Member] = {}
     barred = {*barred}

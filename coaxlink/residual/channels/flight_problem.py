@@ -9,8 +9,8 @@ import numpy as np
 
 from coaxlink.effects import flight_effects
 from coaxlink.frames import FLIGHT_CHANNELS, FLIGHT_UNITS, Array, FlightFrame
-from coaxlink.residual.base.flight_corrections import flight_corrections
 from coaxlink.residual.channels.flight import reduce_columns
+from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 from coaxlink.residual.regression.blocks import solve
 from coaxlink.residual.regression.joint_model import Joint, Part, columns_of
 from coaxlink.residual.regression.problem import Index, Problem, build, contiguous_blocks
@@ -64,8 +64,8 @@ def flight_problem(frame: FlightFrame) -> Problem:
     return replace(problem, clear_size=CLEAR_SIZE)
 
 
-def base_columns(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Array:
-    """(kept, 6, B) of the base corrections of a frame."""
+def nuisance_columns(frame: FlightFrame, reduce: Callable[[Array], Array]) -> Array:
+    """(kept, 6, B) of the nuisance model corrections of a frame."""
     return np.stack([reduce(c.columns) for c in flight_corrections(frame)], axis=-1)
 
 
@@ -106,13 +106,13 @@ def floor_behind(frame: FlightFrame, joint: Joint) -> Array:
     """(6,) noise floor behind everything that was found, all of it acting in the frame."""
     q = joint.problem
     final = solve(q.blocks, columns_of(q), np.ones(q.blocks.count))
-    left = frame.measured - frame.predicted - corrected(frame, final[q.base], q.base_names)
+    left = frame.measured - frame.predicted - corrected(frame, final[q.nuisance], q.nuisance_names)
     lags = [m.shape["lag_s"] for m in joint.members if m.name == "rotor_lag"]
     return flight_floor(frame, left, reduce_columns(frame, left), *lags)
 
 
 def corrected(frame: FlightFrame, values: Array, names: tuple[str, ...]) -> Array:
-    """(frame rows, 6) that the base corrections add with coefficients (B,) in the order of `names`."""
+    """(frame rows, 6) that the nuisance corrections add with coefficients (B,) in the order of `names`."""
     total = np.zeros_like(frame.predicted)
     amount = dict(zip(names, values, strict=True))
     for correction in flight_corrections(frame):

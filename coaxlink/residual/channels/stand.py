@@ -1,6 +1,6 @@
 """From stand samples to measured and predicted loads of both rotors.
 
-With a rotor model given, the base may be off by the few per cent that another day on the stand costs.
+With a rotor model given, the nuisance may be off by the few per cent that another day on the stand costs.
 Without one, the polynomials of the coaxial rotor model (Berra, Trujillo and Heredia 2024, eq. 1-3) are fitted
 to the log itself, all their terms free beside every candidate.
 """
@@ -17,7 +17,7 @@ from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import STAND_CHANNELS, STAND_LOADS, Array, StandFrame
 from coaxlink.load import Load
-from coaxlink.residual.base.speed_ratio_surface import FINER, GAIN, Surface, find_surface
+from coaxlink.residual.nuisance.speed_ratio_surface import GAIN, VARIANTS, Surface, find_surface
 from coaxlink.residual.regression.blocks import folds_of
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import LOADS
@@ -25,13 +25,15 @@ from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.speeds import normalised_speeds
 
 COLUMN_OF = {load.channel: load.column for load in Load}
-Orders = tuple[tuple[int, ...], tuple[int, ...]]  # of a fitted base that may be tried: upper, lower rotor
+Orders = tuple[
+    tuple[int, ...], tuple[int, ...]
+]  # of a fitted nuisance model that may be tried: upper, lower rotor
 ORDERS = (2, 3, 4)
 ANY: Orders = (ORDERS, ORDERS)
 RICHER = 0.8  # a higher order must leave less than this share of the held-out squares
 LEVEL, TILT, WAKE, OFFSET = 0.04, 0.03, 0.03, 0.01
 LEAST_ROWS = 16  # judgement: one load over one speed (12 rows) and a few to be held out
-ROWS_A_TERM = 4  # judgement: of a polynomial; with fewer it is no base to judge anything by
+ROWS_A_TERM = 4  # judgement: of a polynomial; with fewer it is no nuisance model to judge anything by
 APART, MOST_LEVELS = 0.02, 16  # of normalised speed; a speed with more levels than that runs
 MISSED = 0.015  # of the reference load, at one level, by a fitted polynomial
 SETTINGS = 0.2  # of the rows: more different speeds than that are not set-points
@@ -46,7 +48,7 @@ DELAY_S, FAST_S = (
     0.06,
     0.3,
 )  # of load cells behind tachometers (filters, clocks); rows slower than that are settled
-Base = list[tuple[str, float, Array]]  # name, bound, (rows, 6)
+Nuisance = list[tuple[str, float, Array]]  # name, bound, (rows, 6)
 
 
 def joined(logs: Sequence[Samples]) -> Samples:
@@ -76,8 +78,8 @@ def stand_frame(
 ) -> StandFrame:
     """Both sides of a stand log; without a model, one of these orders, as the log supports.
 
-    `shed` (rows, 6) is what effects add that are known of already: how rich a base the log asks for is seen
-    best without them. `trusted` rows alone are asked for the base, and judged.
+    `shed` (rows, 6) is what effects add that are known of already: how rich a nuisance the log asks for is
+    seen best without them. `trusted` rows alone are asked for the nuisance model, and judged.
     Raises InputError: nothing measured, no speeds, too few rows.
     """
     names = [c for c in STAND_LOADS if samples.has(COLUMN_OF[c])]
@@ -117,9 +119,9 @@ def stand_frame(
         notes.append(f"time_s goes back at {place}: rows are counted instead, one a second")
     if model is None:
         present = _followed(samples, u[keep], present, orders, notes)
-        base, keep = _fitted_base(u, plain, keep, present, speeds.speed_max_rpm, orders, notes)
+        nuisance, keep = _fitted_nuisance(u, plain, keep, present, speeds.speed_max_rpm, orders, notes)
     else:
-        base = model
+        nuisance = model
     commanded = not speeds.from_throttle and throttles is None and _set_points(u)
     if commanded:
         notes.append("rpm repeat to the last digit: they are taken for set-points, not for what was measured")
@@ -133,8 +135,8 @@ def stand_frame(
         turning_rows = keep[~_idle(u, DRAGGED)[keep]]
         if len(turning_rows) < LEAST_ROWS:
             turning_rows = keep
-        gain = GAIN if shed is None else FINER
-        base, surfaces = _with_surfaces(base, u[turning_rows], plain[turning_rows], present, gain)
+        gain = GAIN if shed is None else VARIANTS
+        nuisance, surfaces = _with_surfaces(nuisance, u[turning_rows], plain[turning_rows], present, gain)
     if surfaces:
         if len(turning_rows) < len(keep):
             idle = len(keep) - len(turning_rows)
@@ -145,7 +147,7 @@ def stand_frame(
             f"{names_of_loads}: {POLYNOMIALS}; errors are beside a free curve over the ratio of the speeds"
         )
     frame = StandFrame(
-        model=base,
+        model=nuisance,
         time_s=time,
         speeds=u,
         throttles=throttles,
@@ -155,7 +157,7 @@ def stand_frame(
         present=tuple(present),
         slope=np.zeros((samples.rows, 4, 2)),
         reference=np.ones(6),
-        free_base=free,
+        free_nuisance=free,
         columns=samples.columns,
         block=_blocks(u if throttles is None else throttles, time),
         keep=keep,
@@ -208,7 +210,7 @@ def _first_terms(load: str, u: Array, order: int) -> list[str]:
     return []
 
 
-def _fitted_base(
+def _fitted_nuisance(
     u: Array,
     measured: Array,
     keep: NDArray[np.intp],
@@ -218,29 +220,29 @@ def _fitted_base(
     notes: list[str],
 ) -> tuple[RotorModel, NDArray[np.intp]]:
     """The polynomials of these rows, and the rows: none with an idle lower rotor if they are not followed."""
-    base = fitted_model(u[keep], measured[keep], present, speed_max_rpm, orders)
+    nuisance = fitted_model(u[keep], measured[keep], present, speed_max_rpm, orders)
     idle = _idle(u[keep], 0.0)
     lower = [c for c in present if c in (2, 3)]
     if not lower or not idle.any() or np.sum(~idle) <= LEAST_ROWS:
-        return base, keep
-    pair = base.loads(*u[keep].T)
+        return nuisance, keep
+    pair = nuisance.loads(*u[keep].T)
     own = np.stack([pair.lower_thrust, pair.lower_torque], axis=1)[:, [c - 2 for c in lower]]
     left = measured[keep][:, lower] - own
     among, rest = (np.sqrt(np.mean(left[rows] ** 2, axis=0)) for rows in (idle, ~idle))
     if np.all(among < UNFOLLOWED * rest):
-        return base, keep
+        return nuisance, keep
     notes.append(f"{idle.sum()} rows, lower rotor below {100 * IDLE:.0f} % of full speed: not judged")
     awake = keep[~idle]
     turning = fitted_model(u[awake], measured[awake], lower, speed_max_rpm, orders).terms()
-    terms = {**base.terms(), **{LOADS[c]: turning[LOADS[c]] for c in lower}}
-    return RotorModel.from_terms(base.form, speed_max_rpm, terms), awake
+    terms = {**nuisance.terms(), **{LOADS[c]: turning[LOADS[c]] for c in lower}}
+    return RotorModel.from_terms(nuisance.form, speed_max_rpm, terms), awake
 
 
 def _with_surfaces(
-    base: RotorModel, u: Array, measured: Array, present: Sequence[int], gain: float
+    nuisance: RotorModel, u: Array, measured: Array, present: Sequence[int], gain: float
 ) -> tuple[RotorModel, dict[int, Surface]]:
-    """A fitted base with the surfaces over the speeds' ratio that the lower loads ask for beside it."""
-    terms = {load: dict(named) for load, named in base.terms().items()}
+    """A fitted nuisance with the surfaces over the speeds' ratio that the lower loads ask for beside it."""
+    terms = {load: dict(named) for load, named in nuisance.terms().items()}
     richest = tuple(dictionary_of(LOADS[2], ORDERS[-1]))
     surfaces = {}
     for c in (2, 3):
@@ -252,8 +254,8 @@ def _with_surfaces(
                 fit = np.linalg.lstsq(x, measured[:, c], rcond=1e-10)[0]
                 terms[LOADS[c]] = dict(zip(richest, map(float, fit), strict=True))
     if not surfaces:
-        return base, surfaces
-    return RotorModel.from_terms(base.form, base.speed_max_rpm, terms), surfaces
+        return nuisance, surfaces
+    return RotorModel.from_terms(nuisance.form, nuisance.speed_max_rpm, terms), surfaces
 
 
 def predict(frame: StandFrame) -> StandFrame:
@@ -321,9 +323,9 @@ def fitted_model(
     return RotorModel.from_terms("crm", speed_max_rpm, terms)
 
 
-def base_corrections(frame: StandFrame) -> Base:
-    """What the base may be off by: its own terms, free or bounded, and the throttles' curves."""
-    out: Base = []
+def base_corrections(frame: StandFrame) -> Nuisance:
+    """What the nuisance model may be off by: its own terms, free or bounded, and the throttles' curves."""
+    out: Nuisance = []
     rows = len(frame.time_s)
 
     def column(name: str, bound: float, channel: int, values: Array) -> None:
@@ -334,7 +336,7 @@ def base_corrections(frame: StandFrame) -> Base:
 
     terms = frame.model.terms()
     for c, load in enumerate(LOADS):
-        if frame.free_base:
+        if frame.free_nuisance:
             for term in terms[load]:
                 values = design_matrix([term], frame.speeds[:, 0], frame.speeds[:, 1])[:, 0]
                 column(f"{load} {term}", np.inf, c, values)
@@ -348,12 +350,12 @@ def base_corrections(frame: StandFrame) -> Base:
                     column(f"{load} surface {k}", frame.surfaces[c].scale, c, values)
             continue
         own, other = (0, 1) if c < 2 else (1, 0)
-        base = frame.predicted[:, c]
-        column(f"{STAND_CHANNELS[c]}_level", LEVEL, c, base)
-        column(f"{STAND_CHANNELS[c]}_tilt", TILT, c, base * (2.0 * frame.speeds[:, own] - 1.0))
+        nuisance = frame.predicted[:, c]
+        column(f"{STAND_CHANNELS[c]}_level", LEVEL, c, nuisance)
+        column(f"{STAND_CHANNELS[c]}_tilt", TILT, c, nuisance * (2.0 * frame.speeds[:, own] - 1.0))
         column(f"{STAND_CHANNELS[c]}_offset", OFFSET * frame.reference[c], c, np.ones(rows))
         if c > 1:
-            column(f"{STAND_CHANNELS[c]}_wake", WAKE, c, base * (2.0 * frame.speeds[:, other] - 1.0))
+            column(f"{STAND_CHANNELS[c]}_wake", WAKE, c, nuisance * (2.0 * frame.speeds[:, other] - 1.0))
     step = float(np.median(np.diff(frame.time_s))) if rows > 2 else np.inf
     if not frame.driven and 0.0 < step < FAST_S:
         rate = np.gradient(frame.speeds, step, axis=0)

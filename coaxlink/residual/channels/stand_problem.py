@@ -44,9 +44,9 @@ def stand_problem(frame: StandFrame, effects: Sequence[Tracing[StandFrame]] | No
     present, keep, reduce = list(frame.present), frame.keep, reducing(frame)
     residual = reduce(frame.measured - frame.predicted)
     _, block = np.unique(frame.block[keep], return_inverse=True)
-    base = [(name, bound, reduce(columns)) for name, bound, columns in base_corrections(frame)]
+    nuisance = [(name, bound, reduce(columns)) for name, bound, columns in base_corrections(frame)]
     reference = frame.reference[present]
-    floor = stand_floor(frame, _without_base(residual, base))
+    floor = stand_floor(frame, _without_nuisance(residual, nuisance))
     problem = build(
         frame=frame,
         channels=[STAND_CHANNELS[c] for c in present],
@@ -54,17 +54,17 @@ def stand_problem(frame: StandFrame, effects: Sequence[Tracing[StandFrame]] | No
         reference=reference,
         residual=residual,
         sigma=np.sqrt(floor**2 + (2e-4 * reference) ** 2),
-        corrections=base,
+        corrections=nuisance,
         effects=stand_effects() if effects is None else effects,
         reduce=reduce,
         block=block.astype(np.intp),
     )
-    clusters = _clusters(frame, problem.block) if frame.free_base else None
-    return replace(problem, noise_known=True, fitted_base=frame.free_base, clusters=clusters)
+    clusters = _clusters(frame, problem.block) if frame.free_nuisance else None
+    return replace(problem, noise_known=True, fitted_nuisance=frame.free_nuisance, clusters=clusters)
 
 
 def _clusters(frame: StandFrame, block: Index) -> Index:
-    """(kept, C) what a fitted base may miss together: a level of speed that was held, or a block."""
+    """(kept, C) what a fitted nuisance may miss together: a level of speed that was held, or a block."""
     out = np.zeros((len(block), len(frame.present)), np.intp)
     for k, c in enumerate(frame.present):
         u = frame.speeds[frame.keep, c % 2 if c > 3 else c // 2]
@@ -73,11 +73,11 @@ def _clusters(frame: StandFrame, block: Index) -> Index:
     return out
 
 
-def _without_base(residual: Array, base: Sequence[tuple[str, float, Array]]) -> Array:
-    """What least squares on the base columns leaves, channel by channel."""
+def _without_nuisance(residual: Array, nuisance: Sequence[tuple[str, float, Array]]) -> Array:
+    """What least squares on the nuisance model columns leaves, channel by channel."""
     out = residual.copy()
     for c in range(residual.shape[1]):
-        columns = [values[:, c] for _, _, values in base if np.any(values[:, c])]
+        columns = [values[:, c] for _, _, values in nuisance if np.any(values[:, c])]
         if columns:
             x = np.stack(columns, axis=1)
             out[:, c] -= x @ np.linalg.lstsq(x, residual[:, c], rcond=1e-10)[0]

@@ -25,18 +25,18 @@ SURE, ALIKE = 0.25, 0.4  # half an interval over the drag; how far the damping m
 
 
 def drag_beside(
-    fitter: Fitter, joint: Joint, base: Callable[[Any, Callable[[Array], Array]], Array]
+    fitter: Fitter, joint: Joint, nuisance: Callable[[Any, Callable[[Array], Array]], Array]
 ) -> Joint | None:
     """The joint fit with rotor drag of its own beside the wind, where force and yaw both show it; or None.
 
-    `base(frame, reduce)` gives the base corrections of a frame, (rows, C, B).
+    `base(frame, reduce)` gives the nuisance model corrections of a frame, (rows, C, B).
     """
     members = _apart(fitter.bare, joint)
     if members is None:
         return None
     first, _ = fitter.settle(members)
     rest = (fitter.problem, fitter.bare, fitter.fixed, fitter.reduce)
-    trial = reweighted_fit(first, *rest, base, alternatives=False)
+    trial = reweighted_fit(first, *rest, nuisance, alternatives=False)
     before, after = (
         float(np.sum(np.log(channel_errors(j.problem, j.problem.options)))) for j in (joint, trial)
     )

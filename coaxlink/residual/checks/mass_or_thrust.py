@@ -16,7 +16,7 @@ import numpy as np
 
 from coaxlink.effects.tracing import Array
 from coaxlink.frames import FlightFrame
-from coaxlink.residual.base.flight_corrections import lift_share
+from coaxlink.residual.nuisance.flight_corrections import lift_share
 from coaxlink.residual.regression.problem import Index
 from coaxlink.residual.result import Ambiguous
 from coaxlink.signals import derivative
@@ -53,7 +53,7 @@ class Scales:
 def scales(
     acting: FlightFrame, corrections: Mapping[str, float], block: Index, reduce: Callable[[Array], Array]
 ) -> Scales:
-    """Of a flight with its effects acting; `corrections` are the base's, `block` (kept,) the judged rows'."""
+    """Of a flight with its effects acting; `block` (kept,): the judged rows'."""
     late = derivative(acting.predicted, acting.rate_hz)
     left, predicted, slope = (
         reduce(values[:, 3:5]) for values in (acting.measured - acting.predicted, acting.predicted, late)

@@ -117,7 +117,8 @@ def spoils(joint: Joint, k: int) -> str | None:
 def needless(joint: Joint, k: int) -> str | None:
     """Why effect k is not asked for: what it acts on errs no more without it, base and others fitted anew.
 
-    What it takes elsewhere is then the base's: a mass that is none lets thrust levels stray to mend torques.
+    What it takes elsewhere is then the nuisance's: a mass that is none lets thrust levels stray to mend
+    torques.
     """
     q = joint.problem
     mine = np.array([name in joint.members[k].effect.channels for name in q.channels])
@@ -132,7 +133,7 @@ def _seconds(p: Problem) -> float:
     return float(np.median([np.ptp(time[p.block == b]) for b in range(p.blocks.count)]))
 
 
-class _Courses:
+class _TimeProfiles:
     """Held-out errors with a smooth trend of a member's columns beside or instead of its step."""
 
     def __init__(self, p: Problem, joint: Joint, k: int, plain: Option) -> None:
@@ -154,11 +155,11 @@ class _Courses:
         bounds = np.concatenate([q.blocks.bounds, np.full(at - q.design.shape[-1], np.inf)])
         self.blocks: Blocks = accumulate(design, q.residual, q.block, q.blocks.fold, bounds)
         others = [o.columns for i, o in enumerate(q.options) if i != k]
-        self.rest = np.concatenate([q.base, *others]).astype(np.intp)
+        self.rest = np.concatenate([q.nuisance, *others]).astype(np.intp)
         self.step = own[: len(m.coefficients)]
 
     def squares(self, *columns: Index) -> Array:
-        """(C,) held-out square sums of the base, the other members and these columns."""
+        """(C,) held-out square sums of the nuisance model, the other members and these columns."""
         return held_out(self.blocks, np.concatenate([self.rest, *columns]).astype(np.intp))[0].sum(axis=0)
 
 
@@ -168,7 +169,7 @@ def _no_cause(p: Problem, joint: Joint, k: int, floor: Array) -> str | None:
     plain = _steady_option(p, m)
     if plain is None:
         return None
-    c = _Courses(p, joint, k, plain)
+    c = _TimeProfiles(p, joint, k, plain)
     mine = np.array([name in m.effect.channels for name in q.channels])
     before, after = c.squares(), c.squares(c.step)
     share = np.where(mine, 1.0 - after / np.maximum(before, 1e-12), -np.inf)

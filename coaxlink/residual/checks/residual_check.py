@@ -23,7 +23,9 @@ ENOUGH = ((1.2, 0.5), (3.0, 0.7))
 def minor(joint: Joint, floor: Array) -> set[str]:
     """Names of members that nowhere take most of what is above the noise `floor` (C,), or do harm."""
     q = joint.problem
-    enough = ENOUGH[1:] if q.fitted_base else ENOUGH  # a base fitted to the log leaves more of its own
+    enough = (
+        ENOUGH[1:] if q.fitted_nuisance else ENOUGH
+    )  # a nuisance model fitted to the log leaves more of its own
     noise = np.maximum(floor, 1e-12)
     found = set()
     after = channel_errors(q, q.options) / noise

@@ -1,4 +1,4 @@
-"""Rivals: each effect given up in turn for every other one that could stand in for it.
+"""Rivals: each effect given up in turn for every other one that could be confounded with it.
 
 The selection climbs: of two names for the same rows it takes the one that is ahead in a shape of its
 grid, and then the other adds nothing. So every claimed effect is taken out again, each other one is put
@@ -30,12 +30,13 @@ Fitted = Callable[[Sequence[Option], Mapping[str, Member]], Joint]
 Beside = Callable[[Joint], Problem]
 
 APART = -float(np.log(ALPHA))  # nats: as improbable as the chance that the selection allows
-STANDS_IN = 0.5  # of what an effect explains, in a shape of the grid: less is no rival
+CONFOUNDED = 0.5  # of what an effect explains, in a shape of the grid: less is no rival
 
 
 @dataclass(frozen=True)
 class Rivalry:
-    """An effect, and what could stand in for it: another one, or another form of one that is there already.
+    """An effect, and what could be confounded with it: another one, or another form of one that is there
+    already.
 
     `nats` is how far it is ahead of that, or what it still gains beside it, if that counts and is more than
     it is behind. Options are of the problem that was searched; `rest` are the other members, but for the one
@@ -103,7 +104,7 @@ def rivalries(
 
 
 def _in_its_place(problem: Problem, judge: Judge, stays: list[Option], mine: Option) -> list[Trial]:
-    """What could stand in for an effect beside those that stay, about whose fit the judge looks.
+    """What could be confounded with an effect beside those that stay, about whose fit the judge looks.
 
     They found their shapes beside the one that is given up; in a shape of the grid they leave so much that
     nothing else shows. And what a stand that sticks shows of an effect goes through the sticking.
@@ -115,9 +116,9 @@ def _in_its_place(problem: Problem, judge: Judge, stays: list[Option], mine: Opt
     for trial in judge.best_of_each(stays):
         other = trial.option
         # what is a special case of another is explained by the other as well
-        if other.name == mine.name or other.effect.accused or (mine.name, other.name) in NESTED:
+        if other.name == mine.name or other.effect.flagged or (mine.name, other.name) in NESTED:
             continue
-        if without - trial.total >= STANDS_IN * worth:
+        if without - trial.total >= CONFOUNDED * worth:
             # by its columns in the problem that was asked, not in the one beside the fit
             out.append(replace(trial, option=of_grid(problem, [other])[0]))
     return out
@@ -161,7 +162,7 @@ def nats_ahead(one: Joint, other: Joint) -> float:
 
 
 def _numbers(joint: Joint) -> int:
-    """That were fitted beside the base."""
+    """That were fitted beside the nuisance model."""
     return sum(len(o.columns) for o in joint.problem.options)
 
 

@@ -1,7 +1,7 @@
 """The flight that would tell rival explanations apart: manoeuvres about a hover, scored like a stand run.
 
 A plan's log is worked out from its path alone: accelerations make the attitude and the thrust (differential
-flatness, Mellinger and Kumar 2011), the base model's mixer the motor commands. That is near enough to compare
+flatness, Mellinger and Kumar 2011), the nuisance's mixer the motor commands. That is near enough to compare
 what rivals would add on it. Manoeuvres end where they begin, so they can be joined in any order.
 """
 
@@ -16,9 +16,9 @@ import numpy as np
 from coaxlink.data.samples import Samples
 from coaxlink.errors import CoaxlinkError
 from coaxlink.frames import FLIGHT_CHANNELS, GRAVITY_NED, Array, FlightFrame
-from coaxlink.residual.base.flight_corrections import flight_corrections
 from coaxlink.residual.channels.flight import flight_frame, reduce_columns
 from coaxlink.residual.experiments.stand_run import Experiment, Rival, View, joined, separated, view
+from coaxlink.residual.nuisance.flight_corrections import flight_corrections
 
 if TYPE_CHECKING:
     from coaxlink.mixer import Law
@@ -65,9 +65,9 @@ def flight_experiment(frame: FlightFrame, sigma: Array, rivals: Sequence[Rival])
             planned = flight_frame([flown(frame, [piece], high)], frame.airframe, frame.model)
         except CoaxlinkError:
             return None  # the model cannot fly it
-        base = list(flight_corrections(planned))
-        columns = np.stack([reduce_columns(planned, c.columns) for c in base], axis=-1)
-        bounds = np.array([c.bound for c in base])
+        nuisance = list(flight_corrections(planned))
+        columns = np.stack([reduce_columns(planned, c.columns) for c in nuisance], axis=-1)
+        bounds = np.array([c.bound for c in nuisance])
         return view(planned, rivals, columns, bounds, lambda values: reduce_columns(planned, values))
 
     def look(pieces: Sequence[Any]) -> View | None:
@@ -119,7 +119,7 @@ def path(pieces: Sequence[Manoeuvre], high: float) -> tuple[Array, Array]:
 
 
 def flown(frame: FlightFrame, pieces: Sequence[Manoeuvre], high: float, law: Law | None = None) -> Samples:
-    """The log that a plan would give on the base model, without noise; by default flown with Algorithm 1."""
+    """The log that a plan would give on the nuisance, without noise; by default flown with Algorithm 1."""
     from coaxlink.mixer import make_law
     from coaxlink.vehicle import Vehicle
 

@@ -1,6 +1,6 @@
 """The run on the stand that would tell rival explanations apart, computed from the rivals as fitted.
 
-A plan is scored by how far each rival, as fitted to the present log, stays from everything that the base
+A plan is scored by how far each rival, as fitted to the present log, stays from everything that the nuisance
 corrections and any shape and size of the other rival could make of it: the squared distance in units of
 the noise, in the worse of the two directions (T-optimality, Atkinson and Fedorov 1975, with both models in
 turn as the true one). Pieces are joined greedily until the distance is far beyond doubt.
@@ -116,18 +116,18 @@ class Rival:
 class View:
     """A planned log as the regression sees it."""
 
-    base: Array  # (rows, C, B) base corrections
+    nuisance: Array  # (rows, C, B) nuisance corrections
     bounds: Array  # (B,)
     added: tuple[Array, ...]  # what each rival adds, (rows, C)
     shapes: tuple[tuple[Array, ...], ...]  # of each rival: the columns (rows, C, K) of every shape
 
 
 def view(
-    frame: Any, rivals: Sequence[Rival], base: Array, bounds: Array, reduce: Callable[[Array], Array]
+    frame: Any, rivals: Sequence[Rival], nuisance: Array, bounds: Array, reduce: Callable[[Array], Array]
 ) -> View:
     """What rivals add on a planned frame."""
     return View(
-        base,
+        nuisance,
         bounds,
         tuple(reduce(r.effect.contribution(frame, r.parameters)) for r in rivals),
         tuple(
@@ -150,7 +150,7 @@ def joined(views: Sequence[View]) -> View:
     for k, mine in enumerate(first.shapes):
         shapes.append(tuple(np.concatenate([v.shapes[k][i] for v in views]) for i in range(len(mine))))
     return View(
-        np.concatenate([v.base for v in views]),
+        np.concatenate([v.nuisance for v in views]),
         first.bounds,
         tuple(np.concatenate([v.added[k] for v in views]) for k in range(len(first.added))),
         tuple(shapes),
@@ -171,13 +171,13 @@ class Bench:
 
 def distance(predicted: View, sigma: Array, channels: Sequence[str]) -> tuple[float, str]:
     """Squared distance of the nearest two rivals on a planned log, and the channel that tells most."""
-    one = np.zeros(len(predicted.base), np.intp)
+    one = np.zeros(len(predicted.nuisance), np.intp)
     nearest, channel = np.inf, ""
     for true, other in permutations(range(len(predicted.added)), 2):
         y = predicted.added[true] / sigma
         left, where = np.inf, 0
         for columns in predicted.shapes[other]:
-            design = np.concatenate([predicted.base, columns], axis=-1) / sigma[:, None]
+            design = np.concatenate([predicted.nuisance, columns], axis=-1) / sigma[:, None]
             limits = np.concatenate([predicted.bounds, np.full(columns.shape[-1], np.inf)])
             blocks = accumulate(design, y, one, one[:1], limits)
             fit = solve(blocks, np.arange(design.shape[-1]), np.ones(1))
@@ -237,16 +237,16 @@ def stand_experiment(frame: StandFrame, sigma: Array, rivals: Sequence[Rival]) -
         plan = planned(bench, pieces)
         if any(r.effect.missing(plan) is not None for r in rivals):
             return None
-        base = base_corrections(plan)
-        columns = np.stack([v[:, present] for _, _, v in base], axis=-1)
-        bounds = np.array([b for _, b, _ in base])
+        nuisance = base_corrections(plan)
+        columns = np.stack([v[:, present] for _, _, v in nuisance], axis=-1)
+        bounds = np.array([b for _, b, _ in nuisance])
         return view(plan, rivals, columns, bounds, lambda values: values[:, present])
 
     return separated(rivals, _moves(bench), look, sigma, [STAND_CHANNELS[c] for c in present])
 
 
 def planned(bench: Bench, pieces: Sequence[Piece]) -> StandFrame:
-    """The frame that a plan's log would give, its loads as the base model predicts them."""
+    """The frame that a plan's log would give, its loads as the nuisance model model predicts them."""
     frame = bench.frame
     parts = [_rows(p) for p in pieces]
     upper, lower, supply, spacing = np.concatenate(parts).T
@@ -272,7 +272,11 @@ def planned(bench: Bench, pieces: Sequence[Piece]) -> StandFrame:
             columns[COLUMN_OF[STAND_CHANNELS[c]]] = np.zeros(rows)
     out = stand_frame(Samples(columns, "planned"), frame.model)
     return replace(
-        out, free_base=frame.free_base, driven=frame.driven, present=frame.present, reference=frame.reference
+        out,
+        free_nuisance=frame.free_nuisance,
+        driven=frame.driven,
+        present=frame.present,
+        reference=frame.reference,
     )
 
 

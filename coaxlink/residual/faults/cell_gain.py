@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.stats import f as f_test
 
 from coaxlink.frames import Array, StandFrame
-from coaxlink.residual.faults.row_ranges import Mask, base_terms, largest_excursion, largest_run
+from coaxlink.residual.faults.row_ranges import Mask, largest_excursion, largest_run, nuisance_terms
 from coaxlink.rotor.polynomial import design_matrix
 
 LEAST_ROWS, LEAST_SHARE, MOST_SHARE = 12, 0.04, 0.4  # of the rows: the others say what the gain is
@@ -59,10 +59,10 @@ def gain_steps(frame: StandFrame, usable: Mask) -> list[GainStep]:
 
 
 def _columns(frame: StandFrame, c: int) -> Array:
-    """(rows, K) what the load is made of: the given model's, or the base's own terms."""
-    if not frame.free_base:
+    """(rows, K) what the load is made of: the given model's, or the nuisance model's own terms."""
+    if not frame.free_nuisance:
         return frame.predicted[:, [c]]
-    return np.asarray(design_matrix(base_terms(frame.speeds, c), frame.speeds[:, 0], frame.speeds[:, 1]))
+    return np.asarray(design_matrix(nuisance_terms(frame.speeds, c), frame.speeds[:, 0], frame.speeds[:, 1]))
 
 
 def _gain(frame: StandFrame, c: int, inside: Mask, usable: Mask) -> tuple[float, Array, Array]:

@@ -21,7 +21,7 @@ from coaxlink.residual.faults.row_ranges import (
     LEAST_PLACES,
     WHOLE,
     Mask,
-    base_terms,
+    nuisance_terms,
     parts_of,
     places,
     robust_fit,
@@ -29,7 +29,7 @@ from coaxlink.residual.faults.row_ranges import (
 )
 from coaxlink.rotor.polynomial import design_matrix
 
-TOLERANCE = 0.03  # of the reference load: what a base may err by
+TOLERANCE = 0.03  # of the reference load: what a nuisance model may err by
 CLOSER = 0.25  # of the capped squares under the labels as they stand
 NEAR = 4.0  # squared tolerances a reading may be off by, where a way is right
 FAR = (0.6, 1.6)  # no effect of physics changes one load by more
@@ -110,7 +110,7 @@ def _exchanged(frame: StandFrame, usable: Mask) -> list[Mislabel]:
     loads = [c for c in frame.present if c < 4]
     if usable.sum() < 8 or not loads:
         return []
-    if not frame.free_base:
+    if not frame.free_nuisance:
         return _found(
             _Yardstick(frame, frame.predicted[:, :4], frame.loads_at(frame.speeds[:, ::-1])), usable
         )
@@ -206,11 +206,13 @@ def _copies(frame: StandFrame, usable: Mask) -> list[Mislabel]:
     rest = usable & ~same
     if not same.any() or rest.sum() < 24 or same.sum() > rest.sum():
         return out
-    if frame.driven and frame.free_base:  # nothing but a fit to other commands says what these should give
+    if (
+        frame.driven and frame.free_nuisance
+    ):  # nothing but a fit to other commands says what these should give
         return out
     loads = [c for c in frame.present if c < 4]
     stick = _Yardstick(frame, frame.predicted[:, :4], frame.predicted[:, :4])
-    if frame.free_base:
+    if frame.free_nuisance:
         stick = _fitted(frame, rest)
     cost = stick.cost(None)[:, loads].max(axis=1)
     # commands that are alike may be meant so, and what they make of it may err
@@ -288,7 +290,7 @@ def _fitted(frame: StandFrame, trusted: Mask, read: Sequence[tuple[Way, Mask]] =
     out = [np.zeros((len(trusted), 4)), np.zeros((len(trusted), 4))]
     for c in frame.present:
         if c < 4:
-            names = base_terms(frame.speeds[few], c)
+            names = nuisance_terms(frame.speeds[few], c)
             x = design_matrix(names, frame.speeds[:, 0], frame.speeds[:, 1])
             fit = robust_fit(x, measured[:, c], few)
             out[0][:, c] = x @ fit

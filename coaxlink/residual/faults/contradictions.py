@@ -31,8 +31,8 @@ MOST_V = 1500.0  # judgement: packs of multirotors have 60 V, of air taxis 800 V
 def contradicted(log: Samples) -> list[Finding]:
     """(column, (rows,) mask, why) of what cannot be: see the module."""
     reversed_axes = _signs(log)
-    accused = {column for column, _, _ in reversed_axes}
-    climb = [] if "vel_d_m_s" in accused else _climb(log)
+    flagged = {column for column, _, _ in reversed_axes}
+    climb = [] if "vel_d_m_s" in flagged else _climb(log)
     return [*reversed_axes, *climb, *_height(log), *_specific_force(log), *_voltage(log)]
 
 

@@ -64,13 +64,13 @@ def _impossible(log: Samples, rotors: set[int]) -> list[Suspect]:
     return [Suspect(name, rows_text(rows), why) for name, rows in outside.items() if rows.any()]
 
 
-def without_accused(frame: FlightFrame, suspects: Sequence[Suspect]) -> FlightFrame:
-    """The frame without the columns that a flight can be judged without, where they are accused."""
-    accused = {s.column for s in suspects}
+def without_flagged(frame: FlightFrame, suspects: Sequence[Suspect]) -> FlightFrame:
+    """The frame without the columns that a flight can be judged without, where they are flagged."""
+    flagged = {s.column for s in suspects}
     return replace(
         frame,
-        height=None if "height_m" in accused else frame.height,
-        voltage=None if "voltage_V" in accused else frame.voltage,
+        height=None if "height_m" in flagged else frame.height,
+        voltage=None if "voltage_V" in flagged else frame.voltage,
     )
 
 

@@ -96,7 +96,7 @@ def _gradual(gone: Mask, share: Array) -> Mask:
 
 def _expected(frame: StandFrame, channel: int, usable: Mask) -> Array:
     """(rows,) what the model gives at these speeds, or without one what most rows agree on."""
-    if not frame.free_base:
+    if not frame.free_nuisance:
         return np.asarray(frame.loads_at(frame.speeds)[:, channel])
     x = design_matrix(dictionary_of(LOADS[channel], 2), frame.speeds[:, 0], frame.speeds[:, 1])
     return np.asarray(x @ robust_fit(x, frame.measured[:, channel], usable))
@@ -135,7 +135,7 @@ def clipped_rows(frame: StandFrame, channel: int) -> tuple[Mask, float] | None:
             continue
         at = values == limit
         loads = frame.loads_at(frame.speeds)[:, channel]
-        if frame.free_base:
+        if frame.free_nuisance:
             own = fitted_model(frame.speeds[~at], frame.measured[~at], [channel], frame.model.speed_max_rpm)
             pair = own.loads(frame.speeds[:, 0], frame.speeds[:, 1])
             loads = pair[Load(channel)]

@@ -63,7 +63,7 @@ def largest_excursion(values: Array) -> tuple[int, int]:
     return first + 1, last + 1
 
 
-def base_terms(speeds: Array, channel: int) -> list[str]:
+def nuisance_terms(speeds: Array, channel: int) -> list[str]:
     """Polynomial terms of a load over both speeds, of third order where rows (rows, 2) take places enough."""
     return dictionary_of(LOADS[channel], 3 if places(speeds) >= RICH else 2)
 

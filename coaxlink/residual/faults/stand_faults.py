@@ -25,7 +25,7 @@ from coaxlink.residual.faults.load_cells import (
     stuck_rows,
 )
 from coaxlink.residual.faults.row_ranges import Mask
-from coaxlink.residual.faults.tachometers import coarse_step, lies, stuck_readings
+from coaxlink.residual.faults.tachometers import biased_readings, coarse_step, stuck_readings
 from coaxlink.residual.faults.throttle_labels import crossed_throttles
 from coaxlink.residual.result import Suspect
 
@@ -36,7 +36,7 @@ RESTART_ROWS = 5  # judgement: within which a clock that was restarted begins
 
 
 @dataclass(frozen=True)
-class Suspicion:
+class FlaggedColumns:
     """What of a stand log cannot be trusted."""
 
     suspects: tuple[Suspect, ...]
@@ -56,12 +56,12 @@ class _Finding:
     swapped: bool = False  # or else so wrong that nothing can be claimed
 
     def rows(self, column: str, rows: Mask, why: str) -> None:
-        """Accuse a column in some rows."""
+        """Flag a column in some rows."""
         self.bad |= rows
         self.suspects.append(Suspect(column, rows_text(rows), why))
 
     def throughout(self, column: str, why: str, *leave_out: str) -> None:
-        """Accuse a column throughout."""
+        """Flag a column throughout."""
         self.suspects.append(Suspect(column, "all", why))
         self.columns += leave_out
 
@@ -72,7 +72,7 @@ class _Finding:
         return bool(self.swapped or loads <= set(self.columns) or np.sum(~self.bad) < LEAST_LEFT)
 
 
-def find_suspects(frame: StandFrame) -> Suspicion:
+def find_suspects(frame: StandFrame) -> FlaggedColumns:
     """All that contradicts its label in a log."""
     found = _Finding(frame, [], np.zeros(len(frame.time_s), bool), [])
     _look_at_stamps(found)
@@ -85,7 +85,7 @@ def find_suspects(frame: StandFrame) -> Suspicion:
     if not found.silent:
         for step in gain_steps(frame, ~found.bad):
             found.rows(COLUMN_OF[STAND_CHANNELS[step.channel]], step.rows, step.why)
-    return Suspicion(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
+    return FlaggedColumns(tuple(found.suspects), found.bad, tuple(found.columns), found.silent)
 
 
 def _look_at_stamps(found: _Finding) -> None:
@@ -153,7 +153,7 @@ def _look_at_labels(found: _Finding) -> None:
         names = [] if wrong.way.speeds else [COLUMN_OF[STAND_CHANNELS[c]] for c in wrong.way.channels]
         found.throughout(wrong.way.columns, wrong.why, *names)
         found.swapped |= wrong.way.speeds
-    for channels, why in odd_arms(frame, ~found.bad) if frame.free_base else ():
+    for channels, why in odd_arms(frame, ~found.bad) if frame.free_nuisance else ():
         found.throughout(names_of(channels), why, *names_of(channels).split(", "))
     if not found.silent and not found.columns:
         said = _swapped(rows_of(frame, np.flatnonzero(~found.bad)))
@@ -179,10 +179,10 @@ def _look_at_drives(found: _Finding) -> None:
     if found.silent:
         return
     sound = np.flatnonzero(~found.bad)
-    for lie in lies(rows_of(found.frame, sound)) if len(sound) >= LEAST_LEFT else ():
+    for bias in biased_readings(rows_of(found.frame, sound)) if len(sound) >= LEAST_LEFT else ():
         rows = np.zeros(len(found.bad), bool)
-        rows[sound[lie.rows]] = True
-        found.rows(f"{('upper', 'lower')[lie.side]}_rpm", rows, lie.why)
+        rows[sound[bias.rows]] = True
+        found.rows(f"{('upper', 'lower')[bias.side]}_rpm", rows, bias.why)
 
 
 def rows_text(mask: Array | NDArray[np.bool_]) -> str:

@@ -22,12 +22,12 @@ Mask = NDArray[np.bool_]
 LEAST_SHARE, MOST_SHARE = 0.04, 0.5  # of the rows: more than half of them cannot be told from the other half
 LEAST_ROWS = 12
 MOST_ABOVE, PLACES = 0.75, 24  # of the rows; thresholds of throttle
-LEAST_LIE, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
+LEAST_BIAS, LOWEST = 0.01, -0.9  # of the speed; a reading of nothing is a rotor at rest or a dead sensor
 SURE = 8.0  # standard errors of the step
 CLEARED = 0.25  # of the squares that the loads leave, once the reading is mended
 RARE, MOVES = 0.1, 0.15  # of the runs of equal readings; of the reference load
-AMONG = 0.7  # of the rows that lie: at speeds that a base fitted to the other rows has seen
-LEAST_FITTED = 24  # rows: as a stand log needs for a base of its own
+AMONG = 0.7  # of the rows that lie: at speeds that a nuisance model fitted to the other rows has seen
+LEAST_FITTED = 24  # rows: as a stand log needs for a nuisance model of its own
 FAR_OFF, ALIKE = 0.1, 0.05  # of the speed: a reading that counts wrongly; how well such readings agree
 # rows that must lie, SURE says how sure; of the rows, judgement: the throttle's curve is that of the others
 LEAST_SPIKES, MOST_SPIKES = 3, 0.2
@@ -37,7 +37,7 @@ ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class Lie:
+class BiasedReading:
     """What one tachometer says in some rows."""
 
     side: int  # 0 upper, 1 lower
@@ -45,7 +45,7 @@ class Lie:
     times: Array  # (rows,) the reading over the speed, 1 where it is right
 
     @classmethod
-    def by_one_factor(cls, side: int, rows: Mask, reads_high_by: float) -> Lie:
+    def by_one_factor(cls, side: int, rows: Mask, reads_high_by: float) -> BiasedReading:
         """What reads high by the same share of the speed in all of these rows."""
         return cls(side, rows, np.where(rows, 1.0 + reads_high_by, 1.0))
 
@@ -57,28 +57,28 @@ class Lie:
         return f"reads {by} here: throttle and loads agree on what it shows in the other rows"
 
 
-def lies(frame: StandFrame) -> list[Lie]:
+def biased_readings(frame: StandFrame) -> list[BiasedReading]:
     """Stretches in which a tachometer contradicts throttle and loads alike, at most one a side."""
     found = []
     for side in (0, 1):
         if frame.driven or frame.throttles is None or np.ptp(frame.throttles[:, side]) < 0.05:
             continue
-        # a stretch of time or of throttle; a sagging supply may hide a step, and stand in for one
+        # a stretch of time or of throttle; a sagging supply may hide a step, and be confounded with one
         ways = [(order, supply) for order in _orders(frame, side) for supply in (False, True)]
         steps = [step for way in ways if (step := _step(frame, side, *way)) is not None]
         steps += [step for supply in (False, True) for step in _beyond(frame, side, supply)]
         steps += _scattered(frame, side)
-        ranked = sorted(steps, key=lambda lie: _left(frame, lie))
+        ranked = sorted(steps, key=lambda bias: _left(frame, bias))
         # a factor of its own for every row fits best always: only where no single one is it
-        clear = (lie for lie in (*ranked, *_spikes(frame, side)) if _loads_clear(frame, lie))
-        found += [lie for lie in (next(clear, None),) if lie is not None]
+        clear = (bias for bias in (*ranked, *_spikes(frame, side)) if _loads_clear(frame, bias))
+        found += [bias for bias in (next(clear, None),) if bias is not None]
     return found
 
 
-def _left(frame: StandFrame, lie: Lie) -> float:
+def _left(frame: StandFrame, bias: BiasedReading) -> float:
     """Squares that the curves of throttle leave of the speed, once the reading is mended."""
-    x = _curves(frame, lie.side, True)
-    speed = frame.speeds[:, lie.side] / lie.times
+    x = _curves(frame, bias.side, True)
+    speed = frame.speeds[:, bias.side] / bias.times
     return float(np.sum((speed - x @ np.linalg.lstsq(x, speed, rcond=1e-10)[0]) ** 2))
 
 
@@ -113,7 +113,7 @@ def stuck_readings(frame: StandFrame, side: int) -> Mask:
     )
     model = frame.model
     if (
-        frame.free_base and rest.sum() > LEAST_FITTED
+        frame.free_nuisance and rest.sum() > LEAST_FITTED
     ):  # what these rows bent to themselves tells nothing of them
         model = fitted_model(frame.speeds[rest], frame.measured[rest], [load], model.speed_max_rpm)
     off = frame.measured[:, load] - model.loads(frame.speeds[:, 0], frame.speeds[:, 1])[Load(load)]
@@ -128,7 +128,7 @@ def _orders(frame: StandFrame, side: int) -> list[NDArray[np.intp]]:
     return [np.arange(len(frame.time_s)), np.argsort(frame.throttles[:, side], kind="stable")]
 
 
-def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -> Lie | None:
+def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -> BiasedReading | None:
     """The stretch of rows, in that order, whose speed is furthest from what the throttle gives elsewhere."""
     order = order[_loaded(frame, side)[1][order]]
     if len(order) < LEAST_FITTED:
@@ -154,17 +154,17 @@ def _step(frame: StandFrame, side: int, order: NDArray[np.intp], supply: bool) -
             break
         inside = now
     usual = x @ np.linalg.lstsq(x[~inside], speed[~inside], rcond=1e-10)[0]
-    lie = float(np.sum(speed[inside] * usual[inside]) / np.sum(usual[inside] ** 2)) - 1.0
+    bias = float(np.sum(speed[inside] * usual[inside]) / np.sum(usual[inside] ** 2)) - 1.0
     noise = float(np.std(speed[~inside] - usual[~inside]))
-    shift = abs(lie) * float(np.mean(np.abs(usual[inside])))
-    if abs(lie) < LEAST_LIE or lie < LOWEST or shift * np.sqrt(inside.sum()) < SURE * noise:
+    shift = abs(bias) * float(np.mean(np.abs(usual[inside])))
+    if abs(bias) < LEAST_BIAS or bias < LOWEST or shift * np.sqrt(inside.sum()) < SURE * noise:
         return None
     rows_of = np.zeros(len(frame.time_s), bool)
     rows_of[order[inside]] = True
-    return Lie.by_one_factor(side, rows_of, lie)
+    return BiasedReading.by_one_factor(side, rows_of, bias)
 
 
-def _beyond(frame: StandFrame, side: int, supply: bool) -> list[Lie]:
+def _beyond(frame: StandFrame, side: int, supply: bool) -> list[BiasedReading]:
     """A share that comes in above some throttle, fitted beside the curves, which would else bend to it.
 
     Which of the two parts of the rows lies, where neither is clearly the smaller, the loads must say.
@@ -189,14 +189,16 @@ def _beyond(frame: StandFrame, side: int, supply: bool) -> list[Lie]:
     noise = left / max(len(speed) - curves.shape[1] - 1, 1)
     if plain - left < (SURE**2) * noise or abs(part) > 0.9:
         return []
-    lie = part / (1.0 - part)
-    parts = ((above, lie), (~above, -lie / (1.0 + lie)))
+    bias = part / (1.0 - part)
+    parts = ((above, bias), (~above, -bias / (1.0 + bias)))
     return [
-        Lie.by_one_factor(side, r, by) for r, by in parts if r.mean() <= MOST_ABOVE and abs(by) >= LEAST_LIE
+        BiasedReading.by_one_factor(side, r, by)
+        for r, by in parts
+        if r.mean() <= MOST_ABOVE and abs(by) >= LEAST_BIAS
     ]
 
 
-def _scattered(frame: StandFrame, side: int) -> list[Lie]:
+def _scattered(frame: StandFrame, side: int) -> list[BiasedReading]:
     """Rows here and there that read one multiple of what throttle gives: pulses counted half, or twice."""
     times, far = _far_off(frame, side)
     if far.sum() < LEAST_ROWS:
@@ -205,16 +207,16 @@ def _scattered(frame: StandFrame, side: int) -> list[Lie]:
     rows = far & (np.abs(times / max(factor, 1e-9) - 1.0) < ALIKE)
     if rows.sum() < max(LEAST_ROWS, AMONG * far.sum()) or rows.mean() > MOST_SHARE or factor - 1.0 < LOWEST:
         return []
-    return [Lie.by_one_factor(side, rows, float(np.mean(times[rows])) - 1.0)]
+    return [BiasedReading.by_one_factor(side, rows, float(np.mean(times[rows])) - 1.0)]
 
 
-def _spikes(frame: StandFrame, side: int) -> list[Lie]:
+def _spikes(frame: StandFrame, side: int) -> list[BiasedReading]:
     """Rows here and there that read anything: pulses lost or added, each by its own factor."""
     times, far = _far_off(frame, side)
     far &= times - 1.0 > LOWEST
     if not LEAST_SPIKES <= far.sum() <= MOST_SPIKES * len(far):
         return []
-    return [Lie(side, far, np.where(far, times, 1.0))]
+    return [BiasedReading(side, far, np.where(far, times, 1.0))]
 
 
 def _far_off(frame: StandFrame, side: int) -> tuple[Array, Mask]:
@@ -244,34 +246,34 @@ def _curves(frame: StandFrame, side: int, supply: bool) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _between(speed: Array, lie: Lie) -> bool:
+def _between(speed: Array, bias: BiasedReading) -> bool:
     """Whether the mended speeds lie among those of the other rows."""
-    low, high = np.quantile(speed[~lie.rows], [0.02, 0.98])
-    mended = (speed / lie.times)[lie.rows]
+    low, high = np.quantile(speed[~bias.rows], [0.02, 0.98])
+    mended = (speed / bias.times)[bias.rows]
     return bool(np.mean((mended > low) & (mended < high)) > AMONG)
 
 
-def _loads_clear(frame: StandFrame, lie: Lie) -> bool:
+def _loads_clear(frame: StandFrame, bias: BiasedReading) -> bool:
     """Whether the rotor's own loads fit clearly better with the reading mended than as it stands."""
-    loads = [c for c in (2 * lie.side, 2 * lie.side + 1) if c in frame.present]
+    loads = [c for c in (2 * bias.side, 2 * bias.side + 1) if c in frame.present]
     if not loads:
         return False
     model = frame.model
-    if frame.free_base:
-        rest = ~lie.rows
-        if not _between(frame.speeds[:, lie.side], lie):
+    if frame.free_nuisance:
+        rest = ~bias.rows
+        if not _between(frame.speeds[:, bias.side], bias):
             return False  # polynomials fitted to slow rows tell nothing of fast ones
         model = fitted_model(frame.speeds[rest], frame.measured[rest], loads, frame.model.speed_max_rpm)
     left = []
-    for times in (1.0, lie.times):
+    for times in (1.0, bias.times):
         u = frame.speeds.copy()
-        u[:, lie.side] /= times
+        u[:, bias.side] /= times
         pair = model.loads(u[:, 0], u[:, 1])
         predicted = [pair[load] for load in Load]
         squares = 0.0
         for c in loads:
-            p, m, rest = predicted[c], frame.measured[:, c], ~lie.rows
+            p, m, rest = predicted[c], frame.measured[:, c], ~bias.rows
             level = float(p[rest] @ m[rest]) / max(float(p[rest] @ p[rest]), 1e-12)  # another day's level
-            squares += float(np.mean((m[lie.rows] - level * p[lie.rows]) ** 2)) / frame.reference[c] ** 2
+            squares += float(np.mean((m[bias.rows] - level * p[bias.rows]) ** 2)) / frame.reference[c] ** 2
         left.append(squares)
     return left[1] < CLEARED * left[0]

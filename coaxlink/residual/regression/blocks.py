@@ -183,7 +183,7 @@ def solved(gram: Array, moment: Array) -> Array:
 
 def scaled(gram: Array, moment: Array, bounds: Array) -> tuple[Array, Array, Array, Array]:
     """Scale (..., k) of normal equations, these with unit diagonals and the ridge, and the bounds."""
-    # half a bound is one standard deviation of what a base may be off by
+    # half a bound is one standard deviation of what a nuisance model may be off by
     ridge = np.where(np.isfinite(bounds), (2.0 / np.maximum(np.abs(bounds), 1e-300)) ** 2, 0.0)
     size = np.diagonal(gram, axis1=-2, axis2=-1) + ridge
     scale = np.sqrt(np.maximum(size, 1e-300))

@@ -91,7 +91,7 @@ def dependences(
     flown = "upper_speed" not in variables
     colours = Colours(residual, floor, reference, flown)
     nonlinear = _less_straight(residual, [v for name, v in variables.items() if name.startswith(MOTOR)])
-    for name, values, basis, folding in _bases(variables, fold):
+    for name, values, basis, folding in _nuisances(variables, fold):
         left = nonlinear if name.startswith(MOTOR) else residual
         for c, share, statistic, smooth in _smooths(left, basis, folding, block if folding is fold else None):
             width = basis.shape[1]
@@ -132,7 +132,7 @@ def time_path(residual: Array) -> tuple[Array, int]:
     return np.asarray(basis @ np.linalg.solve(gram, basis.T @ residual)), width
 
 
-def _bases(
+def _nuisances(
     variables: Mapping[str, Array], fold: NDArray[np.intp]
 ) -> Iterator[tuple[str, Array, Array, NDArray[np.intp]]]:
     """(name, values, basis, folds): smooths of every variable, fine ones of time, the map of both speeds.

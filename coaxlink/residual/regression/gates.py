@@ -10,7 +10,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 GAIN = 0.15  # of the squared error of the channel that gains most
-# beside a base fitted to the log: what the other loads must be due to be added, and how much they must show
+# beside a nuisance fitted to the log: what the other loads must be due to be added, and how much they must
+# show
 SHOWN, BORNE_OUT = 9.0, 0.3
 BY_FEW = 1e-3  # chance that levels which err together carry it
 FEW_LEVELS = "a few levels carry it, where the fitted base may miss as much"
@@ -34,7 +35,7 @@ def autocorrelation_time(residual: Array, block: Index) -> Array:
 
 
 def witnesses(channels: tuple[str, ...], shares: Array) -> str | None:
-    """An instrument is accused only by two witnesses: the loads and the throttle must contradict it alike."""
+    """An instrument is flagged only by two witnesses: the loads and the throttle must contradict it alike."""
     gains = dict(zip(channels, shares, strict=True))
     loads = max((g for c, g in gains.items() if not c.endswith("_speed")), default=0.0)
     speeds = max((g for c, g in gains.items() if c.endswith("_speed")), default=1.0)

@@ -28,7 +28,7 @@ SETTLED = 0.01  # change of a channel's error
 
 def channel_errors(p: Problem, options: Sequence[Option]) -> Array:
     """(C,) held-out rms of every channel, in its unit."""
-    use = np.concatenate([p.base, *(o.columns for o in options)]).astype(np.intp)
+    use = np.concatenate([p.nuisance, *(o.columns for o in options)]).astype(np.intp)
     squares = held_out(p.blocks, use)[0].sum(axis=0)
     return np.asarray(np.sqrt(squares / p.blocks.rows.sum()) * p.sigma)
 
@@ -46,9 +46,9 @@ def reweighted(p: Problem, sigma: Array) -> Problem:
     return replace(p, sigma=sigma, design=design, residual=p.residual * ratio, blocks=blocks)
 
 
-def settled_base(p: Problem) -> Problem:
-    """The base alone by IRLS: every channel weighted by its own residual."""
-    out = _base_of(p, p.sigma)
+def settled_nuisance(p: Problem) -> Problem:
+    """The nuisance model alone by IRLS: every channel weighted by its own residual."""
+    out = _nuisance_of(p, p.sigma)
     for _ in range(ROUNDS):
         sigma = np.maximum(channel_errors(out, ()), LEAST * p.sigma)
         out = reweighted(out, sigma)
@@ -61,7 +61,7 @@ def reweighted_fit(
     bare: Any,
     fixed: Sequence[Part],
     reduce: Callable[[Array], Array],
-    base: Callable[[Any, Callable[[Array], Array]], Array],
+    nuisance: Callable[[Any, Callable[[Array], Array]], Array],
     *,
     alternatives: bool,
 ) -> Joint:
@@ -70,9 +70,9 @@ def reweighted_fit(
     for number in range(ROUNDS if alternatives else 1):  # of a long log one round is as good
         sigma = np.maximum(errors, LEAST * problem.sigma)
         rough = ROUGH if MOVED & {m.name for m in best.members} else 1.0
-        about = _base_of(problem, sigma, rough)
+        about = _nuisance_of(problem, sigma, rough)
         fitter = Fitter(about, bare, fixed, reduce)
-        columns = base(fitter.acting(best.members), reduce) / sigma[:, None]
+        columns = nuisance(fitter.acting(best.members), reduce) / sigma[:, None]
         fitter = Fitter(about, bare, fixed, reduce, columns)
         trial = fit(fitter, best.members, alternatives=alternatives and number == 0)
         now = channel_errors(trial.problem, trial.problem.options)
@@ -85,13 +85,15 @@ def reweighted_fit(
     return best
 
 
-def _base_of(p: Problem, sigma: Array, rough: float = 1.0) -> Problem:
+def _nuisance_of(p: Problem, sigma: Array, rough: float = 1.0) -> Problem:
     """The problem's rows and base at other scales, no options: all that a joint fit asks of it.
 
     `rough` widens what inertia may be off by.
     """
-    wider = np.array([rough if name.startswith("inertia_") else 1.0 for name in p.base_names])
-    small = p.blocks.only(p.base)
+    wider = np.array([rough if name.startswith("inertia_") else 1.0 for name in p.nuisance_names])
+    small = p.blocks.only(p.nuisance)
     small = replace(small, bounds=small.bounds * wider)
-    only = replace(p, design=p.design[:, :, p.base], blocks=small, base=np.arange(len(p.base)), options=())
+    only = replace(
+        p, design=p.design[:, :, p.nuisance], blocks=small, nuisance=np.arange(len(p.nuisance)), options=()
+    )
     return reweighted(only, sigma)

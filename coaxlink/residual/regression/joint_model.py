@@ -2,8 +2,8 @@
 
 The selection works with effects that add up, in shapes from a grid. Here the prediction is composed (what
 slows a rotor changes the thrust that the ground then raises) and coefficients and continuous shape numbers
-are moved together with the base corrections by Gauss-Newton steps. At the end the problem is linear again,
-about the best point: held-out errors and intervals come from the same blocks as before.
+are moved together with the nuisance corrections by Gauss-Newton steps. At the end the problem is linear
+again, about the best point: held-out errors and intervals come from the same blocks as before.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def straight(problem: Problem, options: Sequence[Option]) -> Joint:
 class Fitter:
     """Moves members of one problem; `bare` is the frame without them, `reduce` as the problem was built.
 
-    `base` (rows, C, B) are whitened base columns other than the problem's.
+    `nuisance` (rows, C, B) are whitened base columns other than the problem's.
     """
 
     def __init__(
@@ -130,11 +130,11 @@ class Fitter:
         bare: Any,
         fixed: Sequence[Part],
         reduce: Callable[[Array], Array],
-        base: Array | None = None,
+        nuisance: Array | None = None,
     ):
         self.problem, self.bare, self.fixed, self.reduce = problem, bare, fixed, reduce
-        self._base = problem.design[:, :, problem.base] if base is None else base
-        self._fitted_base = base is not None
+        self._nuisance = problem.design[:, :, problem.nuisance] if nuisance is None else nuisance
+        self._fitted_nuisance = nuisance is not None
         self._last: list[tuple[Part, Any]] = []  # what acted last, in order, and the frame it left
 
     def acting(self, members: Sequence[Member]) -> Any:
@@ -163,7 +163,7 @@ class Fitter:
         p, here = self.problem, self.prediction(members)
         sigma = p.sigma
         residual = self.reduce(self.bare.measured - here) / sigma
-        columns, options, at = [], [], len(p.base)
+        columns, options, at = [], [], len(p.nuisance)
         for k, m in enumerate(members):
             point, origin = m.point, m.origin
             for j in range(len(point)):
@@ -176,7 +176,9 @@ class Fitter:
                 residual = residual + slope * (point[j] - origin[j])
             options.append(Option(m.effect, m.shape, np.arange(at, at + len(point)), m.keys))
             at += len(point)
-        design = np.concatenate([self._base, np.stack(columns, axis=-1).astype(self._base.dtype)], axis=-1)
+        design = np.concatenate(
+            [self._nuisance, np.stack(columns, axis=-1).astype(self._nuisance.dtype)], axis=-1
+        )
         return Joint(from_design(p, design, residual, options, frame=self.bare), tuple(members))
 
     def beside(self, joint: Joint) -> Problem:
@@ -245,18 +247,18 @@ class Fitter:
         return best, _score(best)
 
     def _least(self, members: Sequence[Member]) -> float:
-        """Square sum with the members exactly where they stand, the base at its best."""
+        """Square sum with the members exactly where they stand, the nuisance model at its best."""
         p = self.problem
         residual = self.reduce(self.bare.measured - self.prediction(members)) / p.sigma
-        return least_of(self._gram, p.blocks.bounds[p.base], self._base, residual)
+        return least_of(self._gram, p.blocks.bounds[p.nuisance], self._nuisance, residual)
 
     @cached_property
     def _gram(self) -> Array:
-        """(B, B) of the base columns."""
-        p, base = self.problem, self._base
-        if self._fitted_base:
-            return np.einsum("rci,rcj->ij", base, base, optimize=True)
-        return np.asarray(p.blocks.total[0][p.base[:, None], p.base])
+        """(B, B) of the nuisance model columns."""
+        p, nuisance = self.problem, self._nuisance
+        if self._fitted_nuisance:
+            return np.einsum("rci,rcj->ij", nuisance, nuisance, optimize=True)
+        return np.asarray(p.blocks.total[0][p.nuisance[:, None], p.nuisance])
 
     def _moved(self, m: Member, values: Array, share: float) -> Member:
         """The member on its way to other values (K + keys,), no further than its limits."""
@@ -273,7 +275,7 @@ class Fitter:
 
 def columns_of(p: Problem) -> Index:
     """All columns of a problem in use: base and every option."""
-    return np.concatenate([p.base, *(o.columns for o in p.options)]).astype(np.intp)
+    return np.concatenate([p.nuisance, *(o.columns for o in p.options)]).astype(np.intp)
 
 
 def of_grid(problem: Problem, options: Sequence[Option]) -> list[Option]:
@@ -334,7 +336,7 @@ def _other_form(
     if mine is None:
         return None
     improved: Shape = {}
-    for shape, coefficients in mine.effect.finer(fitter.bare, mine.shape, mine.coefficients):
+    for shape, coefficients in mine.effect.variants(fitter.bare, mine.shape, mine.coefficients):
         if improved and set(shape) == set(improved):
             continue  # this form from another start
         other = member(fitter.bare, mine.effect, shape, coefficients)

@@ -1,4 +1,4 @@
-"""The regression that a refinement is: whitened residual, base corrections, and every effect's columns."""
+"""The regression that a refinement is: whitened residual, nuisance, and every effect's columns."""
 
 from __future__ import annotations
 
@@ -59,13 +59,15 @@ class Problem:
     residual: Array  # (rows, C) whitened
     block: Index  # (rows,)
     blocks: Blocks
-    base: Index
-    base_names: tuple[str, ...]
+    nuisance: Index
+    nuisance_names: tuple[str, ...]
     options: tuple[Option, ...]
     impossible: tuple[tuple[str, str], ...]  # effects that cannot be tried, and why
     noise_known: bool = False  # `sigma` is the noise of a row: what is left can be held against it
-    fitted_base: bool = False  # the base was fitted to this log: it may follow one channel worse
-    clusters: Index | None = None  # (rows, C) numbers of what a fitted base misses together
+    fitted_nuisance: bool = (
+        False  # the nuisance model was fitted to this log: it may follow one channel worse
+    )
+    clusters: Index | None = None  # (rows, C) numbers of what a fitted nuisance model misses together
     clear_size: float = 0.005  # of the reference: how small an effect may be that clearly explains a channel
 
 
@@ -122,8 +124,8 @@ def build(
         residual=whitened,
         block=block,
         blocks=blocks,
-        base=np.arange(len(corrections)),
-        base_names=tuple(name for name, _, _ in corrections),
+        nuisance=np.arange(len(corrections)),
+        nuisance_names=tuple(name for name, _, _ in corrections),
         options=tuple(options),
         impossible=tuple(impossible),
     )
@@ -143,8 +145,10 @@ def _side_by_side(pieces: list[NDArray[Any]]) -> NDArray[Any]:
 def from_design(
     p: Problem, design: Array, residual: Array, options: Sequence[Option], *, frame: Any
 ) -> Problem:
-    """The same rows, blocks and base with other columns behind the base; all whitened."""
-    bounds = np.concatenate([p.blocks.bounds[p.base], np.full(design.shape[-1] - len(p.base), np.inf)])
+    """The same rows, blocks and base with other columns behind the nuisance model; all whitened."""
+    bounds = np.concatenate(
+        [p.blocks.bounds[p.nuisance], np.full(design.shape[-1] - len(p.nuisance), np.inf)]
+    )
     blocks = accumulate(design, residual, p.block, p.blocks.fold, bounds)
     return replace(
         p, frame=frame, design=design, residual=residual, blocks=blocks, options=tuple(options), impossible=()

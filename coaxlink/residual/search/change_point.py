@@ -61,7 +61,7 @@ def with_onsets(
 
 
 class _Scan:
-    """Gains of columns that start at a block's edge, beside the base and the members."""
+    """Gains of columns that start at a block's edge, beside the nuisance model and the members."""
 
     def __init__(self, p: Problem, members: list[Option]) -> None:
         self.p, self.use = p, columns_of(p, members)
@@ -101,9 +101,9 @@ class _Scan:
 
     def gain_of(self, columns: Array) -> float:
         """Of whitened columns (rows, C, K) as they are."""
-        base = self.p.design[:, :, self.use].reshape(-1, len(self.use)).astype(float)
+        nuisance = self.p.design[:, :, self.use].reshape(-1, len(self.use)).astype(float)
         own = columns.reshape(-1, columns.shape[-1]).astype(float)
-        return self.gain(base.T @ own, own.T @ own, own.T @ self.p.residual.ravel())
+        return self.gain(nuisance.T @ own, own.T @ own, own.T @ self.p.residual.ravel())
 
 
 def _sharper(

@@ -1,4 +1,4 @@
-"""The joint fit: the chosen effects and the base at once, from the selection's grid to free shapes."""
+"""The joint fit: the chosen effects and the nuisance at once, from the selection's grid to free shapes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from coaxlink.frames import Array
 from coaxlink.residual.regression.blocks import held_out
-from coaxlink.residual.regression.irls import channel_errors, reweighted_fit, settled_base
+from coaxlink.residual.regression.irls import channel_errors, reweighted_fit, settled_nuisance
 from coaxlink.residual.regression.joint_model import (
     Fitter,
     Joint,
@@ -44,14 +44,14 @@ def fit_jointly(
     reduce: Callable[[Array], Array],
     settled: Mapping[str, Member] | None = None,
     *,
-    base: Callable[[Any, Callable[[Array], Array]], Array] | None = None,
+    nuisance: Callable[[Any, Callable[[Array], Array]], Array] | None = None,
     all_of: bool = False,
 ) -> tuple[Joint, Any]:
     """Members and doubtful ones fitted jointly, and the frame with them acting.
 
     `settled` are members as an earlier fit left them: they start from there. `base(frame, reduce)` gives the
-    base corrections of a frame, (rows, C, B): with effects in it they are others than without. `all_of`: none
-    is dropped for being needless.
+    nuisance corrections of a frame, (rows, C, B): with effects in it they are others than without. `all_of`:
+    none is dropped for being needless.
     """
     options = [*selection.members, *selection.doubtful]
     names = {o.name for o in options}
@@ -60,8 +60,8 @@ def fit_jointly(
     fitter = fitter_of(problem, bare, known, names, reduce)
     plain = straight(problem, of_grid(problem, options))
     if not options:
-        if base is not None:
-            plain = straight(settled_base(problem), [])
+        if nuisance is not None:
+            plain = straight(settled_nuisance(problem), [])
         return plain, fitter.acting([])
     start: list[Member] = []
     exact: Joint | None = None
@@ -79,15 +79,21 @@ def fit_jointly(
     try:
         long = LONG_STAND if problem.noise_known else LONG
         joint = fit(fitter, start, alternatives=problem.residual.size < long)
-        if base is not None:
+        if nuisance is not None:
             if problem.residual.size < LONG and not (all_of or selection.doubtful or names & set(had)):
                 joint = needed(fitter, joint)
                 needless = _dropped(selection.members, joint)
-            columns = base(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
+            columns = nuisance(fitter.acting(joint.members), reduce) / problem.sigma[:, None]
             again, _ = Fitter(problem, bare, fitter.fixed, reduce, columns).settle(joint.members)
             joint = again if squares_of(again.problem) < squares_of(joint.problem) else joint
             exact = reweighted_fit(
-                joint, problem, bare, fitter.fixed, reduce, base, alternatives=problem.residual.size < LONG
+                joint,
+                problem,
+                bare,
+                fitter.fixed,
+                reduce,
+                nuisance,
+                alternatives=problem.residual.size < LONG,
             )
     except np.linalg.LinAlgError:  # numbers that no column tells apart
         return plain, fitter.acting(plain.members)

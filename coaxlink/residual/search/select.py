@@ -2,7 +2,7 @@
 
 An effect is added only if (1) the held-out error falls, (2) the fall is far outside what coloured noise gives
 (a chi-square test whose variance carries the residual's own autocorrelation, corrected for all looks),
-(3) what it adds beyond anything the base corrections can absorb is large enough to matter, and (4) its
+(3) what it adds beyond anything the nuisance corrections can absorb is large enough to matter, and (4) its
 parameters are physical. After every addition each member may be dropped or swapped for a better one.
 """
 

@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 ALPHA = 1e-3  # over all looks of one step
-SIZE = 0.005  # of the reference load, 95th percentile of what the base cannot absorb
+SIZE = 0.005  # of the reference load, 95th percentile of what the nuisance model cannot absorb
 CLEAR = 0.6  # of the squared error of a channel: what explains that much of what is left may be smaller
-# an effect of which the base corrections take back most is believed by what is left of it, if only noise
+# an effect of which the nuisance corrections take back most is believed by what is left of it, if only noise
 # remains then: nothing else that is wrong would leave that
 EXACT_ALPHA, EXACT_LEFT, EXACT_SIZE, EXACT_GAIN, EXACT_WORTH = 1e-9, 1.2, 0.001, 0.03, 0.01
 FAR, MOST_OF_IT = 25.0, 0.4  # variances of the noise left, share of the squared error taken away
@@ -49,7 +49,7 @@ class Trial:
     size: float
     refused: str | None
     total: float  # held-out square sum left
-    worth: float  # as size, with what the base corrections took back
+    worth: float  # as size, with what the nuisance model corrections took back
     left: float  # variance that is left over the noise's, of the worst channel that it changes
     least: float = SIZE  # size that counts
 
@@ -97,8 +97,8 @@ class Trial:
 
 
 def columns_of(problem: Problem, members: list[Option]) -> Index:
-    """Design columns of the base and the members."""
-    return np.concatenate([problem.base, *(m.columns for m in members)]).astype(np.intp)
+    """Design columns of the nuisance model and the members."""
+    return np.concatenate([problem.nuisance, *(m.columns for m in members)]).astype(np.intp)
 
 
 class Judge:
@@ -114,7 +114,7 @@ class Judge:
         self._rows: Any = slice(None) if every == 1 else np.flatnonzero(problem.block % every == 0)
         self._design, self._residual = problem.design[self._rows], problem.residual[self._rows]
         self._block = problem.block[self._rows]
-        self._base = np.ascontiguousarray(self._design[:, :, problem.base], dtype=float)
+        self._nuisance = np.ascontiguousarray(self._design[:, :, problem.nuisance], dtype=float)
 
     def held_out(self, use: Index) -> Array:
         """(B, C) held-out square sums of a fit of these columns."""
@@ -129,7 +129,7 @@ class Judge:
 
     def sums(self, members: list[Option]) -> Array:
         """(B,) held-out square sums of a set over all channels."""
-        beside = columns_of(self.problem, members)[len(self.problem.base) :]
+        beside = columns_of(self.problem, members)[len(self.problem.nuisance) :]
         key = tuple(beside)
         if key not in self._sums:
             self._sums[key] = self._sets.held_out_sum(beside)
@@ -137,7 +137,7 @@ class Judge:
 
     @cached_property
     def _sets(self) -> SchurComplement:
-        return SchurComplement(self.problem.blocks, self.problem.base)
+        return SchurComplement(self.problem.blocks, self.problem.nuisance)
 
     def trial(self, members: list[Option], option: Option) -> Trial:
         """`option` on top of `members`."""
@@ -148,14 +148,14 @@ class Judge:
         ones = np.ones(p.blocks.count)
         null, full = solve(p.blocks, without, ones), solve(p.blocks, whole, ones)
         rows = p.blocks.rows.sum()
-        beyond = whole[len(p.base) :]
+        beyond = whole[len(p.nuisance) :]
         added = self._design[:, :, beyond].astype(float)
-        left = self._residual - self._base @ full[p.base] - added @ full[beyond]
+        left = self._residual - self._nuisance @ full[p.nuisance] - added @ full[beyond]
         variance = np.maximum(np.mean(left**2, axis=0), 1e-12)
         inflation = autocorrelation_time(left, self._block)
         drop = (squares(p.blocks, null) - squares(p.blocks, full)).sum(axis=0) / (variance * inflation)
         p_value = min(1.0, self.looks * self._chance(drop, len(whole) - len(without), whole))
-        change = self._base @ (full - null)[p.base] + added @ (full - null)[beyond]
+        change = self._nuisance @ (full - null)[p.nuisance] + added @ (full - null)[beyond]
         size = float(np.quantile(np.abs(change) * p.sigma / p.reference, 0.95, axis=0).max())
         mine = self.worth_of(np.setdiff1d(option.columns, option.carried), full)
         held_before, held_after = before.sum(axis=0), after.sum(axis=0)
@@ -165,11 +165,11 @@ class Judge:
         total = float(after.sum())
         named = option.numbers(p.frame, full[option.columns])
         refused = option.effect.refuse(named)
-        if option.effect.accused and refused is None:
+        if option.effect.flagged and refused is None:
             refused = witnesses(p.channels, shares)
         if refused is None and share < BEYOND_FORM:
             refused = self._within_form(members, full, mine)
-        if p.fitted_base and refused is None:
+        if p.fitted_nuisance and refused is None:
             touched = np.any(self._design[:, :, option.columns] != 0.0, axis=(0, 2))
             refused = alone(drop, rows * np.mean(change**2, axis=0) / (variance * inflation), touched)
         if p.clusters is not None and refused is None:

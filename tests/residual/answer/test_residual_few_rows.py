@@ -10,19 +10,6 @@ from coaxlink.errors import InputError
 from coaxlink.residual import refine_stand
 
 
-@pytest.mark.parametrize("rows", [24, 28, 34])
-def test_a_sound_pair_in_few_rows_has_no_effect(rows):
-    """A lower load that nothing was fitted to is no residual (a `sensor_drift` in 1 of 8 such logs)."""
-    rng = np.random.default_rng(rows)
-    for seed in range(4):
-        a, b = rng.uniform(0.2, 0.95, (2, rows))
-        answer = refine_stand(log_of(2.0 * np.arange(rows), a, b, steady_loads(a, b), seed=seed))
-        assert names(answer) == [] and answer.ambiguous == () and answer.suspect_data == (), seed
-        # the lower loads follow the speeds, in a log too short for all that they do
-        error = answer.channels["lower_thrust"]
-        assert error.rmse_before < 0.3 * np.std(steady_loads(a, b)[2])
-
-
 def test_too_few_rows_for_a_load_over_both_speeds_judge_the_other_loads():
     rng = np.random.default_rng(1)
     a, b = rng.uniform(0.2, 0.95, (2, 20))

@@ -12,7 +12,6 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.data import Samples
 from coaxlink.effects import axial_inflow, ground_effect, wind
-from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor import load_rotor_model
 
@@ -35,12 +34,6 @@ def flights():
 @pytest.fixture(scope="module")
 def frame(flights, airframe):
     return flight_frame([flights["drag"]], airframe, load_rotor_model(files.example("rotor_paper.toml")))
-
-
-@pytest.mark.parametrize(("name", "found"), [("drag", "rotor_drag"), ("against", "wind")])
-def test_a_drag_without_wind_and_one_with_it_are_one_effect_each(flights, airframe, name, found):
-    answer = refine(flights[name], airframe, load_rotor_model(files.example("rotor_paper.toml")))
-    assert [e.name for e in answer.effects] == [found]
 
 
 def test_less_wind_near_the_ground(frame):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tomli_w
 
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
@@ -68,37 +67,6 @@ def test_nothing_ambiguous_writes_no_plan(tmp_path):
     coaxlink("sim", "--stand", log, "--truth", calm, "--seed", 5)
     refined(log, "--plan", tmp_path / "none.toml")
     assert not (tmp_path / "none.toml").exists()
-
-
-def test_a_hover_cannot_weigh_but_the_proposed_flight_can(tmp_path):
-    """Mass and supply change the thrust of a hover alike; manoeuvres tell, for a mass turns no slower."""
-    from coaxlink.airframe import load_airframe
-    from coaxlink.data import read_flight_log
-    from coaxlink.effects import flight_effects
-    from coaxlink.residual.channels.flight import flight_frame
-    from coaxlink.residual.experiments.manoeuvres import flight_experiment
-    from coaxlink.residual.experiments.stand_run import Rival
-    from coaxlink.rotor import load_rotor_model
-
-    hover, heavy, log = (tmp_path / n for n in ("hover.toml", "heavy.toml", "hover.csv"))
-    hover.write_text("[[pieces]]\nseconds = 14\n")
-    heavy.write_text('[[effects]]\nname = "mass_change"\nsize = 1.4\n')
-    coaxlink("sim", "--fly", hover, "--truth", heavy, "--log", log, "--seed", 2)
-    body = load_airframe(EXAMPLES / "x8_demo.toml")
-    frame = flight_frame([read_flight_log(log)], body, load_rotor_model(EXAMPLES / "rotor_paper.toml"))
-    known = {e.name: e for e in flight_effects()}
-    mass = Rival(known["mass_change"], {"mass_kg": 21.4})
-    supply = Rival(known["battery_voltage"], {"speed_exponent": 0.4, "reference_voltage_V": 35.5})
-    sigma = np.array([0.2, 0.2, 0.2, 0.02, 0.02, 0.02])
-    found = flight_experiment(frame, sigma, [mass, supply])
-    assert found is not None and found.distance > 5.0, found
-    assert any("hover" not in p.what for p in found.pieces)
-    plan, second = tmp_path / "plan.toml", tmp_path / "second.csv"
-    plan.write_text(tomli_w.dumps(found.document()))
-    coaxlink("sim", "--fly", plan, "--truth", heavy, "--log", second, "--seed", 3)
-    answer = tmp_path / "second.json"
-    coaxlink("refine", second, "--airframe", EXAMPLES / "x8_demo.toml", "--json", answer)
-    assert [e["name"] for e in json.loads(answer.read_text())["effects"]] == ["mass_change"]
 
 
 def test_a_log_with_rpm_gets_a_plan_too():

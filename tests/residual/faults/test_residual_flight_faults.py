@@ -1,4 +1,4 @@
-"""Flight logs with a fault in them: the column is accused, nothing is claimed instead."""
+"""Flight logs with a fault in them: the column is flagged, nothing is claimed instead."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def ask(columns):
     return refine(Samples(columns, "fault"), airframe, load_rotor_model(files.example("rotor_paper.toml")))
 
 
-def test_a_sound_log_is_not_accused(clean):
+def test_a_sound_log_is_not_flagged(clean):
     assert ask(clean).suspect_data == ()
 
 
@@ -50,7 +50,7 @@ def stands_still(log):
         ("height_m", lambda log: {"height_m": 5.0 - log["height_m"]}),
     ],
 )
-def test_what_the_rest_of_the_log_contradicts_is_accused(column, harm, clean):
+def test_what_the_rest_of_the_log_contradicts_is_flagged(column, harm, clean):
     assert [f[0] for f in contradicted(Samples(clean | harm(clean), "fault"))] == [column]
 
 
@@ -69,7 +69,7 @@ def test_motors_that_the_airframe_does_not_have_are_told_first(clean):
     assert "8 rotors" in answer.suspect_data[0].why and answer.effects == ()
 
 
-def test_commands_that_are_none_are_accused_and_the_rest_is_judged(clean):
+def test_commands_that_are_none_are_flagged_and_the_rest_is_judged(clean):
     motor = clean["motor3"].copy()
     motor[1200:1500] = np.linspace(1.5, 40.0, 300)  # damaged packets
     answer = ask(clean | {"motor3": motor})
@@ -109,14 +109,14 @@ def test_a_voltage_that_was_never_measured_is_none(volts, clean):
 
 
 @pytest.mark.parametrize("name", ["roll_rad", "accel_y_m_s2", "vel_d_m_s", "height_m"])
-def test_what_is_not_finite_accuses_nobody_and_warns_of_nothing(name, clean):
+def test_what_is_not_finite_flags_nobody_and_warns_of_nothing(name, clean):
     endless = np.where(np.arange(len(clean[name])) % 700 < 3, np.inf, clean[name])
     log = Samples(clean | {name: endless}, "damaged")
     assert [*contradicted(log), *stuck(log), *copied(log)] == []
 
 
 @pytest.mark.parametrize("name", ["roll", "pitch", "yaw"])
-def test_an_angle_that_stands_still_while_the_gyros_turn_is_accused(name, clean):
+def test_an_angle_that_stands_still_while_the_gyros_turn_is_flagged(name, clean):
     time, column = clean["time_s"], f"{name}_rad"
     stands = (time > 25.0) & (time < 48.0)
     log = Samples(clean | {column: np.where(stands, clean[column][stands][0], clean[column])}, "fault")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from residual_rig import FULL_RPM, steady_loads
 
 from coaxlink import files
@@ -44,46 +43,7 @@ def bench(
     return Samples(columns, "bench")
 
 
-@pytest.mark.parametrize(
-    ("side", "from_s", "to_s", "reads"),
-    [("lower", 80.0, 999.0, 0.94), ("upper", 0.0, 40.0, 1.03), ("lower", 50.0, 65.0, 0.5)],
-)
-def test_a_reading_that_steps_is_accused_with_its_rows(
-    side: str, from_s: float, to_s: float, reads: float
-) -> None:
-    found = refine_stand(bench(1, from_s=from_s, to_s=to_s, reads=reads, side=side)).to_json()
-    (suspect,) = found["suspect_data"]
-    assert suspect["column"] == f"{side}_rpm"
-    first, last = map(int, suspect["rows"].split("-"))
-    assert first == pytest.approx(from_s * RATE + 1, abs=2)
-    assert last == pytest.approx(min(to_s * RATE, 1200), abs=2)
-    assert f"{100 * (reads - 1):+.1f} %" in suspect["why"]
-    assert found["effects"] == []
-    assert all(c["rmse_after"] < 1.1 * c["noise_floor"] for c in found["channels"].values())
-
-
-@pytest.mark.parametrize("turns", [0.94, 0.5])
-def test_a_rotor_that_really_slows_down_is_no_lie(turns: float) -> None:
-    found = refine_stand(bench(2, from_s=80.0, to_s=999.0, turns=turns)).to_json()
-    assert found["suspect_data"] == []
-
-
-def test_an_honest_log_accuses_nobody() -> None:
-    for seed in range(3, 8):
-        assert refine_stand(bench(seed, from_s=0.0, to_s=0.0)).to_json()["suspect_data"] == []
-
-
-def test_a_rotor_that_rests_below_some_throttle_is_no_lie() -> None:
-    log = bench(9, from_s=0.0, to_s=0.0)
-    rests = log["lower_throttle"] < 0.35
-    resting = {
-        "lower_rpm": np.where(rests, 0.0, log["lower_rpm"]),
-        "lower_thrust_N": np.where(rests, -30.0 * (log["upper_rpm"] / RPM) ** 2, log["lower_thrust_N"]),
-    }
-    assert refine_stand(log.with_columns(**resting)).to_json()["suspect_data"] == []
-
-
-def test_a_tachometer_that_reads_in_coarse_steps_is_accused() -> None:
+def test_a_tachometer_that_reads_in_coarse_steps_is_flagged() -> None:
     log = bench(10, from_s=0.0, to_s=0.0)
     step = 0.05 * RPM
     answer = refine_stand(log.with_columns(lower_rpm=step * np.round(log["lower_rpm"] / step)))
@@ -91,7 +51,7 @@ def test_a_tachometer_that_reads_in_coarse_steps_is_accused() -> None:
     assert answer.effects == () and "steps of" in answer.suspect_data[0].why
 
 
-def test_steps_between_two_speeds_accuse_nobody() -> None:
+def test_steps_between_two_speeds_flag_nobody() -> None:
     """One rotor, two throttles, a lag between them: what slow rows fit says nothing of the fast ones."""
     random = np.random.default_rng(5)
     throttle = np.tile(np.repeat([0.25, 0.8], 30), 12)
@@ -110,20 +70,6 @@ def test_steps_between_two_speeds_accuse_nobody() -> None:
     assert not answer.suspect_data and "rotor_lag" in [e.name for e in answer.effects]
 
 
-def in_bursts(column: str, harm: float, seed: int = 5) -> Samples:
-    """Bursts of five rows in which a tachometer shows `harm` of the speed."""
-    log = bench(seed, from_s=0.0, to_s=0.0)
-    rows = (np.arange(log.rows) // 5) % 20 == 7
-    return log.with_columns(**{column: np.where(rows, harm, 1.0) * log[column]})
-
-
-@pytest.mark.parametrize(("column", "harm"), [("upper_rpm", 0.5), ("lower_rpm", 2.0)])
-def test_pulses_counted_half_or_twice_here_and_there_are_accused(column: str, harm: float) -> None:
-    answer = refine_stand(in_bursts(column, harm))
-    assert [s.column for s in answer.suspect_data] == [column]
-    assert answer.suspect_data[0].rows.startswith("36-40, 136-140") and answer.effects == ()
-
-
 def test_a_rotor_that_really_drops_out_here_and_there_does_not_make_its_tachometer_lie() -> None:
     log = bench(6, from_s=0.0, to_s=0.0)
     rows = (np.arange(log.rows) // 5) % 20 == 7
@@ -140,7 +86,7 @@ def test_a_rotor_that_really_drops_out_here_and_there_does_not_make_its_tachomet
     assert not [s for s in refine_stand(dropped).suspect_data if s.column == "upper_rpm"]
 
 
-def test_a_reading_that_stands_while_the_wake_moves_its_load_too_is_accused() -> None:
+def test_a_reading_that_stands_while_the_wake_moves_its_load_too_is_flagged() -> None:
     log = bench(7, from_s=0.0, to_s=0.0)
     read = log["lower_rpm"].copy()
     read[400:640] = read[400]
@@ -160,7 +106,7 @@ def test_a_rotor_that_is_held_while_the_other_moves_may_read_one_number() -> Non
     assert find_suspects(stand_frame(held, None)).suspects == ()
 
 
-def test_a_clock_set_back_is_accused_and_a_session_that_starts_anew_is_not() -> None:
+def test_a_clock_set_back_is_flagged_and_a_session_that_starts_anew_is_not() -> None:
     log = bench(9, from_s=0.0, to_s=0.0)
     time = log["time_s"]
     late = np.arange(log.rows) >= 600
@@ -186,12 +132,6 @@ def walked(seed: int) -> Samples:
     return Samples({**columns, **dict(zip(names, loads, strict=True))}, "walk")
 
 
-def test_pulses_counted_twice_between_two_speeds_are_no_other_law_of_the_blades() -> None:
-    answer = refine_stand(walked(2), load_rotor_model(files.example("rotor_paper.toml")))
-    assert [s.column for s in answer.suspect_data] == ["lower_rpm"] and answer.effects == ()
-    assert "2 times" in answer.suspect_data[0].why
-
-
-def test_no_cell_is_accused_where_the_rotors_other_load_is_off_as_well() -> None:
+def test_no_cell_is_flagged_where_the_rotors_other_load_is_off_as_well() -> None:
     frame = stand_frame(walked(9), load_rotor_model(files.example("rotor_paper.toml")))
     assert find_suspects(frame).suspects == ()

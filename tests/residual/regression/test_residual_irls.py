@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coaxlink.residual.regression.blocks import accumulate, solve
-from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_base
+from coaxlink.residual.regression.irls import channel_errors, reweighted, settled_nuisance
 from coaxlink.residual.regression.problem import Problem
 
 ROWS, BLOCKS = 2400, 24
@@ -24,13 +24,14 @@ def two_channels(noise=(0.3, 0.004), whitening=(0.3, 0.04)):
     blocks = accumulate(design, residual, block, np.arange(BLOCKS) % 6, bounds)
     return Problem(
         frame=None, channels=("a", "b"), units=("N", "N m"), reference=np.ones(2), sigma=sigma, design=design,
-        residual=residual, block=block, blocks=blocks, base=np.array([0]), base_names=("x",), options=(),
+        residual=residual, block=block, blocks=blocks,
+        nuisance=np.array([0]), nuisance_names=("x",), options=(),
         impossible=(),
     )  # fmt: skip
 
 
 def value(p):
-    return float(solve(p.blocks, p.base, np.ones(p.blocks.count))[0])
+    return float(solve(p.blocks, p.nuisance, np.ones(p.blocks.count))[0])
 
 
 def test_errors_are_in_the_channels_units_whatever_the_whitening():
@@ -42,7 +43,7 @@ def test_errors_are_in_the_channels_units_whatever_the_whitening():
 
 def test_a_sharp_channel_is_heard():
     p = two_channels()
-    q = settled_base(p)
+    q = settled_nuisance(p)
     assert q.sigma == pytest.approx([0.3, 0.004], rel=0.05)
     own = np.sum(p.design[:, 1, 0] * p.residual[:, 1]) / np.sum(p.design[:, 1, 0] ** 2)  # by itself
     assert value(q) == pytest.approx(own, abs=3e-5)
@@ -50,5 +51,5 @@ def test_a_sharp_channel_is_heard():
 
 
 def test_no_channel_is_believed_beyond_measure():
-    q = settled_base(two_channels(noise=(0.3, 1e-9)))
+    q = settled_nuisance(two_channels(noise=(0.3, 1e-9)))
     assert q.sigma[1] == pytest.approx(0.02 * 0.04)

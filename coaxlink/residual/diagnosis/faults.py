@@ -1,0 +1,243 @@
+"""Faults of instruments as explanations of the same rows, weighed against the best set of effects.
+
+A cell that can read no further shows its limit, whatever the load; a tachometer that counts a wrong number of
+pulses shows a ratio of small numbers times the speed. Each is a model of the readings in some of the rows;
+where it beats everything physics offers, those rows are flagged and left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.data.samples import Samples
+from coaxlink.frames import STAND_CHANNELS, Array, StandFrame
+from coaxlink.load import Load
+from coaxlink.residual.channels.stand import COLUMN_OF, fitted_model
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
+from coaxlink.residual.diagnosis.noise import white
+from coaxlink.residual.diagnosis.parts import Block
+from coaxlink.residual.diagnosis.posterior import CLAIMED
+from coaxlink.residual.faults.stand_faults import rows_text
+from coaxlink.residual.result import Suspect
+
+Mask = NDArray[np.bool_]
+RATIOS = (2.0, 0.5, 1.5, 2.0 / 3.0, 3.0, 1.0 / 3.0)  # of pulses counted to pulses due: poles, marks, edges
+LIMITS = (0.98, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # quantiles of the readings: where a limit may lie
+ROUNDS = 4
+# of the rows, judgement: less is an outlier, more is what the log is like
+LEAST_SHARE, MOST_SHARE = 0.01, 0.5
+LEAST_ROWS = 8  # judgement: a limit and its spread want several readings
+TOLERANCE = 0.03  # of the reference load: what a nuisance may err by, as a model of another day does
+CLEARLY = 9.0  # squared tolerances: three standard deviations by which another count must fit a row better
+EXCESS = 0.03  # of the reference load, what is cut off on the average: TOLERANCE, less is its own error
+WITHIN = 3.0  # standard deviations of the readings at a limit
+
+
+@dataclass(frozen=True)
+class Fault:
+    """An instrument that is wrong in some rows of a log, and the channels as it would have them."""
+
+    column: str
+    why: str
+    rows: Mask  # (frame rows,)
+    mended: Callable[[], Channels]
+    log_prior: float  # of its numbers, and of the change of variables
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """The most probable fault of a log: its words, its rows, and the nats by which it beats the effects."""
+
+    suspect: Suspect
+    rows: Mask
+    nats: float
+
+
+def weighed_faults(
+    samples: Samples, ch: Channels, best: Hypothesis, rebuilt: Callable[[Samples], Channels]
+) -> Weighed | None:
+    """The fault that is more probable than the best set of effects and free forms; None where none is.
+
+    `rebuilt` makes the channels of the log with another column.
+    """
+    plain = Scorer(ch, white(ch.count))
+    rival = max(plain.score(best.members, best.forms, best.fit.noise).score, plain.empty.score)
+    found: Weighed | None = None
+    for fault in (*_saturated(ch), *_miscounted(samples, ch, rebuilt)):
+        other = fault.mended()
+        scorer = Scorer(other, white(other.count))
+        score = scorer.empty.score
+        if best.members or best.forms:
+            forms = tuple(f for f in best.forms if f in other.forms)
+            score = max(score, scorer.score(best.members, forms, best.fit.noise).score)
+        nats = score + fault.log_prior + float(ODDS) - rival
+        if nats > np.log(CLAIMED / (1.0 - CLAIMED)) and (found is None or nats > found.nats):
+            why = f"{fault.why} ({nats:.0f} nats ahead of every effect)"
+            found = Weighed(Suspect(fault.column, rows_text(fault.rows), why), fault.rows, float(nats))
+    return found
+
+
+def _saturated(ch: Channels) -> Iterator[Fault]:
+    """Cells that read no further than a limit."""
+    frame: StandFrame = ch.frame
+    for k, c in enumerate(frame.present):
+        if c > 3:
+            continue
+        x, prior = _nuisance_of(ch, k)
+        read = frame.measured[frame.keep, c]
+        best: tuple[float, Mask, float] | None = None
+        for start in np.quantile(read, LIMITS):
+            cut = _cut_off(ch, k, x, prior, read, float(start))
+            if cut is not None and (best is None or cut[0] < best[0]):
+                best = cut
+        if best is None:
+            continue
+        _, over, limit = best
+        spread = float(np.std(read[over]))
+        rows = (
+            np.abs(frame.measured[:, c] - limit) < WITHIN * spread
+        )  # of a long log not every row is weighed
+        rows[frame.keep] = over
+        exact = max(spread / np.sqrt(over.sum()), 1e-9 * ch.reference[k])
+        prior_of_limit = np.log(exact / ch.reference[k])
+        yield Fault(
+            COLUMN_OF[STAND_CHANNELS[c]],
+            f"the cell reads no further than {limit:.4g}, where speeds give more: it is saturated",
+            rows,
+            partial(_at_limit, ch, k, over, limit),
+            float(min(prior_of_limit, 0.0)),
+        )
+
+
+def _nuisance_of(ch: Channels, k: int) -> tuple[Array, Array]:
+    """(rows, P) columns of base and map in one channel, and their deviations."""
+    blocks = [b for b in (*ch.nuisance, *ch.surface) if b.columns[:, k].any()]
+    x = np.concatenate([b.columns[:, k] for b in blocks], axis=1)
+    return x, np.concatenate([b.deviation for b in blocks])
+
+
+def _cut_off(
+    ch: Channels, k: int, x: Array, prior: Array, read: Array, limit: float
+) -> tuple[float, Mask, float] | None:
+    """Squares left, rows beyond the limit by what the others say, and the limit; begun at one."""
+    size = float(ch.reference[k])
+    over = read > limit - 0.5 * TOLERANCE * size
+    known = read - ch.target[:, k]  # the load as it is predicted
+    for _ in range(ROUNDS):
+        if not _fair(over):
+            return None
+        rest = ~over
+        a = x[rest] * prior / (0.01 * size)
+        fit = prior * np.linalg.solve(
+            a.T @ a + np.eye(len(prior)), a.T @ (ch.target[rest, k] / (0.01 * size))
+        )
+        due = known + x @ fit
+        limit = float(np.median(read[over]))
+        now = due > limit
+        if np.array_equal(now, over):
+            break
+        over = now
+    if not _fair(over) or float(np.mean(due[over] - limit)) < EXCESS * size:
+        return None
+    # at a limit the reading stays where the load goes up and down, further than a nuisance model may err
+    if np.std(due[over]) < np.hypot(np.std(read[over]), TOLERANCE * size):
+        return None
+    left = np.where(over, read - limit, read - due)
+    return float(np.sum(left**2)), over, limit
+
+
+def _fair(rows: Mask) -> bool:
+    share = float(np.mean(rows))
+    return LEAST_SHARE < share < MOST_SHARE and int(rows.sum()) >= LEAST_ROWS
+
+
+def _at_limit(ch: Channels, k: int, over: Mask, limit: float) -> Channels:
+    """The channels with a constant for one channel's model in some rows."""
+
+    def without(columns: Array) -> Array:
+        out = columns.copy()
+        out[over, k] = 0.0
+        return out
+
+    def cut(block: Block) -> Block:
+        return replace(block, columns=without(block.columns))
+
+    def form(name: str) -> Block:
+        return cut(ch.forms[name]())
+
+    target = ch.target.copy()
+    read = ch.frame.measured[ch.frame.keep, ch.frame.present[k]]
+    target[over, k] = read[over] - limit
+    return replace(
+        ch,
+        target=target,
+        nuisance=tuple(map(cut, ch.nuisance)),
+        surface=tuple(map(cut, ch.surface)),
+        forms={name: partial(form, name) for name in ch.forms},
+        reduce=lambda columns: without(ch.reduce(columns)),
+        grid=[],
+    )
+
+
+def _miscounted(samples: Samples, ch: Channels, rebuilt: Callable[[Samples], Channels]) -> Iterator[Fault]:
+    """Tachometers that count a wrong number of pulses in a band of speeds."""
+    frame: StandFrame = ch.frame
+    if frame.driven:
+        return
+    for side, column in enumerate(("upper_rpm", "lower_rpm")):
+        loads = [c for c in frame.present if c < 4]
+        if not samples.has(column) or not {2 * side, 2 * side + 1} & set(loads):
+            continue
+        for ratio in RATIOS:
+            rows = _better_at(frame, loads, side, ratio)
+            if rows is None:
+                continue
+            mended = replace(
+                samples,
+                columns={**samples.columns, column: np.where(rows, 1.0 / ratio, 1.0) * samples[column]},
+            )
+            runs = int(np.sum(np.diff(rows.astype(int)) != 0)) + 1
+            # where each run begins, and the speeds' own channel, which is read on another scale there
+            numbers = -runs * np.log(len(rows))
+            scale = -float(np.sum(rows[frame.keep])) * np.log(ratio) if 4 + side in frame.present else 0.0
+            yield Fault(
+                column,
+                f"reads {ratio:.3g} times the speed that the loads show: pulses are counted wrong",
+                rows,
+                partial(rebuilt, mended),
+                float(numbers + scale),
+            )
+
+
+def _better_at(frame: StandFrame, loads: list[int], side: int, ratio: float) -> Mask | None:
+    """(rows,) in a band of speeds whose loads fit clearly better at the reading over a ratio."""
+    slower = frame.speeds.copy()
+    slower[:, side] /= ratio
+    kept = np.zeros(len(frame.time_s), bool)
+    kept[frame.keep] = True
+    rows = np.zeros(len(kept), bool)
+    for _ in range(ROUNDS if frame.free_nuisance else 1):
+        model, sound = frame.model, kept & ~rows
+        if frame.free_nuisance:
+            model = fitted_model(frame.speeds[sound], frame.measured[sound], loads, frame.model.speed_max_rpm)
+        misses = []
+        for u in (frame.speeds, slower):
+            pair = model.loads(u[:, 0], u[:, 1])
+            due = np.stack([pair[load] for load in Load], axis=1)
+            off = (frame.measured[:, loads] - due[:, loads]) / (TOLERANCE * frame.reference[loads])
+            misses.append(np.sum(off**2, axis=1))
+        now = kept & (misses[0] - misses[1] > CLEARLY) & (misses[1] < misses[0] / CLEARLY)
+        if not _fair(now[kept]):
+            return None
+        low, high = np.min(slower[now, side]), np.max(slower[now, side])
+        now = (misses[1] < misses[0]) & (slower[:, side] >= low) & (slower[:, side] <= high)
+        if np.array_equal(now, rows):
+            break
+        rows = now
+    return rows if _fair(rows[kept]) else None

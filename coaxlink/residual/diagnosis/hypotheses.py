@@ -1,0 +1,358 @@
+"""Sets of explanations, each with its numbers at their best and its marginal likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from coaxlink.effects import effect as effect_named
+from coaxlink.effects.tracing import Array
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.discrepancy import discrepancy
+from coaxlink.residual.diagnosis.evidence import Fit, Sums, fitted, sums_of
+from coaxlink.residual.diagnosis.noise import Colour, colour_of
+from coaxlink.residual.diagnosis.parts import Block, joined
+from coaxlink.residual.regression.joint_model import Member, composed, member
+
+ODDS = np.log(1.0 / 50.0)  # that an effect is there: of fifty sound logs, one shows it (judgement)
+GRADUAL_ODDS = np.log(1.0 / 20.0)  # that what begins comes gradually: a tank, a sliding load
+# of the Gauss-Newton steps, judgement: effort, no part of any answer that is at its best
+STEPS = 5
+HALVINGS = (1.0, 0.5, 0.2)
+SETTLED = 0.2  # nats
+CONSISTENT = 1  # rounds
+REFUSED = -1e6
+LARGE = 0.99  # quantile of the rows, judgement: what acts at few speeds acts
+COLOURS = 2  # rounds
+REMEMBERED = 60  # linearisations
+WHOLE = 0.02  # what an effect that is there as a whole may differ from that, by its form
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """What members add, (rows, C), and its derivatives by their numbers, (rows, C, K), also whitened."""
+
+    added: Array
+    columns: Array
+    white: Array
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Effects with their numbers, free forms by name, and how well all of it is borne out."""
+
+    members: tuple[Member, ...]
+    forms: tuple[str, ...]
+    fit: Fit
+    log_prior: float
+    left: Array  # (rows, C) not whitened
+    added: Array  # (rows, C) what the members add
+    width: int  # columns of base and map
+    white: tuple[Array, ...]  # whitened columns (rows, C, P) side by side: shared ones are held once
+    colour: Colour
+    slopes: Slopes
+
+    def whitened(self, channel: int) -> Array:
+        """(rows, P) whitened columns of one channel."""
+        return np.concatenate([w[:, channel] for w in self.white], axis=-1)
+
+    @property
+    def score(self) -> float:
+        """Log of evidence times prior."""
+        return self.fit.log_evidence + self.log_prior
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Effects and free forms (by variable and channel)."""
+        return frozenset([m.name for m in self.members] + [form_name(f) for f in self.forms])
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Effects alone."""
+        return frozenset(m.name for m in self.members)
+
+
+def form_name(form: str) -> str:
+    """Variable and channel of a free form, whatever its length and size."""
+    variable, channel, *_ = form.split("|")
+    return f"{variable}|{channel}"
+
+
+class Scorer:
+    """Scores hypotheses about one log under one colour of its noise."""
+
+    def __init__(self, channels: Channels, colour: Colour) -> None:
+        self.channels, self.colour = channels, colour
+        self.columns, self.deviation = joined([*channels.nuisance, *channels.surface])
+        self.white = colour.whiten(self.columns)
+        self.target = colour.whiten(channels.target)
+        self.sums = sums_of(self.white, self.target)
+        count = self.white.shape[1]
+        self._touched = [np.flatnonzero(self.white[:, c].any(axis=0)) for c in range(count)]
+        self._by_channel = [
+            np.ascontiguousarray(self.white[:, c, use].T) for c, use in enumerate(self._touched)
+        ]
+        self._forms: dict[str, tuple[Block, Array]] = {}
+        self._slopes: dict[object, Slopes] = {}
+
+    def form(self, name: str) -> tuple[Block, Array]:
+        """A free form, and its columns whitened."""
+        if name not in self._forms:
+            block = self.channels.forms[name]()
+            self._forms[name] = block, self.colour.whiten(block.columns)
+        return self._forms[name]
+
+    @cached_property
+    def empty(self) -> Hypothesis:
+        """Base and map alone."""
+        return self.score((), ())
+
+    def extended(
+        self, target: Array, blocks: Sequence[tuple[Array, Array, Array]]
+    ) -> tuple[Sums, Array, Array]:
+        """Sums of base, map and further (columns, whitened, deviations) on a target, with all columns."""
+        c, p = len(self.sums.power), self.white.shape[-1]
+        moment = np.zeros((c, p))
+        for k in range(c):
+            moment[k, self._touched[k]] = self._by_channel[k] @ target[:, k]
+        nuisance = Sums(self.sums.gram, moment, np.sum(target**2, axis=0), self.sums.rows)
+        if not blocks:
+            return nuisance, self.columns, self.deviation
+        columns = np.concatenate([b[0] for b in blocks], axis=-1)
+        white = np.concatenate([b[1] for b in blocks], axis=-1)
+        own = sums_of(white, target)
+        cross = np.zeros((c, p, white.shape[-1]))
+        for k in range(c):
+            use = np.flatnonzero(white[:, k].any(axis=0))
+            cross[k][np.ix_(self._touched[k], use)] = self._by_channel[k] @ white[:, k][:, use]
+        sums = nuisance.beside(own.gram, cross, own.moment)
+        deviation = np.concatenate([self.deviation, *(b[2] for b in blocks)])
+        return sums, np.concatenate([self.columns, columns], axis=-1), deviation
+
+    def predict(self, members: Sequence[Member]) -> Array:
+        """(frame rows, channels) with the members acting."""
+        if not members:
+            return self._nothing
+        parts = [(m.effect, m.parameters(self.channels.bare)) for m in members]
+        known = [k for k in self.channels.known if k[0].name not in {m.name for m in members}]
+        return np.asarray(composed(self.channels.bare, [*known, *parts]).predicted)
+
+    @cached_property
+    def _nothing(self) -> Array:
+        return np.asarray(composed(self.channels.bare, self.channels.known).predicted)
+
+    def slopes(self, members: Sequence[Member]) -> Slopes:
+        """What the members add, and how that changes with each of their numbers, beside one another."""
+        key = tuple((m.name, tuple(sorted(m.shape.items())), tuple(m.coefficients)) for m in members)
+        if key not in self._slopes:
+            if len(self._slopes) > REMEMBERED:
+                self._slopes.clear()
+            self._slopes[key] = self._slopes_of(members)
+        return self._slopes[key]
+
+    def _slopes_of(self, members: Sequence[Member]) -> Slopes:
+        ch, frame = self.channels, self.channels.bare
+        here = self.predict(members)
+        moves = [here - self._nothing]
+        for k, m in enumerate(members):
+            point = m.point
+            for j in range(len(point)):
+                step = _step(frame, m, j)
+                moved = point.copy()
+                moved[j] += step
+                others = [m.at(moved) if i == k else o for i, o in enumerate(members)]
+                moves.append((self.predict(others) - here) / step)
+        reduced = ch.reduce(np.stack(moves, axis=-1))
+        columns = reduced[..., 1:]
+        return Slopes(reduced[..., 0], columns, self.colour.whiten(columns))
+
+    def linearised(
+        self,
+        members: Sequence[Member],
+        forms: Sequence[str],
+        noise: Array | None,
+        near: Slopes | None = None,
+    ) -> tuple[Hypothesis, Array]:
+        """The model about these members, and (K,) where it would have their numbers instead.
+
+        `near` are slopes taken near these numbers, to be used instead of those at them.
+        """
+        ch, frame = self.channels, self.channels.bare
+        slopes = self.slopes(members) if near is None else near
+        added = slopes.added if near is None else ch.reduce(self.predict(members) - self._nothing)
+        blocks: list[tuple[Array, Array, Array]] = []
+        target = ch.target - added
+        origin: list[float] = []
+        further = []
+        small, at = 0, 0
+        for m in members:
+            point = m.point
+            columns = slopes.columns[..., at : at + len(point)]
+            white = slopes.white[..., at : at + len(point)]
+            at += len(point)
+            mean, deviation = _prior(ch, frame, m, columns)
+            target = target + columns @ (point - mean)
+            blocks.append((columns, white, deviation))
+            origin += list(mean)
+            mine = added if len(members) == 1 else columns[..., : len(m.coefficients)] @ m.coefficients
+            small += bool(np.all(np.quantile(np.abs(mine), LARGE, axis=0) < ch.least_size * ch.reference))
+            block = discrepancy(ch, m, mine)
+            if block is not None:
+                further.append((block.columns, self.colour.whiten(block.columns), block.deviation))
+        blocks += further
+        for name in forms:
+            form, white = self.form(name)
+            blocks.append((form.columns, white, form.deviation))
+        sums, columns, deviation = self.extended(self.colour.whiten(target), blocks)
+        start = ch.reference * 0.01 if noise is None else noise
+        fit = fitted(sums, deviation, start, ch.least_noise)
+        width = self.white.shape[-1]
+        prior = (
+            small * REFUSED
+            + self.colour.log_scale
+            + sum(_log_prior(ch, m) for m in members)
+            + len({form_name(f) for f in forms}) * (ODDS - np.log(len(ch.forms)))
+        )
+        left = target - columns @ fit.values
+        count = len(origin)
+        values = fit.values[width : width + count] + np.array(origin)
+        shared = (self.white, *(b[1] for b in blocks))
+        h = Hypothesis(
+            tuple(members), tuple(forms), fit, float(prior), left, added, width, shared, self.colour, slopes
+        )
+        return h, values
+
+    def score(
+        self,
+        members: Sequence[Member],
+        forms: Sequence[str],
+        noise: Array | None = None,
+        hopeless: float = -np.inf,
+    ) -> Hypothesis:
+        """The members moved to their best by Gauss-Newton steps, and the score there.
+
+        What scores less than `hopeless` where it begins is not moved; that it begins too small, because the
+        map had taken it, or where physics refuses it, is no reason.
+        """
+        best, values = self.linearised(members, forms, noise)
+        if not members or best.fit.log_evidence < hopeless:
+            return best
+        slopes = self.slopes(members)
+        for _ in range(STEPS):
+            for share in HALVINGS:
+                moved, at = [], 0
+                for m in best.members:
+                    count = len(m.point)
+                    moved.append(_moved(self.channels.bare, m, values[at : at + count], share))
+                    at += count
+                now, further = self.linearised(moved, forms, best.fit.noise, slopes)
+                if now.score > best.score:
+                    break
+            else:
+                break
+            done = now.score < best.score + SETTLED
+            if not done:  # slopes that were taken elsewhere have served
+                now, further = self.linearised(moved, forms, now.fit.noise)
+                done = now.score < best.score + SETTLED
+                slopes = self.slopes(moved)
+            best, values = now, further
+            if done:
+                break
+        # a discrepancy is a share of the effect as it is: shapes stay, coefficients go to their best
+        for _ in range(CONSISTENT):
+            moved, at = [], 0
+            for m in best.members:
+                point = m.point
+                point[: len(m.coefficients)] = values[at : at + len(m.coefficients)]
+                at += len(point)
+                moved.append(m.at(point))
+            best, values = self.linearised(moved, forms, best.fit.noise)
+        return best
+
+    def recoloured(self, h: Hypothesis) -> Colour:
+        """The colour of what a hypothesis leaves."""
+        return colour_of(h.left, self.channels.behind)
+
+
+def coloured(ch: Channels, h: Hypothesis) -> Hypothesis:
+    """The hypothesis under the colour of what itself leaves; every number of a colour costs as BIC has it."""
+    for _ in range(COLOURS):
+        colour = colour_of(h.left, ch.behind)
+        near = replace(h.slopes, white=colour.whiten(h.slopes.columns))
+        h, _ = Scorer(ch, colour).linearised(h.members, h.forms, h.fit.noise, near)
+    return replace(h, log_prior=h.log_prior - 0.5 * colour.size * np.log(len(h.left)))
+
+
+def _step(frame: Any, m: Member, j: int) -> float:
+    count = len(m.coefficients)
+    if j < count:
+        return 1e-3 * max(abs(float(m.coefficients[j])), 1e-2 * float(np.max(np.abs(m.coefficients))), 1e-9)
+    low, high = m.effect.free(frame, m.shape)[m.keys[j - count]]
+    value = float(m.shape[m.keys[j - count]])
+    step = 1e-3 * max(abs(value), 0.02 * (high - low))
+    return step if value + step <= high else -step
+
+
+def _prior(ch: Channels, frame: Any, m: Member, columns: Array) -> tuple[Array, Array]:
+    """(K,) means and deviations of a member's numbers: coefficients by size, shapes by their limits."""
+    count = len(m.coefficients)
+    mean = np.zeros(len(m.point))
+    deviation = np.empty(len(m.point))
+    deviation[:count] = ch.usual(columns[..., :count])
+    whole = effect_named(m.name)
+    known = {p.name: p for p in whole.parameters} if whole else {}
+    if "share" in known and known["share"].prior is not None and count == 1:
+        mean[0], deviation[0] = 1.0, WHOLE  # all of the drive is late, or rests
+    limits = m.effect.free(frame, m.shape)
+    for i, key in enumerate(m.keys, start=count):
+        low, high = limits[key]
+        prior = known[key].prior if key in known else None
+        mean[i] = float(m.shape[key])  # flat between the limits, or of a bump as wide as that
+        deviation[i] = (
+            (high - low) / np.sqrt(12.0) if prior is None else min(prior[1], (high - low) / np.sqrt(12.0))
+        )
+    return mean, deviation
+
+
+def _log_prior(ch: Channels, m: Member) -> float:
+    """Of a member being there, in this form, with numbers that physics allows."""
+    frame = ch.bare
+    numbers = m.parameters(frame)
+    if m.effect.refuse(numbers) is not None:
+        return REFUSED
+    forms = {
+        tuple(sorted((k, v) for k, v in s.items() if k not in m.effect.free(frame, s)))
+        for s in (*m.effect.shapes(frame), *ch.more_shapes(frame, m.effect))
+    }
+    out = ODDS - np.log(max(len(forms), 1))
+    if m.effect.sudden:  # from the first, or from some moment on
+        out -= np.log(2.0)
+        if "over_s" in m.shape:
+            out += GRADUAL_ODDS
+    whole = effect_named(m.name)
+    for p in whole.parameters if whole else ():
+        if p.prior is not None and p.name in numbers and p.name != "share":
+            out -= min(0.5 * ((numbers[p.name] - p.prior[0]) / p.prior[1]) ** 2, 8.0)
+    return float(out)
+
+
+def _moved(frame: Any, m: Member, values: Array, share: float) -> Member:
+    """The member on its way to other values, no further than its limits."""
+    point = m.point + share * (values - m.point)
+    limits = m.effect.free(frame, m.shape)
+    for i, key in enumerate(m.keys, start=len(m.coefficients)):
+        low, high = limits[key]
+        old, reach = m.shape[key], 0.25 * (high - low)
+        if low > 0.0:
+            low, high = max(low, 0.5 * old), min(high, 2.0 * old)
+        point[i] = np.clip(point[i], max(low, old - reach), min(high, old + reach))
+    return m.at(point)
+
+
+def begun(ch: Channels, effect: Any, shape: Mapping[str, float], coefficients: Array) -> Member:
+    """A member with all that is continuous in it free."""
+    return member(ch.bare, effect, shape, coefficients)

@@ -1,0 +1,156 @@
+"""From a log to its answer: faults first, then the posterior over sets of explanations, then what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coaxlink.data.samples import Samples
+from coaxlink.residual.channels.stand import LEAST_ROWS, joined, stand_frame
+from coaxlink.residual.diagnosis.answer import answered
+from coaxlink.residual.diagnosis.channels import Channels
+from coaxlink.residual.diagnosis.faults import weighed_faults
+from coaxlink.residual.diagnosis.hypotheses import ODDS, Hypothesis, Scorer
+from coaxlink.residual.diagnosis.noise import Colour, colour_of, white
+from coaxlink.residual.diagnosis.posterior import Posterior, posterior
+from coaxlink.residual.diagnosis.search import Search
+from coaxlink.residual.diagnosis.stand import stand_channels
+from coaxlink.residual.faults.stand_faults import find_suspects
+from coaxlink.residual.result import Refinement
+from coaxlink.rotor import RotorModel
+
+Progress = Callable[[str], None]
+ROUNDS = 2  # of colour: what is left of the best set says what the noise is
+SAME_COLOUR = 0.05  # of a coefficient
+STARTS = 4  # sets that the next round begins with
+ALL_ROWS = 20_000  # of the last fit
+SPEEDS = ("upper_rpm", "lower_rpm")
+IN_DOUBT = "a tachometer is accused: every load is predicted from speeds, so no effect is claimed"
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The posterior over sets, and the colour of the noise it was found under."""
+
+    posterior: Posterior
+    colour: Colour
+    channels: Channels  # with the map's discrepancy that it was found beside
+
+
+def diagnosed(ch: Channels, progress: Progress, *, rivals: bool = False) -> Diagnosis:
+    """Search under white noise, then under the colour of what the best set leaves, until that stays.
+
+    The map's discrepancy goes the same way: the one that nothing else asks for, then that of the best set.
+    With `rivals` what could be confounded with each effect of the best set is weighed as well.
+    """
+    colour = white(ch.count)
+    ch = mapped(ch, colour)
+    starts: list[Hypothesis] = []
+    for number in range(ROUNDS):
+        scorer = Scorer(ch, colour)
+        search = Search(scorer, lambda said: progress(f"weighing {said}"))
+        visited = search.run(starts)
+        starts = visited.ranked()[:STARTS]
+        if number == ROUNDS - 1:
+            break
+        seen = colour_of(visited.best.left, ch.behind)
+        better = mapped(ch, seen, visited.best)
+        if _same(seen, colour) and better.map == ch.map:
+            break
+        ch, colour = better, seen
+    if rivals:
+        progress("weighing what could stand in")
+        search.rivals()
+    return Diagnosis(posterior(ch, scorer.colour, visited.ranked()), scorer.colour, ch)
+
+
+def mapped(ch: Channels, colour: Colour, best: Hypothesis | None = None) -> Channels:
+    """The channels with the map's discrepancy of most evidence, beside nothing and beside a set's effects.
+
+    As of any effect, of fifty logs one asks for such a map; its sizes and lengths share these odds.
+    """
+    if not ch.maps:
+        return ch
+    scores = {}
+    for name in ("", *ch.maps):
+        scorer = Scorer(ch.with_map(name), colour)
+        score = scorer.empty.score
+        if best is not None and best.members:
+            score = max(score, scorer.linearised(best.members, (), best.fit.noise)[0].score)
+        scores[name] = score + (float(ODDS) - np.log(len(ch.maps)) if name else 0.0)
+    return ch.with_map(max(scores, key=lambda name: scores[name]))
+
+
+def _same(a: Colour, b: Colour) -> bool:
+    pairs = zip(a.ahead, b.ahead, strict=True)
+    return all(len(x) == len(y) and bool(np.allclose(x, y, atol=SAME_COLOUR)) for x, y in pairs)
+
+
+def reads_wrong(several: Sequence[Samples], model: RotorModel | None) -> bool:
+    """Whether a fault of an instrument is more probable than that these logs hold nothing at all.
+
+    A nuisance model fitted to the log itself, or a smooth map, may follow what a saturated cell reads.
+    Raises InputError as `diagnose_stand` does.
+    """
+    samples = joined(several)
+    ch = stand_channels(samples, model)
+    if len(ch.frame.keep) < LEAST_ROWS:
+        return False
+    colour = white(ch.count)
+    ch = mapped(ch, colour)
+    nothing = Scorer(ch, colour).empty
+    return (
+        weighed_faults(samples, ch, nothing, lambda other: mapped(stand_channels(other, model), colour))
+        is not None
+    )
+
+
+def diagnose_stand(several: Sequence[Samples], model: RotorModel | None, progress: Progress) -> Refinement:
+    """What these stand logs say of the model, or of their own fit.
+
+    Raises InputError when speeds or loads are missing.
+    """
+    progress("reading the stand")
+    samples = joined(several)
+    wrong = find_suspects(stand_frame(samples, model))
+    silent = wrong.mislabelled
+    if not silent:
+        samples = samples.without(*wrong.columns)
+    trusted = np.flatnonzero(np.logical_not(wrong.bad))
+    if silent and len(trusted) < LEAST_ROWS:
+        trusted = np.arange(samples.rows)
+    ch = stand_channels(samples, model, trusted)
+    found = None
+    suspects = list(wrong.suspects)
+    notes = list(ch.notes)
+    if len(trusted) < LEAST_ROWS:
+        notes.append(f"{len(trusted)} rows: held against the model; too few to identify any effect")
+    elif any(x.column in SPEEDS for x in suspects):
+        notes.append(IN_DOUBT)
+    elif not silent:
+        found = diagnosed(ch, progress, rivals=True)
+        progress("weighing faults")
+        fault = weighed_faults(
+            samples,
+            found.channels,
+            found.posterior.best,
+            lambda other: mapped(stand_channels(other, model, trusted), white(ch.count)),
+        )
+        if fault is not None:
+            suspects.append(fault.suspect)
+            sound = trusted[~fault.rows[trusted]]
+            found = None
+            if fault.suspect.column in SPEEDS:
+                notes.append(IN_DOUBT)
+            if len(sound) >= LEAST_ROWS:
+                trusted = sound
+                ch = stand_channels(samples, model, trusted)
+                if fault.suspect.column not in SPEEDS:
+                    found = diagnosed(ch, progress, rivals=True)
+    progress("judging")
+    every = stand_channels(samples, model, trusted, most=ALL_ROWS)
+    if found:
+        every = every.with_map(found.channels.map)
+    return answered(every, found.posterior if found else None, suspects, notes, several)

@@ -1,0 +1,254 @@
+"""The channels of a stand log: loads of both rotors, and the speeds that throttles gave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from coaxlink.data.samples import Samples
+from coaxlink.effects import stand_effects
+from coaxlink.effects.further_forms import further_shapes, of_what_is_logged
+from coaxlink.frames import STAND_CHANNELS, STAND_UNITS, Array, StandFrame
+from coaxlink.residual.channels.stand import ANY, Orders, base_corrections, stand_frame
+from coaxlink.residual.channels.stand_problem import known_parts, reducing, stand_variables
+from coaxlink.residual.diagnosis.channels import Channels, possible
+from coaxlink.residual.diagnosis.meters import calmed
+from coaxlink.residual.diagnosis.parts import Block, in_channel, products, waves
+from coaxlink.residual.regression.joint_model import composed
+from coaxlink.rotor import RotorModel
+
+# of a nuisance model fitted to the log itself, as the coaxial rotor model's (Berra et al. 2024)
+ORDERS: Orders = ((4,), (4,))
+WIDE = 3.0  # of the reference load: prior of the terms of such a nuisance, so wide that it holds nothing back
+# of a longer log, one stretch of rows in so many is searched (judgement: seconds of a search)
+MANY_ROWS, STRETCH = 1500, 64
+RESOLUTION = 2e-4  # of the reference load: 1 in 5000 divisions of a cell of class C (OIML R 60)
+# the smooth part of a rotor map that no polynomial follows: size over the load, correlation length in ranges
+# of the speed (momentum theory against polynomials of fourth order: 1 to 2 %, bending once or twice)
+MAP_SIZE, MAP_LENGTH = 0.02, 0.35
+GIVEN_MAP_SIZE = 0.01  # of a given model, beside its level and tilt
+DRIVE_MAP_SIZE = 0.01
+# what the wake makes of a lower rotor, over the ratio of both speeds: correlation length; size over the load
+# and how slowly it changes with both speeds at one ratio (Reynolds number), in ranges. Blade-element pairs of
+# two makers against polynomials of fourth order: lower torque off by 1 to 11 % rms, bending within a tenth of
+# the range where the lower rotor is slow. Which of these a log asks for is by its marginal likelihood
+RATIO_LENGTHS = (0.03, 0.06, 0.1)
+RATIO_SIZES = ((0.06, 1.0), (0.2, 0.4))
+REST, REST_SIZE = 0.005, 0.1  # of normalised speed; of the load, judgement: at rest is not slow
+# free forms, judgement: size over the reference load; lengths in ranges of the variable
+FORM_SIZES = (0.01, 0.04)
+FORM_LENGTHS = (0.15, 0.5)
+NARROW_LENGTHS, NARROW_SIZE = (0.04, 0.08, 0.15), 0.03  # over the speeds: narrower than a rotor map bends
+WITHIN_SPECIFICATION = (
+    0.0007  # of the reference load: what a sound cell's zero wanders (class C3: 0.02 % + creep)
+)
+
+
+def stand_channels(
+    samples: Samples, model: RotorModel | None, trusted: np.ndarray | None = None, most: int = MANY_ROWS
+) -> Channels:
+    """Channels of a stand log. Raises InputError as `stand_frame` does."""
+    bare = calmed(stand_frame(samples, model, ORDERS if model is None else ANY, None, trusted))
+    known, notes = known_parts(bare)
+    if len(bare.keep) > most:  # stretches whole: noise has neighbours, and what lags sees every row
+        share = -(-len(bare.keep) // most)
+        bare = replace(bare, keep=bare.keep[(bare.keep // STRETCH) % share == 0])
+    frame = composed(bare, known)
+    reduce, present, keep = reducing(frame), list(frame.present), frame.keep
+    reference = frame.reference[present]
+    names = tuple(STAND_CHANNELS[c] for c in present)
+    able, unable = possible(frame, [of_what_is_logged(frame, e) for e in stand_effects()])
+    able = [e for e in able if not e.flagged]
+    weights = np.abs(reduce(frame.predicted))
+    mapped = np.hypot(weights, reduce(_wake(frame)))
+    u = frame.speeds[keep]
+    drive = u if frame.throttles is None else frame.throttles[keep]
+    speeds = {
+        k: (drive[:, c - 4], drive[:, 5 - c]) if c > 3 else (u[:, c // 2], u[:, 1 - c // 2])
+        for k, c in enumerate(present)
+    }
+    variables = {n: v for n, v in stand_variables(frame).items() if np.ptp(v) > 0}
+    target = reduce(frame.measured - frame.predicted)
+    return Channels(
+        frame=frame,
+        bare=bare,
+        known=tuple(known),
+        names=names,
+        units=tuple(STAND_UNITS[c] for c in present),
+        reference=reference,
+        target=target,
+        block=_blocks(frame),
+        least_noise=RESOLUTION * reference,
+        variables=variables,
+        speeds=speeds,
+        weights=weights,
+        nuisance=tuple(_nuisance(frame, reduce, reference)),
+        surface=tuple(_surface(frame, present, mapped, u, drive)),
+        maps=_maps(frame, present, mapped, u),
+        forms=_forms(names, variables, weights, reference, present, u, drive, frame.throttles is not None),
+        effects=tuple(able),
+        reduce=reduce,
+        more_shapes=further_shapes,
+        notes=(*frame.notes, *notes),
+        impossible=tuple(unable),
+    )
+
+
+def _wake(frame: StandFrame) -> Array:
+    """(rows, 6) what the upper wake takes from each load: a model errs by a share of that too, however small
+    the load that is left."""
+    out = np.zeros((len(frame.time_s), 6))
+    alone = frame.loads_at(np.stack([np.zeros(len(out)), frame.speeds[:, 1]], axis=1))
+    out[:, 2:4] = (frame.loads_at(frame.speeds) - alone)[:, 2:4]
+    return out
+
+
+def _blocks(frame: StandFrame) -> np.ndarray:
+    rows = len(frame.keep)
+    return np.asarray(np.arange(rows) * min(40, max(6, rows // 8)) // rows, np.intp)
+
+
+def _nuisance(frame: StandFrame, reduce: Callable[[Array], Array], reference: Array) -> list[Block]:
+    out = []
+    for name, bound, columns in base_corrections(frame):
+        if " level " in name or " surface " in name:
+            continue
+        x = reduce(columns)[..., None]
+        if np.isfinite(bound):
+            deviation = abs(bound) / 2.0
+        else:
+            size = np.sqrt(np.mean(x[..., 0] ** 2, axis=0)) / reference
+            deviation = WIDE / max(float(size.max()), 1e-12)
+        out.append(Block(name, x, np.array([deviation])))
+    time = frame.time_s[frame.keep]
+    if np.ptp(time) > 0:
+        for k, c in enumerate(frame.present):
+            if c < 4:
+                f, d = waves(time, 0.5)
+                out.append(
+                    in_channel(
+                        f"{STAND_CHANNELS[c]} creep",
+                        (f, d * WITHIN_SPECIFICATION * reference[k]),
+                        np.ones(len(time)),
+                        k,
+                        len(frame.present),
+                    )
+                )
+    return out
+
+
+def _surface(
+    frame: StandFrame, present: Sequence[int], weights: Array, u: Array, drive: Array
+) -> list[Block]:
+    """The smooth part of the map: over a rotor's own speed, of the lower one over both."""
+    out = []
+    for k, c in enumerate(present):
+        own, other = (drive[:, c - 4], drive[:, 5 - c]) if c > 3 else (u[:, c // 2], u[:, 1 - c // 2])
+        size = DRIVE_MAP_SIZE if c > 3 else MAP_SIZE if frame.free_nuisance else GIVEN_MAP_SIZE
+        if np.ptp(own) <= 0.0:
+            continue
+        process = waves(own, MAP_LENGTH)
+        if c in (2, 3, 4, 5) and np.ptp(other) > 0.0:
+            process = products(process, waves(other, MAP_LENGTH))
+        process = process[0], process[1] * size
+        weight = weights[:, k]
+        out.append(in_channel(f"{STAND_CHANNELS[c]} map", process, weight, k, len(present)))
+    return out
+
+
+def _maps(
+    frame: StandFrame, present: Sequence[int], weights: Array, u: Array
+) -> dict[str, Callable[[], tuple[Block, ...]]]:
+    """Discrepancies of the map that a log may ask for beside the smooth one: of lower loads over the ratio.
+
+    Blades of one pair in one air see the same angles at the same ratio (similarity, Leishman 2006, ch. 2).
+    """
+    lower = [(k, c) for k, c in enumerate(present) if c in (2, 3)]
+    if not lower or min(np.ptp(u, axis=0)) <= 0.0:
+        return {}
+
+    def blocks(length: float, size: float, slow: float) -> tuple[Block, ...]:
+        over = _over_ratio(u, length, size, slow)
+        return tuple(
+            in_channel(f"{STAND_CHANNELS[c]} ratio map", over, weights[:, k], k, len(present))
+            for k, c in lower
+        )
+
+    return {
+        f"ratio|{length}|{size}|{slow}": partial(blocks, length, size, slow)
+        for length in RATIO_LENGTHS
+        for size, slow in RATIO_SIZES
+    }
+
+
+def _over_ratio(u: Array, length: float, size: float, slow: float) -> tuple[Array, Array]:
+    """Functions (rows, K) of the ratio of speeds (rows, 2) and their deviations; of a rotor at rest one more.
+
+    A slow rotor in a strong wake sees its angles change fastest: the process runs over the root of the angle.
+    """
+    upper, own = np.maximum(u[:, 0], 0.0), np.maximum(u[:, 1], 0.0)
+    turning = own >= REST
+    angle = np.arctan2(own, upper)
+    low = float(np.min(angle[turning], initial=np.pi / 2.0))
+    over = waves(np.sqrt(np.where(turning, angle, low)), length)
+    functions, deviations = products(over, waves(np.hypot(upper, own), slow))
+    functions, deviations = functions * turning[:, None], deviations * size
+    if turning.all():
+        return functions, deviations
+    return np.column_stack([functions, ~turning]), np.append(deviations, REST_SIZE)
+
+
+def _forms(
+    names: Sequence[str],
+    variables: dict[str, Array],
+    weights: Array,
+    reference: Array,
+    present: Sequence[int],
+    u: Array,
+    drive: Array,
+    both: bool,
+) -> dict[str, Callable[[], Block]]:
+    """Free forms of one channel over one recorded variable, with a share of the load; over speeds, narrow."""
+    count = len(names)
+    out: dict[str, Callable[[], Block]] = {}
+    for k, name in enumerate(names):
+        loads = present[k] < 4
+        for variable, values in variables.items():
+            if variable in ("upper_speed", "lower_speed"):
+                continue
+            for length in FORM_LENGTHS:
+                for size in FORM_SIZES:
+                    out[f"{variable}|{name}|{length}|{size}"] = partial(
+                        _form, name, values, length, size, weights[:, k], reference[k], k, count
+                    )
+        own = u if loads else drive
+        ways = {"upper_speed": own[:, 0], "lower_speed": own[:, 1]}
+        if loads and min(np.ptp(u, axis=0)) > 0.0:  # where one stands still, that is the other's own speed
+            ways["upper_speed + lower_speed"] = u.sum(axis=1)
+            ways["upper_speed - lower_speed"] = u[:, 0] - u[:, 1]
+        for variable, values in ways.items():
+            if np.ptp(values) < 0.1 or len(np.unique(np.round(values, 3))) < 8:
+                continue
+            for length in NARROW_LENGTHS:
+                out[f"{variable}|{name}|{length}|{NARROW_SIZE}"] = partial(
+                    _form, name, values, length, NARROW_SIZE, weights[:, k], reference[k], k, count
+                )
+    return out
+
+
+def _form(
+    name: str,
+    values: Array,
+    length: float,
+    size: float,
+    weight: Array,
+    reference: float,
+    channel: int,
+    count: int,
+) -> Block:
+    f, d = waves(values, length)
+    both = np.concatenate([f * weight[:, None], f * reference], axis=1), np.concatenate([d, 0.5 * d]) * size
+    return in_channel(name, both, np.ones(len(weight)), channel, count)

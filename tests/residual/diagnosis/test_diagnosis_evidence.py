@@ -1,0 +1,108 @@
+"""The marginal likelihood, the colour of noise and the processes, each against what defines it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import multivariate_normal
+
+from coaxlink.residual.diagnosis.evidence import fitted, sums_of
+from coaxlink.residual.diagnosis.noise import colour_of
+from coaxlink.residual.diagnosis.parts import products, waves
+from coaxlink.residual.diagnosis.screening import Stack
+
+
+@pytest.fixture
+def data():
+    random = np.random.default_rng(1)
+    columns = random.normal(size=(40, 2, 5))
+    columns[:, 0, 3:] = 0.0  # of the second channel alone
+    deviation = np.array([1.0, 0.5, 2.0, 1.5, 0.1])
+    noise = np.array([0.3, 0.8])
+    target = columns @ (deviation * random.normal(size=5)) + noise * random.normal(size=(40, 2))
+    return columns, target, deviation, noise
+
+
+def of_definition(columns, target, deviation, noise):
+    """log N(y; 0, X P X' + N), the rows of both channels stacked."""
+    x = columns.transpose(1, 0, 2).reshape(-1, columns.shape[-1])
+    n = np.repeat(noise**2, columns.shape[0])
+    return multivariate_normal(cov=(x * deviation**2) @ x.T + np.diag(n)).logpdf(target.T.ravel())
+
+
+def test_the_evidence_is_that_of_its_definition(data):
+    columns, target, deviation, noise = data
+    fit = fitted(sums_of(columns, target), deviation, noise, np.full(2, 1e-9), rounds=0)
+    assert fit.log_evidence == pytest.approx(of_definition(columns, target, deviation, noise), rel=1e-9)
+
+
+def test_the_noise_levels_are_at_their_best(data):
+    columns, target, deviation, noise = data
+    fit = fitted(sums_of(columns, target), deviation, noise, np.full(2, 1e-9), rounds=60)
+    best = of_definition(columns, target, deviation, fit.noise)
+    for moved in ([1.05, 1.0], [0.95, 1.0], [1.0, 1.05], [1.0, 0.95]):
+        assert of_definition(columns, target, deviation, fit.noise * moved) < best
+
+
+def test_columns_more_gain_what_the_larger_model_has_more(data):
+    columns, target, deviation, noise = data
+    few, more = columns[..., :3], columns[..., 3:]
+    least = np.full(2, 1e-9)
+    small = fitted(sums_of(few, target), deviation[:3], noise, least, rounds=0)
+    large = fitted(sums_of(columns, target), deviation, noise, least, rounds=0)
+    left = target - few @ small.values
+    stack = Stack([(more, deviation[3:]), (more[..., :1], deviation[3:4])])
+    gain, one = stack.gains(SimpleNamespace(fit=small, whitened=lambda c: few[:, c]), left)
+    middle = fitted(sums_of(columns[..., :4], target), deviation[:4], noise, least, rounds=0)
+    assert one == pytest.approx(middle.log_evidence - small.log_evidence, abs=1e-5)
+    assert gain == pytest.approx(large.log_evidence - small.log_evidence, abs=1e-5)
+
+
+def test_noise_that_rings_is_made_white_and_white_noise_stays():
+    random = np.random.default_rng(2)
+    white = random.normal(size=(4000, 2))
+    rung = white[:, 0].copy()
+    for k in range(2, len(rung)):
+        rung[k] += 1.2 * rung[k - 1] - 0.7 * rung[k - 2]
+    both = np.stack([rung, white[:, 1]], axis=1)
+    left = colour_of(both).whiten(both)[10:]
+    bound = 5.0 / np.sqrt(len(left))
+    for c in (0, 1):
+        for lag in (1, 2, 3):
+            assert abs(np.corrcoef(left[lag:, c], left[:-lag, c])[0, 1]) < bound
+    assert np.std(left[:, 0]) == pytest.approx(1.0, rel=0.05)
+
+
+@pytest.mark.parametrize("length", [0.1, 0.35])
+def test_waves_are_the_process_that_they_stand_for(length):
+    x = np.linspace(-2.0, 5.0, 200)
+    functions, deviation = waves(x, length)
+    along = (x + 2.0) / 7.0
+    total = np.zeros((200, 200))
+    for mirrored in (along, -along, 2.0 - along):  # at the ends of the range
+        total += np.exp(-0.5 * (np.subtract.outer(along, mirrored) / length) ** 2)
+    assert np.max(np.abs((functions * deviation**2) @ functions.T - total)) < 0.03
+
+
+def test_a_product_of_processes_has_the_product_of_their_covariances():
+    random = np.random.default_rng(3)
+    first, second = waves(random.uniform(size=30), 0.3), waves(random.uniform(size=30), 0.5)
+    functions, deviation = products(first, second)
+    one, two, both = ((f * d**2) @ f.T for f, d in (first, second, (functions, deviation)))
+    assert np.max(np.abs(both - one * two)) < 0.02
+
+
+def test_behind_a_gap_noise_with_colour_is_of_its_own_size():
+    random = np.random.default_rng(5)
+    rows, run = 6000, 30
+    rings = lfilter([1.0], [1.0, -0.8], random.normal(size=(rows // run, run + 50)), axis=1)[:, 50:].ravel()
+    behind = np.arange(rows) % run
+    colour = colour_of(rings[:, None], behind)
+    left = colour.whiten(rings[:, None])[:, 0]
+    assert np.std(left[behind == 0]) == pytest.approx(1.0, abs=0.15)
+    assert np.std(left[behind > 8]) == pytest.approx(1.0, abs=0.05)
+    # its density: that of the first row's own deviation, 1 / 0.6, in every run
+    assert colour.log_scale == pytest.approx(rows / run * np.log(0.6), rel=0.1)
