@@ -4,10 +4,10 @@
 
 Tables go in turn to the stand-ins of both firmwares (ArduPilot: two of FRAME_CLASS 17, two of 15, so that
 scripts come, go and change), in memory on a virtual clock. The upload's process may die at any moment; the
-board may freeze, reboot, or lose its power, also just after a table was verified. Then it must hold one of the
-tables whole, or a journal on disk must know of the mixture; the journal is resumed over the same bad line, by
-the same table, another one, or its backup, until it is closed, and the board is looked at again. The faults of
-the line are the tests' own (tests/helpers/memory_net.py), the board is looked at in its memory.
+board may freeze, reboot, or lose its power, also just after a table was verified. Then it must hold one of
+the tables whole, or a journal on disk must know of the mixture; the journal is resumed over the same bad
+line, by the same table, another one, or its backup, until it is closed, and the board is looked at again. The
+faults of the line are the tests' own (tests/helpers/memory_net.py), the board is looked at in its memory.
 
 With `--clients` the 17 values by which two tables differ go over a real, equally bad UDP line by coaxlink's
 session, MAVSDK's parameter plugin and pymavlink's helper, and are read back over a clean one.
@@ -309,7 +309,8 @@ def by_pymavlink(port: int, values: dict[str, float]) -> None:
         link.mav.heartbeat_send(6, 8, 0, 0, 4)
         link.recv_match(type="HEARTBEAT", blocking=True, timeout=1)
     store = mavparm.MAVParmDict()
-    if not all([store.mavset(link, name, value) for name, value in values.items()]):
+    done = [store.mavset(link, name, value) for name, value in values.items()]
+    if not all(done):
         raise TimeoutError("values without an answer")
 
 
