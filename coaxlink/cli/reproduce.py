@@ -67,8 +67,8 @@ def build(*, fly_table_4: bool, pair: Path | None) -> Ledger:
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.data import read_stand_log
-    from coaxlink.studies.paper import Ledger, contradictions, equations, tables
     from coaxlink.rotor import identify, load_rotor_model
+    from coaxlink.studies.paper import Ledger, contradictions, equations, tables
 
     airframe = load_airframe(files.example("x8_paper.toml"))
     crm, rcrm, srm = (
@@ -98,10 +98,12 @@ def _fly() -> dict[str, Flown]:
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.fly.trajectory import table_4_flight
-    from coaxlink.studies.paper.tables import Flown
+    from coaxlink.mixer import make_law
     from coaxlink.rotor import load_rotor_model
     from coaxlink.studies import flights
     from coaxlink.studies.allocation import errors_of_live, errors_of_table
+    from coaxlink.studies.paper import printed_laws
+    from coaxlink.studies.paper.tables import Flown
     from coaxlink.tables import px4 as tables
     from coaxlink.vehicle import Vehicle
 
@@ -124,8 +126,12 @@ def _fly() -> dict[str, Flown]:
         flown, _ = flights.fly_tables(sim, folders, plan)
         for title, flight in flown.items():
             errors[title] = errors_of_table(flight, vehicle, reports[title].params, as_paper=True)
-        for title, law in (("coaxial", "coaxial-printed"), ("exact, live", "exact")):
-            say(f"flying {law} live")
+        flown_live = {
+            "coaxial": printed_laws(vehicle)["coaxial-printed"],
+            "exact, live": make_law("exact", vehicle),
+        }
+        for title, law in flown_live.items():
+            say(f"flying {law.name} live")
             live, demands, _ = flights.fly_live(sim, vehicle, plan, law)
             errors[title] = errors_of_live(live, vehicle, demands, as_paper=True)
     return {

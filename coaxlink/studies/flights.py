@@ -22,6 +22,7 @@ from coaxlink.studies.simulator import simulator
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.mavlink import Session
+    from coaxlink.mixer import Law
     from coaxlink.tables.px4 import TableReport
     from coaxlink.vehicle import Vehicle
 
@@ -149,7 +150,7 @@ def fly_live(
     sim: Simulation,
     vehicle: Vehicle,
     plan: Plan,
-    law: str = LIVE_LAW,
+    law: str | Law = LIVE_LAW,
     *,
     name: str | None = None,
     lead_s: tuple[float, float] = (0.0, 0.0),
@@ -161,6 +162,8 @@ def fly_live(
     from coaxlink.live.effects import LiveEffects
     from coaxlink.live.mixer import LiveMixer
     from coaxlink.live.telemetry import Telemetry
+
+    called = law if isinstance(law, str) else law.name
 
     def flown(sim: Simulation) -> tuple[Flight, Demands, dict[str, Any]]:
         demands = Demands()
@@ -184,9 +187,9 @@ def fly_live(
 
         companion: Callable[[Session], AbstractContextManager[object]] = mixing
         with _simulator(sim, "px4:1.13") as address:
-            log = sim.out / f"{name or f'live_{law}'}.tlog"
+            log = sim.out / f"{name or f'live_{called}'}.tlog"
             flight = fly(
-                name or f"live {law}",
+                name or f"live {called}",
                 address,
                 plan,
                 log,

@@ -5,6 +5,7 @@ Control Allocation, Drones 2024, 8(9), 446. What it prints stands in `printed.to
 computed here is copied from it.
 """
 
+from coaxlink.studies.paper.laws import printed_laws
 from coaxlink.studies.paper.ledger import Entry, Ledger, Line, printed
 
-__all__ = ["Entry", "Ledger", "Line", "printed"]
+__all__ = ["Entry", "Ledger", "Line", "printed", "printed_laws"]

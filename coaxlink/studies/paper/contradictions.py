@@ -11,11 +11,12 @@ import numpy as np
 from coaxlink.airframe import Airframe
 from coaxlink.load import Load
 from coaxlink.mixer import allocate, make_law, reduced_coefficients
-from coaxlink.studies.paper.equations import hover_error
-from coaxlink.studies.paper.ledger import CONTRADICTED, GRAVITY, IN_PART, NOT_CHECKED, Entry, Line, printed
 from coaxlink.rotor import RotorModel
 from coaxlink.rotor.lasso import tolerance_form
 from coaxlink.rotor.polynomial import design_matrix, dictionary
+from coaxlink.studies.paper.equations import hover_error
+from coaxlink.studies.paper.laws import printed_laws
+from coaxlink.studies.paper.ledger import CONTRADICTED, GRAVITY, IN_PART, NOT_CHECKED, Entry, Line, printed
 from coaxlink.vehicle import Vehicle
 
 GRID = tuple(g.ravel() for g in np.meshgrid(np.linspace(0, 0.9, 11), np.linspace(0, 0.9, 11), indexing="ij"))
@@ -65,7 +66,7 @@ def _hover(airframe: Airframe, crm: RotorModel, rcrm: RotorModel, srm: RotorMode
 
 def _no_yaw(airframe: Airframe, crm: RotorModel) -> Entry:
     vehicle = Vehicle(airframe, crm)
-    law = make_law("coaxial-printed", vehicle)
+    law = printed_laws(vehicle)["coaxial-printed"]
     demands = np.linspace(-1.0, 1.0, 9)
     errors = [abs(allocate(law, vehicle, [196.2, 0.0, 0.0, yaw]).error[3] + yaw) for yaw in demands]
     mean = float(np.mean([abs(allocate(law, vehicle, [196.2, 0.0, 0.0, y]).error[3]) for y in demands]))

@@ -10,8 +10,17 @@ from numpy.typing import NDArray
 from coaxlink.airframe import Airframe
 from coaxlink.constants import RAD_S_PER_RPM
 from coaxlink.mixer import make_law
-from coaxlink.studies.paper.ledger import CONTRADICTED, GRAVITY, IN_PART, REPRODUCED, Entry, Line, close, printed
 from coaxlink.rotor import RotorModel
+from coaxlink.studies.paper.ledger import (
+    CONTRADICTED,
+    GRAVITY,
+    IN_PART,
+    REPRODUCED,
+    Entry,
+    Line,
+    close,
+    printed,
+)
 from coaxlink.vehicle import Vehicle
 
 ROUNDING = 1e-3  # relative; the paper prints four digits
