@@ -30,8 +30,8 @@ def campaign(
     """Fly a campaign in the simulated world; stopped, it goes on where it was."""
     from coaxlink import files
     from coaxlink.absent import refuse_windows
-    from coaxlink.studies.campaign.spec import read_spec
     from coaxlink.errors import InputError
+    from coaxlink.studies.campaign.spec import read_spec
     from coaxlink.studies.campaign_cells import known_effects
 
     refuse_windows("campaign")
@@ -85,10 +85,10 @@ def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
     from rich.table import Table
 
     from coaxlink import files
-    from coaxlink.studies.campaign.dataset import MANIFEST, columns_of
-    from coaxlink.studies.campaign.summary import summarise
     from coaxlink.report import campaign as report
     from coaxlink.report.made import Made
+    from coaxlink.studies.campaign.dataset import MANIFEST, columns_of
+    from coaxlink.studies.campaign.summary import summarise
 
     columns = columns_of(folder)
     replay = f"coaxlink campaign {file} --out {folder} --replay"

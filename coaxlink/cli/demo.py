@@ -15,7 +15,7 @@ from coaxlink.studies.result_folder import complete_or_unchanged, terminated_as_
 
 if TYPE_CHECKING:
     from coaxlink.fly.trajectory import Plan
-    from coaxlink.report.demo import DemoResult
+    from coaxlink.studies.demo import DemoResult
     from coaxlink.studies.flight import Watch
 
 LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog", "hidden.tlog")
@@ -38,6 +38,7 @@ def demo(
 
     files.refuse_unwritable(json_file)
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
+    from coaxlink.report.demo import to_json
     from coaxlink.report.demo_page import write_report
     from coaxlink.report.made import Made
     from coaxlink.studies.demo import run_demo
@@ -49,7 +50,7 @@ def demo(
         page = write_report(out, result, made)
     _show(result)
     if json_file:
-        files.write_json(json_file, result.to_json())
+        files.write_json(json_file, to_json(result))
     say(f"report: {page}   again with the same hidden effect: coaxlink demo --seed {chosen}")
 
 

@@ -14,7 +14,7 @@ from coaxlink.cli.shared.shell import JsonOption, console, say, talk
 from coaxlink.studies.result_folder import complete_or_unchanged, terminated_as_interrupted
 
 if TYPE_CHECKING:
-    from coaxlink.report.loop import LoopResult
+    from coaxlink.studies.loop import LoopResult
 
 FLIGHTS = ("before", "after", "separating", "live_before", "live_after")
 MADE = (
@@ -41,9 +41,6 @@ def loop(
         bool,
         typer.Option("--separate", help="Where it is ambiguous, first fly what would separate the rivals."),
     ] = False,
-    lead: Annotated[
-        bool, typer.Option("--lead", help="Lead motors found slow, live: noisier commands are its price.")
-    ] = False,
     json: JsonOption = None,
 ) -> None:
     """Fly, refine, re-table, fly again: the flight's allocation error before and after.
@@ -54,14 +51,14 @@ def loop(
     from coaxlink import files
     from coaxlink.report.loop import write_report
     from coaxlink.report.made import Made
-    from coaxlink.studies.loop import Wishes, run_loop
+    from coaxlink.studies.loop import run_loop
 
     files.refuse_unwritable(json)
     if truth is not None:
         _refuse_untrue(truth)
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
     with terminated_as_interrupted(), complete_or_unchanged(out, MADE), _progress() as (tell, watch):
-        result = run_loop(truth, chosen, out, speed, Wishes(live, separate, lead), tell, watch)
+        result = run_loop(truth, chosen, out, speed, live=live, separate=separate, tell=tell, watch=watch)
         tell("drawing the report")
         flown = [log for log in (result.log_before, result.log_after, result.log_separating) if log]
         world = [truth] if truth is not None else []

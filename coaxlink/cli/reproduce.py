@@ -101,7 +101,7 @@ def _fly() -> dict[str, Flown]:
     from coaxlink.mixer import make_law
     from coaxlink.rotor import load_rotor_model
     from coaxlink.studies import flights
-    from coaxlink.studies.allocation import errors_of_live, errors_of_table
+    from coaxlink.studies.flight_errors import errors_of_live, errors_of_table
     from coaxlink.studies.paper import printed_laws
     from coaxlink.studies.paper.tables import Flown
     from coaxlink.tables import px4 as tables

@@ -7,11 +7,11 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from coaxlink.studies.campaign.summary import FIGURES, Paired, Spread, Summary
 from coaxlink.report.document import answer, document, how_made, html_table
 from coaxlink.report.html import escape
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.campaign_plots import words
+from coaxlink.studies.campaign.summary import FIGURES, Paired, Spread, Summary
 
 NOTED = ("height_rms_m", "thrust_error_N", "yaw_error_Nm", "energy_Wh")  # said in sentences, others in tables
 

@@ -3,84 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from coaxlink.residual.allocation_error import AllocationErrors
-    from coaxlink.residual.result import Refinement
-    from coaxlink.rotor.identification import Identification
-    from coaxlink.tables.worth import Worths
+from coaxlink.studies.demo import DemoResult
+from coaxlink.studies.flight_errors import FlightErrors
 
 
-@dataclass(frozen=True)
-class FlightErrors:
-    """One flight against what was meant: the paper's Table 4, who carried the weight, and what it cost."""
+def to_json(result: DemoResult) -> dict[str, Any]:
+    """As `demo --json` writes it; `before` and `after` are held-out errors of the touched channels."""
+    from coaxlink.report.demo_words import flown
+    from coaxlink.report.worth import to_json as worth_json
 
-    allocation: AllocationErrors
-    position_error_m: tuple[float, float, float]  # mean |wanted - flown| north, east, down
-    power_W: float | None = None  # mean from the battery, None where the vehicle did not tell
-
-    def to_json(self) -> dict[str, Any]:
-        """As `demo --json` writes it."""
-        d = self.allocation
-        return {
-            "thrust_error_N": d.thrust_error_N,
-            "torque_error_Nm": list(d.torque_error_Nm),
-            "position_error_m": list(self.position_error_m),
-            "height_error_m": self.position_error_m[2],
-            "split": [
-                {"upper": s.upper, "lower": s.lower, "upper_N": s.upper_N, "lower_N": s.lower_N,
-                 "lower_share": s.lower_share}
-                for s in d.split
-            ],
-            "seconds": d.seconds,
-            "thrust_ci_N": list(d.intervals[0]),
-            "torque_ci_Nm": [list(i) for i in d.intervals[1:]],
-            "floor": {"thrust_N": d.floor[0], "torque_Nm": list(d.floor[1:])},
-            "gain": {"thrust": d.gain[0], "torque": list(d.gain[1:])} if d.gain else None,
-            "after_gain": {"thrust_N": d.after_gain[0], "torque_Nm": list(d.after_gain[1:])}
-            if d.after_gain else None,
-            "power_W": self.power_W,
-        }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class DemoResult:
-    """All that the demo did; the renderers only format it."""
-
-    seed: int
-    identification: Identification
-    uploads: dict[str, dict[str, Any]]
-    flights: dict[str, FlightErrors]  # the mixers, where nothing is hidden
-    hidden: FlightErrors  # the fitted table, where something is
-    live: dict[str, Any]  # the live mixer's own account
-    refinement: Refinement
-    worths: Worths  # of every table, by the identified rotors
-
-    def to_json(self) -> dict[str, Any]:
-        """As `demo --json` writes it; `before` and `after` are held-out errors of the touched channels."""
-        found = self.refinement.effects
-        channels = self.refinement.channels
-        touched = [c for c in channels if any(c in e.channels for e in found)] or list(channels)
-        from coaxlink.report.demo_words import flown
-        from coaxlink.report.worth import to_json as worth_json
-
-        verified = all(u["result"] == "verified" for u in self.uploads.values())
-        return {
-            "seed": self.seed,
-            "identify": self.identification.as_json(),
-            "flown": flown(self.flights),
-            "worth": worth_json(self.worths),
-            "upload": {"result": "verified" if verified else "failed", **self.uploads},
-            "flights": {name.split()[0]: errors.to_json() for name, errors in self.flights.items()},
-            "live": self.live,
-            "hidden_flight": self.hidden.to_json(),
-            "hidden_effect_found": ", ".join(e.name for e in found) or None,
-            "before": {c: channels[c].rmse_before for c in touched},
-            "after": {c: channels[c].rmse_after for c in touched},
-            "refine": self.refinement.to_json(),
-        }
+    found = result.refinement.effects
+    channels = result.refinement.channels
+    touched = [c for c in channels if any(c in e.channels for e in found)] or list(channels)
+    verified = all(u["result"] == "verified" for u in result.uploads.values())
+    return {
+        "seed": result.seed,
+        "identify": result.identification.as_json(),
+        "flown": flown(result.flights),
+        "worth": worth_json(result.worths),
+        "upload": {"result": "verified" if verified else "failed", **result.uploads},
+        "flights": {name.split()[0]: errors.to_json() for name, errors in result.flights.items()},
+        "live": result.live,
+        "hidden_flight": result.hidden.to_json(),
+        "hidden_effect_found": ", ".join(e.name for e in found) or None,
+        "before": {c: channels[c].rmse_before for c in touched},
+        "after": {c: channels[c].rmse_after for c in touched},
+        "refine": result.refinement.to_json(),
+    }
 
 
 FLIGHT_HEADINGS = (

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from coaxlink import files
-from coaxlink.report.demo import FLIGHT_HEADINGS, DemoResult, flight_rows, split_headings, split_rows
+from coaxlink.report.demo import FLIGHT_HEADINGS, flight_rows, split_headings, split_rows
 from coaxlink.report.demo_words import TERMS, flown, story
 from coaxlink.report.document import answer, document, how_made, html_table
 from coaxlink.report.html import escape
@@ -16,6 +16,7 @@ from coaxlink.report.page import found, pictures, provenance, sentence, tried
 from coaxlink.report.pictures.figures import write_figures
 from coaxlink.report.pictures.residual_plots import overview_figure
 from coaxlink.rotor.identification import COAXIAL
+from coaxlink.studies.demo import DemoResult
 
 HOW = (
     "One flight each: the same vehicle, path, full battery and noise, the autopilot's gains as they come. "

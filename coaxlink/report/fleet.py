@@ -9,11 +9,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from coaxlink.studies.campaign.fleet import Fleet, Trend
 from coaxlink.report.campaign import image, number
 from coaxlink.report.document import document, html_table
 from coaxlink.report.html import escape
 from coaxlink.report.pictures.looks import LOOKS
+from coaxlink.studies.campaign.fleet import Fleet, Trend
 
 HEADS = ("vehicle", "found", "where", "logs", "first", "last", "size then", "size now", "a week, 95 %", "p")
 MOST_DRAWN = 60  # vehicles in the picture; those with findings first

@@ -2,85 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coaxlink import files
 from coaxlink.report.refine import either, number
+from coaxlink.studies.loop import OUTCOMES, LoopResult
 
 if TYPE_CHECKING:
-    from coaxlink.report.demo import FlightErrors
     from coaxlink.report.made import Made
-    from coaxlink.residual.result import Refinement
 
 HEADINGS = ("mean |meant - delivered|", "before (95 %)", "after (95 %)", "ratio", "noise")
 CHANNELS = ("thrust, N", "roll, N m", "pitch, N m", "yaw, N m")
 
-
-OUTCOMES = {  # what was put into the mixer, in words
-    "compensated": "put into the mixer: {done}",
-    "not_compensable": "nothing could be put into the mixer: what was found is not for a mixer to take away",
-    "nothing_found": "nothing found, nothing changed: rotor file and table stay as they are",
-    "suspect_data": "nothing changed: the data contradict themselves, and no mixer may follow a sensor that "
-    "lies; put it right and fly again",
-    "ambiguous": "nothing changed: the data do not say which effect it is",
-    "unexplained": "nothing changed: no known effect explains what is left",
-}
 AGAIN = "the second flight is by the same table, with other noise: what differs between them is chance"
 OWN_FLIGHT = (
     "before and after are flights of their own, with noise of their own; the model saw the first log only"
 )
-
-
-def outcome_of(refinement: Refinement, done: Mapping[str, str]) -> str:
-    """What came of it, a key of OUTCOMES; `done` are the effects that were compensated."""
-    if refinement.suspect_data:
-        return "suspect_data"
-    if refinement.effects:
-        return "compensated" if done else "not_compensable"
-    if refinement.ambiguous:
-        return "ambiguous"
-    return "unexplained" if refinement.unexplained else "nothing_found"
-
-
-@dataclass(frozen=True)
-class LoopResult:
-    """All that the loop did; the renderers only format it."""
-
-    seed: int
-    way: str  # table or live: how both flights were mixed
-    before: FlightErrors
-    after: FlightErrors
-    log_before: str
-    log_after: str
-    refinement: Refinement
-    compensated: Mapping[str, str]  # effect -> what was done
-    not_compensated: Mapping[str, str]  # effect -> why nothing was
-    table_before: FlightErrors  # of the first flight, by table; `before` unless the way is live
-    seconds: float  # wall time of it all
-    outcome: str  # one of OUTCOMES
-    log_separating: str | None = None  # of the flight that was to tell rivals apart
-
-    def to_json(self) -> dict[str, Any]:
-        """As `loop --json` writes it."""
-        return {
-            "seed": self.seed,
-            "way": self.way,
-            "outcome": self.outcome,
-            "before": self.before.to_json(),
-            "effects": self.refinement.to_json()["effects"],
-            "after": self.after.to_json(),
-            "compensated": dict(self.compensated),
-            "not_compensated": dict(self.not_compensated),
-            "table_before": self.table_before.to_json(),
-            "log_before": self.log_before,
-            "log_after": self.log_after,
-            "log_separating": self.log_separating,
-            "seconds": self.seconds,
-            "refine": self.refinement.to_json(),
-        }
 
 
 def rows(result: LoopResult) -> list[list[str]]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 
-from coaxlink.studies.paper import Ledger
-from coaxlink.studies.paper.ledger import CONTRADICTED, IN_PART, NOT_CHECKED, NOT_HAD, REPRODUCED
 from coaxlink.report.document import answer, document, folded, how_made, html_table, picture
 from coaxlink.report.html import escape
 from coaxlink.report.made import Made
 from coaxlink.report.paper import line_rows
 from coaxlink.report.pictures.figures import drawn, stamped
+from coaxlink.studies.paper import Ledger
+from coaxlink.studies.paper.ledger import CONTRADICTED, IN_PART, NOT_CHECKED, NOT_HAD, REPRODUCED
 
 SHADES = {  # told apart in grey print too
     REPRODUCED: "#1f5f8b", IN_PART: "#7fb2d5", CONTRADICTED: "#c4703f",

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
+from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from coaxlink.studies.campaign.cells import Cell, cell
 from coaxlink.studies.campaign.dataset import NUMBER, TEXT, WHOLE, YES
 from coaxlink.studies.campaign.engine import Rows
 from coaxlink.studies.campaign.spec import Known, Spec
-from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from firmware_params.bounded import parse_toml
 
 if TYPE_CHECKING:
@@ -74,7 +74,12 @@ def code_hash() -> str:
     sources = [
         p for folder in (world, *(here / part for part in parts)) for p in sorted(folder.rglob("*.py"))
     ]
-    for path in (Path(__file__), here / "studies" / "campaign" / "cells.py", here / "studies" / "campaign" / "spec.py", *sources):
+    for path in (
+        Path(__file__),
+        here / "studies" / "campaign" / "cells.py",
+        here / "studies" / "campaign" / "spec.py",
+        *sources,
+    ):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from coaxlink.report.demo import FlightErrors
 from coaxlink.report.demo_words import flown, story
 from coaxlink.residual.allocation_error import AllocationErrors, ArmSplit
 from coaxlink.residual.result import ChannelError, FoundEffect, Refinement
-from coaxlink.studies.flight import Pack
+from coaxlink.studies.flight import PowerMeter
+from coaxlink.studies.flight_errors import FlightErrors
 
 CHANNELS = {
     "force_x": ChannelError("N", 0.2, 0.2, 0.2, (0.1, 0.3), (0.1, 0.3), 500, 0.2),
@@ -72,7 +72,7 @@ def test_a_story_without_an_effect_claims_none():
 
 
 def test_a_battery_that_tells_no_current_has_no_power():
-    pack = Pack()
+    pack = PowerMeter()
     battery = {"get_type": lambda: "BATTERY_STATUS", "voltages": [4000, 4000, 65535, 0]}
     pack.hear(SimpleNamespace(**battery, current_battery=-1))
     assert pack.mean() is None

@@ -10,14 +10,14 @@ import pytest
 from rich.console import Console
 
 from coaxlink.files import example
-from coaxlink.studies.paper import Ledger
-from coaxlink.studies.paper.ledger import CONTRADICTED, REPRODUCED, Entry, Line
 from coaxlink.report.document import html_table
 from coaxlink.report.made import Made
 from coaxlink.report.page import chance, count, page, sentence
 from coaxlink.report.paper_page import paper_page
 from coaxlink.report.refine import tables
 from coaxlink.residual.result import ChannelError, FoundEffect, ParameterValue, Refinement, Rejected, Step
+from coaxlink.studies.paper import Ledger
+from coaxlink.studies.paper.ledger import CONTRADICTED, REPRODUCED, Entry, Line
 
 ERROR = ChannelError("N m", 0.0034, 0.647, 0.0034, (0.64, 0.65), (0.003, 0.004), 639, 0.66)
 WEAK = FoundEffect(

@@ -8,7 +8,6 @@ import pytest
 from coaxlink import data, residual
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
-from coaxlink.report.demo import FlightErrors
 from coaxlink.residual.allocation_error import AllocationErrors
 from coaxlink.residual.experiments.manoeuvres import Manoeuvre
 from coaxlink.residual.experiments.stand_run import Experiment
@@ -17,6 +16,7 @@ from coaxlink.rotor import load_rotor_model
 from coaxlink.rotor.model import Effect
 from coaxlink.studies import allocation
 from coaxlink.studies import loop as closed_loop
+from coaxlink.studies.flight_errors import FlightErrors
 
 CHANNELS = {"force_z": ChannelError("N", 0.2, 0.2, 0.2, (0.1, 0.3), (0.1, 0.3), 500, 0.3)}
 WEAK = Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.2})

@@ -28,10 +28,10 @@ def tell_fleet(
     from rich.table import Table
 
     from coaxlink import files
+    from coaxlink.report import fleet as shown
     from coaxlink.studies.campaign.engine import Machine
     from coaxlink.studies.campaign.fleet import find_logs, look_through
     from coaxlink.studies.campaign.progress import Progress
-    from coaxlink.report import fleet as shown
 
     logs = find_logs(folder)
     progress = Progress(len(logs), 0, "logs", _write, sys.stderr.isatty())

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.studies.campaign.summary import FIGURES, Summary
 from coaxlink.report.pictures.looks import LOOKS
+from coaxlink.studies.campaign.summary import FIGURES, Summary
 
 SHOWN = ("height_rms_m", "level_rms_m", "tilt_rms_deg", "yaw_rms_deg", "thrust_error_N", "yaw_error_Nm",
          "saturated", "energy_Wh")  # fmt: skip

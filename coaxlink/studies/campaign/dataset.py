@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 from coaxlink import files
 from coaxlink._version import __version__
-from coaxlink.studies.campaign.engine import Rows
 from coaxlink.errors import InputError
+from coaxlink.studies.campaign.engine import Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 
 from coaxlink import files
+from coaxlink.errors import CoaxlinkError, InputError
 from coaxlink.studies.campaign.dataset import TEXT, WHOLE
 from coaxlink.studies.campaign.engine import Machine, Rows, run
-from coaxlink.errors import CoaxlinkError, InputError
 
 SUFFIXES = (".ulg", ".bin", ".tlog", ".csv")
 INDEX = "fleet.csv"

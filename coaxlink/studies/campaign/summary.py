@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.studies.campaign.spec import Spec
 from coaxlink.errors import InputError
+from coaxlink.studies.campaign.spec import Spec
 
 Array = NDArray[np.float64]
 FIGURES: dict[str, str] = {  # what is compared, and its unit; smaller is better in all of them

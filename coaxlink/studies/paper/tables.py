@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.load import Load
+from coaxlink.rotor.identification import Identification
+from coaxlink.rotor.lasso import InfeasibleTolerance, tolerance_form
+from coaxlink.rotor.polynomial import design_matrix, dictionary
 from coaxlink.studies.paper.ledger import (
     CONTRADICTED,
     IN_PART,
@@ -18,9 +21,6 @@ from coaxlink.studies.paper.ledger import (
     Line,
     printed,
 )
-from coaxlink.rotor.identification import Identification
-from coaxlink.rotor.lasso import InfeasibleTolerance, tolerance_form
-from coaxlink.rotor.polynomial import design_matrix, dictionary
 
 SWEEP_N = (0.6, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 

@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from campaign_work import COLUMNS, work
 
+from coaxlink.errors import CheckFailed, InputError, LinkError
 from coaxlink.studies.campaign import dataset as data
 from coaxlink.studies.campaign import engine
 from coaxlink.studies.campaign.dataset import Dataset, columns_of
 from coaxlink.studies.campaign.engine import AHEAD, Done, Machine, _Todo, run
-from coaxlink.errors import CheckFailed, InputError, LinkError
 
 CELLS = 230
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coaxlink.studies.campaign.engine import Machine
-from coaxlink.studies.campaign.fleet import FALSE_ALARM, find_logs, fleet_of, growth, look_through
 from coaxlink.errors import InputError
 from coaxlink.report import fleet as report
+from coaxlink.studies.campaign.engine import Machine
+from coaxlink.studies.campaign.fleet import FALSE_ALARM, find_logs, fleet_of, growth, look_through
 
 START = datetime.datetime(2026, 1, 5)
 

@@ -7,9 +7,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from coaxlink.errors import InputError
 from coaxlink.studies.campaign.cells import cell
 from coaxlink.studies.campaign.spec import read_spec
-from coaxlink.errors import InputError
 from coaxlink.studies.campaign_cells import known_effects
 
 GOOD = """

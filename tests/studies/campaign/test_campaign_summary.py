@@ -8,10 +8,10 @@ import re
 import numpy as np
 import pytest
 
-from coaxlink.studies.campaign.spec import read_spec
-from coaxlink.studies.campaign.summary import FIGURES, mean_interval, summarise
 from coaxlink.errors import InputError
 from coaxlink.report import campaign as report
+from coaxlink.studies.campaign.spec import read_spec
+from coaxlink.studies.campaign.summary import FIGURES, mean_interval, summarise
 from coaxlink.studies.campaign_cells import known_effects
 
 DRAWS = 300
