@@ -113,9 +113,9 @@ def _fleet(
 ) -> None:
     """Every vehicle of a folder over its flights, by the dates in their paths as `refine FOLDER` has them."""
     from coaxlink import files
-    from coaxlink.studies.campaign.fleet import find_logs
     from coaxlink.errors import CheckFailed, InputError
     from coaxlink.report.health import verdict_line
+    from coaxlink.studies.fleet import find_logs
 
     if "://" in folder:
         raise InputError(folder, "", "a folder of this machine is expected: refine reads buckets")

@@ -171,9 +171,9 @@ def _fleet(
 ) -> None:
     """Every log of a fleet by itself, and each vehicle over time. Raises InputError."""
     from coaxlink import files
-    from coaxlink.studies.campaign.fleet import RefineLog
     from coaxlink.cli.shared.fleet import tell_fleet
     from coaxlink.errors import InputError
+    from coaxlink.studies.fleet import RefineLog
 
     if count > 1:
         raise InputError(folder, "", "a fleet is one folder, with a folder a vehicle in it")

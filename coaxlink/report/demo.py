@@ -1,19 +1,32 @@
-"""The demo's result: as JSON and as terminal tables. `demo_page.py` makes the page of it."""
+"""The demo's result: as JSON, as terminal tables, as one page with the residual's pictures beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
+from coaxlink import files
+from coaxlink.report import worth
+from coaxlink.report.demo_words import TERMS, flown, story
+from coaxlink.report.html import PageTable, render
+from coaxlink.report.identify import ERROR_HEADS, error_rows
+from coaxlink.report.made import Made
+from coaxlink.report.page import refinement_parts, sentence
+from coaxlink.report.refine import tables as refine_tables
+from coaxlink.report.terminal import table
+from coaxlink.rotor.identification import COAXIAL
 from coaxlink.studies.demo import DemoResult
 from coaxlink.studies.flight_errors import FlightErrors
+
+FLIGHT_HEADINGS = (
+    "flight", "power, W", "height, m", "thrust gain", "thrust, N", "after gain, N", "roll, N m", "pitch, N m",
+    "yaw, N m",
+)  # fmt: skip
 
 
 def to_json(result: DemoResult) -> dict[str, Any]:
     """As `demo --json` writes it; `before` and `after` are held-out errors of the touched channels."""
-    from coaxlink.report.demo_words import flown
-    from coaxlink.report.worth import to_json as worth_json
-
     found = result.refinement.effects
     channels = result.refinement.channels
     touched = [c for c in channels if any(c in e.channels for e in found)] or list(channels)
@@ -22,7 +35,7 @@ def to_json(result: DemoResult) -> dict[str, Any]:
         "seed": result.seed,
         "identify": result.identification.as_json(),
         "flown": flown(result.flights),
-        "worth": worth_json(result.worths),
+        "worth": worth.to_json(result.worths),
         "upload": {"result": "verified" if verified else "failed", **result.uploads},
         "flights": {name.split()[0]: errors.to_json() for name, errors in result.flights.items()},
         "live": result.live,
@@ -34,28 +47,15 @@ def to_json(result: DemoResult) -> dict[str, Any]:
     }
 
 
-FLIGHT_HEADINGS = (
-    "flight", "power, W", "height, m", "thrust gain", "thrust, N", "after gain, N", "roll, N m", "pitch, N m",
-    "yaw, N m",
-)  # fmt: skip
-
-
 def flight_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
     """A row a flight: power, height error, gain of thrust, allocation error without and with best gains."""
     rows = []
     for name, flight in flights.items():
         d = flight.allocation
-        rows.append(
-            [
-                name,
-                "not reported" if flight.power_W is None else f"{flight.power_W:.0f}",
-                f"{flight.position_error_m[2]:.3f}",
-                f"{d.gain[0]:.3f}",
-                f"{d.thrust_error_N:.2f}",
-                f"{d.after_gain[0]:.2f}",
-                *(f"{t:.3f}" for t in d.after_gain[1:]),
-            ]
-        )
+        power = "not reported" if flight.power_W is None else f"{flight.power_W:.0f}"
+        thrust = (f"{d.gain[0]:.3f}", f"{d.thrust_error_N:.2f}", f"{d.after_gain[0]:.2f}")
+        torques = (f"{t:.3f}" for t in d.after_gain[1:])
+        rows.append([name, power, f"{flight.position_error_m[2]:.3f}", *thrust, *torques])
     return rows
 
 
@@ -75,32 +75,54 @@ def split_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
 
 def tables(result: DemoResult) -> Iterator[Any]:
     """The mixers' flights and what a table is worth; then what was hidden, before and after it was found."""
-    from coaxlink.report.demo_words import flown, story
-    from coaxlink.report.refine import tables as refine_tables
-    from coaxlink.report.worth import sentences
-
-    yield "\n".join(flown(result.flights))
-    yield _table(
-        "Flights, nothing hidden: mean |meant - delivered|, torques after the best gains",
-        FLIGHT_HEADINGS,
-        flight_rows(result.flights),
-    )
-    yield _table(
-        "Thrust split per pair: upper + lower rotor (lower share)",
-        split_headings(result.flights),
-        split_rows(result.flights),
-    )
-    yield "\n".join(("By the rotor model, beyond these flights:", *sentences(result.worths)))
+    flights = result.flights
+    yield "\n".join(flown(flights))
+    title = "Flights, nothing hidden: mean |meant - delivered|, torques after the best gains"
+    yield table(title, FLIGHT_HEADINGS, flight_rows(flights))
+    title = "Thrust split per pair: upper + lower rotor (lower share)"
+    yield table(title, split_headings(flights), split_rows(flights))
+    yield "\n".join(("By the rotor model, beyond these flights:", *worth.sentences(result.worths)))
     yield "\n".join(story(result))
     yield from refine_tables(result.refinement)
 
 
-def _table(title: str, headings: tuple[str, ...], rows: list[list[str]]) -> Any:
-    from rich.table import Table
+def write_report(out: Path, result: DemoResult, made: Made) -> Path:
+    """Write OUT/report.html (self-contained) and OUT/residual (.png, .svg, .pdf); returns the page's path."""
+    from coaxlink.report.pictures.figures import write_figures
+    from coaxlink.report.pictures.residual_plots import overview_figure
 
-    table = Table(title=title, title_justify="left", box=None, header_style="bold")
-    for n, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if n == 0 else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table
+    write_figures(out, {"residual": overview_figure(result.refinement, made.line())})
+    path = out / "report.html"
+    files.write_atomic(path, page(result, made))
+    return path
+
+
+def page(result: DemoResult, made: Made) -> str:
+    """What it is worth first, then the mixers, then what was hidden, then the words."""
+    first, *more = flown(result.flights)
+    found = sentence(result.refinement)
+    model = result.identification
+    rotor_terms = [
+        (load, term, f"{value:.4g}")
+        for load, terms in model.model.terms().items()
+        for term, value in terms.items()
+    ]
+    tables_heads = ("by the rotor model", *(t.name for t in result.worths.rows))
+    return render(
+        "demo.html",
+        title=f"coaxlink demo, seed {result.seed}",
+        lead=f"{first} Where one thing was hidden: {found[:1].lower()}{found[1:]}",
+        made=made,
+        flown=more,
+        flights=PageTable(FLIGHT_HEADINGS, flight_rows(result.flights)),
+        split=PageTable(split_headings(result.flights), split_rows(result.flights)),
+        worth=worth.sentences(result.worths),
+        worths=PageTable(tables_heads, worth.rows(result.worths.rows)),
+        worth_terms=worth.terms(),
+        story=story(result),
+        r=refinement_parts(result.refinement, made),
+        rows=model.data.samples.rows,
+        rotor_errors=PageTable(ERROR_HEADS, [row for row in error_rows(model) if row[0] in COAXIAL]),
+        rotor_terms=PageTable(("load", "term", "value"), rotor_terms),
+        words=TERMS.items(),
+    )

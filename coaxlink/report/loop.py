@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from coaxlink import files
+from coaxlink.report.html import PageTable, render
+from coaxlink.report.made import Made
+from coaxlink.report.page import refinement_parts
 from coaxlink.report.refine import either, number
+from coaxlink.report.terminal import table
 from coaxlink.studies.loop import OUTCOMES, LoopResult
-
-if TYPE_CHECKING:
-    from coaxlink.report.made import Made
 
 HEADINGS = ("mean |meant - delivered|", "before (95 %)", "after (95 %)", "ratio", "noise")
 CHANNELS = ("thrust, N", "roll, N m", "pitch, N m", "yaw, N m")
@@ -75,17 +74,10 @@ def _doubts(result: LoopResult) -> Iterator[str]:
         yield f"suspect: {s.column}, rows {s.rows}: {s.why}"
 
 
-def table(result: LoopResult) -> Any:
+def table_of(result: LoopResult) -> Any:
     """The flights' errors as a rich table, 80 columns wide at most."""
-    from rich.table import Table
-
     title = "both flights: mean |meant - delivered| over the whole plan"
-    made = Table(title=title, title_justify="left", box=None, header_style="bold", pad_edge=False)
-    for n, heading in enumerate(HEADINGS):
-        made.add_column("" if n == 0 else heading, justify="left" if n == 0 else "right", no_wrap=True)
-    for row in rows(result):
-        made.add_row(*row)
-    return made
+    return table(title, ("", *HEADINGS[1:]), rows(result))
 
 
 def sentence(result: LoopResult) -> str:
@@ -99,12 +91,14 @@ def sentence(result: LoopResult) -> str:
     )
 
 
-def write_report(path: Path, result: LoopResult, made: Made | None = None) -> None:
-    """Write the page (self-contained)."""
-    from coaxlink.report.document import html_table, listed
-    from coaxlink.report.page import page
-
-    title = "The flight's allocation error: mean |meant - delivered| over the whole plan"
-    opening = ((title, html_table(HEADINGS, rows(result)) + listed(lines(result))),)
-    name = f"coaxlink loop, seed {result.seed}"
-    files.write_atomic(path, page(result.refinement, name, opening, lead=sentence(result), made=made))
+def page(result: LoopResult, made: Made) -> str:
+    """The page (self-contained)."""
+    return render(
+        "loop.html",
+        title=f"coaxlink loop, seed {result.seed}",
+        lead=sentence(result),
+        made=made,
+        r=refinement_parts(result.refinement, made),
+        flights=PageTable(HEADINGS, rows(result)),
+        lines=list(lines(result)),
+    )

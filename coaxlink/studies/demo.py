@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +18,7 @@ if TYPE_CHECKING:
 FITTED, HIDDEN = "fitted", "hidden"
 TABLES = ("standard", "reduced", FITTED)
 LIVE = f"live {LIVE_LAW}"
-STEPS = 8  # of `run_demo`, beside the flights' own seconds
-Step = Callable[..., None]  # text, plan of the flights that begin with it
+STEPS = 8  # of `run_demo`
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class DemoResult:
     worths: Worths  # of every table, by the identified rotors
 
 
-def run_demo(seed: int, out: Path, speed: float, step: Step, watch: Watch, tell: Tell) -> DemoResult:
+def run_demo(seed: int, out: Path, speed: float, step: Tell, watch: Watch, tell: Tell) -> DemoResult:
     """Every step of the demo, files into `out`; `step` and `watch` show the progress. Raises what they raise.
 
     The mixers fly where nothing is hidden, each from a full battery and under the same noise; then the fitted
@@ -73,13 +71,13 @@ def run_demo(seed: int, out: Path, speed: float, step: Step, watch: Watch, tell:
     worths = px4_worths(vehicle)
     uploads: dict[str, dict[str, Any]] = {}
     flown = {}
-    step("uploading and flying each table", plan)
+    step("uploading and flying each table")
     for law, folder in folders.items():
         flown[law], uploads[law] = fly_table(sim, law, folder, plan)
-    step("flying with the companion mixing live", plan)
+    step("flying with the companion mixing live")
     live, demands, account = fly_live(sim, vehicle, plan)
 
-    step("flying the fitted table where something is hidden", longer)
+    step("flying the fitted table where something is hidden")
     hidden, uploads[HIDDEN] = fly_table(hiding, HIDDEN, folders[FITTED], longer)
 
     step("holding the flights against what was meant")

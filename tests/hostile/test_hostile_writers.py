@@ -19,8 +19,7 @@ from coaxlink.cli.shared.console import PlainConsole
 from coaxlink.cli.shared.shell import console, run, say, talk
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
 from coaxlink.live.scripts.onboard import onboard_script
-from coaxlink.report.document import html_table
-from coaxlink.report.html import escape
+from coaxlink.report.html import escape, html_table
 from coaxlink.report.pictures.label import label
 from coaxlink.rotor import load_rotor_model
 from coaxlink.tables.files import file_name

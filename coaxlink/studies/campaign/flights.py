@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
-from coaxlink.studies.campaign.cells import Cell, cell
-from coaxlink.studies.campaign.dataset import NUMBER, TEXT, WHOLE, YES
-from coaxlink.studies.campaign.engine import Rows
-from coaxlink.studies.campaign.spec import Known, Spec
+from coaxlink.studies.campaign.rows import NUMBER, TEXT, WHOLE, YES
+from coaxlink.studies.campaign.spec import Cell, KnownEffect, Spec, cell
+from coaxlink.studies.engine import Row
 from firmware_params.bounded import parse_toml
 
 if TYPE_CHECKING:
@@ -42,12 +41,12 @@ class Payload:
     code: str
 
 
-def known_effects() -> dict[str, Known]:
+def known_effects() -> dict[str, KnownEffect]:
     """What the world knows and these flights can hold."""
     from sim.effects import FORMS
     from sim.quick.flight import NOT_FLOWN
 
-    return {n: Known(f.extra, f.laws, f.size) for n, f in FORMS.items() if n not in NOT_FLOWN}
+    return {n: KnownEffect(f.extra, f.laws, f.size) for n, f in FORMS.items() if n not in NOT_FLOWN}
 
 
 def columns(spec: Spec) -> dict[str, str]:
@@ -71,32 +70,27 @@ def code_hash() -> str:
     digest = hashlib.sha256()
     here, world = Path(str(coaxlink.__file__)).parent, Path(str(sim.__file__)).parent
     parts = ("mixer", "tables", "vehicle", "rotor", "residual", "effects", "data")
-    sources = [
-        p for folder in (world, *(here / part for part in parts)) for p in sorted(folder.rglob("*.py"))
-    ]
-    for path in (
-        Path(__file__),
-        here / "studies" / "campaign" / "cells.py",
-        here / "studies" / "campaign" / "spec.py",
-        *sources,
-    ):
+    folders = (world, *(here / part for part in parts))
+    sources = [path for folder in folders for path in sorted(folder.rglob("*.py"))]
+    for path in (Path(__file__), Path(__file__).with_name("spec.py"), *sources):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
-def fly_cells(payload: Payload, cells: Sequence[int]) -> Rows:
+def fly_cells(payload: Payload, cells: Sequence[int]) -> list[Row]:
     """Rows of these cells. Raises CheckFailed where this worker is of another version."""
     if payload.code != code_hash():
         raise CheckFailed("a worker has another version of coaxlink: install the same on both machines")
-    kinds = columns(payload.spec)
-    rows: Rows = {name: [] for name in kinds}
+    rows = []
     for number in cells:
         with _LOCK:
             row = fly_cell(payload.spec, cell(payload.spec, number))
-        for name in kinds:
-            value = row.get(name)
-            rows[name].append(None if isinstance(value, float) and not math.isfinite(value) else value)
+        rows.append({name: _finite(row.get(name)) for name in columns(payload.spec)})
     return rows
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def fly_cell(spec: Spec, one: Cell, log: Path | None = None, out: Path | None = None) -> dict[str, Any]:

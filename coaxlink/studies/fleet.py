@@ -13,7 +13,6 @@ from __future__ import annotations
 import csv
 import datetime
 import io
-import json
 import math
 import re
 import tempfile
@@ -26,21 +25,18 @@ import numpy as np
 
 from coaxlink import files
 from coaxlink.errors import CoaxlinkError, InputError
-from coaxlink.studies.campaign.dataset import TEXT, WHOLE
-from coaxlink.studies.campaign.engine import Machine, Rows, run
+from coaxlink.studies.engine import Machine, Row, run
 
 SUFFIXES = (".ulg", ".bin", ".tlog", ".csv")
 INDEX = "fleet.csv"
 FALSE_ALARM = 0.02  # of a log without anything in it; docs/blind.md measures less
 CHANCE = 1e-3  # of one false word about a fleet
-COLUMNS = {"cell": WHOLE, "log": TEXT, "vehicle": TEXT, "date": TEXT, "problem": TEXT, "findings": TEXT}
-MOST_LOGS = 1_000_000
 _DATE = re.compile(r"(20\d\d)[-_.]?(\d{1,2})[-_.]?(\d{1,2})(?:[T_/ -]+(\d{1,2})[-_:]?(\d{2}))?")
 
 
 @dataclass(frozen=True)
 class Log:
-    """One log of a fleet; `place` is a path or a URL."""
+    """One log of a fleet; `address` is a path or a URL."""
 
     address: str
     name: str  # under the fleet's folder
@@ -49,7 +45,7 @@ class Log:
 
 
 @dataclass(frozen=True)
-class Finding:
+class LogFinding:
     """One thing found in one log."""
 
     name: str  # of the effect or fault
@@ -99,7 +95,7 @@ class Fleet:
     vehicles: tuple[str, ...]
     problems: Mapping[str, str]  # log: why it says nothing
     trends: tuple[Trend, ...]  # the believed first
-    rows: tuple[tuple[str, str, tuple[Finding, ...]], ...]  # vehicle, date, findings; a log each
+    rows: tuple[tuple[str, str, tuple[LogFinding, ...]], ...]  # vehicle, date, findings; a log each
 
     @property
     def believed(self) -> tuple[Trend, ...]:
@@ -112,41 +108,28 @@ class Fleet:
         def safe(x: float) -> float | None:
             return x if math.isfinite(x) else None
 
+        findings = [
+            {
+                **vars(t),
+                "grows": t.grows,
+                "dates": list(t.dates),
+                "values": list(t.values),
+                "per_week": safe(t.per_week),
+                "per_week_ci": [safe(x) for x in t.per_week_ci],
+            }
+            for t in self.trends
+        ]
         return {
             "kind": "fleet",
             "logs": self.logs,
             "vehicles": list(self.vehicles),
             "problems": dict(self.problems),
-            "findings": [
-                {
-                    "vehicle": c.vehicle,
-                    "name": c.name,
-                    "part": c.part,
-                    "unit": c.unit,
-                    "believed": c.believed,
-                    "grows": c.grows,
-                    "dates": list(c.dates),
-                    "values": list(c.values),
-                    "logs": c.logs,
-                    "p_value": c.p_value,
-                    "per_week": safe(c.per_week),
-                    "per_week_ci": [safe(x) for x in c.per_week_ci],
-                }
-                for c in self.trends
-            ],
-        }  # fmt: skip
+            "findings": findings,
+        }
 
 
 # what is found in a log on disk; raises CoaxlinkError where it says nothing
-Analyse = Callable[[Path], Sequence[Finding]]
-
-
-@dataclass(frozen=True)
-class Task:
-    """What a worker is given: who analyses, and the logs by number."""
-
-    analyse: Analyse
-    logs: Sequence[Log]
+Analyse = Callable[[Path], Sequence[LogFinding]]
 
 
 def find_logs(folder: str) -> list[Log]:
@@ -233,12 +216,13 @@ def _index(folder: str) -> dict[str, tuple[str, datetime.datetime | None]]:
     return listed
 
 
-def analyse_logs(task: Task, cells: Sequence[int]) -> Rows:
-    """Rows of these logs, for the engine."""
-    rows: Rows = {name: [] for name in COLUMNS}
-    for number in cells:
-        log = task.logs[number]
-        problem, found = "", []
+def analyse_logs(task: tuple[Analyse, Sequence[Log]], numbers: Sequence[int]) -> list[Row]:
+    """What is found in each of these logs, for the engine."""
+    analyse, logs = task
+    rows = []
+    for number in numbers:
+        log = logs[number]
+        problem, found = "", tuple[LogFinding, ...]()
         try:
             with tempfile.TemporaryDirectory() as scratch:
                 path = Path(log.address)
@@ -246,14 +230,12 @@ def analyse_logs(task: Task, cells: Sequence[int]) -> Rows:
                     fs, remote = _filesystem(log.address)
                     path = Path(scratch) / Path(log.name).name
                     fs.get_file(remote, str(path))
-                found = [vars(f) for f in task.analyse(path)]
+                found = tuple(analyse(path))
         except CoaxlinkError as error:
             problem = str(error)
         except OSError as error:
             problem = f"{log.address}: cannot be read ({error})"
-        row = (number, log.name, log.vehicle, log.date.isoformat(), problem, json.dumps(found))
-        for name, value in zip(COLUMNS, row, strict=True):
-            rows[name].append(value)
+        rows.append({"number": number, "log": log, "problem": problem, "findings": found})
     return rows
 
 
@@ -264,37 +246,29 @@ def look_through(
 
     Raises what the engine raises; a log that cannot be analysed is a problem of its own, not an error.
     """
-    found: dict[int, tuple[Any, ...]] = {}
-    for done in run(analyse_logs, Task(analyse, logs), iter(range(len(logs))), machine):
-        for row in zip(*(done.rows[name] for name in COLUMNS), strict=True):
-            found[int(row[0])] = row
-        tell(len(found))
-    return fleet_of([found[n] for n in sorted(found)])
+    rows: list[Row] = []
+    for done in run(analyse_logs, (analyse, logs), range(len(logs)), machine):
+        rows += done
+        tell(len(rows))
+    return fleet_of(sorted(rows, key=lambda row: int(row["number"])))
 
 
-def fleet_of(rows: Sequence[tuple[Any, ...]]) -> Fleet:
-    """The fleet of rows (COLUMNS), sorted by vehicle and date."""
-    problems = {str(row[1]): str(row[4]) for row in rows if row[4]}
-    sound = [row for row in rows if not row[4]]
+def fleet_of(rows: Sequence[Row]) -> Fleet:
+    """The fleet of rows (log, problem, findings), sorted by vehicle and date."""
+    problems = {row["log"].name: str(row["problem"]) for row in rows if row["problem"]}
     findings = tuple(
-        (
-            str(row[2]),
-            str(row[3]),
-            tuple(
-                Finding(f["name"], f["part"], f["value"], (f["ci"][0], f["ci"][1]), f["unit"])
-                for f in json.loads(row[5])
-            ),
-        )
-        for row in sound
+        (row["log"].vehicle, row["log"].date.isoformat(), tuple(row["findings"]))
+        for row in rows
+        if not row["problem"]
     )
-    vehicles = tuple(dict.fromkeys(str(row[2]) for row in rows))
+    vehicles = tuple(dict.fromkeys(row["log"].vehicle for row in rows))
     trends = sorted(
-        _trends(findings, len(vehicles)), key=lambda c: (not c.believed, c.p_value, c.vehicle, c.name)
+        _trends(findings, len(vehicles)), key=lambda t: (not t.believed, t.p_value, t.vehicle, t.name)
     )
     return Fleet(len(rows), vehicles, problems, tuple(trends), findings)
 
 
-def _trends(rows: Sequence[tuple[str, str, tuple[Finding, ...]]], vehicles: int) -> Iterator[Trend]:
+def _trends(rows: Sequence[tuple[str, str, tuple[LogFinding, ...]]], vehicles: int) -> Iterator[Trend]:
     from scipy.stats import binom
 
     kinds = {(f.name, f.part) for _, _, found in rows for f in found}
@@ -342,7 +316,7 @@ class RefineLog:
     airframe: Path
     rotor: Path | None = None
 
-    def __call__(self, log: Path) -> list[Finding]:
+    def __call__(self, log: Path) -> list[LogFinding]:
         """Everything that refine names; raises CoaxlinkError."""
         from coaxlink.airframe import load_airframe
         from coaxlink.data import read_flight_log
@@ -364,7 +338,7 @@ class RefineLog:
             main = next(iter(by_name.values()), None)
             if main is not None:
                 part = f"rotor {rotor.value:.0f}" if rotor is not None else ""
-                found.append(Finding(e.name, part, main.value, (main.ci[0], main.ci[1]), main.unit))
+                found.append(LogFinding(e.name, part, main.value, (main.ci[0], main.ci[1]), main.unit))
         suspects = sorted({s.column for s in answer.suspect_data})
-        found += [Finding("suspect_data", column, 1.0, (math.nan, math.nan), "1") for column in suspects]
+        found += [LogFinding("suspect_data", column, 1.0, (math.nan, math.nan), "1") for column in suspects]
         return found
