@@ -112,7 +112,7 @@ def _pool(machine: Machine) -> Iterator[_Pool]:
     except ImportError as error:
         raise InputError("`scheduler`", "", "Dask is needed: pip install 'coaxlink[cluster]'") from error
     try:
-        client = distributed.Client(machine.scheduler, timeout=CONNECT_S, set_as_default=False)
+        client = distributed.Client(machine.scheduler, timeout=CONNECT_S)
     except (OSError, ValueError) as error:
         raise LinkError(machine.scheduler, "no Dask scheduler answers there") from error
     try:
