@@ -1,14 +1,14 @@
-"""Two checkouts of coaxlink on the same logs, side by side: right, not there, error over the floor, seconds.
+"""Worlds of other authors through one or two checkouts: right, not there, error over the floor.
 
-    git worktree add ../old 61ee12d
-    python research/side_by_side.py ../old . --worlds ../shared/worlds/{stand,flight,real} [--out F]
-    python research/side_by_side.py ../old . --data ../shared/data [--out F]
+    git worktree add ../old COMMIT
+    python research/authors.py [../old] . --worlds ../shared/worlds/{stand,flight,real,authors/*} [--out F]
+    python research/authors.py [../old] . --data ../shared/data [--out F]
+    python research/authors.py --small
 
 Each log goes through `coaxlink refine`, as a user types it, once by each checkout's code, in this
 environment; F keeps the answers. `--worlds` are folders with a `truth.json` and the
 grader `grade.py` beside them, whose verdict is printed. `--data` has no truth: a row a log, what each says.
-Own blind worlds are `blind.py`'s: `--folder F`, then by the other checkout
-`PYTHONPATH=../old python research/blind_guest.py F old` and `blind.py --folder F --report --method old`.
+`--small`: the first log of the shared data, where that is there. Own blind worlds are `blind.py`'s.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+ROOT = Path(__file__).resolve().parents[1]
+SHARED = ROOT.parent / "shared" / "data"
 # stands where the grader looks for coaxlink (`refine LOG ...`), and keeps the answer under the log's name
 WRAPPER = """#!/bin/sh
 export PYTHONPATH={code}
@@ -35,7 +37,7 @@ cp "$json" "{kept}/${{log%%.*}}.json"
 """
 
 
-def asked(code: Path, log: Path, out: Path) -> tuple[dict[str, Any], float]:
+def answered(code: Path, log: Path, out: Path) -> tuple[dict[str, Any], float]:
     """The answer to a log, or {"error": what was said}, and seconds of wall time."""
     kept = out / f"{log.stem}.json"
     if not kept.exists():
@@ -49,8 +51,8 @@ def asked(code: Path, log: Path, out: Path) -> tuple[dict[str, Any], float]:
             answer = json.loads(fresh.read_text())
             fresh.unlink()
         kept.write_text(json.dumps({"answer": answer, "seconds": time.perf_counter() - start}))
-    told = json.loads(kept.read_text())
-    return told["answer"], told["seconds"]
+    found = json.loads(kept.read_text())
+    return found["answer"], found["seconds"]
 
 
 def over_floor(answer: dict[str, Any]) -> float:
@@ -92,11 +94,17 @@ def graded(code: Path, worlds: Path, out: Path) -> str:
 def main() -> None:
     """Print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("code", type=Path, nargs=2, help="the two checkouts")
+    parser.add_argument("code", type=Path, nargs="*", default=[ROOT], help="checkouts")
+    parser.add_argument("--small", action="store_true", help="one log, for CI")
     parser.add_argument("--worlds", type=Path, nargs="*", default=[])
     parser.add_argument("--data", type=Path)
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "coaxlink-side-by-side")
     a = parser.parse_args()
+    if a.small:
+        a.data, a.out = SHARED / "coax", Path(tempfile.mkdtemp())
+        if not a.data.is_dir():
+            print("no shared data beside this checkout: nothing to answer")
+            return
     named = [
         (code.resolve(), f"{code.name or 'here':12s}", a.out.resolve() / str(k))
         for k, code in enumerate(a.code)
@@ -105,11 +113,12 @@ def main() -> None:
         for code, name, out in named:
             print(f"{worlds.name:8s} {name} {graded(code, worlds, out / worlds.name)}", flush=True)
     logs = [p for end in ("csv", "ulg", "bin") for p in sorted(a.data.rglob(f"*.{end}"))] if a.data else []
-    for log in logs:
+    for log in logs[:1] if a.small else logs:
         print(log.relative_to(a.data))
         for code, name, out in named:
             (out / "data").mkdir(parents=True, exist_ok=True)
-            answer, seconds = asked(code, log, out / "data")
+            answer, seconds = answered(code, log, out / "data")
+            assert not a.small or "error" not in answer, answer
             print(f"    {name} {said(answer)}; {over_floor(answer):.2f} floors, {seconds:.1f} s", flush=True)
 
 
