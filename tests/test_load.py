@@ -19,8 +19,8 @@ SPELLING = re.compile(r"(upper|lower)[._](thrust|torque)(_N|_Nm)?")
 # readers speak the contract's column names; the paper's own table has keys of its own
 ELSEWHERE = {
     "load.py": "where the spellings are",
-    "paper/contradictions.py": "printed.toml",
-    "paper/equations.py": "printed.toml",
+    "studies/paper/contradictions.py": "printed.toml",
+    "studies/paper/equations.py": "printed.toml",
 }
 
 

@@ -9,7 +9,6 @@ import pytest
 
 from coaxlink import files
 from coaxlink.airframe import load_airframe
-from coaxlink.studies.campaign.spec import read_spec
 from coaxlink.cli.shared.rate_loops import _vehicle
 from coaxlink.data import read_stand_log
 from coaxlink.fly.plans import plan_of
@@ -18,6 +17,7 @@ from coaxlink.mixer.limits import load_limits
 from coaxlink.monitor.config import load_config
 from coaxlink.rotor import load_rotor_model
 from coaxlink.studies.campaign.flights import known_effects
+from coaxlink.studies.campaign.spec import read_spec
 from coaxlink.vehicle import load_rotors
 from firmware_params.keys import problem_of, unknown_key
 from sim.manoeuvres import read_plan
@@ -129,7 +129,8 @@ CASES = {
 
 
 READERS = {
-    *(f"coaxlink/{p}.py" for p in ("airframe", "campaign/spec", "cli/shared/rate_loops", "data/columns_map")),
+    *(f"coaxlink/{p}.py" for p in ("airframe", "cli/shared/rate_loops", "data/columns_map")),
+    "coaxlink/studies/campaign/spec.py",
     *(f"coaxlink/{p}.py" for p in ("fly/plans", "live/attitude_loop", "mixer/limits", "monitor/config")),
     "coaxlink/rotor/model.py",
     *(f"sim/{p}.py" for p in ("manoeuvres", "physics/rotors", "truth", "vehicle")),

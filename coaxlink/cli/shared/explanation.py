@@ -38,7 +38,7 @@ def under(reference_name: str) -> str:
 
 
 def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) -> None:
-    out.print(f"\nWhat the allocation method demands of each rotor, and what {firmware} does")
+    out.print(f"\nWhat the law demands of each rotor, and what {firmware} does")
     out.print("thousandths of squared speed, for 1 N m of roll, pitch or yaw and for 1 N of thrust")
     rows = []
     largest = abs(explained.demanded).max(axis=0)
@@ -52,7 +52,7 @@ def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) 
     axis, worst = max(explained.worst.items(), key=lambda item: item[1])
     if worst <= _EQUAL:
         out.print(
-            f"{firmware} does what the method demands, to {max(worst, 1e-4):.2%} of an axis's largest entry"
+            f"{firmware} does what the law demands, to {max(worst, 1e-4):.2%} of an axis's largest entry"
         )
     else:
         out.print(
