@@ -1,4 +1,4 @@
-"""A campaign file: which quantities vary, over what, and which laws fly each draw.
+"""A campaign file: which quantities vary, over what, which laws fly each draw, and which flight a cell is.
 
     seed = 1
     flights = 1000                        # laws times draws, at most
@@ -18,10 +18,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from coaxlink import files
 from coaxlink.errors import InputError
@@ -29,7 +32,7 @@ from firmware_params.keys import unknown_key
 
 LAWS = ("standard", "curved", "reduced", "fitted", "exact")
 PLANS = ("hover", "circle", "wander", "steps")
-MOST = 10_000_000  # flights of one campaign
+MOST = 1_000_000  # flights of one campaign
 ANY_ROTOR = "any"
 # quantities that are numbers: least, most, what they are
 NUMBERS: dict[str, tuple[float, float, str]] = {
@@ -84,7 +87,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownEffect:
     """What the world knows of an effect: further keys, its laws, what its size means."""
 
     keys: tuple[str, ...]
@@ -131,7 +134,43 @@ class Spec:
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
-def read_spec(path: Path, known: Mapping[str, Known]) -> Spec:
+@dataclass(frozen=True)
+class Cell:
+    """One flight: cell = draw x laws + place of its law."""
+
+    number: int
+    draw: int
+    law: str
+    seed: int  # of gusts, noise and plan: one for all laws of a draw
+    values: Mapping[str, float | str]  # of every quantity; an effect that is not true has size 0
+
+
+def cell(spec: Spec, number: int) -> Cell:
+    """The cell of that number, from 0; it follows from the campaign and the number alone."""
+    draw, law_index = divmod(number, len(spec.laws))
+    values: dict[str, float | str] = {}
+    rest = draw // spec.repeats
+    for name, q in spec.quantities.items():
+        if spec.grid:
+            grid = q.grid()
+            rest, at = divmod(rest, len(grid))
+            values[name] = _share(spec.seed, draw, name) if grid[at] == ANY_ROTOR else grid[at]
+        else:
+            values[name] = q.at(_share(spec.seed, draw, name))
+    for name in spec.effects:
+        chance = values.pop(f"effects.{name}.chance", 1.0)
+        if not _share(spec.seed, draw, f"effects.{name}") < float(chance):
+            values[f"effects.{name}.size"] = 0.0
+    seed = zlib.crc32(f"{spec.seed}/{draw}".encode()) >> 1
+    return Cell(number, draw, spec.laws[law_index], seed, values)
+
+
+def _share(seed: int, draw: int, name: str) -> float:
+    """Evenly between 0 and 1, a stream of its own for every quantity: another one more moves none of them."""
+    return float(np.random.default_rng([seed & 0xFFFFFFFF, draw, zlib.crc32(name.encode())]).random())
+
+
+def read_spec(path: Path, known: Mapping[str, KnownEffect]) -> Spec:
     """Read a campaign file; `known` are the world's effects. Raises InputError naming the key."""
     document = files.read_toml(path)
     _refuse_unknown(path, "", document, (*PLAIN, *NAMES, *NUMBERS))
@@ -221,7 +260,7 @@ def _quantity(
     return Quantity(tuple(values if text else map(float, values)))
 
 
-def _effect(path: Path, name: str, table: Any, known: Mapping[str, Known]) -> dict[str, Quantity]:
+def _effect(path: Path, name: str, table: Any, known: Mapping[str, KnownEffect]) -> dict[str, Quantity]:
     where = f"effects.{name}"
     form = known[name]
     allowed = ("size", "chance", "onset_s", "law", *form.keys)
