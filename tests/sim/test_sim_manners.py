@@ -1,7 +1,5 @@
 """Manners of the firmwares that a companion stumbles over: lost links, bench tests, versions, indices."""
 
-import math
-
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as m
 from sim_pilot import GUIDED, LAND, RTL, Pilot
@@ -93,18 +91,6 @@ def test_a_motor_is_turned_on_the_bench(px4: Pilot, copter: Pilot) -> None:
     for pilot in (px4, copter):
         pilot.climb()
         assert pilot.command(310 if pilot is px4 else 209, 1, 0, 0, 0, 1) in (2, 4)
-
-
-def test_free_actuators_reach_their_outputs_in_flight(px4: Pilot) -> None:
-    px4.climb()
-    before = px4.autopilot.outputs_us[6]
-    assert px4.command(187, 0.5, math.nan, math.nan, math.nan, math.nan, math.nan) == 0
-    px4.run(0.1)
-    assert px4.autopilot.outputs_us[6] == pytest.approx(before, abs=60)  # a motor is not theirs
-    px4.autopilot.store.write("PWM_MAIN_FUNC7", 6, 4.217911e-43)  # 301, by its bytes
-    assert px4.autopilot.store["PWM_MAIN_FUNC7"] == 301
-    px4.run(0.1)
-    assert px4.autopilot.outputs_us[6] == 1750.0
 
 
 def test_versions_differ() -> None:
