@@ -111,6 +111,7 @@ class Px4Counterpart:
         self.socket.sendall(m.MAVLink_hil_actuator_controls_message(time_usec, values, 128, 1).pack(self.out))
 
 
+@pytest.mark.slow
 def test_px4_lockstep_hover_and_circle_without_a_missed_step() -> None:
     bridge = build_bridge(WORLD, "px4", "tcpin:127.0.0.1:0")
     pilot = Pilot(bridge, 250.0)
@@ -230,6 +231,7 @@ def test_ardupilot_starts_over_and_sends_rubbish() -> None:
         bridge.close()
 
 
+@pytest.mark.slow
 def test_the_verb_opens_bridges_and_says_no_in_one_line() -> None:
     with standin("--bridge", "px4", kind="tcpin") as port:
         px4 = Px4Counterpart(port)

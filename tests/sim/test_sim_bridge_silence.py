@@ -88,6 +88,7 @@ def test_every_reading_comes_whatever_share_of_the_answers_is_missing(speed: flo
     assert set(np.diff(stamps)) == {4000} and bridge.timeouts >= 30
 
 
+@pytest.mark.slow
 def test_one_that_is_stopped_and_reads_nothing_gives_way_to_another(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(px4_hil, "GIVE_WAY_S", 0.3)
     with silent_bridge(0.001) as (bridge, port, _):
@@ -121,6 +122,7 @@ def test_ardupilot_is_told_once_why_it_gets_no_answer() -> None:
     assert said[1] == "1 frames, 0 asked for again, 0 lost, 2 packets not answered"
 
 
+@pytest.mark.slow
 def test_the_verb_says_on_stderr_when_lockstep_was_left_and_how_often() -> None:
     command = [sys.executable, "-m", "coaxlink", "sim", "--bridge", "px4", "--speed", "0"]
     command += ["--listen", "tcpin:127.0.0.1:0"]

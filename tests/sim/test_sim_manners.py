@@ -34,6 +34,7 @@ def test_px4_misses_its_ground_station(px4: Pilot, action: int, mode: Mode) -> N
     assert any("regained" in t.text for t in px4.heard("STATUSTEXT"))
 
 
+@pytest.mark.slow
 def test_px4_without_that_action_flies_on_and_with_it_wants_one_to_arm() -> None:
     px4 = Pilot("px4")
     px4.climb()
@@ -71,6 +72,7 @@ def turning(pilot: Pilot) -> set[int]:
     return {n + 1 for n, u in enumerate(pilot.autopilot.plant.speeds.tolist()) if u > 0.05}
 
 
+@pytest.mark.slow
 def test_a_motor_is_turned_on_the_bench(px4: Pilot, copter: Pilot) -> None:
     assert px4.command(310, 0.2, 1.0, 0, 0, 6) == 0
     px4.run(0.5)
@@ -93,6 +95,7 @@ def test_a_motor_is_turned_on_the_bench(px4: Pilot, copter: Pilot) -> None:
         assert pilot.command(310 if pilot is px4 else 209, 1, 0, 0, 0, 1) in (2, 4)
 
 
+@pytest.mark.slow
 def test_versions_differ() -> None:
     old, middle, new, later = (Pilot(f"px4{v}") for v in (":1.13", ":1.14", "", ":1.17"))
     assert [p.command(511, 140, 4000) for p in (old, middle, new)] == [0, 4, 4]
@@ -139,6 +142,7 @@ def test_a_reboot_forgets_what_was_asked_for(copter: Pilot) -> None:
     assert copter.heard("LOCAL_POSITION_NED")[-1].time_boot_ms < 1000 * copter.autopilot.plant.time_s + 500
 
 
+@pytest.mark.slow
 def test_after_a_landing_px4_is_in_the_mode_chosen_before(px4: Pilot) -> None:
     """UserModeIntention.cpp, and seen on the real one."""
     a = px4.autopilot
