@@ -14,7 +14,6 @@ from pymavlink.dialects.v20 import common as m
 
 from sim.line.ftp import Manners, Server
 from sim.line.links import Peer
-from sim.line.logs import LogTransfer
 from sim.line.mission import ABOVE_HOME
 from sim.line.mission_link import MissionTransfer
 from sim.line.wire import Clock
@@ -37,7 +36,6 @@ class Conversation:
     builders = BUILDERS
     default_hz = DEFAULT_HZ
     file_manners = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
-    first_log = 0
     unknown_stream = FAILED  # answer to SET_MESSAGE_INTERVAL of a message that is not known
     mission_request = m.MAVLink_mission_request_int_message
 
@@ -52,7 +50,6 @@ class Conversation:
         self._listed_at = 0.0
         self._files = Server(autopilot.files, self.file_manners, self._file_reply)
         self._file_source = (255, 190)
-        self._logs = LogTransfer(autopilot, self.send, self.first_log, clock)
         self._mission = MissionTransfer(autopilot, self.send, everyone, self.mission_request, clock)
         self._handlers: dict[str, Callable[[Any], None]] = {
             "HEARTBEAT": self._heartbeat,
@@ -68,7 +65,6 @@ class Conversation:
             "TIMESYNC": self._timesync,
             "PING": self._ping,
             "FILE_TRANSFER_PROTOCOL": self._file_transfer,
-            **self._logs.handlers,
             **self._mission.handlers,
         }
 
@@ -103,8 +99,7 @@ class Conversation:
         return interval is not None and stamp_us(self.autopilot) + 1 >= self._due_us.get(140, 0.0)
 
     def list_on(self) -> None:
-        """Go on with a parameter list or a log, at the pace a real link has."""
-        self._logs.go_on()
+        """Go on with a parameter list, at the pace a real link has."""
         self._mission.go_on()
         if not self._listing:
             return
@@ -228,12 +223,16 @@ class Conversation:
         try:
             result, after = self._execute(command, params)
         except Refused as error:
-            self._everyone(_status(4, str(error)))
-            result, after = (TEMPORARILY if command == 400 else DENIED), None
+            severity, result, after = *self._refusal(command), None
+            self._everyone(_status(severity, str(error)))
         source = message.get_srcSystem(), message.get_srcComponent()
         self.send(m.MAVLink_command_ack_message(command, result, 0, 0, *source))
         if after is not None:
             self.send(after)
+
+    def _refusal(self, command: int) -> tuple[int, int]:
+        """Severity of the text and result of a command that the autopilot refuses."""
+        return 4, TEMPORARILY if command == 400 else DENIED
 
     def _execute(self, command: int, p: list[float]) -> tuple[int, Any]:
         """Result and a message to send after the acknowledgement. Raises Refused."""
@@ -277,8 +276,6 @@ class Conversation:
                 and a.motor_test.turn(int(p[0]) - 1, p[2] / 100.0, p[3], a.plant.time_s)
             )
             return (ACCEPTED if done else DENIED), None
-        elif command == 187:
-            return self._set_actuators(p), None
         elif command == 178:
             a.cruise = p[1] if p[1] > 0 else a.cruise
         elif command == 245:
@@ -294,14 +291,6 @@ class Conversation:
             return DENIED
         value = p[0] if math.isfinite(p[0]) else 0.0
         return ACCEPTED if a.motor_test.turn(round(p[4]) - 1, value, p[1], a.plant.time_s) else DENIED
-
-    def _set_actuators(self, p: list[float]) -> int:
-        """Free actuators 1..6 (outputs 301..306), since 1.14; the one before moves an auxiliary group."""
-        if self.autopilot.version >= (1, 14, 0) and p[6] == 0:
-            for k in range(6):
-                if math.isfinite(p[k]):
-                    self.autopilot.actuators[k] = min(max(p[k], -1.0), 1.0)
-        return ACCEPTED
 
     def _do_set_mode(self, p: list[float]) -> int:
         if not int(p[0]) & 1:

@@ -138,6 +138,7 @@ def test_strange_pushes_come_and_go() -> None:
     assert 0.1 < np.mean(np.array(pushes) > 1) < 0.6
 
 
+@pytest.mark.slow
 def test_the_plants_own_log_has_currents_and_heat(tmp_path: Path) -> None:
     true = TruthLog()
     log = fly(build(World(EXAMPLES / "x8_demo.toml"), []).autopilot, "paper", true.watch)
