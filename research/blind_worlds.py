@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import flights
-from sim.physics.plant import Battery, Plant
+from sim.physics.plant import BatteryPack, Plant
 from sim.physics.rotors import Pair, read_pair
 from sim.physics.sensors import Sensors
 from sim.px4.autopilot import Autopilot
@@ -609,7 +609,7 @@ def _fly(hidden: tuple[str, ...], seed: int, worth: float, family: str, folder: 
     truth_text = truth_toml(hidden, worth, random, family, vehicle.rotors)
     secret = body.with_suffix(".truth")
     secret.write_text(truth_text)
-    battery = Battery(
+    battery = BatteryPack(
         charge=float(random.uniform(0.8, 0.97)), resistance_ohm=float(random.uniform(0.018, 0.03))
     )
     pilot = Autopilot(

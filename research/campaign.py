@@ -105,10 +105,10 @@ def weak(vehicle: int, week: int) -> float:
 
 def make_fleet(folder: Path, vehicles: int, weeks: int) -> None:
     """Write FOLDER/vehicle-N/DATE.csv."""
-    from sim.effects import Effect
+    from sim.effects import HiddenEffect
     from sim.flights import write_flight
     from sim.physics.rotors import read_pair
-    from sim.quick.flight import World, fly_quick, make_design
+    from sim.quick.flight import FlightWorld, fly_quick, make_design
     from sim.vehicle import read_vehicle
 
     airframe = EXAMPLES / "x8_demo.toml"
@@ -124,8 +124,8 @@ def make_fleet(folder: Path, vehicles: int, weeks: int) -> None:
         for week in range(weeks):
             lost = weak(vehicle, week)
             rotor = float(AILING.get(vehicle, (1,))[0])
-            effects = (Effect("degraded_rotor", lost, 0.0, {"rotor": rotor}),) if lost else ()
-            world = World(effects, 1000 * vehicle + week, "wander", 40.0)
+            effects = (HiddenEffect("degraded_rotor", lost, 0.0, {"rotor": rotor}),) if lost else ()
+            world = FlightWorld(effects, 1000 * vehicle + week, "wander", 40.0)
             date = START + datetime.timedelta(days=7 * week + vehicle % 5)
             log = vehicle_folder / f"{date.isoformat()}.csv"
             if not log.exists():

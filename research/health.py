@@ -361,8 +361,8 @@ def design(name: str, law: str) -> tuple[Any, Any]:
 
 def air_world(seed: int, loss: float, steps: bool) -> tuple[Any, Any, dict[str, Any]]:
     """Vehicle of the test, (design, world) of the flight, and what is true."""
-    from sim.effects import Effect
-    from sim.quick.flight import World
+    from sim.effects import HiddenEffect
+    from sim.quick.flight import FlightWorld
 
     random = np.random.default_rng([seed, 0x5A1B])
     name, law = VEHICLES[int(random.integers(len(VEHICLES)))]
@@ -375,20 +375,26 @@ def air_world(seed: int, loss: float, steps: bool) -> tuple[Any, Any, dict[str, 
         position_m=made.vehicle.position_m * np.array([arm, arm, 1.0]),
     )
     effects = [
-        Effect("wind", random.uniform(0.0, 8.0), 0.0, {"direction_deg": random.uniform(0, 360)}, "dryden"),
-        Effect("rotor_drag", random.uniform(0.0, 0.15)),
-        Effect("axial_inflow", random.uniform(0.0, 1.0)),
-        Effect("battery_voltage", random.uniform(0.0, 0.8)),
-        Effect("cg_offset", random.uniform(0.0, 0.01), 0.0, {"direction_deg": random.uniform(0, 360)}),
-        Effect("rotor_lag", random.uniform(0.0, 0.01)),
+        HiddenEffect(
+            "wind", random.uniform(0.0, 8.0), 0.0, {"direction_deg": random.uniform(0, 360)}, "dryden"
+        ),
+        HiddenEffect("rotor_drag", random.uniform(0.0, 0.15)),
+        HiddenEffect("axial_inflow", random.uniform(0.0, 1.0)),
+        HiddenEffect("battery_voltage", random.uniform(0.0, 0.8)),
+        HiddenEffect("cg_offset", random.uniform(0.0, 0.01), 0.0, {"direction_deg": random.uniform(0, 360)}),
+        HiddenEffect("rotor_lag", random.uniform(0.0, 0.01)),
     ]
     plan = AIR_PLANS[int(random.integers(len(AIR_PLANS) if steps else len(AIR_PLANS) - 1))]
     rotor, onset = int(random.integers(made.vehicle.rotors)) + 1, random.uniform(15.0, SECONDS - 10.0)
     kind = LAWS[int(random.integers(len(LAWS)))]
     truth = {"vehicle": name, "law": law, "plan": plan, "rotor": rotor, "onset_s": onset, "kind": kind}
     if loss > 0.0:
-        effects.append(Effect("degraded_rotor", loss, onset, {"rotor": float(rotor)}, kind))
-    return vehicle, (replace(made, vehicle=body), World(tuple(effects), seed, plan, SECONDS - 5.0)), truth
+        effects.append(HiddenEffect("degraded_rotor", loss, onset, {"rotor": float(rotor)}, kind))
+    return (
+        vehicle,
+        (replace(made, vehicle=body), FlightWorld(tuple(effects), seed, plan, SECONDS - 5.0)),
+        truth,
+    )
 
 
 def watch(vehicle: Any, log: dict[str, Any], hours: tuple[float, ...]) -> dict[float, tuple[float, int]]:
@@ -431,7 +437,7 @@ def watch_stops(vehicle: Any, log: dict[str, Any]) -> tuple[float, int] | None:
 
 def stops(job: tuple[int, int, str, bool]) -> list[tuple[dict[str, Any], tuple[float, int] | None]]:
     """(truth, call) of flights in which a rotor stops so; none does where the kind is empty."""
-    from sim.effects import Effect
+    from sim.effects import HiddenEffect
     from sim.quick.flight import fly_quick
 
     first, count, kind, steps = job
@@ -439,7 +445,7 @@ def stops(job: tuple[int, int, str, bool]) -> list[tuple[dict[str, Any], tuple[f
     for seed in range(first, first + count):
         vehicle, (made, true), truth = air_world(seed, 0.0, steps)
         if kind:
-            fault = Effect(
+            fault = HiddenEffect(
                 "degraded_rotor", 1.0, truth["onset_s"], {"rotor": float(truth["rotor"])}, STOPS[kind]
             )
             true = replace(true, effects=(*true.effects, fault), seconds=truth["onset_s"] - 4.0)
