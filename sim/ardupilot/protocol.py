@@ -38,6 +38,7 @@ class ApConversation(Conversation):
     builders = BUILDERS
     default_hz = DEFAULT_HZ
     file_manners = MANNERS
+    first_log = 1
     unknown_stream = DENIED
     mission_request = m.MAVLink_mission_request_message  # and it takes either kind of item
 

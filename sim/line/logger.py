@@ -52,6 +52,10 @@ class Logger:
         """Paths of all there are, oldest first."""
         return sorted(p for p in self.autopilot.files.files if p.endswith(self.suffix))
 
+    def listed(self) -> list[str]:
+        """Paths in the order in which MAVLink's log messages number them."""
+        return self.logs()
+
     def record(self, now_us: int) -> None:
         """One step."""
         if not self.wanted():

@@ -9,6 +9,7 @@ later bit's rate holds. What the other bits add is not here. PX4 reads both once
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -229,6 +230,10 @@ class UlogLogger(Logger):
         folder = FOLDER.format(self._session)
         folders.add(folder)
         return f"{folder}/log{self._number:03d}.ulg"
+
+    def listed(self) -> list[str]:
+        """As the file system lists its folders (mavlink_log_handler.cpp: readdir), which is by no age."""
+        return sorted(self.logs(), key=lambda path: zlib.crc32(path.encode()))
 
     def begin(self) -> bytes:
         a = self.autopilot

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common as m
 
 from sim.line.ftp import Manners, Server
 from sim.line.links import Peer
+from sim.line.logs import LogTransfer
 from sim.line.mission import ABOVE_HOME
 from sim.line.mission_link import MissionTransfer
 from sim.line.wire import Clock
@@ -36,6 +37,7 @@ class Conversation:
     builders = BUILDERS
     default_hz = DEFAULT_HZ
     file_manners = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
+    first_log = 0
     unknown_stream = FAILED  # answer to SET_MESSAGE_INTERVAL of a message that is not known
     mission_request = m.MAVLink_mission_request_int_message
 
@@ -50,6 +52,7 @@ class Conversation:
         self._listed_at = 0.0
         self._files = Server(autopilot.files, self.file_manners, self._file_reply)
         self._file_source = (255, 190)
+        self._logs = LogTransfer(autopilot, self.send, self.first_log, clock)
         self._mission = MissionTransfer(autopilot, self.send, everyone, self.mission_request, clock)
         self._handlers: dict[str, Callable[[Any], None]] = {
             "HEARTBEAT": self._heartbeat,
@@ -65,6 +68,7 @@ class Conversation:
             "TIMESYNC": self._timesync,
             "PING": self._ping,
             "FILE_TRANSFER_PROTOCOL": self._file_transfer,
+            **self._logs.handlers,
             **self._mission.handlers,
         }
 
@@ -99,7 +103,8 @@ class Conversation:
         return interval is not None and stamp_us(self.autopilot) + 1 >= self._due_us.get(140, 0.0)
 
     def list_on(self) -> None:
-        """Go on with a parameter list, at the pace a real link has."""
+        """Go on with a parameter list or a log, at the pace a real link has."""
+        self._logs.go_on()
         self._mission.go_on()
         if not self._listing:
             return

@@ -12,7 +12,7 @@ from sim.truth import hidden_truth
 
 SEED = 4
 RIM = trajectory.RIM
-SHORT = trajectory.Plan(
+SHORT = trajectory.FlightPlan(
     (
         trajectory.Hold("hover", trajectory.HOVER, 3.0),
         trajectory.Move("to the circle", trajectory.HOVER, RIM, 3.0),

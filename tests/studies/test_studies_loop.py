@@ -12,7 +12,7 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
 from coaxlink.errors import CheckFailed
-from coaxlink.fly.trajectory import Hold, Plan, Swing
+from coaxlink.fly.trajectory import FlightPlan, Hold, Swing
 from coaxlink.residual.allocation_error import AllocationErrors
 from coaxlink.residual.experiments.manoeuvres import Manoeuvre
 from coaxlink.residual.experiments.stand_run import Experiment
@@ -129,7 +129,7 @@ def test_what_no_mixer_can_take_back_is_named(loop, capsys):
 AIRFRAME = load_airframe(files.example("x8_demo.toml"))
 MODEL = load_rotor_model(files.example("rotor_paper.toml"))
 HOVER, NORTH, UP = (0.0, 0.0, -3.0), (1.0, 0.0, -3.0), (0.0, 0.0, -4.2)
-PLAN = Plan(
+PLAN = FlightPlan(
     (Hold("hover", HOVER, 2.0), Swing("to and fro", HOVER, NORTH, 5.0, 2), Swing("up", HOVER, UP, 6.0, 3))
 )
 # the world's own law is another: thrust times 1 - r / (1 + |r|), r = 4 V / (u 105 m/s)
