@@ -11,7 +11,7 @@ import pytest
 
 import coaxlink as cx
 from coaxlink.files import example
-from coaxlink.rotor.model import EffectEntry as Effect
+from coaxlink.rotor.model import EffectEntry
 from coaxlink.uploading.plan import load_plan
 from sim.testing import standin
 
@@ -88,7 +88,9 @@ def test_errors_are_the_librarys_own_and_speak_no_option(tmp_path):
         lambda: cx.make_table(vehicle, "betaflight"),
         lambda: cx.make_table(vehicle, "px4", "exact"),
         lambda: cx.load_vehicle(tmp_path / "none.toml"),
-        lambda: cx.Vehicle(vehicle.declared, replace(vehicle.rotors, effects=(Effect("cg_offset", {}),))),
+        lambda: cx.Vehicle(
+            vehicle.declared, replace(vehicle.rotors, effects=(EffectEntry("cg_offset", {}),))
+        ),
     ):
         with pytest.raises(cx.CoaxlinkError) as caught:
             wrong()

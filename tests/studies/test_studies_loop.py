@@ -18,7 +18,7 @@ from coaxlink.residual.experiments.manoeuvres import Manoeuvre
 from coaxlink.residual.experiments.stand_run import Experiment
 from coaxlink.residual.result import Ambiguous, ChannelError, FoundEffect, Refinement, Suspect, Unexplained
 from coaxlink.rotor import load_rotor_model
-from coaxlink.rotor.model import Effect
+from coaxlink.rotor.model import EffectEntry
 from coaxlink.studies import flight_errors, flights
 from coaxlink.studies import loop as closed_loop
 from coaxlink.studies.flight_errors import FlightErrors
@@ -41,7 +41,7 @@ def found(name, parameters, suspects=()):
     effect = FoundEffect(name, ("force_z",), (), {"force_z": (1.0, 0.2)}, {}, "")
 
     def of(model):
-        return answer(replace(model, effects=(Effect(name, parameters),)), (effect,), suspects=suspects)
+        return answer(replace(model, effects=(EffectEntry(name, parameters),)), (effect,), suspects=suspects)
 
     return of
 
@@ -133,7 +133,7 @@ PLAN = FlightPlan(
     (Hold("hover", HOVER, 2.0), Swing("to and fro", HOVER, NORTH, 5.0, 2), Swing("up", HOVER, UP, 6.0, 3))
 )
 # the world's own law is another: thrust times 1 - r / (1 + |r|), r = 4 V / (u 105 m/s)
-INFLOW = Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.5, "by_thrust": 1.0, "levelling_s_m": 0.05})
+INFLOW = EffectEntry("axial_inflow", {"thrust_per_climb_N_s_m": 2.5, "by_thrust": 1.0, "levelling_s_m": 0.05})
 
 
 @pytest.mark.slow
