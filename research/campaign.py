@@ -150,7 +150,7 @@ def fleet(o: argparse.Namespace) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--small", action="store_true", help="24 flights, for CI")
+    parser.add_argument("--small", action="store_true", help="8 flights, for CI")
     parser.add_argument("--flights", type=int, default=10_000)
     parser.add_argument("--scale", type=int, default=600, help="flights of the comparison of 1 and 2 workers")
     parser.add_argument("--refined", type=int, default=40, help="flights whose logs `refine` is given")
@@ -164,7 +164,7 @@ def main() -> None:
         fleet(o)
         return
     if o.small:
-        o.flights, o.refined = 24, 0
+        o.flights, o.refined = 8, 0
     results: dict[str, float] = {}
 
     def tell(name: str, value: float, text: str) -> None:
@@ -172,7 +172,7 @@ def main() -> None:
         print(f"{text}   (load {os.getloadavg()[0]:.1f})", flush=True)
 
     start_up = min(engine_cost(2) for _ in range(2))  # the second time what this process needs is imported
-    cells = 40 if o.small else CELLS
+    cells = 10 if o.small else CELLS
     own = (engine_cost(cells) - start_up) / (cells * CELL_S)
     tell(
         "engine_share",

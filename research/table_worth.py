@@ -91,7 +91,10 @@ def main() -> None:
     parser.add_argument("--tables", nargs="+", choices=TABLES, default=list(TABLES))
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--small", action="store_true", help="a hover and a yaw step by two tables")
     o = parser.parse_args()
+    if o.small:
+        o.seeds, o.trials, o.tables = 2, ["hover", "yaw steps"], ["standard", "fitted"]
     static(o.airframe)
     start = time.monotonic()
     document: dict[str, Any] = {}

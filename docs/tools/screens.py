@@ -1,12 +1,13 @@
 """Pictures of the monitor's pages (SVG) from a live run: a simulated PX4 takes off with the paper's X8.
 
-python research/screens.py FOLDER       (--small: a hover of 2 s, pictures made and thrown away)
+python docs/tools/screens.py FOLDER       (--small: a hover of 2 s, pictures made and thrown away)
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -49,7 +50,7 @@ async def pictures(address: str, folder: Path, hover_s: float) -> None:
                 await pilot.pause(0.5)
                 path = folder / f"monitor-{name}.svg"
                 files.write_atomic(path, app.export_screenshot(title=app.TITLE))
-                print(path)
+                sys.stdout.write(f"{path}\n")
     finally:
         link.stop()
 
