@@ -31,7 +31,6 @@ def test_the_light_list_is_a_part_of_the_full_one():
     light = tomllib.loads((ROOT / "companion" / "pyproject.toml").read_text())["project"]
     every = set(full["dependencies"])
     assert set(light["dependencies"]) < every
-    assert set(light["optional-dependencies"]["compiled"]) < every
     assert light["requires-python"] == full["requires-python"] and light["scripts"] == full["scripts"]
 
 
