@@ -27,7 +27,7 @@ class Clock:
         return self.now
 
 
-def compensated(*effects: Effect) -> tuple[MixCore, Telemetry, Clock, LiveEffects]:
+def compensated(*effects: EffectEntry) -> tuple[MixCore, Telemetry, Clock, LiveEffects]:
     clock = Clock()
     model = dataclasses.replace(CRM, effects=effects)
     telemetry = Telemetry(clock)

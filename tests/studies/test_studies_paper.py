@@ -12,7 +12,6 @@ from coaxlink.report.made import Made
 from coaxlink.report.paper import markdown, paper_page, tables
 from coaxlink.rotor import load_rotor_model
 from coaxlink.studies.paper import printed_laws
-from coaxlink.studies.paper.contradictions import contradictions
 from coaxlink.studies.paper.reproduction import recompute
 from coaxlink.vehicle import Vehicle
 
@@ -87,17 +86,3 @@ def test_the_printed_laws_have_the_papers_mistakes():
     full = printed.model.loads(1.0, 1.0)
     delivered = np.abs(yawing - level).sum() * float(full.upper_torque)
     assert delivered == pytest.approx(0.05 * float(full.upper_thrust), rel=1e-6)  # 73 times the demand
-
-
-def test_a_real_pair_gives_the_last_contradiction_a_figure(tmp_path, ledger):
-    log = tmp_path / "pair.csv"
-    rows = ["time_s,upper_rpm,lower_rpm,upper_thrust_N,upper_torque_Nm,lower_thrust_N,lower_torque_Nm"]
-    speeds = (1000, 2000, 3000, 4000)
-    for i, (u, v) in enumerate((u, v) for u in speeds for v in speeds):
-        thrust = 1e-6 * u * u - 1e-7 * u * v  # a tenth lost at equal speeds
-        rows.append(f"{i},{u},{v},{thrust},{thrust / 50},{1e-6 * v * v},{2e-8 * v * v}")
-    log.write_text("\n".join(rows) + "\n")
-    models = (load_rotor_model(example(f"rotor_{n}.toml")) for n in ("paper", "eq15", "srm_paper"))
-    claim = contradictions(load_airframe(example("x8_paper.toml")), *models, log)[-1]
-    alone, change = (x.computed for x in claim.lines)
-    assert change / alone == pytest.approx(-0.1, abs=1e-6)

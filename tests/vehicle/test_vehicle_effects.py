@@ -14,8 +14,7 @@ import pytest
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer import make_law
-from coaxlink.rotor.model import EffectEntry
-from coaxlink.rotor.model import load_rotor_model
+from coaxlink.rotor.model import EffectEntry, load_rotor_model
 from coaxlink.vehicle import Conditions, Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

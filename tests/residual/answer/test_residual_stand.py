@@ -106,17 +106,6 @@ def test_a_rotor_at_rest_dropped_nothing(paper):
     assert "a plug" not in "".join(s.why for s in answer.suspect_data)
 
 
-def test_a_rotor_that_stands_in_a_wake_dropped_nothing():
-    """At rest it has no torque, and a little above the wake turns it: no polynomial goes so steeply."""
-    columns = run(seed=8)
-    columns["lower_rpm"] = np.where(columns["lower_throttle"] < 0.15, 0.0, columns["lower_rpm"])
-    rest = columns["lower_rpm"] < 1.0
-    columns["lower_torque_Nm"] = np.where(rest, 0.0, columns["lower_torque_Nm"] - 1.0)
-    columns["lower_thrust_N"] = np.where(rest, -8.0, columns["lower_thrust_N"])
-    answer = refine_stand(Samples(columns, "rig.csv"))
-    assert "a plug" not in "".join(s.why for s in answer.suspect_data)
-
-
 def test_a_load_that_goes_through_zero_on_a_ramp_dropped_nothing(paper):
     """Closer rotors than the model's: where it has the lower one pull 10 N, it pulls down and then up."""
     up = np.linspace(0.1, 0.95, 300)

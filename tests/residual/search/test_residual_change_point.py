@@ -90,21 +90,6 @@ def test_a_payload_that_falls_is_a_mass(flights):
     assert got["mass_kg"] == pytest.approx(19.0, abs=0.1)
 
 
-def test_ice_on_a_rotor_is_a_failure_that_comes_gradually(flights):
-    answer = found(flights["icing"])
-    assert [e.name for e in answer.effects] == ["degraded_rotor"]
-    got = numbers(answer, "degraded_rotor")
-    assert (got["rotor"], got["thrust_loss"]) == (5, pytest.approx(0.15, abs=0.01))
-    assert got["onset_s"] + 0.5 * got["over_s"] == pytest.approx(27.5, abs=2.0)
-
-
-def test_a_tank_that_empties_is_told_from_a_supply_that_sags(flights):
-    answer = found(flights["spraying"])
-    assert [e.name for e in answer.effects] == ["mass_change"]
-    assert numbers(answer, "mass_change")["mass_kg"] == pytest.approx(17.6, abs=0.3)
-    assert [e.name for e in found(flights["sagging"]).effects] == ["battery_voltage"]
-
-
 def test_a_little_more_mass_is_told_from_thrust_by_the_torques(flights):
     answer = found(flights["heavy"])
     assert [e.name for e in answer.effects] == ["mass_change"]
