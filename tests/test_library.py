@@ -39,6 +39,7 @@ def test_the_import_itself_is_light():
     assert said.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOMS)
 def test_examples_of_docstrings(room):
     failed, tried = doctest.testmod(importlib.import_module(room))
@@ -46,6 +47,7 @@ def test_examples_of_docstrings(room):
     assert tried or room == "coaxlink.vehicle"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_examples_run_without_a_warning(script, tmp_path):
@@ -69,6 +71,7 @@ def test_a_table_without_a_disk_is_the_one_on_disk(firmware, law, tmp_path):
     assert hover.shape == (8,) and hover.min() > 0.0 and hover.max() < 1.0
 
 
+@pytest.mark.slow
 def test_connect_and_upload(tmp_path, monkeypatch):
     monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
     vehicle = cx.load_vehicle(example("x8_paper.toml"))

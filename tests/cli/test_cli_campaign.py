@@ -88,6 +88,7 @@ def test_ctrl_c_keeps_what_is_done(spec, tmp_path) -> None:
     assert any((tmp_path / "c" / "rows").glob("*.parquet"))
 
 
+@pytest.mark.slow
 def test_what_is_wrong_is_one_line(spec, tmp_path) -> None:
     for arguments, code, said in (
         (("campaign", "none.toml"), 2, "none.toml: cannot be read"),

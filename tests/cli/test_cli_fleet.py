@@ -38,6 +38,7 @@ def test_the_ailing_rotor_of_a_fleet_is_named(tmp_path):
     assert page.exists()
 
 
+@pytest.mark.slow
 def test_what_a_fleet_cannot_give_is_one_line(tmp_path):
     (tmp_path / "logs").mkdir()
     for arguments, said in (

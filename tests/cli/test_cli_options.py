@@ -43,6 +43,7 @@ def library():
             yield name, path
 
 
+@pytest.mark.slow
 def test_no_text_of_the_library_speaks_of_an_option():
     found = [
         f"{name}:{line}: {text}"
@@ -53,6 +54,7 @@ def test_no_text_of_the_library_speaks_of_an_option():
     assert not found, "\n".join(found)
 
 
+@pytest.mark.slow
 def test_every_parameter_that_a_text_names_has_its_option():
     named = {n for _, path in library() for _, text in texts(path) for n in NAMED.findall(text)}
     assert named - set(OPTIONS) == set()

@@ -67,6 +67,7 @@ BAD = [  # reader, text, what the error names
 ]
 
 
+@pytest.mark.slow
 def test_a_bad_file_is_one_clear_line_that_names_what_is_wrong(tmp_path: Path) -> None:
     path, wrong = tmp_path / "x.toml", []
     for reader, text, named in BAD:

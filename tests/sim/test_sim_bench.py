@@ -47,6 +47,7 @@ EFFECTS = {  # size, the channels that change
 }
 
 
+@pytest.mark.slow
 def test_an_effect_changes_its_own_channels() -> None:
     wrong = {}
     for name, (size, changes) in EFFECTS.items():

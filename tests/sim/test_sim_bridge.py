@@ -177,6 +177,7 @@ def as_its_parser_reads(line: str, section: str, key: str, count: int) -> list[f
     return numbers
 
 
+@pytest.mark.slow
 def test_ardupilot_frames_hover_and_circle_without_a_lost_one() -> None:
     bridge = build_bridge(WORLD, "ardupilot", "udpin:127.0.0.1:0")
     pilot = Pilot(bridge, 400.0)

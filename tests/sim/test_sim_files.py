@@ -98,6 +98,7 @@ def flown(firmware: str) -> Autopilot:
     return standin_.autopilot
 
 
+@pytest.mark.slow
 def test_ardupilot_keeps_one_log_a_boot(tmp_path: Path) -> None:
     from pymavlink import DFReader
 
@@ -165,6 +166,7 @@ def test_px4_logs_what_its_profile_says_from_the_next_boot_on(tmp_path: Path, pr
         assert rows == pytest.approx(2 * rates[profile], abs=2 + 0.1 * rates[profile]), name
 
 
+@pytest.mark.slow
 def test_px4_logs_when_its_mode_says_from_the_next_boot_on() -> None:
     # whether a log runs by SDLOG_MODE: after boot, armed, disarmed again, armed again
     for mode, runs in ((-1, "0000"), (0, "0101"), (1, "1101"), (2, "1111"), (3, "0000"), (4, "0111")):

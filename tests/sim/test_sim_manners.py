@@ -17,6 +17,7 @@ def copter() -> Pilot:
     return Pilot("ardupilot")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("action", "mode"), [(1, Mode.HOLD), (2, Mode.RTL), (3, Mode.LAND)])
 def test_px4_misses_its_ground_station(px4: Pilot, action: int, mode: Mode) -> None:
     px4.put("NAV_DLL_ACT", action)

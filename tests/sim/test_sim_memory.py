@@ -15,6 +15,7 @@ def _boot(memory, firmware="px4", clock=time.monotonic):
     return build(World(X8, firmware=firmware, memory=memory), [], clock=clock)
 
 
+@pytest.mark.slow
 def test_px4_saves_late_or_when_it_is_told_to(tmp_path):
     memory = tmp_path / "memory.json"
     first = _boot(memory)
@@ -75,6 +76,7 @@ def _until_scripts_run(standin):
         standin.autopilot.step()
 
 
+@pytest.mark.slow
 def test_ardupilot_counts_its_starts_and_only_saves_what_it_saves(tmp_path):
     memory = tmp_path / "memory.json"
     standin = _boot(memory, "ardupilot")

@@ -84,6 +84,7 @@ def test_a_busy_port_is_one_clear_line() -> None:
         assert "\n" not in str(caught.value) and "Traceback" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
 def test_logs_of_a_clients_flight_agree_and_are_stamped_by_the_vehicles_clock(
     tmp_path: Path, firmware: str

@@ -218,6 +218,7 @@ def test_an_ardupilot_mission_starts_with_a_takeoff_and_jumps() -> None:
     assert [seq for seq in reached if seq != 4] == [1, 2, 3, 2, 3, 5]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
 @pytest.mark.parametrize("kind", ["measured", "sitl", "none"])
 def test_escs_tell_what_they_measure_or_what_the_real_simulations_make_up(firmware: str, kind: str) -> None:

@@ -70,6 +70,7 @@ def test_bad_files_get_one_line_with_the_key(tmp_path):
     assert not wrong
 
 
+@pytest.mark.slow
 def test_draws_fill_their_ranges_and_laws_share_them(tmp_path):
     spec = spec_of(tmp_path)
     cells = [cell(spec, n) for n in range(spec.cells)]

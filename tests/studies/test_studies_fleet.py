@@ -26,6 +26,7 @@ def row(vehicle, week, *found):
     return {"log": Log(name, name, vehicle, date), "problem": "", "findings": findings}
 
 
+@pytest.mark.slow
 def test_a_rotor_that_weakens_is_found_and_one_false_alarm_is_not():
     random = np.random.default_rng(1)
     rows = []

@@ -29,6 +29,7 @@ def names(answer):
     return [e.name for e in answer.effects]
 
 
+@pytest.mark.slow
 def test_a_dead_band_shows_where_a_rotor_stands_at_rest(paper):
     """Levels 0, 0.2 .. 1: no throttle between, but the whole scale is stretched."""
     columns = run(seed=9)
@@ -56,6 +57,7 @@ def test_a_tachometer_that_stands_still_is_flagged_with_its_rows(paper):
     assert not answer.effects and suspect.column == "lower_rpm" and suspect.rows.startswith("201-280")
 
 
+@pytest.mark.slow
 def test_a_stretched_scale_is_a_dead_band_though_no_throttle_was_low(paper):
     rng = np.random.default_rng(4)
     throttle = rng.uniform(0.35, 1.0, (2, 400))
@@ -68,6 +70,7 @@ def test_a_stretched_scale_is_a_dead_band_though_no_throttle_was_low(paper):
     assert {p.name: p.value for p in answer.effects[0].parameters}["band"] == pytest.approx(0.12, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_band_that_no_throttle_entered_is_not_seen():
     """A throttle's own curve, no cubic; the lowest throttle is at twice what a band would be."""
     columns = run(seed=14)
@@ -86,6 +89,7 @@ def test_a_band_that_no_throttle_entered_is_not_seen():
     assert names(refined(columns)) == []
 
 
+@pytest.mark.slow
 def test_a_throttle_with_empty_cells_is_left_out(paper, capfd):
     columns = run(seed=4, battery=0.8)
     columns["upper_throttle"] = np.where(
@@ -97,6 +101,7 @@ def test_a_throttle_with_empty_cells_is_left_out(paper, capfd):
     assert "DLASCL" not in "".join(capfd.readouterr())  # of LAPACK, which writes where it likes
 
 
+@pytest.mark.slow
 def test_empty_cells_of_a_load_beside_a_wrong_sign_leave_numbers(paper):
     columns = run(seed=4)
     rows = np.arange(len(columns["time_s"]))
@@ -109,6 +114,7 @@ def test_empty_cells_of_a_load_beside_a_wrong_sign_leave_numbers(paper):
     assert all(np.isfinite([c.rmse_after, c.noise_floor]).all() for c in answer.channels.values())
 
 
+@pytest.mark.slow
 def test_cells_without_numbers_at_the_librarys_door(paper):
     columns = run(seed=4, air=1.0)
     rows = np.arange(len(columns["time_s"]))

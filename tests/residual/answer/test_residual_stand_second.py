@@ -21,6 +21,7 @@ def test_folds_do_not_repeat_with_a_schedule(count):
         assert np.mean(dealt[passes:] == dealt[:-passes]) < 0.35
 
 
+@pytest.mark.slow
 def test_what_a_large_form_misses_is_no_drift():
     columns = run(spacing=0.6, rpm=True, throttle=False)
     # the wake narrows beyond what a share of it can say: a constant that steps with the spacing, half-way
@@ -41,6 +42,7 @@ def followed(t, asked, up, down):
     return np.array(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("strange", "where"),
     [
@@ -57,6 +59,7 @@ def test_a_beat_or_a_resonance_of_both_speeds_in_shuffled_rows_is_seen(strange, 
     assert any(where in u.depends_on for u in answer.unexplained)
 
 
+@pytest.mark.slow
 def test_a_lower_rotor_that_only_seems_to_turn_ends_in_no_error():
     t, a, b = ramps(400)
     a = np.maximum(a, 0.1)
@@ -75,6 +78,7 @@ def throttled(t, asked, turned, **more):
     return log.with_columns(upper_rpm=rpm[0], lower_rpm=rpm[1])
 
 
+@pytest.mark.slow
 def test_a_throttle_that_is_off_leaves_a_rotor_at_rest():
     levels = np.linspace(0.0, 0.9, 11)
     asked = [np.repeat(levels, 11), np.tile(levels, 11)]
@@ -84,6 +88,7 @@ def test_a_throttle_that_is_off_leaves_a_rotor_at_rest():
     assert over(answer) < 1.3  # a single sweep tells its noise to one part in ten
 
 
+@pytest.mark.slow
 def test_play_of_both_torque_cells_is_told_from_a_law_of_the_blades():
     t, a, b = ramps(1500)
     loads = steady_loads(a, b)
