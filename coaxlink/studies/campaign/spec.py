@@ -50,7 +50,7 @@ PLAIN = {
 
 
 @dataclass(frozen=True)
-class Quantity:
+class DrawnQuantity:
     """What one thing may be: some values, or a range."""
 
     values: tuple[float | str, ...] = ()
@@ -110,7 +110,9 @@ class Spec:
     rate_hz: int
     judge: str
     refine: bool
-    quantities: Mapping[str, Quantity]  # airframe, mass_share, ..., effects.wind.size, effects.wind.chance
+    quantities: Mapping[
+        str, DrawnQuantity
+    ]  # airframe, mass_share, ..., effects.wind.size, effects.wind.chance
     texts: Mapping[str, str]  # contents of airframe and rotor files by the name the campaign uses
 
     @property
@@ -183,7 +185,7 @@ def read_spec(path: Path, known: Mapping[str, KnownEffect]) -> Spec:
             raise InputError(path, "laws", f"one of {', '.join(LAWS)} is expected, found {law!r}")
     if not laws or len(set(laws)) != len(laws):
         raise InputError(path, "laws", "some laws are expected, each once")
-    quantities = {"airframe": Quantity(("x8_demo.toml",)), "plan": Quantity(("wander",))}
+    quantities = {"airframe": DrawnQuantity(("x8_demo.toml",)), "plan": DrawnQuantity(("wander",))}
     for key in NAMES:
         if key in document:
             quantities[key] = _quantity(path, key, document[key], text=True)
@@ -237,7 +239,7 @@ def _within(path: Path, key: str, value: Any, least: float, most: float) -> floa
 
 def _quantity(
     path: Path, key: str, value: Any, *, least: float = -math.inf, most: float = math.inf, text: bool = False
-) -> Quantity:
+) -> DrawnQuantity:
     if isinstance(value, dict) and not text:
         _refuse_unknown(path, f"{key}.", value, ("low", "high", "log", "steps"))
         if not {"low", "high"} <= set(value):
@@ -248,7 +250,7 @@ def _quantity(
             raise InputError(path, key, "low <= high is expected, above 0 where log = true")
         if isinstance(steps, bool) or not isinstance(steps, int) or steps < 0 or steps == 1:
             raise InputError(path, f"{key}.steps", f"2 or more is expected, found {steps!r}")
-        return Quantity((), low, high, log, steps)
+        return DrawnQuantity((), low, high, log, steps)
     values = value if isinstance(value, list) else [value]
     if not values:
         raise InputError(path, key, "a list to choose from is empty")
@@ -257,10 +259,10 @@ def _quantity(
             raise InputError(path, key, f"a name, or a list of names, is expected, found {v!r}")
         if not text:
             _within(path, key, v, least, most)
-    return Quantity(tuple(values if text else map(float, values)))
+    return DrawnQuantity(tuple(values if text else map(float, values)))
 
 
-def _effect(path: Path, name: str, table: Any, known: Mapping[str, KnownEffect]) -> dict[str, Quantity]:
+def _effect(path: Path, name: str, table: Any, known: Mapping[str, KnownEffect]) -> dict[str, DrawnQuantity]:
     where = f"effects.{name}"
     form = known[name]
     allowed = ("size", "chance", "onset_s", "law", *form.keys)
@@ -279,7 +281,7 @@ def _effect(path: Path, name: str, table: Any, known: Mapping[str, KnownEffect])
                         path, full_key, f"one of {', '.join(form.laws)} is expected, found {law!r}"
                     )
         elif key == "rotor" and value == ANY_ROTOR:
-            found[full_key] = Quantity((ANY_ROTOR,))
+            found[full_key] = DrawnQuantity((ANY_ROTOR,))
         else:
             least, most = {"chance": (0.0, 1.0), "onset_s": (0.0, 3600.0)}.get(key, (-math.inf, math.inf))
             found[full_key] = _quantity(path, full_key, value, least=least, most=most)
@@ -289,7 +291,7 @@ def _effect(path: Path, name: str, table: Any, known: Mapping[str, KnownEffect])
 def _draws(
     path: Path,
     document: dict[str, Any],
-    quantities: Mapping[str, Quantity],
+    quantities: Mapping[str, DrawnQuantity],
     laws: int,
     grid: bool,
     repeats: int,
