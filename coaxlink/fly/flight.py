@@ -14,16 +14,17 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CoaxlinkError, LinkError, SafetyRefusal
 from coaxlink.fly.commands import SILENCE_S, Commander, NotReached, PlanAbandoned, Start
-from coaxlink.fly.limits import FlightLimits, State, breach, plan_faults
+from coaxlink.fly.limits import FlightLimits, VehicleState, breach, plan_faults
 from coaxlink.fly.trajectory import FlightPlan, Setpoint
 from coaxlink.mavlink import Session
+from coaxlink.mavlink.telemetry import Telemetry
 
 # message id: rate in Hz; what the limits are held against
 STREAMS = {32: 20.0, 30: 20.0, 33: 2.0, 1: 2.0, 147: 2.0, 245: 2.0}
 READY_S = 20.0  # in which a vehicle must pass its own pre-arm checks
 REPORTED_S = 10.0  # in which it must say what is left in the battery: twenty of its messages
 CLIMB_S, LAND_S = 40.0, 120.0  # vehicle's time to the first height, and to the ground
-Watch = Callable[[str, float, State], None]
+Watch = Callable[[str, float, VehicleState], None]
 
 
 class OverLimit(SafetyRefusal):
@@ -61,7 +62,8 @@ class Pilot:
 
     def __init__(self, session: Session, limits: FlightLimits) -> None:
         self.session, self.limits = session, limits
-        self._commander = Commander(session)
+        self._commander, self._telemetry = Commander(session), Telemetry(session.clock.monotonic)
+        session.subscribe(self._telemetry.hear)
         self._start = Start()
         for number, rate in STREAMS.items():
             session.request_stream(number, rate)
@@ -71,8 +73,7 @@ class Pilot:
         faults, session = plan_faults(plan, self.limits), self.session
         if session.armed:
             faults.append("the vehicle is armed: it is flown from the ground up, by nobody else")
-        state = session.latest("EXTENDED_SYS_STATE")
-        if state is not None and state.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR:
+        if self._telemetry.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR:
             faults.append("the vehicle is in the air")
         if self.limits.battery > 0:
             left = self._reported()
@@ -80,23 +81,18 @@ class Pilot:
                 faults.append("it does not say what is left in the battery (`battery` 0 flies without)")
             elif left < self.limits.battery:
                 faults.append(f"battery at {100 * left:.0f} %, {100 * self.limits.battery:.0f} is the limit")
-        position = session.latest("LOCAL_POSITION_NED") or session.wait("LOCAL_POSITION_NED", SILENCE_S)
-        if position is None:
+        if session.wait("LOCAL_POSITION_NED", SILENCE_S) is None:
             faults.append("it sends no local position: no estimate, or no stream of it")
         if not self._commander.ready(READY_S):
-            said = session.latest("STATUSTEXT")
-            words = f": {said.text}" if said is not None else ""
+            words = f": {self._telemetry.texts[-1].text}" if self._telemetry.texts else ""
             faults.append(f"its own pre-arm checks do not pass{words}")
         if faults:
             raise SafetyRefusal("; ".join(faults))
 
     def battery(self) -> float | None:
         """Share of the charge that is left, None where it is not reported."""
-        for name in ("BATTERY_STATUS", "SYS_STATUS"):
-            message = self.session.latest(name)
-            if message is not None and message.battery_remaining >= 0:
-                return float(message.battery_remaining) / 100.0
-        return None
+        found = self._telemetry.latest("remaining")
+        return found.value if found else None
 
     def fly(self, plan: FlightPlan, flown: Flown, watch: Watch | None = None) -> None:
         """Arm, climb to the plan's start, fly it, land; `flown` is filled in as it goes.
@@ -107,8 +103,9 @@ class Pilot:
         here = session.wait("LOCAL_POSITION_NED", SILENCE_S)
         if here is None:
             raise LinkError(session.address, f"no position for {SILENCE_S:.0f} s")
-        attitude = session.latest("ATTITUDE") or session.wait("ATTITUDE", 2.0)
-        self._start = Start((here.x, here.y, here.z), attitude.yaw if attitude is not None else 0.0)
+        session.wait("ATTITUDE", 2.0)
+        attitude = self._telemetry.latest("attitude")
+        self._start = Start((here.x, here.y, here.z), attitude.value[2] if attitude else 0.0)
         flown.battery = (self.battery(), None)
 
         def held(position: Any, segment: str, t: float, setpoint: Setpoint | None) -> None:
@@ -154,13 +151,13 @@ class Pilot:
             self.session.wait("BATTERY_STATUS", 1.0)
         return left
 
-    def _state(self, position: Any, setpoint: Setpoint | None) -> State:
+    def _state(self, position: Any, setpoint: Setpoint | None) -> VehicleState:
         """Relative to the place of take-off."""
         origin = self._start.position_m
         here = (position.x - origin[0], position.y - origin[1], position.z - origin[2])
-        attitude = self.session.latest("ATTITUDE")
-        tilt = 0.0
-        if attitude is not None:
-            tilt = math.degrees(math.acos(max(-1.0, math.cos(attitude.roll) * math.cos(attitude.pitch))))
+        attitude, tilt = self._telemetry.latest("attitude"), 0.0
+        if attitude:
+            roll, pitch, _ = attitude.value
+            tilt = math.degrees(math.acos(max(-1.0, math.cos(roll) * math.cos(pitch))))
         off = math.dist(here, setpoint.position_m) if setpoint is not None else 0.0
-        return State(here[0], here[1], -here[2], off, tilt, self.battery())
+        return VehicleState(here[0], here[1], -here[2], off, tilt, self.battery())

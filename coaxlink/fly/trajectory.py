@@ -66,14 +66,7 @@ class Move:
         p = s**3 * (10 - 15 * s + 6 * s * s)
         v = 30 * s**2 * (1 - s) ** 2 / T
         a = 60 * s * (1 - 3 * s + 2 * s * s) / T**2
-        step = [e - b for b, e in zip(self.start_m, self.end_m, strict=True)]
-        north, east, down = (b + p * d for b, d in zip(self.start_m, step, strict=True))
-        return Setpoint(
-            (north, east, down),
-            (v * step[0], v * step[1], v * step[2]),
-            (a * step[0], a * step[1], a * step[2]),
-            self.yaw_start_rad + p * (self.yaw_end_rad - self.yaw_start_rad),
-        )
+        return _between(self, p, v, a)
 
 
 @dataclass(frozen=True)
@@ -196,14 +189,19 @@ class Swing:
             return Move(self.name, self.start_m, self.end_m, self.duration_s, *yaws).at(t)
         w = 2.0 * math.pi * self.cycles / self.duration_s
         p, v, a = 0.5 * (1 - math.cos(w * t)), 0.5 * w * math.sin(w * t), 0.5 * w * w * math.cos(w * t)
-        step = [e - b for b, e in zip(self.start_m, self.end_m, strict=True)]
-        north, east, down = (b + p * d for b, d in zip(self.start_m, step, strict=True))
-        return Setpoint(
-            (north, east, down),
-            (v * step[0], v * step[1], v * step[2]),
-            (a * step[0], a * step[1], a * step[2]),
-            self.yaw_start_rad + p * (self.yaw_end_rad - self.yaw_start_rad),
-        )
+        return _between(self, p, v, a)
+
+
+def _between(way: Move | Swing, p: float, v: float, a: float) -> Setpoint:
+    """At share `p` of a way between two places, with its derivatives in 1/s and 1/s^2."""
+    step = [e - b for b, e in zip(way.start_m, way.end_m, strict=True)]
+    north, east, down = (b + p * d for b, d in zip(way.start_m, step, strict=True))
+    return Setpoint(
+        (north, east, down),
+        (v * step[0], v * step[1], v * step[2]),
+        (a * step[0], a * step[1], a * step[2]),
+        way.yaw_start_rad + p * (way.yaw_end_rad - way.yaw_start_rad),
+    )
 
 
 def planned_flight(document: Mapping[str, Any]) -> FlightPlan:

@@ -26,6 +26,12 @@ def present_folder(board: Files) -> str | None:
     return next((folder for folder in scripts.SCRIPT_FOLDERS if board.listing(folder) is not None), None)
 
 
+def matrix_script(board: Files) -> bytes | None:
+    """Our class 15 script on a board, in whichever folder; None where there is none."""
+    paths = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
+    return next((data for data in map(board.read, paths) if data is not None), None)
+
+
 def await_loader(
     board: Files, parameters: Parameters, names: Iterable[str] = (), wait_s: float = SCRIPT_S
 ) -> bool:

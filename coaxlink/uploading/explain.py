@@ -1,8 +1,7 @@
-"""A table explained: what the law asks of every rotor, what the firmware will do, and what that is worth.
+"""A table explained: what the allocation method demands of every rotor, what the firmware does, its worth.
 
-"Asked" is the law's own A+ (u^2 per N and per N m); "done" is the firmware's mix, each axis scaled back to
-physical units by the one factor that fits it best. Where the two differ, the firmware cannot do what the law
-asks.
+"Demanded" is the method's own A+ (u^2 per N and per N m); "done" is the firmware's mix, each axis scaled back
+to physical units by the one factor that fits it best. Where the two differ, the firmware cannot do it.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from coaxlink.tables.ardupilot import ApReport, ap_speeds, report_ap
 from coaxlink.tables.behaviour import TURNS, Behaviour, behaviour
 from coaxlink.tables.law_commands import nearest, wanted_mix, worst_relative
 from coaxlink.tables.px4 import TableReport, px4_speeds, report_px4
-from coaxlink.uploading.ardupilot_scripts import await_loader
+from coaxlink.uploading.ardupilot_scripts import await_loader, matrix_script
 from coaxlink.uploading.ardupilot_table import present_table
 from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot as ap
@@ -42,7 +41,7 @@ _GAIN = re.compile(r"MC_(ROLL|PITCH|YAW)RATE_K|ATC_RAT_(RLL|PIT|YAW)_[PID]")
 
 @dataclass(frozen=True)
 class Explanation:
-    """Asked against done, and this table against another on the same rotors."""
+    """Demanded against done, and this table against another on the same rotors."""
 
     demanded: NDArray[np.float64]  # (N, 4) u^2 per N m (roll, pitch, yaw) and per N (thrust)
     done: NDArray[np.float64]  # (N, 4) the same, as the firmware mixes
@@ -171,9 +170,7 @@ def present_ap(url: str) -> tuple[dict[str, Number], ApTable | None]:
         numbers = {n: v.value for n, v in parameters.read_all().values.items()}
         if scripts.LAST not in numbers and await_loader(files, parameters):
             numbers = {n: v.value for n, v in parameters.read_all().values.items()}
-        paths = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
-        read = (files.read(p) for p in paths)  # not before the frame asks for it
-        return numbers, present_table(numbers, lambda: next((d for d in read if d is not None), None))
+        return numbers, present_table(numbers, lambda: matrix_script(files))
 
 
 def _open(url: str) -> Session:

@@ -60,7 +60,8 @@ def commands(name, vehicle, acceleration, monkeypatch):
     return np.stack([log[f"motor{r.number}"] for r in vehicle.airframe.rotors], axis=1)[rows]
 
 
-@pytest.mark.parametrize("factors", OFF)
+@pytest.mark.slow
+@pytest.mark.parametrize("factors", OFF[:1])
 @pytest.mark.parametrize("name", ["x8_demo.toml", "y6.toml"])
 def test_doublets_keep_every_motor_inside_its_range(name, factors, monkeypatch):
     vehicle = believed(name, factors)
@@ -71,6 +72,7 @@ def test_doublets_keep_every_motor_inside_its_range(name, factors, monkeypatch):
     assert np.ptp(unsized, axis=0).max() > 1.2 * np.ptp(told, axis=0).max()
 
 
+@pytest.mark.slow
 def test_unsized_doublets_stop_motors(monkeypatch):
     told = commands("y6.toml", believed("y6.toml", OFF[0]), np.inf, monkeypatch)
     assert (told.min(axis=1) < TURNING).mean() > 0.05

@@ -138,7 +138,7 @@ class Standin:
 
     def close(self):
         """As when the plug is pulled."""
-        self._on = False
+        self._on, self._frozen = False, None
         self.net.leave(self.address)
 
     def reboot(self):
@@ -147,10 +147,13 @@ class Standin:
         self._board.standin._restart()
 
     def freeze(self, seconds):
-        """Deaf and mute for a while."""
+        """Deaf and mute for a while; one whose plug is pulled meanwhile stays so."""
         self.close()
+        frozen = self._frozen = object()
 
         def thaw():
+            if self._frozen is not frozen:
+                return
             self._on = True
             self.net.bind(self.address, self._hear)
             self._live()
@@ -159,9 +162,12 @@ class Standin:
 
 
 def frames(data):
-    """The MAVLink frames in a stream, each as a datagram has it."""
+    """The MAVLink frames in a stream, each as a datagram has it; what is damaged goes on together."""
     at = 0
     while at < len(data):
+        if at + 12 > len(data) or data[at] not in (0xFD, 0xFE):
+            yield data[at:]
+            return
         size = 8 + data[at + 1] if data[at] == 0xFE else 12 + data[at + 1] + 13 * (data[at + 2] & 1)
         yield data[at : at + size]
         at += size

@@ -67,6 +67,7 @@ def test_a_recording_is_refused(key_file):
         connect("udpout:10.0.0.9:1", transport=Line(net, false), clock=net.clock, signing_key=key_file)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
 def test_without_the_key_it_is_refused_in_seconds_but_for_who_only_listens(key_file, firmware):
     with standin(firmware, signing_key=key_file) as board:

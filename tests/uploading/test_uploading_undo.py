@@ -98,19 +98,6 @@ def test_up_flown_verified_undone(tables, tmp_path, table):
         )
 
 
-def test_a_refusal_of_the_rest_that_no_list_knows(tables, tmp_path, monkeypatch):
-    """BARO1_GND_PRESS as the firmware of a day to come might flag another: passed over, said, exit 1."""
-    monkeypatch.setattr("coaxlink.uploading.owned.ARDUPILOT", ())
-    with standin("ardupilot") as board, meet(board) as session:
-        done = _worker(session, tmp_path).upload(load_plan(tables["matrix"]))
-        assert done.result == "verified", done.reason
-        outcome = _worker(session, tmp_path).restore(read_backup(Path(done.backup)), everything=True)
-        assert outcome.result == "incomplete" and outcome.error.exit_code == 1
-        assert outcome.passed_over["BARO1_GND_PRESS"] == "permission denied"
-        assert Parameters(session).read("FRAME_CLASS").value == 4
-        assert Journal(session.identity).open_entry() is None
-
-
 class _Line:
     """Counts what a session writes; after so many of one `kind` (PARAM_SET, or a MAVFTP opcode) somebody arms
     the vehicle.

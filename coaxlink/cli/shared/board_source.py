@@ -37,7 +37,7 @@ def layout_of_board(url: str, timeout_s: float = WAIT_S) -> Layout:
     from coaxlink.mavlink.ftp import Files
     from coaxlink.mavlink.parameters import Parameters
     from coaxlink.setup import ardupilot_layout, px4_layout
-    from firmware_params.ardupilot import scripts
+    from coaxlink.uploading.ardupilot_scripts import matrix_script
 
     say(f"waiting for an autopilot at {url}, at most {timeout_s:g} s")
     with connect(url, timeout_s=timeout_s) as session:
@@ -47,10 +47,7 @@ def layout_of_board(url: str, timeout_s: float = WAIT_S) -> Layout:
             return px4_layout(params, source)
         if not session.identity.is_ardupilot:
             raise InputError(url, "", f"PX4 or ArduPilot is expected, found {session.identity.name}")
-        files = Files(session)
-        paths = (f"{folder}/{scripts.MATRIX_NAME}" for folder in scripts.SCRIPT_FOLDERS)
-        read = (files.read(p) for p in paths)  # not before the frame asks for it
-        return ardupilot_layout(params, source, lambda: next((d for d in read if d is not None), None))
+        return ardupilot_layout(params, source, lambda: matrix_script(Files(session)))
 
 
 def _script_beside(path: Path, script: Path | None) -> bytes | None:
