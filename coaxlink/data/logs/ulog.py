@@ -1,7 +1,8 @@
 """ULog of PX4 as flight columns.
 
-`actuator_motors` holds the command before the thrust curve of THR_MDL_FAC, `actuator_outputs` (1000 + 1000 u)
-the one after it; the faster of the two is used. Sensor topics are stamped by `timestamp_sample`.
+`actuator_motors` holds the command before the thrust curve of THR_MDL_FAC, by motors: where it is logged it
+is used. `actuator_outputs` holds the one after it, by drivers and their channels. Sensor topics are stamped
+by `timestamp_sample`.
 """
 
 from __future__ import annotations
@@ -14,10 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.data.logs.outputs import commands, px4_outputs, used_outputs
+from coaxlink.data.logs.outputs import (
+    PX4_MOTOR_1,
+    PX4_MOTORS,
+    Map,
+    Parameters,
+    commands,
+    motors_of_escs,
+    px4_maps,
+    px4_outputs,
+)
 from coaxlink.data.logs.quiet import one_line, silenced
-from coaxlink.data.logs.streams import Message, TimeSeries, derived, euler_of, merge, series
-from coaxlink.data.samples import DAMAGED, Samples
+from coaxlink.data.logs.streams import Array, Message, TimeSeries, derived, euler_of, merge, series
+from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
 
 STAMPED_BY_SAMPLE = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_attitude")
@@ -34,7 +44,13 @@ def read_ulog(path: Path) -> Samples:
     """A PX4 log as flight columns. Raises InputError."""
     log = _open(path)
     topics = {d.name: _message(d.name, d.data) for d in reversed(log.data_list)}  # the first instance wins
+    outputs, escs = (
+        [_message(d.name, d.data) for d in log.data_list if d.name == name]
+        for name in ("actuator_outputs", "esc_status")
+    )
     notes: list[str] = []
+    premises = [DAMAGED] * bool(log.file_corruption)
+    motors = _motors(topics.get("actuator_motors"), outputs, log.initial_parameters, notes, premises)
     measured = [
         *_motion(topics),
         derived(topics.get("vehicle_attitude"), lambda m: euler_of([m[f"q[{i}]"] for i in range(4)])),
@@ -43,10 +59,9 @@ def read_ulog(path: Path) -> Samples:
         series(topics.get("battery_status"), {"voltage_V": "voltage_v"}),
         derived(topics.get("vehicle_status"), lambda m: {"armed": m["arming_state"] == ARMED}),
         series(topics.get("vehicle_land_detected"), {"landed": "landed"}),
-        _rpm(topics.get("esc_status"), notes),
+        *_rpm(escs, px4_maps(log.initial_parameters), notes, premises),
     ]
-    samples = merge(str(path), _motors(topics, log.initial_parameters, notes), measured, notes)
-    return samples.on_premises(*[DAMAGED] * bool(log.file_corruption))
+    return merge(str(path), motors, measured, notes).on_premises(*premises)
 
 
 def ulog_parameters(path: Path) -> dict[str, float | int]:
@@ -98,12 +113,28 @@ class _Onward(io.BufferedReader):
 
 
 def _motors(
-    topics: Mapping[str, Message], parameters: Mapping[str, Any], notes: list[str]
+    controls: Message | None,
+    outputs: list[Message],
+    parameters: Parameters,
+    notes: list[str],
+    premises: list[str],
 ) -> TimeSeries | None:
-    controls, outputs = topics.get("actuator_motors"), topics.get("actuator_outputs")
-    if controls is not None and (outputs is None or len(controls["time_s"]) >= len(outputs["time_s"])):
+    if controls is not None:
         return _from_controls(controls, parameters, notes)
-    return None if outputs is None else _from_outputs(outputs, parameters, notes)
+    instances = [
+        {n: topic[f"output[{n - 1}]"] for n in range(1, 17) if f"output[{n - 1}]" in topic}
+        for topic in outputs
+    ]
+    found, known = px4_outputs(instances, parameters)
+    if found and not known:
+        premises.append(OUTPUTS_AS_MOTORS)
+    columns: dict[str, Array] = {}
+    first = outputs[found[0][1]]["time_s"] if found else np.zeros(0)
+    for driver, instance in found:  # drivers of one vehicle publish at one rate
+        time = outputs[instance]["time_s"]
+        for name, command in commands(driver, instances[instance], "actuator_outputs", notes).items():
+            columns[name] = command if time is first else np.interp(first, time, command)
+    return TimeSeries.of(first, columns)
 
 
 def _from_controls(topic: Message, parameters: Mapping[str, Any], notes: list[str]) -> TimeSeries | None:
@@ -117,13 +148,6 @@ def _from_controls(topic: Message, parameters: Mapping[str, Any], notes: list[st
         speed = (np.sqrt(linear**2 + 4 * factor * speed) - linear) / (2 * factor)
     notes.append(f"motor1..{count} from actuator_motors, THR_MDL_FAC = {factor:g} undone")
     return TimeSeries.of(topic["time_s"], {f"motor{i + 1}": speed[i] for i in range(count)})
-
-
-def _from_outputs(topic: Message, parameters: Mapping[str, Any], notes: list[str]) -> TimeSeries | None:
-    pulses = {n: topic[f"output[{n - 1}]"] for n in range(1, 17)}
-    outputs = px4_outputs(parameters) or {n: n for n in used_outputs(pulses)}
-    notes.append(f"motor1..{len(outputs)} = (PWM - 1000) / 1000 from actuator_outputs")
-    return TimeSeries.of(topic["time_s"], commands(outputs, pulses))
 
 
 def _motion(topics: Mapping[str, Message]) -> list[TimeSeries | None]:
@@ -160,12 +184,31 @@ def _height(topics: Mapping[str, Message], notes: list[str]) -> TimeSeries | Non
     return series(local, {"height_m": "z"}, -1.0)
 
 
-def _rpm(topic: Message | None, notes: list[str]) -> TimeSeries | None:
-    if topic is None:
-        return None
-    rpm = [topic[f"esc[{i}].esc_rpm"] for i in range(8) if f"esc[{i}].esc_rpm" in topic]
-    rpm = rpm[: int(np.max(topic["esc_count"]))]
-    if len(rpm) == 8 and np.any(rpm[0]) and all(np.array_equal(rpm[i], rpm[i + 4]) for i in range(4)):
-        notes.append("rpm5..8 left out: esc_status repeats rotors 1-4 there")
-        rpm = rpm[:4]
-    return TimeSeries.of(topic["time_s"], {f"rpm{i + 1}": column for i, column in enumerate(rpm)})
+def _rpm(
+    topics: list[Message], maps: list[Map], notes: list[str], premises: list[str]
+) -> list[TimeSeries | None]:
+    found = []
+    for topic in topics:
+        rpm = [topic[f"esc[{i}].esc_rpm"] for i in range(PX4_MOTORS) if f"esc[{i}].esc_rpm" in topic]
+        rpm = rpm[: int(np.max(topic["esc_count"]))]
+        if len(rpm) == 8 and np.any(rpm[0]) and all(np.array_equal(rpm[i], rpm[i + 4]) for i in range(4)):
+            notes.append("rpm5..8 left out: esc_status repeats rotors 1-4 there")
+            rpm = rpm[:4]
+        motors = _functions(topic, len(rpm))
+        if not motors:  # before 1.13: ESCs are numbered as their driver's outputs
+            driver = maps[0] if len(maps) == 1 else ()
+            motors = motors_of_escs(driver, range(len(rpm)), notes, premises)
+        columns = {f"rpm{motor}": rpm[esc] for esc, motor in motors.items()}
+        found.append(TimeSeries.of(topic["time_s"], columns))
+    return found
+
+
+def _functions(topic: Message, count: int) -> dict[int, int]:
+    """{ESC, counted from 0: motor} as `esc_status` itself says."""
+    found = {}
+    for i in range(count):
+        function = topic.get(f"esc[{i}].actuator_function", np.zeros(1))
+        last = int(np.nan_to_num(function[-1]))
+        if PX4_MOTOR_1 <= last < PX4_MOTOR_1 + PX4_MOTORS:
+            found[i] = last - PX4_MOTOR_1 + 1
+    return found
