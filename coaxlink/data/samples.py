@@ -38,6 +38,8 @@ class Samples:
     # smallest step of a column as it was logged, where the rows are no longer the logged ones
     resolution: Mapping[str, float] = field(default_factory=dict)
     premises: tuple[str, ...] = ()  # keys of PREMISES
+    motors: tuple[int, ...] = ()  # that the vehicle has by its own word; () where the log does not say
+    parameters: Mapping[str, float] = field(default_factory=dict)  # of the autopilot, where they are logged
 
     def __post_init__(self) -> None:
         shapes = {name: np.shape(column) for name, column in self.columns.items()}

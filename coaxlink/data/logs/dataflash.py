@@ -11,6 +11,7 @@ import functools
 import struct
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,8 @@ def read_dataflash(path: Path) -> Samples:
         _switch(messages.get("EV"), "armed", EVENT_ARMED, EVENT_DISARMED),
         _switch(messages.get("EV"), "landed", EVENT_LANDED, EVENT_AIRBORNE),
     ]
-    return merge(str(path), motors, measured, notes).on_premises(*premises)
+    samples = merge(str(path), motors, measured, notes).on_premises(*premises)
+    return replace(samples, motors=tuple(o.motor for o in outputs), parameters=parameters)
 
 
 def dataflash_parameters(path: Path) -> dict[str, float]:

@@ -39,11 +39,10 @@ class Output:
     high: float
     driver: str = ""
 
-    def works(self, values: Values) -> bool:
-        """Whether these may be its values: it ran, and within its range."""
+    def most(self, values: Values) -> float:
+        """The greatest of its values over the top of its range."""
         given = values.get(self.channel)
-        most = -np.inf if given is None else float(np.nanmax(given, initial=-np.inf))
-        return self.low < most <= OVER * self.high
+        return 0.0 if given is None else float(np.nanmax(given, initial=0.0)) / self.high
 
     def command(self, values: Values) -> Array:
         """(n,) 0..1."""
@@ -109,21 +108,27 @@ def _range(ends: Sequence[float]) -> tuple[float, float]:
 def px4_outputs(instances: Sequence[Values], parameters: Parameters) -> tuple[list[tuple[Map, int]], bool]:
     """Drivers' maps and which logged instance is whose; and whether that is from the log's parameters.
 
-    The instances of `actuator_outputs` are numbered as drivers start, and may be empty: a driver's is the
-    first not yet taken in which all its motors ran. Before 1.13 the one with most running outputs is taken.
+    The instances of `actuator_outputs` are numbered as drivers start, and may be empty: a driver's is that
+    in which most of its motors ran, all within its range. Before 1.13 the one with most running outputs is.
     """
     maps = px4_maps(parameters)
     if maps:
         found: list[tuple[Map, int]] = []
         for outputs in maps:
-            free = (i for i in range(len(instances)) if i not in [taken for _, taken in found])
-            own = next((i for i in free if all(o.works(instances[i]) for o in outputs)), None)
-            if own is not None:
+            free = [i for i in range(len(instances)) if i not in [taken for _, taken in found]]
+            own = max(free, key=lambda i: _running(outputs, instances[i]), default=None)
+            if own is not None and _running(outputs, instances[own]) > 0:
                 found.append((outputs, own))
         return found, True
     taken = [as_motors(values, parameters, "PWM_MAIN") for values in instances]
     best = max(range(len(taken)), key=lambda i: len(taken[i]), default=0)
     return ([(taken[best], best)] if taken and taken[best] else []), False
+
+
+def _running(outputs: Map, values: Values) -> int:
+    """How many of a driver's outputs ran, if these are its values; -1 where they cannot be."""
+    most = [o.most(values) for o in outputs]
+    return -1 if max(most) > OVER else sum(m > o.low / o.high for m, o in zip(most, outputs, strict=True))
 
 
 def as_motors(values: Values, parameters: Parameters, driver: str) -> Map:

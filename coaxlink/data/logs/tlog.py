@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -104,7 +105,9 @@ def read_tlog(path: Path) -> Samples:
         derived(messages.get("EXTENDED_SYS_STATE"), lambda m: {"landed": m["landed_state"] == ON_GROUND}),
         *_rpm(messages, maps[0] if len(maps) == 1 else (), notes, premises),
     ]
-    return merge(str(path), motors, measured, notes).on_premises(*premises)
+    samples = merge(str(path), motors, measured, notes).on_premises(*premises)
+    known = tuple(sorted(o.motor for outputs in maps for o in outputs))
+    return replace(samples, motors=known, parameters=parameters)
 
 
 def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,9 @@ def read_ulog(path: Path) -> Samples:
     )
     notes: list[str] = []
     premises = [DAMAGED] * bool(log.file_corruption)
-    motors = _motors(topics.get("actuator_motors"), outputs, log.initial_parameters, notes, premises)
+    parameters = _parameters(log)
+    maps = px4_maps(parameters)
+    motors = _motors(topics.get("actuator_motors"), outputs, parameters, notes, premises)
     measured = [
         *_motion(topics),
         derived(topics.get("vehicle_attitude"), lambda m: euler_of([m[f"q[{i}]"] for i in range(4)])),
@@ -59,9 +62,10 @@ def read_ulog(path: Path) -> Samples:
         series(topics.get("battery_status"), {"voltage_V": "voltage_v"}),
         derived(topics.get("vehicle_status"), lambda m: {"armed": m["arming_state"] == ARMED}),
         series(topics.get("vehicle_land_detected"), {"landed": "landed"}),
-        *_rpm(escs, px4_maps(log.initial_parameters), notes, premises),
+        *_rpm(escs, maps, notes, premises),
     ]
-    return merge(str(path), motors, measured, notes).on_premises(*premises)
+    samples = merge(str(path), motors, measured, notes).on_premises(*premises)
+    return replace(samples, motors=_motors_of(motors, maps, premises), parameters=parameters)
 
 
 def ulog_parameters(path: Path) -> dict[str, float | int]:
@@ -73,6 +77,22 @@ def ulog_texts(path: Path) -> list[tuple[float, int, str]]:
     """(time_s, severity 0..7, text) of what PX4 logged in words, in order. Raises InputError."""
     found = [(m.timestamp / 1e6, m.log_level - ord("0"), str(m.message)) for m in _open(path).logged_messages]
     return sorted(found, key=lambda row: row[0])
+
+
+def _parameters(log: Any) -> dict[str, float]:
+    """As they were at take-off: what the log begins with, and what was set before it was first armed.
+
+    A table may be uploaded and flown in one boot; what is set in the air is not this flight's beginning.
+    """
+    armed = [
+        topic.data["timestamp"][topic.data["arming_state"] == ARMED]
+        for topic in log.data_list
+        if topic.name == "vehicle_status" and "arming_state" in topic.data
+    ]
+    first = min((int(stamps[0]) for stamps in armed if len(stamps)), default=None)
+    found = dict(log.initial_parameters)
+    found |= {name: value for stamp, name, value in log.changed_parameters if first is None or stamp <= first}
+    return found
 
 
 def _message(name: str, topic: Mapping[str, Any]) -> Message:
@@ -135,6 +155,14 @@ def _motors(
         for name, command in commands(driver, instances[instance], "actuator_outputs", notes).items():
             columns[name] = command if time is first else np.interp(first, time, command)
     return TimeSeries.of(first, columns)
+
+
+def _motors_of(motors: TimeSeries | None, maps: list[Map], premises: list[str]) -> tuple[int, ...]:
+    """The vehicle's motors: as *_FUNCn say, else as many as the allocation commands."""
+    if maps:
+        return tuple(sorted(o.motor for outputs in maps for o in outputs))
+    known = motors is not None and OUTPUTS_AS_MOTORS not in premises
+    return tuple(range(1, len(motors.columns) + 1)) if motors is not None and known else ()
 
 
 def _from_controls(topic: Message, parameters: Mapping[str, Any], notes: list[str]) -> TimeSeries | None:
