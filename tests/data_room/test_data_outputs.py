@@ -1,4 +1,4 @@
-"""Which output drives which motor, between which numbers, whose speed an ESC tells: by the log's parameters."""
+"""Which output drives which motor, between which numbers, whose rpm an ESC tells: by the log's parameters."""
 
 from __future__ import annotations
 
