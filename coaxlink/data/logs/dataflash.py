@@ -35,6 +35,7 @@ TYPES = (
     "ESC", "EV", "ARM",
 )  # fmt: skip
 MOST_LOST = 20_000  # messages that cannot be read; a torn log loses some, a card's bad block some hundred
+TRAILING = 528  # bytes that may follow: pymavlink's own figure, twice the page of block-based logging
 EVENT_ARMED, EVENT_DISARMED, EVENT_LANDED, EVENT_AIRBORNE = 10, 11, 18, 28
 INSTANCE = ("Instance", "Inst", "I")  # what the number of a sensor is called, over the years
 
@@ -92,6 +93,7 @@ def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[
     try:
         with silenced():
             reader.__init__(str(path), zero_time_base=True)
+            holes = _has_holes(reader)
             for number, form in reader.formats.items():
                 if struct.calcsize(form.msg_struct) != form.len - 3:  # none can be read
                     reader.counts[number] = 0
@@ -106,7 +108,15 @@ def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[
         for name in ("data_map", "filehandle"):
             with contextlib.suppress(AttributeError, BufferError):  # not opened; still looked at by an error
                 getattr(reader, name).close()
-    return found, parameters, reader.lost > 0
+    return found, parameters, holes or reader.lost > 0
+
+
+def _has_holes(reader: Any) -> bool:
+    """Whether bytes between messages belong to none, or more follow the last than a page of a card leaves."""
+    formats = reader.formats
+    ends = [int(at[-1]) + formats[n].len for n, at in enumerate(reader.offsets) if len(at) and n in formats]
+    read = sum(reader.counts[n] * form.len for n, form in formats.items())
+    return bool(read < max(ends, default=0) or reader.data_len - max(ends, default=0) >= TRAILING)
 
 
 @functools.cache

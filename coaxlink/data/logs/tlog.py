@@ -53,6 +53,7 @@ ARMED_FLAG, ARDUPILOT = 128, 3
 ON_GROUND = 1
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 NO_CELL_MV = 65535
+LONGEST_FRAME = 8 + 10 + 255 + 2 + 13  # stamp, header, payload, checksum, signature
 INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}  # MAV_PARAM_TYPE
 
 
@@ -85,12 +86,12 @@ def _frame_size(data: bytes, at: int) -> int:
 
 def read_tlog(path: Path) -> Samples:
     """A recorded link as flight columns. Raises InputError."""
-    messages, parameters, garbled = _messages(path)
+    messages, parameters, garbled, damaged = _messages(path)
     shown = ", ".join(f"{name} {len(messages[name]['time_s'])}" for name in NAMES if name in messages)
     notes = [f"tlog: {shown}"]
     if garbled:
         notes.append(f"{garbled} frames left out: garbled on their way")
-    premises = [DAMAGED] * bool(garbled)
+    premises = [DAMAGED] * damaged
     maps = (
         ([m] if (m := ardupilot_map(parameters)) else []) if _is_ardupilot(messages) else px4_maps(parameters)
     )
@@ -110,9 +111,9 @@ def read_tlog(path: Path) -> Samples:
     return replace(samples, motors=known, parameters=parameters)
 
 
-def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int]:
+def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int, bool]:
     """Of the autopilot that sends the most: messages by name, in s since boot, the last value of each
-    parameter; and how many frames were lost."""
+    parameter; how many frames were garbled, and whether the file is damaged (a torn last frame is none)."""
     from pymavlink.dialects.v20 import common
 
     from firmware_params.ardupilot import messages as _esc_telemetry  # noqa: F401  registers it
@@ -121,8 +122,9 @@ def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int]:
     parser = common.MAVLink(None)
     wanted = {i for i, cls in common.mavlink_map.items() if cls.msgname in NAMES}
     by_sender: dict[tuple[int, int], list[Any]] = defaultdict(list)
-    garbled = 0
+    garbled, left = 0, path.stat().st_size
     for _, frame in stamped_frames(path):
+        left -= 8 + len(frame)
         number = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
         if number not in wanted:
             continue
@@ -141,7 +143,8 @@ def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int]:
     boot = _longest_boot([m for m in sent if m.get_type() != "PARAM_VALUE"])
     messages = {name: _message(rows) for name, rows in _stamped(boot).items()}
     bytewise = not _is_ardupilot(messages)
-    return messages, {str(m.param_id): _parameter(m, bytewise) for m in told}, garbled
+    told_values = {str(m.param_id): _parameter(m, bytewise) for m in told}
+    return messages, told_values, garbled, garbled > 0 or left > LONGEST_FRAME
 
 
 def _is_ardupilot(messages: Mapping[str, Message]) -> bool:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink import files
 from coaxlink.data.logs.outputs import (
     PX4_MOTOR_1,
     PX4_MOTORS,
@@ -30,6 +31,7 @@ from coaxlink.data.logs.quiet import one_line, silenced
 from coaxlink.data.logs.streams import Array, Message, TimeSeries, derived, euler_of, merge, series
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
+from firmware_params import bounded
 
 STAMPED_BY_SAMPLE = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_attitude")
 TOPICS = [
@@ -38,6 +40,7 @@ TOPICS = [
 ]  # fmt: skip
 CIRCLES = 20  # steps back to where the reader was before; looking for a sync mark takes one or two
 ARMED = 2
+HEADER, KINDS, FLAGS, DATA = 16, frozenset(b"BFIMPQARDLCSO"), ord("B"), ord("D")  # of the file format
 VELOCITY = {"vel_n_m_s": "vx", "vel_e_m_s": "vy", "vel_d_m_s": "vz"}
 
 
@@ -50,7 +53,7 @@ def read_ulog(path: Path) -> Samples:
         for name in ("actuator_outputs", "esc_status")
     )
     notes: list[str] = []
-    premises = [DAMAGED] * bool(log.file_corruption)
+    premises = [DAMAGED] * (bool(log.file_corruption) or _is_torn_inside(path))
     parameters = _parameters(log)
     maps = px4_maps(parameters)
     motors = _motors(topics.get("actuator_motors"), outputs, parameters, notes, premises)
@@ -112,6 +115,26 @@ def _open(path: Path) -> Any:
     except Exception as error:  # pyulog lets whatever a damaged file causes through
         raise InputError(path, "", f"not a readable ULog file ({one_line(error)})") from error
     return log
+
+
+def _is_torn_inside(path: Path) -> bool:
+    """Whether the chain of messages breaks before the file's end: pyulog passes over some of what it cannot
+    read without a word. A last message that the end of the file cuts is none of it."""
+    data = files.read_bytes(path, bounded.LOG)
+    sizes: dict[bytes, int] = {}  # of a topic's messages: always the same
+    at = HEADER
+    while at + 5 <= len(data):
+        size, kind = int.from_bytes(data[at : at + 2], "little"), data[at + 2]
+        if kind not in KINDS:
+            return True
+        if kind == FLAGS and size >= 40 and any(data[at + 19 : at + 43]):
+            return False  # data were appended after a crash: the chain may break there
+        if kind == DATA:
+            topic = data[at + 3 : at + 5]
+            if sizes.setdefault(topic, size) != size:
+                return True
+        at += 3 + size
+    return False
 
 
 class _Onward(io.BufferedReader):
