@@ -80,6 +80,11 @@ class Samples:
         """Where a row (counted from 0) stands in the source: "line 12", or "row 12" counted from 1."""
         return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
 
+    def rows_lost(self) -> str:
+        """In words which filters took rows before, to stand behind a count that is too small; "" for none."""
+        took = (note for note in self.notes if "rows" in note and ("left out" in note or "dropped" in note))
+        return "".join(f"; {note}" for note in took)
+
     def with_columns(self, **columns: ArrayLike) -> Samples:
         """A copy with these columns added or replaced, each (rows,)."""
         added = {name: np.asarray(column, float) for name, column in columns.items()}

@@ -50,6 +50,10 @@ class TextTable:
         """Whether no row has anything in this column."""
         return self.columns[index].empty
 
+    def is_numbers(self, index: int) -> bool:
+        """Whether most cells of a column are numbers."""
+        return bool(np.isfinite(self.columns[index].values).mean() > 0.5)
+
     def numbers(self, index: int) -> NDArray[np.float64]:
         """The column (rows,) as finite numbers. Raises InputError with line and column."""
         values, odd = self.columns[index].values, self.columns[index].odd

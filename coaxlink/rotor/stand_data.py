@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from coaxlink.data import Samples
 from coaxlink.data.averaging import shortened
+from coaxlink.data.tare import without_tares
 from coaxlink.errors import InputError
 from coaxlink.load import Load, of_rotor
 from coaxlink.rotor.model import LOADS
@@ -91,7 +92,7 @@ class StandData:
 
 def stand_data(samples: Samples, speed_max_rpm: float | None = None) -> StandData:
     """Speeds, loads and folds of a stand log. Raises InputError when nothing can be identified from it."""
-    samples = shortened(samples)
+    samples = shortened(without_tares(samples))
     speeds = normalised_speeds(samples, speed_max_rpm)
     # a rotor without its thrust makes no model; the lower one's is required only where it turned
     samples.require(*(load.column for load in of_rotor(0)))
@@ -104,7 +105,7 @@ def stand_data(samples: Samples, speed_max_rpm: float | None = None) -> StandDat
         raise InputError(
             samples.source,
             "",
-            f"too few rows to identify anything: {samples.rows}, {FEWEST_ROWS} at least",
+            f"too few rows to identify anything: {samples.rows}, {FEWEST_ROWS} at least{samples.rows_lost()}",
         )
     return found
 

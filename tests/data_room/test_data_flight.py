@@ -53,6 +53,12 @@ def test_commands_outside_in_part_of_the_rows_stay_and_percent_is_a_unit(tmp_pat
         read_flight_log(idles)
 
 
+def test_words_in_a_column_that_is_not_ours_are_left_out(tmp_path: Path) -> None:
+    rows = "".join(csv_row(0.01 * k, 0.5).replace(",40\n", ",40,calm\n") for k in range(30))
+    log = read_flight_log(csv(tmp_path, CSV.replace("humidity", "humidity,comment") + rows))
+    assert not log.has("comment") and log.has("humidity") and "comment" in log.notes[0]
+
+
 def test_commands_held_over_many_rows_are_taken_at_their_own_rate(tmp_path: Path) -> None:
     rows = "".join(csv_row(round(0.01 * k, 2), (k // 10) % 7 / 10) for k in range(400))
     log = read_flight_log(csv(tmp_path, CSV + rows))

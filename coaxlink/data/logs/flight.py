@@ -23,6 +23,10 @@ MOTION = (
     "pitch_rad",
     "yaw_rad",
 )
+OURS = re.compile(
+    r"time_s|(motor|rpm)[1-9]\d?|(accel|gyro)_[xyz]_\w+|(roll|pitch|yaw)_rad|vel_[ned]_m_s|height_m|voltage_V"
+    r"|armed|landed"
+)
 # of the rows in which a motor turns: in percent or microseconds next to none lies in 0..1
 LEAST_SOUND = 0.2
 AT_REST = 0.05  # of full command, judgement: below it a motor stands or idles, in any unit
@@ -95,18 +99,23 @@ def impossible_commands(commands: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def read_flight_csv(path: Path) -> Samples:
-    """A CSV flight log in our own columns, every column a number in every row.
+    """A CSV flight log in our own columns, each a number in every row; of others those that are numbers.
 
     Commands outside 0..1 in part of the rows stay as they are; `refine` flags them and leaves them out.
     Raises InputError, also where the commands are in another unit.
     """
     table = read_table(path)
-    columns = {
-        name: table.numbers(i)
-        for i, name in enumerate(table.headings)
-        if name and not table.column_is_empty(i)
-    }
-    samples = Samples(columns, str(path), (), table.lines)
+    columns, left = {}, []
+    for i, name in enumerate(table.headings):
+        if not name or table.column_is_empty(i):
+            continue
+        values = table.numbers(i) if OURS.fullmatch(name) else table.numbers_or_none(i)
+        if values is None:
+            left.append(name)
+        else:
+            columns[name] = values
+    notes = (f"left out (no numbers): {', '.join(left)}",) if left else ()
+    samples = Samples(columns, str(path), notes, table.lines)
     samples.require("time_s", "motor1", *MOTION)
     count = sum(MOTOR.fullmatch(name) is not None for name in columns)
     motors = [f"motor{n}" for n in range(1, count + 1)]

@@ -88,7 +88,7 @@ def stand_frame(
         samples.require(*COLUMN_OF.values())
     if samples.rows < (LEAST_ROWS if model is None else FEW_ROWS):
         need = f"{LEAST_ROWS} are needed to find an effect, {FEW_ROWS} to hold a given rotor model against"
-        raise InputError(samples.source, "", f"{samples.rows} rows; {need}")
+        raise InputError(samples.source, "", f"{samples.rows} rows; {need}{samples.rows_lost()}")
     speeds = normalised_speeds(samples, model.speed_max_rpm if model else None)
     u = np.stack([speeds.upper, speeds.lower], axis=1)
     measured = np.zeros((samples.rows, 6))
