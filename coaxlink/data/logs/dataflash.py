@@ -25,8 +25,8 @@ from coaxlink.data.logs.outputs import (
     commands,
     motors_of_escs,
 )
-from coaxlink.data.logs.quiet import one_line, silenced
 from coaxlink.data.logs.streams import Array, Message, TimeSeries, longest, merge, rows_of, series
+from coaxlink.data.quiet import one_line, silenced
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
 

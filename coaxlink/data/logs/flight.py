@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
-from coaxlink.data.logs.quiet import one_line
 from coaxlink.data.logs.streams import at_the_commands
+from coaxlink.data.quiet import one_line
 from coaxlink.data.samples import Samples
 from coaxlink.data.table import is_spreadsheet, read_headings, read_table
 from coaxlink.errors import InputError

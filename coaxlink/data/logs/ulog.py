@@ -27,8 +27,8 @@ from coaxlink.data.logs.outputs import (
     px4_maps,
     px4_outputs,
 )
-from coaxlink.data.logs.quiet import one_line, silenced
 from coaxlink.data.logs.streams import Array, Message, TimeSeries, derived, euler_of, merge, series
+from coaxlink.data.quiet import one_line, silenced
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
 from firmware_params import bounded
