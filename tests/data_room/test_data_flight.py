@@ -72,6 +72,8 @@ def test_bad_csv_is_one_line(tmp_path: Path) -> None:
             CSV + csv_row(0, 1.5): "line 2, column motor1: 0..1 is expected, found 1.5",
             CSV + csv_row(1, 0.5) + csv_row(0, 0.5): "line 3, column time_s: time goes back",
             CSV + csv_row(0, math.nan): "line 2, column 'motor1': a finite number is expected",
+            CSV + csv_row(0, 0.5) + csv_row(20, 0.5): "column time_s: rows every 20 s: a flight",
+            CSV + csv_row(0, 0.5) + csv_row(0.1, 4e15): "line 3, column 'motor1': no sensor reads 4e15",
             CSV.replace("gyro_y_rad_s", "q") + csv_row(0, 0.5): "column gyro_y_rad_s: missing",
             CSV.replace("motor2", "motor3") + csv_row(0, 0.5): "column motor2: missing",
             "": "empty",

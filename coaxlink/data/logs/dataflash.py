@@ -25,7 +25,7 @@ from coaxlink.data.logs.outputs import (
     commands,
     motors_of_escs,
 )
-from coaxlink.data.logs.streams import Array, Message, TimeSeries, longest, merge, rows_of, series
+from coaxlink.data.logs.streams import Array, Message, TimeSeries, longest, merge, possible, rows_of, series
 from coaxlink.data.quiet import one_line, silenced
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
@@ -61,7 +61,7 @@ def read_dataflash(path: Path) -> Samples:
         _switch(messages.get("EV"), "armed", EVENT_ARMED, EVENT_DISARMED),
         _switch(messages.get("EV"), "landed", EVENT_LANDED, EVENT_AIRBORNE),
     ]
-    samples = merge(str(path), motors, measured, notes).on_premises(*premises)
+    samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
     return replace(samples, motors=tuple(o.motor for o in outputs), parameters=parameters)
 
 

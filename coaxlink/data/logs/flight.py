@@ -29,6 +29,8 @@ OURS = re.compile(
 )
 # of the rows in which a motor turns: in percent or microseconds next to none lies in 0..1
 LEAST_SOUND = 0.2
+ABSURD = 1e9  # of any column of ours in any unit; damaged floats go far beyond
+SLOWEST_S = 1.0  # between two rows: slower tells nothing of a flight
 AT_REST = 0.05  # of full command, judgement: below it a motor stands or idles, in any unit
 _ULOG = b"ULog\x01\x12\x35"
 _DATAFLASH = b"\xa3\x95"
@@ -109,7 +111,7 @@ def read_flight_csv(path: Path) -> Samples:
     for i, name in enumerate(table.headings):
         if not name or table.column_is_empty(i):
             continue
-        values = table.numbers(i) if OURS.fullmatch(name) else table.numbers_or_none(i)
+        values = table.numbers(i, ABSURD) if OURS.fullmatch(name) else table.numbers_or_none(i)
         if values is None:
             left.append(name)
         else:
@@ -131,6 +133,10 @@ def read_flight_csv(path: Path) -> Samples:
     if (step < 0).any():
         where = samples.place(int(np.argmax(step < 0)) + 1)
         raise InputError(path, f"{where}, column time_s", "time goes back; increasing stamps are expected")
+    usual = float(np.median(step)) if len(step) else 0.0
+    if usual > SLOWEST_S:
+        found = f"rows every {usual:g} s: a flight needs several a second; seconds are expected, not ms or us"
+        raise InputError(path, "column time_s", found)
     repeated = np.concatenate([[False], step == 0])
     if repeated.any():
         note = f"{int(repeated.sum())} rows with a repeated stamp left out"

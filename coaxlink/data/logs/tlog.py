@@ -33,6 +33,7 @@ from coaxlink.data.logs.streams import (
     euler_of,
     longest,
     merge,
+    possible,
     rows_of,
     series,
 )
@@ -106,7 +107,7 @@ def read_tlog(path: Path) -> Samples:
         derived(messages.get("EXTENDED_SYS_STATE"), lambda m: {"landed": m["landed_state"] == ON_GROUND}),
         *_rpm(messages, maps[0] if len(maps) == 1 else (), notes, premises),
     ]
-    samples = merge(str(path), motors, measured, notes).on_premises(*premises)
+    samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
     known = tuple(sorted(o.motor for outputs in maps for o in outputs))
     return replace(samples, motors=known, parameters=parameters)
 

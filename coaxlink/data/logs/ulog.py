@@ -8,6 +8,7 @@ by `timestamp_sample`.
 from __future__ import annotations
 
 import io
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,7 +28,7 @@ from coaxlink.data.logs.outputs import (
     px4_maps,
     px4_outputs,
 )
-from coaxlink.data.logs.streams import Array, Message, TimeSeries, derived, euler_of, merge, series
+from coaxlink.data.logs.streams import Array, Message, TimeSeries, derived, euler_of, merge, possible, series
 from coaxlink.data.quiet import one_line, silenced
 from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
@@ -53,8 +54,9 @@ def read_ulog(path: Path) -> Samples:
         for name in ("actuator_outputs", "esc_status")
     )
     notes: list[str] = []
-    premises = [DAMAGED] * (bool(log.file_corruption) or _is_torn_inside(path))
     parameters = _parameters(log)
+    spoiled = len(_numbers(log.initial_parameters)) < len(log.initial_parameters)
+    premises = [DAMAGED] * (spoiled or bool(log.file_corruption) or _is_torn_inside(path))
     maps = px4_maps(parameters)
     motors = _motors(topics.get("actuator_motors"), outputs, parameters, notes, premises)
     measured = [
@@ -67,13 +69,13 @@ def read_ulog(path: Path) -> Samples:
         series(topics.get("vehicle_land_detected"), {"landed": "landed"}),
         *_rpm(escs, maps, notes, premises),
     ]
-    samples = merge(str(path), motors, measured, notes).on_premises(*premises)
+    samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
     return replace(samples, motors=_motors_of(motors, maps, premises), parameters=parameters)
 
 
 def ulog_parameters(path: Path) -> dict[str, float | int]:
     """The parameters a PX4 log begins with. Raises InputError."""
-    return dict(_open(path).initial_parameters)
+    return _numbers(_open(path).initial_parameters)
 
 
 def ulog_texts(path: Path) -> list[tuple[float, int, str]]:
@@ -93,9 +95,14 @@ def _parameters(log: Any) -> dict[str, float]:
         if topic.name == "vehicle_status" and "arming_state" in topic.data
     ]
     first = min((int(stamps[0]) for stamps in armed if len(stamps)), default=None)
-    found = dict(log.initial_parameters)
-    found |= {name: value for stamp, name, value in log.changed_parameters if first is None or stamp <= first}
-    return found
+    found = _numbers(log.initial_parameters)
+    later = {name: value for stamp, name, value in log.changed_parameters if first is None or stamp <= first}
+    return found | _numbers(later)
+
+
+def _numbers(parameters: Mapping[str, Any]) -> dict[str, float]:
+    """Those that are finite numbers: of a damaged log some are bytes of no known type."""
+    return {n: v for n, v in parameters.items() if isinstance(v, (int, float)) and math.isfinite(v)}
 
 
 def _message(name: str, topic: Mapping[str, Any]) -> Message:

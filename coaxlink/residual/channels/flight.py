@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.logs.flight import impossible_commands
-from coaxlink.data.samples import Samples
+from coaxlink.data.samples import DAMAGED, PREMISES, Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
 from coaxlink.residual.channels.rounding_noise import rounding_noise
@@ -161,13 +161,12 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
 def _same_motors(log: Samples, airframe: Airframe) -> None:
     rotors = sorted(r.number for r in airframe.rotors)
     if log.motors and sorted(log.motors) != rotors:
-        words = (", ".join(map(str, sorted(numbers))) for numbers in (log.motors, rotors))
-        problem = (
-            "by the log's own parameters the vehicle has motors {}, by the airframe's file {}: the file is "
-        )
-        raise InputError(
-            log.source, "motors", problem.format(*words) + "another vehicle's, or it lacks rotors"
-        )
+        told, known = (", ".join(map(str, numbers)) for numbers in (sorted(log.motors), rotors))
+        why = "the file is another vehicle's, or it lacks rotors"
+        if DAMAGED in log.premises:
+            why = PREMISES[DAMAGED]
+        problem = f"by the log's own parameters the vehicle has motors {told}, by the airframe's file {known}"
+        raise InputError(log.source, "motors", f"{problem}: {why}")
 
 
 def _between_rows(frame: FlightFrame, joined: dict[str, Array]) -> Array:
