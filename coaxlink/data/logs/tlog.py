@@ -108,7 +108,7 @@ def read_tlog(path: Path) -> Samples:
         *_rpm(messages, maps[0] if len(maps) == 1 else (), notes, premises),
     ]
     samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
-    known = tuple(sorted(o.motor for outputs in maps for o in outputs))
+    known = tuple(sorted({o.motor for outputs in maps for o in outputs}))
     return replace(samples, motors=known, parameters=parameters)
 
 

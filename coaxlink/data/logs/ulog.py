@@ -70,7 +70,9 @@ def read_ulog(path: Path) -> Samples:
         *_rpm(escs, maps, notes, premises),
     ]
     samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
-    return replace(samples, motors=_motors_of(motors, maps, premises), parameters=parameters)
+    return replace(
+        samples, motors=_motors_of(motors, maps, "actuator_motors" in topics), parameters=parameters
+    )
 
 
 def ulog_parameters(path: Path) -> dict[str, float | int]:
@@ -187,12 +189,11 @@ def _motors(
     return TimeSeries.of(first, columns)
 
 
-def _motors_of(motors: TimeSeries | None, maps: list[Map], premises: list[str]) -> tuple[int, ...]:
-    """The vehicle's motors: as *_FUNCn say, else as many as the allocation commands."""
-    if maps:
-        return tuple(sorted(o.motor for outputs in maps for o in outputs))
-    known = motors is not None and OUTPUTS_AS_MOTORS not in premises
-    return tuple(range(1, len(motors.columns) + 1)) if motors is not None and known else ()
+def _motors_of(motors: TimeSeries | None, maps: list[Map], commanded: bool) -> tuple[int, ...]:
+    """The vehicle's motors: as many as the allocation commands, else as *_FUNCn say."""
+    if commanded and motors is not None:
+        return tuple(range(1, len(motors.columns) + 1))
+    return tuple(sorted({o.motor for outputs in maps for o in outputs}))
 
 
 def _from_controls(topic: Message, parameters: Mapping[str, Any], notes: list[str]) -> TimeSeries | None:
