@@ -6,6 +6,7 @@ import numpy as np
 
 from coaxlink.data.aliases import SIDES
 from coaxlink.data.samples import Samples
+from coaxlink.data.tare import without_tares
 
 APART = 0.03  # of a squared speed that the other does not explain: less, and they are one
 
@@ -16,8 +17,8 @@ def drive_of(samples: Samples, side: str) -> str | None:
 
 
 def cleaned(samples: Samples) -> Samples:
-    """Without dead speed sensors and rows at rest, thrusts and torques positive."""
-    return _positive(_turning(_without_dead_sensors(samples)))
+    """Without dead speed sensors, tares and rows at rest, thrusts and torques positive."""
+    return _positive(_turning(without_tares(_without_dead_sensors(samples))))
 
 
 def _without_dead_sensors(samples: Samples) -> Samples:

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from coaxlink.data.layout import Row
+from coaxlink.data.quiet import one_line, silenced
+from coaxlink.data.sheet_bounds import check_bounds, refuse_extent
 from coaxlink.errors import InputError
 
 MAGIC = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # zip (xlsx, ods), OLE (xls)
@@ -25,17 +27,22 @@ def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
     """
     from python_calamine import CalamineError, CalamineWorkbook
 
+    check_bounds(path)
     try:
-        book = CalamineWorkbook.from_path(str(path))
-        names = list(book.sheet_names)
-        if name is not None and name not in names:
-            raise InputError("`sheet`", "", f"'{name}' is not in {path.name} (found {', '.join(names)})")
-        sheets = {
-            n: _rows(book.get_sheet_by_name(n).to_python(skip_empty_area=False))
-            for n in ([name] if name else names)
-        }
-    except (CalamineError, OSError, ValueError) as error:
-        raise InputError(path, "", f"not a spreadsheet that can be read ({error})") from error
+        with silenced():  # a panic of the reader, written in Rust, is told on stderr
+            book = CalamineWorkbook.from_path(str(path))
+            names = list(book.sheet_names)
+            if name is not None and name not in names:
+                raise InputError("`sheet`", "", f"'{name}' is not in {path.name} (found {', '.join(names)})")
+            sheets = {n: _read(path, book, n) for n in ([name] if name else names)}
+    except InputError:
+        raise
+    except (CalamineError, OSError, ValueError, MemoryError) as error:
+        raise InputError(path, "", f"not a spreadsheet that can be read ({one_line(error)})") from error
+    except BaseException as error:  # pyo3's PanicException is no Exception
+        if type(error).__name__ != "PanicException":
+            raise
+        raise InputError(path, "", f"not a spreadsheet that can be read ({one_line(error)})") from error
     counts = {n: _rows_of_numbers(rows) for n, rows in sheets.items()}
     full = [n for n in sheets if counts[n] >= FEW] or [n for n in sheets if counts[n]]
     if len(full) > 1:
@@ -44,6 +51,12 @@ def read_sheet(path: Path, name: str | None = None) -> tuple[list[Row], str]:
     if not sheets.get(chosen):
         raise InputError(path, "", "empty: a heading line and rows of numbers are expected")
     return sheets[chosen], chosen
+
+
+def _read(path: Path, book: Any, name: str) -> list[Row]:
+    sheet = book.get_sheet_by_name(name)
+    refuse_extent(path, f"sheet '{name}'", sheet.total_height, sheet.total_width)
+    return _rows(sheet.to_python(skip_empty_area=False))
 
 
 def _rows(cells: list[list[Any]]) -> list[Row]:
@@ -55,7 +68,7 @@ def _rows(cells: list[list[Any]]) -> list[Row]:
 
 
 def _rows_of_numbers(rows: list[Row]) -> int:
-    """Rows with at least two numbers."""
+    """Rows with at least two numbers, as far as they tell: FEW at most."""
     found = 0
     for _, row in rows:
         numbers = 0
@@ -64,4 +77,6 @@ def _rows_of_numbers(rows: list[Row]) -> int:
                 float(cell)
                 numbers += 1
         found += numbers >= 2
+        if found == FEW:
+            break
     return found

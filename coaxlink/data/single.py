@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
-from coaxlink.constants import STANDARD_DENSITY_KG_M3
+from coaxlink.constants import RAD_S_PER_RPM, STANDARD_DENSITY_KG_M3
 from coaxlink.data.aliases import LOADS_AND_SPEED, OWN_COLUMNS, words_of
 from coaxlink.data.headings import Heading, recognised
 from coaxlink.data.rotors import TWINS, values_of
@@ -30,6 +30,10 @@ Array = NDArray[np.float64]
 DENSITY_KG_M3 = STANDARD_DENSITY_KG_M3  # what tables without a density mean
 FEWEST = 4  # rows: a level, a slope over the speed, and something left over
 ONE_PROPELLER = 0.15  # scatter of thrust over speed squared: Reynolds' number alone gives less over a sheet
+SAME_ROW = 0.30  # of thrust over speed squared, between a row at speed and the middle one: twice that scatter
+# T^1.5 / sqrt(2 rho A) over the shaft's power, in hover: Deters, Ananda and Selig 2014 have 0.3 to 0.75
+MERIT, MOTOR = (0.2, 0.9), 0.5  # a motor with its ESC gives at least half of what it takes, at speed
+READS = 0.01  # of the largest thrust and power: what a cell is off by
 STANDS_STILL = 0.05  # of the fastest: a row in which the propeller does not turn
 
 
@@ -64,6 +68,11 @@ class SingleTable:
     source: str
     voltage_V: float | None = None
     notes: tuple[str, ...] = field(default=())
+    lines: NDArray[np.int64] | None = None  # (rows,) of the file
+
+    def place(self, row: int) -> str:
+        """Where a row (counted from 0) stands in the source."""
+        return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
 
 
 def read_single_table(
@@ -84,20 +93,20 @@ def read_single_table(
         head = files.read_text(path)[:20_000]
         first = next((line.casefold().split() for line in head.splitlines() if line.strip()), [])
         if re.search(r"PROP RPM\s*=", head):
-            return _checked(_apc(path, diameter_m))
+            return _checked(_apc(path, diameter_m), diameter_m)
         if {"rpm", "ct", "cp"} <= set(first):
-            return _checked(_uiuc(path, diameter_m))
+            return _checked(_uiuc(path, diameter_m), diameter_m)
         if {"j", "ct", "cp"} <= set(first):
             raise InputError(path, "line 1", "static data (RPM CT CP) are expected, found a table over J")
     if columns_map is None:
         table = read_table(path, sheet=sheet)
         ours = set(table.headings) & set(OWN_COLUMNS)
         if not ours and not any("time" in words_of(h) for h in table.headings):
-            return _checked(_sheet(table, poles))
+            return _checked(_sheet(table, poles), diameter_m)
     log = read_stand_log(
         path, columns_map, poles=poles, diameter_m=diameter_m, sheet=sheet, trust_units=trust_units
     )
-    return _checked(_of_log(log))
+    return _checked(_of_log(log), diameter_m)
 
 
 def _of_log(log: Samples) -> SingleTable:
@@ -115,8 +124,9 @@ def _of_log(log: Samples) -> SingleTable:
         return next((log[n] for n in names if log.has(n)), None)
 
     return _table(
-        STAND, log.source, log.notes, log["upper_rpm"], log["upper_thrust_N"], column("upper_torque_Nm"),
-        column("upper_power_W"), column("upper_voltage_V", "voltage_V"), column("upper_current_A"),
+        STAND, log.source, log.notes, log.lines, log["upper_rpm"], log["upper_thrust_N"],
+        column("upper_torque_Nm"), column("upper_power_W"), column("upper_voltage_V", "voltage_V"),
+        column("upper_current_A"),
     )  # fmt: skip
 
 
@@ -137,7 +147,7 @@ def _sheet(table: TextTable, poles: int | None) -> SingleTable:
     columns = {q: values_of(table, h, None, poles) for q, h in found.items() if q != "throttle"}
     notes = (*table.notes, *(f"{q} from '{h.text}'" for q, h in found.items() if q in columns))
     return _table(
-        MAKER, str(table.source), notes, columns["speed"], columns["thrust"],
+        MAKER, str(table.source), notes, table.lines, columns["speed"], columns["thrust"],
         *(columns.get(q) for q in ("torque", "power", "voltage", "current")),
     )  # fmt: skip
 
@@ -146,6 +156,7 @@ def _table(
     origin: Origin,
     source: str,
     notes: tuple[str, ...],
+    lines: NDArray[np.int64] | None,
     rpm: Array,
     thrust: Array,
     torque: Array | None,
@@ -156,7 +167,7 @@ def _table(
     if power is None and volts is not None and amps is not None:
         power = volts * amps
     voltage = None if volts is None else float(np.median(volts))
-    return SingleTable(rpm, thrust, torque, power, origin, source, voltage, notes)
+    return SingleTable(rpm, thrust, torque, power, origin, source, voltage, notes, lines)
 
 
 def _same(table: TextTable, first: Heading, second: Heading, poles: int | None) -> None:
@@ -224,13 +235,13 @@ def _number(path: Path, line: int, cell: str) -> float:
     return value
 
 
-def _checked(table: SingleTable) -> SingleTable:
+def _checked(table: SingleTable, diameter_m: float) -> SingleTable:
     if len(table.rpm) < FEWEST:
         raise InputError(table.source, "", f"{FEWEST} speeds at least are expected, found {len(table.rpm)}")
     if (table.rpm <= 0).any():
         row = int(np.argmax(table.rpm <= 0))
         raise InputError(
-            table.source, f"row {row + 1}", f"an rpm above 0 is expected, found {table.rpm[row]:g}"
+            table.source, table.place(row), f"an rpm above 0 is expected, found {table.rpm[row]:g}"
         )
     fast = table.rpm > 0.5 * table.rpm.max()
     constant = table.thrust_N[fast] / table.rpm[fast] ** 2
@@ -245,4 +256,38 @@ def _checked(table: SingleTable) -> SingleTable:
             "keep the rows of one"
         )
         raise InputError(table.source, "", problem)
+    odd = np.flatnonzero(fast)[np.abs(constant / middle - 1) > SAME_ROW]
+    if len(odd):
+        row = int(odd[0])
+        found = f"{table.thrust_N[row]:.4g} N at {table.rpm[row]:g} rpm"
+        usual = middle * table.rpm[row] ** 2
+        problem = f"the other rows' propeller gives {usual:.4g} N there: two rows in one, or a cell is wrong"
+        raise InputError(table.source, table.place(row), f"{found}, and {problem}")
+    _refuse_merit(table, diameter_m, fast)
     return table
+
+
+def _refuse_merit(table: SingleTable, diameter_m: float, fast: NDArray[np.bool_]) -> None:
+    """Raises InputError for a row whose power no propeller of that size takes for its thrust."""
+    low, high = MERIT
+    if table.torque_Nm is not None:
+        power, what = table.torque_Nm * table.rpm * RAD_S_PER_RPM, "torque times speed"
+        least = np.full(len(power), low)
+    elif table.power_W is not None:  # idling takes more than its share
+        power, what = table.power_W, "electrical power"
+        least = np.where(fast, low * MOTOR, 0.0)
+    else:
+        return
+    disc = 2 * DENSITY_KG_M3 * math.pi * diameter_m**2 / 4
+    lift, taken = (READS * float(np.median(column[fast])) for column in (table.thrust_N, power))
+    ideal = [np.maximum(table.thrust_N + sign * lift, 0.0) ** 1.5 / math.sqrt(disc) for sign in (-1, 1)]
+    wrong = (ideal[0] > high * (power + taken)) | (ideal[1] < least * (power - taken))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        merit = table.thrust_N[row] ** 1.5 / math.sqrt(disc) / power[row] if power[row] > 0 else math.nan
+        found = f"{table.thrust_N[row]:.4g} N for {power[row]:.4g} W ({what})"
+        problem = (
+            f"{found} is a figure of merit of {merit:.2g}; a propeller of {diameter_m:g} m has {low:g} to "
+            f"{high:g}: is the row, a unit or `diameter_m` wrong?"
+        )
+        raise InputError(table.source, table.place(row), problem)

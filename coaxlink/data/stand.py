@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data.aliases import OF_A_ROTOR, OWN_COLUMNS, QUANTITIES, SIDES
+from coaxlink.data.aliases import OF_A_ROTOR, OWN_COLUMNS, QUANTITIES, SIDES, words_of
 from coaxlink.data.averaging import thinned
 from coaxlink.data.cleaning import drive_of, without_repeats
 from coaxlink.data.columns_map import FORM, map_columns
@@ -23,7 +23,11 @@ from coaxlink.data.unit_check import SHAFT, check_signs, check_units
 from coaxlink.errors import InputError
 
 _OURS_OF_A_ROTOR = {f"{side}_{QUANTITIES[q].suffix}" for side in SIDES for q in OF_A_ROTOR}
-_OWN_STYLE = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
+# with its unit, as ours: a column of another name may hold words, remarks, anything
+_OWN_STYLE = re.compile(
+    r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*_(N|Nm|rpm|s|ms|us|V|A|W|C|K|Pa|hPa|m|mm|kg|g|Hz|deg|rad)"
+)
+_COUNTS = frozenset({"id", "uuid", "guid", "serial", "nr", "index", "idx", "row", "sample", "number"})
 
 
 def read_stand_log(
@@ -116,17 +120,24 @@ def _context(
     for i, text in enumerate(table.headings):
         if i in used or not text or table.column_is_empty(i):
             continue
-        values = None if mapped or is_derived(text) else table.numbers_or_none(i)
-        if _OWN_STYLE.fullmatch(text) and not mapped and not is_derived(text):
+        meant = not (mapped or is_derived(text) or _counts(text))
+        values = table.numbers_or_none(i) if meant else None
+        if meant and _OWN_STYLE.fullmatch(text) and table.is_numbers(i):
             columns[text] = table.numbers(i)  # written by our hand: what is wrong in it must be said
         elif values is None or not np.any(values):
             left.append(text)
         else:
             columns[text] = values
     if left:
-        why = "not in the map" if mapped else "sums, efficiencies, text or all zero"
+        why = "not in the map" if mapped else "sums, efficiencies, counts, text or all zero"
         notes.append(f"left out ({why}): {', '.join(left)}")
     return columns
+
+
+def _counts(text: str) -> bool:
+    """Whether a heading is a number's that only tells rows apart."""
+    words = words_of(text)
+    return bool(words) and words[-1] in _COUNTS
 
 
 def _check(samples: Samples, table: TextTable) -> None:

@@ -50,12 +50,16 @@ class TextTable:
         """Whether no row has anything in this column."""
         return self.columns[index].empty
 
-    def numbers(self, index: int) -> NDArray[np.float64]:
-        """The column (rows,) as finite numbers. Raises InputError with line and column."""
+    def is_numbers(self, index: int) -> bool:
+        """Whether most cells of a column are numbers."""
+        return bool(np.isfinite(self.columns[index].values).mean() > 0.5)
+
+    def numbers(self, index: int, most: float = ABSURD) -> NDArray[np.float64]:
+        """The column (rows,) as finite numbers, `most` at most. Raises InputError with line and column."""
         values, odd = self.columns[index].values, self.columns[index].odd
         if odd is not None:
             raise self._cell_error(odd[0], index, f"a number is expected, found {_quoted(odd[1])}")
-        wrong = ~(np.abs(values) <= ABSURD)
+        wrong = ~(np.abs(values) <= most)
         if wrong.any():
             row = int(np.argmax(~np.isfinite(values) if not np.isfinite(values).all() else wrong))
             if np.isfinite(values[row]):

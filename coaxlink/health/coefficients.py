@@ -28,6 +28,7 @@ from coaxlink.errors import InputError
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.health.accelerometer import vertical_zero
 from coaxlink.health.columns import CHANNELS, independent, ridge, rows_of
+from coaxlink.health.pole_count import check_poles
 from coaxlink.health.regressors import regressors
 from coaxlink.residual.channels.flight import JUDGED_RATE_HZ, flight_frame
 from coaxlink.rotor.model import LOADS, RotorModel
@@ -122,6 +123,8 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     covariance, notes = prior_covariance(prior, names, mean)
     measured = all(log.has(*(f"rpm{r.number}" for r in airframe.rotors)) for log in logs)
     if measured:
+        for log in logs:
+            check_poles(log, airframe, prior)
         logs = [_by_speed(log, airframe, prior.speed_max_rpm) for log in logs]
         notes += ("what a command means in speed is told by the ESCs' rpm",)
     else:

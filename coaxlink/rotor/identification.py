@@ -371,4 +371,11 @@ def _provenance(result: Identification) -> dict[str, Any]:
         "errors": _errors_json(result.channels),
         "noise_floor": dict(result.noise_floor),
         "intervals": {load: i.as_json() for load, i in result.intervals.items()},
+        **_curves(result.data),
     }
+
+
+def _curves(data: StandData) -> dict[str, Any]:
+    """rpm = b_0 + b_1 t + b_2 t^2 of throttle t, where the log has both and they are not proportional."""
+    curves = {side: list(curve.coefficients) for side, curve in data.speeds.curves.items()}
+    return {"rpm_over_throttle": curves} if curves else {}

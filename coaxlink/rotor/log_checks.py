@@ -18,6 +18,7 @@ from coaxlink.rotor.efficiency import electrical_power
 from coaxlink.rotor.fit import ROWS_A_TERM, Array, load_terms
 from coaxlink.rotor.identification import CORRELATED, Identification
 from coaxlink.rotor.stand_data import COAXIAL, StandData, unit_of
+from coaxlink.rotor.throttle_curve import AT_FULL, BENT
 
 CELLS = 5  # a side: levels of each speed that a map wants (the paper has 11)
 SAME = 0.01  # of the speed range: two rows at one condition
@@ -176,7 +177,7 @@ def poor_errors(result: Identification) -> Iterator[str]:
 
 def oddities(data: StandData, form: str) -> tuple[str, ...]:
     """What a person should look at in the log before they believe a model of it, one line each."""
-    looks = (_no_speed, _beyond, _stalled, _idle_power, _wrong_way)
+    looks = (_no_speed, _full_throttle, _beyond, _stalled, _idle_power, _wrong_way)
     return (*(line for look in looks for line in look(data)), *_few_rows(data, form))
 
 
@@ -194,6 +195,22 @@ def _no_speed(data: StandData) -> Iterator[str]:
             "no speed was measured: the units in the headings can hardly be held against the readings "
             "(`diameter_m` narrows it), and the model goes with the battery's voltage"
         )
+
+
+def _full_throttle(data: StandData) -> Iterator[str]:
+    """Where commands are not speeds, as a table takes them to be."""
+    for side, curve in data.speeds.curves.items():
+        if data.speeds.source != "given" and curve.top < AT_FULL and not curve.known:
+            yield (
+                f"{side}: throttle goes to {curve.top:.2f}, and rpm do not tell what they are at 1: a table "
+                "would take the fastest row for full throttle; measure there, or give `speed_max_rpm`"
+            )
+        elif curve.known and abs(np.subtract(*curve.bend())) > BENT:
+            at, gives = curve.bend()
+            yield (
+                f"{side}: throttle {at:.2f} gives {gives:.2f} of full speed, and a table takes the two for "
+                "equal: linearise the ESC, or compare its hover with `identify FLIGHT`"
+            )
 
 
 def _beyond(data: StandData) -> Iterator[str]:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.data import Samples
 from coaxlink.data.averaging import shortened
+from coaxlink.data.tare import without_tares
 from coaxlink.errors import InputError
 from coaxlink.load import Load, of_rotor
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.throttle_curve import ThrottleCurve, at_full_throttle, throttle_curves
 
 Array = NDArray[np.float64]
 Values = dict[str, Array]  # load: (rows,), NaN where not measured
@@ -42,6 +44,7 @@ class Speeds:
     speed_max_rpm: float
     source: str  # in words
     from_throttle: bool = False
+    curves: Mapping[str, ThrottleCurve] = field(default_factory=dict)  # by side, where rpm bend with throttle
 
     def correlation(self) -> float:
         """Of the two speeds where both turn; 0 when a rotor also turns without the other."""
@@ -91,7 +94,7 @@ class StandData:
 
 def stand_data(samples: Samples, speed_max_rpm: float | None = None) -> StandData:
     """Speeds, loads and folds of a stand log. Raises InputError when nothing can be identified from it."""
-    samples = shortened(samples)
+    samples = shortened(without_tares(samples))
     speeds = normalised_speeds(samples, speed_max_rpm)
     # a rotor without its thrust makes no model; the lower one's is required only where it turned
     samples.require(*(load.column for load in of_rotor(0)))
@@ -104,13 +107,13 @@ def stand_data(samples: Samples, speed_max_rpm: float | None = None) -> StandDat
         raise InputError(
             samples.source,
             "",
-            f"too few rows to identify anything: {samples.rows}, {FEWEST_ROWS} at least",
+            f"too few rows to identify anything: {samples.rows}, {FEWEST_ROWS} at least{samples.rows_lost()}",
         )
     return found
 
 
 def normalised_speeds(samples: Samples, speed_max_rpm: float | None = None) -> Speeds:
-    """u = rpm / speed_max_rpm; by default the rpm at full throttle if proportional, or the fastest seen.
+    """u = rpm / speed_max_rpm; by default the rpm at full throttle where the log tells it, or the fastest.
 
     Raises InputError when neither rpm nor throttle of a rotor that is measured is there.
     """
@@ -131,7 +134,12 @@ def normalised_speeds(samples: Samples, speed_max_rpm: float | None = None) -> S
         return Speeds(upper / speed_max_rpm, lower / speed_max_rpm, speed_max_rpm, "given")
     if full := _at_full_throttle(samples):
         return Speeds(upper / full, lower / full, full, "rpm at full throttle, to which it is proportional")
-    return Speeds(upper / fastest, lower / fastest, fastest, "fastest rpm in the log")
+    curves = throttle_curves(samples)
+    full, source = fastest, "fastest rpm in the log"
+    if bent := at_full_throttle(curves):
+        top = max(curve.top for curve in curves.values())
+        full, source = bent, f"rpm at full throttle, by their curve over throttles up to {top:.2f}"
+    return Speeds(upper / full, lower / full, full, source, curves=curves)
 
 
 def _raw(samples: Samples, side: str, what: str) -> Array | None:

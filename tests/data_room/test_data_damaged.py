@@ -59,12 +59,3 @@ def test_damage_is_survived_or_said(tmp_path: Path, capfd) -> None:
                     except InputError as error:
                         assert str(error).startswith(str(path)) and "\n" not in str(error)
     assert capfd.readouterr() == ("", "")
-
-
-@needs_shared
-@pytest.mark.shared_data
-def test_a_damaged_ulog_says_so(tmp_path: Path) -> None:
-    data = bytearray((SHARED / "logs" / "sample_log_small.ulg").read_bytes())
-    data[400_000:400_000] = b"\xff" * 500
-    (tmp_path / "x.ulg").write_bytes(data)
-    assert any("damaged" in note for note in read_flight_log(tmp_path / "x.ulg").notes)

@@ -53,6 +53,12 @@ def test_commands_outside_in_part_of_the_rows_stay_and_percent_is_a_unit(tmp_pat
         read_flight_log(idles)
 
 
+def test_words_in_a_column_that_is_not_ours_are_left_out(tmp_path: Path) -> None:
+    rows = "".join(csv_row(0.01 * k, 0.5).replace(",40\n", ",40,calm\n") for k in range(30))
+    log = read_flight_log(csv(tmp_path, CSV.replace("humidity", "humidity,comment") + rows))
+    assert not log.has("comment") and log.has("humidity") and "comment" in log.notes[0]
+
+
 def test_commands_held_over_many_rows_are_taken_at_their_own_rate(tmp_path: Path) -> None:
     rows = "".join(csv_row(round(0.01 * k, 2), (k // 10) % 7 / 10) for k in range(400))
     log = read_flight_log(csv(tmp_path, CSV + rows))
@@ -66,6 +72,8 @@ def test_bad_csv_is_one_line(tmp_path: Path) -> None:
             CSV + csv_row(0, 1.5): "line 2, column motor1: 0..1 is expected, found 1.5",
             CSV + csv_row(1, 0.5) + csv_row(0, 0.5): "line 3, column time_s: time goes back",
             CSV + csv_row(0, math.nan): "line 2, column 'motor1': a finite number is expected",
+            CSV + csv_row(0, 0.5) + csv_row(20, 0.5): "column time_s: rows every 20 s: a flight",
+            CSV + csv_row(0, 0.5) + csv_row(0.1, 4e15): "line 3, column 'motor1': no sensor reads 4e15",
             CSV.replace("gyro_y_rad_s", "q") + csv_row(0, 0.5): "column gyro_y_rad_s: missing",
             CSV.replace("motor2", "motor3") + csv_row(0, 0.5): "column motor2: missing",
             "": "empty",

@@ -11,7 +11,9 @@ from case_table import case_table
 from coaxlink.data import RotorsUnclear, Samples, read_stand_log
 from coaxlink.data.headings import recognise
 from coaxlink.data.join import join
+from coaxlink.data.tare import without_tares
 from coaxlink.errors import InputError
+from coaxlink.rotor.stand_data import stand_data
 
 SHARED = Path(__file__).parents[2] / ".." / "shared" / "data"
 needs_shared = pytest.mark.skipif(
@@ -244,3 +246,37 @@ def test_every_real_stand_log_reads() -> None:
     assert log["upper_thrust_N"].max() == pytest.approx(2590.41840348e-3 * G)
     assert (log["upper_torque_Nm"][log["upper_rpm"] > 2000] > 0).all()
     assert log["lower_thrust_N"].min() < -2.5  # the upper rotor's wake pushes the slow lower one down
+
+
+def test_what_no_unit_stands_behind_is_left_out_and_a_broken_reading_is_said(tmp_path: Path) -> None:
+    rows = "".join(f"Anna,{1000 + 100 * k},{k},fine,T-{k},{k},4{k}\n" for k in range(5))
+    head = "operator,upper_rpm,upper_thrust_N,comment,test_id,sample,humidity\n"
+    log = read_stand_log(write(tmp_path, head + rows))
+    assert set(log.columns) == {"upper_rpm", "upper_thrust_N", "humidity"}
+    assert any("operator, comment, test_id, sample" in note for note in log.notes)
+    broken = head.replace("humidity", "blade_temperature_C") + rows.replace(",42\n", ",oops\n")
+    with pytest.raises(InputError, match="line 4, column 'blade_temperature_C': a number is expected"):
+        read_stand_log(write(tmp_path, broken))
+
+
+def test_loads_at_rest_are_a_tare_and_a_noisy_zero_is_none(tmp_path: Path) -> None:
+    random = np.random.default_rng(1)
+    rpm = np.concatenate([np.zeros(6), np.repeat(np.linspace(800.0, 4000.0, 30), 2)])
+    u = rpm / 4000.0
+    columns = {
+        "upper_rpm": rpm,
+        "upper_thrust_N": 60 * u**2 + 2.5 + 0.1 * random.standard_normal(len(u)),
+        "upper_torque_Nm": 1.2 * u**2 + 0.01 * random.standard_normal(len(u)),
+    }
+    log = Samples(columns, "rig")
+    less = without_tares(log)
+    assert np.median(less["upper_thrust_N"][:6]) == pytest.approx(0.0, abs=1e-9)
+    assert less["upper_torque_Nm"] is log["upper_torque_Nm"]
+    assert "upper_thrust_N 2.5" in less.notes[0] and "6 rows at rest" in less.notes[0]
+    assert without_tares(log.take(rpm > 0)).notes == ()
+
+
+def test_too_few_rows_name_the_filter_that_took_them() -> None:
+    log = Samples({n: np.arange(3.0) for n in ("upper_rpm", "upper_thrust_N", "upper_torque_Nm")}, "rig")
+    with pytest.raises(InputError, match=r"3, 6 at least; 40 of 43 rows dropped, motors off"):
+        stand_data(log.with_notes("40 of 43 rows dropped, motors off"))

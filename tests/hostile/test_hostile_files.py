@@ -5,10 +5,15 @@ import os
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from case_table import case_table
 from sound_files import EXAMPLES, MAKERS, flight_rows, px4_params, sheet_rows, stand_rows
 from verb import run
+
+from coaxlink.data import read_flight_log
+from coaxlink.data.logs.streams import TimeSeries, possible
+from coaxlink.data.samples import DAMAGED
 
 NOBODY = "udpout:127.0.0.1:9"  # whoever opens it has read the file already
 X8 = str(EXAMPLES / "x8_paper.toml")
@@ -290,3 +295,35 @@ def test_a_logger_that_hung_counts_once(tmp_path):
     assert hung.rows == sound.rows and "500 rows that repeat the row before left out" in hung.notes
     assert hung.columns.keys() == sound.columns.keys()
     assert all((hung[name] == sound[name]).all() for name in sound.columns)
+
+
+def test_damage_inside_a_log_is_a_premise_and_a_torn_end_is_none(tmp_path):
+    with case_table() as case:
+        for name in ("ULog", "DataFlash", "tlog"):
+            path = MAKERS[name](tmp_path)
+            data = path.read_bytes()
+            for what, spoiled, premise in (
+                ("sound", data, False),
+                ("torn", data[: len(data) * 9 // 10], False),
+                ("noise", data[: len(data) // 2] + b"\xff" * 500 + data[len(data) // 2 :], True),
+            ):
+                with case(f"{name} {what}"):
+                    path.write_bytes(spoiled)
+                    assert (DAMAGED in read_flight_log(path).premises) is premise
+
+
+def test_a_ulogs_parameter_of_no_known_type_is_damage(tmp_path):
+    """Its value would be bytes."""
+    path = MAKERS["ULog"](tmp_path)
+    whole = read_flight_log(path)
+    path.write_bytes(path.read_bytes().replace(b"int32_t SYS_", b"inq32_t SYS_"))
+    log = read_flight_log(path)
+    assert DAMAGED in log.premises and len(log.parameters) < len(whole.parameters)
+
+
+def test_what_no_sensor_reads_is_left_out_and_is_damage():
+    premises = []
+    time = np.arange(40) * 0.1
+    spoiled = np.where(np.arange(40) == 7, 4e37, 1.0)
+    (left,) = possible([TimeSeries(time, {"accel_x_m_s2": spoiled})], premises)
+    assert len(left.time_s) == 39 and premises == [DAMAGED]

@@ -11,30 +11,43 @@ import functools
 import struct
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from coaxlink.data.logs.outputs import ardupilot_outputs, commands, used_outputs
-from coaxlink.data.logs.quiet import one_line, silenced
-from coaxlink.data.logs.streams import Message, TimeSeries, longest, merge, rows_of, series
-from coaxlink.data.samples import Samples
+from coaxlink.data.logs.outputs import (
+    ARDUPILOT_OUTPUTS,
+    Map,
+    ardupilot_map,
+    as_motors,
+    commands,
+    motors_of_escs,
+)
+from coaxlink.data.logs.streams import Array, Message, TimeSeries, longest, merge, possible, rows_of, series
+from coaxlink.data.quiet import one_line, silenced
+from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
 
 TYPES = (
-    "MOUT", "RCOU", "IMU", "XKF1", "XKF2", "XKF4", "NKF1", "ATT", "BAT", "CURR", "RFND", "ESC", "EV", "ARM",
+    "MOUT", "RCOU", "RCO2", "RCO3", "IMU", "XKF1", "XKF2", "XKF4", "NKF1", "ATT", "BAT", "CURR", "RFND",
+    "ESC", "EV", "ARM",
 )  # fmt: skip
 MOST_LOST = 20_000  # messages that cannot be read; a torn log loses some, a card's bad block some hundred
+TRAILING = 528  # bytes that may follow: pymavlink's own figure, twice the page of block-based logging
 EVENT_ARMED, EVENT_DISARMED, EVENT_LANDED, EVENT_AIRBORNE = 10, 11, 18, 28
 INSTANCE = ("Instance", "Inst", "I")  # what the number of a sensor is called, over the years
 
 
 def read_dataflash(path: Path) -> Samples:
     """An ArduPilot log as flight columns. Raises InputError."""
-    found, parameters = _read(path, TYPES)
+    found, parameters, damaged = _read(path, TYPES)
     messages = {name: message for name, rows in found.items() if (message := _message(rows)) is not None}
     notes: list[str] = []
+    premises = [DAMAGED] * damaged
+    outputs = ardupilot_map(parameters)
+    motors = _motors(messages, parameters, outputs, notes, premises)
     estimate = _core(messages, "XKF1") or messages.get("NKF1")
     attitude = longest(estimate, messages.get("ATT"))
     battery = _instance(messages.get("BAT"), INSTANCE) or messages.get("CURR")
@@ -44,11 +57,12 @@ def read_dataflash(path: Path) -> Samples:
         series(estimate, {"vel_n_m_s": "VN", "vel_e_m_s": "VE", "vel_d_m_s": "VD"}),
         _height(messages, estimate, notes),
         series(battery, {"voltage_V": "Volt"}),
-        *_rpm(messages.get("ESC")),
+        *_rpm(messages.get("ESC"), outputs, notes, premises),
         _switch(messages.get("EV"), "armed", EVENT_ARMED, EVENT_DISARMED),
         _switch(messages.get("EV"), "landed", EVENT_LANDED, EVENT_AIRBORNE),
     ]
-    return merge(str(path), _motors(messages, parameters, notes), measured, notes)
+    samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
+    return replace(samples, motors=tuple(o.motor for o in outputs), parameters=parameters)
 
 
 def dataflash_parameters(path: Path) -> dict[str, float]:
@@ -58,7 +72,7 @@ def dataflash_parameters(path: Path) -> dict[str, float]:
 
 def dataflash_texts(path: Path) -> list[tuple[float, str]]:
     """(time_s, text) of what ArduPilot logged in words, in order. Raises InputError."""
-    found, _ = _read(path, ("MSG",))
+    found, _, _ = _read(path, ("MSG",))
     return [(m.TimeUS / 1e6, str(m.Message)) for m in found.get("MSG", ())]
 
 
@@ -69,8 +83,9 @@ def _message(rows: list[Any]) -> Message | None:
     return columns | {"time_s": columns["TimeUS"] / 1e6} if "TimeUS" in columns else None
 
 
-def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, float]]:
-    """The messages of these types by name, and the last value of each parameter. Raises InputError."""
+def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, float], bool]:
+    """The messages of these types by name, the last value of each parameter, and whether some of the log
+    could not be read. Raises InputError."""
     found: dict[str, list[Any]] = {}
     parameters: dict[str, float] = {}
     kind = _reader_class()
@@ -78,6 +93,7 @@ def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[
     try:
         with silenced():
             reader.__init__(str(path), zero_time_base=True)
+            holes = _has_holes(reader)
             for number, form in reader.formats.items():
                 if struct.calcsize(form.msg_struct) != form.len - 3:  # none can be read
                     reader.counts[number] = 0
@@ -92,7 +108,15 @@ def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[
         for name in ("data_map", "filehandle"):
             with contextlib.suppress(AttributeError, BufferError):  # not opened; still looked at by an error
                 getattr(reader, name).close()
-    return found, parameters
+    return found, parameters, holes or reader.lost > 0
+
+
+def _has_holes(reader: Any) -> bool:
+    """Whether bytes between messages belong to none, or more follow the last than a page of a card leaves."""
+    formats = reader.formats
+    ends = [int(at[-1]) + formats[n].len for n, at in enumerate(reader.offsets) if len(at) and n in formats]
+    read = sum(reader.counts[n] * form.len for n, form in formats.items())
+    return bool(read < max(ends, default=0) or reader.data_len - max(ends, default=0) >= TRAILING)
 
 
 @functools.cache
@@ -103,11 +127,11 @@ def _reader_class() -> Any:
         """pymavlink looks for the next message it can read from each that it cannot, to the log's end: with
         a format that was damaged on the way that is the square of a log."""
 
-        _deep = _lost = 0
+        _deep = lost = 0
 
         def _parse_next(self) -> Any:
-            self._lost += self._deep > 0
-            if self._lost > MOST_LOST:
+            self.lost += self._deep > 0
+            if self.lost > MOST_LOST:
                 raise ValueError(f"more than {MOST_LOST} messages make no sense")
             self._deep += 1
             try:
@@ -133,21 +157,36 @@ def _core(messages: Mapping[str, Message], name: str) -> Message | None:
 
 
 def _motors(
-    messages: Mapping[str, Message], parameters: Mapping[str, float], notes: list[str]
+    messages: Mapping[str, Message],
+    parameters: Mapping[str, float],
+    outputs: Map,
+    notes: list[str],
+    premises: list[str],
 ) -> TimeSeries | None:
-    low = parameters.get("MOT_PWM_MIN", 1000.0) or 1000.0
-    high = parameters.get("MOT_PWM_MAX", 2000.0) or 2000.0
-    source, letter = ("MOUT", "M") if "MOUT" in messages else ("RCOU", "C")
-    if source not in messages:
-        return None
-    logged = messages[source]
-    pulses = {n: logged[f"{letter}{n}"] for n in range(1, 15) if f"{letter}{n}" in logged}
-    if source == "MOUT":
-        outputs = {n: n for n in pulses if n <= 12}
+    if "MOUT" in messages:  # by motors
+        logged, where = messages["MOUT"], "MOUT"
+        values = {n: logged[f"M{n}"] for n in range(1, 13) if f"M{n}" in logged}
+        outputs = as_motors(values, parameters, "SERVO")
+    elif "RCOU" in messages:
+        logged, where = messages["RCOU"], "RCOU"
+        values = _channels(messages)
+        if not outputs:
+            premises.append(OUTPUTS_AS_MOTORS)
+            outputs = tuple(o for o in as_motors(values, parameters, "SERVO") if o.channel <= 8)
     else:
-        outputs = ardupilot_outputs(parameters) or {n: n for n in used_outputs(pulses) if n <= 8}
-    notes.append(f"motor1..{len(outputs)} = (PWM - {low:g}) / {high - low:g} from {source}")
-    return TimeSeries.of(logged["time_s"], commands(outputs, pulses, low, high))
+        return None
+    return TimeSeries.of(logged["time_s"], commands(outputs, values, where, notes))
+
+
+def _channels(messages: Mapping[str, Message]) -> dict[int, Array]:
+    """(n,) pulses of each output at RCOU's stamps: outputs from 15 on stand in RCO2 and RCO3."""
+    time, found = messages["RCOU"]["time_s"], {}
+    for name in ("RCOU", "RCO2", "RCO3"):
+        logged = messages.get(name, {})
+        for n in range(1, ARDUPILOT_OUTPUTS + 1):
+            if f"C{n}" in logged:
+                found[n] = np.interp(time, logged["time_s"], logged[f"C{n}"])
+    return found
 
 
 def _imu(messages: Mapping[str, Message], notes: list[str]) -> TimeSeries | None:
@@ -174,11 +213,12 @@ def _height(messages: Mapping[str, Message], estimate: Message | None, notes: li
     return series(estimate, {"height_m": "PD"}, -1.0)
 
 
-def _rpm(esc: Message | None) -> list[TimeSeries | None]:
-    instances = sorted(set(esc["Instance"].tolist())) if esc and "Instance" in esc else []
+def _rpm(esc: Message | None, outputs: Map, notes: list[str], premises: list[str]) -> list[TimeSeries | None]:
+    instances = set(esc["Instance"].astype(int).tolist()) if esc and "Instance" in esc else set()
+    motors = motors_of_escs(outputs, instances, notes, premises)
     return [
-        series(_instance(esc, ("Instance",), instance), {f"rpm{int(instance) + 1}": "RPM"})
-        for instance in instances
+        series(_instance(esc, ("Instance",), instance), {f"rpm{motor}": "RPM"})
+        for instance, motor in motors.items()
     ]
 
 

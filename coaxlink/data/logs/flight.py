@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
-from coaxlink.data.logs.quiet import one_line
 from coaxlink.data.logs.streams import at_the_commands
+from coaxlink.data.quiet import one_line
 from coaxlink.data.samples import Samples
 from coaxlink.data.table import is_spreadsheet, read_headings, read_table
 from coaxlink.errors import InputError
@@ -23,8 +23,14 @@ MOTION = (
     "pitch_rad",
     "yaw_rad",
 )
+OURS = re.compile(
+    r"time_s|(motor|rpm)[1-9]\d?|(accel|gyro)_[xyz]_\w+|(roll|pitch|yaw)_rad|vel_[ned]_m_s|height_m|voltage_V"
+    r"|armed|landed"
+)
 # of the rows in which a motor turns: in percent or microseconds next to none lies in 0..1
 LEAST_SOUND = 0.2
+ABSURD = 1e9  # of any column of ours in any unit; damaged floats go far beyond
+SLOWEST_S = 1.0  # between two rows: slower tells nothing of a flight
 AT_REST = 0.05  # of full command, judgement: below it a motor stands or idles, in any unit
 _ULOG = b"ULog\x01\x12\x35"
 _DATAFLASH = b"\xa3\x95"
@@ -95,18 +101,23 @@ def impossible_commands(commands: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def read_flight_csv(path: Path) -> Samples:
-    """A CSV flight log in our own columns, every column a number in every row.
+    """A CSV flight log in our own columns, each a number in every row; of others those that are numbers.
 
     Commands outside 0..1 in part of the rows stay as they are; `refine` flags them and leaves them out.
     Raises InputError, also where the commands are in another unit.
     """
     table = read_table(path)
-    columns = {
-        name: table.numbers(i)
-        for i, name in enumerate(table.headings)
-        if name and not table.column_is_empty(i)
-    }
-    samples = Samples(columns, str(path), (), table.lines)
+    columns, left = {}, []
+    for i, name in enumerate(table.headings):
+        if not name or table.column_is_empty(i):
+            continue
+        values = table.numbers(i, ABSURD) if OURS.fullmatch(name) else table.numbers_or_none(i)
+        if values is None:
+            left.append(name)
+        else:
+            columns[name] = values
+    notes = (f"left out (no numbers): {', '.join(left)}",) if left else ()
+    samples = Samples(columns, str(path), notes, table.lines)
     samples.require("time_s", "motor1", *MOTION)
     count = sum(MOTOR.fullmatch(name) is not None for name in columns)
     motors = [f"motor{n}" for n in range(1, count + 1)]
@@ -122,6 +133,10 @@ def read_flight_csv(path: Path) -> Samples:
     if (step < 0).any():
         where = samples.place(int(np.argmax(step < 0)) + 1)
         raise InputError(path, f"{where}, column time_s", "time goes back; increasing stamps are expected")
+    usual = float(np.median(step)) if len(step) else 0.0
+    if usual > SLOWEST_S:
+        found = f"rows every {usual:g} s: a flight needs several a second; seconds are expected, not ms or us"
+        raise InputError(path, "column time_s", found)
     repeated = np.concatenate([[False], step == 0])
     if repeated.any():
         note = f"{int(repeated.sum())} rows with a repeated stamp left out"

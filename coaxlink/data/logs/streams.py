@@ -6,8 +6,9 @@ not alias; what arrives slower is interpolated. Stretches without data stay empt
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.data.resolution import resolution_of
-from coaxlink.data.samples import Samples
+from coaxlink.data.samples import DAMAGED, Samples
 from coaxlink.errors import InputError
 
 Array = NDArray[np.float64]
@@ -24,6 +25,9 @@ ANGLES = ("roll_rad", "pitch_rad", "yaw_rad")
 STATES = ("armed", "landed")  # hold their last value
 MOST_EMPTY = 100  # periods a motor command: a log with more pauses than this has damaged stamps
 GAP_PERIODS = 5.0  # a pause longer than this many periods of a series is a gap, not jitter
+# what no sensor of a vehicle reads, in the units of our columns: accelerometers go to 200 g, gyros to
+# 4000 deg/s; beyond is a damaged message
+MOST = {"accel": 2e3, "gyro": 100.0, "vel": 1e3, "height": 1e5, "voltage": 2e3, "rpm": 1e6}
 SELDOM = 0.1  # of the changes may follow another at once: rounding makes some pause, holding makes all
 
 
@@ -95,6 +99,23 @@ def euler_of(quaternions: Sequence[Array]) -> dict[str, Array]:
         "pitch_rad": np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
         "yaw_rad": np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
     }
+
+
+def possible(others: Sequence[TimeSeries | None], premises: list[str]) -> list[TimeSeries]:
+    """Series without the rows that no sensor reads; where there were any, the log is damaged."""
+    found = []
+    for one in others:
+        if one is None:
+            continue
+        limits = {name: MOST.get(re.split(r"[_\d]", name)[0], np.inf) for name in one.columns}
+        sound = np.logical_and.reduce([np.abs(one.columns[n]) <= limits[n] for n in limits])
+        if sound.all():
+            found.append(one)
+            continue
+        premises.append(DAMAGED)
+        rest = TimeSeries.of(one.time_s[sound], {n: c[sound] for n, c in one.columns.items()})
+        found += [rest] if rest is not None else []
+    return found
 
 
 def merge(
@@ -186,9 +207,10 @@ def at_the_commands(samples: Samples, motors: list[str]) -> Samples:
     time = samples["time_s"]
     rest = samples.without(*motors, "time_s")
     note = f"commands were logged every {every} rows and held between: the log is taken at their rate"
-    return merge(
+    merged = merge(
         samples.source,
         TimeSeries.of(time[rows], {name: samples[name][rows] for name in motors}),
         [TimeSeries.of(time, {name: rest[name] for name in rest.columns})],
         (*samples.notes, note),
     )
+    return replace(merged, premises=samples.premises)

@@ -5,8 +5,10 @@ The recorder's clock only orders the frames: a simulator may run faster than the
 
 from __future__ import annotations
 
+import struct
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +16,28 @@ import numpy as np
 
 from coaxlink import files
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.data.logs.outputs import commands, used_outputs
-from coaxlink.data.logs.streams import Message, TimeSeries, derived, euler_of, longest, merge, rows_of, series
-from coaxlink.data.samples import Samples
+from coaxlink.data.logs.outputs import (
+    Map,
+    ardupilot_map,
+    as_motors,
+    commands,
+    motors_of_escs,
+    px4_maps,
+    px4_outputs,
+)
+from coaxlink.data.logs.streams import (
+    Array,
+    Message,
+    TimeSeries,
+    derived,
+    euler_of,
+    longest,
+    merge,
+    possible,
+    rows_of,
+    series,
+)
+from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
 from firmware_params import bounded
 
@@ -25,7 +46,7 @@ ESC_TELEMETRY = ("ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8", "ESC_TELEMETRY_
 NAMES = (
     "HEARTBEAT", "HIGHRES_IMU", "SCALED_IMU", "RAW_IMU", "ATTITUDE", "ATTITUDE_QUATERNION",
     "LOCAL_POSITION_NED", "ACTUATOR_OUTPUT_STATUS", "SERVO_OUTPUT_RAW", "BATTERY_STATUS", "ESC_STATUS",
-    *ESC_TELEMETRY, "DISTANCE_SENSOR", "EXTENDED_SYS_STATE",
+    *ESC_TELEMETRY, "DISTANCE_SENSOR", "EXTENDED_SYS_STATE", "PARAM_VALUE",
 )  # fmt: skip
 WRAP_S = 2**32 / 1e6  # 32 bits of microseconds come round every 71 minutes
 REBOOT_S = 5.0  # a clock that goes back by more than this was restarted
@@ -33,6 +54,8 @@ ARMED_FLAG, ARDUPILOT = 128, 3
 ON_GROUND = 1
 DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 NO_CELL_MV = 65535
+LONGEST_FRAME = 8 + 10 + 255 + 2 + 13  # stamp, header, payload, checksum, signature
+INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}  # MAV_PARAM_TYPE
 
 
 def stamped_frames(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -64,12 +87,16 @@ def _frame_size(data: bytes, at: int) -> int:
 
 def read_tlog(path: Path) -> Samples:
     """A recorded link as flight columns. Raises InputError."""
-    messages, garbled = _messages(path)
+    messages, parameters, garbled, damaged = _messages(path)
     shown = ", ".join(f"{name} {len(messages[name]['time_s'])}" for name in NAMES if name in messages)
     notes = [f"tlog: {shown}"]
     if garbled:
         notes.append(f"{garbled} frames left out: garbled on their way")
-    motors = _motors(messages, notes)
+    premises = [DAMAGED] * damaged
+    maps = (
+        ([m] if (m := ardupilot_map(parameters)) else []) if _is_ardupilot(messages) else px4_maps(parameters)
+    )
+    motors = _motors(messages, parameters, notes, premises)
     measured = [
         _imu(messages),
         _attitude(messages),
@@ -78,13 +105,16 @@ def read_tlog(path: Path) -> Samples:
         _voltage(messages.get("BATTERY_STATUS")),
         derived(messages.get("HEARTBEAT"), lambda m: {"armed": m["base_mode"].astype(int) & ARMED_FLAG > 0}),
         derived(messages.get("EXTENDED_SYS_STATE"), lambda m: {"landed": m["landed_state"] == ON_GROUND}),
-        *_rpm(messages, notes),
+        *_rpm(messages, maps[0] if len(maps) == 1 else (), notes, premises),
     ]
-    return merge(str(path), motors, measured, notes)
+    samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
+    known = tuple(sorted({o.motor for outputs in maps for o in outputs}))
+    return replace(samples, motors=known, parameters=parameters)
 
 
-def _messages(path: Path) -> tuple[dict[str, Message], int]:
-    """Messages by name, of the autopilot that sends the most, in s since boot; and how many were lost."""
+def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int, bool]:
+    """Of the autopilot that sends the most: messages by name, in s since boot, the last value of each
+    parameter; how many frames were garbled, and whether the file is damaged (a torn last frame is none)."""
     from pymavlink.dialects.v20 import common
 
     from firmware_params.ardupilot import messages as _esc_telemetry  # noqa: F401  registers it
@@ -93,8 +123,9 @@ def _messages(path: Path) -> tuple[dict[str, Message], int]:
     parser = common.MAVLink(None)
     wanted = {i for i, cls in common.mavlink_map.items() if cls.msgname in NAMES}
     by_sender: dict[tuple[int, int], list[Any]] = defaultdict(list)
-    garbled = 0
+    garbled, left = 0, path.stat().st_size
     for _, frame in stamped_frames(path):
+        left -= 8 + len(frame)
         number = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
         if number not in wanted:
             continue
@@ -106,9 +137,29 @@ def _messages(path: Path) -> tuple[dict[str, Message], int]:
         by_sender[(message.get_srcSystem(), message.get_srcComponent())].append(message)
     if not by_sender:
         raise InputError(path, "", "no telemetry of an autopilot in this tlog")
-    motion = Counter({who: sum(m.get_type() != "HEARTBEAT" for m in sent) for who, sent in by_sender.items()})
-    sent = _longest_boot(by_sender[motion.most_common(1)[0][0]])
-    return {name: _message(rows) for name, rows in _stamped(sent).items()}, garbled
+    quiet = ("HEARTBEAT", "PARAM_VALUE")
+    motion = Counter({who: sum(m.get_type() not in quiet for m in sent) for who, sent in by_sender.items()})
+    sent = by_sender[motion.most_common(1)[0][0]]
+    told = [m for m in sent if m.get_type() == "PARAM_VALUE"]
+    boot = _longest_boot([m for m in sent if m.get_type() != "PARAM_VALUE"])
+    messages = {name: _message(rows) for name, rows in _stamped(boot).items()}
+    bytewise = not _is_ardupilot(messages)
+    told_values = {str(m.param_id): _parameter(m, bytewise) for m in told}
+    return messages, told_values, garbled, garbled > 0 or left > LONGEST_FRAME
+
+
+def _is_ardupilot(messages: Mapping[str, Message]) -> bool:
+    return "HEARTBEAT" in messages and bool((messages["HEARTBEAT"]["autopilot"] == ARDUPILOT).any())
+
+
+def _parameter(message: Any, bytewise: bool) -> float:
+    """PX4 sends an integer's bytes in the place of the float, ArduPilot every value as a float."""
+    form = INTEGERS.get(int(message.param_type)) if bytewise else None
+    if form is None:
+        return float(message.param_value)
+    frame = message.get_msgbuf()
+    start = 10 if frame[0] == 0xFD else 6
+    return float(struct.unpack_from(form, bytes(frame), start)[0])
 
 
 def _message(rows: list[tuple[float, Any]]) -> Message:
@@ -155,24 +206,41 @@ def _stamped(messages: list[Any]) -> dict[str, list[tuple[float, Any]]]:
     return rows
 
 
-def _motors(messages: Mapping[str, Message], notes: list[str]) -> TimeSeries | None:
+def _motors(
+    messages: Mapping[str, Message], parameters: Mapping[str, float], notes: list[str], premises: list[str]
+) -> TimeSeries | None:
     status, servo = messages.get("ACTUATOR_OUTPUT_STATUS"), messages.get("SERVO_OUTPUT_RAW")
-    outputs = longest(status, servo)
-    if outputs is None:
+    logged = longest(status, servo)
+    if logged is None:
         return None
-    if outputs is servo:
-        servo = rows_of(servo, servo["port"] == 0)
-        outputs, name = servo, "SERVO_OUTPUT_RAW"
-        pulses = {} if servo is None else {n: servo[f"servo{n}_raw"] for n in range(1, 17)}
+    if logged is status:
+        name, ports = "ACTUATOR_OUTPUT_STATUS", [logged]
+        values = [dict(enumerate(logged["actuator"].T, 1))]
     else:
-        name = "ACTUATOR_OUTPUT_STATUS"
-        pulses = dict(enumerate(outputs["actuator"].T, 1))
-    used = used_outputs(pulses)
-    if outputs is None or not used:
+        name = "SERVO_OUTPUT_RAW"
+        numbers = sorted(set(logged["port"].tolist()))
+        ports = [rows for port in numbers if (rows := rows_of(logged, logged["port"] == port)) is not None]
+        values = [{n: rows[f"servo{n}_raw"] for n in range(1, 17)} for rows in ports]
+    if _is_ardupilot(messages):  # a second port holds outputs 17 to 32
+        time = ports[0]["time_s"]
+        for rows, more in zip(ports[1:], values[1:], strict=True):
+            values[0] |= {16 + n: np.interp(time, rows["time_s"], column) for n, column in more.items()}
+        outputs = ardupilot_map(parameters)
+        known, found = bool(outputs), [(outputs or as_motors(values[0], parameters, "SERVO"), 0)]
+    else:
+        found, known = px4_outputs(values, parameters)
+    if not any(outputs for outputs, _ in found):
         return None
-    count = used[-1]
-    notes.append(f"motor1..{count} = (PWM - 1000) / 1000, 0..1, from {name}")
-    return TimeSeries.of(outputs["time_s"], commands({n: n for n in range(1, count + 1)}, pulses))
+    if not known:
+        premises.append(OUTPUTS_AS_MOTORS)
+    first = ports[found[0][1]]["time_s"]
+    columns: dict[str, Array] = {}
+    for outputs, port in found:
+        for motor, command in commands(outputs, values[port], name, notes).items():
+            columns[motor] = (
+                command if port == found[0][1] else np.interp(first, ports[port]["time_s"], command)
+            )
+    return TimeSeries.of(first, columns)
 
 
 def _imu(messages: Mapping[str, Message]) -> TimeSeries | None:
@@ -180,8 +248,7 @@ def _imu(messages: Mapping[str, Message]) -> TimeSeries | None:
     if "HIGHRES_IMU" in messages:
         return series(messages["HIGHRES_IMU"], accel | gyro)
     # ArduPilot's RAW_IMU is in mg and mrad/s as SCALED_IMU is; others send what their chip reads
-    ardupilot = "HEARTBEAT" in messages and (messages["HEARTBEAT"]["autopilot"] == ARDUPILOT).any()
-    imu = longest(messages.get("SCALED_IMU"), messages.get("RAW_IMU") if ardupilot else None)
+    imu = longest(messages.get("SCALED_IMU"), messages.get("RAW_IMU") if _is_ardupilot(messages) else None)
     if imu is None:
         return None
     columns = {ours: imu[theirs] * (GRAVITY_M_S2 / 1e3) for ours, theirs in accel.items()}
@@ -220,7 +287,9 @@ def _voltage(battery: Message | None) -> TimeSeries | None:
     return series(rows_of(pack, (battery["id"] == 0) & filled[:, 0]), {"voltage_V": "pack"})
 
 
-def _rpm(messages: Mapping[str, Message], notes: list[str]) -> list[TimeSeries | None]:
+def _rpm(
+    messages: Mapping[str, Message], outputs: Map, notes: list[str], premises: list[str]
+) -> list[TimeSeries | None]:
     """Rotor speeds; a batch that only repeats rotors 1-4 (PX4 of the v1.14 era) is left out."""
     status = messages.get("ESC_STATUS")
     if status is not None:
@@ -229,14 +298,13 @@ def _rpm(messages: Mapping[str, Message], notes: list[str]) -> list[TimeSeries |
     else:
         batches = {4 * i: messages.get(name) for i, name in enumerate(ESC_TELEMETRY)}
     known = {first: batch for first, batch in batches.items() if batch is not None}
-    found = []
+    speeds: dict[int, tuple[Array, Array]] = {}  # by ESC, counted from 0: stamps, rpm
     for first, batch in known.items():
-        speeds, usual = batch["rpm"], known[0]["rpm"] if 0 in known else np.empty((0, 4))
-        same = min(len(speeds), len(usual))
-        if first and same > 10 and np.any(usual) and np.array_equal(speeds[:same], usual[:same]):
+        rpm, usual = batch["rpm"], known[0]["rpm"] if 0 in known else np.empty((0, 4))
+        same = min(len(rpm), len(usual))
+        if first and same > 10 and np.any(usual) and np.array_equal(rpm[:same], usual[:same]):
             notes.append(f"rpm{first + 1}..{first + 4} left out: ESC_STATUS repeats rotors 1-4 there")
             continue
-        used = [i for i in range(4) if np.any(speeds[:, i])]
-        columns = {f"rpm{first + i + 1}": speeds[:, i] for i in used}
-        found.append(TimeSeries.of(batch["time_s"], columns))
-    return found
+        speeds |= {first + i: (batch["time_s"], rpm[:, i]) for i in range(4) if np.any(rpm[:, i])}
+    motors = motors_of_escs(outputs, speeds, notes, premises)
+    return [TimeSeries.of(speeds[esc][0], {f"rpm{motor}": speeds[esc][1]}) for esc, motor in motors.items()]

@@ -1,24 +1,38 @@
 """ULog of PX4 as flight columns.
 
-`actuator_motors` holds the command before the thrust curve of THR_MDL_FAC, `actuator_outputs` (1000 + 1000 u)
-the one after it; the faster of the two is used. Sensor topics are stamped by `timestamp_sample`.
+`actuator_motors` holds the command before the thrust curve of THR_MDL_FAC, by motors: where it is logged it
+is used. `actuator_outputs` holds the one after it, by drivers and their channels. Sensor topics are stamped
+by `timestamp_sample`.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from coaxlink.data.logs.outputs import commands, px4_outputs, used_outputs
-from coaxlink.data.logs.quiet import one_line, silenced
-from coaxlink.data.logs.streams import Message, TimeSeries, derived, euler_of, merge, series
-from coaxlink.data.samples import Samples
+from coaxlink import files
+from coaxlink.data.logs.outputs import (
+    PX4_MOTOR_1,
+    PX4_MOTORS,
+    Map,
+    Parameters,
+    commands,
+    motors_of_escs,
+    px4_maps,
+    px4_outputs,
+)
+from coaxlink.data.logs.streams import Array, Message, TimeSeries, derived, euler_of, merge, possible, series
+from coaxlink.data.quiet import one_line, silenced
+from coaxlink.data.samples import DAMAGED, OUTPUTS_AS_MOTORS, Samples
 from coaxlink.errors import InputError
+from firmware_params import bounded
 
 STAMPED_BY_SAMPLE = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_attitude")
 TOPICS = [
@@ -27,6 +41,7 @@ TOPICS = [
 ]  # fmt: skip
 CIRCLES = 20  # steps back to where the reader was before; looking for a sync mark takes one or two
 ARMED = 2
+HEADER, KINDS, FLAGS, DATA = 16, frozenset(b"BFIMPQARDLCSO"), ord("B"), ord("D")  # of the file format
 VELOCITY = {"vel_n_m_s": "vx", "vel_e_m_s": "vy", "vel_d_m_s": "vz"}
 
 
@@ -34,7 +49,16 @@ def read_ulog(path: Path) -> Samples:
     """A PX4 log as flight columns. Raises InputError."""
     log = _open(path)
     topics = {d.name: _message(d.name, d.data) for d in reversed(log.data_list)}  # the first instance wins
-    notes: list[str] = ["the file is damaged: some of it could not be read"] if log.file_corruption else []
+    outputs, escs = (
+        [_message(d.name, d.data) for d in log.data_list if d.name == name]
+        for name in ("actuator_outputs", "esc_status")
+    )
+    notes: list[str] = []
+    parameters = _parameters(log)
+    spoiled = len(_numbers(log.initial_parameters)) < len(log.initial_parameters)
+    premises = [DAMAGED] * (spoiled or bool(log.file_corruption) or _is_torn_inside(path))
+    maps = px4_maps(parameters)
+    motors = _motors(topics.get("actuator_motors"), outputs, parameters, notes, premises)
     measured = [
         *_motion(topics),
         derived(topics.get("vehicle_attitude"), lambda m: euler_of([m[f"q[{i}]"] for i in range(4)])),
@@ -43,20 +67,44 @@ def read_ulog(path: Path) -> Samples:
         series(topics.get("battery_status"), {"voltage_V": "voltage_v"}),
         derived(topics.get("vehicle_status"), lambda m: {"armed": m["arming_state"] == ARMED}),
         series(topics.get("vehicle_land_detected"), {"landed": "landed"}),
-        _rpm(topics.get("esc_status"), notes),
+        *_rpm(escs, maps, notes, premises),
     ]
-    return merge(str(path), _motors(topics, log.initial_parameters, notes), measured, notes)
+    samples = merge(str(path), motors, possible(measured, premises), notes).on_premises(*premises)
+    return replace(
+        samples, motors=_motors_of(motors, maps, "actuator_motors" in topics), parameters=parameters
+    )
 
 
 def ulog_parameters(path: Path) -> dict[str, float | int]:
     """The parameters a PX4 log begins with. Raises InputError."""
-    return dict(_open(path).initial_parameters)
+    return _numbers(_open(path).initial_parameters)
 
 
 def ulog_texts(path: Path) -> list[tuple[float, int, str]]:
     """(time_s, severity 0..7, text) of what PX4 logged in words, in order. Raises InputError."""
     found = [(m.timestamp / 1e6, m.log_level - ord("0"), str(m.message)) for m in _open(path).logged_messages]
     return sorted(found, key=lambda row: row[0])
+
+
+def _parameters(log: Any) -> dict[str, float]:
+    """As they were at take-off: what the log begins with, and what was set before it was first armed.
+
+    A table may be uploaded and flown in one boot; what is set in the air is not this flight's beginning.
+    """
+    armed = [
+        topic.data["timestamp"][topic.data["arming_state"] == ARMED]
+        for topic in log.data_list
+        if topic.name == "vehicle_status" and "arming_state" in topic.data
+    ]
+    first = min((int(stamps[0]) for stamps in armed if len(stamps)), default=None)
+    found = _numbers(log.initial_parameters)
+    later = {name: value for stamp, name, value in log.changed_parameters if first is None or stamp <= first}
+    return found | _numbers(later)
+
+
+def _numbers(parameters: Mapping[str, Any]) -> dict[str, float]:
+    """Those that are finite numbers: of a damaged log some are bytes of no known type."""
+    return {n: v for n, v in parameters.items() if isinstance(v, (int, float)) and math.isfinite(v)}
 
 
 def _message(name: str, topic: Mapping[str, Any]) -> Message:
@@ -78,6 +126,26 @@ def _open(path: Path) -> Any:
     return log
 
 
+def _is_torn_inside(path: Path) -> bool:
+    """Whether the chain of messages breaks before the file's end: pyulog passes over some of what it cannot
+    read without a word. A last message that the end of the file cuts is none of it."""
+    data = files.read_bytes(path, bounded.LOG)
+    sizes: dict[bytes, int] = {}  # of a topic's messages: always the same
+    at = HEADER
+    while at + 5 <= len(data):
+        size, kind = int.from_bytes(data[at : at + 2], "little"), data[at + 2]
+        if kind not in KINDS:
+            return True
+        if kind == FLAGS and size >= 40 and any(data[at + 19 : at + 43]):
+            return False  # data were appended after a crash: the chain may break there
+        if kind == DATA:
+            topic = data[at + 3 : at + 5]
+            if sizes.setdefault(topic, size) != size:
+                return True
+        at += 3 + size
+    return False
+
+
 class _Onward(io.BufferedReader):
     """A file whose reader must get on. pyulog steps back and tries again a byte further on where a message
     makes no sense; from a message that the end of the file cuts it steps too far, and comes by for ever."""
@@ -97,12 +165,35 @@ class _Onward(io.BufferedReader):
 
 
 def _motors(
-    topics: Mapping[str, Message], parameters: Mapping[str, Any], notes: list[str]
+    controls: Message | None,
+    outputs: list[Message],
+    parameters: Parameters,
+    notes: list[str],
+    premises: list[str],
 ) -> TimeSeries | None:
-    controls, outputs = topics.get("actuator_motors"), topics.get("actuator_outputs")
-    if controls is not None and (outputs is None or len(controls["time_s"]) >= len(outputs["time_s"])):
+    if controls is not None:
         return _from_controls(controls, parameters, notes)
-    return None if outputs is None else _from_outputs(outputs, parameters, notes)
+    instances = [
+        {n: topic[f"output[{n - 1}]"] for n in range(1, 17) if f"output[{n - 1}]" in topic}
+        for topic in outputs
+    ]
+    found, known = px4_outputs(instances, parameters)
+    if found and not known:
+        premises.append(OUTPUTS_AS_MOTORS)
+    columns: dict[str, Array] = {}
+    first = outputs[found[0][1]]["time_s"] if found else np.zeros(0)
+    for driver, instance in found:  # drivers of one vehicle publish at one rate
+        time = outputs[instance]["time_s"]
+        for name, command in commands(driver, instances[instance], "actuator_outputs", notes).items():
+            columns[name] = command if time is first else np.interp(first, time, command)
+    return TimeSeries.of(first, columns)
+
+
+def _motors_of(motors: TimeSeries | None, maps: list[Map], commanded: bool) -> tuple[int, ...]:
+    """The vehicle's motors: as many as the allocation commands, else as *_FUNCn say."""
+    if commanded and motors is not None:
+        return tuple(range(1, len(motors.columns) + 1))
+    return tuple(sorted({o.motor for outputs in maps for o in outputs}))
 
 
 def _from_controls(topic: Message, parameters: Mapping[str, Any], notes: list[str]) -> TimeSeries | None:
@@ -116,13 +207,6 @@ def _from_controls(topic: Message, parameters: Mapping[str, Any], notes: list[st
         speed = (np.sqrt(linear**2 + 4 * factor * speed) - linear) / (2 * factor)
     notes.append(f"motor1..{count} from actuator_motors, THR_MDL_FAC = {factor:g} undone")
     return TimeSeries.of(topic["time_s"], {f"motor{i + 1}": speed[i] for i in range(count)})
-
-
-def _from_outputs(topic: Message, parameters: Mapping[str, Any], notes: list[str]) -> TimeSeries | None:
-    pulses = {n: topic[f"output[{n - 1}]"] for n in range(1, 17)}
-    outputs = px4_outputs(parameters) or {n: n for n in used_outputs(pulses)}
-    notes.append(f"motor1..{len(outputs)} = (PWM - 1000) / 1000 from actuator_outputs")
-    return TimeSeries.of(topic["time_s"], commands(outputs, pulses))
 
 
 def _motion(topics: Mapping[str, Message]) -> list[TimeSeries | None]:
@@ -159,12 +243,31 @@ def _height(topics: Mapping[str, Message], notes: list[str]) -> TimeSeries | Non
     return series(local, {"height_m": "z"}, -1.0)
 
 
-def _rpm(topic: Message | None, notes: list[str]) -> TimeSeries | None:
-    if topic is None:
-        return None
-    rpm = [topic[f"esc[{i}].esc_rpm"] for i in range(8) if f"esc[{i}].esc_rpm" in topic]
-    rpm = rpm[: int(np.max(topic["esc_count"]))]
-    if len(rpm) == 8 and np.any(rpm[0]) and all(np.array_equal(rpm[i], rpm[i + 4]) for i in range(4)):
-        notes.append("rpm5..8 left out: esc_status repeats rotors 1-4 there")
-        rpm = rpm[:4]
-    return TimeSeries.of(topic["time_s"], {f"rpm{i + 1}": column for i, column in enumerate(rpm)})
+def _rpm(
+    topics: list[Message], maps: list[Map], notes: list[str], premises: list[str]
+) -> list[TimeSeries | None]:
+    found = []
+    for topic in topics:
+        rpm = [topic[f"esc[{i}].esc_rpm"] for i in range(PX4_MOTORS) if f"esc[{i}].esc_rpm" in topic]
+        rpm = rpm[: int(np.max(topic["esc_count"]))]
+        if len(rpm) == 8 and np.any(rpm[0]) and all(np.array_equal(rpm[i], rpm[i + 4]) for i in range(4)):
+            notes.append("rpm5..8 left out: esc_status repeats rotors 1-4 there")
+            rpm = rpm[:4]
+        motors = _functions(topic, len(rpm))
+        if not motors:  # before 1.13: ESCs are numbered as their driver's outputs
+            driver = maps[0] if len(maps) == 1 else ()
+            motors = motors_of_escs(driver, range(len(rpm)), notes, premises)
+        columns = {f"rpm{motor}": rpm[esc] for esc, motor in motors.items()}
+        found.append(TimeSeries.of(topic["time_s"], columns))
+    return found
+
+
+def _functions(topic: Message, count: int) -> dict[int, int]:
+    """{ESC, counted from 0: motor} as `esc_status` itself says."""
+    found = {}
+    for i in range(count):
+        function = topic.get(f"esc[{i}].actuator_function", np.zeros(1))
+        last = int(np.nan_to_num(function[-1]))
+        if PX4_MOTOR_1 <= last < PX4_MOTOR_1 + PX4_MOTORS:
+            found[i] = last - PX4_MOTOR_1 + 1
+    return found

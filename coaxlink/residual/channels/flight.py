@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from coaxlink.airframe import Airframe
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.logs.flight import impossible_commands
-from coaxlink.data.samples import Samples
+from coaxlink.data.samples import DAMAGED, PREMISES, Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import IMU_COLUMNS, Array, FlightFrame
 from coaxlink.residual.channels.rounding_noise import rounding_noise
@@ -87,11 +87,13 @@ class _Stretch:
 def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel) -> FlightFrame:
     """Bring logs onto uniform time bases and compute both sides of the residual.
 
-    Raises InputError: a column is missing, time does not run, or less than 8 s were flown.
+    Raises InputError: a column is missing, the log's motors are not the airframe's, time does not run, or
+    less than 8 s were flown.
     """
     motors = [f"motor{r.number}" for r in airframe.rotors]
     runs: list[_Run] = []
     for number, log in enumerate(logs):
+        _same_motors(log, airframe)
         log.require(*NEEDED, *motors)
         runs += _gapless(number, log, [*NEEDED[1:], *motors], motors)
     source = logs[0].source if logs else ""
@@ -156,6 +158,17 @@ def flight_frame(logs: Sequence[Samples], airframe: Airframe, model: RotorModel)
     return replace(frame, sampling=_between_rows(frame, joined), rounding=rounding)
 
 
+def _same_motors(log: Samples, airframe: Airframe) -> None:
+    rotors = sorted(r.number for r in airframe.rotors)
+    if log.motors and sorted(log.motors) != rotors:
+        told, known = (", ".join(map(str, numbers)) for numbers in (sorted(log.motors), rotors))
+        why = "the file is another vehicle's, or it lacks rotors"
+        if DAMAGED in log.premises:
+            why = PREMISES[DAMAGED]
+        problem = f"by the log's own parameters the vehicle has motors {told}, by the airframe's file {known}"
+        raise InputError(log.source, "motors", f"{problem}: {why}")
+
+
 def _between_rows(frame: FlightFrame, joined: dict[str, Array]) -> Array:
     """(6,) error, low-passed, of loads whose commands are known at the log's rows only.
 
@@ -197,17 +210,25 @@ def _gapless(number: int, log: Samples, names: list[str], motors: list[str]) -> 
     time = log["time_s"]
     order = np.argsort(time, kind="stable")
     finite = np.isfinite(time)
+    lost = {"time_s is no number": int((~finite).sum())}
     for name in names:
-        finite &= np.isfinite(log[name])
+        known = np.isfinite(log[name])
+        lost[f"{name} is no number"] = int((~known).sum())
         if name in motors:
-            finite &= ~impossible_commands(log[name])
+            beyond = impossible_commands(log[name])
+            lost[f"{name} is outside 0..1"] = int(beyond.sum())
+            known &= ~beyond
+        finite &= known
     order = order[finite[order]]
+    usable = len(order)
     order = order[np.concatenate([[True], np.diff(time[order]) > 0])] if len(order) else order
     t = time[order]
     if len(t) < LEAST_ROWS:
-        raise InputError(
-            log.source, "time_s", f"{len(t)} usable rows with increasing time; {LEAST_ROWS} are needed"
-        )
+        lost["time_s does not go on"] = usable - len(t)
+        worst = sorted(((n, why) for why, n in lost.items() if n), reverse=True)[:3]
+        taken = "".join(f"; in {n} {why}" for n, why in worst)
+        problem = f"{len(t)} of {log.rows} rows can be used, {LEAST_ROWS} are needed{taken}"
+        raise InputError(log.source, "rows", problem)
     step = float(np.median(np.diff(t)))
     cuts = np.flatnonzero(np.diff(t) > max(6.0 * step, 0.25)) + 1
     return [_Run(number, rows, step) for rows in np.split(order, cuts) if _lasts(time[rows])]

@@ -66,7 +66,8 @@ def joined(logs: Sequence[Samples]) -> Samples:
         columns["time_s"] = np.concatenate(parts)
     columns["log"] = np.concatenate([np.full(log.rows, float(i)) for i, log in enumerate(logs)])
     notes = tuple(note for log in logs for note in log.notes)
-    return Samples(columns, "; ".join(log.source for log in logs), notes)
+    premises = tuple(dict.fromkeys(p for log in logs for p in log.premises))
+    return Samples(columns, "; ".join(log.source for log in logs), notes, premises=premises)
 
 
 def stand_frame(
@@ -87,7 +88,7 @@ def stand_frame(
         samples.require(*COLUMN_OF.values())
     if samples.rows < (LEAST_ROWS if model is None else FEW_ROWS):
         need = f"{LEAST_ROWS} are needed to find an effect, {FEW_ROWS} to hold a given rotor model against"
-        raise InputError(samples.source, "", f"{samples.rows} rows; {need}")
+        raise InputError(samples.source, "", f"{samples.rows} rows; {need}{samples.rows_lost()}")
     speeds = normalised_speeds(samples, model.speed_max_rpm if model else None)
     u = np.stack([speeds.upper, speeds.lower], axis=1)
     measured = np.zeros((samples.rows, 6))

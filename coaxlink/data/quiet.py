@@ -30,6 +30,6 @@ def silenced() -> Iterator[None]:
         yield
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: BaseException) -> str:
     """An error's text on one line, its type where it has none."""
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -1,0 +1,68 @@
+"""Are the ESCs' rpm counted with the right number of magnets? They follow from field turns by that number,
+and a wrong one scales them all: held against commands and weight before any speed is believed.
+
+    x1 = ln(rpm / (command * full speed) / f) / DRIVE_SCALE
+    x2 = ln(thrust(rpm / f) / (mass * specific force)) / THRUST,    f = magnets / magnets counted
+
+Both are standard normal where f is right. f = 1 is refused where another even number of magnets lies within
+the 95 % level of two degrees of freedom and is the likelier one, prior odds and all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coaxlink.airframe import Airframe
+from coaxlink.data import Samples
+from coaxlink.errors import InputError
+from coaxlink.frames import Array
+from coaxlink.rotor.model import RotorModel
+
+POLES = ("SERVO_BLH_POLES", "SERVO_FTW_POLES", "MOT_POLE_COUNT")  # ArduPilot's two, PX4's
+USUAL = 14  # what every firmware begins with
+MAGNETS = range(4, 58, 2)  # of motors that carry propellers
+DRIVE, THRUST = 0.10, 0.15  # sd of full speed and of a model's thrust, as `coefficients` has them
+CHI2_95 = 5.99  # two degrees of freedom
+MISCOUNTED = 0.1  # prior odds that the number was left at its default; judgement
+FLIES = 0.4  # of the weight: less is on the ground
+LEAST_ROWS = 50
+
+
+def check_poles(log: Samples, airframe: Airframe, model: RotorModel) -> None:
+    """Raises InputError naming the parameter where another number of magnets explains the rpm."""
+    commands = np.stack([log[f"motor{r.number}"] for r in airframe.rotors], axis=1)
+    speeds = np.stack([log[f"rpm{r.number}"] for r in airframe.rotors], axis=1) / model.speed_max_rpm
+    force = -airframe.mass_kg * log["accel_z_m_s2"]
+    with np.errstate(invalid="ignore"):
+        rows = ((commands > 0.1) & (commands <= 1.0) & (speeds > 0.1)).all(axis=1) & (force > 0)
+        rows[rows] &= _lift(airframe, model, commands[rows]) > FLIES * force[rows]
+    if rows.sum() < LEAST_ROWS:
+        return
+    commands, speeds, weight = commands[rows], speeds[rows], float(np.median(force[rows]))
+    driven = float(np.median(speeds / commands))
+
+    def misfit(factor: float) -> float:
+        lift = float(np.median(_lift(airframe, model, speeds / factor)))
+        return (np.log(driven / factor) / DRIVE) ** 2 + (np.log(max(lift, 1e-9) / weight) / THRUST) ** 2
+
+    name, counted = next(((n, log.parameters[n]) for n in POLES if log.parameters.get(n, 0) > 0), ("", USUAL))
+    right = min(MAGNETS, key=lambda magnets: misfit(magnets / counted))
+    least = misfit(right / counted)
+    if least > CHI2_95 or misfit(1.0) - least < -2.0 * np.log(MISCOUNTED):
+        return
+    lift = 100 * float(np.median(_lift(airframe, model, speeds))) / weight
+    if not name and log.parameters:
+        name = POLES[0] if "SERVO1_FUNCTION" in log.parameters else POLES[2]
+    set_it = f"set {name or ' or '.join(POLES)} (or the ESC's own) to {right}"
+    raise InputError(
+        log.source,
+        "column rpm",
+        f"rpm are {driven:.2f} times what the commands allow, and would carry {lift:.0f} % of the weight: "
+        f"{right} magnets counted as {counted:g}? {set_it}; where {counted:g} is right, the airframe's mass "
+        "or the rotor file's speed_max_rpm is not",
+    )
+
+
+def _lift(airframe: Airframe, model: RotorModel, speeds: Array) -> Array:
+    """(rows,) N."""
+    return np.asarray(-airframe.body_loads(*airframe.loads(model, speeds))[:, 2])
