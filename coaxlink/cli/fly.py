@@ -79,6 +79,7 @@ def fly(
                 timeout_s=timeout,
                 target_system=system,
                 signing_key=signing_key,
+                station=True,
                 record=out / "flight.tlog",
             ) as line,
             introduced(line) as session,
