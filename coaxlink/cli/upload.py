@@ -47,7 +47,7 @@ def upload(
     ] = False,
     spin_from_table: Annotated[
         bool,
-        typer.Option("--spin-from-table", help="ArduPilot: also MOT_SPIN_*, which else stay as tuned on board."),
+        typer.Option("--spin-from-table", help="ArduPilot: also MOT_SPIN_*, else as tuned on board."),
     ] = False,
     reboot: Annotated[
         bool, typer.Option("--reboot", help="Restart the autopilot in any case and read the table once more.")

@@ -47,8 +47,8 @@ def verify(
         found, wanted = (value_text(wrong["name"], wrong[k]) for k in ("found", "wanted"))
         since = f" (written by {wrong['written']})" if wrong.get("written") else ""
         out.print(f"{wrong['name']}: {wanted} expected, {found} on board{since}")
-    for line in result.kept:
-        say(line)
+    for kept in result.kept:
+        say(kept)
     for row in result.learned:
         out.print(f"{row['name']}: learned in flight: {row['wanted']:.4g} -> {row['found']:.4g}")
     if result.hash_then and result.hash != result.hash_then:

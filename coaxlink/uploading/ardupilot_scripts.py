@@ -89,7 +89,7 @@ class ScriptFolder:
         return total
 
     def others(self, known: BoardFiles, *, modules: bool = False) -> BoardFiles:
-        """Every script on board by path, but those that are known already; also those that scripts take in."""
+        """Every script on board by path, but those known; with `modules` also what scripts take in."""
         paths = [path for path in self._paths if path not in known]
         if modules:
             folder = f"{self.path}/modules"

@@ -106,7 +106,7 @@ class Words:
                 if told is not None:
                     return ""
                 if clock.monotonic() > end:
-                    raise CheckFailed("the board does not say whether it flies the table: look at its messages")
+                    raise CheckFailed("the board does not say whether it flies the table: see its messages")
                 clock.sleep(_AGAIN_S)
                 continue
             about = [r for r in reasons if any(word in r for word in _OF_TABLE)]
@@ -138,5 +138,3 @@ def foreign_matrix(texts: Mapping[str, bytes | None]) -> str:
                 "first one that runs: take it off the card, or rename it to end otherwise than in .lua"
             )
     return ""
-
-

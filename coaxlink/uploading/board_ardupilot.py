@@ -99,7 +99,9 @@ class ArduPilotBoard(Board):
 
     def saved(self, backup: Backup, snapshot: Snapshot, choice: Choice) -> Content:
         """The scripts of a table, and what the upload was to bring besides; others stay as they are."""
-        loader = scripts.LOADER_NAME in backup.files  # without it its parameters are what an interruption left
+        loader = (
+            scripts.LOADER_NAME in backup.files
+        )  # without it its parameters are what an interruption left
         known = {
             n: v
             for n, v in backup.params.items()
@@ -156,7 +158,7 @@ class ArduPilotBoard(Board):
         self._words.forget()
 
     def refuse_unflown(self, plan: Plan) -> None:
-        """Hear from the board itself that it flies the table. Raises CheckFailed with its words, LinkError."""
+        """Hear from the board itself that it flies the table. Raises CheckFailed, LinkError."""
         if not plan.scripts:
             return
         motors = plan.rotor_count if is_table(plan.scripts) else None
@@ -201,7 +203,9 @@ class ArduPilotBoard(Board):
         failed = [r for r in self._words.prearm() or () if "Scripting" in r and "CRC" not in r]
         if failed and others and not self._folder.has_table:
             names = ", ".join(sorted(others))
-            raise SafetyRefusal(f"a script on the card failed already ({failed[0]}): mend or remove it ({names})")
+            raise SafetyRefusal(
+                f"a script on the card failed already ({failed[0]}): mend or remove it ({names})"
+            )
 
     def _refuse_other_motors(self, plan: Plan, snapshot: Snapshot) -> None:
         """A frame of ArduPilot's own may number its motors in another way than the table (Y6 does)."""

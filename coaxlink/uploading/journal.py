@@ -164,6 +164,14 @@ class Journal:
         except (InputError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             raise InputError(self.record_path, "", f"damaged ({error}); verify with DIR instead") from error
 
+    def written(self) -> Mapping[str, Value]:
+        """What was verified last, by name; a damaged record knows nothing."""
+        try:
+            last = self.last()
+        except InputError:
+            return {}
+        return last.values if last else {}
+
     def touched(self) -> tuple[str, ...]:
         """Names that uploads from here wrote to this board; a damaged record knows none."""
         try:

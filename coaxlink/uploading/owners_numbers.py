@@ -40,10 +40,14 @@ def for_board(
             for name in SPIN:
                 del made[name]
             changed = _curve(made, its, his)
-            numbers = ", ".join(f"{n} {a:.4g} (table: {b:.4g})" for n, a, b in zip(SPIN, his, its, strict=True))
+            numbers = ", ".join(
+                f"{n} {a:.4g} (table: {b:.4g})" for n, a, b in zip(SPIN, his, its, strict=True)
+            )
             curve = ", ".join(f"{n} {params[n]:.4g} -> {made[n]:.4g}" for n in changed)
             made_for = f"; the table's curve is made for them: {curve}" if curve else ""
-            said.append(f"stays as the board has it: {numbers}{made_for}; `spin_from_table` takes the table's")
+            said.append(
+                f"stays as the board has it: {numbers}{made_for}; `spin_from_table` takes the table's"
+            )
     outputs = [n for n in params if n.startswith("SERVO") and n.endswith("_FUNCTION")]
     if outputs and _drives_all(params, board):
         moved = [n for n in outputs if n in board and board[n] != params[n]]

@@ -162,7 +162,10 @@ def _moved_rotors(old: Mapping[str, Number], new: Mapping[str, Number], count: i
     """Rotors that would change their quadrant, their spin, or their place by more than 2 %, in words."""
     moved = []
     places = [
-        [[float(of.get(f"CA_ROTOR{n}_P{axis}", old.get(f"CA_ROTOR{n}_P{axis}", 0.0))) for axis in "XYZ"] for of in (old, new)]
+        [
+            [float(of.get(f"CA_ROTOR{n}_P{axis}", old.get(f"CA_ROTOR{n}_P{axis}", 0.0))) for axis in "XYZ"]
+            for of in (old, new)
+        ]
         for n in range(count)
     ]
     arm = max((math.hypot(*place[:2]) for both in places for place in both), default=0.0)

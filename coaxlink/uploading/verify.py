@@ -106,8 +106,14 @@ def verify(
         found = parameters.read_many(wanted, missing_ok=True)
     differ = [n for n, v in wanted.items() if n not in found or not v.same(found[n])]
     # what an upload or a restore from here wrote, nobody learned
-    written = [n for n in differ if last and n in last.values and n in found and last.values[n].same(found[n])]
+    written = [
+        n for n in differ if last and n in last.values and n in found and last.values[n].same(found[n])
+    ]
     learnable = _learned(session, parameters, [n for n in differ if n in found and n not in written])
+    if set(learnable) != set(
+        differ
+    ):  # another table is there: only what was written for this one was learned on
+        learnable = [n for n in learnable if last and n in last.values and last.values[n].same(wanted[n])]
     wrong = [_mismatch(wanted[n], found.get(n)) for n in differ if n not in learnable]
     for row in wrong:
         if last and row["name"] in written:

@@ -108,9 +108,7 @@ class Uploader:
         def proved() -> None:
             self._board.refuse_unflown(plan)
 
-        return self._ended(
-            lambda: self._carry_out(first, plan.params, wanted, dry_run, reboot, proved)
-        )
+        return self._ended(lambda: self._carry_out(first, plan.params, wanted, dry_run, reboot, proved))
 
     def restore(self, backup: Backup, *, dry_run: bool = False, everything: bool = False) -> Outcome:
         """Put back what the upload after a backup wrote, only on the board it was taken from.
@@ -202,7 +200,7 @@ class Uploader:
             self._learned = _rows(changes, present)
             target, changes = target.without(learned), changes.without(learned)
         self._talk.present({n: v.value for n, v in board.values.items()}, present.files)
-        self._show(changes, present)
+        self._show(changes, present, board)
         if dry_run:
             return self._outcome(DRY_RUN)
         if interrupted and self._board.restarts(interrupted.new):
@@ -233,7 +231,7 @@ class Uploader:
             )
         return entry
 
-    def _show(self, changes: Content, present: Content) -> None:
+    def _show(self, changes: Content, present: Content, board: Snapshot) -> None:
         self._changes = _rows(changes, present)
         self._changed_files = tuple(changes.files)
         self._talk.difference(self._changes)
@@ -243,6 +241,15 @@ class Uploader:
             self._talk.say(
                 f"{row.name}: {row.old.value:.4g}, learned in flight from {row.new.value:.4g}; it stays"
             )
+        wrote = self._journal.written()
+        owner = Ownership(self._session.identity, board.values)
+        for row in self._changes:
+            was = wrote.get(row.name)
+            if was and row.old.bits and not was.same(row.old) and owner.learned(row.name):
+                self._talk.say(
+                    f"{row.name}: the board learned {row.old.value:.4g} since {was.value:.4g} was written; "
+                    f"{row.new.value:.4g} takes its place"
+                )
 
     def _save(self, board: Snapshot, present: Content, interrupted: Entry | None, requested: Content) -> None:
         files = {**self._board.others(board, present.files), **present.files}

@@ -130,7 +130,9 @@ def test_all_puts_the_rest_back_but_what_the_board_owns(board, tmp_path):
     assert {row["name"] for row in outcome.to_json()["left_out"]} == set(outcome.left_out)
     assert any("COM_FLIGHT_UUID (counter)" in text for text in said)
     with meet(board) as session:
-        assert set(Journal(session.identity, address=session.address).last().values) < set(x8())  # `verify` is of the table
+        assert set(Journal(session.identity, address=session.address).last().values) < set(
+            x8()
+        )  # `verify` is of the table
 
 
 @pytest.mark.parametrize("how", ["refuses", "keeps"])

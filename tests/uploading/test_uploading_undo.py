@@ -191,7 +191,10 @@ def test_nothing_is_written_once_the_vehicle_is_seen_armed(tables, tmp_path, tab
             *outcome.scripts,
         }
         assert not stands["unknown"] and any(text.startswith("old: ") for text in said)
-        assert line.writes_armed == 0 and Journal(session.identity, address=session.address).open_entry() is not None
+        assert (
+            line.writes_armed == 0
+            and Journal(session.identity, address=session.address).open_entry() is not None
+        )
         refused = _worker(session, tmp_path).upload(plan)
         assert refused.result == "refused" and line.writes_armed == 0
 
