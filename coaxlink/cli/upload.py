@@ -73,7 +73,9 @@ def upload(
         ) as line,
         introduced(line) as session,
     ):
-        talk = replace(conversation(yes or dry_run), present=said_first(source, plan))
+        talk = replace(
+            conversation(yes or dry_run), present=said_first(source, plan, spin_from_table=spin_from_table)
+        )
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
         outcome = worker.upload(
             plan,

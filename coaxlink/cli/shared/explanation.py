@@ -77,12 +77,12 @@ def _show_worth(out: Any, explained: Explanation) -> None:
     for axis, a, b in zip(AXES, before.load_span, now.load_span, strict=True):
         if axis in ("thrust", "yaw"):
             rows.add_row(f"largest / least {axis} gain, {low:.3g}-{high:.3g} kg", *_pair(a, b, ".3f"))
-    rows.add_row("most thrust, N", *_pair(other.ceiling_N, this.ceiling_N, ".1f"))
+    rows.add_row("ceiling, N", *_pair(other.ceiling_N, this.ceiling_N, ".1f"))
     rows.add_row("first at its bound in yaw", first_bound(before.limits[2]), first_bound(now.limits[2]))
     hard = now.hard_Nm[2]
     rows.add_row(f"thrust off at {hard:.1f} N m of yaw, N", *_off(before.coupling[2, 0], now.coupling[2, 0]))
     for axis, a, b in zip(explained.axes, other.authority_Nm, this.authority_Nm, strict=False):
-        rows.add_row(f"most {axis} moment, N m", *_pair(a, b, ".2f"))
+        rows.add_row(f"{axis} in hover to the first bound, N m", *_pair(a, b, ".2f"))
     for axis, a, b in zip(explained.axes, other.gain_Nm, this.gain_Nm, strict=False):
         rows.add_row(f"{axis} moment per unit of demand, N m", *_pair(a, b, ".2f"))
     out.print(rows)
