@@ -92,7 +92,7 @@ def table(
     vehicle, path = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
     if "degraded_rotor" in vehicle.compensated and not around_weak_rotor:
-        raise SafetyRefusal(f"{path.name}: a rotor is weak: {WEAK} (`around_weak_rotor`: a table around it)")
+        raise SafetyRefusal(f"{path.name}: a rotor is weak: {WEAK} (--around-weak-rotor: a table around it)")
     report: TableReport | ApReport
     with _naming(path):
         board, matrix = _present(firmware, connect)
@@ -132,7 +132,7 @@ def table(
         document["price"] = price(explained.worth, explained.worth_before, against)
         files.write_json(json_file, document)
     if chosen:
-        say(f"`law` was not named, chosen: {chosen.why}")
+        say(f"--law was not named, chosen: {chosen.why}")
     said = [*price(explained.worth, explained.worth_before, against), gains.line]
     table_views.show(vehicle.airframe, report, said)
     if limited:
@@ -179,7 +179,7 @@ def _spin(firmware: str, spin_min: float | None, board: Mapping[str, float | int
         return _Spin(0.0, 1.0)
     if spin_min is None and all(name in board for name in SPIN):
         arm, low, high = (round(float(board[name]), 6) for name in SPIN)
-        say(f"made for the board's spin range, {low:g} to {high:g} (`spin_min` takes another)")
+        say(f"made for the board's spin range, {low:g} to {high:g} (--spin-min takes another)")
         return _Spin(low, high, arm)
     return _Spin(SPIN_MIN if spin_min is None else spin_min, 1.0)
 

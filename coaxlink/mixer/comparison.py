@@ -69,7 +69,7 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
     level[:, 0] = THRUSTS * weight
     lifted = flown(level)[0][:, 0]
     full = float(airframe.wrench(*airframe.loads(model, np.ones(len(airframe.rotors))))[0])
-    fly = Flown(vehicle, law_speeds(law, airframe, full))
+    fly = Flown(vehicle, law_speeds(law, airframe, 2.0 * full))  # a law that believes in more gets there
     hover = solve(fly.lift, weight)
     radians = model.speed_max_rpm * RAD_S_PER_RPM
     return Row(

@@ -79,7 +79,7 @@ def _reserved(folder: Path, identity: Identity, suffix: str) -> Path:
             except OSError as error:
                 raise InputError(path, "", f"the backup cannot be written ({error.strerror})") from error
         except OSError as error:
-            raise InputError(folder, "", f"the backup cannot be written ({error.strerror})") from error
+            raise InputError(path, "", f"the backup cannot be written ({error.strerror})") from error
     raise AssertionError
 
 
