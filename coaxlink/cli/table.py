@@ -27,6 +27,8 @@ from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.mixer.constrained import ConstrainedTable
+    from coaxlink.mixer.demands import Speeds
+    from coaxlink.mixer.fitted import FittedTable
     from coaxlink.tables.ardupilot import ApReport
     from coaxlink.tables.px4 import TableReport
     from coaxlink.vehicle import Vehicle
@@ -78,9 +80,9 @@ def table(
 ) -> None:
     """Write a mixer table and say what mix the firmware will make of it."""
     from coaxlink.report.worth import price
-    from coaxlink.tables.ardupilot import report_ap
+    from coaxlink.tables.ardupilot import ap_speeds, report_ap
     from coaxlink.tables.default_law import choose_law
-    from coaxlink.tables.px4 import report_px4
+    from coaxlink.tables.px4 import TableReport, px4_speeds, report_px4
     from coaxlink.tables.rate_gains import preserved_gains
     from coaxlink.uploading.explain import explain_ap, explain_px4
 
@@ -93,29 +95,31 @@ def table(
     say_effects(vehicle)
     if "degraded_rotor" in vehicle.compensated and not around_weak_rotor:
         raise SafetyRefusal(f"{path.name}: a rotor is weak: {WEAK} (--around-weak-rotor: a table around it)")
-    report: TableReport | ApReport
     with _naming(path):
         board, matrix = _present(firmware, connect)
         spin = _spin(firmware, spin_min, board)
+
+        def reported(law: str, fit: FittedTable | None) -> TableReport | ApReport:
+            if firmware == "px4":
+                return report_px4(vehicle, law, fit=fit)
+            low, high, arm = spin
+            return report_ap(
+                vehicle, law, frame_class=frame_class, spin_min=low, spin_max=high, spin_arm=arm, fit=fit
+            )
+
+        def speeds_of(law: str, fit: FittedTable | None) -> Speeds:
+            made = reported(law, fit)
+            return px4_speeds(made.mix) if isinstance(made, TableReport) else ap_speeds(made.mix)
+
         limited = _limited(vehicle, constrain, law or "fitted", spin)
         fit, chosen = limited.table if limited else None, None
         if law is None and not limited:
-            chosen = choose_law(vehicle, spin_min=spin.low, spin_max=spin.high)
+            chosen = choose_law(vehicle, speeds_of, spin_min=spin.low, spin_max=spin.high)
             law, fit, limited = chosen.law, chosen.fit, chosen.limited
-        law = law or "fitted"
-        if firmware == "px4":
-            report = report_px4(vehicle, law, fit=fit)
+        report = reported(law or "fitted", fit)
+        if isinstance(report, TableReport):
             explained = explain_px4(vehicle, report, board if connect else None)
         else:
-            report = report_ap(
-                vehicle,
-                law,
-                frame_class=frame_class,
-                spin_min=spin.low,
-                spin_max=spin.high,
-                spin_arm=spin.arm,
-                fit=fit,
-            )
             explained = explain_ap(vehicle, report, (board, matrix) if connect else None)
     against = explanation.under(explained.reference_name)
     gains = preserved_gains(firmware, explained.flown, explained.reference, board, against, write=keep_gains)

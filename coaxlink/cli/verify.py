@@ -45,7 +45,7 @@ def verify(
     out = console()
     for wrong in result.mismatches:
         found, wanted = (value_text(wrong["name"], wrong[k]) for k in ("found", "wanted"))
-        since = f" (written by {wrong['written']})" if wrong.get("written") else ""
+        since = f" (written by the upload or restore of {wrong['written']})" if wrong.get("written") else ""
         out.print(f"{wrong['name']}: {wanted} expected, {found} on board{since}")
     for kept in result.kept:
         say(kept)

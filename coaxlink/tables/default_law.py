@@ -6,24 +6,26 @@ vehicle that carries much or hardly yaws needs the latter's margins, so the choi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.errors import CheckFailed
 from coaxlink.mixer.constrained import ConstrainedTable, constrained_table
-from coaxlink.mixer.fitted import FittedTable, fit_table, px4_columns
+from coaxlink.mixer.demands import Speeds
+from coaxlink.mixer.fitted import FittedTable, fit_table
 from coaxlink.mixer.limits import Limit
-from coaxlink.mixer.worth import Worth, weigh
-from coaxlink.tables.px4 import px4_speeds, px4_table
+from coaxlink.mixer.worth import weigh
 from coaxlink.vehicle import Vehicle
-from firmware_params import px4
 
 THRUST_TO_WEIGHT = 2.0  # what multirotors are laid out for (eCalc, PX4 and ArduPilot frame advice)
 YAW_SHARE = (
     0.8  # of the standard table's: a pilot's yaw loop is tuned within such a factor (ArduPilot AutoTune)
 )
 _REACH = 0.99  # of the standard table's ceiling, where that itself is below the first number
+
+SpeedsOf = Callable[[str, FittedTable | None], Speeds]  # a law and, if it is made already, its table
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,15 @@ class ChosenLaw:
         return {"law": self.law, "why": self.why}
 
 
-def choose_law(vehicle: Vehicle, *, spin_min: float = 0.0, spin_max: float = 1.0) -> ChosenLaw:
-    """The law by what the vehicle needs; `spin_min`, `spin_max` as for `fit_table`. Raises InputError."""
+def choose_law(
+    vehicle: Vehicle, speeds_of: SpeedsOf, *, spin_min: float = 0.0, spin_max: float = 1.0
+) -> ChosenLaw:
+    """The law by what the vehicle needs; `speeds_of` says how the firmware flies a law.
+
+    `spin_min`, `spin_max` as for `fit_table`. Raises InputError.
+    """
     fit = fit_table(vehicle, spin_min=spin_min, spin_max=spin_max)
-    fitted = _worth(vehicle, px4_columns(vehicle.airframe, fit))
-    standard = _worth(vehicle, px4_table(vehicle, "standard"))
+    fitted, standard = weigh(vehicle, speeds_of("fitted", fit)), weigh(vehicle, speeds_of("standard", None))
     weight = vehicle.airframe.mass_kg * GRAVITY_M_S2
     wanted = THRUST_TO_WEIGHT * weight
     low = Limit("ceiling_N", low=min(wanted, _REACH * standard.ceiling_N))
@@ -63,7 +69,3 @@ def choose_law(vehicle: Vehicle, *, spin_min: float = 0.0, spin_max: float = 1.0
         return ChosenLaw("standard", None, None, f"the standard table, not the fitted one: {has}; {error}")
     why = f"a table between the fitted and the standard one, not the fitted one: {has}"
     return ChosenLaw("fitted", limited.table, limited, why)
-
-
-def _worth(vehicle: Vehicle, table: px4.Px4Table) -> Worth:
-    return weigh(vehicle, px4_speeds(px4.realise(table)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from coaxlink.errors import CheckFailed, InputError
@@ -117,7 +116,7 @@ def verify(
     wrong = [_mismatch(wanted[n], found.get(n)) for n in differ if n not in learnable]
     for row in wrong:
         if last and row["name"] in written:
-            row["written"] = f"{Path(last.files[0]).name}, {last.time}" if last.files else last.time
+            row["written"] = last.time
     learned = [_mismatch(wanted[n], found[n]) for n in learnable]
     if crcs:
         wrong += _wrong_scripts(board, crcs)

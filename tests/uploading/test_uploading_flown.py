@@ -18,7 +18,9 @@ from coaxlink.uploading.verify import verify
 from coaxlink.uploading.worker import Uploader
 from firmware_params.ardupilot.table import expo_for
 
-OWN_MATRIX = b"for i = 0, 7 do MotorsMatrix:add_motor_raw(i, 0.5, 0.5, 0.5, i + 1) end\nassert(MotorsMatrix:init(8))"
+OWN_MATRIX = (
+    b"for i = 0, 7 do MotorsMatrix:add_motor_raw(i, 0.5, 0.5, 0.5, i + 1) end\nassert(MotorsMatrix:init(8))"
+)
 
 
 def _ap(session, folder):
@@ -49,7 +51,8 @@ def test_a_script_that_sets_the_matrix_is_known_by_its_code(text, says):
 def test_a_module_counts_when_a_script_takes_it_in():
     module = {"/APM/scripts/modules/mine/matrix.lua": OWN_MATRIX}
     assert not foreign_matrix(module)
-    assert "modules/mine/matrix.lua" in foreign_matrix(module | {"/APM/scripts/a.lua": b"require('mine.matrix')"})
+    taken_in = module | {"/APM/scripts/a.lua": b"require('mine.matrix')"}
+    assert "modules/mine/matrix.lua" in foreign_matrix(taken_in)
 
 
 @pytest.mark.slow
@@ -104,7 +107,8 @@ def test_the_curve_of_a_table_is_made_for_the_boards_spin_range():
 
 def test_the_boards_motor_outputs_stay_where_they_drive_every_motor():
     table = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 9)}
-    aux = {f"SERVO{n}_FUNCTION": 0 for n in range(1, 9)} | {f"SERVO{n + 8}_FUNCTION": 41 - n for n in range(1, 9)}
+    aux = {f"SERVO{n}_FUNCTION": 0 for n in range(1, 9)}
+    aux |= {f"SERVO{n + 8}_FUNCTION": 41 - n for n in range(1, 9)}
     assert for_board(table, aux).params == {} and "SERVO1_FUNCTION 0" in for_board(table, aux).kept[0]
     del aux["SERVO16_FUNCTION"]
     assert for_board(table, aux).params == table
