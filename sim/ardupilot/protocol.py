@@ -181,6 +181,8 @@ class ApConversation(Conversation):
             return (ACCEPTED if a.test_motor(int(p[0]), int(p[1]), p[2], p[3]) else FAILED), None
         elif command == 300:
             a.start_mission()
+        elif command == 510 and round(p[0]) not in self.builders:
+            return FAILED, m.MAVLink_message_interval_message(round(p[0]), 0)
         elif command == 401:  # run the pre-arm checks, and say what they find
             if a.armed:
                 return TEMPORARILY, None
