@@ -10,6 +10,7 @@ from coaxlink.errors import InputError
 LEFT_OUT = {
     "cvxpy": "cvxpy",
     "llvmlite": "numba",
+    "jinja2": "jinja2",
     "lupa": "lupa",
     "matplotlib": "matplotlib",
     "mavsdk": "mavsdk",
@@ -17,6 +18,7 @@ LEFT_OUT = {
     "python_calamine": "python-calamine",
     "pyulog": "pyulog",
     "scipy": "scipy",
+    "sklearn": "scikit-learn",
     "threadpoolctl": "threadpoolctl",
 }
 

@@ -1,15 +1,20 @@
-"""What campaigns cost: workers against one, the engine's own cost, memory, ten thousand flights.
+"""What campaigns cost: two workers against one, the engine's own cost, memory; what a fleet's logs say.
 
-    python research/campaign.py [--flights 10000] [--scale 600] [--refined 40] [--json F]
+    python research/campaign.py [--small] [--flights 10000] [--scale 600] [--refined 40] [--json F]
+    python research/campaign.py --fleet [--vehicles 10] [--weeks 20] [--folder F]
 
 Flights are 60 s, plant at 1 ms, loops at 400 Hz, four laws on the paper's X8 in drawn winds with drawn weak
 rotors. The engine's cost is processor time, its own and the workers', beyond what the cells themselves take;
 it does not count who else uses the machine. Wall-clock ratios do: the load average stands beside them.
+Fleet: every vehicle flies once a week, 40 s, by a plan of its own. Rotor 3 of vehicle 2 loses 0.8 % of its
+thrust a week from week 4 on (counted from 0), the lower rotor 6 of vehicle 7 1.5 % from week 10 on; the
+others have nothing.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 import os
 import resource
@@ -45,34 +50,37 @@ size = {{ low = 0.05, high = 0.2 }}
 rotor = "any"
 """
 CELL_S, CELLS = 0.05, 800
+EXAMPLES = Path(__file__).parents[1] / "examples"
+START = datetime.date(2026, 1, 5)
+AILING = {2: (3, 4, 0.008), 7: (6, 10, 0.015)}  # vehicle: rotor, first week, share of its thrust a week
+LOG_EVERY = 4  # of 400 Hz: rows at 100 Hz
 COAXLINK = [sys.executable, "-m", "coaxlink", "campaign"]
 
 
-def burn(payload: object, cells: Sequence[int]) -> dict[str, list[object]]:
+def burn(payload: object, cells: Sequence[int]) -> list[dict[str, object]]:
     """Cells of 50 ms of processor time each, with rows as wide as a flight's."""
     for _ in cells:
         until = time.thread_time() + CELL_S
         while time.thread_time() < until:
             pass
-    return {"cell": list(cells)} | {f"figure{k}": [0.1 * c + k for c in cells] for k in range(40)}
+    return [{"cell": c} | {f"figure{k}": 0.1 * c + k for k in range(40)} for c in cells]
 
 
 def engine_cost(cells: int) -> float:
     """Processor seconds of this process and its workers for so many cells, the work itself left out."""
-    from coaxlink.studies.campaign.dataset import Dataset
-    from coaxlink.studies.campaign.engine import Machine, run
+    from coaxlink.studies.campaign.rows import Dataset
+    from coaxlink.studies.engine import Machine, run
 
     def spent() -> float:
         both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
         return sum(u.ru_utime + u.ru_stime for u in both)
 
     columns = {"cell": "int64"} | {f"figure{k}": "float64" for k in range(40)}
-    before, worked = spent(), 0.0
+    before = spent()
     with tempfile.TemporaryDirectory() as folder, Dataset(Path(folder), columns, cells, {}) as rows:
-        for done in run(burn, None, rows.missing(), Machine(2)):
-            rows.add(done.rows)
-            worked += done.seconds
-    return spent() - before - worked
+        for done in run(burn, None, rows.missing(), Machine(2), 16):
+            rows.add(done)
+    return spent() - before - cells * CELL_S
 
 
 def fly(folder: Path, flights: int, workers: int) -> tuple[float, float, float]:
@@ -89,53 +97,105 @@ def fly(folder: Path, flights: int, workers: int) -> tuple[float, float, float]:
     return time.monotonic() - start, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0
 
 
+def weak(vehicle: int, week: int) -> float:
+    """Share of thrust that the vehicle's ailing rotor has lost."""
+    _, first, rate = AILING.get(vehicle, (0, 0, 0.0))
+    return rate * max(week - first + 1, 0)
+
+
+def make_fleet(folder: Path, vehicles: int, weeks: int) -> None:
+    """Write FOLDER/vehicle-N/DATE.csv."""
+    from sim.effects import HiddenEffect
+    from sim.flights import write_flight
+    from sim.physics.rotors import read_pair
+    from sim.quick.flight import FlightWorld, fly_quick, make_design
+    from sim.vehicle import read_vehicle
+
+    airframe = EXAMPLES / "x8_demo.toml"
+    from coaxlink.tables.px4 import px4_table
+    from coaxlink.vehicle import load_vehicle
+    from firmware_params import px4
+
+    table = px4.table_to_params(px4_table(load_vehicle(airframe), "fitted"))
+    design = make_design(read_vehicle(airframe), read_pair(EXAMPLES / "rotor_paper.toml"), table)
+    for vehicle in range(1, vehicles + 1):
+        vehicle_folder = folder / f"vehicle-{vehicle:02d}"
+        vehicle_folder.mkdir(parents=True, exist_ok=True)
+        for week in range(weeks):
+            lost = weak(vehicle, week)
+            rotor = float(AILING.get(vehicle, (1,))[0])
+            effects = (HiddenEffect("degraded_rotor", lost, 0.0, {"rotor": rotor}),) if lost else ()
+            world = FlightWorld(effects, 1000 * vehicle + week, "wander", 40.0)
+            date = START + datetime.timedelta(days=7 * week + vehicle % 5)
+            log = vehicle_folder / f"{date.isoformat()}.csv"
+            if not log.exists():
+                write_flight(log, fly_quick(design, world, LOG_EVERY)[1])
+
+
+def fleet(o: argparse.Namespace) -> None:
+    """Fly a fleet's logs and look through them; the ailing rotors and no others have to be found."""
+    make_fleet(o.folder, o.vehicles, o.weeks)
+    answer = o.folder.with_suffix(".json")
+    command = [sys.executable, "-m", "coaxlink", "refine", str(o.folder)]
+    command += ["--airframe", str(EXAMPLES / "x8_demo.toml"), "--json", str(answer)]
+    start = time.monotonic()
+    subprocess.run(command, check=True)
+    print(f"{o.vehicles * o.weeks} logs looked through: {time.monotonic() - start:.0f} s")
+    findings = json.loads(answer.read_text())["findings"]
+    truth = {(f"vehicle-{v:02d}", f"rotor {r}") for v, (r, _, _) in AILING.items() if v <= o.vehicles}
+    found = {(f["vehicle"], f["part"]) for f in findings if f["believed"]}
+    print(f"ailing: {sorted(truth)}; found: {sorted(found)}")
+    assert truth == found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--small", action="store_true", help="8 flights, for CI")
     parser.add_argument("--flights", type=int, default=10_000)
     parser.add_argument("--scale", type=int, default=600, help="flights of the comparison of 1 and 2 workers")
     parser.add_argument("--refined", type=int, default=40, help="flights whose logs `refine` is given")
+    parser.add_argument("--fleet", action="store_true")
+    parser.add_argument("--vehicles", type=int, default=10)
+    parser.add_argument("--weeks", type=int, default=20)
+    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "coaxlink-fleet")
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
-    results: dict[str, object] = {}
+    if o.fleet:
+        fleet(o)
+        return
+    if o.small:
+        o.flights, o.refined = 8, 0
+    results: dict[str, float] = {}
 
-    def tell(name: str, value: object, text: str) -> None:
+    def tell(name: str, value: float, text: str) -> None:
         results[name] = value
         print(f"{text}   (load {os.getloadavg()[0]:.1f})", flush=True)
 
-    engine_cost(2)  # imports what this process needs once
-    start_up = engine_cost(2)
-    own = (engine_cost(CELLS) - start_up) / (CELLS * CELL_S)
+    start_up = min(engine_cost(2) for _ in range(2))  # the second time what this process needs is imported
+    cells = 10 if o.small else CELLS
+    own = (engine_cost(cells) - start_up) / (cells * CELL_S)
     tell(
         "engine_share",
         own,
         f"engine: {100 * own:.2f} % of the work at cells of 50 ms; start {start_up:.1f} s",
     )
     with tempfile.TemporaryDirectory() as scratch:
-        scratch_folder = Path(scratch)
-        fly(scratch_folder / "warm", 8, 2)  # compiles what is not yet compiled
-        ratios = []
-        for k in range(2):
-            one, two = (fly(scratch_folder / f"{k}-{w}", o.scale, w) for w in (1, 2))
-            ratios.append(one[0] / two[0])
-            text = f"{o.scale} flights: 1 worker {one[0]:.1f} s, 2 {two[0]:.1f} s, ratio {ratios[-1]:.2f}"
-            tell(f"ratio_{k}", ratios[-1], f"{text}; processor {one[1]:.0f} and {two[1]:.0f} s")
-        small = fly(scratch_folder / "small", 100, 2)
-        tell("mb_100", small[2], f"100 flights: largest process {small[2]:.0f} MB")
-        big = fly(scratch_folder / "big", o.flights, 2)
-        tell("mb_many", big[2], f"{o.flights} flights: largest process {big[2]:.0f} MB")
-        tell(
-            "wall_s",
-            big[0],
-            f"{o.flights} flights of 60 s: {big[0]:.0f} s, {big[1] / o.flights:.3f} s of processor each",
-        )
+        folder = Path(scratch)
+        if not o.small:
+            fly(folder / "warm", 8, 2)  # compiles what is not yet compiled
+            one, two = (fly(folder / f"by-{w}", o.scale, w) for w in (1, 2))
+            ratio = one[0] / two[0]
+            text = f"{o.scale} flights: 1 worker {one[0]:.1f} s, 2 {two[0]:.1f} s, ratio {ratio:.2f}"
+            tell("ratio", ratio, f"{text}; processor {one[1]:.0f} and {two[1]:.0f} s")
+        wall, processor, mb = fly(folder / "big", o.flights, 2)
+        each = f"{wall:.0f} s, {processor / o.flights:.3f} s of processor each, largest process {mb:.0f} MB"
+        tell("wall_s", wall, f"{o.flights} flights of 60 s: {each}")
         if o.refined:
-            spec = scratch_folder / "refined.toml"
+            spec = folder / "refined.toml"
             spec.write_text(REFINED.format(flights=o.refined))
-            done = subprocess.run([*COAXLINK, str(spec), "--out", str(scratch_folder / "refined")],
+            done = subprocess.run([*COAXLINK, str(spec), "--out", str(folder / "refined")],
                                   capture_output=True, text=True, check=True)  # fmt: skip
-            for line in (done.stdout + done.stderr).splitlines():
-                if line.startswith("refine named"):
-                    tell("refined", line, line)
+            print(*(x for x in (done.stdout + done.stderr).splitlines() if x.startswith("refine named")))
     if o.json:
         o.json.write_text(json.dumps(results, indent=1))
 

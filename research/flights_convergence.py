@@ -58,7 +58,9 @@ def drawn(seed: int) -> tuple[str, Any, Any, tuple[Any, ...]]:
         position_m=body.position_m * np.array([arm, arm, 1.0]),
     )
     effects = (
-        HiddenEffect("wind", random.uniform(0.0, 5.0), 0.0, {"direction_deg": random.uniform(0, 360)}, "dryden"),
+        HiddenEffect(
+            "wind", random.uniform(0.0, 5.0), 0.0, {"direction_deg": random.uniform(0, 360)}, "dryden"
+        ),
         HiddenEffect("rotor_drag", random.uniform(0.0, 0.1)),
         HiddenEffect("axial_inflow", random.uniform(0.0, 0.5)),
         HiddenEffect("battery_voltage", random.uniform(0.0, 0.5)),
@@ -70,7 +72,8 @@ def drawn(seed: int) -> tuple[str, Any, Any, tuple[Any, ...]]:
 
 def errors(airframe: Any, true: Any, model: Any) -> np.ndarray:
     """(4,) N and N m of the fitted table of `model`, flown by the true pair; N and N m misjudged."""
-    from coaxlink.mixer.fitted import FittedLaw, envelope
+    from coaxlink.mixer.demands import envelope
+    from coaxlink.mixer.fitted import FittedLaw
     from coaxlink.vehicle import Vehicle
 
     law, demands = FittedLaw(Vehicle(airframe, model)), envelope(airframe, POINTS)
@@ -149,7 +152,9 @@ def main() -> None:
     parser.add_argument("--keep-table", action="store_true", help="all flights on the prior's table")
     parser.add_argument("--splits", action="store_true", help="another split each flight")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--small", action="store_true", help="two vehicles, a minute")
     o = parser.parse_args()
+    o.vehicles, o.minutes = (2, 1) if o.small else (o.vehicles, o.minutes)
     began = time.monotonic()
     jobs = [(o.seed + k, o.minutes, not o.no_rpm, o.keep_table, o.splits) for k in range(o.vehicles)]
     with ProcessPoolExecutor(o.workers) as pool:

@@ -32,7 +32,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", choices=["", *MAKERS], metavar="KIND")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--small", action="store_true", help="two hundred files")
     o = parser.parse_args()
+    o.files = 200 if o.small else o.files
     kinds = [o.only] if o.only else list(MAKERS)
     cases = [(kinds[n % len(kinds)], o.seed * 1_000_000 + n // len(kinds)) for n in range(o.files)]
     outcomes: list[Outcome] = []

@@ -234,7 +234,9 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=400.0)
     parser.add_argument("--law", default="exact")
     parser.add_argument("--hostile", action="store_true")
+    parser.add_argument("--small", action="store_true", help="a second of each")
     o = parser.parse_args()
+    o.cycles, o.memory = (400, 2000) if o.small else (o.cycles, o.memory)
     if o.cycles:
         real_time(o.cycles, o.rate, o.law)
     if o.memory:

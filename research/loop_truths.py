@@ -1,13 +1,14 @@
 """`coaxlink loop` on worlds with known effects: what is named, and the flight's error before and after.
 
-    python research/loop_truths.py [--only NAME ...] [--speed X] [--seed N] [--json F] [--markdown]
+    python research/loop_truths.py [--small] [--only NAME ...] [--speed X] [--seed N] [--json F]
+    python research/loop_truths.py --demos 10
 
 Each world is an `examples/truth_*.toml`; the loop sees only flights, the truth file is read here for the
 score. Two worlds without effects, flown by table and mixed live, give each channel's floor (or 1.5 times the
 noise of the flight itself, where that is more). A channel that the effect upsets (before-error beyond twice
 the floor) shall have at most half its error after, or be within 1.5 of the floor. With `--json` a run goes on
-where an earlier one stopped; `--markdown` prints the rows of docs/loop.md, with intervals, of the channels
-that an effect upsets.
+where an earlier one stopped. `--demos`: so many demos with hidden effects; the sim is asked for the truth
+afterwards.
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 CLEAN = {"clean": "--table", "clean_live": "--live"}
-LED = {"slow_motors_led": "slow_motors"}  # the world of another name, with --lead
 AXES = ("thrust", "roll", "pitch", "yaw")
 # who can take it back: a table, live mixing, nobody
 WORLDS = {
@@ -40,7 +40,6 @@ WORLDS = {
     "drag": "nobody",
     "wind": "nobody",
     "slow_motors": "nobody",
-    "slow_motors_led": "live",
     "rotor_inertia": "nobody",
 }
 Result = dict[str, Any]
@@ -50,14 +49,14 @@ def run(name: str, seed: int, speed: float) -> Result:
     """One loop through the verb, as a user types it; its JSON without the long parts."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        truth = ROOT / "examples" / f"truth_{LED.get(name, name)}.toml"
+        truth = ROOT / "examples" / f"truth_{name}.toml"
         if name in CLEAN:
             truth = folder / "clean.toml"
             truth.write_text("effects = []\n")
         out = folder / "loop.json"
         verb = [sys.executable, "-m", "coaxlink", "loop", "--truth", str(truth), "--seed", str(seed)]
         verb += ["--speed", str(speed), "--out", str(folder / "loop"), "--json", str(out)]
-        verb += [CLEAN[name]] if name in CLEAN else ["--lead"] if name in LED else []
+        verb += [CLEAN[name]] if name in CLEAN else []
         done = subprocess.run(verb, capture_output=True, text=True, check=False)
         if done.returncode:
             return {"failed": (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1]}
@@ -118,40 +117,33 @@ def show(name: str, results: dict[str, Result]) -> bool:
     return right and "MISSED" not in verdicts
 
 
-def intervals(flight: Result) -> list[list[float]]:
-    """95 % of each channel's mean error."""
-    return [flight["thrust_ci_N"], *flight["torque_ci_Nm"]]
-
-
-def row(name: str, seed: int, results: dict[str, Result]) -> str:
-    """A row of docs/loop.md."""
-    result = results[name]
-    if "failed" in result:
-        return f"| {name} | {seed} | failed | {result['failed']} | | |"
-    plain = name in CLEAN
-    verdicts = ["floor", "floor", "", "floor"]  # torques are much alike where nothing is the matter
-    if not plain:
-        verdicts = judge(name, result, floor_of(results, result["way"]))
-    cells = []
-    for k, axis in enumerate(AXES):
-        if not verdicts[k]:
-            continue
-        b, a = errors(result["before"])[k], errors(result["after"])[k]
-        (b0, b1), (a0, a1) = intervals(result["before"])[k], intervals(result["after"])[k]
-        unit = "N" if k == 0 else "N m"
-        cells.append(f"{axis} {b:.3g} ({b0:.3g} to {b1:.3g}) -> {a:.3g} ({a0:.3g} to {a1:.3g}) {unit}")
-    found = " + ".join(sorted(e["name"] for e in result["effects"])) or "nothing"
-    said = {"half", "floor"} >= set(filter(None, verdicts)) or "MISSED" not in verdicts
-    word = "" if plain else "stays" if "stays" in verdicts else "yes" if said else "MISSED"
-    return f"| {name} | {seed} | {result['way']} | {found} | {'; '.join(cells)} | {word} |"
-
-
 def truth_of(name: str) -> list[str]:
     """Names of what is true of a world, sorted."""
     if name in CLEAN:
         return []
-    text = (ROOT / "examples" / f"truth_{LED.get(name, name)}.toml").read_text()
+    text = (ROOT / "examples" / f"truth_{name}.toml").read_text()
     return sorted(e["name"] for e in tomllib.loads(text)["effects"])
+
+
+def demo(seed: int) -> bool:
+    """Fly one demo and print its row; whether what was hidden is named and the held-out error fell."""
+    from sim.truth import hidden_truth
+
+    with tempfile.TemporaryDirectory() as folder:
+        result = Path(folder) / "demo.json"
+        command = [sys.executable, "-m", "coaxlink", "demo", "--seed", str(seed)]
+        command += ["--out", str(Path(folder) / "demo"), "--json", str(result)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            print(f"{seed:4}  exit {done.returncode}: {(done.stderr.strip().splitlines() or [''])[-1]}")
+            return False
+        answer = json.loads(result.read_text())
+    hidden, found = hidden_truth(seed, rotors=8).effects[0].name, str(answer["hidden_effect_found"])
+    before, after = answer["before"], answer["after"]
+    shown = ", ".join(f"{c} {before[c]:.3g} -> {after[c]:.3g}" for c in before)
+    right = found == hidden and all(after[c] < before[c] for c in before)
+    print(f"{seed:4}  {hidden:22} {found:22} {shown}{'' if right else '  <-'}", flush=True)
+    return right
 
 
 def main() -> None:
@@ -161,15 +153,19 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--markdown", action="store_true")
+    parser.add_argument("--demos", type=int, default=0)
+    parser.add_argument("--small", action="store_true", help="one world, for CI")
     options = parser.parse_args()
+    if options.demos:
+        right = sum(demo(seed) for seed in range(1, options.demos + 1))
+        print(f"{right} of {options.demos} right and better")
+        assert right == options.demos
+        return
+    if options.small:
+        options.only, options.speed = ["weak_lower_rotor"], 30.0
     results: dict[str, Result] = {}
     if options.json and options.json.exists():
         results = json.loads(options.json.read_text())
-    if options.markdown:
-        for name in [n for n in options.only if n in results]:
-            print(row(name, options.seed, results))
-        return
     units = [f"{axis} {'N' if axis == 'thrust' else 'N m'}" for axis in AXES]
     print(f"{'world':21}{'mixed':6}{'named':32}" + "".join(f"{u:>25}" for u in units) + f"{'s':>6}")
     good = 0
@@ -179,9 +175,9 @@ def main() -> None:
             if options.json:
                 options.json.write_text(json.dumps(results, indent=1))
         good += show(name, results)
-    print(
-        f"{good} of {len(options.only)} named right, and every channel half or at the floor where it can be"
-    )
+    said = "named right, and every channel half or at the floor where it can be"
+    print(f"{good} of {len(options.only)} {said}")
+    assert good == len(options.only)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import blind_stand
+import blind_worlds as worlds
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,13 +73,13 @@ class Answer:
     named: tuple[str, ...]  # variables or terms, most important first
 
 
-def logs(effects: Iterable[str], seeds: int, clean: int) -> Iterator[tuple[str, blind_stand.Made]]:
+def logs(effects: Iterable[str], seeds: int, clean: int) -> Iterator[tuple[str, worlds.Made]]:
     """Hidden runs with the rotor model given."""
     for hidden, count in [*((n, seeds) for n in effects), ("", clean)]:
         found, seed = 0, 700
         while found < count:
             seed += 1
-            made = blind_stand.make((hidden,) if hidden else (), seed, 0.03 + 0.05 * (seed % 3) / 2.0)
+            made = worlds.make_stand((hidden,) if hidden else (), seed, 0.03 + 0.05 * (seed % 3) / 2.0)
             if made.rotor is not None and int(str(made.truth["rows"])) < 2500:
                 found += 1
                 yield hidden, made
@@ -213,7 +213,7 @@ PEERS: dict[str, Callable[[Task], Answer]] = {
 }
 
 
-def ours(hidden: str, made: blind_stand.Made) -> dict[str, object]:
+def ours(hidden: str, made: worlds.Made) -> dict[str, object]:
     """One log through `refine`."""
     samples = Samples({k: np.asarray(v, float) for k, v in made.columns.items()}, "blind")
     truth = made.truth["sigma"]
@@ -229,7 +229,7 @@ def ours(hidden: str, made: blind_stand.Made) -> dict[str, object]:
     }  # fmt: skip
 
 
-def judge(hidden: str, made: blind_stand.Made) -> dict[str, dict[str, object]]:
+def judge(hidden: str, made: worlds.Made) -> dict[str, dict[str, object]]:
     """One log through everyone."""
     samples = Samples({k: np.asarray(v, float) for k, v in made.columns.items()}, "blind")
     model = load_rotor_model(files.example(str(made.rotor)))
@@ -267,7 +267,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="kept log by log, and gone on with")
     a = parser.parse_args()
     judged = json.loads(a.json.read_text()) if a.json and a.json.exists() else []
-    run = logs(("battery_voltage",), 1, 0) if a.small else logs(blind_stand.EFFECTS, a.seeds, a.clean)
+    run = logs(("battery_voltage",), 1, 0) if a.small else logs(worlds.STAND_EFFECTS, a.seeds, a.clean)
     for k, (hidden, made) in enumerate(run):
         if k < len(judged):
             continue

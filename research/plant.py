@@ -87,7 +87,9 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--steps", type=int, default=30_000)
-    steps = parser.parse_args().steps
+    parser.add_argument("--small", action="store_true", help="a thousand steps")
+    o = parser.parse_args()
+    steps = 1000 if o.small else o.steps
     crm, blades = EXAMPLES / "rotor_paper.toml", Path("kde5215_bemt")
     rows: list[tuple[str, Callable[[], float]]] = [
         ("CRM, calm air", lambda: plant(crm, steps, False)),

@@ -91,7 +91,10 @@ def main() -> None:
     parser.add_argument("--tables", nargs="+", choices=TABLES, default=list(TABLES))
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--small", action="store_true", help="a hover and a yaw step by two tables")
     o = parser.parse_args()
+    if o.small:
+        o.seeds, o.trials, o.tables = 2, ["hover", "yaw steps"], ["standard", "fitted"]
     static(o.airframe)
     start = time.monotonic()
     document: dict[str, Any] = {}
@@ -153,7 +156,7 @@ HEIGHT_M = 6.0
 HERE, STILL = (0.0, 0.0, -HEIGHT_M), (0.0, 0.0, 0.0)
 SETTLE_S = 8.0
 BACK_S = 5.0  # after a step, or a rotor's weakness
-LEFT = 0.75  # of a weak motor's thrust
+THRUST_LEFT = 0.75  # of a weak motor's thrust
 
 
 @dataclass(frozen=True)
@@ -238,8 +241,8 @@ def _weak(d: Draw, settled_s: float) -> tuple[HiddenEffect, ...]:
     """Speeds of one motor by the square root of what is left, and back."""
     onset, extra = settled_s + d.at_s, {"rotor": float(d.rotor)}
     return (
-        HiddenEffect("degraded_rotor", 1.0 - LEFT, onset, extra, "weak_motor"),
-        HiddenEffect("degraded_rotor", 1.0 - 1.0 / LEFT, onset + BACK_S, extra, "weak_motor"),
+        HiddenEffect("degraded_rotor", 1.0 - THRUST_LEFT, onset, extra, "weak_motor"),
+        HiddenEffect("degraded_rotor", 1.0 - 1.0 / THRUST_LEFT, onset + BACK_S, extra, "weak_motor"),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.documents import write_atomic
+from sim.flight_log import columns, log_row
 from sim.physics.plant import Plant
 from sim.px4.autopilot import RATE_HZ, Autopilot, Mode
 from sim.px4.cascade import Goal
@@ -97,24 +98,8 @@ def fly(
     return dict(zip(columns(autopilot.rotors), np.array(rows).T, strict=True))
 
 
-def columns(rotors: int) -> list[str]:
-    """Of the log, in order."""
-    body = [
-        f"{kind}_{axis}_{unit}" for kind, unit in (("accel", "m_s2"), ("gyro", "rad_s")) for axis in "xyz"
-    ]
-    return [
-        "time_s",
-        *[f"motor{n}" for n in range(1, rotors + 1)],
-        *body,
-        *["roll_rad", "pitch_rad", "yaw_rad", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "height_m", "voltage_V"],
-        *[f"rpm{n}" for n in range(1, rotors + 1)],
-    ]
-
-
 def row(a: Autopilot) -> list[float]:
     """One row: the last reading, and the commands it led to."""
-    from sim.quick.kernel import log_row  # numba takes its time
-
     out = np.empty(15 + 2 * a.rotors)
     top = a.plant.pair.speed_max_rpm * math.pi / 30.0
     log_row(a.reading.time_s, a.reading.values, a.command, a.rotors, top, out)

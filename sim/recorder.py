@@ -14,7 +14,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as m
 
 from sim.errors import WorldError
-from sim.flights import LOG_EVERY, columns, row, write_flight
+from sim.flight_log import columns
+from sim.flights import LOG_EVERY, row, write_flight
 from sim.line.links import Peer, Port
 from sim.px4.guidance import RATE_HZ
 from sim.px4.telemetry import stamp_us

@@ -213,6 +213,7 @@ class Standin:
     def _until(self, met: Callable[[], bool], patience_s: float) -> bool:
         """Hear what comes until then; False when that took too long."""
         end = self._clock() + patience_s
+        self.hear()
         while not met():
             left = end - self._clock()
             if left <= 0 or self.stop():

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.documents import read_document, read_number, refuse_unknown
 from sim.effects import FORMS, HiddenEffect
 from sim.errors import WorldError
-from sim.physics.wind import W_ON, blow, gusts_of, rise
+from sim.physics.wind import GUSTS, W_LAW, W_ON, W_SIZE, blow, rise
 
 if TYPE_CHECKING:
     from sim.physics.plant import Plant
@@ -58,6 +59,17 @@ def _push(e: HiddenEffect, t: float) -> float:
     """N downwards: pulses of uneven length, tied to nothing."""
     since = t - e.onset_s
     return e.size * (math.sin(2.3 * since) * math.sin(0.37 * since) > 0.2) if since >= 0.0 else 0.0
+
+
+def gusts_of(effects: tuple[HiddenEffect, ...]) -> NDArray[np.float64]:
+    """(GUSTS,) the gusts that these effects ask for, still off."""
+    wind = next((e for e in effects if e.name == "wind"), HiddenEffect("wind", 0.0))
+    size = sum(e.extra.get("gust_m_s", 0.0) for e in effects)
+    if wind.law == "dryden" and "gust_m_s" not in wind.extra:
+        size += abs(wind.size) / 4.0
+    w = np.zeros(GUSTS)
+    w[W_SIZE], w[W_LAW] = size, {"dryden": 1.0, "shear": 2.0}.get(wind.law, 0.0)
+    return w
 
 
 def read_truth(path: Path) -> Truth:

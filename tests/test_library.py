@@ -11,7 +11,7 @@ import pytest
 
 import coaxlink as cx
 from coaxlink.files import example
-from coaxlink.rotor.model import EffectEntry as Effect
+from coaxlink.rotor.model import EffectEntry
 from coaxlink.uploading.plan import load_plan
 from sim.testing import standin
 
@@ -39,6 +39,7 @@ def test_the_import_itself_is_light():
     assert said.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOMS)
 def test_examples_of_docstrings(room):
     failed, tried = doctest.testmod(importlib.import_module(room))
@@ -46,6 +47,7 @@ def test_examples_of_docstrings(room):
     assert tried or room == "coaxlink.vehicle"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_examples_run_without_a_warning(script, tmp_path):
@@ -69,6 +71,7 @@ def test_a_table_without_a_disk_is_the_one_on_disk(firmware, law, tmp_path):
     assert hover.shape == (8,) and hover.min() > 0.0 and hover.max() < 1.0
 
 
+@pytest.mark.slow
 def test_connect_and_upload(tmp_path, monkeypatch):
     monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
     vehicle = cx.load_vehicle(example("x8_paper.toml"))
@@ -88,7 +91,9 @@ def test_errors_are_the_librarys_own_and_speak_no_option(tmp_path):
         lambda: cx.make_table(vehicle, "betaflight"),
         lambda: cx.make_table(vehicle, "px4", "exact"),
         lambda: cx.load_vehicle(tmp_path / "none.toml"),
-        lambda: cx.Vehicle(vehicle.declared, replace(vehicle.rotors, effects=(Effect("cg_offset", {}),))),
+        lambda: cx.Vehicle(
+            vehicle.declared, replace(vehicle.rotors, effects=(EffectEntry("cg_offset", {}),))
+        ),
     ):
         with pytest.raises(cx.CoaxlinkError) as caught:
             wrong()

@@ -16,8 +16,8 @@ from coaxlink.fly.plans import plan_of
 from coaxlink.mixer.limits import load_limits
 from coaxlink.monitor.config import load_config
 from coaxlink.rotor import load_rotor_model
+from coaxlink.studies.campaign.flights import known_effects
 from coaxlink.studies.campaign.spec import read_spec
-from coaxlink.studies.campaign_cells import known_effects
 from coaxlink.vehicle import load_rotors
 from firmware_params.keys import problem_of, unknown_key
 from sim.manoeuvres import read_plan
@@ -122,13 +122,14 @@ CASES = {
 
 READERS = {
     *(f"coaxlink/{p}.py" for p in ("airframe", "cli/shared/rate_loops", "data/columns_map")),
-    *(f"coaxlink/{p}.py" for p in ("fly/plans", "mixer/limits", "monitor/config")),
-    "coaxlink/rotor/model.py", "coaxlink/studies/campaign/spec.py",
+    "coaxlink/studies/campaign/spec.py",
+    *(f"coaxlink/{p}.py" for p in ("fly/plans", "live/attitude_loop", "mixer/limits", "monitor/config")),
+    "coaxlink/rotor/model.py",
     *(f"sim/{p}.py" for p in ("manoeuvres", "physics/rotors", "truth", "vehicle")),
     *(f"sim/stand/{p}.py" for p in ("effects", "schedule")),
     "coaxlink/cli/loop.py",  # before the world reads it
     "coaxlink/cli/examples.py",  # which rotor file goes with a shipped airframe
-    "coaxlink/studies/campaign_cells.py",  # what was read before, sent to a worker
+    "coaxlink/studies/campaign/flights.py",  # what was read before, sent to a worker
     "coaxlink/studies/paper/ledger.py", "sim/px4/store.py", "sim/ardupilot/store.py",  # the package's own
     "coaxlink/files.py", "sim/documents.py", "firmware_params/bounded.py",  # what all of these read with
 }  # fmt: skip

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coaxlink.cli.shared.progress import progress
 from coaxlink.cli.shared.shell import JsonOption, SchedulerOption, WorkersOption, console, say
 
 if TYPE_CHECKING:
     from coaxlink.studies.campaign.spec import Spec
+    from coaxlink.studies.engine import Machine
+
+DRAWS = 4  # of a task: a second of work or so
 
 
 def campaign(
@@ -31,8 +34,9 @@ def campaign(
     from coaxlink import files
     from coaxlink.absent import refuse_windows
     from coaxlink.errors import InputError
+    from coaxlink.studies.campaign.flights import known_effects
     from coaxlink.studies.campaign.spec import read_spec
-    from coaxlink.studies.campaign_cells import known_effects
+    from coaxlink.studies.engine import Machine
 
     refuse_windows("campaign")
     files.refuse_unwritable(json)
@@ -48,55 +52,51 @@ def campaign(
         console().print(f"{plain}; varied: {', '.join(n for n, q in spec.quantities.items() if q.varies)}")
         return
     say(f"{plain}; rows to {folder / 'rows'}")
-    _fly(spec, folder, workers, scheduler)
+    _fly(spec, folder, Machine(workers, scheduler))
     _tell(spec, file, folder, json)
 
 
-def _fly(spec: Spec, folder: Path, workers: int, scheduler: str | None) -> None:
-    import contextlib
+def _fly(spec: Spec, folder: Path, machine: Machine) -> None:
+    from contextlib import closing
 
-    from coaxlink.studies.campaign.dataset import Dataset
-    from coaxlink.studies.campaign.engine import Machine, run
-    from coaxlink.studies.campaign.progress import Progress
-    from coaxlink.studies.campaign_cells import Payload, code_hash, columns, fly_cells
+    from coaxlink.studies.campaign.flights import Payload, code_hash, columns, fly_cells
+    from coaxlink.studies.campaign.rows import Dataset
+    from coaxlink.studies.engine import run
 
     payload = Payload(spec, code_hash())
     decides = {"campaign": spec.name, "digest": spec.digest, "seed": spec.seed, "code": payload.code}
+    size = len(spec.laws) * (1 if spec.refine else DRAWS)
     with Dataset(folder, columns(spec), spec.cells, decides) as dataset:
         if dataset.done:
             say(f"{dataset.done} of {spec.cells} are there already")
-        progress = Progress(spec.cells, dataset.done, "flights", _write, sys.stderr.isatty())
-        machine = Machine(workers, scheduler)
         try:
-            tasks = run(fly_cells, payload, dataset.missing(), machine, len(spec.laws))
-            with contextlib.closing(tasks):
-                for done in tasks:
-                    dataset.add(done.rows)
-                    progress.at(dataset.done)
+            with (
+                progress("flights", spec.cells, dataset.done) as bar,
+                closing(run(fly_cells, payload, dataset.missing(), machine, size)) as tasks,
+            ):
+                for rows in tasks:
+                    dataset.add(rows)
+                    bar.at(dataset.done)
         except KeyboardInterrupt:
-            dataset.flush()
-            say(f"\nstopped at {dataset.done} of {spec.cells}; the same command goes on from there")
+            say(f"stopped at {dataset.done} of {spec.cells}; the same command goes on from there")
             raise
-        progress.end(dataset.done)
 
 
 def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
     """The summary on the screen, as JSON, and as a page beside the rows."""
-    from rich.table import Table
-
     from coaxlink import files
     from coaxlink.report import campaign as report
     from coaxlink.report.made import Made
-    from coaxlink.studies.campaign.dataset import MANIFEST, columns_of
+    from coaxlink.report.terminal import table
+    from coaxlink.studies.campaign.rows import MANIFEST, columns_of
     from coaxlink.studies.campaign.summary import summarise
 
     columns = columns_of(folder)
     replay = f"coaxlink campaign {file} --out {folder} --replay"
     summary = summarise(spec, columns, replay, files.read_json(folder / MANIFEST))
-    files.write_json(folder / "summary.json", summary.to_json())
+    for path in filter(None, (folder / "summary.json", json)):
+        files.write_json(path, summary.to_json())
     files.write_atomic(folder / "report.html", report.page(summary, columns, Made.now([file])))
-    if json is not None:
-        files.write_json(json, summary.to_json())
     screen = console()
     for line in report.sentences(summary):
         screen.print(line)
@@ -107,10 +107,7 @@ def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
         (report.WORST_HEADS[:-1], [row[:-1] for row in report.worst_rows(summary)]),
     ):
         if rows:
-            table = Table(*heads, box=None)
-            for row in rows:
-                table.add_row(*row)
-            screen.print(table)
+            screen.print(table("", heads, rows))
     say(f"one flight again, with its log: {replay} CELL")
     say(f"wrote {folder / 'report.html'}, {folder / 'summary.json'}; rows: {folder / 'rows' / '*.parquet'}")
 
@@ -118,15 +115,13 @@ def _tell(spec: Spec, file: Path, folder: Path, json: Path | None) -> None:
 def _replay(spec: Spec, number: int, folder: Path, json: Path | None) -> None:
     """One cell again: its row on the screen, its flight log and what it flew as files."""
     from coaxlink import files
-    from coaxlink.studies.campaign.cells import cell
-    from coaxlink.studies.campaign_cells import Payload, code_hash, columns, fly_cell, fly_cells
+    from coaxlink.studies.campaign.flights import Payload, code_hash, fly_cell, fly_cells
+    from coaxlink.studies.campaign.spec import cell
 
     cell_folder = folder / f"cell-{number:09d}"
     files.refuse_unwritable(cell_folder / "flight.csv")
-    one = cell(spec, number)
-    fly_cell(spec, one, cell_folder / "flight.csv", cell_folder)
-    rows = fly_cells(Payload(spec, code_hash()), [number])
-    row: dict[str, Any] = {name: rows[name][0] for name in columns(spec)}
+    fly_cell(spec, cell(spec, number), cell_folder / "flight.csv", cell_folder)
+    (row,) = fly_cells(Payload(spec, code_hash()), [number])
     screen = console()
     for name, value in row.items():
         if value is not None and value != "":
@@ -135,11 +130,6 @@ def _replay(spec: Spec, number: int, folder: Path, json: Path | None) -> None:
         files.write_json(json, row)
     say(f"wrote {cell_folder}: airframe.toml, its rotors, truth.toml, flight.csv")
     say(f"next: coaxlink refine {cell_folder / 'flight.csv'} --airframe {cell_folder / 'airframe.toml'}")
-
-
-def _write(text: str) -> None:
-    sys.stderr.write(text)
-    sys.stderr.flush()
 
 
 def register(app: typer.Typer) -> None:

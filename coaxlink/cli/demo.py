@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from coaxlink.cli.shared.shell import JsonOption, console, say, talk
+from coaxlink.cli.shared.progress import progress
+from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.studies.result_folder import complete_or_unchanged, terminated_as_interrupted
-
-if TYPE_CHECKING:
-    from coaxlink.fly.trajectory import FlightPlan
-    from coaxlink.report.demo import DemoResult
-    from coaxlink.studies.flight import Watch
 
 LOGS = ("standard.tlog", "reduced.tlog", "fitted.tlog", "live_exact.tlog", "hidden.tlog")
 RESIDUAL = ("residual.png", "residual.svg", "residual.pdf")
@@ -37,55 +31,23 @@ def demo(
     from coaxlink import files
 
     files.refuse_unwritable(json_file)
-    chosen = secrets.randbelow(1_000_000) if seed is None else seed
-    from coaxlink.report.demo_page import write_report
+    from coaxlink.report.demo import tables, to_json, write_report
+    from coaxlink.report.identify import tables as identify_tables
     from coaxlink.report.made import Made
-    from coaxlink.studies.demo import run_demo
+    from coaxlink.studies.demo import STEPS, run_demo
 
+    chosen = secrets.randbelow(1_000_000) if seed is None else seed
     with terminated_as_interrupted(), complete_or_unchanged(out, MADE):
-        with _progress() as (step, watch):
-            result = run_demo(chosen, out, speed, step, watch, say)
+        with progress("coaxlink demo", STEPS) as bar:
+            result = run_demo(chosen, out, speed, bar.step, bar.watch, say)
         made = Made.now((*(out / name for name in LOGS), out / "rotor.toml"), "demo-x8")
         page = write_report(out, result, made)
-    _show(result)
-    if json_file:
-        files.write_json(json_file, result.to_json())
-    say(f"report: {page}   again with the same hidden effect: coaxlink demo --seed {chosen}")
-
-
-@contextmanager
-def _progress() -> Iterator[tuple[Any, Watch]]:
-    """A bar of the steps and a bar of the flight under way; plain lines where stderr is no terminal."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from coaxlink.studies.demo import STEPS
-
-    screen = talk()
-    with Progress(
-        TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn(), console=screen
-    ) as progress:
-        bar = progress.add_task("coaxlink demo", total=STEPS)
-        flight = progress.add_task("", visible=False)
-
-        def step(text: str, plan: FlightPlan | None = None) -> None:
-            progress.update(bar, description=text, advance=1)
-            progress.update(flight, visible=False, total=plan.duration_s if plan else None)
-            if not screen.is_terminal:
-                say(text)
-
-        def watch(segment: str, seconds: float) -> None:
-            progress.update(flight, visible=True, completed=seconds, description=f"  {segment}")
-
-        yield step, watch
-
-
-def _show(result: DemoResult) -> None:
-    from coaxlink.report.demo import tables as demo_tables
-    from coaxlink.report.identify import tables as identify_tables
-
     screen = console()
-    for table in (*identify_tables(result.identification), *demo_tables(result)):
-        screen.print(table)
+    for shown in (*identify_tables(result.identification), *tables(result)):
+        screen.print(shown)
+    if json_file:
+        files.write_json(json_file, to_json(result))
+    say(f"report: {page}   again with the same hidden effect: coaxlink demo --seed {chosen}")
 
 
 def register(app: typer.Typer) -> None:

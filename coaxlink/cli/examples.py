@@ -13,6 +13,7 @@ import typer
 
 from coaxlink.cli.shared.shell import console, say
 from coaxlink.errors import InputError
+from coaxlink.report.terminal import table
 
 _WHAT = {
     ".csv": "A stand log of the paper's pair, 121 points.",
@@ -55,18 +56,12 @@ def examples(
 
 
 def _list(shipped: dict[str, Path]) -> None:
-    from rich.table import Table
-
     if not sys.stdout.isatty():
         for name, path in shipped.items():  # a line each, for grep
             sys.stdout.write(f"{name:<30}  {_about(path)}".rstrip() + "\n")
         return
-    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
-    table.add_column(no_wrap=True)
-    table.add_column()
-    for name, path in shipped.items():
-        table.add_row(name, _about(path))
-    console().print(table)
+    rows = [(name, _about(path)) for name, path in shipped.items()]
+    console().print(table("", ("file", "what it is"), rows, left=2))
 
 
 def _rotor_of(path: Path) -> str:

@@ -115,7 +115,7 @@ def _fleet(
     from coaxlink import files
     from coaxlink.errors import CheckFailed, InputError
     from coaxlink.report.health import verdict_line
-    from coaxlink.studies.campaign.fleet import find_logs
+    from coaxlink.studies.fleet import find_logs
 
     if "://" in folder:
         raise InputError(folder, "", "a folder of this machine is expected: refine reads buckets")

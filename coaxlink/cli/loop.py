@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from coaxlink.cli.shared.shell import JsonOption, console, say, talk
+from coaxlink.cli.shared.progress import progress
+from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.studies.result_folder import complete_or_unchanged, terminated_as_interrupted
-
-if TYPE_CHECKING:
-    from coaxlink.report.loop import LoopResult
 
 FLIGHTS = ("before", "after", "separating", "live_before", "live_after")
 MADE = (
@@ -41,9 +37,6 @@ def loop(
         bool,
         typer.Option("--separate", help="Where it is ambiguous, first fly what would separate the rivals."),
     ] = False,
-    lead: Annotated[
-        bool, typer.Option("--lead", help="Lead motors found slow, live: noisier commands are its price.")
-    ] = False,
     json: JsonOption = None,
 ) -> None:
     """Fly, refine, re-table, fly again: the flight's allocation error before and after.
@@ -52,24 +45,31 @@ def loop(
     then nothing changes, and that is said. How to do the same with an aircraft: docs/loop.md.
     """
     from coaxlink import files
-    from coaxlink.report.loop import write_report
+    from coaxlink.report import loop as report
+    from coaxlink.report import refine
     from coaxlink.report.made import Made
-    from coaxlink.studies.loop import Wishes, run_loop
+    from coaxlink.studies.loop import run_loop
 
     files.refuse_unwritable(json)
     if truth is not None:
         _refuse_untrue(truth)
     chosen = secrets.randbelow(1_000_000) if seed is None else seed
-    with terminated_as_interrupted(), complete_or_unchanged(out, MADE), _progress() as (tell, watch):
-        result = run_loop(truth, chosen, out, speed, Wishes(live, separate, lead), tell, watch)
-        tell("drawing the report")
+    page = out / "report.html"
+    with terminated_as_interrupted(), complete_or_unchanged(out, MADE), progress("coaxlink loop") as bar:
+        result = run_loop(
+            truth, chosen, out, speed, live=live, separate=separate, tell=bar.step, watch=bar.watch
+        )
+        bar.step("drawing the report")
         flown = [log for log in (result.log_before, result.log_after, result.log_separating) if log]
-        world = [truth] if truth is not None else []
-        write_report(out / "report.html", result, Made.now([*world, *flown, out / "rotor.toml"], "demo-x8"))
+        sources: list[str | Path] = [*([truth] if truth else []), *flown, out / "rotor.toml"]
+        files.write_atomic(page, report.page(result, Made.now(sources, "demo-x8")))
     if json is not None:
         files.write_json(json, result.to_json())
-    _show(result)
-    say(f"report: {out / 'report.html'}   the same world again: --seed {chosen}")
+    screen = console()
+    screen.print(refine.verdict(result.refinement))
+    for shown in (*refine.tables(result.refinement), report.table_of(result), *report.lines(result)):
+        screen.print(shown)
+    say(f"report: {page}   the same world again: --seed {chosen}")
 
 
 def _refuse_untrue(truth: Path) -> None:
@@ -84,39 +84,6 @@ def _refuse_untrue(truth: Path) -> None:
     files.read_toml(truth)
     with world_errors():
         read_truth(truth)
-
-
-def _show(result: LoopResult) -> None:
-    from coaxlink.report.loop import lines, table
-    from coaxlink.report.refine import tables, verdict
-
-    screen = console()
-    screen.print(verdict(result.refinement))
-    for shown in tables(result.refinement):
-        screen.print(shown)
-    screen.print(table(result))
-    for line in lines(result):
-        screen.print(line)
-
-
-@contextmanager
-def _progress() -> Iterator[tuple[Any, Any]]:
-    """(tell, watch): a status line on a terminal, a line a step elsewhere."""
-    screen = talk()
-    with screen.status("coaxlink loop") as status:
-        current = ""
-
-        def tell(text: str) -> None:
-            nonlocal current
-            current = text
-            status.update(text)
-            if not screen.is_terminal:
-                say(text)
-
-        def watch(segment: str, seconds: float) -> None:
-            status.update(f"{current}: {segment}, {seconds:.0f} s")
-
-        yield tell, watch
 
 
 def register(app: typer.Typer) -> None:

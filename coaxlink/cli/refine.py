@@ -174,7 +174,7 @@ def _fleet(
     from coaxlink import files
     from coaxlink.cli.shared.fleet import tell_fleet
     from coaxlink.errors import InputError
-    from coaxlink.studies.campaign.fleet import RefineLog
+    from coaxlink.studies.fleet import RefineLog
 
     if count > 1:
         raise InputError(folder, "", "a fleet is one folder, with a folder a vehicle in it")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from coaxlink.report.document import answer, document, how_made, html_table
-from coaxlink.report.html import escape
+from coaxlink.report.html import PagePicture, PageTable, render
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.campaign_plots import words
 from coaxlink.studies.campaign.summary import FIGURES, Paired, Spread, Summary
@@ -115,58 +113,43 @@ def page(s: Summary, columns: Mapping[str, Any], made: Made | None = None) -> st
     """The whole report as HTML."""
     from coaxlink.report.pictures import campaign_plots as plots
 
-    remarks = [*ends(s), *named(s)]
     quantiles = [
         (law, words(name), *(number(v) for v in (x.p5, x.median, x.p95)))
         for name in FIGURES
         for law, x in ((law, s.figures[law][name]) for law in s.laws)
     ]
-    parts = [
-        answer(lead(s)),
-        "<h2>Laws side by side</h2>",
-        '<p class="dim">mean and its 95 % interval over flights that ended as planned; boxes: quartiles, 5 '
-        "and 95 %</p>",
-        image(plots.spreads(s, columns), "spread of the main figures, law by law"),
-        *(["<ul>", *(f"<li>{escape(line)}</li>" for line in remarks), "</ul>"] if remarks else []),
-        html_table(("figure", *s.laws), spread_rows(s)),
-    ]
-    if s.paired:
-        pairs = [
-            (law, words(name), f"{p.difference:+.3g}", " .. ".join(map(number, p.ci)),
-             f"{100 * p.share:+.1f} %", f"{100 * p.better:.0f} %", f"{p.p_value:.1g}")
-            for law, found in s.paired.items()
-            for name, p in found.items()
-        ]  # fmt: skip
-        heads = ("law", "figure", f"less {s.laws[0]}", "95 %", "of its mean", "smaller in", "p")
-        parts += [
-            f"<h2>Against {escape(s.laws[0])} on equal seeds</h2>",
-            image(plots.differences(s), "differences on equal seeds with intervals"),
-            html_table(heads, pairs),
-        ]
-    if s.dependences:
-        parts += [
-            "<h2>What errors follow</h2>",
-            image(plots.sensitivity(s), "rank correlation of every figure with every varied quantity"),
-            html_table(SENSITIVITY_HEADS, sensitivity_rows(s, 40)),
-            f'<p class="dim">the strongest of {len(s.clear)} dependences beyond chance '
-            f"(p &lt; 0.001 over all {len(s.dependences)} looked at)</p>",
-        ]
-    parts += [
-        f"<h2>Worst flights by {escape(words(s.judge))}</h2>",
-        html_table(WORST_HEADS, worst_rows(s), wide=(4,)),
-        "<h2>Quantiles</h2>",
-        html_table(("law", "figure", "5 %", "median", "95 %"), quantiles),
-    ]
-    if s.refined is not None:
-        missed = [(n, str(a), str(b)) for n, (a, b) in s.refined.missed.items()]
-        parts += ["<h2>What refine missed</h2>", html_table(("effect", "not named", "logs"), missed)]
+    pairs = [
+        (law, words(name), f"{p.difference:+.3g}", " .. ".join(map(number, p.ci)),
+         f"{100 * p.share:+.1f} %", f"{100 * p.better:.0f} %", f"{p.p_value:.1g}")
+        for law, found in s.paired.items()
+        for name, p in found.items()
+    ]  # fmt: skip
+    pair_heads = ("law", "figure", f"less {s.laws[0]}", "95 %", "of its mean", "smaller in", "p")
+    refined = s.refined
+    missed = [(n, str(a), str(b)) for n, (a, b) in refined.missed.items()] if refined else []
     versions = ", ".join(f"{k} {v}" for k, v in dict(s.manifest.get("versions", {})).items())
-    digest = str(s.manifest.get("digest", ""))[:16]
-    parts += how_made(made or Made.now())
-    parts.append(f'<p class="dim">flown with {escape(versions)}; campaign {escape(digest)}</p>')
-    return document(f"Campaign {s.name}", parts)
-
-
-def image(data: bytes, text: str) -> str:
-    """A PNG in the page itself."""
-    return f'<p><img alt="{escape(text)}" src="data:image/png;base64,{base64.b64encode(data).decode()}"></p>'
+    return render(
+        "campaign.html",
+        title=f"Campaign {s.name}",
+        lead=lead(s),
+        made=made or Made.now(),
+        spreads=PagePicture(plots.spreads(s, columns), "spread of the main figures, law by law"),
+        remarks=[*ends(s), *named(s)],
+        figures=PageTable(("figure", *s.laws), spread_rows(s)),
+        reference=s.laws[0],
+        differences=PagePicture(plots.differences(s), "differences on equal seeds with intervals"),
+        pairs=PageTable(pair_heads, pairs),
+        sensitivity=PagePicture(
+            plots.sensitivity(s), "rank correlation of every figure with every varied quantity"
+        )
+        if s.sensitivities
+        else None,
+        looked_at=len(s.sensitivities),
+        clear=len(s.clear),
+        follows=PageTable(SENSITIVITY_HEADS, sensitivity_rows(s, 40)),
+        judge=words(s.judge),
+        worst=PageTable(WORST_HEADS, worst_rows(s), wide=(4,)),
+        quantiles=PageTable(("law", "figure", "5 %", "median", "95 %"), quantiles),
+        missed=PageTable(("effect", "not named", "logs"), missed) if refined else None,
+        flown_with=f"flown with {versions}; campaign {str(s.manifest.get('digest', ''))[:16]}",
+    )

@@ -10,33 +10,27 @@ import numpy as np
 
 from coaxlink.health.coefficients import NORMAL_95, Update
 from coaxlink.health.next_flight import NextFlight
+from coaxlink.report.terminal import grouped, table
 
 CHANNELS = ("force down, N", "roll, N m", "pitch, N m", "yaw, N m")
 
 
 def coefficient_table(update: Update, planned: NextFlight | None = None) -> Any:
     """Rich table: every coefficient before and after, and the interval expected behind the planned flight."""
-    from rich.table import Table
-
-    table = Table(title="coefficients: prior and posterior, 95 %", title_justify="left")
-    for heading in ("load", "term"):
-        table.add_column(heading)
-    for heading in ("prior", "after the flights", "these flights"):
-        table.add_column(heading, justify="right")
-    if planned:
-        table.add_column("next flight", justify="right")
+    heads = ["load", "term", "prior", "after the flights", "these flights"]
+    heads += ["next flight"] if planned else []
     expected = {(c.load, c.term): c.after for c in planned.coefficients} if planned else {}
+    rows: list[list[str]] = []
     before = ""
     for t in update.coefficients:
-        if t.load != before:
-            table.add_section()
         prior, after = (rounded(v, NORMAL_95 * sd) for v, sd in ((t.prior, t.prior_sd), (t.value, t.sd)))
-        then = (
-            ["± " + rounded(0.0, NORMAL_95 * expected[t.load, t.term]).rpartition(" ")[2]] if planned else []
-        )
-        table.add_row(t.load if t.load != before else "", t.term, prior, after, t.verdict, *then)
+        rows.append([t.load if t.load != before else "", t.term, prior, after, t.verdict])
+        if planned:
+            half = NORMAL_95 * expected[t.load, t.term]
+            rows[-1].append("± " + rounded(0.0, half).rpartition(" ")[2])
         before = t.load
-    return table
+    title = "coefficients: prior and posterior, 95 %"
+    return table(title, heads, rows, left=2, boxed=True, sections=grouped(rows))
 
 
 def rounded(value: float, half: float) -> str:
@@ -51,17 +45,13 @@ def rounded(value: float, half: float) -> str:
 
 def hover_table(update: Update) -> Any:
     """Rich table: the loads of both rotors at the flights' median speeds."""
-    from rich.table import Table
-
     u, v = update.hover
-    table = Table(title=f"one pair at {u:.2f} and {v:.2f} of full speed, 95 %", title_justify="left")
-    table.add_column("load")
-    table.add_column("prior", justify="right")
-    table.add_column("after the flights", justify="right")
-    for load, (prior, prior_sd, value, sd) in update.loads.items():
-        cells = (rounded(a, NORMAL_95 * b) for a, b in ((prior, prior_sd), (value, sd)))
-        table.add_row(load, *cells)
-    return table
+    rows = [
+        (load, rounded(prior, NORMAL_95 * prior_sd), rounded(value, NORMAL_95 * sd))
+        for load, (prior, prior_sd, value, sd) in update.loads.items()
+    ]
+    title = f"one pair at {u:.2f} and {v:.2f} of full speed, 95 %"
+    return table(title, ("load", "prior", "after the flights"), rows, boxed=True)
 
 
 def words(update: Update) -> Iterator[str]:

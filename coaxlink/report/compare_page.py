@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from coaxlink.report.document import answer, document, how_made, html_table, picture
-from coaxlink.report.html import escape
+from coaxlink.report.html import PagePicture, PageTable, render
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.figures import drawn
 from coaxlink.report.worth import rows, sentences, terms
@@ -30,18 +29,16 @@ def compare_page(
     """The page; `laws`: headings and rows of the table of laws; `battery`: Wh and the drive's efficiency."""
     said = [text.replace("`", "") for text in sentences(worths)]
     lead, _, rest = (said[0] if said else f"All laws on {name}.").partition("; ")
-    return document(
-        f"{name}: what a table is worth",
-        [
-            answer(f"{lead.rstrip('.')}."),
-            *(f"<p>{escape(text[:1].upper() + text[1:])}</p>" for text in (rest, *said[1:]) if text),
-            picture(drawn(figure), CAPTION),
-            "<h2>For whoever flies it</h2>",
-            html_table(("by the rotor model", *(t.name for t in worths.rows)), rows(worths.rows, *battery)),
-            f'<p class="dim">{escape(terms())}</p>',
-            "<h2>Every law, before any integrator</h2>",
-            f'<p class="dim">{escape(envelope)}</p>',
-            html_table(*laws),
-            *how_made(made),
-        ],
+    heads = ("by the rotor model", *(t.name for t in worths.rows))
+    return render(
+        "compare.html",
+        title=f"{name}: what a table is worth",
+        lead=f"{lead.rstrip('.')}.",
+        said=[text[:1].upper() + text[1:] for text in (rest, *said[1:]) if text],
+        picture=PagePicture(drawn(figure), CAPTION),
+        worths=PageTable(heads, rows(worths.rows, *battery)),
+        terms=terms(),
+        envelope=envelope,
+        laws=PageTable(*laws),
+        made=made,
     )

@@ -1,87 +1,23 @@
-"""The demo's result: as JSON and as terminal tables. `demo_page.py` makes the page of it."""
+"""The demo's result: as JSON, as terminal tables, as one page with the residual's pictures beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-if TYPE_CHECKING:
-    from coaxlink.residual.allocation_error import AllocationErrors
-    from coaxlink.residual.result import Refinement
-    from coaxlink.rotor.identification import Identification
-    from coaxlink.tables.worth import Worths
-
-
-@dataclass(frozen=True)
-class FlightErrors:
-    """One flight against what was meant: the paper's Table 4, who carried the weight, and what it cost."""
-
-    allocation: AllocationErrors
-    position_error_m: tuple[float, float, float]  # mean |wanted - flown| north, east, down
-    power_W: float | None = None  # mean from the battery, None where the vehicle did not tell
-
-    def to_json(self) -> dict[str, Any]:
-        """As `demo --json` writes it."""
-        d = self.allocation
-        return {
-            "thrust_error_N": d.thrust_error_N,
-            "torque_error_Nm": list(d.torque_error_Nm),
-            "position_error_m": list(self.position_error_m),
-            "height_error_m": self.position_error_m[2],
-            "split": [
-                {"upper": s.upper, "lower": s.lower, "upper_N": s.upper_N, "lower_N": s.lower_N,
-                 "lower_share": s.lower_share}
-                for s in d.split
-            ],
-            "seconds": d.seconds,
-            "thrust_ci_N": list(d.intervals[0]),
-            "torque_ci_Nm": [list(i) for i in d.intervals[1:]],
-            "floor": {"thrust_N": d.floor[0], "torque_Nm": list(d.floor[1:])},
-            "gain": {"thrust": d.gain[0], "torque": list(d.gain[1:])} if d.gain else None,
-            "after_gain": {"thrust_N": d.after_gain[0], "torque_Nm": list(d.after_gain[1:])}
-            if d.after_gain else None,
-            "power_W": self.power_W,
-        }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class DemoResult:
-    """All that the demo did; the renderers only format it."""
-
-    seed: int
-    identification: Identification
-    uploads: dict[str, dict[str, Any]]
-    flights: dict[str, FlightErrors]  # the mixers, where nothing is hidden
-    hidden: FlightErrors  # the fitted table, where something is
-    live: dict[str, Any]  # the live mixer's own account
-    refinement: Refinement
-    worths: Worths  # of every table, by the identified rotors
-
-    def to_json(self) -> dict[str, Any]:
-        """As `demo --json` writes it; `before` and `after` are held-out errors of the touched channels."""
-        found = self.refinement.effects
-        channels = self.refinement.channels
-        touched = [c for c in channels if any(c in e.channels for e in found)] or list(channels)
-        from coaxlink.report.demo_words import flown
-        from coaxlink.report.worth import to_json as worth_json
-
-        verified = all(u["result"] == "verified" for u in self.uploads.values())
-        return {
-            "seed": self.seed,
-            "identify": self.identification.as_json(),
-            "flown": flown(self.flights),
-            "worth": worth_json(self.worths),
-            "upload": {"result": "verified" if verified else "failed", **self.uploads},
-            "flights": {name.split()[0]: errors.to_json() for name, errors in self.flights.items()},
-            "live": self.live,
-            "hidden_flight": self.hidden.to_json(),
-            "hidden_effect_found": ", ".join(e.name for e in found) or None,
-            "before": {c: channels[c].rmse_before for c in touched},
-            "after": {c: channels[c].rmse_after for c in touched},
-            "refine": self.refinement.to_json(),
-        }
-
+from coaxlink import files
+from coaxlink.report import worth
+from coaxlink.report.demo_words import TERMS, flown, story
+from coaxlink.report.html import PageTable, render
+from coaxlink.report.identify import ERROR_HEADS, error_rows
+from coaxlink.report.made import Made
+from coaxlink.report.page import refinement_parts, sentence
+from coaxlink.report.refine import tables as refine_tables
+from coaxlink.report.terminal import table
+from coaxlink.rotor.identification import COAXIAL
+from coaxlink.studies.demo import DemoResult
+from coaxlink.studies.flight_errors import FlightErrors
 
 FLIGHT_HEADINGS = (
     "flight", "power, W", "height, m", "thrust gain", "thrust, N", "after gain, N", "roll, N m", "pitch, N m",
@@ -89,22 +25,37 @@ FLIGHT_HEADINGS = (
 )  # fmt: skip
 
 
+def to_json(result: DemoResult) -> dict[str, Any]:
+    """As `demo --json` writes it; `before` and `after` are held-out errors of the touched channels."""
+    found = result.refinement.effects
+    channels = result.refinement.channels
+    touched = [c for c in channels if any(c in e.channels for e in found)] or list(channels)
+    verified = all(u["result"] == "verified" for u in result.uploads.values())
+    return {
+        "seed": result.seed,
+        "identify": result.identification.as_json(),
+        "flown": flown(result.flights),
+        "worth": worth.to_json(result.worths),
+        "upload": {"result": "verified" if verified else "failed", **result.uploads},
+        "flights": {name.split()[0]: errors.to_json() for name, errors in result.flights.items()},
+        "live": result.live,
+        "hidden_flight": result.hidden.to_json(),
+        "hidden_effect_found": ", ".join(e.name for e in found) or None,
+        "before": {c: channels[c].rmse_before for c in touched},
+        "after": {c: channels[c].rmse_after for c in touched},
+        "refine": result.refinement.to_json(),
+    }
+
+
 def flight_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
     """A row a flight: power, height error, gain of thrust, allocation error without and with best gains."""
     rows = []
     for name, flight in flights.items():
         d = flight.allocation
-        rows.append(
-            [
-                name,
-                "not reported" if flight.power_W is None else f"{flight.power_W:.0f}",
-                f"{flight.position_error_m[2]:.3f}",
-                f"{d.gain[0]:.3f}",
-                f"{d.thrust_error_N:.2f}",
-                f"{d.after_gain[0]:.2f}",
-                *(f"{t:.3f}" for t in d.after_gain[1:]),
-            ]
-        )
+        power = "not reported" if flight.power_W is None else f"{flight.power_W:.0f}"
+        thrust = (f"{d.gain[0]:.3f}", f"{d.thrust_error_N:.2f}", f"{d.after_gain[0]:.2f}")
+        torques = (f"{t:.3f}" for t in d.after_gain[1:])
+        rows.append([name, power, f"{flight.position_error_m[2]:.3f}", *thrust, *torques])
     return rows
 
 
@@ -124,32 +75,54 @@ def split_rows(flights: Mapping[str, FlightErrors]) -> list[list[str]]:
 
 def tables(result: DemoResult) -> Iterator[Any]:
     """The mixers' flights and what a table is worth; then what was hidden, before and after it was found."""
-    from coaxlink.report.demo_words import flown, story
-    from coaxlink.report.refine import tables as refine_tables
-    from coaxlink.report.worth import sentences
-
-    yield "\n".join(flown(result.flights))
-    yield _table(
-        "Flights, nothing hidden: mean |meant - delivered|, torques after the best gains",
-        FLIGHT_HEADINGS,
-        flight_rows(result.flights),
-    )
-    yield _table(
-        "Thrust split per pair: upper + lower rotor (lower share)",
-        split_headings(result.flights),
-        split_rows(result.flights),
-    )
-    yield "\n".join(("By the rotor model, beyond these flights:", *sentences(result.worths)))
+    flights = result.flights
+    yield "\n".join(flown(flights))
+    title = "Flights, nothing hidden: mean |meant - delivered|, torques after the best gains"
+    yield table(title, FLIGHT_HEADINGS, flight_rows(flights))
+    title = "Thrust split per pair: upper + lower rotor (lower share)"
+    yield table(title, split_headings(flights), split_rows(flights))
+    yield "\n".join(("By the rotor model, beyond these flights:", *worth.sentences(result.worths)))
     yield "\n".join(story(result))
     yield from refine_tables(result.refinement)
 
 
-def _table(title: str, headings: tuple[str, ...], rows: list[list[str]]) -> Any:
-    from rich.table import Table
+def write_report(out: Path, result: DemoResult, made: Made) -> Path:
+    """Write OUT/report.html (self-contained) and OUT/residual (.png, .svg, .pdf); returns the page's path."""
+    from coaxlink.report.pictures.figures import write_figures
+    from coaxlink.report.pictures.residual_plots import overview_figure
 
-    table = Table(title=title, title_justify="left", box=None, header_style="bold")
-    for n, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if n == 0 else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table
+    write_figures(out, {"residual": overview_figure(result.refinement, made.line())})
+    path = out / "report.html"
+    files.write_atomic(path, page(result, made))
+    return path
+
+
+def page(result: DemoResult, made: Made) -> str:
+    """What it is worth first, then the mixers, then what was hidden, then the words."""
+    first, *more = flown(result.flights)
+    found = sentence(result.refinement)
+    model = result.identification
+    rotor_terms = [
+        (load, term, f"{value:.4g}")
+        for load, terms in model.model.terms().items()
+        for term, value in terms.items()
+    ]
+    tables_heads = ("by the rotor model", *(t.name for t in result.worths.rows))
+    return render(
+        "demo.html",
+        title=f"coaxlink demo, seed {result.seed}",
+        lead=f"{first} Where one thing was hidden: {found[:1].lower()}{found[1:]}",
+        made=made,
+        flown=more,
+        flights=PageTable(FLIGHT_HEADINGS, flight_rows(result.flights)),
+        split=PageTable(split_headings(result.flights), split_rows(result.flights)),
+        worth=worth.sentences(result.worths),
+        worths=PageTable(tables_heads, worth.rows(result.worths.rows)),
+        worth_terms=worth.terms(),
+        story=story(result),
+        r=refinement_parts(result.refinement, made),
+        rows=model.data.samples.rows,
+        rotor_errors=PageTable(ERROR_HEADS, [row for row in error_rows(model) if row[0] in COAXIAL]),
+        rotor_terms=PageTable(("load", "term", "value"), rotor_terms),
+        words=TERMS.items(),
+    )

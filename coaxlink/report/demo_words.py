@@ -9,8 +9,9 @@ from coaxlink.report.pictures.label import channel_words
 from coaxlink.report.refine import number, verdict
 
 if TYPE_CHECKING:
-    from coaxlink.report.demo import DemoResult, FlightErrors
     from coaxlink.residual.result import Refinement
+    from coaxlink.studies.demo import DemoResult
+    from coaxlink.studies.flight_errors import FlightErrors
 
 FITTED, STANDARD = "fitted", "standard"
 PATH = "hover, a slow and a fast circle, a climb and quick turns"

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import datetime
-import io
 import itertools
 from collections.abc import Iterator
 
 import numpy as np
 
-from coaxlink.report.campaign import image, number
-from coaxlink.report.document import document, html_table
-from coaxlink.report.html import escape
+from coaxlink.report.campaign import number
+from coaxlink.report.html import PagePicture, PageTable, render
+from coaxlink.report.pictures.figures import drawn, new_figure
 from coaxlink.report.pictures.looks import LOOKS
-from coaxlink.studies.campaign.fleet import Fleet, Trend
+from coaxlink.studies.fleet import Fleet, Trend
 
 HEADS = ("vehicle", "found", "where", "logs", "first", "last", "size then", "size now", "a week, 95 %", "p")
 MOST_DRAWN = 60  # vehicles in the picture; those with findings first
@@ -22,8 +21,8 @@ MOST_DRAWN = 60  # vehicles in the picture; those with findings first
 def sentences(fleet: Fleet) -> Iterator[str]:
     """What was looked at and what is believed."""
     yield f"{fleet.logs} logs of {len(fleet.vehicles)} vehicles"
-    for course in fleet.believed:
-        yield course.words()
+    for trend in fleet.believed:
+        yield trend.words()
     if not fleet.believed:
         yield "nothing that false alarms would not bring"
     doubtful = [c for c in fleet.trends if not c.believed]
@@ -46,11 +45,9 @@ def rows(trends: tuple[Trend, ...]) -> list[tuple[str, ...]]:
 
 def picture(fleet: Fleet) -> bytes:
     """PNG: which vehicle had how many findings when, and the believed ones' sizes over time."""
-    from matplotlib.figure import Figure
-
     ailing = list(dict.fromkeys(c.vehicle for c in fleet.believed))
     shown = [*ailing, *(v for v in fleet.vehicles if v not in ailing)][:MOST_DRAWN]
-    figure = Figure(figsize=(11, 3.5 + 0.16 * len(shown)), layout="constrained")
+    figure = new_figure(11, 3.5 + 0.16 * len(shown))
     over, under = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 0.4 + 0.08 * len(shown)))
     for c, look in zip(fleet.believed, itertools.cycle(LOOKS), strict=False):
         when = [datetime.datetime.fromisoformat(d) for d in c.dates]
@@ -70,23 +67,19 @@ def picture(fleet: Fleet) -> bytes:
     under.invert_yaxis()
     under.set_title("logs; cross: something found", fontsize=10)
     figure.autofmt_xdate()
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=100)
-    return stream.getvalue()
+    return drawn(figure)
 
 
 def page(fleet: Fleet) -> str:
     """The whole report as HTML."""
-    lines = list(sentences(fleet))
-    parts = [
-        f'<p class="verdict">{escape(lines[0])}</p><ul>',
-        *(f"<li>{escape(line)}</li>" for line in lines[1:]),
-        "</ul>",
-        image(picture(fleet), "findings of every vehicle over time"),
-        "<h2>Findings by vehicle</h2>",
-        html_table(HEADS, rows(fleet.trends)),
-    ]
-    if fleet.problems:
-        failures = [(name, why) for name, why in fleet.problems.items()]
-        parts += ["<h2>Logs that say nothing</h2>", html_table(("log", "why"), failures, wide=(1,))]
-    return document("A fleet over time", parts)
+    first, *lines = sentences(fleet)
+    return render(
+        "fleet.html",
+        title="A fleet over time",
+        made=None,
+        verdict=first,
+        lines=lines,
+        picture=PagePicture(picture(fleet), "findings of every vehicle over time"),
+        findings=PageTable(HEADS, rows(fleet.trends)),
+        problems=PageTable(("log", "why"), list(fleet.problems.items()), wide=(1,)),
+    )

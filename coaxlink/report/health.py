@@ -8,7 +8,10 @@ from typing import Any
 from coaxlink.health.judge import GROUND, WATCH, Health, SuspectRotor
 from coaxlink.health.priors import MATTERS
 from coaxlink.report.made import Made
+from coaxlink.report.pictures.figures import drawn, new_figure, stamped
+from coaxlink.report.pictures.label import label
 from coaxlink.report.pictures.looks import THRUST, TORQUE
+from coaxlink.report.terminal import table
 
 SHOWN = 4  # flights in the table, the last ones; all are in the JSON and in the picture
 TITLE = "share of the model's load, 95 % interval"
@@ -71,19 +74,8 @@ def _percent(probability: float) -> str:
 
 def health_table(health: Health) -> Any:
     """Rich table: thrust and torque of every rotor in the last flights, pairs below."""
-    from rich.table import Table
-
-    table = Table(title=TITLE, title_justify="left")
     heads, rotors, pairs = _rows(health)
-    for k, head in enumerate(heads):
-        table.add_column(head, justify="right" if k else "left")
-    for row in rotors:
-        table.add_row(*row)
-    if pairs:
-        table.add_section()
-    for row in pairs:
-        table.add_row(*row)
-    return table
+    return table(TITLE, heads, [*rotors, *pairs], boxed=True, sections=(len(rotors),))
 
 
 def _rows(health: Health) -> tuple[list[str], list[list[str]], list[list[str]]]:
@@ -110,40 +102,31 @@ def _cell(value: Any) -> str:
 
 def health_page(health: Health, made: Made) -> str:
     """One self-contained HTML page: the verdict, the picture, the table, the remarks, how it was made."""
-    from coaxlink.report.document import answer, document, how_made, html_table, listed, picture
-    from coaxlink.report.pictures.figures import drawn
+    from coaxlink.report.html import PagePicture, PageTable, render
 
     said = verdict_line(health)
     heads, rotors, pairs = _rows(health)
     caption = (
         f"Thrust and torque over those of the model, flight by flight, with 95 % intervals; within the band "
-        f"of {100 * MATTERS:.0f} % nothing is called"
+        f"of {100 * MATTERS:.0f} % nothing is flagged"
     )
-    return document(
-        "Is every rotor sound?",
-        [
-            answer(f"{said[:1].upper()}{said[1:]}."),
-            picture(drawn(figure(health, made.line())), caption),
-            f"<h2>{TITLE[:1].upper()}{TITLE[1:]}</h2>",
-            html_table([head.replace("\n", " ") for head in heads], [*rotors, *pairs]),
-            "<h2>Remarks</h2>",
-            listed(remarks(health)),
-            *how_made(made),
-        ],
+    return render(
+        "health.html",
+        title="Is every rotor sound?",
+        lead=f"{said[:1].upper()}{said[1:]}.",
+        picture=PagePicture(drawn(figure(health, made.line())), caption),
+        loads=PageTable([head.replace("\n", " ") for head in heads], [*rotors, *pairs]),
+        remarks=list(remarks(health)),
+        made=made,
     )
 
 
 def figure(health: Health, stamp: str = "") -> Any:
     """Every rotor's thrust and torque over the flights, the band of what does not matter (matplotlib)."""
-    from matplotlib.figure import Figure
-
-    from coaxlink.report.pictures.figures import stamped
-    from coaxlink.report.pictures.label import label
-
     rotors = health.flights[0].rotors
     columns = min(4, len(rotors))
     rows = -(-len(rotors) // columns)
-    drawing = Figure(figsize=(2.6 * columns, 2.2 * rows + 0.8), layout="constrained")
+    drawing = new_figure(2.6 * columns, 2.2 * rows + 0.8)
     drawing.suptitle(label(verdict_line(health).split(";")[0]), fontsize=9)
     axes = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     numbers = list(range(1, len(health.flights) + 1))
@@ -152,11 +135,9 @@ def figure(health: Health, stamp: str = "") -> Any:
         axis.axhspan(1 - MATTERS, 1 + MATTERS, color="#d9dde2", lw=0)
         for load, look, shift in (("thrust", THRUST, -0.08), ("torque", TORQUE, 0.08)):
             found = [getattr(flight.rotors[i], load) for flight in health.flights]
-            middle = [v.value for v in found]
             spread = [[v.value - v.low for v in found], [v.high - v.value for v in found]]
-            axis.errorbar(
-                [p + shift for p in numbers], middle, spread, ls="", ms=3, **look.points, label=load
-            )
+            at, middle = [p + shift for p in numbers], [v.value for v in found]
+            axis.errorbar(at, middle, spread, ls="", ms=3, **look.points, label=load)
         pair = f" (with {rotor.pair})" if rotor.pair is not None else ""
         axis.set_title(f"rotor {rotor.number}{pair}", fontsize=8)
         axis.set_xticks(numbers)

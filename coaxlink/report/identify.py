@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from coaxlink.load import Load
-from coaxlink.rotor.identification import Identification
+from coaxlink.report.terminal import grouped, table
+from coaxlink.rotor.identification import COAXIAL, Identification
 from coaxlink.rotor.log_checks import for_the_table
-from coaxlink.rotor.stand_data import COAXIAL
 
 SURFACES = ("load", "beyond the squares, RMS", "noise", "evidence, nats", "terms")
+TERM_HEADS = ("load", "term", "value", "95 % interval", "± if the terms are these")
+ERROR_HEADS = ("channel", "form", "RMSE", "NRMSE", "R", "rows")
 FLOOR = "noise floor"
 NAMES = {
     "srm": "SRM",
@@ -25,8 +27,22 @@ NAMES = {
 
 def tables(result: Identification) -> Iterator[Any]:
     """Rich tables: the terms of the chosen form, then the held-out errors of every form."""
-    yield _surfaces(result) if result.form == "surface" else _terms(result)
-    yield _errors(result)
+    if result.form == "surface":
+        # its terms, as many as its degree allows, stand in the rotor file
+        yield table("surface over both speeds", SURFACES, surface_rows(result), boxed=True)
+    else:
+        terms = list(term_rows(result))
+        title, sections = f"{NAMES[result.form]}: terms", grouped(terms)
+        yield table(title, TERM_HEADS, terms, left=2, boxed=True, sections=sections)
+    errors = list(error_rows(result))
+    new = [n for n in range(1, len(errors)) if errors[n][0] != errors[n - 1][0]]
+    shown = [("" if form == FLOOR else channel, *rest) for channel, *rest in errors for form in rest[:1]]
+    yield table("errors on held-out blocks", ERROR_HEADS, shown, left=2, boxed=True, sections=new)
+
+
+def unit_of(channel: str) -> str:
+    """Of a channel's errors."""
+    return "N" if channel.endswith("thrust") else "N m"
 
 
 def remarks(result: Identification) -> Iterator[str]:
@@ -87,21 +103,8 @@ def _sense(result: Identification) -> Iterator[str]:
     for name, error in result.without.items():
         now = result.channels[name].rmse
         if abs(now - error.rmse) > 1e-3 * error.rmse:
-            unit = "N" if name.endswith("thrust") else "N m"
+            unit = unit_of(name)
             yield f"{name} held out: {error.rmse:.4g} {unit} free, {now:.4g} {unit} with physical sense"
-
-
-def _surfaces(result: Identification) -> Any:
-    """What each load's surface holds; its terms, as many as its degree allows, stand in the rotor file."""
-    from rich.table import Table
-
-    table = Table(title="surface over both speeds", title_justify="left")
-    table.add_column(SURFACES[0])
-    for heading in SURFACES[1:]:
-        table.add_column(heading, justify="right")
-    for row in surface_rows(result):
-        table.add_row(*row)
-    return table
 
 
 def surface_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str]]:
@@ -111,21 +114,6 @@ def surface_rows(result: Identification) -> Iterator[tuple[str, str, str, str, s
             unit = Load.of(load).unit
             beyond, noise = (f"{x:.3g} {unit}" for x in (fit.smooth.size, fit.smooth.noise))
             yield load, beyond, noise, f"{fit.smooth.evidence:.0f}", str(len(fit.terms))
-
-
-def _terms(result: Identification) -> Any:
-    from rich.table import Table
-
-    table = Table(title=f"{NAMES[result.form]}: terms", title_justify="left")
-    table.add_column("load")
-    table.add_column("term")
-    for heading in ("value", "95 % interval", "± if the terms are these"):
-        table.add_column(heading, justify="right")
-    for row in term_rows(result):
-        if row[0]:
-            table.add_section()
-        table.add_row(*row)
-    return table
 
 
 def term_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str]]:
@@ -143,32 +131,12 @@ def term_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str]
             yield load if i == 0 else "", term, f"{value:.4f}", shown, half
 
 
-def _errors(result: Identification) -> Any:
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(title="errors on held-out blocks", title_justify="left")
-    for heading in ("channel", "form"):
-        table.add_column(heading)
-    for heading in ("RMSE", "NRMSE", "R", "rows"):
-        table.add_column(heading, justify="right")
-    before = None
-    for channel, form, *figures in error_rows(result):
-        if before not in (None, channel):
-            table.add_section()
-        before = channel
-        floor = form == FLOOR
-        name = Text(form, "bold" if form == NAMES[result.form] else "")
-        table.add_row("" if floor else channel, name, *figures)
-    return table
-
-
 def error_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str, str]]:
     """(channel, form, RMSE with its unit, NRMSE, R, rows), each channel's noise floor after its forms."""
     for channel in (*COAXIAL, *(c for c in result.channels if c not in COAXIAL)):
         if channel not in result.channels:
             continue
-        unit = "N" if channel.endswith("thrust") else "N m"
+        unit = unit_of(channel)
         for form, channels in result.comparison.items():
             e = channels[channel]
             held_out = str(e.held_out_rows)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 
 from coaxlink.load import Load
-from coaxlink.report.document import answer, document, folded, how_made, html_table, listed, picture
-from coaxlink.report.identify import NAMES, SURFACES, remarks, surface_rows
+from coaxlink.report.html import PagePicture, PageTable, render
+from coaxlink.report.identify import NAMES, SURFACES, remarks, surface_rows, unit_of
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.figures import drawn
 from coaxlink.report.pictures.identify_plots import figures
@@ -27,28 +27,25 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
     """The page. Raises what drawing raises."""
     made = made or Made()
     shown = {
-        name: picture(drawn(figure), CAPTIONS[name]) for name, figure in figures(result, made.line()).items()
+        name: PagePicture(drawn(figure), CAPTIONS[name])
+        for name, figure in figures(result, made.line()).items()
     }
     said = list(remarks(result))
-    more = said[FEW:]
-    return document(
-        f"{NAMES[result.form]} of {result.data.samples.source}",
-        [
-            answer(sentence(result)),
-            f"<p>{result.data.samples.rows} rows; all errors on blocks the fit did not use.</p>",
-            *(shown[name] for name in FIRST if name in shown),
-            "<h2>Errors of every form</h2>",
-            html_table(("channel", "form", "RMSE", "of the range", "R", "rows"), list(_errors(result))),
-            "<h2>What the surface holds</h2>" if result.form == "surface" else "<h2>Terms of the model</h2>",
-            '<p class="dim">u_u and u_l: speed of the upper and of the lower rotor, share of full.</p>',
-            html_table(SURFACES, list(surface_rows(result)))
-            if result.form == "surface"
-            else html_table(("load", "term", "value", "95 % interval"), list(_terms(result))),
-            "<h2>Remarks</h2>" + listed(said[:FEW]) if said else "",
-            folded(f"{len(more)} more remarks", listed(more)) if more else "",
-            *(shown[name] for name in shown if name not in FIRST),
-            *how_made(made),
-        ],
+    surface = result.form == "surface"
+    terms = PageTable(("load", "term", "value", "95 % interval"), list(_terms(result)))
+    return render(
+        "identify.html",
+        title=f"{NAMES[result.form]} of {result.data.samples.source}",
+        lead=sentence(result),
+        made=made,
+        rows=result.data.samples.rows,
+        first=[shown[name] for name in FIRST if name in shown],
+        errors=PageTable(("channel", "form", "RMSE", "of the range", "R", "rows"), list(_errors(result))),
+        terms_title="What the surface holds" if surface else "Terms of the model",
+        terms=PageTable(SURFACES, list(surface_rows(result))) if surface else terms,
+        remarks=said[:FEW],
+        more=said[FEW:],
+        last=[shown[name] for name in shown if name not in FIRST],
     )
 
 
@@ -57,7 +54,7 @@ def sentence(result: Identification) -> str:
     name = next((c for c in ("coaxial_thrust", Load.UPPER_THRUST.channel) if c in result.channels), None)
     name = name or next(iter(result.channels))
     e = result.channels[name]
-    unit = "N" if name.endswith("thrust") else "N m"
+    unit = unit_of(name)
     floor = result.noise_floor.get(name)
     noise = f" (noise alone {floor:.2g} {unit})" if floor else ""
     others = {f: c[name].rmse for f, c in result.comparison.items() if f != result.form and name in c}
@@ -68,10 +65,9 @@ def sentence(result: Identification) -> str:
     )
 
 
-def _errors(result: Identification) -> Iterable[tuple[str, ...]]:
+def _errors(result: Identification) -> Iterator[tuple[str, ...]]:
     for channel in result.channels:
-        unit = "N" if channel.endswith("thrust") else "N m"
-        words = channel_words(channel)
+        unit, words = unit_of(channel), channel_words(channel)
         for form, channels in result.comparison.items():
             e = channels[channel]
             share = f"{100 * e.nrmse:.2f} %"
@@ -80,7 +76,7 @@ def _errors(result: Identification) -> Iterable[tuple[str, ...]]:
             yield words, "noise floor", f"{result.noise_floor[channel]:.3g} {unit}", "", "", ""
 
 
-def _terms(result: Identification) -> Iterable[tuple[str, ...]]:
+def _terms(result: Identification) -> Iterator[tuple[str, ...]]:
     for load, terms in result.model.terms().items():
         bounds = result.intervals[load].bounds if load in result.intervals else {}
         for term, value in terms.items():

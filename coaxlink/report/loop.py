@@ -2,85 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
-from coaxlink import files
+from coaxlink.report.html import PageTable, render
+from coaxlink.report.made import Made
+from coaxlink.report.page import refinement_parts
 from coaxlink.report.refine import either, number
-
-if TYPE_CHECKING:
-    from coaxlink.report.demo import FlightErrors
-    from coaxlink.report.made import Made
-    from coaxlink.residual.result import Refinement
+from coaxlink.report.terminal import table
+from coaxlink.studies.loop import OUTCOMES, LoopResult
 
 HEADINGS = ("mean |meant - delivered|", "before (95 %)", "after (95 %)", "ratio", "noise")
 CHANNELS = ("thrust, N", "roll, N m", "pitch, N m", "yaw, N m")
 
-
-OUTCOMES = {  # what was put into the mixer, in words
-    "compensated": "put into the mixer: {done}",
-    "not_compensable": "nothing could be put into the mixer: what was found is not for a mixer to take away",
-    "nothing_found": "nothing found, nothing changed: rotor file and table stay as they are",
-    "suspect_data": "nothing changed: the data contradict themselves, and no mixer may follow a sensor that "
-    "lies; put it right and fly again",
-    "ambiguous": "nothing changed: the data do not say which effect it is",
-    "unexplained": "nothing changed: no known effect explains what is left",
-}
 AGAIN = "the second flight is by the same table, with other noise: what differs between them is chance"
 OWN_FLIGHT = (
     "before and after are flights of their own, with noise of their own; the model saw the first log only"
 )
-
-
-def outcome_of(refinement: Refinement, done: Mapping[str, str]) -> str:
-    """What came of it, a key of OUTCOMES; `done` are the effects that were compensated."""
-    if refinement.suspect_data:
-        return "suspect_data"
-    if refinement.effects:
-        return "compensated" if done else "not_compensable"
-    if refinement.ambiguous:
-        return "ambiguous"
-    return "unexplained" if refinement.unexplained else "nothing_found"
-
-
-@dataclass(frozen=True)
-class LoopResult:
-    """All that the loop did; the renderers only format it."""
-
-    seed: int
-    way: str  # table or live: how both flights were mixed
-    before: FlightErrors
-    after: FlightErrors
-    log_before: str
-    log_after: str
-    refinement: Refinement
-    compensated: Mapping[str, str]  # effect -> what was done
-    not_compensated: Mapping[str, str]  # effect -> why nothing was
-    table_before: FlightErrors  # of the first flight, by table; `before` unless the way is live
-    seconds: float  # wall time of it all
-    outcome: str  # one of OUTCOMES
-    log_separating: str | None = None  # of the flight that was to tell rivals apart
-
-    def to_json(self) -> dict[str, Any]:
-        """As `loop --json` writes it."""
-        return {
-            "seed": self.seed,
-            "way": self.way,
-            "outcome": self.outcome,
-            "before": self.before.to_json(),
-            "effects": self.refinement.to_json()["effects"],
-            "after": self.after.to_json(),
-            "compensated": dict(self.compensated),
-            "not_compensated": dict(self.not_compensated),
-            "table_before": self.table_before.to_json(),
-            "log_before": self.log_before,
-            "log_after": self.log_after,
-            "log_separating": self.log_separating,
-            "seconds": self.seconds,
-            "refine": self.refinement.to_json(),
-        }
 
 
 def rows(result: LoopResult) -> list[list[str]]:
@@ -136,17 +74,10 @@ def _doubts(result: LoopResult) -> Iterator[str]:
         yield f"suspect: {s.column}, rows {s.rows}: {s.why}"
 
 
-def table(result: LoopResult) -> Any:
+def table_of(result: LoopResult) -> Any:
     """The flights' errors as a rich table, 80 columns wide at most."""
-    from rich.table import Table
-
     title = "both flights: mean |meant - delivered| over the whole plan"
-    made = Table(title=title, title_justify="left", box=None, header_style="bold", pad_edge=False)
-    for n, heading in enumerate(HEADINGS):
-        made.add_column("" if n == 0 else heading, justify="left" if n == 0 else "right", no_wrap=True)
-    for row in rows(result):
-        made.add_row(*row)
-    return made
+    return table(title, ("", *HEADINGS[1:]), rows(result))
 
 
 def sentence(result: LoopResult) -> str:
@@ -160,12 +91,14 @@ def sentence(result: LoopResult) -> str:
     )
 
 
-def write_report(path: Path, result: LoopResult, made: Made | None = None) -> None:
-    """Write the page (self-contained)."""
-    from coaxlink.report.document import html_table, listed
-    from coaxlink.report.page import page
-
-    title = "The flight's allocation error: mean |meant - delivered| over the whole plan"
-    opening = ((title, html_table(HEADINGS, rows(result)) + listed(lines(result))),)
-    name = f"coaxlink loop, seed {result.seed}"
-    files.write_atomic(path, page(result.refinement, name, opening, lead=sentence(result), made=made))
+def page(result: LoopResult, made: Made) -> str:
+    """The page (self-contained)."""
+    return render(
+        "loop.html",
+        title=f"coaxlink loop, seed {result.seed}",
+        lead=sentence(result),
+        made=made,
+        r=refinement_parts(result.refinement, made),
+        flights=PageTable(HEADINGS, rows(result)),
+        lines=list(lines(result)),
+    )

@@ -3,14 +3,15 @@ here."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from coaxlink.load import Load
+from coaxlink.report.pictures.figures import drawn, new_figure, plain_axis
 from coaxlink.report.pictures.looks import THRUST, TORQUE
+from coaxlink.report.terminal import grouped, table
 from coaxlink.rotor.model import LOADS
 from coaxlink.rotor.prior import RATIOS, WORKING, PairPrior
 
@@ -19,19 +20,13 @@ NORMAL_95 = 1.96
 
 def prior_table(prior: PairPrior) -> Any:
     """Rich table: every coefficient with its interval."""
-    from rich.table import Table
-
-    table = Table(title="prior of the pair: terms", title_justify="left")
-    table.add_column("load")
-    table.add_column("term")
-    table.add_column("value", justify="right")
-    table.add_column("95 % interval", justify="right")
+    rows = []
     for load, terms in prior.model.terms().items():
-        table.add_section()
         for i, (term, value) in enumerate(terms.items()):
             low, high = prior.intervals[load][term]
-            table.add_row(load if i == 0 else "", term, f"{value:.4f}", f"{low:.4f} .. {high:.4f}")
-    return table
+            rows.append((load if i == 0 else "", term, f"{value:.4f}", f"{low:.4f} .. {high:.4f}"))
+    heads = ("load", "term", "value", "95 % interval")
+    return table("prior of the pair: terms", heads, rows, left=2, boxed=True, sections=grouped(rows))
 
 
 def what_it_says(prior: PairPrior) -> Iterator[str]:
@@ -53,9 +48,7 @@ def what_it_says(prior: PairPrior) -> Iterator[str]:
 
 def picture(prior: PairPrior) -> bytes:
     """PNG: what the lower rotor gives over the ratio of the speeds, as shares of a rotor alone."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    figure = new_figure(6.4, 4.2)
     axis = figure.add_subplot()
     lower = np.full(len(RATIOS), WORKING)
     upper = RATIOS * WORKING
@@ -72,7 +65,5 @@ def picture(prior: PairPrior) -> bytes:
     axis.set_xlabel("upper over lower speed")
     axis.set_ylabel("lower rotor, share of a rotor alone")
     axis.legend(frameon=False)
-    axis.grid(alpha=0.3)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    return stream.getvalue()
+    plain_axis(axis)
+    return drawn(figure)

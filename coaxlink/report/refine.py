@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from coaxlink.report.terminal import table
 from coaxlink.residual.result import Ambiguous, Refinement
 
 DIGITS = 3
@@ -96,37 +97,25 @@ def _with_interval(value: float, interval: tuple[float, float]) -> str:
 
 
 def _errors(result: Refinement) -> Any:
-    rows = next((c.held_out_rows for c in result.channels.values()), 0)
-    table = _table(f"residual: RMS and 95 % interval on {rows} held-out rows")
-    for heading in ("channel", "unit"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("before", "after", "floor"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for name, c in result.channels.items():
-        table.add_row(
-            name,
-            c.unit,
-            _with_interval(c.rmse_before, c.ci_before),
-            _with_interval(c.rmse_after, c.ci_after),
-            number(c.noise_floor),
+    held_out = next((c.held_out_rows for c in result.channels.values()), 0)
+    rows = [
+        (
+            name, c.unit, _with_interval(c.rmse_before, c.ci_before),
+            _with_interval(c.rmse_after, c.ci_after), number(c.noise_floor),
         )
-    return table
+        for name, c in result.channels.items()
+    ]  # fmt: skip
+    title = f"residual: RMS and 95 % interval on {held_out} held-out rows"
+    return table(title, ("channel", "unit", "before", "after", "floor"), rows, left=2)
 
 
 def _effects(result: Refinement) -> Any:
-    table = _table("effects added")
-    for heading in ("effect", "parameter"):
-        table.add_column(heading, no_wrap=True)
-    table.add_column("value (95 %)", justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    for effect in result.effects:
-        for i, p in enumerate(effect.parameters):
-            unit = "" if p.unit == "1" else p.unit
-            table.add_row(effect.name if i == 0 else "", p.name, _with_interval(p.value, p.ci), unit)
-    return table
-
-
-def _table(title: str) -> Any:
-    from rich.table import Table
-
-    return Table(title=title, title_justify="left", box=None, header_style="bold", pad_edge=False)
+    rows = [
+        (
+            e.name if i == 0 else "", p.name, _with_interval(p.value, p.ci),
+            "" if p.unit == "1" else p.unit,
+        )
+        for e in result.effects
+        for i, p in enumerate(e.parameters)
+    ]  # fmt: skip
+    return table("effects added", ("effect", "parameter", "value (95 %)", "unit"), rows, left=2)

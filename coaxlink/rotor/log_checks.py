@@ -77,7 +77,7 @@ def check_log(result: Identification, diameter_m: float | None = None) -> LogChe
     samples, covered = result.data.samples, coverage(result)
     turns, units = electrical_turns(samples, diameter_m), other_units(samples, diameter_m)
     if units:
-        units = f"with {units} these readings are propellers' as well: --diameter M decides, a map states it"
+        units = f"with {units} these readings are propellers' as well: `diameter_m` decides, a map states it"
     meant = sizes(samples, diameter_m)
     odd = (turns, units, *oddities(result.data, result.form), *poor_errors(result))
     return LogChecks(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,16 +10,32 @@ from coaxlink.studies.flight import Tell, Watch
 from coaxlink.studies.flights import LIVE_LAW, Simulation, fly_live, fly_table, write_table
 
 if TYPE_CHECKING:
-    from coaxlink.report.demo import DemoResult
+    from coaxlink.residual.result import Refinement
+    from coaxlink.rotor.identification import Identification
+    from coaxlink.studies.flight_errors import FlightErrors
+    from coaxlink.tables.worth import Worths
 
 FITTED, HIDDEN = "fitted", "hidden"
 TABLES = ("standard", "reduced", FITTED)
 LIVE = f"live {LIVE_LAW}"
-STEPS = 8  # of `run_demo`, beside the flights' own seconds
-Step = Callable[..., None]  # text, plan of the flights that begin with it
+STEPS = 8  # of `run_demo`
 
 
-def run_demo(seed: int, out: Path, speed: float, step: Step, watch: Watch, tell: Tell) -> DemoResult:
+@dataclass(frozen=True)
+class DemoResult:
+    """All that the demo did."""
+
+    seed: int
+    identification: Identification
+    uploads: dict[str, dict[str, Any]]
+    flights: dict[str, FlightErrors]  # the mixers, where nothing is hidden
+    hidden: FlightErrors  # the fitted table, where something is
+    live: dict[str, Any]  # the live mixer's own account
+    refinement: Refinement
+    worths: Worths  # of every table, by the identified rotors
+
+
+def run_demo(seed: int, out: Path, speed: float, step: Tell, watch: Watch, tell: Tell) -> DemoResult:
     """Every step of the demo, files into `out`; `step` and `watch` show the progress. Raises what they raise.
 
     The mixers fly where nothing is hidden, each from a full battery and under the same noise; then the fitted
@@ -29,10 +45,9 @@ def run_demo(seed: int, out: Path, speed: float, step: Step, watch: Watch, tell:
     from coaxlink.airframe import load_airframe
     from coaxlink.data import read_flight_log, read_stand_log
     from coaxlink.fly.trajectory import mixer_flight, paper_flight
-    from coaxlink.report.demo import DemoResult
     from coaxlink.residual import refine
     from coaxlink.rotor import identify, save_rotor_model
-    from coaxlink.studies.allocation import errors_of_live, errors_of_table
+    from coaxlink.studies.flight_errors import errors_of_live, errors_of_table
     from coaxlink.tables import px4 as tables
     from coaxlink.tables.worth import px4_worths
     from coaxlink.vehicle import Vehicle
@@ -56,13 +71,13 @@ def run_demo(seed: int, out: Path, speed: float, step: Step, watch: Watch, tell:
     worths = px4_worths(vehicle)
     uploads: dict[str, dict[str, Any]] = {}
     flown = {}
-    step("uploading and flying each table", plan)
+    step("uploading and flying each table")
     for law, folder in folders.items():
         flown[law], uploads[law] = fly_table(sim, law, folder, plan)
-    step("flying with the companion mixing live", plan)
+    step("flying with the companion mixing live")
     live, demands, account = fly_live(sim, vehicle, plan)
 
-    step("flying the fitted table where something is hidden", longer)
+    step("flying the fitted table where something is hidden")
     hidden, uploads[HIDDEN] = fly_table(hiding, HIDDEN, folders[FITTED], longer)
 
     step("holding the flights against what was meant")

@@ -25,8 +25,6 @@ STREAMS = {
     147: 10.0,  # BATTERY_STATUS
     291: 50.0,  # ESC_STATUS
 }
-
-ATTEMPTS = 2
 FLOAT = 9  # MAV_PARAM_TYPE_REAL32
 Watch = Callable[[str, float], None]  # segment, seconds into it
 Tell = Callable[[str], None]  # a line for the user
@@ -37,7 +35,7 @@ def silent(*_: object) -> None:
 
 
 @dataclass
-class Pack:
+class PowerMeter:
     """What the vehicle says that its battery gives while a plan is flown."""
 
     watts: list[float] = field(default_factory=list)
@@ -54,13 +52,13 @@ class Pack:
 
 
 @dataclass(frozen=True)
-class Flight:
-    """A flight that was flown to its end."""
+class RecordedFlight:
+    """A plan that was flown to its end."""
 
     name: str
     log: Path
     track: Track
-    pack: Pack
+    power_W: float | None  # mean over the plan; None where the vehicle did not report it
 
 
 def fly(
@@ -73,49 +71,41 @@ def fly(
     tell: Tell = silent,
     mixing: Callable[[Session], AbstractContextManager[object]] = lambda session: nullcontext(),
     parameters: Mapping[str, float] = MappingProxyType({}),
-) -> Flight:
+) -> RecordedFlight:
     """Arm, take off to the plan's start, fly it, land; `mixing` may put the companion in the loop meanwhile.
 
     `parameters` (floats) are set on the ground.
 
     A simulator faster than real time outruns a machine that is busy for a moment: the plan is then flown
-    again. Raises SafetyRefusal, CheckFailed or LinkError of the vehicle that flies.
+    again, once. Raises SafetyRefusal, CheckFailed or LinkError of the vehicle that flies.
     """
-    for left in reversed(range(ATTEMPTS)):
-        try:
-            return _fly_once(name, address, plan, log, watch, mixing, parameters)
-        except PlanAbandoned as error:
-            if not left:
-                raise PlanAbandoned(f"{error}; try a lower --speed") from error
-            tell(f"{name}: {error}; flying it again")
-    raise AssertionError("unreachable")
 
-
-def _fly_once(
-    name: str,
-    address: str,
-    plan: FlightPlan,
-    log: Path,
-    watch: Watch,
-    mixing: Callable[[Session], AbstractContextManager[object]],
-    parameters: Mapping[str, float],
-) -> Flight:
-    pack = Pack()
-    with connect(address, record=log) as session:
-        for message_id, rate_hz in STREAMS.items():
-            session.request_stream(message_id, rate_hz)
-        for parameter, value in parameters.items():
-            Parameters(session).write(parameter, value, FLOAT)
-        vehicle = Commander(session)
-        vehicle.arm()
-        vehicle.take_off(-plan.at(0.0)[1].position_m[2])
-        try:
-            with mixing(session):
-                forget = session.subscribe(pack.hear)
-                track = vehicle.follow(plan, lambda segment, t: watch(f"{name}: {segment}", t))
-                forget()
-        except PlanAbandoned:
+    def once() -> RecordedFlight:
+        meter = PowerMeter()
+        with connect(address, record=log) as session:
+            for message_id, rate_hz in STREAMS.items():
+                session.request_stream(message_id, rate_hz)
+            for parameter, value in parameters.items():
+                Parameters(session).write(parameter, value, FLOAT)
+            vehicle = Commander(session)
+            vehicle.arm()
+            vehicle.take_off(-plan.at(0.0)[1].position_m[2])
+            try:
+                with mixing(session):
+                    forget = session.subscribe(meter.hear)
+                    track = vehicle.follow(plan, lambda segment, t: watch(f"{name}: {segment}", t))
+                    forget()
+            except PlanAbandoned:
+                vehicle.land()
+                raise
             vehicle.land()
-            raise
-        vehicle.land()
-    return Flight(name, log, track, pack)
+        return RecordedFlight(name, log, track, meter.mean())
+
+    try:
+        return once()
+    except PlanAbandoned as error:
+        tell(f"{name}: {error}; flying it again")
+    try:
+        return once()
+    except PlanAbandoned as error:
+        raise PlanAbandoned(f"{error}; try a lower --speed") from error

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from coaxlink.errors import LinkError
-from coaxlink.fly.trajectory import FlightPlan
 from coaxlink.live.guard import Timing
-from coaxlink.studies.flight import Flight, Tell, Watch, fly, silent
+from coaxlink.studies.flight import RecordedFlight, Tell, Watch, fly, silent
 from coaxlink.studies.simulator import simulator
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
+    from coaxlink.fly.trajectory import FlightPlan
     from coaxlink.mavlink import Session
     from coaxlink.mixer import Law
     from coaxlink.tables.px4 import TableReport
@@ -90,13 +90,13 @@ def write_table(out: Path, airframe: Airframe, name: str, report: TableReport, r
 
 def fly_tables(
     sim: Simulation, folders: Mapping[str, Path], plan: FlightPlan
-) -> tuple[dict[str, Flight], dict[str, dict[str, Any]]]:
+) -> tuple[dict[str, RecordedFlight], dict[str, dict[str, Any]]]:
     """Upload each table to one stand-in and fly the plan with it: flights and upload results by name.
 
     Each flies on what the ones before left of the battery. Raises what uploads raise.
     """
 
-    def flown(sim: Simulation) -> tuple[dict[str, Flight], dict[str, dict[str, Any]]]:
+    def flown(sim: Simulation) -> tuple[dict[str, RecordedFlight], dict[str, dict[str, Any]]]:
         flights, uploads = {}, {}
         with _simulator(sim, "px4") as address:
             for name, folder in folders.items():
@@ -108,7 +108,9 @@ def fly_tables(
     return _slow_enough(sim, flown)
 
 
-def fly_table(sim: Simulation, name: str, folder: Path, plan: FlightPlan) -> tuple[Flight, dict[str, Any]]:
+def fly_table(
+    sim: Simulation, name: str, folder: Path, plan: FlightPlan
+) -> tuple[RecordedFlight, dict[str, Any]]:
     """As `fly_tables`, one table on a stand-in of its own, its battery full."""
     flights, uploads = fly_tables(sim, {name: folder}, plan)
     return flights[name], uploads[name]
@@ -155,11 +157,10 @@ def fly_live(
     law: str | Law = LIVE_LAW,
     *,
     name: str | None = None,
-    lead_s: tuple[float, float] = (0.0, 0.0),
-) -> tuple[Flight, Demands, dict[str, Any]]:
+) -> tuple[RecordedFlight, Demands, dict[str, Any]]:
     """Fly the plan with the companion mixing: the flight, the demands answered, the mixer's account.
 
-    `name` is the log's, if not the law's; `lead_s` is the motors' lag and the one wanted of them instead.
+    `name` is the log's, if not the law's.
     """
     from coaxlink.live.effects import LiveEffects
     from coaxlink.live.mixer import LiveMixer
@@ -167,7 +168,7 @@ def fly_live(
 
     called = law if isinstance(law, str) else law.name
 
-    def flown(sim: Simulation) -> tuple[Flight, Demands, dict[str, Any]]:
+    def flown(sim: Simulation) -> tuple[RecordedFlight, Demands, dict[str, Any]]:
         demands = Demands()
         account: dict[str, Any] = {}
 
@@ -177,8 +178,8 @@ def fly_live(
             # what it hears is as old as the vehicle's own clock says, which is not this machine's
             extra = LiveEffects(session, vehicle, Telemetry(demands.now)) if vehicle.live_effects else None
             live = LiveMixer(
-                session, vehicle, law, own_curve=OWN_CURVE, compensation=extra, timing=PATIENT, witness=False,
-            )  # fmt: skip
+                session, vehicle, law, own_curve=OWN_CURVE, compensation=extra, timing=PATIENT, witness=False
+            )
             with live:
                 yield
             with suppress(LinkError):  # the flight is over, nobody listens any more
@@ -186,9 +187,8 @@ def fly_live(
             forget()
             account.update(live.summary())
 
-        companion: Callable[[Session], AbstractContextManager[object]] = mixing
+        log = sim.out / f"{name or f'live_{called}'}.tlog"
         with _simulator(sim, "px4:1.13") as address:
-            log = sim.out / f"{name or f'live_{called}'}.tlog"
             flight = fly(
                 name or f"live {called}",
                 address,
@@ -196,7 +196,7 @@ def fly_live(
                 log,
                 watch=sim.watch,
                 tell=sim.tell,
-                mixing=companion,
+                mixing=mixing,
                 parameters={"THR_MDL_FAC": OWN_CURVE},
             )
         return flight, demands, account

@@ -3,40 +3,94 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coaxlink.airframe import Airframe
-from coaxlink.report.demo import FlightErrors
-from coaxlink.report.loop import LoopResult, outcome_of
-from coaxlink.studies import allocation, flights
-from coaxlink.studies.flight import Tell, Watch, silent
+from coaxlink.studies import flight_errors, flights
+from coaxlink.studies.flight import RecordedFlight, Tell, Watch, silent
+from coaxlink.studies.flight_errors import FlightErrors
 
 if TYPE_CHECKING:
     from coaxlink.data import Samples
     from coaxlink.fly.trajectory import FlightPlan
     from coaxlink.residual.result import Refinement
     from coaxlink.rotor import RotorModel
+    from coaxlink.tables.px4 import TableReport
     from coaxlink.vehicle import Vehicle
 
 LAW = "fitted"
 DEMANDS_HZ = 250.0  # of the vehicle's own time
 ENOUGH = 0.99  # of them answered, for a flight to be that of the mixer
 OTHER_NOISE = 100_003  # added to the seed for each further flight
-LED = "coaxlink loop --lead and coaxlink mix --lead lead slow motors, with livelier commands"
 SAGS = "coaxlink loop --live and coaxlink mix follow it as it sags"
+OUTCOMES = {  # what was put into the mixer, in words
+    "compensated": "put into the mixer: {done}",
+    "not_compensable": "nothing could be put into the mixer: what was found is not for a mixer to take away",
+    "nothing_found": "nothing found, nothing changed: rotor file and table stay as they are",
+    "suspect_data": "nothing changed: the data contradict themselves, and no mixer may follow a biased "
+    "sensor; put it right and fly again",
+    "ambiguous": "nothing changed: the data do not say which effect it is",
+    "unexplained": "nothing changed: no known effect explains what is left",
+}
+
+
+def outcome_of(refinement: Refinement, done: Mapping[str, str]) -> str:
+    """What came of it, a key of OUTCOMES; `done` are the effects that were compensated."""
+    if refinement.suspect_data:
+        return "suspect_data"
+    if refinement.effects:
+        return "compensated" if done else "not_compensable"
+    if refinement.ambiguous:
+        return "ambiguous"
+    return "unexplained" if refinement.unexplained else "nothing_found"
 
 
 @dataclass(frozen=True)
-class World:
-    """Where is flown: the simulator's arguments but its seed, its speed, the folder of files, the plan."""
+class LoopResult:
+    """All that the loop did."""
 
-    hidden: list[str]
+    seed: int
+    way: str  # table or live: how both flights were mixed
+    before: FlightErrors
+    after: FlightErrors
+    log_before: str
+    log_after: str
+    refinement: Refinement
+    compensated: Mapping[str, str]  # effect -> what was done
+    not_compensated: Mapping[str, str]  # effect -> why nothing was
+    table_before: FlightErrors  # of the first flight, by table; `before` unless the way is live
+    seconds: float  # wall time of it all
+    outcome: str  # one of OUTCOMES
+    log_separating: str | None = None  # of the flight that was to tell rivals apart
+
+    def to_json(self) -> dict[str, Any]:
+        """As `loop --json` writes it."""
+        refined = self.refinement.to_json()
+        plain = {k: v for k, v in vars(self).items() if k != "refinement"}
+        return {
+            **plain,
+            "before": self.before.to_json(),
+            "after": self.after.to_json(),
+            "table_before": self.table_before.to_json(),
+            "compensated": dict(self.compensated),
+            "not_compensated": dict(self.not_compensated),
+            "effects": refined["effects"],
+            "refine": refined,
+        }
+
+
+@dataclass(frozen=True)
+class LoopSetup:
+    """What all flights of a loop share: the world, the plan, the vehicle as it is identified on the stand."""
+
+    hidden: list[str]  # the simulator's arguments but its seed and speed
     seed: int
     speed: float
     out: Path
     plan: FlightPlan
+    vehicle: Vehicle
     tell: Tell = silent
     watch: Watch = silent
 
@@ -47,40 +101,35 @@ class World:
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """What the user asked for: how to mix (None: by what the effects need), and what may be flown besides."""
-
-    live: bool | None = None
-    separate: bool = False
-    lead: bool = False
-
-
-@dataclass(frozen=True)
-class _Start:
-    """What all flights share: the declared vehicle, its identified rotors, its first table."""
-
-    vehicle: Vehicle
-    table: Any
-
-
-@dataclass(frozen=True)
-class _Pair:
+class _FlightPair:
     """Both flights, and what was done between them."""
 
+    way: str
     before: FlightErrors
     after: FlightErrors
-    logs: tuple[str, str]
+    log_before: str
+    log_after: str
     done: dict[str, str]
     cannot: dict[str, str]
 
 
 def run_loop(
-    truth: Path | None, seed: int, out: Path, speed: float, wishes: Wishes, tell: Tell, watch: Watch
+    truth: Path | None,
+    seed: int,
+    out: Path,
+    speed: float,
+    *,
+    live: bool | None = None,
+    separate: bool = False,
+    tell: Tell = silent,
+    watch: Watch = silent,
 ) -> LoopResult:
-    """Two flights and what lies between them; four files' worth of results in `out`.
+    """Two flights and what lies between them; models, tables, backups and logs go to `out`.
 
-    Nothing is put into the mixer that the data do not demand: where they are contradictory, ambiguous,
-    unexplained or at the floor, the second flight is the first once more. Raises what the steps raise.
+    `live`: how both are mixed (None: by what the effects need). `separate`: where the answer is ambiguous,
+    first fly what would separate the rivals. Nothing is put into the mixer that the data do not demand: where
+    they are contradictory, ambiguous, unexplained or at the floor, the second flight is the first once more.
+    Raises what the steps raise.
     """
     from coaxlink import files
     from coaxlink.airframe import load_airframe
@@ -95,88 +144,59 @@ def run_loop(
     airframe_file = files.example("x8_demo.toml")
     airframe = load_airframe(airframe_file)
     hidden = ["--truth", str(truth.resolve())] if truth is not None else ["--hidden-seed", str(seed)]
-    world = World(["--airframe", str(airframe_file), *hidden], seed, speed, out, paper_flight(), tell, watch)
     tell("identifying the rotor pair")
     model = identify(read_stand_log(files.example("stand_eq17.csv")), "crm").model
     save_rotor_model(out / "rotor.toml", model)
     vehicle = Vehicle(airframe, model)
-    start = _Start(vehicle, tables.report_px4(vehicle, LAW))
+    arguments = ["--airframe", str(airframe_file), *hidden]
+    setup = LoopSetup(arguments, seed, speed, out, paper_flight(), vehicle, tell, watch)
+    table = tables.report_px4(vehicle, LAW)
     tell("first flight")
-    flown = _fly_table(world, 0, airframe, "before", start.table, out / "rotor.toml")
-    by_table = allocation.errors_of_table(flown, vehicle, start.table.params)
+    flown = _fly_table(setup, 0, vehicle, "before", table)
+    by_table = flight_errors.errors_of_table(flown, vehicle, table.params)
     log = read_flight_log(flown.log)
     tell("tracing the residual")
     refinement = refine(log, airframe, model)
     separated = None
-    if wishes.separate and refinement.ambiguous and not refinement.suspect_data:
-        separated = _separate(world, start, refinement)
+    if separate and refinement.ambiguous and not refinement.suspect_data:
+        separated = _separate(setup, table, refinement)
         if separated is not None:
             tell("tracing the residual of both flights")
             refinement = refine([log, read_flight_log(separated)], airframe, model)
-    way, pair = _second_flight(world, start, refinement, log, wishes, (flown, by_table))
+    found, corrected = _corrected(setup, refinement, log)
+    if live is None:
+        live = _needs_live(corrected)
+    if live:
+        pair = _live_pair(setup, found or model, corrected.airframe.mass_kg)
+    else:
+        pair = _table_pair(setup, table, corrected if found is not None else None, flown, by_table)
     return LoopResult(
-        seed, way, pair.before, pair.after, *pair.logs, refinement, pair.done, pair.cannot, by_table,
-        time.monotonic() - began, outcome_of(refinement, pair.done),
+        seed, pair.way, pair.before, pair.after, pair.log_before, pair.log_after, refinement, pair.done,
+        pair.cannot, by_table, time.monotonic() - began, outcome_of(refinement, pair.done),
         str(separated) if separated is not None else None,
     )  # fmt: skip
 
 
-def _second_flight(
-    world: World,
-    start: _Start,
-    refinement: Refinement,
-    log: Samples,
-    wishes: Wishes,
-    first: tuple[Any, FlightErrors],
-) -> tuple[str, _Pair]:
-    """How was mixed (table or live), and both flights."""
-    from coaxlink.effects import effect
+def _corrected(setup: LoopSetup, refinement: Refinement, log: Samples) -> tuple[RotorModel | None, Vehicle]:
+    """The refined model, None where nothing is found that a mixer may use; the vehicle with it."""
     from coaxlink.rotor import save_rotor_model
     from coaxlink.vehicle import Conditions, Vehicle
 
-    airframe, model = start.vehicle.declared, start.vehicle.rotors
-    usable = bool(refinement.effects) and not refinement.suspect_data and refinement.model is not None
-    found = refinement.model if usable and refinement.model is not None else model
-    if usable:
-        save_rotor_model(world.out / "rotor_refined.toml", found)
-    corrected = Vehicle(airframe, found, Conditions(voltage_V=mean_voltage(log)))
-    leads = wishes.lead and any(e.name == "rotor_lag" for e in found.effects)
-    live = wishes.live
-    if live is None:
-        live = leads or any(e.is_live for e in map(effect, corrected.left_out) if e)
-    if live:
-        return "live", _live_pair(world, start, found, corrected.airframe.mass_kg, leads)
-    table, rotor_file = start.table, world.out / "rotor.toml"
-    if usable:
-        from coaxlink.tables import px4 as tables
-
-        table = tables.report_px4(corrected, LAW)
-        rotor_file = world.out / "rotor_refined.toml"
-    world.tell("second flight" if usable else "second flight, nothing changed")
-    again = _fly_table(world, 1, corrected.airframe, "after", table, rotor_file)
-    after = allocation.errors_of_table(again, corrected, table.params)
-    done = {
-        name: f"{what}; {SAGS}" if name == "battery_voltage" else what
-        for name, what in corrected.compensated.items()
-    }
-    cannot = {
-        name: f"{why}; {LED}" if name == "rotor_lag" else why for name, why in corrected.left_out.items()
-    }
-    flown, before = first
-    return "table", _Pair(before, after, (str(flown.log), str(again.log)), done, cannot)
+    usable = bool(refinement.effects) and not refinement.suspect_data
+    found = refinement.model if usable else None
+    if found is not None:
+        save_rotor_model(setup.out / "rotor_refined.toml", found)
+    declared = setup.vehicle
+    return found, Vehicle(
+        declared.declared, found or declared.rotors, Conditions(voltage_V=mean_voltage(log))
+    )
 
 
-def _separate(world: World, start: _Start, refinement: Refinement) -> Path | None:
-    """Fly what would tell rivals apart, by the first table; its log, None where no such flight is known."""
-    from coaxlink.fly.trajectory import planned_flight
+def _needs_live(corrected: Vehicle) -> bool:
+    """Whether an effect that no table can hold can be taken out live."""
+    from coaxlink.effects import effect
 
-    experiments = [a.experiment for a in refinement.ambiguous if a.experiment is not None]
-    if not experiments:
-        return None
-    world.tell(f"flying what would separate {' or '.join(experiments[0].names)}")
-    there = replace(world, plan=planned_flight(experiments[0].document()))
-    rotor = world.out / "rotor.toml"
-    return Path(_fly_table(there, 2, start.vehicle.airframe, "separating", start.table, rotor).log)
+    return any(e.is_live for e in map(effect, corrected.left_out) if e)
 
 
 def mean_voltage(log: Samples) -> float | None:
@@ -187,33 +207,53 @@ def mean_voltage(log: Samples) -> float | None:
     return float(volts.mean()) if len(volts) else None
 
 
-def _fly_table(world: World, flight: int, airframe: Airframe, name: str, report: Any, rotor: Path) -> Any:
+def _separate(setup: LoopSetup, table: TableReport, refinement: Refinement) -> Path | None:
+    """Fly what would tell rivals apart, by the first table; its log, None where no such flight is known."""
+    from coaxlink.fly.trajectory import planned_flight
+
+    experiments = [a.experiment for a in refinement.ambiguous if a.experiment is not None]
+    if not experiments:
+        return None
+    setup.tell(f"flying what would separate {' or '.join(experiments[0].names)}")
+    there = replace(setup, plan=planned_flight(experiments[0].document()))
+    return _fly_table(there, 2, setup.vehicle, "separating", table).log
+
+
+def _table_pair(
+    setup: LoopSetup,
+    table: TableReport,
+    corrected: Vehicle | None,
+    flown: RecordedFlight,
+    before: FlightErrors,
+) -> _FlightPair:
+    """The first flight and one by the corrected vehicle's table; by the same table where that is None."""
+    from coaxlink.tables import px4 as tables
+
+    vehicle = corrected or setup.vehicle
+    if corrected is not None:
+        table = tables.report_px4(corrected, LAW)
+    setup.tell("second flight" if corrected is not None else "second flight, nothing changed")
+    again = _fly_table(setup, 1, vehicle, "after", table, refined=corrected is not None)
+    after = flight_errors.errors_of_table(again, vehicle, table.params)
+    done = dict(vehicle.compensated) if corrected is not None else {}
+    if "battery_voltage" in done:
+        done["battery_voltage"] += f"; {SAGS}"
+    cannot = dict(vehicle.left_out)
+    return _FlightPair("table", before, after, str(flown.log), str(again.log), done, cannot)
+
+
+def _fly_table(
+    setup: LoopSetup, flight: int, vehicle: Vehicle, name: str, table: TableReport, *, refined: bool = False
+) -> RecordedFlight:
     from coaxlink.tables.px4 import refuse_traps
 
-    refuse_traps(report)
-    folder = flights.write_table(world.out, airframe, name, report, rotor)
-    return flights.fly_table(world.simulation(flight), name, folder, world.plan)[0]
+    refuse_traps(table)
+    rotor = setup.out / ("rotor_refined.toml" if refined else "rotor.toml")
+    folder = flights.write_table(setup.out, vehicle.airframe, name, table, rotor)
+    return flights.fly_table(setup.simulation(flight), name, folder, setup.plan)[0]
 
 
-def _fly_live(
-    world: World, flight: int, vehicle: Vehicle, name: str, **how: Any
-) -> tuple[Any, flights.Demands]:
-    """One flight mixed live. Raises CheckFailed when not nearly every demand was answered."""
-    from coaxlink.errors import CheckFailed
-
-    sim = world.simulation(flight)
-    flown, demands, account = flights.fly_live(sim, vehicle, world.plan, name=name, **how)
-    answered = account["cycles"] / (DEMANDS_HZ * world.plan.duration_s)
-    # one hand-over belongs to the end of the flight
-    if answered < ENOUGH or account["hand_overs"] > 1:
-        share = (
-            f"{100 * min(answered, 1.0):.0f} % of the demands answered, {account['hand_overs']} hand-overs"
-        )
-        raise CheckFailed(f"{name}: {share}: not the mixer's flight, so not weighed")
-    return flown, demands
-
-
-def _live_pair(world: World, start: _Start, found: RotorModel, mass_kg: float, leads: bool) -> _Pair:
+def _live_pair(setup: LoopSetup, found: RotorModel, mass_kg: float) -> _FlightPair:
     """Both flights with the companion mixing, by the stand's model, then by `found` with its effects.
 
     `mass_kg` is what the effects make the vehicle weigh.
@@ -221,17 +261,15 @@ def _live_pair(world: World, start: _Start, found: RotorModel, mass_kg: float, l
     from coaxlink.live.effects import LiveEffects
     from coaxlink.vehicle import Vehicle
 
-    airframe = start.vehicle.declared
-    lag = next((e.parameters["lag_s"] for e in found.effects if e.name == "rotor_lag"), 0.0)
-    lead_s = (lag, airframe.motor_lag_s) if leads and lag > airframe.motor_lag_s else (0.0, 0.0)
-    world.tell("mixing live without the effects")
-    flown, demands = _fly_live(world, 1, start.vehicle, "live_before")
-    before = allocation.errors_of_live(flown, start.vehicle, demands)
-    world.tell("mixing live with the effects")
+    airframe = setup.vehicle.declared
+    setup.tell("mixing live without the effects")
+    flown, demands = _fly_live(setup, 1, setup.vehicle, "live_before")
+    before = flight_errors.errors_of_live(flown, setup.vehicle, demands)
+    setup.tell("mixing live with the effects")
     vehicle = Vehicle(airframe, found, measured_live=True)
-    again, demands = _fly_live(world, 2, vehicle, "live_after", lead_s=lead_s)
+    again, demands = _fly_live(setup, 2, vehicle, "live_after")
     weighed = Vehicle(replace(airframe, mass_kg=mass_kg), found, measured_live=True)
-    after = allocation.errors_of_live(again, weighed, demands)
+    after = flight_errors.errors_of_live(again, weighed, demands)
     account = LiveEffects(None, vehicle)
     done = dict.fromkeys(account.names, "taken out of the commands live, from telemetry")
     cannot = dict(account.left_out)
@@ -239,7 +277,21 @@ def _live_pair(world: World, start: _Start, found: RotorModel, mass_kg: float, l
         done["mass_change"] = (
             f"{mass_kg:.2f} kg instead of {airframe.mass_kg:.2f}: forces are weighed with it"
         )
-    if lead_s[0] > 0.0 and cannot.pop("rotor_lag", ""):
-        led = f"motors led from {1e3 * lead_s[0]:.0f} to {1e3 * lead_s[1]:.0f} ms"
-        done["rotor_lag"] = f"{led}: livelier commands are its price"
-    return _Pair(before, after, (str(flown.log), str(again.log)), done, cannot)
+    return _FlightPair("live", before, after, str(flown.log), str(again.log), done, cannot)
+
+
+def _fly_live(
+    setup: LoopSetup, flight: int, vehicle: Vehicle, name: str
+) -> tuple[RecordedFlight, flights.Demands]:
+    """One flight mixed live. Raises CheckFailed when not nearly every demand was answered."""
+    from coaxlink.errors import CheckFailed
+
+    flown, demands, account = flights.fly_live(setup.simulation(flight), vehicle, setup.plan, name=name)
+    answered = account["cycles"] / (DEMANDS_HZ * setup.plan.duration_s)
+    # one hand-over belongs to the end of the flight
+    if answered < ENOUGH or account["hand_overs"] > 1:
+        share = (
+            f"{100 * min(answered, 1.0):.0f} % of the demands answered, {account['hand_overs']} hand-overs"
+        )
+        raise CheckFailed(f"{name}: {share}: not the mixer's flight, so not weighed")
+    return flown, demands

@@ -161,37 +161,6 @@ class Copter(Autopilot):
             self.scripts._initialised = len(factors)
         self.scripts.boot()
 
-    # -- what scripts ask ----------------------------------------------------------------------
-
-    def text(self, severity: int, text: str) -> None:
-        """STATUSTEXT."""
-        self.say(severity, text)
-
-    def script_demand(self, axis: int) -> float:
-        """1 roll, 2 pitch, 3 yaw, 4 throttle."""
-        return float((self.demand.roll, self.demand.pitch, self.demand.yaw, self.demand.thrust)[axis - 1])
-
-    def script_mode(self) -> int:
-        """As HEARTBEAT has it."""
-        return self.ap_mode
-
-    def script_output(self, channel: int) -> int:
-        """PWM of an output, counted from 0."""
-        return self._pwm[channel] if 0 <= channel < len(self._pwm) else 0
-
-    def script_voltage(self) -> float:
-        """V."""
-        return self.reading.voltage
-
-    def script_send(self, link: int, message_id: int, payload: bytes) -> bool:
-        """A message of a script's own, on one link."""
-        self.send_raw(link, message_id, payload)
-        return True
-
-    def millis(self) -> int:
-        """Of the vehicle's clock."""
-        return round(1000 * self.plant.time_s)
-
     # -- what others ask of it -----------------------------------------------------------------
 
     def prearm(self) -> str:

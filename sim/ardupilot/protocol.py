@@ -140,16 +140,8 @@ class ApConversation(Conversation):
         except Refused as error:
             self._everyone(_status(4, str(error)))
 
-    def _command(self, message: Any, command: int, params: list[float]) -> None:
-        try:
-            result, after = self._execute(command, params)
-        except Refused as error:
-            self._everyone(_status(2, str(error)))
-            result, after = FAILED, None
-        source = message.get_srcSystem(), message.get_srcComponent()
-        self.send(m.MAVLink_command_ack_message(command, result, 0, 0, *source))
-        if after is not None:
-            self.send(after)
+    def _refusal(self, command: int) -> tuple[int, int]:
+        return 2, FAILED
 
     def _command_long(self, message: Any) -> None:
         """Reposition comes as COMMAND_INT only."""
@@ -188,7 +180,7 @@ class ApConversation(Conversation):
                 return TEMPORARILY, None
             if reason := a.prearm():
                 self._everyone(_status(2, reason))
-        elif command in (187, 310):
+        elif command == 310:
             return UNSUPPORTED, None
         else:
             return super()._execute(command, p)

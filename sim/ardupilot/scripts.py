@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 import zlib
 from collections import deque
-from typing import Any, Protocol
+from typing import Any
 
 from sim.ardupilot.mixer import DYNAMIC, SCRIPTED, ArduPilotMixer
 from sim.ardupilot.store import ArduPilotStore
@@ -101,24 +101,10 @@ return {
 """
 
 
-class Host(Protocol):
-    """What scripts may ask of the vehicle."""
-
-    armed: bool
-
-    def text(self, severity: int, text: str) -> None: ...
-    def script_demand(self, axis: int) -> float: ...
-    def script_mode(self) -> int: ...
-    def script_output(self, channel: int) -> int: ...
-    def script_voltage(self) -> float: ...
-    def script_send(self, link: int, message_id: int, payload: bytes) -> bool: ...
-    def millis(self) -> int: ...
-
-
 class Scripts:
-    """All scripts of one boot."""
+    """All scripts of one boot, on the vehicle `host`, a `copter.Copter`."""
 
-    def __init__(self, host: Host, store: ArduPilotStore, files: CardFiles, mixer: ArduPilotMixer) -> None:
+    def __init__(self, host: Any, store: ArduPilotStore, files: CardFiles, mixer: ArduPilotMixer) -> None:
         self._host, self._store, self._files, self._mixer = host, store, files, mixer
         self.overrides: dict[int, tuple[int, int]] = {}  # output: (pwm, ms until which it holds)
         self.failed = ""
@@ -159,7 +145,7 @@ class Scripts:
 
     def _fail(self, why: str) -> None:
         self.failed = self.failed or why
-        self._host.text(2, why)
+        self._host.say(2, why)
 
     def _start(self, path: str, text: str) -> None:
         made = self._lua["load"](text, path.rpartition("/")[2])
@@ -174,11 +160,11 @@ class Scripts:
         if not ok:
             self._fail(f"Lua: {again}")
         elif again is not None and wait is not None:
-            self._due.append([self._host.millis() + int(wait), again, path])
+            self._due.append([self._millis() + int(wait), again, path])
 
     def step(self) -> None:
         """Run what is due."""
-        now = self._host.millis()
+        now = self._millis()
         ready = [entry for entry in self._due if entry[0] <= now]
         if ready:
             self._due = [entry for entry in self._due if entry[0] > now]
@@ -196,39 +182,55 @@ class Scripts:
     def held(self, channel: int) -> int | None:
         """PWM that a script holds an output at, while it does."""
         pwm, until = self.overrides.get(channel, (0, -1))
-        return pwm if self._host.millis() <= until else None
+        return pwm if self._millis() <= until else None
 
     # -- the bindings --------------------------------------------------------------------------
 
     def _calls(self) -> dict[str, Any]:
         host = self._host
         return {
-            "say": lambda severity, text: host.text(int(severity), text),
+            "say": lambda severity, text: host.say(int(severity), text),
             "get": self._get,
             "set": lambda name, value: self._store.write(name, float(value)),
             "add_table": self._add_table,
             "add_param": self._add_param,
             "find_channel": self._find_channel,
             "override": self._override,
-            "output": lambda n: host.script_output(int(n)),
+            "output": self._output,
             "matrix_add": self._matrix_add,
             "matrix_throttle": self._matrix_throttle,
             "matrix_init": self._matrix_init,
             "dynamic_add": lambda motor, order: self._motors.add(int(motor)),
             "dynamic_init": self._dynamic_init,
             "dynamic_load": self._dynamic_load,
-            "demand": lambda axis: host.script_demand(int(axis)),
+            "demand": self._demand,
             "armed": lambda: host.armed,
-            "mode": host.script_mode,
-            "voltage": host.script_voltage,
+            "mode": lambda: host.ap_mode,
+            "voltage": lambda: host.reading.voltage,
             "listen": self._listen,
             "receive": self._receive,
-            "send": lambda link, number, payload: host.script_send(
-                int(link), int(number), payload.encode("latin-1")
-            ),
-            "millis": host.millis,
+            "send": self._send,
+            "millis": self._millis,
             "module": self._module,
         }
+
+    def _millis(self) -> int:
+        """Of the vehicle's clock."""
+        return round(1000 * self._host.plant.time_s)
+
+    def _demand(self, axis: float) -> float:
+        """1 roll, 2 pitch, 3 yaw, 4 throttle."""
+        return float(self._host.demand[int(axis) - 1])
+
+    def _output(self, channel: float) -> int:
+        """PWM of an output, counted from 0."""
+        outputs = self._host.outputs_us
+        return round(outputs[int(channel)]) if 0 <= channel < len(outputs) else 0
+
+    def _send(self, link: float, number: float, payload: str) -> bool:
+        """A message of a script's own, on one link."""
+        self._host.send_raw(int(link), int(number), payload.encode("latin-1"))
+        return True
 
     def _get(self, name: str) -> float | None:
         return self._store[name] if name in self._store else None  # noqa: SIM401 - it is no dict
@@ -254,7 +256,7 @@ class Scripts:
         return None
 
     def _override(self, channel: float, pwm: float, ms: float) -> None:
-        self.overrides[int(channel)] = (int(pwm), self._host.millis() + int(ms))
+        self.overrides[int(channel)] = (int(pwm), self._millis() + int(ms))
 
     def _matrix_add(self, motor: int, roll: float, pitch: float, yaw: float, order: int) -> None:
         if self._mixer.frame_class == SCRIPTED and not self._initialised and 0 <= motor < 12:
@@ -302,7 +304,7 @@ class Scripts:
         if not self._heard:
             return None
         message, link = self._heard.popleft()
-        return message.decode("latin-1"), link, self._host.millis()
+        return message.decode("latin-1"), link, self._millis()
 
     def _module(self, name: str) -> str | None:
         path = f"{FOLDER}/modules/{name.replace('.', '/')}.lua"

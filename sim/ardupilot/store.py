@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from importlib import resources
 
 from firmware_params.ardupilot.parameters import FLOAT, INT8, INT16, INT32, as_stored, servo_function
+from sim.line.store import ParameterStore
 from sim.vehicle import SimVehicle
 
 SECTIONS = {"int8": INT8, "int16": INT16, "int32": INT32, "float": FLOAT}
@@ -18,20 +19,18 @@ MAGIC = 0x671B
 SET_INTERNAL = 4  # of BRD_OPTIONS
 
 
-class ArduPilotStore:
+class ArduPilotStore(ParameterStore):
     """Name -> value; what is written is what the board would keep."""
 
     def __init__(self, vehicle: SimVehicle) -> None:
         document = tomllib.loads((resources.files("sim.ardupilot") / "parameters.toml").read_text())
-        self._types: dict[str, int] = {}
-        self._values: dict[str, float] = {}
+        super().__init__()
         for section, kind in SECTIONS.items():
             for name, value in document[section].items():
                 self._types[name], self._values[name] = kind, as_stored(name, float(value), kind)
         self._internal = frozenset(document["internal"]["names"])
         self._unsaved: dict[str, float] = {}  # what storage holds where the value at work is another
         self.announce: Callable[[str], None] = lambda name: None  # a value that the firmware saved
-        self._listeners: list[Callable[[str], None]] = []
         self._script_values: dict[str, float] = {}  # values of script tables, which outlive the script
         self._scripted: list[str] = []
         for n in range(1, vehicle.rotors + 1):
@@ -51,16 +50,6 @@ class ArduPilotStore:
         if name in self._values:
             self._values[name] = as_stored(name, value, self._types[name])
 
-    def __contains__(self, name: str) -> bool:
-        return name in self._values
-
-    def __getitem__(self, name: str) -> float:
-        return self._values[name]
-
-    def values(self) -> dict[str, float]:
-        """A copy of all."""
-        return dict(self._values)
-
     def memory(self) -> dict[str, float]:
         """What a power cut leaves: also the values of scripts that do not run now."""
         return self._script_values | self._values | self._unsaved
@@ -73,14 +62,6 @@ class ArduPilotStore:
             else:
                 self._script_values[name] = value
         self._list()
-
-    def type(self, name: str) -> int:
-        """MAV_PARAM_TYPE."""
-        return self._types[name]
-
-    def listen(self, callback: Callable[[str], None]) -> None:
-        """Call `callback(name)` after every change."""
-        self._listeners.append(callback)
 
     def refuses(self, name: str) -> bool:
         """Whether nobody but the firmware may set it (unless BRD_OPTIONS bit 2 lets them)."""
@@ -108,8 +89,7 @@ class ArduPilotStore:
 
     def _saved(self, name: str) -> None:
         self._unsaved.pop(name, None)
-        for callback in self._listeners:
-            callback(name)
+        self.tell(name)
         self.announce(name)
 
     def write(self, name: str, value: float) -> bool:
@@ -124,8 +104,7 @@ class ArduPilotStore:
         if changed:
             if name == "SCR_ENABLE":
                 self._list()
-            for callback in self._listeners:
-                callback(name)
+            self.tell(name)
         return True
 
     def add(self, name: str, default: float) -> bool:

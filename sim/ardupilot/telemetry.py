@@ -73,11 +73,6 @@ def raw_imu(a: Any) -> Any:
     return m.MAVLink_raw_imu_message(stamp_us(a), *_imu(a), 210, 0, 430, 0, 3500)
 
 
-def distance_sensor(a: Any) -> Any:
-    """132."""
-    return common.distance_sensor(a)
-
-
 def autopilot_version(a: Any) -> Any:
     """148."""
     # the processor's 12 bytes as they are (AP_HAL_ChibiOS/Util.cpp)
@@ -112,18 +107,6 @@ def esc_telemetry(a: Any) -> list[Any]:
     return out
 
 
-def home_position(a: Any) -> Any:
-    """242."""
-    return common.home_position(a)
-
-
-def servo_output(a: Any) -> Any:
-    """36."""
-    us = [round(v) for v in a.outputs_us][:16]
-    time_us = stamp_us(a) & 0xFFFFFFFF
-    return m.MAVLink_servo_output_raw_message(time_us, 0, *(us + [0] * (16 - len(us))))
-
-
 def attitude_target(a: Any) -> Any:
     """83. Rates and thrust of the loops; the attitude is the one asked for."""
     d = a.demand
@@ -137,7 +120,6 @@ BUILDERS: dict[int, Callable[[Any], Any]] = {
     1: sys_status,
     26: scaled_imu,
     27: raw_imu,
-    36: servo_output,
     83: attitude_target,
     147: battery_status,
     148: autopilot_version,

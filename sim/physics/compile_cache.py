@@ -19,8 +19,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import register_jitable
 
 MODULES = (
-    "layout", "blades", "drive", "forces", "kernel", "compile_cache", "../px4/loops", "../quick/mix",
-    "../quick/kernel",
+    "layout", "blades", "drive", "forces", "kernel", "sensing", "wind", "compile_cache", "../flight_log",
+    "../px4/loops", "../px4/track", "../quick/mix", "../quick/kernel",
 )  # fmt: skip
 # contraction and reordering of sums, not the assumption that all numbers are finite
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp", "reassoc"}}

@@ -22,7 +22,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.physics import layout as at
-from sim.physics.compile_cache import OPTIONS, cached, inlined
+from sim.physics import sensing
+from sim.physics.compile_cache import OPTIONS, cached, inlined, plain
 from sim.physics.drive import follow, kept, lag_of, retarget, supply
 from sim.physics.forces import rotated, spin, wrench
 
@@ -179,3 +180,12 @@ def advance(state, command, p, geo, pairs, poly, blades, h, steps, out):
             onward(stage, h, y, f, start, slope, total, blades)
     sensed(y, load, p, body, slope, out)
     stored(w, f, state, out)
+
+
+plain(sensing.read)
+
+
+@cached(**OPTIONS)
+def sense(state, out, top, ground, s, noise, turns, dt, r):
+    """`sensing.read` for one reading."""
+    sensing.read(state, out, top, ground, s, noise, turns, dt, r)

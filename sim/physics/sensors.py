@@ -76,7 +76,7 @@ class Sensors:
 
     def read(self) -> SensorReading:
         """A sample of the present state; called every `read_s`."""
-        from sim.quick.kernel import sense  # numba takes its time
+        from sim.physics.kernel import sense  # numba takes its time
 
         p, r = self._plant, np.empty(sensing.R_SPEEDS + self._plant.vehicle.rotors)
         self.take_shaking()

@@ -9,27 +9,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from sim.effects import HiddenEffect
 from sim.physics.layout import WIND
 
 # mean, state, slow state, size, law (0 first order, 1 dryden, 2 shear), on or off
 W_MEAN, W_STATE, W_SLOW, W_SIZE, W_LAW, W_ON, GUSTS = 0, 3, 6, 9, 10, 11, 12
 LENGTH_S = 2.5  # how long a gust lasts over a hovering vehicle
 SHEAR, SHEAR_M = 0.2, 4.0
-
-
-def gusts_of(effects: tuple[HiddenEffect, ...]) -> NDArray[np.float64]:
-    """(GUSTS,) the gusts that these effects ask for, still off."""
-    wind = next((e for e in effects if e.name == "wind"), HiddenEffect("wind", 0.0))
-    size = sum(e.extra.get("gust_m_s", 0.0) for e in effects)
-    if wind.law == "dryden" and "gust_m_s" not in wind.extra:
-        size += abs(wind.size) / 4.0
-    w = np.zeros(GUSTS)
-    w[W_SIZE], w[W_LAW] = size, {"dryden": 1.0, "shear": 2.0}.get(wind.law, 0.0)
-    return w
 
 
 def rise(w, p):

@@ -33,7 +33,6 @@ from sim.truth import Truth
 STEPS = 1000 // RATE_HZ
 LIVE_TIMEOUT_S = 0.1
 DOING = {Mode.HOLD: "holding position", Mode.LAND: "landing", Mode.RTL: "returning"}
-ACTUATOR_SET = 301  # output function of the first of six free actuators
 CHARGED = 0.95
 STAND_IN_UID = int.from_bytes(b"coaxlink", "big") << 32 | 0x2001
 
@@ -53,7 +52,6 @@ class Autopilot(Navigator):
         self.sensors = Sensors(plant, seed)
         self.rotors = plant.vehicle.rotors
         self._wires: list[int] | None = None
-        self._free: list[tuple[int, int]] = []  # outputs that carry one of the free actuators, and which
         self.files = CardFiles("fs/microsd", protected=("etc/", "proc/", "dev/", "bin/"))
         self.logger: Any = None
         self.home: Place = HOME
@@ -92,7 +90,6 @@ class Autopilot(Navigator):
         self.boots, self.booted_s = self.boots + 1, self.plant.time_s
         self.links = Links(self)
         self.motor_test = MotorTest(self.rotors)
-        self.actuators = [math.nan] * 6  # of MAV_CMD_DO_SET_ACTUATOR, -1..1
         self.system = min(max(int(self.store[self.id_parameter]), 1), 250)  # MAVLink's system id
         self.demand: LoopDemand = IDLE
         self.reading: SensorReading = self.sensors.read()
@@ -230,8 +227,6 @@ class Autopilot(Navigator):
             last = self.rotors  # a zero after the motors, for an output without one
             functions = [int(self.store[f"PWM_MAIN_FUNC{n}"]) - 101 for n in range(1, self.rotors + 1)]
             legacy = self.mixer.legacy
-            numbered = [(n, f + 101 - ACTUATOR_SET) for n, f in enumerate(functions)]
-            self._free = [] if legacy else [(n, k) for n, k in numbered if 0 <= k < 6]
             self._wires = [n if legacy else f if 0 <= f < last else last for n, f in enumerate(functions)]
         return self._wires
 
@@ -256,9 +251,6 @@ class Autopilot(Navigator):
         else:
             motors = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)
             command = np.append(motors, 0.0)[self._wiring()]
-            for n, slot in self._free:
-                value = self.actuators[slot]
-                command[n] = 0.5 * (value + 1.0) if math.isfinite(value) else 0.0
         # a PWM output has a thousand steps
         return np.asarray(np.round(np.nan_to_num(command), 3), np.float64)
 

@@ -2,7 +2,7 @@
 
 Position P and velocity PID make an acceleration; with the hover thrust it becomes a thrust vector and an
 attitude; quaternion P makes body rates; rate PID makes a normalised torque. NED, FRD, SI. The equations are
-in `loops`; a goal in space is tracked by the compiled `kernel.track`, as in batch flights.
+in `loops`; a goal in space is tracked by the compiled `track.track`, as in batch flights.
 """
 
 from __future__ import annotations
@@ -130,10 +130,10 @@ class Cascade:
 
     def track(self, goal: Goal, reading: SensorReading) -> LoopDemand:
         """All loops, from a goal in space."""
-        from sim.quick.kernel import DEMAND, track  # numba takes its time
+        from sim.px4.track import track  # numba takes its time
 
         self._refresh()
-        d = np.empty(DEMAND)
+        d = np.empty(loops.DEMAND)
         aim = np.array((*goal.position, *goal.velocity, *goal.acceleration, goal.yaw, goal.yaw_rate))
         track(aim, reading.values, self.gains, self._memory, self.dt, d)
         roll, pitch, yaw, thrust, w, x, y, z, p, q, r = d.tolist()

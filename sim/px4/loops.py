@@ -28,6 +28,10 @@ G = 9.80665
 ) = range(0, 27, 3)
 M_THRUST, M_HOVER, M_MOVED, M_TURNED, MEMORY = range(36, 41)
 # fmt: on
+# a goal: position, velocity, acceleration, yaw, yaw rate
+GOAL = 11
+# what the loops want: normalised roll, pitch, yaw and thrust, attitude, body rates
+D_THRUST, D_ATTITUDE, D_RATES, DEMAND = 3, 4, 8, 11
 
 
 def forget(m):

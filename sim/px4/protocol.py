@@ -232,12 +232,16 @@ class Conversation:
         try:
             result, after = self._execute(command, params)
         except Refused as error:
-            self._everyone(_status(4, str(error)))
-            result, after = (TEMPORARILY if command == 400 else DENIED), None
+            severity, result, after = *self._refusal(command), None
+            self._everyone(_status(severity, str(error)))
         source = message.get_srcSystem(), message.get_srcComponent()
         self.send(m.MAVLink_command_ack_message(command, result, 0, 0, *source))
         if after is not None:
             self.send(after)
+
+    def _refusal(self, command: int) -> tuple[int, int]:
+        """Severity of the text and result of a command that the autopilot refuses."""
+        return 4, TEMPORARILY if command == 400 else DENIED
 
     def _execute(self, command: int, p: list[float]) -> tuple[int, Any]:
         """Result and a message to send after the acknowledgement. Raises Refused."""
@@ -281,8 +285,6 @@ class Conversation:
                 and a.motor_test.turn(int(p[0]) - 1, p[2] / 100.0, p[3], a.plant.time_s)
             )
             return (ACCEPTED if done else DENIED), None
-        elif command == 187:
-            return self._set_actuators(p), None
         elif command == 178:
             a.cruise = p[1] if p[1] > 0 else a.cruise
         elif command == 245:
@@ -298,14 +300,6 @@ class Conversation:
             return DENIED
         value = p[0] if math.isfinite(p[0]) else 0.0
         return ACCEPTED if a.motor_test.turn(round(p[4]) - 1, value, p[1], a.plant.time_s) else DENIED
-
-    def _set_actuators(self, p: list[float]) -> int:
-        """Free actuators 1..6 (outputs 301..306), since 1.14; the one before moves an auxiliary group."""
-        if self.autopilot.version >= (1, 14, 0) and p[6] == 0:
-            for k in range(6):
-                if math.isfinite(p[k]):
-                    self.autopilot.actuators[k] = min(max(p[k], -1.0), 1.0)
-        return ACCEPTED
 
     def _do_set_mode(self, p: list[float]) -> int:
         if not int(p[0]) & 1:

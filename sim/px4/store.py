@@ -6,22 +6,22 @@ import math
 import struct
 import tomllib
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from importlib import resources
 
 from firmware_params.px4.parameters import FLOAT, INT32, PARAMETERS
+from sim.line.store import ParameterStore
 from sim.vehicle import SimVehicle
 
 HASH_CHECK = "_HASH_CHECK"
 
 
-class Px4Store:
-    """Name -> value of a fixed type; `changed` callbacks hear of every accepted write."""
+class Px4Store(ParameterStore):
+    """int32 and float32."""
 
     def __init__(self, version: tuple[int, int, int], vehicle: SimVehicle) -> None:
         document = tomllib.loads((resources.files("sim.px4") / "parameters.toml").read_text())
-        self._types: dict[str, int] = {}
-        self._values: dict[str, int | float] = {}
+        super().__init__()
         for name, value in document["int"].items():
             self._add(name, INT32, value)
         for name, value in document["float"].items():
@@ -35,7 +35,6 @@ class Px4Store:
         else:
             self._drop([name for name in self._values if _rotor_of(name) >= 8])
         self.names = sorted(self._values)  # their places are their indices on the wire
-        self._listeners: list[Callable[[str], None]] = []
         self._geometry(vehicle)
 
     def _geometry(self, vehicle: SimVehicle) -> None:
@@ -60,33 +59,12 @@ class Px4Store:
         if name in self._values:
             self._add(name, self._types[name], value)
 
-    def values(self) -> dict[str, int | float]:
-        """A copy of all."""
-        return dict(self._values)
-
-    memory = values
-
     def recall(self, values: Mapping[str, float]) -> None:
         """What was kept over a power cut."""
         for name, value in values.items():
             self.preset(name, value)
         for name in self.names:
-            for callback in self._listeners:
-                callback(name)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._values
-
-    def __getitem__(self, name: str) -> int | float:
-        return self._values[name]
-
-    def type(self, name: str) -> int:
-        """INT32 or FLOAT, as MAV_PARAM_TYPE."""
-        return self._types[name]
-
-    def listen(self, callback: Callable[[str], None]) -> None:
-        """Call `callback(name)` after every change."""
-        self._listeners.append(callback)
+            self.tell(name)
 
     def wire(self, name: str) -> float:
         """The value as the float field carries it: an int32 goes by its bytes."""
@@ -111,15 +89,13 @@ class Px4Store:
         if value == self._values[name]:
             return False
         self._values[name] = value
-        for callback in self._listeners:
-            callback(name)
+        self.tell(name)
         return True
 
     def own(self, name: str, value: float) -> None:
         """The firmware sets a value of its own."""
         self.preset(name, value)
-        for callback in self._listeners:
-            callback(name)
+        self.tell(name)
 
     def hash(self) -> int:
         """CRC32 (no inversion) over names and value bytes, in order."""

@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 
 from sim.effects import FORMS, HiddenEffect
 from sim.errors import WorldError
+from sim.flight_log import columns
 from sim.physics.pair import Pair
 from sim.physics.plant import FOOT_Z_M, GRAVITY, STEP_S, Plant
 from sim.physics.sensing import R_SPEEDS
 from sim.physics.sensors import Sensors
-from sim.physics.wind import gusts_of, rise
+from sim.physics.wind import rise
 from sim.px4 import loops
 from sim.px4.autopilot import Autopilot
 from sim.px4.cascade import read_gains
 from sim.px4.tuning import INTEGRALS, Mixing, steady, tuned_settings
 from sim.quick.plans import PLANS
-from sim.truth import Truth
+from sim.truth import Truth, gusts_of
 from sim.vehicle import SimVehicle
 
 Array = NDArray[np.float64]
@@ -179,7 +180,7 @@ class _BatchFlight:
         self.memory = np.zeros(loops.MEMORY)
         self.memory[loops.M_HOVER] = design.hover
         self.gusts, self.gust_noise = gusts_of(world.effects), np.random.default_rng(world.seed)
-        self.demand, self.sp = np.zeros(kernel.DEMAND), np.zeros(n, np.float32)
+        self.demand, self.sp = np.zeros(loops.DEMAND), np.zeros(n, np.float32)
         self.command, self.sums = np.zeros(n), np.zeros(kernel.SUMS)
         self.sums[[kernel.A_LOWEST, kernel.A_WANTED]] = -np.inf
         self.thin_every = max(round(THIN_S * world.rate_hz), 1)
@@ -276,8 +277,6 @@ class _BatchFlight:
         return _flown([count / rate, *figures], failsafe)
 
     def _columns(self, turns: int) -> dict[str, Array]:
-        from sim.flights import columns
-
         if not self.every:
             return {}
         rows = self.log[: -(-turns // self.every)]

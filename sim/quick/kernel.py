@@ -1,8 +1,8 @@
 # mypy: disallow-untyped-defs=False
 """A turn of a flight, compiled: the air moves, sensors are read, PX4's loops steer, the mix, the plant.
 
-`fly` is a whole flight of such turns. The stand-in drives the same functions one by one (`sense`, `track`,
-`kernel.advance`), with its modes and whoever talks to it in between. Turns need not be whole milliseconds
+`fly` is a whole flight of such turns. The stand-in drives the same functions one by one (`sense`, `advance`,
+`px4.track`), with its modes and whoever talks to it in between. Turns need not be whole milliseconds
 apart: at 400 Hz the plant is moved by 2 and 3 steps in turn.
 """
 
@@ -12,25 +12,18 @@ import math
 
 import numpy as np
 
+from sim.flight_log import log_row
 from sim.physics import sensing, wind
 from sim.physics.compile_cache import OPTIONS, cached, plain
 from sim.physics.kernel import advance
 from sim.physics.layout import CURRENT, SPEED, VOLTAGE
-from sim.physics.sensing import R_ACCEL, R_HEIGHT, R_POS, R_QUAT, R_RATES, R_SPEEDS, R_VEL, R_VOLT
-from sim.px4 import loops
-from sim.px4.loops import M_OUT
+from sim.px4.loops import D_ATTITUDE, D_RATES, D_THRUST
+from sim.px4.track import steer
 from sim.quick.mix import call_law, px4_command
 
-for _name in (
-    "multiply", "conjugate", "reduced_tilt", "matrix_to_quaternion", "euler", "learn_hover", "low_passed",
-    "accelerate", "point", "rates_for", "turn",
-):  # fmt: skip
-    plain(getattr(loops, _name))
-for _function in (sensing.read, wind.blow):
+for _function in (wind.blow, log_row):
     plain(_function)
 
-# a goal: position, velocity, acceleration, yaw, yaw rate
-GOAL = 11
 # sums over the judged part
 (
     A_TURNS, A_NORTH, A_EAST, A_DOWN, A_DOWN_MAX, A_LEVEL_MAX, A_TILT, A_YAW, A_YAW_MAX, A_BOUND, A_SHAFT,
@@ -39,38 +32,6 @@ GOAL = 11
 FALLEN_UPRIGHT = 0.5  # cosine of 60 degrees, PX4's FD_FAIL_R and FD_FAIL_P
 FLEW, TIPPED, GROUND = 0, 1, 2
 PWM_STEPS = 1000.0
-# what the loops want: normalised roll, pitch, yaw and thrust, attitude, body rates
-D_THRUST, D_ATTITUDE, D_RATES, DEMAND = 3, 4, 8, 11
-
-
-@cached(**OPTIONS)
-def sense(state, out, top, ground, s, noise, turns, dt, r):
-    """`sensing.read` for one reading."""
-    sensing.read(state, out, top, ground, s, noise, turns, dt, r)
-
-
-@plain
-def steer(goal, r, g, m, dt, demand):
-    """Fill `demand` (DEMAND) with what PX4's loops make of a goal (GOAL) and a reading."""
-    attitude = (r[R_QUAT], r[R_QUAT + 1], r[R_QUAT + 2], r[R_QUAT + 3])
-    loops.accelerate(
-        (goal[0], goal[1], goal[2]), (goal[3], goal[4], goal[5]), (goal[6], goal[7], goal[8]),
-        (r[R_POS], r[R_POS + 1], r[R_POS + 2]), (r[R_VEL], r[R_VEL + 1], r[R_VEL + 2]), g, m, dt,
-    )  # fmt: skip
-    thrust, wanted = loops.point(goal[9], attitude, g, m, dt)
-    rates = loops.rates_for(wanted, attitude, goal[10], g)
-    loops.turn(rates, thrust, (r[R_RATES], r[R_RATES + 1], r[R_RATES + 2]), g, m, dt)
-    demand[D_THRUST] = thrust
-    for k in range(3):
-        demand[k], demand[D_RATES + k] = m[M_OUT + k], rates[k]
-    for k in range(4):
-        demand[D_ATTITUDE + k] = wanted[k]
-
-
-@cached(**OPTIONS)
-def track(goal, r, g, m, dt, demand):
-    """`steer` for one turn."""
-    steer(goal, r, g, m, dt, demand)
 
 
 @plain
@@ -112,21 +73,6 @@ def judge(state, out, goal, demand, command, n, top, a):
     for k in range(3):
         off = demand[D_RATES + k] - state[10 + k]
         a[A_ROLL_RATE + k] += off * off
-
-
-@plain
-def log_row(time, r, command, n, top, row):
-    """One row of the contract's flight log: see `flights.columns`. Runs in plain Python, too."""
-    row[0] = time
-    for i in range(n):
-        row[1 + i] = command[i]
-        row[1 + n + 14 + i] = r[R_SPEEDS + i] * top * (30.0 / math.pi)
-    at = 1 + n
-    for k in range(3):
-        row[at + k], row[at + 3 + k], row[at + 9 + k] = r[R_ACCEL + k], r[R_RATES + k], r[R_VEL + k]
-    roll, pitch, yaw = loops.euler((r[R_QUAT], r[R_QUAT + 1], r[R_QUAT + 2], r[R_QUAT + 3]))
-    row[at + 6], row[at + 7], row[at + 8] = roll, pitch, yaw
-    row[at + 12], row[at + 13] = r[R_HEIGHT], r[R_VOLT]
 
 
 @cached(**OPTIONS)

@@ -34,6 +34,7 @@ def _rows(folder) -> list[str]:
     return [hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted((folder / "rows").iterdir())]
 
 
+@pytest.mark.slow
 def test_a_campaign_is_flown_summed_up_resumed_and_replayed(spec, tmp_path) -> None:
     done = coaxlink("campaign", spec, "--json", "s.json", "--workers", "1")
     assert done.code == 0, done.err
@@ -67,6 +68,7 @@ def test_a_campaign_is_flown_summed_up_resumed_and_replayed(spec, tmp_path) -> N
     assert other.code == 2 and "digest: the folder holds another campaign" in other.err
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(spec, tmp_path) -> None:
     spec.write_text(SMALL.replace("flights = 24", "flights = 200000"))
     command = [sys.executable, "-m", "coaxlink", "campaign", str(spec), "--workers", "1", "--out", "c"]
@@ -86,6 +88,7 @@ def test_ctrl_c_keeps_what_is_done(spec, tmp_path) -> None:
     assert any((tmp_path / "c" / "rows").glob("*.parquet"))
 
 
+@pytest.mark.slow
 def test_what_is_wrong_is_one_line(spec, tmp_path) -> None:
     for arguments, code, said in (
         (("campaign", "none.toml"), 2, "none.toml: cannot be read"),

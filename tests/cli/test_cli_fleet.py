@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from cli_runs import coaxlink
 
 from coaxlink.files import example
@@ -14,6 +15,7 @@ from sim.vehicle import read_vehicle
 CT = {f"CA_ROTOR{n}_CT": 60.0 if n < 4 else 45.0 for n in range(8)} | {"THR_MDL_FAC": 0.8}
 
 
+@pytest.mark.slow
 def test_the_ailing_rotor_of_a_fleet_is_named(tmp_path):
     airframe = example("x8_demo.toml")
     design = make_design(read_vehicle(airframe), read_pair(example("rotor_paper.toml")), CT)
@@ -36,6 +38,7 @@ def test_the_ailing_rotor_of_a_fleet_is_named(tmp_path):
     assert page.exists()
 
 
+@pytest.mark.slow
 def test_what_a_fleet_cannot_give_is_one_line(tmp_path):
     (tmp_path / "logs").mkdir()
     for arguments, said in (

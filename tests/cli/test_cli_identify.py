@@ -120,6 +120,7 @@ def test_tolerance_form(tmp_path: Path) -> None:
         assert coaxlink("identify", "example", "--tolerance", text).code == 2, text
 
 
+@pytest.mark.slow
 def test_bad_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
     cases = {
         None: "cannot be read",

@@ -73,6 +73,7 @@ def test_real_boards_logs(tmp_path):
                 assert out.exists() == (code == 0)
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_one_line(tmp_path):
     x8 = ["--mass", "20", "--template", "x8"]
     with case_table() as case:
@@ -100,6 +101,7 @@ def test_mistakes_are_exit_code_1(tmp_path):
     assert "millimetres" in run.out
 
 
+@pytest.mark.slow
 def test_examples_are_listed_and_copied(tmp_path):
     listed = coaxlink("examples")
     assert listed.code == 0

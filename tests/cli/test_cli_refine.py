@@ -32,6 +32,7 @@ def run(*arguments):
     return ended.value.code
 
 
+@pytest.mark.slow
 def test_everything_is_written(folder, capsys):
     paper = files.example("rotor_paper.toml")
     code = run(
@@ -75,6 +76,7 @@ main(sys.argv[3:])
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "stage",
     ["coaxlink.data:read_stand_log", "coaxlink.residual:refine_stand", "coaxlink.report.page:page"],

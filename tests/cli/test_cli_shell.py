@@ -89,6 +89,7 @@ def test_the_version_needs_no_verb(capsys):
     assert capsys.readouterr().out == f"coaxlink {coaxlink.__version__}\n"
 
 
+@pytest.mark.slow
 def test_completion_knows_verbs_and_options(tmp_path):
     """As a shell asks for it, in a process of its own; and it installs itself for bash."""
     command = [sys.executable, "-m", "coaxlink"]
@@ -120,6 +121,7 @@ def test_a_shell_that_cannot_be_completed_for_is_one_line(capsys, monkeypatch, s
     )
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_one_line_at_every_moment():
     """At many moments from the first line on: whether it comes in time is the machine's affair."""
     script = (
@@ -158,6 +160,7 @@ def test_ctrl_c_is_not_lost_where_the_interpreter_ignores_exceptions():
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "coaxlink: interrupted\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loaded", ["from coaxlink.cli import build_app", ""])
 def test_a_verb_runs_in_another_thread_which_may_set_no_handlers(loaded):
     script = f"""

@@ -19,6 +19,7 @@ MN4014,16*5.4,50%,22.2,4.2,93,800,3690,0.16
 """
 
 
+@pytest.mark.slow
 def test_rubbish_gets_one_line(tmp_path):
     tables = {
         "RPM,Power (W)\n3000,10\n4000,20\n5000,30\n6000,40\n": "no column of thrust",

@@ -35,6 +35,7 @@ def kinds(cell):
     return [kind for kind, _ in itertools.groupby(shown, key=lambda kind: kind or "text")]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_the_notebook_of_the_whole_way_runs_and_shows_what_it_says(tmp_path):
     notebook = nbformat.read(PAGE, 4)

@@ -55,6 +55,7 @@ def reader(tmp_path, monkeypatch, capsys):
         yield Reader(tmp_path, capsys, stack)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
     write_stand(tmp_path / "my_stand.csv")
@@ -84,6 +85,7 @@ def test_the_tutorial_then_an_own_stand_and_vehicle_on_px4(reader, tmp_path):
         assert "<html" in (tmp_path / name).read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_ardupilot_and_the_companion(reader, tmp_path):
     reader.verb("coaxlink examples rotor_paper.toml", 0)
@@ -133,6 +135,7 @@ def test_the_service_file_names_what_mix_takes_and_the_exit_codes_that_need_a_pe
     assert codes.split() == ["1", "2", "4", "130"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["README.md", "docs/mixers.md"])
 def test_the_python_on_the_page_runs(page, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)

@@ -22,7 +22,7 @@ from coaxlink.mixer import make_law
 from coaxlink.report.refine import tables, verdict
 from coaxlink.residual import refine_stand
 from coaxlink.rotor import load_rotor_model
-from coaxlink.rotor.model import EffectEntry as Effect
+from coaxlink.rotor.model import EffectEntry
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Conditions, Vehicle
 
@@ -129,7 +129,7 @@ def known():
 
 
 def having(loss=LOSS):
-    return replace(CRM, effects=(Effect("blade_flutter", {"thrust_loss_per_V": loss}, ("voltage_V",)),))
+    return replace(CRM, effects=(EffectEntry("blade_flutter", {"thrust_loss_per_V": loss}, ("voltage_V",)),))
 
 
 def test_it_is_traced_and_worded(known):

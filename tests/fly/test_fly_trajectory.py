@@ -36,6 +36,7 @@ def test_a_circle_makes_whole_laps_of_its_radius_and_period():
     assert math.hypot(*middle.velocity_m_s) == pytest.approx(2 * math.pi * 2.0 / 8.0)
 
 
+@pytest.mark.slow
 def test_the_paper_flight_never_jumps_and_stays_above_ground():
     plan = paper_flight()
     points = [plan.at(t)[1] for t in np.arange(0.0, plan.duration_s, 0.01)]

@@ -54,6 +54,7 @@ def told(vehicle, log, test=None):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rotor", "law"), [(2, "share"), (5, "tip"), (6, "weak_motor")])
 def test_a_rotor_that_loses_a_tenth_is_named_within_two_seconds(flown, rotor, law):
     vehicle, fly = flown
@@ -68,6 +69,7 @@ def test_a_rotor_that_loses_a_tenth_is_named_within_two_seconds(flown, rotor, la
     assert all(v.word in ("not known yet", "sound") for v in verdicts if v.time_s < ONSET_S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", ["hover", "circle", "wander", "steps"])
 def test_sound_flights_in_wind_and_sag_call_nobody(flown, plan):
     vehicle, fly = flown

@@ -55,6 +55,7 @@ def off(model, factors):
     return RotorModel.from_terms(model.form, model.speed_max_rpm, terms)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", ["hover", "wander"])
 def test_speeds_follow_a_sagging_pack_and_a_hover_teaches_no_slope(flown, plan):
     vehicle, fly = flown
@@ -82,6 +83,7 @@ def test_damaged_commands_teach_no_speeds(flown):
     assert np.abs(found - sound)[~damaged].max() < 0.01
 
 
+@pytest.mark.slow
 def test_a_prior_15_percent_off_meets_the_pair_under_a_sagging_pack(flown):
     vehicle, fly = flown
     true = vehicle.rotors
@@ -144,6 +146,7 @@ def test_intervals_of_a_file_are_its_prior_and_a_guess_beside_them_is_said(flown
     assert f"has none (1 of {len(names)})" in notes[0]
 
 
+@pytest.mark.slow
 def test_loads_in_hover_are_inside_their_intervals_whichever_way_the_prior_is_off(flown):
     vehicle, fly = flown
     true = replace(vehicle.rotors, identified={})

@@ -53,6 +53,7 @@ def lift(model, speeds):
     )
 
 
+@pytest.mark.slow
 def test_a_gust_that_is_answered_is_not_the_rotors_slope(windy, monkeypatch):
     vehicle, logs = windy
     hover = np.array(coefficients_from_flights(logs, vehicle.declared, vehicle.rotors).hover)

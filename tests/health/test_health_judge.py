@@ -68,6 +68,7 @@ def health(*flights):
     return judge(flights, names, list(range(1, N + 1)), PAIRS)
 
 
+@pytest.mark.slow
 def test_sound_flights_are_sound():
     rng = np.random.default_rng(1)
     for _ in range(4):
@@ -75,6 +76,7 @@ def test_sound_flights_are_sound():
         assert found.verdict == "sound" and found.probability < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rotor", [0, 3, 6])
 def test_a_rotor_that_lost_a_tenth_is_named_with_the_flight_and_the_size(rotor):
     rng = np.random.default_rng(2 + rotor)
@@ -94,6 +96,7 @@ def test_a_payload_that_moved_is_no_rotor():
     assert found.payload > 0.9
 
 
+@pytest.mark.slow
 def test_probability_grows_with_the_loss_and_with_the_flights():
     chances = []
     for loss in (0.0, 0.05, 0.1):
@@ -125,6 +128,7 @@ def since(start_s, over_s=0.0):
     return np.interp(TIMES - TIMES[0], fine, smooth)[:, None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rotor", "torque"), [(1, 0.85), (4, 0.85), (2, -0.8), (7, -0.8)])
 def test_a_loss_within_a_flight_is_named_with_its_time(rotor, torque):
     rng = np.random.default_rng(20 + rotor)
@@ -138,6 +142,7 @@ def test_a_loss_within_a_flight_is_named_with_its_time(rotor, torque):
     assert "rotor" in found.as_json()["suspects"][0] and found.as_json()["suspects"][0]["onset_s"][0] > 123
 
 
+@pytest.mark.slow
 def test_a_loss_that_comes_gradually_is_told_from_one_at_once():
     rng = np.random.default_rng(30)
     found = health(flight(rng), flight(rng, (3, 0.15, 0.12), time_profile=since(12.0, 18.0)))
@@ -154,6 +159,7 @@ def test_a_motor_that_turns_slower_is_told_from_a_blade(rotor):
     assert first.loss.low < 0.15 < first.loss.high
 
 
+@pytest.mark.slow
 def test_what_was_there_from_the_start_has_no_time():
     rng = np.random.default_rng(50)
     first = health(flight(rng), flight(rng, (2, 0.15, 0.12))).suspects[0]

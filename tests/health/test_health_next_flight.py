@@ -71,6 +71,7 @@ def planned(hovered):
     return next_flight(update, vehicle.airframe)
 
 
+@pytest.mark.slow
 def test_the_plan_fills_its_time_within_its_box(planned):
     assert planned.seconds == 60.0 and len(planned.pieces) == 5
     plan = planned_flight(planned.document())
@@ -115,6 +116,7 @@ def test_no_other_choice_of_a_piece_is_better_than_the_last_one(planned, hovered
     assert tried > 5
 
 
+@pytest.mark.slow
 def test_what_is_expected_is_what_the_flight_leaves(planned, hovered, tmp_path, monkeypatch):
     """Flown by the world on the table that is asked for; each coefficient's interval as it was promised."""
     vehicle, path, update = hovered
@@ -153,6 +155,7 @@ def test_pieces_are_sized_to_the_vehicle_and_to_the_box():
     assert not any(p.yaw_deg for p in candidates(3.0, 0.0))  # a vehicle that has no yaw to spare
 
 
+@pytest.mark.slow
 def test_another_split_is_the_same_wrench(hovered):
     vehicle = load_vehicle(FRAME, ROTORS)
     frame = replace(hovered[2].known.frame, model=vehicle.rotors)
@@ -188,6 +191,7 @@ def test_a_unit_of_each_coefficient_adds_up_to_the_model():
         assert own @ values == pytest.approx(whole)
 
 
+@pytest.mark.slow
 def test_the_verb_hands_its_plan_to_fly(hovered, tmp_path, capsys):
     vehicle, path, _ = hovered
     prior, plan, report = tmp_path / "prior.toml", tmp_path / "next.toml", tmp_path / "i.json"
@@ -216,6 +220,7 @@ def test_the_verb_hands_its_plan_to_fly(hovered, tmp_path, capsys):
     assert "next" not in json.loads(report.read_text())
 
 
+@pytest.mark.slow
 def test_a_vehicle_without_a_plan_keeps_what_its_flight_told(hovered, tmp_path, capsys, monkeypatch):
     def nothing(update, airframe):
         raise InputError("next flight", "", "no piece of a plan keeps these rotors within their range")

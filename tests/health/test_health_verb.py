@@ -42,6 +42,7 @@ def run(*arguments):
 VEHICLE = ("--airframe", EXAMPLES / "x8_demo.toml")
 
 
+@pytest.mark.slow
 def test_a_sound_vehicle_is_sound(flights, tmp_path, capsys):
     assert run(flights / "monday.csv", *VEHICLE, "--json", tmp_path / "h.json") == 0
     found = json.loads((tmp_path / "h.json").read_text())
@@ -54,11 +55,13 @@ def test_a_sound_vehicle_is_sound(flights, tmp_path, capsys):
     assert "sound" in said.out and "shipped" not in said.err
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_nobody_named_is_said(flights, capsys):
     assert run(flights / "monday.csv") == 0
     assert "no --airframe: held against the shipped x8_paper.toml" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_weak_rotor_is_named_with_its_flight(flights, tmp_path, capsys):
     logs = [flights / f"{day}.csv" for day in ("monday", "friday")]
     out, drawn = tmp_path / "h.json", tmp_path / "h.png"
@@ -89,6 +92,7 @@ def test_wrong_input_gets_one_line(tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.shared_data
 @pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared/data/flights: they are not redistributed")
 def test_real_firmware_without_a_fault_is_sound(tmp_path, capsys):
@@ -105,6 +109,7 @@ def identify(*arguments):
     return int(ended.value.code or 0)
 
 
+@pytest.mark.slow
 def test_a_prior_that_is_off_is_updated_by_a_flight(flights, tmp_path, capsys):
     true = load_rotor_model(EXAMPLES / "rotor_paper.toml")
     random = np.random.default_rng(3)
@@ -148,6 +153,7 @@ def test_identify_says_what_flights_need(flights, tmp_path, capsys):
     assert "a flight log is expected" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_folder_is_a_fleet_judged_vehicle_by_vehicle(flights, tmp_path, capsys):
     for name, place in (
         ("monday", "x8-01/2026-03-02.csv"),

@@ -45,6 +45,7 @@ def airframe_called(folder, name):
     return folder / "x.toml"
 
 
+@pytest.mark.slow
 def test_an_airframe_of_such_a_name_is_refused(tmp_path, capsys):
     with case_table() as case:
         for what, name in REFUSED_TOML.items():

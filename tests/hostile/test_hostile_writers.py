@@ -18,8 +18,7 @@ from coaxlink import files
 from coaxlink.cli.shared.console import PlainConsole
 from coaxlink.cli.shared.shell import console, run, say, talk
 from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
-from coaxlink.report.document import html_table
-from coaxlink.report.html import escape
+from coaxlink.report.html import escape, html_table
 from coaxlink.report.pictures.label import label
 from coaxlink.tables.files import file_name
 from firmware_params import ardupilot, px4

@@ -6,6 +6,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+
 from coaxlink.files import example
 from sim.testing import standin
 
@@ -31,10 +33,10 @@ def test_the_light_list_is_a_part_of_the_full_one():
     light = tomllib.loads((ROOT / "companion" / "pyproject.toml").read_text())["project"]
     every = set(full["dependencies"])
     assert set(light["dependencies"]) < every
-    assert set(light["optional-dependencies"]["compiled"]) < every
     assert light["requires-python"] == full["requires-python"] and light["scripts"] == full["scripts"]
 
 
+@pytest.mark.slow
 def test_it_makes_a_table_uploads_verifies_watches_mixes_and_restores(tmp_path, monkeypatch):
     monkeypatch.setenv("COAXLINK_STATE", str(tmp_path / "state"))
     with standin("--firmware", "px4") as port, standin("--firmware", "px4:1.13") as old:
@@ -55,6 +57,7 @@ def test_it_makes_a_table_uploads_verifies_watches_mixes_and_restores(tmp_path, 
     assert json.loads((tmp_path / "mix.json").read_text())["law"] == "exact"
 
 
+@pytest.mark.slow
 def test_what_is_left_out_is_one_line_that_says_what_to_install(tmp_path):
     commands = {
         "scipy": ["table", X8, "--firmware", "px4", "--out", "t"],
@@ -69,6 +72,7 @@ def test_what_is_left_out_is_one_line_that_says_what_to_install(tmp_path):
         assert "Traceback" not in talk
 
 
+@pytest.mark.slow
 def test_on_windows_files_work_and_lines_say_so(tmp_path):
     refused = [
         ["upload", "tables", "--connect", "udpout:127.0.0.1:9", "--yes"],
@@ -89,6 +93,7 @@ def test_on_windows_files_work_and_lines_say_so(tmp_path):
         assert "WSL" in talk.strip().splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_help_loads_nothing_heavy():
     each = ["main(['--help'])"] + [
         f"main([{verb!r}, '--help'])" for verb in ("mix", "upload", "monitor", "table", "identify")
@@ -98,6 +103,7 @@ def test_help_loads_nothing_heavy():
     assert "coaxlink" in loaded and not loaded & {*HEAVY, "numpy", "pymavlink", "textual"}
 
 
+@pytest.mark.slow
 def test_the_live_path_loads_nothing_heavy():
     rooms = (
         "live.mixer",

@@ -219,6 +219,7 @@ def test_the_companion_reads_the_factors_of_a_scripted_frame_from_the_board(fram
     assert found == pytest.approx(used_factors(report.table), abs=2e-6)
 
 
+@pytest.mark.slow
 def test_half_a_table_or_anothers_is_not_read() -> None:
     report = report_ap(Vehicle(X8, CRM), "fitted")
     (text,) = report.scripts.values()

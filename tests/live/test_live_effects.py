@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.live.effects import LiveEffects
 from coaxlink.live.mixer_core import MixCore
 from coaxlink.mavlink.telemetry import Telemetry
-from coaxlink.rotor.model import EffectEntry as Effect
+from coaxlink.rotor.model import EffectEntry
 from coaxlink.vehicle import Vehicle
 
 DEMAND = [0.02, -0.03, 0.04, 0.32, 0, 0, 0, 0]
@@ -27,7 +27,7 @@ class Clock:
         return self.now
 
 
-def compensated(*effects: Effect) -> tuple[MixCore, Telemetry, Clock, LiveEffects]:
+def compensated(*effects: EffectEntry) -> tuple[MixCore, Telemetry, Clock, LiveEffects]:
     clock = Clock()
     model = dataclasses.replace(CRM, effects=effects)
     telemetry = Telemetry(clock)
@@ -51,7 +51,7 @@ def battery(volts: float) -> Any:
 
 def test_commands_make_up_for_a_sagging_battery() -> None:
     parameters = {"speed_exponent": 0.4, "reference_voltage_V": 33.6}
-    core, telemetry, _, _ = compensated(Effect("battery_voltage", parameters, ("voltage_V",)))
+    core, telemetry, _, _ = compensated(EffectEntry("battery_voltage", parameters, ("voltage_V",)))
     telemetry.hear(battery(29.6))
     u = settled(core) * (29.6 / 33.6) ** 0.4  # what the rotors turn at
     assert X8.wrench(*X8.loads(CRM, u)) == pytest.approx(core.wrench, abs=1e-4)
@@ -62,7 +62,7 @@ def test_commands_make_up_for_a_sagging_battery() -> None:
 
 def test_a_voltage_that_cannot_be_is_not_followed_and_a_silent_one_is_held() -> None:
     parameters = {"speed_exponent": 1.0, "reference_voltage_V": 33.6}
-    core, telemetry, clock, live = compensated(Effect("battery_voltage", parameters))
+    core, telemetry, clock, live = compensated(EffectEntry("battery_voltage", parameters))
     assert live.factor == 1.0  # nothing heard yet
     telemetry.hear(battery(32.0))
     settled(core)
@@ -81,7 +81,7 @@ def test_a_voltage_that_cannot_be_is_not_followed_and_a_silent_one_is_held() -> 
 def test_the_ground_pushes_and_is_allowed_for(height: float) -> None:
     gain, scale = 0.2, 0.8
     core, telemetry, _, _ = compensated(
-        Effect("ground_effect", {"gain_at_ground": gain, "height_scale_m": scale})
+        EffectEntry("ground_effect", {"gain_at_ground": gain, "height_scale_m": scale})
     )
     cm = round(100 * height)
     telemetry.hear(mavlink.MAVLink_distance_sensor_message(0, 5, 4000, cm, 0, 0, 25, 1))
@@ -94,8 +94,8 @@ def test_the_ground_pushes_and_is_allowed_for(height: float) -> None:
 def test_a_shifted_centre_of_mass_and_a_weak_rotor_are_allowed_for() -> None:
     x, y, loss = 0.02, -0.01, 0.2
     core, _, _, _ = compensated(
-        Effect("cg_offset", {"offset_x_m": x, "offset_y_m": y}),
-        Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": loss, "torque_loss": 0.5 * loss}),
+        EffectEntry("cg_offset", {"offset_x_m": x, "offset_y_m": y}),
+        EffectEntry("degraded_rotor", {"rotor": 3.0, "thrust_loss": loss, "torque_loss": 0.5 * loss}),
     )
     thrust, torque = X8.loads(CRM, settled(core, 40))
     got = X8.wrench(thrust, torque)
@@ -108,7 +108,7 @@ def test_a_shifted_centre_of_mass_and_a_weak_rotor_are_allowed_for() -> None:
 
 
 def test_climbing_air_is_allowed_for() -> None:
-    core, telemetry, _, _ = compensated(Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}))
+    core, telemetry, _, _ = compensated(EffectEntry("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}))
     telemetry.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, 0, 0, 0, -1.5))
     telemetry.hear(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0))
     u = settled(core, 30)
@@ -118,7 +118,7 @@ def test_climbing_air_is_allowed_for() -> None:
 
 def test_a_turning_vehicle_in_any_attitude_meets_the_air_at_every_hub() -> None:
     c = 1.3
-    core, telemetry, _, _ = compensated(Effect("axial_inflow", {"thrust_per_climb_N_s_m": c}))
+    core, telemetry, _, _ = compensated(EffectEntry("axial_inflow", {"thrust_per_climb_N_s_m": c}))
     roll, pitch, yaw, rates, v = 0.2, -0.3, 2.0, (0.5, -0.8, 0.3), np.array([2.0, -1.0, 0.7])
     telemetry.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, 0, *v))
     telemetry.hear(mavlink.MAVLink_attitude_message(0, roll, pitch, yaw, *rates))
@@ -139,7 +139,7 @@ def test_a_turning_vehicle_in_any_attitude_meets_the_air_at_every_hub() -> None:
 def test_what_acts_later_is_taken_as_it_will_be_then() -> None:
     """A vehicle that gathers speed downwards and turns ever faster: 60 ms later, not now."""
     lag, age = 0.05, 0.01
-    model = dataclasses.replace(CRM, effects=(Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}),))
+    model = dataclasses.replace(CRM, effects=(EffectEntry("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}),))
     clock = Clock()
     telemetry = Telemetry(clock)
     vehicle = Vehicle(dataclasses.replace(X8, motor_lag_s=lag), model, measured_live=True)
@@ -158,7 +158,7 @@ def test_what_acts_later_is_taken_as_it_will_be_then() -> None:
     assert np.abs(X8.wrench(thrust - 2.0 * u * now, torque) - force).max() > 0.1
 
 
-AIR = Effect("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.225})
+AIR = EffectEntry("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.225})
 
 
 def imu(hectopascal: float) -> Any:
@@ -191,7 +191,7 @@ def test_air_that_cannot_be_or_whose_temperature_nobody_knows_changes_nothing() 
         telemetry.hear(imu(broken))
         if not math.isnan(broken):  # which is not taken: the last good one stands
             assert settled(core) == pytest.approx(plain, abs=1e-9)
-    bare = dataclasses.replace(CRM, effects=(Effect("air_density", {"density_exponent": 1.0}),))
+    bare = dataclasses.replace(CRM, effects=(EffectEntry("air_density", {"density_exponent": 1.0}),))
     unknown = LiveEffects(None, Vehicle(X8, bare, measured_live=True))
     assert "at which density" in unknown.left_out["air_density"] and not unknown.names
     assert live.names == ["air_density"]
@@ -199,17 +199,17 @@ def test_air_that_cannot_be_or_whose_temperature_nobody_knows_changes_nothing() 
 
 def test_an_effect_without_its_numbers_is_left_out_by_name() -> None:
     for name in ("battery_voltage", "axial_inflow", "cg_offset", "degraded_rotor"):
-        bare = dataclasses.replace(CRM, effects=(Effect(name, {}),))
+        bare = dataclasses.replace(CRM, effects=(EffectEntry(name, {}),))
         live = LiveEffects(None, Vehicle(X8, bare, measured_live=True))
         assert "is missing" in live.left_out[name] and name in live.left_out[name] and not live.names
 
 
 def test_without_telemetry_nothing_is_allowed_for_and_what_cannot_be_is_said() -> None:
     core, _, _, live = compensated(
-        Effect("ground_effect", {"gain_at_ground": 0.2, "height_scale_m": 0.8}),
-        Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}),
-        Effect("rotor_drag", {"drag_N_s_m": 1.0}),
-        Effect("martian_dust", {}),
+        EffectEntry("ground_effect", {"gain_at_ground": 0.2, "height_scale_m": 0.8}),
+        EffectEntry("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}),
+        EffectEntry("rotor_drag", {"drag_N_s_m": 1.0}),
+        EffectEntry("martian_dust", {}),
     )
     plain = MixCore(Vehicle(X8, CRM), "exact")
     assert settled(core) == pytest.approx(settled(plain), abs=1e-9)
@@ -218,7 +218,7 @@ def test_without_telemetry_nothing_is_allowed_for_and_what_cannot_be_is_said() -
 
 
 def test_nonsense_in_telemetry_is_not_used() -> None:
-    core, telemetry, _, _ = compensated(Effect("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}))
+    core, telemetry, _, _ = compensated(EffectEntry("axial_inflow", {"thrust_per_climb_N_s_m": 2.0}))
     telemetry.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, 0, 0, 0, math.nan))
     telemetry.hear(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0))
     assert np.isfinite(settled(core)).all()

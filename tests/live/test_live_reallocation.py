@@ -19,7 +19,6 @@ from coaxlink.mixer import make_law
 from coaxlink.vehicle import load_vehicle
 from firmware_params.px4.messages import ESC_STATUS
 from sim.effects import FORMS, HiddenEffect
-from sim.px4 import telemetry
 
 ROTORS = example("rotor_paper.toml")
 FOUND_S, AFTER_S = 0.2, 3.0
@@ -77,22 +76,6 @@ def test_a_rotor_that_stops_is_flown_without_within_200_ms(name, rotor, kind):
     assert mixed.plant.height > height - 1.5 and mixed.flight.outputs_are_sound()
     done = mixed.watch.account()["reallocated"][0]
     assert (done["rotor"], done["thrust_left"]) == (rotor, 0.0)
-
-
-@slow
-def test_measured_rpm_makes_it_sooner_and_alone_stops_nobody(monkeypatch):
-    alone, measured = (Mixed(escs=e) for e in ("none", "measured"))
-    assert measured.lose(2) < alone.lose(2)
-    mixed, reading = Mixed(escs="measured"), telemetry.reported_escs
-
-    def torn(a):
-        escs = reading(a)
-        escs.rpm[3] = 0.0
-        return escs
-
-    monkeypatch.setattr(telemetry, "reported_escs", torn)
-    mixed.flight.fly(2.0)
-    assert not mixed.calls and mixed.live.core.law is mixed.before
 
 
 @slow

@@ -20,6 +20,7 @@ byte = st.integers(0, 255)
 shares = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0, 1, width=32))
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**64 - 1), st.lists(shares, min_size=8, max_size=8), byte, byte, byte, byte)
 def test_a_sealed_answer_is_byte_for_byte_pymavlinks(
     tmp_path_factory: pytest.TempPathFactory,

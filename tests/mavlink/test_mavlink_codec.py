@@ -59,6 +59,7 @@ def same(a: Any, b: Any) -> bool:
     return struct.pack("<d", a) == struct.pack("<d", b) or (math.isnan(a) and math.isnan(b))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", sorted(codec.HOT))
 @settings(max_examples=80, deadline=None)
 @given(

@@ -50,6 +50,7 @@ def test_px4s_own_law_delivers_the_wrench():
         assert mean[0] <= close and mean[1:3].max() < 0.1 and mean[3] < 0.02, (name, mean)
 
 
+@pytest.mark.slow
 def test_ardupilots_own_law_delivers_it_too():
     airframe = fitted("x8_paper")[0]
     table = fit_table(Vehicle(airframe, CRM), spin_min=0.05)

@@ -97,6 +97,7 @@ def test_a_tlog_plays_by_its_recorder_s_clock_at_any_speed(tlog: Path) -> None:
     assert player.playing and player.position_s == 0.0
 
 
+@pytest.mark.slow
 def test_a_leap_shows_the_same_as_playing_there_and_knows_no_future(tlog: Path) -> None:
     recording = load_recording(tlog)
     played, leapt = Played(recording, speed=10.0), Played(recording, start_s=90.0)

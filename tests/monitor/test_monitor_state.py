@@ -27,7 +27,7 @@ from coaxlink import files
 from coaxlink.airframe import load_airframe
 from coaxlink.monitor.state.rotors import arm_name
 from coaxlink.monitor.state.vehicle import Drain
-from coaxlink.rotor import EffectEntry as Effect
+from coaxlink.rotor import EffectEntry
 from coaxlink.vehicle import Vehicle
 from firmware_params.ardupilot.messages import MAVLink_esc_telemetry_1_to_4_message as EscTelemetry
 from firmware_params.px4.messages import MAVLink_esc_info_message as EscInfo
@@ -235,7 +235,7 @@ def test_arm_names() -> None:
 
 
 def test_effects_that_are_not_in_the_thrusts_are_named_and_texts_are_plain() -> None:
-    rotors = dataclasses.replace(X8.rotors, effects=(Effect("rotor_drag", {"k": 0.1}),))
+    rotors = dataclasses.replace(X8.rotors, effects=(EffectEntry("rotor_drag", {"k": 0.1}),))
     text = mavlink.MAVLink_statustext_message(4, b"\x1b[31mArming\x07 denied")
     seen = look(heartbeat(), text, vehicle=Vehicle(X8.airframe, rotors))
     assert any("rotor_drag" in n for n in seen.notes)

@@ -14,6 +14,7 @@ sys.path.insert(0, str(ROOT / "research"))
 import table_worth_real as worth
 
 
+@pytest.mark.slow
 def test_without_a_binary_it_says_so() -> None:
     command = [sys.executable, str(ROOT / "research" / "table_worth_real.py")]
     environment = {k: v for k, v in os.environ.items() if k != "PX4_SITL"} | {"PYTHONPATH": str(ROOT)}

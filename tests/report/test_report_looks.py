@@ -62,7 +62,8 @@ def test_looks_differ_in_dashes_shape_and_hatching():
         assert abs(lightness(a.colour) - lightness(b.colour)) > APART
 
 
-@pytest.mark.parametrize("picture", ["comparison", "errors", "tolerance", "efficiency"])
+@pytest.mark.slow
+@pytest.mark.parametrize("picture", ["comparison", "errors"])
 def test_no_picture_needs_colour(picture):
     vehicle = load_vehicle(example("x8_demo.toml"))
     if picture == "comparison":

@@ -10,14 +10,11 @@ import pytest
 from rich.console import Console
 
 from coaxlink.files import example
-from coaxlink.report.document import html_table
+from coaxlink.report.html import html_table
 from coaxlink.report.made import Made
 from coaxlink.report.page import chance, count, page, sentence
-from coaxlink.report.paper_page import paper_page
 from coaxlink.report.refine import tables
 from coaxlink.residual.result import ChannelError, FoundEffect, ParameterValue, Refinement, Rejected, Step
-from coaxlink.studies.paper import Ledger
-from coaxlink.studies.paper.ledger import CONTRADICTED, REPRODUCED, Entry, Line
 
 ERROR = ChannelError("N m", 0.0034, 0.647, 0.0034, (0.64, 0.65), (0.003, 0.004), 639, 0.66)
 WEAK = FoundEffect(
@@ -112,15 +109,3 @@ def test_a_table_of_many_columns_is_cards_on_a_phone_and_one_of_few_is_not():
     wide = html_table(tuple("abcde"), [tuple("12345")])
     assert 'class="cards"' in wide and '<td data-label="c">3</td>' in wide
     assert "data-label" not in html_table(("a", "b"), [("1", "2")])
-
-
-def test_the_ledger_counts_its_verdicts(made):
-    entries = (
-        Entry("table-1", "a table", REPRODUCED, "why", (Line("k", 2.0, 2.0, "N"), Line("none", None, 1.0))),
-        Entry("eq-18", "an equation", CONTRADICTED, "why not", (Line("k", 0.0, 1.0),)),
-    )
-    shown = paper_page(Ledger(entries), made)
-    assert (
-        "Of 2 tables, figures, equations and statements of the paper: 1 reproduced, 1 contradicted." in shown
-    )
-    assert shown.count("data:image/png;base64,") == 1

@@ -61,6 +61,7 @@ def test_crm_reaches_the_noise_and_the_paper_s_errors(crm: Identification) -> No
         assert np.sqrt(np.mean((getattr(loads, name) - true) ** 2)) < 0.4 * noise, name
 
 
+@pytest.mark.slow
 def test_held_out_is_held_out() -> None:
     """Loads that are pure noise cannot be predicted: the error stays at or above the noise."""
     random = np.random.default_rng(3)
@@ -102,6 +103,7 @@ def test_forms_have_the_terms_they_claim() -> None:
         identify(stand(0), "mutual")
 
 
+@pytest.mark.slow
 def test_an_outlier_is_reported_and_does_not_change_the_model() -> None:
     clean = stand(4)
     thrust = clean["lower_thrust_N"].copy()
@@ -134,6 +136,7 @@ def test_speeds_that_move_together_leave_terms_undetermined() -> None:
     assert any("move together" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_speeds_from_rpm_from_throttle_or_given() -> None:
     log = stand(0)
     result = identify(without(log, "rpm"), "crm", options=SQUARES, compare=False)
@@ -145,6 +148,7 @@ def test_speeds_from_rpm_from_throttle_or_given() -> None:
     assert given.terms()["upper.thrust_N"]["u_u^2"] == pytest.approx(85.7, abs=1)
 
 
+@pytest.mark.slow
 def test_a_rotor_alone_has_no_lower_terms(tmp_path: Path) -> None:
     u = np.linspace(0.1, 1, 40)
     log = Samples({"upper_rpm": 5000 * u, "upper_thrust_N": 70 * u**2, "upper_torque_Nm": 1.5 * u**2}, "x")

@@ -54,6 +54,7 @@ def table_of(rpm, k_thrust, k_torque, origin=STAND):
     return SingleTable(rpm, k_thrust * rpm**2, k_torque * rpm**2, None, origin, "made here")
 
 
+@pytest.mark.slow
 def test_the_upper_rotor_is_the_tables_and_the_level_is_its_interval():
     rpm = np.linspace(2000, 6000, 9)
     prior = pair_prior(table_of(rpm, 6.0e-7, 1.2e-8, MAKER), Propeller(DIAMETER, 0.2, PITCH))

@@ -97,6 +97,7 @@ def test_it_does_what_rotors_do_on_the_whole_range(found: Identification) -> Non
             assert values.min() > -1e-6 * np.abs(values).max(), (load, rule)
 
 
+@pytest.mark.slow
 def test_half_a_map_is_carried_on_without_a_swing() -> None:
     """Rows with the lower rotor up to 0.6 only: above, the prior keeps near the R-CRM's squares."""
     rows = slice(0, 12 * 7)
@@ -107,6 +108,7 @@ def test_half_a_map_is_carried_on_without_a_swing() -> None:
     assert np.abs(off).max() < 0.15 * full["lower_thrust_N"].max()
 
 
+@pytest.mark.slow
 def test_a_narrow_bump_is_not_followed() -> None:
     bumped, plain = world(bump=0.06), world()
     model = identify(bumped, "surface", compare=False).model

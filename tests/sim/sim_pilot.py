@@ -14,7 +14,8 @@ from sim.in_memory import MemoryPort
 from sim.standin import Standin
 from sim.world import World, build
 
-messages.register(m)
+for made in (messages.MAVLink_esc_info_message, messages.MAVLink_esc_status_message):
+    m.mavlink_map.setdefault(made.id, made)
 X8 = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
 GUIDED, RTL, LAND = 4, 6, 9
 

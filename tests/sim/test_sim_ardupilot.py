@@ -69,6 +69,7 @@ def split(us: list[float], board: Board) -> float:
     return float(sum(thrust[4:]) / sum(thrust[:4]))
 
 
+@pytest.mark.slow
 def test_the_built_in_frame_flies_equal_motors(board: Board) -> None:
     us = board.hover()
     assert max(us) - min(us) < 25 and -board.copter.plant.position[2] == pytest.approx(3.0, abs=0.2)
@@ -122,6 +123,7 @@ def test_the_checksum_keeps_altered_scripts_from_arming(board: Board) -> None:
         board.copter.arm()
 
 
+@pytest.mark.slow
 def test_a_loader_takes_a_new_table_in_flight(board: Board) -> None:
     pytest.importorskip("lupa")
     equal = [(r / abs(r) * 0.5, p / abs(p) * 0.5, y / abs(y) * 0.5, 1.0) for r, p, y, _ in REDUCED]
@@ -162,6 +164,7 @@ def test_a_script_may_hold_outputs_for_a_while(board: Board) -> None:
     assert board.copter.outputs_us != [1580.0] * 8
 
 
+@pytest.mark.slow
 def test_a_set_point_before_it_is_up_ends_a_take_off(board: Board) -> None:
     """As mode_guided.cpp, flown on the real one: another submode, which does not leave the ground."""
     c = board.copter
@@ -177,6 +180,7 @@ def test_a_set_point_before_it_is_up_ends_a_take_off(board: Board) -> None:
     assert not c.landed and c.plant.position[2] < -2.5
 
 
+@pytest.mark.slow
 def test_its_log_goes_on_for_a_while_after_disarming(board: Board) -> None:
     logger, c = DataFlashLogger(board.copter), board.copter
     c.arm()

@@ -7,9 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 FUNCTION = """
 import os, sys, time
 from pathlib import Path
+
 from sim.physics.compile_cache import cached
 
 @cached()
@@ -29,6 +32,7 @@ print(sum(total.stats.cache_misses.values()), sum(total.stats.cache_hits.values(
 """
 
 
+@pytest.mark.slow
 def test_of_processes_that_start_together_one_compiles(tmp_path: Path) -> None:
     script, door = tmp_path / "total.py", tmp_path / "door"
     script.write_text(FUNCTION)

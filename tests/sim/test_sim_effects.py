@@ -138,6 +138,7 @@ def test_strange_pushes_come_and_go() -> None:
     assert 0.1 < np.mean(np.array(pushes) > 1) < 0.6
 
 
+@pytest.mark.slow
 def test_the_plants_own_log_has_currents_and_heat(tmp_path: Path) -> None:
     true = TruthLog()
     log = fly(build(World(EXAMPLES / "x8_demo.toml"), []).autopilot, "paper", true.watch)
@@ -149,6 +150,7 @@ def test_the_plants_own_log_has_currents_and_heat(tmp_path: Path) -> None:
     assert (tmp_path / "true.csv").read_text().startswith("time_s,pos_n_m")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("firmware", "within_s"), [("px4", 3.0), ("ardupilot", 1.5)])
 @pytest.mark.parametrize("lost", [0.4, 1.0])
 def test_with_a_failed_rotor_it_lands_and_disarms_in_time(

@@ -98,6 +98,7 @@ def flown(firmware: str) -> Autopilot:
     return standin_.autopilot
 
 
+@pytest.mark.slow
 def test_ardupilot_keeps_one_log_a_boot(tmp_path: Path) -> None:
     from pymavlink import DFReader
 
@@ -137,7 +138,7 @@ RATES = {
 }
 
 
-@pytest.mark.parametrize("profile", [0, 1, 5, 9, 17, 25, 16])
+@pytest.mark.parametrize("profile", [0, 9, 17, 16])
 def test_px4_logs_what_its_profile_says_from_the_next_boot_on(tmp_path: Path, profile: int) -> None:
     from pyulog import ULog
 
@@ -165,22 +166,22 @@ def test_px4_logs_what_its_profile_says_from_the_next_boot_on(tmp_path: Path, pr
         assert rows == pytest.approx(2 * rates[profile], abs=2 + 0.1 * rates[profile]), name
 
 
-# whether a log runs by SDLOG_MODE: after boot, armed, disarmed again, armed again
-@pytest.mark.parametrize(
-    ("mode", "runs"), [(-1, "0000"), (0, "0101"), (1, "1101"), (2, "1111"), (3, "0000"), (4, "0111")]
-)
-def test_px4_logs_when_its_mode_says_from_the_next_boot_on(mode: int, runs: str) -> None:
-    a: Any = build(World(EXAMPLES / "x8_demo.toml"), []).autopilot
-    a.store.preset("SDLOG_MODE", mode)
-    a.boot()
-    logging = ""
-    for act in (lambda: None, a.arm, lambda: a.disarm(force=True), a.arm):
-        act()
-        a.step()
-        logging += str(int(a.logger.wanted()))
-    assert logging == runs
+@pytest.mark.slow
+def test_px4_logs_when_its_mode_says_from_the_next_boot_on() -> None:
+    # whether a log runs by SDLOG_MODE: after boot, armed, disarmed again, armed again
+    for mode, runs in ((-1, "0000"), (0, "0101"), (1, "1101"), (2, "1111"), (3, "0000"), (4, "0111")):
+        a: Any = build(World(EXAMPLES / "x8_demo.toml"), []).autopilot
+        a.store.preset("SDLOG_MODE", mode)
+        a.boot()
+        logging = ""
+        for act in (lambda: None, a.arm, lambda a=a: a.disarm(force=True), a.arm):
+            act()
+            a.step()
+            logging += str(int(a.logger.wanted()))
+        assert logging == runs, mode
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("firmware", "suffix"), [("px4", ".ulg"), ("ardupilot", ".BIN")])
 def test_a_flight_log_reader_reads_it(tmp_path: Path, firmware: str, suffix: str) -> None:
     from coaxlink.data import read_flight_log

@@ -60,6 +60,7 @@ def _offset(kind: type[Any], field: str) -> int:
     raise KeyError(field)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", ["px4:1.13", "px4", "ardupilot"])
 def test_nonsense_does_not_stop_the_world(firmware: str) -> None:
     draw, pilot = random.Random(firmware), Pilot(firmware)

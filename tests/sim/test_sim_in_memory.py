@@ -51,6 +51,7 @@ def test_parameters_come_and_go(firmware: str) -> None:
     assert client.board.autopilot.store[name] == 1.25
 
 
+@pytest.mark.slow
 def test_time_passes_as_told_and_never_back() -> None:
     client = Client(InMemory(World(FRAME)))
     assert len(named(client.say(seconds=9.5), "HEARTBEAT")) == 10

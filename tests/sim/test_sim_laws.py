@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from sim.effects import FORMS, HiddenEffect
-from sim.errors import WorldError
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
-from sim.stand.effects import StandEffect, StandSetup, measure, read_bench
+from sim.stand.effects import StandEffect, StandSetup, measure
 from sim.stand.laws import LAWS, friction
 from sim.truth import Truth, read_truth, truth_text
 from sim.vehicle import read_vehicle
@@ -184,6 +183,7 @@ def test_wind_grows_with_height_or_pushes_in_proportion() -> None:
     assert p.specific_force[0] * 20.0 == pytest.approx(0.1 * 5.0 * 2.5)
 
 
+@pytest.mark.slow
 def test_dryden_gusts_across_the_wind_forget_faster() -> None:
     truth = Truth((HiddenEffect("wind", 4.0, 0.0, {"gust_m_s": 1.5}, "dryden"),))
     p, felt = flown(), []
@@ -198,18 +198,11 @@ def test_dryden_gusts_across_the_wind_forget_faster() -> None:
     assert correlations == pytest.approx([math.exp(-1), 0.5 * math.exp(-1), 0.5 * math.exp(-1)], abs=0.06)
 
 
-def test_a_law_survives_its_file_and_a_bad_one_is_named(tmp_path: Path) -> None:
+def test_a_law_survives_its_file(tmp_path: Path) -> None:
     path = tmp_path / "truth.toml"
     effects = tuple(HiddenEffect(n, 0.1, 1.0, {}, law) for n, f in FORMS.items() for law in f.laws)
     path.write_text(truth_text(Truth(effects)))
     assert read_truth(path).effects == effects
-    path.write_text('[[effects]]\nname = "wind"\nsize = 1\nlaw = "breezy"')
-    for reader in (read_truth, read_bench):
-        with pytest.raises(WorldError):
-            reader(path)
-    path.write_text('[[effects]]\nname = "hysteresis"\nsize = 0.1\nlaw = "magic"')
-    with pytest.raises(WorldError, match="share, friction"):
-        read_bench(path)
 
 
 SIZES = {
@@ -228,8 +221,13 @@ SIZES = {
 LOADS = ("upper_thrust_N", "upper_torque_Nm", "lower_thrust_N", "lower_torque_Nm")
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_every_law_of_the_stand_is_as_large_as_the_first_and_another(name: str) -> None:
+@pytest.mark.slow
+def test_every_law_of_the_stand_is_as_large_as_the_first_and_another() -> None:
+    for name in LAWS:
+        compare_laws(name)
+
+
+def compare_laws(name: str) -> None:
     ramps = name in ("hysteresis", "rotor_lag", "dead_band")
     how = {"pattern": "ramps"} if ramps else {"sweeps": 4}
 
@@ -244,9 +242,9 @@ def test_every_law_of_the_stand_is_as_large_as_the_first_and_another(name: str) 
     channel = max(LOADS, key=lambda c: np.std(first[c]) / np.std(plain[c]))
     strength = {law: np.sqrt(np.mean(d[channel] ** 2)) for law, d in by.items()}
     for law in LAWS[name][1:]:
-        assert 0.4 < strength[law] / strength[LAWS[name][0]] < 2.5, (law, strength)
+        assert 0.4 < strength[law] / strength[LAWS[name][0]] < 2.5, (name, law, strength)
         apart = np.sqrt(np.mean((by[law][channel] - first[channel]) ** 2))
-        assert apart > (0.001 if name == "air_density" else 0.05) * strength[law], law
+        assert apart > (0.001 if name == "air_density" else 0.05) * strength[law], (name, law)
 
 
 def test_a_sticking_slide_is_behind_by_its_width() -> None:

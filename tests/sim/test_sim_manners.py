@@ -1,7 +1,5 @@
 """Manners of the firmwares that a companion stumbles over: lost links, bench tests, versions, indices."""
 
-import math
-
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as m
 from sim_pilot import GUIDED, LAND, RTL, Pilot
@@ -19,6 +17,7 @@ def copter() -> Pilot:
     return Pilot("ardupilot")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("action", "mode"), [(1, Mode.HOLD), (2, Mode.RTL), (3, Mode.LAND)])
 def test_px4_misses_its_ground_station(px4: Pilot, action: int, mode: Mode) -> None:
     px4.put("NAV_DLL_ACT", action)
@@ -36,6 +35,7 @@ def test_px4_misses_its_ground_station(px4: Pilot, action: int, mode: Mode) -> N
     assert any("regained" in t.text for t in px4.heard("STATUSTEXT"))
 
 
+@pytest.mark.slow
 def test_px4_without_that_action_flies_on_and_with_it_wants_one_to_arm() -> None:
     px4 = Pilot("px4")
     px4.climb()
@@ -73,6 +73,7 @@ def turning(pilot: Pilot) -> set[int]:
     return {n + 1 for n, u in enumerate(pilot.autopilot.plant.speeds.tolist()) if u > 0.05}
 
 
+@pytest.mark.slow
 def test_a_motor_is_turned_on_the_bench(px4: Pilot, copter: Pilot) -> None:
     assert px4.command(310, 0.2, 1.0, 0, 0, 6) == 0
     px4.run(0.5)
@@ -95,18 +96,7 @@ def test_a_motor_is_turned_on_the_bench(px4: Pilot, copter: Pilot) -> None:
         assert pilot.command(310 if pilot is px4 else 209, 1, 0, 0, 0, 1) in (2, 4)
 
 
-def test_free_actuators_reach_their_outputs_in_flight(px4: Pilot) -> None:
-    px4.climb()
-    before = px4.autopilot.outputs_us[6]
-    assert px4.command(187, 0.5, math.nan, math.nan, math.nan, math.nan, math.nan) == 0
-    px4.run(0.1)
-    assert px4.autopilot.outputs_us[6] == pytest.approx(before, abs=60)  # a motor is not theirs
-    px4.autopilot.store.write("PWM_MAIN_FUNC7", 6, 4.217911e-43)  # 301, by its bytes
-    assert px4.autopilot.store["PWM_MAIN_FUNC7"] == 301
-    px4.run(0.1)
-    assert px4.autopilot.outputs_us[6] == 1750.0
-
-
+@pytest.mark.slow
 def test_versions_differ() -> None:
     old, middle, new, later = (Pilot(f"px4{v}") for v in (":1.13", ":1.14", "", ":1.17"))
     assert [p.command(511, 140, 4000) for p in (old, middle, new)] == [0, 4, 4]
@@ -153,6 +143,7 @@ def test_a_reboot_forgets_what_was_asked_for(copter: Pilot) -> None:
     assert copter.heard("LOCAL_POSITION_NED")[-1].time_boot_ms < 1000 * copter.autopilot.plant.time_s + 500
 
 
+@pytest.mark.slow
 def test_after_a_landing_px4_is_in_the_mode_chosen_before(px4: Pilot) -> None:
     """UserModeIntention.cpp, and seen on the real one."""
     a = px4.autopilot

@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from sim.errors import WorldError
 from sim.manoeuvres import read_plan
 
 
@@ -44,19 +43,3 @@ def test_velocity_and_acceleration_belong_to_the_path(tmp_path):
             bend = (after.velocity[k] - before.velocity[k]) / (2 * h)
             assert here.velocity[k] == pytest.approx(slope, abs=1e-5)
             assert here.acceleration[k] == pytest.approx(bend, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        ("", "pieces"),
-        ("[[pieces]]\nnorth_m = 1\n", "seconds"),
-        ("[[pieces]]\nseconds = 5\nheight_m = 0.1\n", "height_m"),
-        ("[[pieces]]\nseconds = 5\nnorth = 3\n", "north"),
-        ("[[pieces]]\nseconds = 5\nnorth_m = 3\ncycles = 40\n", "cycles"),
-        ("[[pieces]]\nseconds = 5\nnorth_m = 300\n", "north_m"),
-    ],
-)
-def test_nonsense_is_named(tmp_path, text, named):
-    with pytest.raises(WorldError, match=named):
-        plan(tmp_path, text)

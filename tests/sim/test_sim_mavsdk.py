@@ -25,6 +25,7 @@ def vehicle(request: pytest.FixtureRequest) -> Iterator[System]:
         yield system
 
 
+@pytest.mark.slow
 def test_mavsdk_arms_takes_off_flies_offboard_and_lands(vehicle: System) -> None:
     telemetry, action = Telemetry(vehicle), Action(vehicle)
     version = Info(vehicle).get_version()
@@ -62,6 +63,7 @@ def test_mavsdk_arms_takes_off_flies_offboard_and_lands(vehicle: System) -> None
     until(lambda: telemetry.landed_state() == LandedState.ON_GROUND, "not on the ground")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["ardupilot"], indirect=True)
 def test_mavsdk_flies_ardupilot(vehicle: System) -> None:
     telemetry, action, param = Telemetry(vehicle), Action(vehicle), Param(vehicle)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from sim.errors import WorldError
 from sim.world import World, build
 
 X8 = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
@@ -16,6 +15,7 @@ def _boot(memory, firmware="px4", clock=time.monotonic):
     return build(World(X8, firmware=firmware, memory=memory), [], clock=clock)
 
 
+@pytest.mark.slow
 def test_px4_saves_late_or_when_it_is_told_to(tmp_path):
     memory = tmp_path / "memory.json"
     first = _boot(memory)
@@ -28,6 +28,7 @@ def test_px4_saves_late_or_when_it_is_told_to(tmp_path):
     assert again.autopilot.mixer.mix.effectiveness[5, 0] == -30.0  # and flies it
 
 
+@pytest.mark.slow
 def test_px4_s_own_save_comes_a_moment_after_the_change(tmp_path):
     clock = [100.0]
     memory = tmp_path / "memory.json"
@@ -44,6 +45,7 @@ def test_px4_s_own_save_comes_a_moment_after_the_change(tmp_path):
     assert (after_restart(1.9), after_restart(0.2)) == (30.0, 31.0)
 
 
+@pytest.mark.slow
 def test_ardupilot_keeps_values_scripts_and_what_they_added_at_once(tmp_path):
     memory = tmp_path / "memory.json"
     board = _boot(memory, "ardupilot").autopilot
@@ -74,6 +76,7 @@ def _until_scripts_run(standin):
         standin.autopilot.step()
 
 
+@pytest.mark.slow
 def test_ardupilot_counts_its_starts_and_only_saves_what_it_saves(tmp_path):
     memory = tmp_path / "memory.json"
     standin = _boot(memory, "ardupilot")
@@ -89,12 +92,3 @@ def test_ardupilot_counts_its_starts_and_only_saves_what_it_saves(tmp_path):
     store.save("MOT_THST_HOVER")
     standin.tick()
     assert _boot(memory, "ardupilot").autopilot.store["MOT_THST_HOVER"] == pytest.approx(0.3)
-
-
-@pytest.mark.parametrize(
-    "text", ["", "[]", '{"parameters": {}}', '{"parameters": {}, "files": 3, "folders": []}']
-)
-def test_another_file_is_no_memory(tmp_path, text):
-    (tmp_path / "m.json").write_text(text)
-    with pytest.raises(WorldError, match=r"m\.json: no memory of a stand-in"):
-        _boot(tmp_path / "m.json")

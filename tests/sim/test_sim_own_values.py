@@ -42,6 +42,7 @@ def _fly(vehicle, seconds, ardupilot):
     return in_the_air
 
 
+@pytest.mark.slow
 def test_an_arducopter_learns_its_hover_throttle_and_saves_it_on_disarming():
     copter = _standin("ardupilot")
     model = copter.store["MOT_THST_HOVER"]
@@ -55,6 +56,7 @@ def test_an_arducopter_learns_its_hover_throttle_and_saves_it_on_disarming():
     assert copter.store["MOT_THST_HOVER"] == learned
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("learn", "saved"), [(0, True), (1, True), (2, False)])
 def test_what_is_not_saved_is_gone_with_the_next_start(learn, saved):
     copter = _standin("ardupilot")
@@ -66,6 +68,7 @@ def test_what_is_not_saved_is_gone_with_the_next_start(learn, saved):
     assert (copter.store["MOT_THST_HOVER"] == 0.5) == saved
 
 
+@pytest.mark.slow
 def test_an_arducopter_counts():
     copter = _standin("ardupilot")
     before = copter.store.values()
@@ -106,6 +109,7 @@ def test_a_packed_file_passes_over_what_is_internal():
     assert store["BARO1_GND_PRESS"] == held and store["MOT_THST_EXPO"] == 0.25
 
 
+@pytest.mark.slow
 def test_a_px4_counts_its_flights_and_keeps_its_hover_thrust():
     px4 = _standin("px4")
     before = px4.store.values()

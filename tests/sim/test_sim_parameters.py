@@ -76,6 +76,7 @@ def test_px4_lands_slower_between_its_two_heights() -> None:
     assert speeds == pytest.approx([1.5, 1.5, 1.1, 0.7, 0.7])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("down", "speed"), [(-40.0, 3.0), (-2.0, 1.5)])
 def test_px4_climbs_and_sinks_at_the_speeds_of_its_autonomous_modes(down: float, speed: float) -> None:
     px4 = Pilot("px4")
@@ -136,6 +137,7 @@ def test_ardupilot_hears_one_ground_station_only() -> None:
         assert a.links.there(a.plant.time_s) == there
 
 
+@pytest.mark.slow
 def test_ardupilot_flies_at_its_waypoint_speed() -> None:
     copter = Pilot("ardupilot")
     copter.climb()

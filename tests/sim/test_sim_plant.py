@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.errors import WorldError
 from sim.physics.pair import Pair
 from sim.physics.plant import GRAVITY, Plant
 from sim.physics.rotors import read_pair
@@ -203,24 +202,6 @@ def test_a_truth_survives_its_file(tmp_path: Path) -> None:
     assert read_truth(path).effects == truth.effects
     for example in EXAMPLES.glob("truth_[bd]*.toml"):
         assert all(e.name in FORMS for e in read_truth(example).effects)
-
-
-@pytest.mark.parametrize(
-    ("text", "where"),
-    [
-        ('[[effects]]\nname = "magic"\nsize = 1', "effects[1].name"),
-        ('[[effects]]\nname = "wind"\nsize = "big"', "effects[1].size"),
-        ('[[effects]]\nname = "wind"\nsize = 1\nrotor = 2', "effects[1].rotor"),
-        ("effects = 3", "effects"),
-        ("= 3", "not TOML"),
-    ],
-)
-def test_a_bad_truth_is_one_clear_line(tmp_path: Path, text: str, where: str) -> None:
-    path = tmp_path / "truth.toml"
-    path.write_text(text)
-    with pytest.raises(WorldError) as caught:
-        read_truth(path)
-    assert where in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_calm_air_is_the_general_case_with_nothing_in_it(plant: Plant) -> None:

@@ -75,6 +75,7 @@ def test_a_batch_flight_is_the_stand_ins_flight(design, effects) -> None:
         assert log[name] == pytest.approx(stood, abs=5e-3 * scale), name
 
 
+@pytest.mark.slow
 def test_the_compiled_mix_is_px4s_to_the_last_bit(design) -> None:
     from numba import njit
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.errors import WorldError
 from sim.physics.rotors import read_pair
 from sim.stand.effects import StandEffect, StandSetup, measure
 from sim.stand.schedule import read_schedule
@@ -51,22 +50,3 @@ def test_the_supply_is_what_the_plan_sets(tmp_path):
     volts, rpm = columns["voltage_V"], columns["upper_rpm"]
     assert abs(volts[:50].mean() - 33.6) < 0.02 and abs(volts[50:].mean() - 29.4) < 0.02
     assert rpm[50:].mean() / rpm[:50].mean() == pytest.approx(29.4 / 33.6, rel=0.01)
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        ("", "pieces"),
-        ("[[pieces]]\nupper = 0.5\nlower = 0.5\n", "seconds"),
-        ("[[pieces]]\nseconds = 5\nupper = 1.5\nlower = 0.5\n", "upper"),
-        ("[[pieces]]\nseconds = 5\nupper = [0, 1, 0]\nlower = 0.5\n", "upper"),
-        ("[[pieces]]\nseconds = 5\nupper = 0.1\nlower = 0.5\nvolts = 3\n", "volts"),
-        ('[[pieces]]\nseconds = 5\nupper = 0.1\nlower = 0.5\nshape = "sine"\n', "shape"),
-        ("[[pieces]]\nseconds = 9999\nupper = 0.1\nlower = 0.5\n", "pieces"),
-        ("rate_hz = 0\n[[pieces]]\nseconds = 9\nupper = 0.1\nlower = 0.5\n", "rate_hz"),
-        ("[[pieces]]\nseconds = 5\nupper = 0.1\nlower = 0.5\nsupply_V = -3\n", "supply_V"),
-    ],
-)
-def test_nonsense_is_named(tmp_path, text, named):
-    with pytest.raises(WorldError, match=named):
-        read_schedule(write(tmp_path, text))

@@ -42,20 +42,3 @@ def test_the_log_is_whole_or_not_there(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["log.csv"]
     with pytest.raises(WorldError, match="cannot be written"):
         write_stand(tmp_path / "absent" / "log.csv", rows)
-
-
-@pytest.mark.parametrize(
-    ("line", "where"),
-    [
-        ('"u_u^2" = "x"', "upper.thrust_N.u_u^2"),
-        ('"u_q" = 1', "upper.thrust_N.u_q"),
-        ('"u_u^9" = 1', "powers up to"),
-        ('"u_u" = nan', "finite"),
-    ],
-)
-def test_a_bad_rotor_file_is_one_clear_line(tmp_path: Path, line: str, where: str) -> None:
-    path = tmp_path / "rotor.toml"
-    path.write_text(f"speed_max_rpm = 5400.0\n[upper.thrust_N]\n{line}\n")
-    with pytest.raises(WorldError) as caught:
-        read_pair(path)
-    assert where in str(caught.value) and "\n" not in str(caught.value)

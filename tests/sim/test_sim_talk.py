@@ -74,6 +74,7 @@ def test_ardupilot_s_values_come_back_as_the_board_keeps_them() -> None:
         assert pilot.heard("STATUSTEXT")[-1].text == f"No ap_message for mavlink id ({number})"
 
 
+@pytest.mark.slow
 def test_offboard_follows_a_stream_and_holds_without_it() -> None:
     pilot = Pilot()
     pilot.run(0.3, lambda: pilot.say(target(-2.0)))
@@ -93,6 +94,7 @@ def test_offboard_follows_a_stream_and_holds_without_it() -> None:
     assert [getattr(servo, f"servo{n}_raw") for n in range(1, 10)] == [900] * 8 + [0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("firmware", "taken"), [("px4:1.13", True), ("px4", False)])
 def test_live_motor_commands_are_taken_by_1_13_only(firmware: str, taken: bool) -> None:
     pilot = Pilot(firmware)
@@ -145,6 +147,7 @@ def upload(pilot: Pilot, items: list[Any]) -> int:
 HOME = item(0, WAYPOINT, 0, 0, 0, frame=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
 def test_a_mission_is_read_back_and_flown(firmware: str) -> None:
     pilot, first = Pilot(firmware), int(firmware == "ardupilot")
@@ -197,6 +200,7 @@ def test_a_mission_that_cannot_be_flown_is_refused() -> None:
     assert counted[0].count == 0
 
 
+@pytest.mark.slow
 def test_an_ardupilot_mission_starts_with_a_takeoff_and_jumps() -> None:
     pilot = Pilot("ardupilot")
     assert pilot.command(176, 1, 3) == 0 and pilot.command(400, 1) == 4  # "AUTO mode not armable"
@@ -214,6 +218,7 @@ def test_an_ardupilot_mission_starts_with_a_takeoff_and_jumps() -> None:
     assert [seq for seq in reached if seq != 4] == [1, 2, 3, 2, 3, 5]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", ["px4", "ardupilot"])
 @pytest.mark.parametrize("kind", ["measured", "sitl", "none"])
 def test_escs_tell_what_they_measure_or_what_the_real_simulations_make_up(firmware: str, kind: str) -> None:

@@ -19,7 +19,7 @@ from coaxlink.mixer import LAWS, allocate, make_law, reduced_coefficients, stand
 from coaxlink.mixer.exact import ExactLaw
 from coaxlink.mixer.fitted import FittedLaw, fit_table
 from coaxlink.rotor import RotorModel, load_rotor_model, save_rotor_model
-from coaxlink.rotor.model import EffectEntry as Effect
+from coaxlink.rotor.model import EffectEntry
 from coaxlink.tables.ardupilot import report_ap
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle, load_vehicle
@@ -27,7 +27,7 @@ from coaxlink.vehicle import Vehicle, load_vehicle
 X8 = load_airframe(example("x8_paper.toml"))
 CRM = load_rotor_model(example("rotor_paper.toml"))
 WEAK = replace(
-    CRM, effects=(Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.18}),)
+    CRM, effects=(EffectEntry("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.18}),)
 )
 HOVER = [196.133, 0.0, 0.0, 0.0]
 
@@ -141,12 +141,12 @@ def test_what_is_left_to_live_mixing_is_in_it_or_refused():
 
 def test_what_no_mixer_can_hold_is_named(tmp_path):
     dragged = replace(
-        CRM, effects=(Effect("rotor_drag", {"drag_per_thrust_s_m": 0.02, "moment_share": 1.0}),)
+        CRM, effects=(EffectEntry("rotor_drag", {"drag_per_thrust_s_m": 0.02, "moment_share": 1.0}),)
     )
     vehicle = Vehicle(X8, dragged)
     assert "no rotor speed" in vehicle.left_out["rotor_drag"]
     assert "rotor_drag" in repr(vehicle)
-    strange = replace(CRM, effects=(Effect("phlogiston", {}),))
+    strange = replace(CRM, effects=(EffectEntry("phlogiston", {}),))
     assert Vehicle(X8, strange).left_out == {"phlogiston": "not known to the mixers"}
 
 

@@ -14,8 +14,7 @@ import pytest
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
 from coaxlink.mixer import make_law
-from coaxlink.rotor.model import EffectEntry as Effect
-from coaxlink.rotor.model import load_rotor_model
+from coaxlink.rotor.model import EffectEntry, load_rotor_model
 from coaxlink.vehicle import Conditions, Vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -23,16 +22,16 @@ X8 = load_airframe(EXAMPLES / "x8_paper.toml")
 CRM = load_rotor_model(EXAMPLES / "rotor_paper.toml")
 DEMAND = np.array([205.0, 1.5, -1.0, 0.4])
 
-WEAK = Effect("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.18})
-SHIFT = Effect("cg_offset", {"offset_x_m": 0.012, "offset_y_m": -0.007})
-SAG = Effect("battery_voltage", {"speed_exponent": 0.5, "reference_voltage_V": 33.6})
-GROUND = Effect("ground_effect", {"gain_at_ground": 0.2, "height_scale_m": 0.6})
-INFLOW = Effect("axial_inflow", {"thrust_per_climb_N_s_m": 1.8})
-INTERFERENCE = Effect(
+WEAK = EffectEntry("degraded_rotor", {"rotor": 3.0, "thrust_loss": 0.3, "torque_loss": 0.18})
+SHIFT = EffectEntry("cg_offset", {"offset_x_m": 0.012, "offset_y_m": -0.007})
+SAG = EffectEntry("battery_voltage", {"speed_exponent": 0.5, "reference_voltage_V": 33.6})
+GROUND = EffectEntry("ground_effect", {"gain_at_ground": 0.2, "height_scale_m": 0.6})
+INFLOW = EffectEntry("axial_inflow", {"thrust_per_climb_N_s_m": 1.8})
+INTERFERENCE = EffectEntry(
     "lower_on_upper_interference",
     {"thrust_loss_N": 2.5, "torque_loss_Nm": 0.03, "lower_power": 1.5, "upper_power": 0.5},
 )
-BLADE = Effect("blade_speed_law", {"exponent_change": 0.12, "power": -0.25})
+BLADE = EffectEntry("blade_speed_law", {"exponent_change": 0.12, "power": -0.25})
 
 
 def vehicle_with(*effects, **at):
@@ -69,17 +68,17 @@ CASES = {
     "sagged supply": ((SAG,), {"voltage_V": 30.0}, {"speed": (30.0 / 33.6) ** 0.5}),
     "ground": ((GROUND,), {"height_m": 0.4}, {"thrust_gain": 1 + 0.2 * np.exp(-ABOVE / 0.6)}),
     "ground by a power": (
-        (Effect("ground_effect", {"effective_radius_m": 0.5, "height_power": 1.6}),),
+        (EffectEntry("ground_effect", {"effective_radius_m": 0.5, "height_power": 1.6}),),
         {"height_m": 0.4},
         {"thrust_gain": 1 + (0.5 / 4 / ABOVE) ** 1.6},
     ),
     "bent ground": (
-        (Effect("ground_effect", {"effective_radius_m": 0.5, "height_power": 2.0, "levelling": -1.0}),),
+        (EffectEntry("ground_effect", {"effective_radius_m": 0.5, "height_power": 2.0, "levelling": -1.0}),),
         {"height_m": 0.4},
         {"thrust_gain": 1 / (1 - (0.5 / 4 / ABOVE) ** 2)},
     ),
     "climb, bent": (
-        (Effect("axial_inflow", BENT),),
+        (EffectEntry("axial_inflow", BENT),),
         {"climb_m_s": 1.5},
         {"climb": 1.5, "less": 0.1, "more": -0.1 * 1.5**2},
     ),
@@ -127,7 +126,7 @@ def test_a_curved_surface_is_delivered_on():
 
 def test_a_pair_at_another_spacing_than_the_bench_had():
     numbers = {"wake_thrust_share": 0.3, "wake_torque_share": 0.2, "upper_gain_N": 1.0}
-    wider = Effect("rotor_spacing", numbers | {"reference_spacing_m": 0.1})  # the vehicle's is 0.15 m
+    wider = EffectEntry("rotor_spacing", numbers | {"reference_spacing_m": 0.1})  # the vehicle's is 0.15 m
 
     def bend(a, b, each):
         alone = CRM.loads(0.0, b)
@@ -137,7 +136,7 @@ def test_a_pair_at_another_spacing_than_the_bench_had():
     s = vehicle_with(wider)
     u = make_law("exact", s).speeds(DEMAND)
     assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1e-6)
-    unknown = vehicle_with(Effect("rotor_spacing", numbers))
+    unknown = vehicle_with(EffectEntry("rotor_spacing", numbers))
     assert "at which spacing" in unknown.left_out["rotor_spacing"]
 
 
@@ -150,7 +149,9 @@ def test_the_linear_laws_know_a_weak_rotor_too():
 
 
 def test_what_is_not_stated_or_cannot_be_held_is_said():
-    s = vehicle_with(SAG, GROUND, INFLOW, Effect("rotor_drag", {"drag_N_s_m": 1.0}), Effect("dust", {}))
+    s = vehicle_with(
+        SAG, GROUND, INFLOW, EffectEntry("rotor_drag", {"drag_N_s_m": 1.0}), EffectEntry("dust", {})
+    )
     assert not s.compensated and s.airframe == X8
     assert s.model.terms() == CRM.terms() and s.model.effects == ()
     assert "voltage_V" in s.left_out["battery_voltage"] and "height_m" in s.left_out["ground_effect"]
@@ -159,7 +160,7 @@ def test_what_is_not_stated_or_cannot_be_held_is_said():
 
 def test_commands_begin_where_motors_start():
     band, share = 0.08, 0.9
-    s = vehicle_with(Effect("dead_band", {"band": band, "share": share, "stretched": 1.0}))
+    s = vehicle_with(EffectEntry("dead_band", {"band": band, "share": share, "stretched": 1.0}))
     assert "0.08" in s.compensated["dead_band"]
     u = make_law("exact", s).speeds(DEMAND)
     turned = u + share * ((u - band) / (1.0 - band) - u)
@@ -168,7 +169,7 @@ def test_commands_begin_where_motors_start():
     short = delivered(blind + share * ((blind - band) / (1.0 - band) - blind))
     assert short[0] < DEMAND[0] - 10.0
     # a band that only cuts off needs no other command above it, and no mixer can go below
-    cut = vehicle_with(Effect("dead_band", {"band": band, "share": 1.0}))
+    cut = vehicle_with(EffectEntry("dead_band", {"band": band, "share": 1.0}))
     assert "minimum" in cut.left_out["dead_band"] and cut.model.terms() == CRM.terms()
 
 
@@ -188,7 +189,7 @@ def test_every_variant_of_a_blade_speed_law_is_delivered_on():
             share = lift(a), drag(a), lift(b), drag(b)
             return [e * (1.0 + s) for e, s in zip(each, share, strict=True)]
 
-        u = make_law("exact", vehicle_with(Effect("blade_speed_law", numbers))).speeds(DEMAND)
+        u = make_law("exact", vehicle_with(EffectEntry("blade_speed_law", numbers))).speeds(DEMAND)
         assert delivered(u, bend=bend) == pytest.approx(DEMAND, abs=1.5), (
             numbers
         )  # the surface is a polynomial
@@ -196,7 +197,7 @@ def test_every_variant_of_a_blade_speed_law_is_delivered_on():
 
 
 def test_a_motor_that_takes_its_idling_off_is_told_more():
-    s = vehicle_with(Effect("dead_band", {"band": 0.2, "bend": 2.0, "share": 1.0, "start": 0.25}))
+    s = vehicle_with(EffectEntry("dead_band", {"band": 0.2, "bend": 2.0, "share": 1.0, "start": 0.25}))
     u = make_law("exact", s).speeds(DEMAND)
     assert delivered(np.sqrt(np.maximum(u**2 - 0.04, 0.0))) == pytest.approx(DEMAND, abs=1.2)
     blind = make_law("exact", Vehicle(X8, CRM)).speeds(DEMAND)
@@ -204,7 +205,7 @@ def test_a_motor_that_takes_its_idling_off_is_told_more():
 
 
 def test_a_spacing_acts_before_the_blades_whatever_the_file_says():
-    gap = Effect(
+    gap = EffectEntry(
         "rotor_spacing", {"wake_thrust_share": 0.5, "wake_torque_share": 0.5, "reference_spacing_m": 0.1}
     )
     one, other = (vehicle_with(*order).model for order in ((gap, BLADE), (BLADE, gap)))
@@ -213,7 +214,7 @@ def test_a_spacing_acts_before_the_blades_whatever_the_file_says():
 
 
 def test_air_of_another_density_is_stated():
-    air = Effect("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.2})
+    air = EffectEntry("air_density", {"density_exponent": 1.0, "reference_density_kg_m3": 1.2})
     assert "air_density_kg_m3" in vehicle_with(air).left_out["air_density"]
     s = vehicle_with(air, air_density_kg_m3=1.0)
     u = make_law("exact", s).speeds(DEMAND)
@@ -229,7 +230,7 @@ def test_live_mixing_is_left_what_it_measures():
 
 
 def test_a_mass_moves_the_hover():
-    assert vehicle_with(Effect("mass_change", {"mass_kg": 22.5})).airframe.mass_kg == 22.5
+    assert vehicle_with(EffectEntry("mass_change", {"mass_kg": 22.5})).airframe.mass_kg == 22.5
 
 
 def test_numbers_that_cannot_be_are_refused_with_their_key():
@@ -247,4 +248,4 @@ def test_numbers_that_cannot_be_are_refused_with_their_key():
         ("blade_speed_law", {"exponent_change": 0.1, "power": 0.2, "soft": -1.0}, {}, "_law.soft"),
     ):
         with pytest.raises(InputError, match=said):
-            vehicle_with(Effect(name, numbers), **at)
+            vehicle_with(EffectEntry(name, numbers), **at)

@@ -6,6 +6,8 @@ import math
 import re
 from typing import TYPE_CHECKING, Any
 
+from coaxlink.report.terminal import table
+
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.tables.rate_gains import AxisGain
@@ -36,19 +38,17 @@ def under(reference_name: str) -> str:
 
 
 def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) -> None:
-    from rich.table import Table
-
     out.print(f"\nWhat the law demands of each rotor, and what {firmware} does")
     out.print("thousandths of squared speed, for 1 N m of roll, pitch or yaw and for 1 N of thrust")
-    rows = Table("rotor", *explained.axes, box=None)
+    rows = []
     largest = abs(explained.demanded).max(axis=0)
     for n, rotor in enumerate(frame.rotors):
         cells = []
         for demanded, done, top in zip(explained.demanded[n], explained.done[n], largest, strict=True):
             same = abs(done - demanded) <= _EQUAL * top
             cells.append(f"{1e3 * demanded:+.2f}" + ("" if same else f" -> {1e3 * done:+.2f}"))
-        rows.add_row(f"{rotor.number} {rotor.level}", *cells)
-    out.print(rows)
+        rows.append((f"{rotor.number} {rotor.level}", *cells))
+    out.print(table("", ("rotor", *explained.axes), rows))
     axis, worst = max(explained.worst.items(), key=lambda item: item[1])
     if worst <= _EQUAL:
         out.print(
@@ -61,8 +61,6 @@ def _show_mix(out: Any, frame: Airframe, explained: Explanation, firmware: str) 
 
 
 def _show_worth(out: Any, explained: Explanation) -> None:
-    from rich.table import Table
-
     from coaxlink.airframe import AXES
     from coaxlink.report.worth import first_bound
 
@@ -70,22 +68,32 @@ def _show_worth(out: Any, explained: Explanation) -> None:
     now, before = explained.worth, explained.worth_before
     low, high = now.load_kg
     out.print("\nWhat that is worth in hover, by the rotor model")
-    rows = Table("", explained.reference_name, "this table", "change", box=None)
-    rows.add_row("thrust demand, 0..1", _shown(other.hover), _shown(this.hover))
-    rows.add_row("power at the shafts, W", *_pair(before.hover_W, now.hover_W, ".0f"))
-    rows.add_row("vertical gain (1 is counted on)", *_pair(before.lift_exponent, now.lift_exponent, ".2f"))
-    for axis, a, b in zip(AXES, before.load_span, now.load_span, strict=True):
-        if axis in ("thrust", "yaw"):
-            rows.add_row(f"largest / least {axis} gain, {low:.3g}-{high:.3g} kg", *_pair(a, b, ".3f"))
-    rows.add_row("ceiling, N", *_pair(other.ceiling_N, this.ceiling_N, ".1f"))
-    rows.add_row("first at its bound in yaw", first_bound(before.limits[2]), first_bound(now.limits[2]))
     hard = now.hard_Nm[2]
-    rows.add_row(f"thrust off at {hard:.1f} N m of yaw, N", *_off(before.coupling[2, 0], now.coupling[2, 0]))
-    for axis, a, b in zip(explained.axes, other.authority_Nm, this.authority_Nm, strict=False):
-        rows.add_row(f"{axis} in hover to the first bound, N m", *_pair(a, b, ".2f"))
-    for axis, a, b in zip(explained.axes, other.gain_Nm, this.gain_Nm, strict=False):
-        rows.add_row(f"{axis} moment per unit of demand, N m", *_pair(a, b, ".2f"))
-    out.print(rows)
+    rows = [
+        ("thrust demand, 0..1", _shown(other.hover), _shown(this.hover)),
+        ("power at the shafts, W", *_pair(before.hover_W, now.hover_W, ".0f")),
+        ("vertical gain (1 is counted on)", *_pair(before.lift_exponent, now.lift_exponent, ".2f")),
+    ]
+    rows += [
+        (f"largest / least {axis} gain, {low:.3g}-{high:.3g} kg", *_pair(a, b, ".3f"))
+        for axis, a, b in zip(AXES, before.load_span, now.load_span, strict=True)
+        if axis in ("thrust", "yaw")
+    ]
+    rows += [
+        ("ceiling, N", *_pair(other.ceiling_N, this.ceiling_N, ".1f")),
+        ("first at its bound in yaw", first_bound(before.limits[2]), first_bound(now.limits[2])),
+        (f"thrust off at {hard:.1f} N m of yaw, N",
+         f"{before.coupling[2, 0]:+.2f}", f"{now.coupling[2, 0]:+.2f}"),
+    ]  # fmt: skip
+    rows += [
+        (f"{axis} in hover to the first bound, N m", *_pair(a, b, ".2f"))
+        for axis, a, b in zip(explained.axes, other.authority_Nm, this.authority_Nm, strict=False)
+    ]
+    rows += [
+        (f"{axis} moment per unit of demand, N m", *_pair(a, b, ".2f"))
+        for axis, a, b in zip(explained.axes, other.gain_Nm, this.gain_Nm, strict=False)
+    ]
+    out.print(table("", ("", explained.reference_name, "this table", "change"), rows))
 
 
 def _show_gains(out: Any, gains: tuple[AxisGain, ...], against: str) -> None:
@@ -102,8 +110,6 @@ def _show_gains(out: Any, gains: tuple[AxisGain, ...], against: str) -> None:
 
 
 def _show_changes(out: Any, explained: Explanation) -> None:
-    from rich.table import Table
-
     if not explained.changed:
         return
     out.print(f"\nWhat this table changes on board: {len(explained.changed)} parameters")
@@ -116,19 +122,13 @@ def _show_changes(out: Any, explained: Explanation) -> None:
             out.print(f" {name} {shown}")
     if rotors:
         keys = sorted({key for row in rotors.values() for key in row})
-        rows = Table("parameter", *keys, box=None)
-        for n, row in sorted(rotors.items()):
-            rows.add_row(f"CA_ROTOR{n}_*", *(row.get(key, "") for key in keys))
-        out.print(rows)
+        rows = [(f"CA_ROTOR{n}_*", *(row.get(key, "") for key in keys)) for n, row in sorted(rotors.items())]
+        out.print(table("", ("parameter", *keys), rows))
 
 
 def _pair(old: float, new: float, form: str) -> tuple[str, str, str]:
     change = f"{(new - old) / abs(old):+.1%}" if old and math.isfinite(old) and math.isfinite(new) else ""
     return f"{old:{form}}", f"{new:{form}}", change
-
-
-def _off(old: float, new: float) -> tuple[str, str]:
-    return f"{old:+.2f}", f"{new:+.2f}"
 
 
 def _shown(value: float | None) -> str:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from coaxlink.cli.shared.progress import progress
 from coaxlink.cli.shared.shell import console, say
 
 if TYPE_CHECKING:
-    from coaxlink.studies.campaign.fleet import Analyse, Fleet
+    from coaxlink.studies.fleet import Analyse, Fleet
 
 
 def folder_of(logs: Path) -> str | None:
@@ -25,26 +25,20 @@ def tell_fleet(
     folder: str, analyse: Analyse, workers: int, scheduler: str | None, report: Path | None, json: Path | None
 ) -> Fleet:
     """Analyse every log under `folder` and show what it says of the vehicles. Raises CoaxlinkError."""
-    from rich.table import Table
-
     from coaxlink import files
     from coaxlink.report import fleet as shown
-    from coaxlink.studies.campaign.engine import Machine
-    from coaxlink.studies.campaign.fleet import find_logs, look_through
-    from coaxlink.studies.campaign.progress import Progress
+    from coaxlink.report.terminal import table
+    from coaxlink.studies.engine import Machine
+    from coaxlink.studies.fleet import find_logs, look_through
 
     logs = find_logs(folder)
-    progress = Progress(len(logs), 0, "logs", _write, sys.stderr.isatty())
-    fleet = look_through(logs, analyse, Machine(workers, scheduler), progress.at)
-    progress.end(len(logs))
+    with progress("logs", len(logs)) as bar:
+        fleet = look_through(logs, analyse, Machine(workers, scheduler), bar.at)
     screen = console()
     for line in shown.sentences(fleet):
         screen.print(line)
     if fleet.trends:
-        table = Table(*shown.HEADS, box=None)
-        for row in shown.rows(fleet.trends):
-            table.add_row(*row)
-        screen.print(table)
+        screen.print(table("", shown.HEADS, shown.rows(fleet.trends), left=3))
     for name, why in list(fleet.problems.items())[:10]:
         say(f"says nothing: {name}: {why}")
     if report is not None:
@@ -53,8 +47,3 @@ def tell_fleet(
     if json is not None:
         files.write_json(json, fleet.to_json())
     return fleet
-
-
-def _write(text: str) -> None:
-    sys.stderr.write(text)
-    sys.stderr.flush()

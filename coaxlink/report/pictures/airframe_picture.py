@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 from coaxlink.airframe import Airframe
-from coaxlink.report.pictures.figures import write_figure
+from coaxlink.report.pictures.figures import new_figure, write_figure
 from coaxlink.report.pictures.label import label
 from coaxlink.setup import Layout
 
@@ -16,12 +16,11 @@ UPPER, LOWER = "#4477aa", "#ee6677"
 
 def draw_airframe(path: Path, airframe: Airframe, layout: Layout | None = None) -> None:
     """Write a PNG, SVG or PDF by the file's ending. Raises InputError."""
-    from matplotlib.figure import Figure
     from matplotlib.patches import Circle, FancyArrowPatch
 
     reach = max(math.hypot(*r.position_m[:2]) for r in airframe.rotors)
     radius = 0.3 * reach
-    figure = Figure(figsize=(8, 8), layout="constrained")
+    figure = new_figure(8, 8)
     axes = figure.subplots()
     for n, rotor in enumerate(airframe.rotors):
         forward, right, _ = rotor.position_m

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from coaxlink.report.pictures.figures import drawn, new_figure
 from coaxlink.report.pictures.looks import LOOKS
 from coaxlink.studies.campaign.summary import FIGURES, Summary
 
@@ -37,17 +37,9 @@ def words(figure: str) -> str:
     return f"{WORDS[figure]}, {'share' if unit == '1' else unit}"
 
 
-def _png(figure: Any) -> bytes:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=100)
-    return stream.getvalue()
-
-
 def spreads(summary: Summary, columns: Mapping[str, Any]) -> bytes:
     """Boxes a law of the main figures: median, quartiles, 5 and 95 %."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 5.5), layout="constrained")
+    figure = new_figure(11, 5.5)
     law = np.asarray(columns["law"])
     good = (np.asarray(columns["failsafe"]) == "") & (np.asarray(columns["problem"]) == "")
     for axes, name in zip(figure.subplots(2, 4).flat, SHOWN, strict=True):
@@ -57,14 +49,12 @@ def spreads(summary: Summary, columns: Mapping[str, Any]) -> bytes:
         axes.set_xticks(range(1, 1 + len(rows)), summary.laws, rotation=30, fontsize=8)
         axes.set_title(words(name), fontsize=9)
         axes.tick_params(labelsize=8)
-    return _png(figure)
+    return drawn(figure)
 
 
 def differences(summary: Summary) -> bytes:
     """Mean difference to the first law, in per cent of its mean, with intervals."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 5), layout="constrained")
+    figure = new_figure(9, 5)
     axes = figure.subplots()
     names = list(FIGURES)
     for k, ((law, found), look) in enumerate(zip(summary.paired.items(), LOOKS, strict=False)):
@@ -79,20 +69,18 @@ def differences(summary: Summary) -> bytes:
     axes.invert_yaxis()
     axes.set_xlabel(f"per cent of {summary.laws[0]}'s mean, 95 %; left is better")
     axes.legend(fontsize=8)
-    return _png(figure)
+    return drawn(figure)
 
 
 def sensitivity(summary: Summary) -> bytes:
     """What each figure follows, over the laws' own: the strongest of them."""
-    from matplotlib.figure import Figure
-
-    quantities = list(dict.fromkeys(d.quantity for d in summary.dependences))
+    quantities = list(dict.fromkeys(d.quantity for d in summary.sensitivities))
     names = list(FIGURES)
-    figure = Figure(figsize=(3.5 * len(summary.laws) + 2.5, 1.5 + 0.3 * len(names)), layout="constrained")
+    figure = new_figure(3.5 * len(summary.laws) + 2.5, 1.5 + 0.3 * len(names))
     panels = figure.subplots(1, len(summary.laws), squeeze=False, sharey=True)[0]
     for axes, law in zip(panels, summary.laws, strict=True):
         grid = np.zeros((len(names), len(quantities)))
-        for d in summary.dependences:
+        for d in summary.sensitivities:
             if d.law == law:
                 grid[names.index(d.figure), quantities.index(d.quantity)] = d.strength
         image = axes.imshow(grid, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
@@ -101,4 +89,4 @@ def sensitivity(summary: Summary) -> bytes:
         axes.set_yticks(range(len(names)), [WORDS[n] for n in names], fontsize=7)
         axes.set_title(law, fontsize=9)
     figure.colorbar(image, ax=panels, label="rank correlation (names: share of variance)")
-    return _png(figure)
+    return drawn(figure)

@@ -5,20 +5,37 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from coaxlink import files
 from coaxlink.errors import InputError
+from coaxlink.report.pictures.label import label
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FORMATS = ("png", "svg", "pdf")
 DPI = 130
-STAMP = "#6b7280"
+GREY, STAMP = "#8a8f98", "#6b7280"
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of so many inches: no pyplot, so no global state and no display."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+
+
+def plain_axis(axis: Axes) -> None:
+    """Two spines, a faint grid, small numbers."""
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(color=GREY, alpha=0.25, lw=0.5)
+    axis.tick_params(labelsize=8)
 
 
 def stamped(figure: Any, stamp: str) -> Any:
     """The figure with one small line below it: vehicle, file, date, commit. Nothing where there is none."""
-    from coaxlink.report.pictures.label import label
-
     if stamp:
         figure.supxlabel(label(stamp, 200), x=0.995, ha="right", fontsize=6.5, color=STAMP)
     return figure

@@ -5,14 +5,14 @@ efficiency. Nothing is fitted here but what a picture itself sweeps.
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.errors import InputError
 from coaxlink.load import Load
-from coaxlink.report.pictures.figures import DPI, stamped
+from coaxlink.report.pictures.figures import GREY, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.label import channel_words, label
 from coaxlink.report.pictures.looks import AFTER, BEFORE, LOOKS
 from coaxlink.rotor.efficiency import measured_efficiency, split_curves
@@ -23,10 +23,9 @@ from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.stand_data import COAXIAL
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DATA, MODEL, GRID = BEFORE.colour, AFTER.colour, "#8a8f98"
+DATA, MODEL = BEFORE.colour, AFTER.colour
 TITLES = {load.key: load.label for load in Load}
 
 
@@ -44,11 +43,11 @@ def figures(result: Identification, stamp: str = "") -> dict[str, Figure]:
 def surfaces(result: Identification) -> Figure:
     """Fig. 2: each load's data over the speeds, and the model through them."""
     loads = result.data.measured
-    figure = _figure(11.0, 4.4 * ((len(loads) + 1) // 2))
+    figure = new_figure(11.0, 4.4 * ((len(loads) + 1) // 2))
     u, v = result.data.speeds.upper, result.data.speeds.lower
     for i, load in enumerate(loads):
         y = result.data.loads[load]
-        polynomial = dict(zip(TITLES, _polynomials(result), strict=True))[load]
+        polynomial = result.model.surface(Load.of(load))
         if load.startswith("upper") or not np.ptp(v):
             axis = figure.add_subplot((len(loads) + 1) // 2, 2, i + 1)
             line = np.linspace(0, max(u.max(), 1e-9), 100)
@@ -56,7 +55,7 @@ def surfaces(result: Identification) -> Figure:
             axis.plot(line, polynomial(line, float(np.median(v))), color=MODEL, label="model")
             axis.set_xlabel("speed of the upper rotor, share of full")
             axis.legend(frameon=False, fontsize=8)
-            _plain(axis)
+            plain_axis(axis)
         else:
             axis = figure.add_subplot((len(loads) + 1) // 2, 2, i + 1, projection="3d")
             a, b = np.meshgrid(np.linspace(0, u.max(), 25), np.linspace(0, v.max(), 25))
@@ -72,7 +71,7 @@ def surfaces(result: Identification) -> Figure:
 def residuals(result: Identification) -> Figure:
     """Fig. 3: held-out residuals over the rows of the log, beside the noise floor."""
     channels = [c for c in COAXIAL if c in result.channels] or list(result.channels)[:2]
-    figure = _figure(11.0, 2.7 * len(channels))
+    figure = new_figure(11.0, 2.7 * len(channels))
     axes = np.atleast_1d(figure.subplots(len(channels), 1, sharex=True))
     for axis, channel in zip(axes, channels, strict=True):
         pair = COAXIAL.get(channel) or tuple(
@@ -82,13 +81,13 @@ def residuals(result: Identification) -> Figure:
         axis.plot(np.arange(1, len(error) + 1), error, ".", color=MODEL, ms=4)
         floor = result.noise_floor.get(channel)
         if floor:
-            axis.axhspan(-2 * floor, 2 * floor, color=GRID, alpha=0.18, lw=0, label="2 x noise floor")
+            axis.axhspan(-2 * floor, 2 * floor, color=GREY, alpha=0.18, lw=0, label="2 x noise floor")
             axis.legend(frameon=False, fontsize=8, loc="upper right")
         for edge in np.flatnonzero(np.diff(result.data.fold)) + 1.5:
-            axis.axvline(edge, color=GRID, lw=0.4)
+            axis.axvline(edge, color=GREY, lw=0.4)
         unit = "N" if "thrust" in channel else "N m"
         axis.set_ylabel(label(f"{channel_words(channel)}, {unit}"))
-        _plain(axis)
+        plain_axis(axis)
     axes[-1].set_xlabel("row; lines part the blocks that were left out one at a time")
     figure.suptitle("measured less predicted, held out", x=0.01, ha="left", fontsize=11)
     return figure
@@ -96,13 +95,13 @@ def residuals(result: Identification) -> Figure:
 
 def tolerance_sweep(result: Identification, points: int = 14) -> Figure:
     """Fig. 4: terms of the lower thrust that the paper's tolerance form keeps, and the error they leave."""
-    figure = _figure(11.0, 4.2)
+    figure = new_figure(11.0, 4.2)
     left, right = figure.subplots(1, 2)
     for kind, standardised, look in (("standardised terms", True, AFTER), ("raw terms", False, BEFORE)):
         eps, sizes, errors = _sweep(result, standardised, points)
         left.step(eps, sizes, where="mid", color=look.colour, label=kind)
         right.plot(eps, errors, **look.points, ms=3, label=f"{kind}, refitted")
-    right.plot(eps, eps, color=GRID, lw=0.8, ls="--", label="the l1 problem's own")
+    right.plot(eps, eps, color=GREY, lw=0.8, ls="--", label="the l1 problem's own")
     left.set_ylabel("terms kept of 9")
     left.yaxis.get_major_locator().set_params(integer=True)
     right.set_ylabel("RMSE of the lower thrust, N")
@@ -111,7 +110,7 @@ def tolerance_sweep(result: Identification, points: int = 14) -> Figure:
         axis.set_xscale("log")
         axis.set_xlabel("tolerance, N")
         axis.legend(frameon=False, fontsize=8)
-        _plain(axis)
+        plain_axis(axis)
     return figure
 
 
@@ -143,32 +142,16 @@ def efficiency(result: Identification) -> Figure:
     columns = [("propeller, N/W", found.propeller)]
     columns += [("motor", found.motor)] if found.motor is not None else []
     columns += [("overall, N/W", found.overall)] if found.overall is not None else []
-    figure = _figure(4.0 * len(columns) + 1.5, 3.9)
+    figure = new_figure(4.0 * len(columns) + 1.5, 3.9)
     axes = np.atleast_1d(figure.subplots(1, len(columns)))
     for axis, (title, values) in zip(axes, columns, strict=True):
         axis.plot(found.thrust_N, values, "o", color=DATA, ms=3, alpha=0.6, label="measured")
         axis.set_title(title, loc="left", fontsize=10)
         axis.set_xlabel("coaxial thrust, N")
         axis.set_ylim(bottom=0, top=float(np.nanquantile(values, 0.99)) * 1.25)
-        _plain(axis)
+        plain_axis(axis)
     thrust = np.linspace(0.1, 1.0, 24) * float(found.thrust_N.max())
     for split, look in zip(split_curves(result.model, thrust), LOOKS[:3], strict=True):
         axes[0].plot(thrust, split.propeller, **look.line, label=f"model, {split.name}")
     axes[0].legend(frameon=False, fontsize=8, loc="lower left")
     return figure
-
-
-def _polynomials(result: Identification) -> tuple[Any, ...]:
-    return tuple(result.model.surface(load) for load in Load)
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure  # no pyplot: no global state, no display
-
-    return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
-
-
-def _plain(axis: Axes) -> None:
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.grid(color=GRID, alpha=0.25, lw=0.5)
-    axis.tick_params(labelsize=8)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 from coaxlink.mixer.comparison import THRUSTS, Row
 from coaxlink.mixer.fitted import FittedTable
-from coaxlink.report.pictures.figures import stamped
+from coaxlink.report.pictures.figures import new_figure, stamped
 from coaxlink.report.pictures.looks import LOOKS
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FLOOR = 1e-4  # N, N m: what is drawn for an error that is none
@@ -20,9 +21,7 @@ def draw_comparison(
     name: str, weight_N: float, rows: Sequence[Row], table: FittedTable, stamp: str = ""
 ) -> Figure:
     """Three panels: thrust error over thrust, mean errors, the fitted table's trade; `stamp` below them."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(15, 5.2), layout="constrained")
+    figure = new_figure(15, 5.2)
     over, bars, trade = figure.subplots(1, 3)
     for row, look in zip(rows, LOOKS, strict=False):
         over.plot(THRUSTS * weight_N, row.thrust_error_N, **look.line, label=row.label, lw=1.8)
@@ -42,7 +41,7 @@ def draw_comparison(
     return stamped(figure, stamp)
 
 
-def _draw_trade(axes: object, table: FittedTable) -> None:
+def _draw_trade(axes: Axes, table: FittedTable) -> None:
     shares = [t.share for t in table.trade]
     curves = (
         ("thrust error, N", [t.error[0] for t in table.trade], LOOKS[4]),
@@ -51,10 +50,8 @@ def _draw_trade(axes: object, table: FittedTable) -> None:
         ("yaw at hover, N m", [t.yaw_Nm for t in table.trade], LOOKS[3]),
     )
     for label, values, look in curves:
-        axes.plot(shares, [max(v, 1e-3) for v in values], **look.points, label=label, ms=4)  # type: ignore[attr-defined]
-    axes.axvline(table.chosen.share, color="#222222", lw=1, ls="--", label="chosen")  # type: ignore[attr-defined]
-    axes.set_yscale("log")  # type: ignore[attr-defined]
-    axes.set(  # type: ignore[attr-defined]
-        xlabel="thrust column, upper / lower", title="the fitted table: error, power, authority"
-    )
-    axes.legend(fontsize=8)  # type: ignore[attr-defined]
+        axes.plot(shares, [max(v, 1e-3) for v in values], **look.points, label=label, ms=4)
+    axes.axvline(table.chosen.share, color="#222222", lw=1, ls="--", label="chosen")
+    axes.set_yscale("log")
+    axes.set(xlabel="thrust column, upper / lower", title="the fitted table: error, power, authority")
+    axes.legend(fontsize=8)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coaxlink.report.pictures.figures import drawn, stamped, write_figure
+from coaxlink.report.pictures.figures import GREY, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.label import cause_words, channel_words
 from coaxlink.report.pictures.label import label as words
 from coaxlink.report.pictures.looks import AFTER, BEFORE
@@ -16,25 +15,14 @@ from coaxlink.residual.result import Refinement, Series
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FLOOR = "#8a8f98"
 LOG_GAP_S = 2.0  # drawn between logs and pieces of a log, which stand one after another
 
 
-def overview(result: Refinement, stamp: str = "") -> bytes:
-    """PNG: each touched channel's residual over time and over the cause of its effect; `stamp` below it."""
-    return drawn(overview_figure(result, stamp))
-
-
-def errors(result: Refinement, stamp: str = "") -> bytes:
-    """PNG: the error of every channel before and after in units of its noise floor; `stamp` below it."""
-    return drawn(errors_figure(result, stamp))
-
-
 def overview_figure(result: Refinement, stamp: str = "") -> Any:
-    """The figure of `overview`, for any format."""
+    """Each touched channel's residual over time and over the cause of its effect; `stamp` below it."""
     series = _series(result)
     shown = _rows(result)
-    figure = _figure(11.0, 1.0 + 2.3 * len(shown))
+    figure = new_figure(11.0, 1.0 + 2.3 * len(shown))
     axes = figure.subplots(len(shown), 2, squeeze=False, width_ratios=(3, 2))
     for i, (channel, effect) in enumerate(shown):
         _over_time(axes[i, 0], result, series, channel)
@@ -46,8 +34,8 @@ def overview_figure(result: Refinement, stamp: str = "") -> Any:
 
 
 def errors_figure(result: Refinement, stamp: str = "") -> Any:
-    """The figure of `errors`, for any format."""
-    figure = _figure(7.0, 0.9 + 0.42 * len(result.channels))
+    """The error of every channel before and after in units of its noise floor; `stamp` below it."""
+    figure = new_figure(7.0, 0.9 + 0.42 * len(result.channels))
     axis = figure.subplots()
     names = list(result.channels)
     for i, name in enumerate(names):
@@ -62,7 +50,7 @@ def errors_figure(result: Refinement, stamp: str = "") -> Any:
             )
             shown = label if i == 0 else None
             axis.plot(value / unit, i + shift, ls="", **look.points, ms=5, label=shown)
-    axis.axvline(1.0, color=FLOOR, lw=1, ls="--")
+    axis.axvline(1.0, color=GREY, lw=1, ls="--")
     axis.set_xscale("log")
     axis.set_yticks(range(len(names)), [words(channel_words(name)) for name in names])
     axis.set_xlabel(
@@ -73,13 +61,8 @@ def errors_figure(result: Refinement, stamp: str = "") -> Any:
         "{x:g}" if max(axis.get_xlim()) < 10 * max(min(axis.get_xlim()), 1e-9) else ""
     )
     axis.legend(frameon=False, fontsize=8)
-    _plain(axis)
+    plain_axis(axis)
     return stamped(figure, stamp)
-
-
-def save_overview(result: Refinement, path: Path, stamp: str = "") -> None:
-    """Write the overview, PNG, SVG or PDF by its ending. Raises InputError when it cannot be written."""
-    write_figure(path, overview_figure(result, stamp))
 
 
 def _series(result: Refinement) -> Series:
@@ -108,7 +91,7 @@ def _over_time(axis: Axes, result: Refinement, series: Series, channel: str) -> 
     broken = (steps < 0) | (steps > 5 * np.median(steps))  # another log starts, or rows are left out
     time = np.concatenate([[0.0], np.cumsum(np.where(broken, LOG_GAP_S, steps))])
     gaps = np.flatnonzero(broken) + 1
-    axis.axhspan(-2 * floor, 2 * floor, color=FLOOR, alpha=0.25, lw=0, label="within 2 x noise floor")
+    axis.axhspan(-2 * floor, 2 * floor, color=GREY, alpha=0.25, lw=0, label="within 2 x noise floor")
     both = (series.before[:, c], BEFORE, "before"), (series.after[:, c], AFTER, "after")
     for values, look, label in both:
         axis.plot(
@@ -119,7 +102,7 @@ def _over_time(axis: Axes, result: Refinement, series: Series, channel: str) -> 
             label=label,
         )
     axis.set_ylabel(_axis_words(result, channel, "\n"), fontsize=9)
-    _plain(axis)
+    plain_axis(axis)
 
 
 def _axis_words(result: Refinement, channel: str, between: str) -> str:
@@ -133,7 +116,7 @@ def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, ef
         axis.hist(series.after[:, c], bins=50, color=AFTER.colour, alpha=0.8)
         axis.set_xlabel(_axis_words(result, channel, ", "))
         axis.set_ylabel("number of rows")
-        _plain(axis)
+        plain_axis(axis)
         return
     label, cause = series.causes[effect, channel]
     for values, look in ((series.before[:, c], BEFORE), (series.after[:, c], AFTER)):
@@ -142,28 +125,13 @@ def _over_cause(axis: Axes, result: Refinement, series: Series, channel: str, ef
         at = np.clip(np.searchsorted(edges, cause, side="right") - 1, 0, max(len(edges) - 2, 0))
         middles = [(np.mean(cause[at == k]), np.mean(values[at == k])) for k in np.unique(at)]
         axis.plot(*zip(*middles, strict=True), ls="-", ms=3, lw=1.4, **look.points)
-    axis.axhline(0.0, color=FLOOR, lw=0.8)
+    axis.axhline(0.0, color=GREY, lw=0.8)
     axis.set_xlabel(words(cause_words(label)), fontsize=9)
     axis.set_title(words(effect.replace("_", " ")), fontsize=9, loc="left")
-    _plain(axis)
+    plain_axis(axis)
 
 
 def _title(result: Refinement) -> str:
     if not result.effects:
         return "residual: no effect found"
     return "residual before and after: " + ", ".join(e.name.replace("_", " ") for e in result.effects)
-
-
-def _plain(axis: Axes) -> None:
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.tick_params(labelsize=8)
-    axis.grid(alpha=0.25, lw=0.6)
-
-
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure

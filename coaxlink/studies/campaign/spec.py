@@ -1,4 +1,4 @@
-"""A campaign file: which quantities vary, over what, and which laws fly each draw.
+"""A campaign file: which quantities vary, over what, which laws fly each draw, and which flight a cell is.
 
     seed = 1
     flights = 1000                        # laws times draws, at most
@@ -18,10 +18,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from coaxlink import files
 from coaxlink.errors import InputError
@@ -29,7 +32,7 @@ from firmware_params.keys import unknown_key
 
 LAWS = ("standard", "curved", "reduced", "fitted", "exact")
 PLANS = ("hover", "circle", "wander", "steps")
-MOST = 10_000_000  # flights of one campaign
+MOST = 1_000_000  # flights of one campaign
 ANY_ROTOR = "any"
 # quantities that are numbers: least, most, what they are
 NUMBERS: dict[str, tuple[float, float, str]] = {
@@ -47,7 +50,7 @@ PLAIN = {
 
 
 @dataclass(frozen=True)
-class Quantity:
+class DrawnQuantity:
     """What one thing may be: some values, or a range."""
 
     values: tuple[float | str, ...] = ()
@@ -84,7 +87,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownEffect:
     """What the world knows of an effect: further keys, its laws, what its size means."""
 
     keys: tuple[str, ...]
@@ -107,7 +110,9 @@ class Spec:
     rate_hz: int
     judge: str
     refine: bool
-    quantities: Mapping[str, Quantity]  # airframe, mass_share, ..., effects.wind.size, effects.wind.chance
+    quantities: Mapping[
+        str, DrawnQuantity
+    ]  # airframe, mass_share, ..., effects.wind.size, effects.wind.chance
     texts: Mapping[str, str]  # contents of airframe and rotor files by the name the campaign uses
 
     @property
@@ -131,7 +136,43 @@ class Spec:
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
-def read_spec(path: Path, known: Mapping[str, Known]) -> Spec:
+@dataclass(frozen=True)
+class Cell:
+    """One flight: cell = draw x laws + place of its law."""
+
+    number: int
+    draw: int
+    law: str
+    seed: int  # of gusts, noise and plan: one for all laws of a draw
+    values: Mapping[str, float | str]  # of every quantity; an effect that is not true has size 0
+
+
+def cell(spec: Spec, number: int) -> Cell:
+    """The cell of that number, from 0; it follows from the campaign and the number alone."""
+    draw, law_index = divmod(number, len(spec.laws))
+    values: dict[str, float | str] = {}
+    rest = draw // spec.repeats
+    for name, q in spec.quantities.items():
+        if spec.grid:
+            grid = q.grid()
+            rest, at = divmod(rest, len(grid))
+            values[name] = _share(spec.seed, draw, name) if grid[at] == ANY_ROTOR else grid[at]
+        else:
+            values[name] = q.at(_share(spec.seed, draw, name))
+    for name in spec.effects:
+        chance = values.pop(f"effects.{name}.chance", 1.0)
+        if not _share(spec.seed, draw, f"effects.{name}") < float(chance):
+            values[f"effects.{name}.size"] = 0.0
+    seed = zlib.crc32(f"{spec.seed}/{draw}".encode()) >> 1
+    return Cell(number, draw, spec.laws[law_index], seed, values)
+
+
+def _share(seed: int, draw: int, name: str) -> float:
+    """Evenly between 0 and 1, a stream of its own for every quantity: another one more moves none of them."""
+    return float(np.random.default_rng([seed & 0xFFFFFFFF, draw, zlib.crc32(name.encode())]).random())
+
+
+def read_spec(path: Path, known: Mapping[str, KnownEffect]) -> Spec:
     """Read a campaign file; `known` are the world's effects. Raises InputError naming the key."""
     document = files.read_toml(path)
     _refuse_unknown(path, "", document, (*PLAIN, *NAMES, *NUMBERS))
@@ -144,7 +185,7 @@ def read_spec(path: Path, known: Mapping[str, Known]) -> Spec:
             raise InputError(path, "laws", f"one of {', '.join(LAWS)} is expected, found {law!r}")
     if not laws or len(set(laws)) != len(laws):
         raise InputError(path, "laws", "some laws are expected, each once")
-    quantities = {"airframe": Quantity(("x8_demo.toml",)), "plan": Quantity(("wander",))}
+    quantities = {"airframe": DrawnQuantity(("x8_demo.toml",)), "plan": DrawnQuantity(("wander",))}
     for key in NAMES:
         if key in document:
             quantities[key] = _quantity(path, key, document[key], text=True)
@@ -198,7 +239,7 @@ def _within(path: Path, key: str, value: Any, least: float, most: float) -> floa
 
 def _quantity(
     path: Path, key: str, value: Any, *, least: float = -math.inf, most: float = math.inf, text: bool = False
-) -> Quantity:
+) -> DrawnQuantity:
     if isinstance(value, dict) and not text:
         _refuse_unknown(path, f"{key}.", value, ("low", "high", "log", "steps"))
         if not {"low", "high"} <= set(value):
@@ -209,7 +250,7 @@ def _quantity(
             raise InputError(path, key, "low <= high is expected, above 0 where log = true")
         if isinstance(steps, bool) or not isinstance(steps, int) or steps < 0 or steps == 1:
             raise InputError(path, f"{key}.steps", f"2 or more is expected, found {steps!r}")
-        return Quantity((), low, high, log, steps)
+        return DrawnQuantity((), low, high, log, steps)
     values = value if isinstance(value, list) else [value]
     if not values:
         raise InputError(path, key, "a list to choose from is empty")
@@ -218,10 +259,10 @@ def _quantity(
             raise InputError(path, key, f"a name, or a list of names, is expected, found {v!r}")
         if not text:
             _within(path, key, v, least, most)
-    return Quantity(tuple(values if text else map(float, values)))
+    return DrawnQuantity(tuple(values if text else map(float, values)))
 
 
-def _effect(path: Path, name: str, table: Any, known: Mapping[str, Known]) -> dict[str, Quantity]:
+def _effect(path: Path, name: str, table: Any, known: Mapping[str, KnownEffect]) -> dict[str, DrawnQuantity]:
     where = f"effects.{name}"
     form = known[name]
     allowed = ("size", "chance", "onset_s", "law", *form.keys)
@@ -240,7 +281,7 @@ def _effect(path: Path, name: str, table: Any, known: Mapping[str, Known]) -> di
                         path, full_key, f"one of {', '.join(form.laws)} is expected, found {law!r}"
                     )
         elif key == "rotor" and value == ANY_ROTOR:
-            found[full_key] = Quantity((ANY_ROTOR,))
+            found[full_key] = DrawnQuantity((ANY_ROTOR,))
         else:
             least, most = {"chance": (0.0, 1.0), "onset_s": (0.0, 3600.0)}.get(key, (-math.inf, math.inf))
             found[full_key] = _quantity(path, full_key, value, least=least, most=most)
@@ -250,7 +291,7 @@ def _effect(path: Path, name: str, table: Any, known: Mapping[str, Known]) -> di
 def _draws(
     path: Path,
     document: dict[str, Any],
-    quantities: Mapping[str, Quantity],
+    quantities: Mapping[str, DrawnQuantity],
     laws: int,
     grid: bool,
     repeats: int,

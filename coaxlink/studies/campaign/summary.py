@@ -2,8 +2,7 @@
 
 Intervals are 95 % percentile bootstrap intervals of the mean over draws (Efron 1979), from a fixed seed;
 beyond BOOT_ROWS rows the normal ones, which are then the same. Sensitivity is Spearman's rank correlation
-with Fisher's interval; for a quantity of names, the share of the ranks' variance between its groups (Kruskal
-and Wallis).
+with Fisher's interval; for a quantity of names, the share of the ranks' variance between its groups.
 """
 
 from __future__ import annotations
@@ -26,10 +25,11 @@ FIGURES: dict[str, str] = {  # what is compared, and its unit; smaller is better
     "thrust_error_N": "N", "roll_error_Nm": "N m", "pitch_error_Nm": "N m", "yaw_error_Nm": "N m",
     "saturated": "1", "energy_Wh": "Wh",
 }  # fmt: skip
-RESAMPLES, BOOT_ROWS = 1000, 20_000
+RESAMPLES, BOOT_ROWS = 1000, 2000
+LEAST_FLIGHTS = 10  # of a law, for what its errors follow
 WORST = 5  # cells of each law
 Z95 = 1.959963984540054
-CHANCE = 1e-3  # of one false word among all dependences that are looked at
+CHANCE = 1e-3  # of one false word among all sensitivities that are looked at
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Worst:
 
 
 @dataclass(frozen=True)
-class Dependence:
+class Sensitivity:
     """How a law's figure follows a varied quantity."""
 
     law: str
@@ -108,17 +108,17 @@ class Summary:
     figures: Mapping[str, Mapping[str, Spread]]  # law, figure
     paired: Mapping[str, Mapping[str, Paired]]  # law, figure; against the first law
     worst: tuple[Worst, ...]
-    dependences: tuple[Dependence, ...]  # all that were looked at
+    sensitivities: tuple[Sensitivity, ...]  # all that were looked at
     judge: str
     refined: Refined | None = None
     manifest: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def clear(self) -> tuple[Dependence, ...]:
-        """Dependences beyond chance over all that were looked at, the strongest first."""
-        limit = CHANCE / max(len(self.dependences), 1)
+    def clear(self) -> tuple[Sensitivity, ...]:
+        """Sensitivities beyond chance over all that were looked at, the strongest first."""
+        limit = CHANCE / max(len(self.sensitivities), 1)
         return tuple(
-            sorted((d for d in self.dependences if d.p_value < limit), key=lambda d: -abs(d.strength))
+            sorted((d for d in self.sensitivities if d.p_value < limit), key=lambda d: -abs(d.strength))
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ class Summary:
             },
             "judge": self.judge,
             "worst": [_plain(w) for w in self.worst],
-            "sensitivity": [_plain(d) for d in self.dependences],
+            "sensitivity": [_plain(d) for d in self.sensitivities],
             "refined": None if self.refined is None else _plain(self.refined),
             "manifest": dict(self.manifest),
         }  # fmt: skip
@@ -172,7 +172,7 @@ def summarise(
         figures[name] = {f: _spread(np.asarray(columns[f], float)[chosen]) for f in FIGURES}
     return Summary(
         spec.name, len(law), spec.laws, counts, figures, _pairs(spec, columns, law, good),
-        _worst(spec, columns, law, replay), _dependences(spec, columns, law, good), spec.judge,
+        _worst(spec, columns, law, replay), _sensitivities(spec, columns, law, good), spec.judge,
         _refined(columns) if spec.refine else None, manifest or {},
     )  # fmt: skip
 
@@ -190,12 +190,8 @@ def mean_interval(x: Array, seed: int = 0) -> tuple[float, float]:
         half = Z95 * float(x.std(ddof=1)) / math.sqrt(len(x))
         return float(x.mean()) - half, float(x.mean()) + half
     random = np.random.default_rng([seed, 0xB007])
-    block = max(2_000_000 // len(x), 1)  # so much memory and no more
-    means = [
-        x[random.integers(len(x), size=(min(block, RESAMPLES - done), len(x)))].mean(axis=1)
-        for done in range(0, RESAMPLES, block)
-    ]
-    low, high = np.quantile(np.concatenate(means), [0.025, 0.975])
+    means = x[random.integers(len(x), size=(RESAMPLES, len(x)))].mean(axis=1)
+    low, high = np.quantile(means, [0.025, 0.975])
     return float(low), float(high)
 
 
@@ -244,47 +240,46 @@ def _worst(spec: Spec, columns: Mapping[str, Any], law: Any, replay: str) -> tup
     return tuple(found)
 
 
-def _dependences(spec: Spec, columns: Mapping[str, Any], law: Any, good: Any) -> tuple[Dependence, ...]:
-    from scipy.stats import rankdata, t
-
+def _sensitivities(spec: Spec, columns: Mapping[str, Any], law: Any, good: Any) -> tuple[Sensitivity, ...]:
     varied = [n for n in columns if n in spec.quantities and len(set(columns[n].tolist())) > 1]
     found = []
     for name in spec.laws:
         chosen = np.flatnonzero((law == name) & good)
-        n = len(chosen)
-        if n < 10:
+        if len(chosen) < LEAST_FLIGHTS:
             continue
-        ranks = {f: rankdata(np.asarray(columns[f], float)[chosen]) for f in FIGURES}
         for quantity in varied:
             of = np.asarray(columns[quantity])[chosen]
-            if spec.quantities[quantity].text:
-                found += [_grouped(name, f, quantity, ranks[f], of) for f in FIGURES]
-                continue
-            x = rankdata(np.abs(of.astype(float)) if quantity.endswith(".size") else of.astype(float))
-            for figure, y in ranks.items():
-                if x.std() == 0.0 or y.std() == 0.0:
+            for figure in FIGURES:
+                y = np.asarray(columns[figure], float)[chosen]
+                if spec.quantities[quantity].text:
+                    found.append(Sensitivity(name, figure, quantity, *_by_groups(of.astype(str), y)))
                     continue
-                rho = float(np.corrcoef(x, y)[0, 1])
-                left = max(1.0 - rho * rho, 1e-15)
-                p = float(2.0 * t.sf(abs(rho) * math.sqrt((n - 2) / left), n - 2))
-                half = Z95 * math.sqrt((1.0 + rho * rho / 2.0) / (n - 3))  # Bonett and Wright 2000
-                middle = math.atanh(min(max(rho, -1 + 1e-12), 1 - 1e-12))
-                ci = (math.tanh(middle - half), math.tanh(middle + half))
-                found.append(Dependence(name, figure, quantity, rho, ci, p))
+                x = of.astype(float)
+                x = np.abs(x) if quantity.endswith(".size") else x
+                if np.ptp(x) > 0.0 and np.ptp(y) > 0.0:
+                    found.append(Sensitivity(name, figure, quantity, *_by_rank(x, y)))
     return tuple(found)
 
 
-def _grouped(law: str, figure: str, quantity: str, ranks: Array, of: Any) -> Dependence:
-    from scipy.stats import chi2
+def _by_rank(x: Array, y: Array) -> tuple[float, tuple[float, float], float]:
+    """Spearman's rank correlation, its interval (Bonett and Wright 2000) and its chance."""
+    from scipy.stats import spearmanr
 
-    groups = [ranks[of == g] for g in np.unique(of.astype(str))]
-    total = float(((ranks - ranks.mean()) ** 2).sum())
-    if total == 0.0 or len(groups) < 2:
-        return Dependence(law, figure, quantity, 0.0, None, 1.0)
-    between = sum(len(g) * (g.mean() - ranks.mean()) ** 2 for g in groups)
-    share = float(between / total)
-    p = float(chi2.sf((len(ranks) - 1) * share, len(groups) - 1))
-    return Dependence(law, figure, quantity, share, None, p)
+    rho, p_value = (float(v) for v in spearmanr(x, y))
+    half = Z95 * math.sqrt((1.0 + rho * rho / 2.0) / (len(x) - 3))
+    middle = math.atanh(min(max(rho, -1 + 1e-12), 1 - 1e-12))
+    return rho, (math.tanh(middle - half), math.tanh(middle + half)), p_value
+
+
+def _by_groups(of: Any, y: Array) -> tuple[float, None, float]:
+    """Share of the ranks' variance between groups (Kruskal and Wallis), and its chance."""
+    from scipy.stats import kruskal
+
+    groups = [y[of == g] for g in np.unique(of)]
+    if np.ptp(y) == 0.0 or len(groups) < 2:
+        return 0.0, None, 1.0
+    h, p_value = kruskal(*groups)
+    return float(h) / (len(y) - 1), None, float(p_value)
 
 
 def _refined(columns: Mapping[str, Any]) -> Refined:

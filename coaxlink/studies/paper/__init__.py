@@ -6,6 +6,6 @@ computed here is copied from it.
 """
 
 from coaxlink.studies.paper.laws import printed_laws
-from coaxlink.studies.paper.ledger import Entry, Ledger, Line, printed
+from coaxlink.studies.paper.ledger import Claim, Ledger, Line, printed
 
-__all__ = ["Entry", "Ledger", "Line", "printed", "printed_laws"]
+__all__ = ["Claim", "Ledger", "Line", "printed", "printed_laws"]

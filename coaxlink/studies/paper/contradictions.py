@@ -16,7 +16,7 @@ from coaxlink.rotor.lasso import tolerance_form
 from coaxlink.rotor.polynomial import design_matrix, dictionary
 from coaxlink.studies.paper.equations import hover_error
 from coaxlink.studies.paper.laws import printed_laws
-from coaxlink.studies.paper.ledger import CONTRADICTED, GRAVITY, IN_PART, NOT_CHECKED, Entry, Line, printed
+from coaxlink.studies.paper.ledger import CONTRADICTED, GRAVITY, IN_PART, NOT_CHECKED, Claim, Line, printed
 from coaxlink.vehicle import Vehicle
 
 GRID = tuple(g.ravel() for g in np.meshgrid(np.linspace(0, 0.9, 11), np.linspace(0, 0.9, 11), indexing="ij"))
@@ -26,9 +26,9 @@ TRUE_TERMS = ("u_u^2 u_l^2", "u_l^2", "u_u u_l", "u_l", "u_u^2", "1")
 
 def contradictions(
     airframe: Airframe, crm: RotorModel, rcrm: RotorModel, srm: RotorModel, close_pair: Path | None
-) -> list[Entry]:
+) -> list[Claim]:
     """All eleven. `close_pair` is a real stand log of a pair at small spacing, for the last."""
-    made: Sequence[Callable[[], Entry]] = (
+    made: Sequence[Callable[[], Claim]] = (
         lambda: _hover(airframe, crm, rcrm, srm),
         lambda: _no_yaw(airframe, crm),
         lambda: _relaxation(crm),
@@ -44,11 +44,11 @@ def contradictions(
     return [make() for make in made]
 
 
-def _hover(airframe: Airframe, crm: RotorModel, rcrm: RotorModel, srm: RotorModel) -> Entry:
+def _hover(airframe: Airframe, crm: RotorModel, rcrm: RotorModel, srm: RotorModel) -> Claim:
     t4 = printed()["table_4"]
     reduced, fast = hover_error("reduced", airframe, rcrm, crm)
     standard, even = hover_error("standard", airframe, srm, crm)
-    return Entry(
+    return Claim(
         "contradiction-1",
         "The printed R-CRM and the printed CRM are not the same rotor",
         CONTRADICTED,
@@ -64,13 +64,13 @@ def _hover(airframe: Airframe, crm: RotorModel, rcrm: RotorModel, srm: RotorMode
     )
 
 
-def _no_yaw(airframe: Airframe, crm: RotorModel) -> Entry:
+def _no_yaw(airframe: Airframe, crm: RotorModel) -> Claim:
     vehicle = Vehicle(airframe, crm)
     law = printed_laws(vehicle)["coaxial-printed"]
     demands = np.linspace(-1.0, 1.0, 9)
     errors = [abs(allocate(law, vehicle, [196.2, 0.0, 0.0, yaw]).error[3] + yaw) for yaw in demands]
     mean = float(np.mean([abs(allocate(law, vehicle, [196.2, 0.0, 0.0, y]).error[3]) for y in demands]))
-    return Entry(
+    return Claim(
         "contradiction-2",
         "Algorithm 1 is not a full mixer: it never uses the torques it allocates",
         CONTRADICTED,
@@ -83,13 +83,13 @@ def _no_yaw(airframe: Airframe, crm: RotorModel) -> Entry:
     )  # fmt: skip
 
 
-def _relaxation(crm: RotorModel) -> Entry:
+def _relaxation(crm: RotorModel) -> Claim:
     terms = dictionary(2, 2)
     u, v = GRID
     b = tolerance_form(design_matrix(terms, u, v), crm.lower_thrust(u, v), 10.0)
     nonzero = {t: float(c) for t, c in zip(terms, b, strict=True) if abs(c) > 1e-3}
     linear = sum(1 for t in nonzero if "^" not in t)
-    return Entry(
+    return Claim(
         "contradiction-3",
         "Relaxing the LASSO tolerance to 10 N does not leave a quadratic model",
         CONTRADICTED,
@@ -102,9 +102,9 @@ def _relaxation(crm: RotorModel) -> Entry:
     )
 
 
-def _yaw_row() -> Entry:
+def _yaw_row() -> Claim:
     eq = printed()["eq_18"]
-    return Entry(
+    return Claim(
         "contradiction-4",
         "The yaw row of eq. 18 is a ratio, not a torque",
         CONTRADICTED,
@@ -113,9 +113,9 @@ def _yaw_row() -> Entry:
     )
 
 
-def _arm() -> Entry:
+def _arm() -> Claim:
     e15, e18 = printed()["eq_15"], printed()["eq_18"]
-    return Entry(
+    return Claim(
         "contradiction-5",
         "The arm printed is not the arm in the matrices",
         CONTRADICTED,
@@ -129,9 +129,9 @@ def _arm() -> Entry:
     )  # fmt: skip
 
 
-def _normalisers() -> Entry:
+def _normalisers() -> Claim:
     rows = printed()["table_2"]["coaxial_thrust"]
-    return Entry(
+    return Claim(
         "contradiction-6",
         "Table 2 normalises its errors in two ways",
         CONTRADICTED,
@@ -141,9 +141,9 @@ def _normalisers() -> Entry:
     )
 
 
-def _swapped_text() -> Entry:
+def _swapped_text() -> Claim:
     t5, text = printed()["table_5"], printed()["section_5_4"]
-    return Entry(
+    return Claim(
         "contradiction-7",
         "Section 5.4 and Table 5 swap the two mixers",
         CONTRADICTED,
@@ -155,12 +155,12 @@ def _swapped_text() -> Entry:
     )
 
 
-def _squares(airframe: Airframe, rcrm: RotorModel) -> Entry:
+def _squares(airframe: Airframe, rcrm: RotorModel) -> Claim:
     weight = printed()["geometry"]["mass_kg"] * GRAVITY
     vehicle = Vehicle(airframe, rcrm)
     right = allocate(make_law("reduced", vehicle), vehicle, [weight, 0, 0, 0])
     thrust, _ = airframe.loads(rcrm, right.speeds**2)
-    return Entry(
+    return Claim(
         "contradiction-8",
         "u = A+ mu gives squared speeds",
         CONTRADICTED,
@@ -172,10 +172,10 @@ def _squares(airframe: Airframe, rcrm: RotorModel) -> Entry:
     )
 
 
-def _least_squares(airframe: Airframe, crm: RotorModel) -> Entry:
+def _least_squares(airframe: Airframe, crm: RotorModel) -> Claim:
     c, found = printed()["rcrm"], reduced_coefficients(crm)
     error, _ = hover_error("reduced", airframe, crm, crm)
-    return Entry(
+    return Claim(
         "contradiction-9",
         "The printed R-CRM is not the least-squares reduction of the printed CRM",
         CONTRADICTED,
@@ -188,7 +188,7 @@ def _least_squares(airframe: Airframe, crm: RotorModel) -> Entry:
     )
 
 
-def _small_terms() -> Entry:
+def _small_terms() -> Claim:
     u, v = GRID
     full, true = dictionary(2, 2), TRUE_TERMS
     nine, six = (
@@ -198,7 +198,7 @@ def _small_terms() -> Entry:
     )
     small = ("u_u^2 u_l^2", "u_u u_l", "1")
     table = printed()["table_1"][Load.LOWER_THRUST.key]
-    return Entry(
+    return Claim(
         "contradiction-10",
         "121 points cannot determine Table 1's small terms",
         CONTRADICTED,
@@ -217,10 +217,10 @@ def _small_terms() -> Entry:
     )
 
 
-def _upper_feels_lower(log: Path | None) -> Entry:
+def _upper_feels_lower(log: Path | None) -> Claim:
     title = "Whether the upper rotor feels the lower one: eq. 1 and 2 say it does not"
     if log is None or not log.is_file():
-        return Entry(
+        return Claim(
             "contradiction-11",
             title,
             NOT_CHECKED,
@@ -236,7 +236,7 @@ def _upper_feels_lower(log: Path | None) -> Entry:
     at = float(np.quantile(upper, 0.7))
     loss = float(with_lower[1] * at * at + with_lower[2] * at * at)
     alone = float(with_lower[0] * at * at + with_lower[3] * at + with_lower[4])
-    return Entry(
+    return Claim(
         "contradiction-11",
         title,
         IN_PART,

@@ -16,7 +16,7 @@ from coaxlink.studies.paper.ledger import (
     GRAVITY,
     IN_PART,
     REPRODUCED,
-    Entry,
+    Claim,
     Line,
     close,
     printed,
@@ -27,7 +27,7 @@ ROUNDING = 1e-3  # relative; the paper prints four digits
 ARM = "contradiction 5: the arm that the printed matrices hold is not the printed arm"
 
 
-def equation_15(airframe: Airframe) -> Entry:
+def equation_15(airframe: Airframe) -> Claim:
     """The reduced mixer's matrix: a column is p~ (eq. 7), its arm times p~, and q~."""
     c, eq = printed()["rcrm"], printed()["eq_15"]
     upper = c["p_0u"] + c["p_1l"]
@@ -41,7 +41,7 @@ def equation_15(airframe: Airframe) -> Entry:
         Line("lower yaw q_0l", None, c["q_0l"], "N m"),
     )
     agree = all(close(x.computed, x.printed, ROUNDING) for x in lines if x.printed and x.computed)
-    return Entry(
+    return Claim(
         "eq-15",
         "Eq. 15, matrix of the Reduced Coaxial Mixer",
         REPRODUCED if agree else CONTRADICTED,
@@ -50,7 +50,7 @@ def equation_15(airframe: Airframe) -> Entry:
     )
 
 
-def equation_16(airframe: Airframe) -> Entry:
+def equation_16(airframe: Airframe) -> Claim:
     """The coaxial mixer's 4 x 16 matrix: geometry and spin alone, so its rank and its rows can be checked."""
     thrust, torque = airframe.effectiveness()
     matrix = np.hstack([thrust, torque])
@@ -60,7 +60,7 @@ def equation_16(airframe: Airframe) -> Entry:
         Line("largest departure of A A+ from 1", 0.0, float(np.abs(back - np.eye(4)).max()), ""),
         Line("roll and pitch arm of every rotor", None, abs(float(thrust[1, 0])), "m"),
     )
-    return Entry(
+    return Claim(
         "eq-16",
         "Eq. 16, matrix of the Coaxial Mixer",
         IN_PART,
@@ -69,7 +69,7 @@ def equation_16(airframe: Airframe) -> Entry:
     )
 
 
-def equation_18() -> Entry:
+def equation_18() -> Claim:
     """The standard mixer: one column for every rotor."""
     eq = printed()["eq_18"]
     arm = printed()["eq_15"]["upper_roll_Nm"] / printed()["eq_15"]["upper_thrust_N"]
@@ -77,7 +77,7 @@ def equation_18() -> Entry:
         Line("roll and pitch", eq["roll_Nm"], arm * eq["thrust_N"], "N m"),
         Line("yaw", eq["yaw_row"], eq["torque_Nm"], "N m"),
     )
-    return Entry(
+    return Claim(
         "eq-18",
         "Eq. 18, matrix of the Standard Mixer",
         CONTRADICTED,
@@ -86,7 +86,7 @@ def equation_18() -> Entry:
     )
 
 
-def figure_5(crm: RotorModel) -> Entry:
+def figure_5(crm: RotorModel) -> Claim:
     """Eq. 5 on the eq. 17 pair: thrust per shaft watt at equal speeds, Algorithm 1's and the best split."""
     thrust = np.linspace(20.0, 75.0, 12)
     equal = np.array([_at(crm, f, 1.0) for f in thrust])
@@ -101,7 +101,7 @@ def figure_5(crm: RotorModel) -> Entry:
         Line("least power at 49 N a pair", None, max(_at(crm, 49.05, r) for r in np.linspace(0.4, 1.2, 161)),
              "N/W"),
     )  # fmt: skip
-    return Entry(
+    return Claim(
         "figure-5",
         "Eq. 5 and Fig. 5, efficiency over coaxial thrust",
         IN_PART,

@@ -1,4 +1,4 @@
-"""The ledger: an entry a table, figure, equation or contradiction, each with printed and computed values."""
+"""The ledger: a claim a table, figure, equation or contradiction, each with printed and computed values."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Entry:
+class Claim:
     """One thing the paper says, and the verdict on it."""
 
     id: str  # table-1, eq-15, figure-5, contradiction-4
@@ -55,13 +55,13 @@ class Entry:
 
 @dataclass(frozen=True)
 class Ledger:
-    """All entries of one run."""
+    """All claims of one run."""
 
-    entries: tuple[Entry, ...]
+    claims: tuple[Claim, ...]
 
     def to_json(self) -> dict[str, Any]:
         """One entry per table and contradiction, by id."""
-        return {"entries": [e.to_json() for e in self.entries]}
+        return {"entries": [c.to_json() for c in self.claims]}
 
 
 def close(value: float, reference: float, relative: float) -> bool:

@@ -17,7 +17,7 @@ from coaxlink.studies.paper.ledger import (
     NOT_CHECKED,
     NOT_HAD,
     REPRODUCED,
-    Entry,
+    Claim,
     Line,
     printed,
 )
@@ -26,7 +26,7 @@ SWEEP_N = (0.6, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 
 
 @dataclass(frozen=True)
-class Flown:
+class MixerErrors:
     """One mixer's flight of the paper's plan: mean errors, thrust in N, torque in N m, position in m."""
 
     mixer: str
@@ -35,7 +35,7 @@ class Flown:
     thrust_N: float
 
 
-def table_1(identified: Identification) -> Entry:
+def table_1(identified: Identification) -> Claim:
     """The terms of a CRM identified on 121 points of eq. 17, beside those that made them."""
     terms = identified.model.terms()
     lines, missed = [], []
@@ -48,7 +48,7 @@ def table_1(identified: Identification) -> Entry:
             if not low <= value <= high:
                 missed.append(f"{load} {term}")
     dropped = [x.what for x in lines if x.computed is None]
-    return Entry(
+    return Claim(
         "table-1",
         "Table 1 and eq. 17, the coaxial rotor model",
         IN_PART,
@@ -67,7 +67,7 @@ def table_1(identified: Identification) -> Entry:
     )
 
 
-def table_2(identified: Identification) -> Entry:
+def table_2(identified: Identification) -> Claim:
     """RMSE, NRMSE and R of the four forms on held-out blocks of that bench."""
     lines, better = [], True
     for channel, rows in printed()["table_2"].items():
@@ -83,7 +83,7 @@ def table_2(identified: Identification) -> Entry:
                 better &= e.nrmse <= nrmse and e.r >= min(r, 0.9995)
     order = [identified.comparison[f]["coaxial_thrust"].rmse for f in ("crm", "rcrm", "srm")]
     agrees = order == sorted(order)
-    return Entry(
+    return Claim(
         "table-2",
         "Table 2, errors of CRM, R-CRM, SRM and CPCM",
         REPRODUCED if agrees and better else IN_PART,
@@ -93,7 +93,7 @@ def table_2(identified: Identification) -> Entry:
     )
 
 
-def figure_4(identified: Identification) -> Entry:
+def figure_4(identified: Identification) -> Claim:
     """How many lower-thrust terms are left, and what error, as the tolerance of eq. 4 is relaxed."""
     stand_data = identified.data
     X = design_matrix(dictionary(2, 2), stand_data.speeds.upper, stand_data.speeds.lower)
@@ -110,7 +110,7 @@ def figure_4(identified: Identification) -> Entry:
             lines.append(
                 Line(f"terms left at {eps:g} N, {name}", None, float((share > 1e-3 * share.max()).sum()))
             )
-    return Entry(
+    return Claim(
         "figure-4",
         "Fig. 4, relaxation of the tolerance",
         IN_PART,
@@ -120,10 +120,10 @@ def figure_4(identified: Identification) -> Entry:
     )
 
 
-def table_4(flights: Mapping[str, Flown]) -> Entry:
+def table_4(flights: Mapping[str, MixerErrors]) -> Claim:
     """The paper's three mixers flown on the eq. 17 plant, and the mended ones after them."""
     if not flights:
-        return Entry("table-4", TABLE_4, NOT_CHECKED, "the flights were left out of this run (`fly_table_4`)")
+        return Claim("table-4", TABLE_4, NOT_CHECKED, "the flights were left out of this run (`fly_table_4`)")
     lines: list[Line] = []
     for name, flown in flights.items():
         row = printed()["table_4"].get(name)
@@ -138,7 +138,7 @@ def table_4(flights: Mapping[str, Flown]) -> Entry:
             )
         ]  # fmt: skip
     order = [flights[n].thrust_N for n in ("coaxial", "standard", "reduced") if n in flights]
-    return Entry(
+    return Claim(
         "table-4",
         TABLE_4,
         CONTRADICTED if len(order) == 3 and order[2] > order[1] else IN_PART,
@@ -153,7 +153,7 @@ def table_4(flights: Mapping[str, Flown]) -> Entry:
 TABLE_4 = "Table 4, three mixers on hover and circle"
 
 
-def table_5(flights: Mapping[str, Flown]) -> Entry:
+def table_5(flights: Mapping[str, MixerErrors]) -> Claim:
     """Its method, |desired - estimated| over a flight log, on flights that can be had."""
     t5 = printed()["table_5"]
     lines = [
@@ -163,7 +163,7 @@ def table_5(flights: Mapping[str, Flown]) -> Entry:
         Line(f"{n}: thrust, same method on a simulated flight", None, f.thrust_N, "N")
         for n, f in flights.items()
     ]
-    return Entry(
+    return Claim(
         "table-5",
         "Table 5, errors of two flights of the real vehicle",
         NOT_HAD,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from residual_rig import steady_loads
 from residual_stand_logs import log_of, names, over, ramps
 
@@ -37,6 +38,7 @@ def test_a_process_says_how_well_it_knows_a_row():
     assert np.max(np.abs(share)) < 1e-6 * len(u)
 
 
+@pytest.mark.slow
 def test_a_fitted_nuisance_that_polynomials_follow_stays_one():
     t, a, b = ramps(900)
     answer = refine_stand(log_of(t, a, b, steady_loads(a, b)))

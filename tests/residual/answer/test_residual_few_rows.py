@@ -21,6 +21,7 @@ def test_too_few_rows_for_a_load_over_both_speeds_judge_the_other_loads():
         refine_stand(alone.take(np.arange(0, 240, 12)))
 
 
+@pytest.mark.slow
 def test_one_rotor_at_two_supplies_shows_what_the_voltage_does():
     """Ten throttles at four cells and at three: as many rows as a maker's sheet has."""
     rng = np.random.default_rng(4)

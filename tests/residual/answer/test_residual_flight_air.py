@@ -36,6 +36,7 @@ def frame(flights, airframe):
     return flight_frame([flights["drag"]], airframe, load_rotor_model(files.example("rotor_paper.toml")))
 
 
+@pytest.mark.slow
 def test_less_wind_near_the_ground(frame):
     numbers = {
         "drag_per_speed_N_s_m": 0.0, "moment_N_s_m": 0.0, "body_drag_kg_m": 0.0, "body_drag_kg_s": 2.0,

@@ -28,12 +28,14 @@ def answer(name: str, lag_s: float = 0.02):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["px4_null_fitted.ulg", "ap_null.bin"])
 def test_a_flight_without_effects_gives_none(name):
     result = answer(name)
     assert result.effects == () and result.ambiguous == () and result.unexplained == ()
 
 
+@pytest.mark.slow
 def test_rotor_drag_is_found_alone_and_down_to_what_the_true_form_leaves():
     result = answer("px4_rotor_drag.ulg")
     assert [e.name for e in result.effects] == ["rotor_drag"]

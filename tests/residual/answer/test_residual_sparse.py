@@ -79,6 +79,7 @@ def tlog_flight(
     return top
 
 
+@pytest.mark.slow
 def test_a_weak_rotor_shows_through_steps_of_a_milliradian(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,30 +29,7 @@ def names(answer):
     return [e.name for e in answer.effects]
 
 
-def test_a_zero_that_is_off_is_no_drift(paper):
-    columns = run(seed=5)
-    columns["lower_thrust_N"] = columns["lower_thrust_N"] + 3.0
-    assert names(refined(columns, paper)) == []
-
-
-def test_two_cells_drift(paper):
-    columns = run(seed=6, drift=0.2)
-    columns["upper_torque_Nm"] = columns["upper_torque_Nm"] - 0.004 * columns["time_s"] / 60.0
-    (found,) = refined(columns, paper).effects
-    numbers = {p.name: p.value for p in found.parameters}
-    assert found.name == "sensor_drift" and {numbers["channel"], numbers["also"]} == {1.0, 2.0}
-    assert sorted(found.channels) == ["lower_thrust", "upper_torque"]
-
-
-def test_rpm_that_repeat_to_the_last_digit_are_commands(paper):
-    columns = run(seed=7, battery=0.8, rpm=False)
-    for name in ("upper", "lower"):
-        columns[f"{name}_rpm"] = FULL_RPM * columns.pop(f"{name}_throttle")
-    answer = refined(columns, paper)
-    assert names(answer) == ["battery_voltage"]
-    assert any("set-points" in note for note in answer.notes)
-
-
+@pytest.mark.slow
 def test_a_dead_band_shows_where_a_rotor_stands_at_rest(paper):
     """Levels 0, 0.2 .. 1: no throttle between, but the whole scale is stretched."""
     columns = run(seed=9)
@@ -80,6 +57,7 @@ def test_a_tachometer_that_stands_still_is_flagged_with_its_rows(paper):
     assert not answer.effects and suspect.column == "lower_rpm" and suspect.rows.startswith("201-280")
 
 
+@pytest.mark.slow
 def test_a_stretched_scale_is_a_dead_band_though_no_throttle_was_low(paper):
     rng = np.random.default_rng(4)
     throttle = rng.uniform(0.35, 1.0, (2, 400))
@@ -92,18 +70,7 @@ def test_a_stretched_scale_is_a_dead_band_though_no_throttle_was_low(paper):
     assert {p.name: p.value for p in answer.effects[0].parameters}["band"] == pytest.approx(0.12, abs=0.02)
 
 
-@pytest.mark.parametrize("given", [True, False])
-def test_a_period_of_a_few_rows_is_no_noise(paper, given):
-    """Faster than any time profile: a cell that flips to and fro every three rows."""
-    columns = run(seed=12)
-    flips = np.where(np.arange(len(columns["time_s"])) % 6 < 3, 1.0, -1.0)
-    columns["lower_thrust_N"] = columns["lower_thrust_N"] + 2.5 * flips
-    answer = refined(columns, paper if given else None)
-    assert not answer.effects and not answer.ambiguous
-    (left,) = answer.unexplained
-    assert left.channel == "lower_thrust" and "with a period of 6.0 rows" in left.where
-
-
+@pytest.mark.slow
 def test_a_band_that_no_throttle_entered_is_not_seen():
     """A throttle's own curve, no cubic; the lowest throttle is at twice what a band would be."""
     columns = run(seed=14)
@@ -122,29 +89,7 @@ def test_a_band_that_no_throttle_entered_is_not_seen():
     assert names(refined(columns)) == []
 
 
-def test_two_motors_with_lags_of_their_own_have_no_hysteresis(paper):
-    time_s = np.arange(0.0, 60.0, 0.05)
-    sweep = 0.6 + 0.3 * np.sin(2.0 * np.pi * (0.02 + 0.0025 * time_s) * time_s)
-    other = 0.6 + 0.3 * np.sin(2.0 * np.pi * (0.03 + 0.002 * time_s) * time_s + 1.0)
-    late = []
-    for u, lag_s in ((sweep, 0.06), (other, 0.1)):
-        now, mine = u[0], []
-        for before, here in zip([u[0], *u[:-1]], u, strict=True):
-            for part in np.linspace(before, here, 11)[1:]:  # in ten steps from row to row
-                now += (part - now) * (1.0 - np.exp(-0.005 / lag_s))
-            mine.append(now)
-        late.append(np.array(mine))
-    loads = steady_loads(*late)
-    loads += np.array([[0.3], [0.006], [0.3], [0.006]]) * np.random.default_rng(16).standard_normal(
-        loads.shape
-    )
-    columns = {"time_s": time_s, "upper_throttle": sweep, "lower_throttle": other}
-    (found,) = refined(columns | dict(zip(LOADS, loads, strict=True)), paper).effects
-    numbers = {p.name: p.value for p in found.parameters}
-    assert found.name == "rotor_lag" and numbers["lag_s"] == pytest.approx(0.06, abs=0.012)
-    assert numbers["lower"] == pytest.approx(0.1 / 0.06, rel=0.15)
-
-
+@pytest.mark.slow
 def test_a_throttle_with_empty_cells_is_left_out(paper, capfd):
     columns = run(seed=4, battery=0.8)
     columns["upper_throttle"] = np.where(
@@ -156,14 +101,7 @@ def test_a_throttle_with_empty_cells_is_left_out(paper, capfd):
     assert "DLASCL" not in "".join(capfd.readouterr())  # of LAPACK, which writes where it likes
 
 
-def test_a_supply_that_reads_nothing_is_no_cause():
-    columns = run(seed=4, battery=0.8)
-    columns["voltage_V"] = np.where(np.arange(len(columns["time_s"])) < 30, columns["voltage_V"], 0.0)
-    answer = refined(columns)
-    assert "battery_voltage" not in names(answer)
-    assert any("reads nothing" in r.why for r in answer.rejected)
-
-
+@pytest.mark.slow
 def test_empty_cells_of_a_load_beside_a_wrong_sign_leave_numbers(paper):
     columns = run(seed=4)
     rows = np.arange(len(columns["time_s"]))
@@ -176,6 +114,7 @@ def test_empty_cells_of_a_load_beside_a_wrong_sign_leave_numbers(paper):
     assert all(np.isfinite([c.rmse_after, c.noise_floor]).all() for c in answer.channels.values())
 
 
+@pytest.mark.slow
 def test_cells_without_numbers_at_the_librarys_door(paper):
     columns = run(seed=4, air=1.0)
     rows = np.arange(len(columns["time_s"]))
@@ -191,11 +130,3 @@ def test_cells_without_numbers_at_the_librarys_door(paper):
     columns["lower_rpm"][1::2] = np.nan
     with pytest.raises(InputError, match="no row has a number in each of upper_rpm, lower_rpm"):
         refined(columns, paper)
-
-
-def test_a_barometer_that_reads_nothing_is_no_air(paper):
-    columns = run(seed=4, air=1.0)
-    columns["air_pressure_Pa"] = 1e-300 * (1.0 + 0.1 * np.sin(np.arange(len(columns["time_s"]))))
-    answer = refined(columns, paper)
-    assert "air_density" not in names(answer)
-    assert any("no air has that" in r.why for r in answer.rejected if r.name == "air_density")

@@ -21,16 +21,7 @@ def test_folds_do_not_repeat_with_a_schedule(count):
         assert np.mean(dealt[passes:] == dealt[:-passes]) < 0.35
 
 
-def test_slow_blades_that_carry_less_to_an_end_are_one_law_of_blade_speed():
-    t, a, b = ramps(1200)
-    loads = steady_loads(a, b)
-    for row, u in enumerate((a, a, b, b)):
-        loads[row] *= 1.0 - 0.35 / (1.0 + (u / 0.3) ** 2)  # no power of Reynolds number
-    answer = refine_stand(log_of(t, a, b, loads), model())
-    assert names(answer) == ["blade_speed_law"]
-    assert over(answer) < 1.06
-
-
+@pytest.mark.slow
 def test_what_a_large_form_misses_is_no_drift():
     columns = run(spacing=0.6, rpm=True, throttle=False)
     # the wake narrows beyond what a share of it can say: a constant that steps with the spacing, half-way
@@ -51,34 +42,7 @@ def followed(t, asked, up, down):
     return np.array(out)
 
 
-def test_a_lag_that_is_longer_down_than_up_leaves_noise():
-    rng = np.random.default_rng(2)
-    t = 0.1 * np.arange(1200)
-    asked = [np.repeat(rng.uniform(0.1, 0.95, 80), 15) for _ in range(2)]
-    a, b = (followed(t, u, 0.15, 0.27) for u in asked)
-    read = {f"{n}_throttle": u for n, u in zip(("upper", "lower"), asked, strict=True)}
-    noisy = [u + 5e-4 * rng.standard_normal(len(t)) for u in (a, b)]
-    log = log_of(t, a, b, steady_loads(a, b), **read)
-    log = log.with_columns(upper_rpm=FULL_RPM * noisy[0], lower_rpm=FULL_RPM * noisy[1])
-    answer = refine_stand(log, model())
-    assert names(answer) == ["rotor_lag"]
-    got = {q.name: q.value for q in answer.effects[0].parameters}
-    assert got["lag_s"] == pytest.approx(0.15, rel=0.05)
-    assert got["down"] == pytest.approx(1.8, rel=0.05)
-    assert over(answer) < 1.15
-
-
-def test_a_drift_that_begins_late_is_told_when():
-    t, a, b = ramps(1500)
-    loads = steady_loads(a, b)
-    loads[2] += 4.0 * np.maximum(t / t[-1] - 0.4, 0.0)
-    answer = refine_stand(log_of(t, a, b, loads), model())
-    assert names(answer) == ["sensor_drift"]
-    got = {q.name: q.value for q in answer.effects[0].parameters}
-    assert got["since"] == pytest.approx(0.4, abs=0.05)
-    assert over(answer) < 1.1
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("strange", "where"),
     [
@@ -95,6 +59,7 @@ def test_a_beat_or_a_resonance_of_both_speeds_in_shuffled_rows_is_seen(strange, 
     assert any(where in u.depends_on for u in answer.unexplained)
 
 
+@pytest.mark.slow
 def test_a_lower_rotor_that_only_seems_to_turn_ends_in_no_error():
     t, a, b = ramps(400)
     a = np.maximum(a, 0.1)
@@ -102,17 +67,6 @@ def test_a_lower_rotor_that_only_seems_to_turn_ends_in_no_error():
     log = log_of(t, a, faint, steady_loads(a, 0 * b))
     assert names(refine_stand(log)) == []
     assert names(refine_stand(log, model())) == []
-
-
-def test_a_fitted_nuisance_does_not_stand_or_fall_with_an_idle_rotor():
-    """Polynomials follow this pair but where its lower rotor windmills, at three rows in a hundred."""
-    t, a, b = ramps(1500)
-    loads = steady_loads(a, b)
-    loads[3] += 0.35 * a**2 * np.exp(-((b / 0.02) ** 2))
-    answer = refine_stand(log_of(t, a, b, loads))
-    assert names(answer) == [] and not answer.unexplained
-    assert over(answer) < 1.1
-    assert any("% of full speed: not judged" in note for note in answer.notes)
 
 
 def throttled(t, asked, turned, **more):
@@ -124,22 +78,7 @@ def throttled(t, asked, turned, **more):
     return log.with_columns(upper_rpm=rpm[0], lower_rpm=rpm[1])
 
 
-def test_a_motor_that_starts_late_keeps_turning_below_its_start():
-    t, *asked = ramps(1500)
-    turned = []
-    for u in asked:
-        now, mine = False, []
-        for x in u:
-            now = x > (0.07 if now else 0.13)
-            mine.append((x - 0.07) / 0.93 if now else 0.0)
-        turned.append(np.array(mine))
-    answer = refine_stand(throttled(t, asked, turned), model())
-    assert names(answer) == ["dead_band"]
-    got = {q.name: q.value for q in answer.effects[0].parameters}
-    assert got["band"] == pytest.approx(0.07, abs=0.01) and got["start"] == pytest.approx(0.13, abs=0.02)
-    assert over(answer) < 1.1
-
-
+@pytest.mark.slow
 def test_a_throttle_that_is_off_leaves_a_rotor_at_rest():
     levels = np.linspace(0.0, 0.9, 11)
     asked = [np.repeat(levels, 11), np.tile(levels, 11)]
@@ -149,6 +88,7 @@ def test_a_throttle_that_is_off_leaves_a_rotor_at_rest():
     assert over(answer) < 1.3  # a single sweep tells its noise to one part in ten
 
 
+@pytest.mark.slow
 def test_play_of_both_torque_cells_is_told_from_a_law_of_the_blades():
     t, a, b = ramps(1500)
     loads = steady_loads(a, b)

@@ -54,6 +54,7 @@ def sessions(spacing, seed):
 IN_STEP = 0.12 + 0.06 * (np.array([96.0, 99.5, 94.0, 101.0, 97.5, 92.0]) - 92.0) / 9.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1])
 def test_two_causes_in_step_are_a_doubt_and_no_name(seed):
     answer = ask(sessions(IN_STEP, seed))
@@ -80,6 +81,7 @@ def walk(rows, seed):
     return 0.2 + 0.8 * np.abs((np.cumsum(steps, axis=0) + rng.uniform(0, 2, 2)) % 2.0 - 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3])
 def test_an_effect_is_judged_in_its_best_shape(seed):
     """Wave drag near full speed and less lift: of no one shape of the grid, most of it within the tilt."""
@@ -93,6 +95,7 @@ def test_an_effect_is_judged_in_its_best_shape(seed):
     assert names(answer) == {"blade_speed_law"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "power"), [(5, 0.12), (6, -0.1)])
 def test_a_spacing_that_takes_a_share_of_the_whole_lower_loads_is_no_drifting_room(seed, power):
     t = 1.0 * np.arange(800)
@@ -108,6 +111,7 @@ def test_a_spacing_that_takes_a_share_of_the_whole_lower_loads_is_no_drifting_ro
     assert found["torque_loads_share"] == pytest.approx(0.5 * power, rel=0.2)
 
 
+@pytest.mark.slow
 def test_sessions_of_several_spacings_that_change_each_load_its_own_way_are_no_drift():
     apart = np.repeat([0.10, 0.28, 0.17, 0.23], 195)
     t = 0.5 * np.arange(len(apart)) + np.repeat([0.0, 600.0, 1200.0, 1800.0], 195)
@@ -131,6 +135,7 @@ def test_the_square_of_a_column_that_nothing_knows_stands_beside_every_effect():
     assert np.std(left) < 1e-9 * np.std(wanted)
 
 
+@pytest.mark.slow
 def test_rivals_of_a_doubt_beside_another_effect_stand_in_the_problem_that_is_asked(monkeypatch):
     seen = []
 

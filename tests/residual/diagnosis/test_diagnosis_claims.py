@@ -25,6 +25,7 @@ def loads_and_speeds(seed):
     return {k: v for k, v in columns.items() if k not in beside}
 
 
+@pytest.mark.slow
 def test_a_cell_at_its_limit_is_flagged_though_it_trembles():
     columns = loads_and_speeds(11)
     rng = np.random.default_rng(1)
@@ -37,6 +38,7 @@ def test_a_cell_at_its_limit_is_flagged_though_it_trembles():
     assert answer.effects == ()
 
 
+@pytest.mark.slow
 def test_pulses_counted_twice_in_a_band_are_flagged_and_nothing_is_claimed(paper):
     columns = loads_and_speeds(12)
     speed = columns["lower_rpm"] / FULL_RPM
@@ -47,6 +49,7 @@ def test_pulses_counted_twice_in_a_band_are_flagged_and_nothing_is_claimed(paper
     assert answer.effects == () and any("tachometer is accused" in n for n in answer.notes)
 
 
+@pytest.mark.slow
 def test_air_that_warms_once_may_be_the_amplifier_warming_up():
     columns = loads_and_speeds(13)
     t = columns["time_s"]

@@ -99,6 +99,7 @@ def test_a_supply_that_moves_from_row_to_row_stays_as_it_was_read(monkeypatch):
     np.testing.assert_allclose(read(volts, u, monkeypatch), volts, atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_noisy_voltmeter_hides_no_supply(paper):
     columns = run(seed=24, battery=0.7, rpm=False)
     rng = np.random.default_rng(24)
@@ -106,6 +107,7 @@ def test_a_noisy_voltmeter_hides_no_supply(paper):
     assert names(columns, paper) == (["battery_voltage"], [])
 
 
+@pytest.mark.slow
 def test_a_room_that_is_heated_in_turns_is_one_drift_of_all_cells(paper):
     columns = run(seed=25, throttle=False)
     t = columns["time_s"] / columns["time_s"][-1]
@@ -115,6 +117,7 @@ def test_a_room_that_is_heated_in_turns_is_one_drift_of_all_cells(paper):
     assert names(columns, paper) == (["sensor_drift"], [])
 
 
+@pytest.mark.slow
 def test_cells_with_play_are_no_law_of_the_blades(paper):
     columns = run(seed=26, throttle=False, noise=0.5)
     for first in (0, 1):
@@ -133,6 +136,7 @@ def lagged_by(u, time_s, shape):
     return u + effect("rotor_lag").stand.columns(frame, shape)[:, 4:, 0]
 
 
+@pytest.mark.slow
 def test_a_speed_loop_that_rings_is_that_of_its_differential_equation():
     rng = np.random.default_rng(27)
     step, damping, lag = 0.05, 0.4, 0.12

@@ -16,6 +16,7 @@ from coaxlink.errors import InputError
 from coaxlink.residual import refine_stand
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("true", "names"),
     [
@@ -36,6 +37,7 @@ def test_what_is_there_is_named_with_its_probability(true, names, paper):
     json.dumps(answer.to_json(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_mass_over_sets_is_a_probability():
     answer = refine_stand(Samples(run(seed=4, air=1.0), "rig.csv"))
     mass = [s.p_value for s in answer.trace]
@@ -53,6 +55,7 @@ def stalling(seed):
     return columns
 
 
+@pytest.mark.slow
 def test_what_a_pair_does_over_the_ratio_of_its_speeds_is_its_map_and_no_effect():
     answer = refine_stand(Samples(stalling(5), "rig.csv"))
     assert (answer.effects, answer.ambiguous, answer.suspect_data) == ((), (), ())
@@ -60,6 +63,7 @@ def test_what_a_pair_does_over_the_ratio_of_its_speeds_is_its_map_and_no_effect(
     assert any("lower_torque: a smooth surface" in n for n in answer.notes)
 
 
+@pytest.mark.slow
 def test_beside_such_a_map_an_effect_is_still_named():
     columns = stalling(6)
     time_min = columns["time_s"] / 60.0

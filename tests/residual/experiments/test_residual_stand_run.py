@@ -42,6 +42,7 @@ def doubt(tmp_path_factory):
     return refined(log, "--plan", plan), plan
 
 
+@pytest.mark.slow
 def test_a_poor_log_is_ambiguous_and_says_what_to_run(doubt):
     answer, plan = doubt
     assert not answer["effects"]
@@ -54,6 +55,7 @@ def test_a_poor_log_is_ambiguous_and_says_what_to_run(doubt):
     assert plan.read_text().count("[[pieces]]") == len(ambiguous["plan"]["pieces"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_the_run_names_whichever_is_true(doubt, tmp_path, truth):
     answer = refined(measured(tmp_path, truth, doubt[1], 11))
@@ -69,6 +71,7 @@ def test_nothing_ambiguous_writes_no_plan(tmp_path):
     assert not (tmp_path / "none.toml").exists()
 
 
+@pytest.mark.slow
 def test_a_log_with_rpm_gets_a_plan_too():
     """No rotor turns in a rest alone, and a plan's exact rpm are no commands."""
     from residual_rig import run as rig

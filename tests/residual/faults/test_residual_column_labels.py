@@ -61,6 +61,7 @@ def test_another_unit_or_sign_takes_the_channel_out(paper, column: str, factor: 
     assert column.rsplit("_", 1)[0] not in answer.channels and len(answer.channels) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 def test_another_unit_from_a_row_on(paper, given: bool) -> None:
     columns = run(seed=2)
@@ -73,6 +74,7 @@ def test_another_unit_from_a_row_on(paper, given: bool) -> None:
     assert answer.channels["upper_torque"].rmse_after < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 def test_half_a_bridge_for_a_while_is_flagged(paper, given: bool) -> None:
     columns = run(seed=12)
@@ -87,6 +89,7 @@ def test_half_a_bridge_for_a_while_is_flagged(paper, given: bool) -> None:
 ONE_PASS = 162  # rows of `run`: the upper rotor goes up once
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pairs", [[*zip(UPPER, LOWER, strict=True)], [("upper_thrust_N", "lower_thrust_N")]])
 def test_loads_exchanged_where_only_the_second_part_has_such_speeds(pairs: list[tuple[str, str]]) -> None:
     columns = {k: v[:ONE_PASS] for k, v in run(seed=9, throttle=False).items()}
@@ -103,6 +106,7 @@ def test_one_pass_whose_loads_are_what_they_say_is_not_flagged(true: dict) -> No
     assert find_suspects(stand_frame(Samples(columns, "rig"), None)).suspects == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "pairs", [[*zip(UPPER, LOWER, strict=True)], [("upper_thrust_N", "lower_thrust_N")], [UPPER]]
 )
@@ -113,6 +117,7 @@ def test_columns_exchanged_throughout(paper, pairs: list[tuple[str, str]]) -> No
     assert suspect.rows == "all" and nothing_claimed(answer)
 
 
+@pytest.mark.slow
 def test_torque_and_thrust_of_one_rotor_are_told_apart_without_a_model() -> None:
     answer = refine_stand(Samples(exchanged(run(seed=5), slice(None), UPPER), "rig"))
     assert [s.column for s in answer.suspect_data] == ["upper_thrust_N, upper_torque_Nm"]
@@ -140,6 +145,7 @@ def test_a_copy_is_found_among_coarse_readings_too(paper) -> None:
     assert suspect.column == "upper_torque_Nm, lower_torque_Nm" and suspect.rows == "101-130"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("rows", [slice(None), PART])
 def test_throttles_swapped(paper, rows: slice, given: bool) -> None:
@@ -154,6 +160,7 @@ def test_throttles_swapped(paper, rows: slice, given: bool) -> None:
         assert suspect.rows == "all" and nothing_claimed(answer) and "upper_speed" not in answer.channels
 
 
+@pytest.mark.slow
 def test_real_effects_are_no_wrong_labels(paper) -> None:
     for seed, true in enumerate(({"battery": 0.9}, {"air": 1.0}, {"power": 0.25}, {"interference": 8.0})):
         for model in (paper, None):

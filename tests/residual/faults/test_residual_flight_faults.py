@@ -29,6 +29,7 @@ def ask(columns):
     return refine(Samples(columns, "fault"), airframe, load_rotor_model(files.example("rotor_paper.toml")))
 
 
+@pytest.mark.slow
 def test_a_sound_log_is_not_flagged(clean):
     assert ask(clean).suspect_data == ()
 
@@ -63,12 +64,14 @@ def test_a_scale_within_a_data_sheet_is_no_fault(share, clean):
     assert contradicted(Samples(log, "sound")) == []
 
 
+@pytest.mark.slow
 def test_motors_that_the_airframe_does_not_have_are_told_first(clean):
     answer = ask(clean | {"motor9": clean["motor1"], "motor10": clean["motor2"]})
     assert [s.column for s in answer.suspect_data] == ["motor9, motor10"]
     assert "8 rotors" in answer.suspect_data[0].why and answer.effects == ()
 
 
+@pytest.mark.slow
 def test_commands_that_are_none_are_flagged_and_the_rest_is_judged(clean):
     motor = clean["motor3"].copy()
     motor[1200:1500] = np.linspace(1.5, 40.0, 300)  # damaged packets
@@ -108,6 +111,7 @@ def test_a_voltage_that_was_never_measured_is_none(volts, clean):
     assert contradicted(Samples(clean | {"voltage_V": np.full(len(clean["time_s"]), volts)}, "sound")) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["roll_rad", "accel_y_m_s2", "vel_d_m_s", "height_m"])
 def test_what_is_not_finite_flags_nobody_and_warns_of_nothing(name, clean):
     endless = np.where(np.arange(len(clean[name])) % 700 < 3, np.inf, clean[name])
@@ -131,12 +135,14 @@ def test_an_angle_that_stands_still_with_the_vehicle_is_sound(clean):
     assert stuck(Samples(clean | {"yaw_rad": whole}, "sound")) == []
 
 
+@pytest.mark.slow
 def test_a_height_that_stands_still_takes_nothing_else_from_the_answer(clean):
     answer = ask(clean | stands_still(clean))
     assert [s.column for s in answer.suspect_data] == ["height_m"]
     assert answer.effects == () and "ground_effect" in {r.name for r in answer.rejected}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late_s", [0.08, 0.12])
 def test_motors_that_are_stamped_late_leave_nothing_to_claim(late_s, clean):
     time = clean["time_s"]
@@ -146,6 +152,7 @@ def test_motors_that_are_stamped_late_leave_nothing_to_claim(late_s, clean):
     assert "before their commands" in answer.suspect_data[0].why
 
 
+@pytest.mark.slow
 def test_two_motors_exchanged_are_named(clean):
     answer = ask(clean | {"motor2": clean["motor7"], "motor7": clean["motor2"]})
     assert [s.column for s in answer.suspect_data] == ["motor2, motor7"]
@@ -169,6 +176,7 @@ def test_a_centre_of_mass_is_the_rival_of_an_exchange(clean):
     assert left(clean | {"motor2": clean["motor7"], "motor7": clean["motor2"]}, (0.0, 0.0, 0.0)) > 0.3
 
 
+@pytest.mark.slow
 def test_a_reversed_gyro_is_named(clean):
     answer = ask(clean | {"gyro_y_rad_s": -clean["gyro_y_rad_s"]})
     assert [s.column for s in answer.suspect_data] == ["gyro_y_rad_s"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from coaxlink.data import Samples
 from coaxlink.residual import refine_stand
@@ -38,6 +39,7 @@ def flagged(log: Samples) -> list[tuple[str, str]]:
     return [(s.column, s.rows) for s in refine_stand(log).suspect_data]
 
 
+@pytest.mark.slow
 def test_spikes_of_a_tachometer_are_flagged_row_by_row() -> None:
     log = visited(1)
     read = log["lower_rpm"].copy()
@@ -47,6 +49,7 @@ def test_spikes_of_a_tachometer_are_flagged_row_by_row() -> None:
     assert answer.effects == () and answer.suspect_data[0].why.startswith("reads -35 to +40 % here")
 
 
+@pytest.mark.slow
 def test_a_band_of_few_rows_is_flagged_though_slow_motors_follow_no_curve() -> None:
     levels = np.linspace(0.05, 0.95, 10)
     throttle = np.stack(np.meshgrid(levels, levels, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -71,6 +74,7 @@ def test_a_band_of_few_rows_is_flagged_though_slow_motors_follow_no_curve() -> N
     assert flagged(Samples(columns, "map")) == [("upper_rpm", f"{first}-{last}")]
 
 
+@pytest.mark.slow
 def test_a_rotor_that_really_races_for_a_row_is_no_spike() -> None:
     log = visited(2)
     rows = [20, 75, 180, 333]
@@ -82,6 +86,7 @@ def test_a_rotor_that_really_races_for_a_row_is_no_spike() -> None:
     assert flagged(log.with_columns(lower_rpm=RPM * v, lower_thrust_N=thrust, lower_torque_Nm=torque)) == []
 
 
+@pytest.mark.slow
 def test_a_supply_that_stands_still_in_some_rows_is_flagged() -> None:
     log = visited(3)
     volts = log["voltage_V"].copy()
@@ -89,6 +94,7 @@ def test_a_supply_that_stands_still_in_some_rows_is_flagged() -> None:
     assert flagged(log.with_columns(voltage_V=volts)) == [("voltage_V", "151-230")]
 
 
+@pytest.mark.slow
 def test_a_number_written_down_for_a_session_is_no_fault() -> None:
     log = visited(5)
     time = log["time_s"] + np.where(np.arange(ROWS) >= 200, 3600.0, 0.0)
@@ -96,6 +102,7 @@ def test_a_number_written_down_for_a_session_is_no_fault() -> None:
     assert flagged(log.with_columns(time_s=time, air_temperature_C=air)) == []
 
 
+@pytest.mark.slow
 def test_a_rotor_that_loses_both_loads_for_a_stretch_has_sound_cells() -> None:
     log = visited(7)
     loads = {name: log[name].copy() for name in ("lower_thrust_N", "lower_torque_Nm")}
@@ -104,6 +111,7 @@ def test_a_rotor_that_loses_both_loads_for_a_stretch_has_sound_cells() -> None:
     assert flagged(log.with_columns(**loads)) == []
 
 
+@pytest.mark.slow
 def test_rows_in_another_order_are_sorted_by_their_time_and_told() -> None:
     log = visited(9)
     mixed = log.take(np.random.default_rng(9).permutation(ROWS))
@@ -113,6 +121,7 @@ def test_rows_in_another_order_are_sorted_by_their_time_and_told() -> None:
     assert {n: (c.rmse_after, c.noise_floor) for n, c in sorted_again.channels.items()} == after
 
 
+@pytest.mark.slow
 def test_a_clock_that_starts_anew_for_every_point_sorts_nothing() -> None:
     log = visited(10)
     clock = np.arange(ROWS) % 4 + np.random.default_rng(10).uniform(0.0, 0.05, ROWS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from residual_rig import FULL_RPM, steady_loads
 
 from coaxlink import files
@@ -43,6 +44,7 @@ def bench(
     return Samples(columns, "bench")
 
 
+@pytest.mark.slow
 def test_a_tachometer_that_reads_in_coarse_steps_is_flagged() -> None:
     log = bench(10, from_s=0.0, to_s=0.0)
     step = 0.05 * RPM
@@ -51,6 +53,7 @@ def test_a_tachometer_that_reads_in_coarse_steps_is_flagged() -> None:
     assert answer.effects == () and "steps of" in answer.suspect_data[0].why
 
 
+@pytest.mark.slow
 def test_steps_between_two_speeds_flag_nobody() -> None:
     """One rotor, two throttles, a lag between them: what slow rows fit says nothing of the fast ones."""
     random = np.random.default_rng(5)
@@ -70,6 +73,7 @@ def test_steps_between_two_speeds_flag_nobody() -> None:
     assert not answer.suspect_data and "rotor_lag" in [e.name for e in answer.effects]
 
 
+@pytest.mark.slow
 def test_a_rotor_that_really_drops_out_here_and_there_does_not_make_its_tachometer_lie() -> None:
     log = bench(6, from_s=0.0, to_s=0.0)
     rows = (np.arange(log.rows) // 5) % 20 == 7
@@ -86,6 +90,7 @@ def test_a_rotor_that_really_drops_out_here_and_there_does_not_make_its_tachomet
     assert not [s for s in refine_stand(dropped).suspect_data if s.column == "upper_rpm"]
 
 
+@pytest.mark.slow
 def test_a_reading_that_stands_while_the_wake_moves_its_load_too_is_flagged() -> None:
     log = bench(7, from_s=0.0, to_s=0.0)
     read = log["lower_rpm"].copy()

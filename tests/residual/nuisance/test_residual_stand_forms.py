@@ -11,6 +11,7 @@ from coaxlink.effects.hysteresis import direction, fading, slipping
 from coaxlink.residual import refine_stand
 
 
+@pytest.mark.slow
 def test_friction_that_takes_a_way_to_turn_is_hysteresis_and_nothing_else():
     t, a, b = ramps()
     loads = steady_loads(a, b)
@@ -26,6 +27,7 @@ def test_friction_that_takes_a_way_to_turn_is_hysteresis_and_nothing_else():
     assert over(answer) < 1.05
 
 
+@pytest.mark.slow
 def test_growth_of_lift_at_the_tips_is_a_blade_speed_law_though_the_nuisance_takes_most_of_it():
     t, a, b = ramps(1500)
     loads = steady_loads(a, b)

@@ -57,6 +57,7 @@ def numbers(answer, name):
     return next({p.name: p.value for p in e.parameters} for e in answer.effects if e.name == name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clock", [False, True])
 def test_a_blade_that_chips_in_mid_flight_is_found_with_its_moment(flights, clock):
     log = flights["chipped"]
@@ -74,6 +75,7 @@ def test_a_blade_that_chips_in_mid_flight_is_found_with_its_moment(flights, cloc
     assert "onset_s" not in answer.model.effects[0].parameters
 
 
+@pytest.mark.slow
 def test_a_weak_motor_is_told_from_a_bad_blade_by_its_partner(flights):
     answer = found(flights["slow"])
     assert [e.name for e in answer.effects] == ["degraded_rotor"]
@@ -82,6 +84,7 @@ def test_a_weak_motor_is_told_from_a_bad_blade_by_its_partner(flights):
     assert got["thrust_loss"] == pytest.approx(1 - 0.93**2, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_payload_that_falls_is_a_mass(flights):
     answer = found(flights["dropped"])
     assert [e.name for e in answer.effects] == ["mass_change"]
@@ -90,21 +93,7 @@ def test_a_payload_that_falls_is_a_mass(flights):
     assert got["mass_kg"] == pytest.approx(19.0, abs=0.1)
 
 
-def test_ice_on_a_rotor_is_a_failure_that_comes_gradually(flights):
-    answer = found(flights["icing"])
-    assert [e.name for e in answer.effects] == ["degraded_rotor"]
-    got = numbers(answer, "degraded_rotor")
-    assert (got["rotor"], got["thrust_loss"]) == (5, pytest.approx(0.15, abs=0.01))
-    assert got["onset_s"] + 0.5 * got["over_s"] == pytest.approx(27.5, abs=2.0)
-
-
-def test_a_tank_that_empties_is_told_from_a_supply_that_sags(flights):
-    answer = found(flights["spraying"])
-    assert [e.name for e in answer.effects] == ["mass_change"]
-    assert numbers(answer, "mass_change")["mass_kg"] == pytest.approx(17.6, abs=0.3)
-    assert [e.name for e in found(flights["sagging"]).effects] == ["battery_voltage"]
-
-
+@pytest.mark.slow
 def test_a_little_more_mass_is_told_from_thrust_by_the_torques(flights):
     answer = found(flights["heavy"])
     assert [e.name for e in answer.effects] == ["mass_change"]
@@ -112,6 +101,7 @@ def test_a_little_more_mass_is_told_from_thrust_by_the_torques(flights):
     assert numbers(answer, "mass_change")["mass_kg"] == pytest.approx(20.6, abs=0.15)
 
 
+@pytest.mark.slow
 def test_with_the_inertia_in_doubt_it_may_be_a_level_of_thrust(flights):
     airframe = x8()
     ix, iy, iz = airframe.inertia_kg_m2
@@ -124,6 +114,7 @@ def test_with_the_inertia_in_doubt_it_may_be_a_level_of_thrust(flights):
     assert said == pytest.approx(20.6, abs=0.15)
 
 
+@pytest.mark.slow
 def test_a_level_of_thrust_moves_the_torques_with_the_lift(flights):
     answer = refine(flights["clean"], x8(), with_thrust(1.03))
     assert answer.effects == ()
@@ -132,6 +123,7 @@ def test_a_level_of_thrust_moves_the_torques_with_the_lift(flights):
     assert "level of thrust is likelier" in doubt.separate_by
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("level", "share"), [(0.98, 1.08), (1.02, 0.92)])
 def test_a_stand_two_per_cent_off_and_a_rough_inertia_are_no_mass(flights, level, share):
     airframe = x8()
@@ -141,6 +133,7 @@ def test_a_stand_two_per_cent_off_and_a_rough_inertia_are_no_mass(flights, level
     assert answer.effects == () and answer.ambiguous == ()
 
 
+@pytest.mark.slow
 def test_rows_whose_commands_jump_between_two_rows_are_not_judged(flights):
     log = flights["heavy"]
     jumped = np.clip(log["motor1"] + 0.3 * (np.arange(log.rows) == log.rows // 2), 0, 1)
@@ -148,6 +141,7 @@ def test_rows_whose_commands_jump_between_two_rows_are_not_judged(flights):
     assert any("commands jump" in note for note in answer.notes)
 
 
+@pytest.mark.slow
 def test_rows_about_a_command_at_its_limit_are_not_judged(flights):
     log = flights["heavy"]
     full = log["motor1"].copy()
@@ -157,6 +151,7 @@ def test_rows_about_a_command_at_its_limit_are_not_judged(flights):
     assert [e.name for e in answer.effects] == ["mass_change"]
 
 
+@pytest.mark.slow
 def test_hours_of_flight_are_judged_in_stretches(flights, monkeypatch):
     monkeypatch.setattr("coaxlink.residual.channels.flight.MANY_ROWS", 1600)
     monkeypatch.setattr("coaxlink.residual.channels.flight.STRETCH_S", 8.0)

@@ -1,0 +1,87 @@
+"""What a file or an option says wrong is one clear line that names it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sim.errors import WorldError
+from sim.line.wire import parse_faults
+from sim.manoeuvres import read_plan
+from sim.physics.rotors import read_pair
+from sim.stand.effects import read_bench
+from sim.stand.schedule import read_schedule
+from sim.truth import read_truth
+from sim.world import World, build
+
+PIECE = "[[pieces]]\nseconds = 5\n"
+STEADY = PIECE + "upper = 0.1\nlower = 0.5\n"
+ROTOR = "speed_max_rpm = 5400.0\n[upper.thrust_N]\n"
+BEMT = 'form = "bemt"\nspeed_max_rpm = 5000.0\n'
+X8 = Path(__file__).parents[2] / "examples" / "x8_demo.toml"
+
+
+def read_memory(path: Path) -> object:
+    return build(World(X8, memory=path), [])
+
+
+BAD = [  # reader, text, what the error names
+    (read_schedule, "", "pieces"),
+    (read_schedule, "[[pieces]]\nupper = 0.5\nlower = 0.5\n", "seconds"),
+    (read_schedule, PIECE + "upper = 1.5\nlower = 0.5\n", "upper"),
+    (read_schedule, PIECE + "upper = [0, 1, 0]\nlower = 0.5\n", "upper"),
+    (read_schedule, STEADY + "volts = 3\n", "volts"),
+    (read_schedule, STEADY + 'shape = "sine"\n', "shape"),
+    (read_schedule, "[[pieces]]\nseconds = 9999\nupper = 0.1\nlower = 0.5\n", "pieces"),
+    (read_schedule, "rate_hz = 0\n" + STEADY, "rate_hz"),
+    (read_schedule, STEADY + "supply_V = -3\n", "supply_V"),
+    (read_plan, "", "pieces"),
+    (read_plan, "[[pieces]]\nnorth_m = 1\n", "seconds"),
+    (read_plan, PIECE + "height_m = 0.1\n", "height_m"),
+    (read_plan, PIECE + "north = 3\n", "north"),
+    (read_plan, PIECE + "north_m = 3\ncycles = 40\n", "cycles"),
+    (read_plan, PIECE + "north_m = 300\n", "north_m"),
+    (read_pair, ROTOR + '"u_u^2" = "x"', "upper.thrust_N.u_u^2"),
+    (read_pair, ROTOR + '"u_q" = 1', "upper.thrust_N.u_q"),
+    (read_pair, ROTOR + '"u_u^9" = 1', "powers up to"),
+    (read_pair, ROTOR + '"u_u" = nan', "finite"),
+    (read_pair, BEMT, "blades"),
+    (read_pair, BEMT + "[blades]\nradius_m = 1.0", "blades"),
+    (read_pair, BEMT + "[blades]\nwings = 2", "blades"),
+    (read_pair, BEMT + '[blades]\nradius_m = "wide"', "blades"),
+    (read_truth, '[[effects]]\nname = "magic"\nsize = 1', "effects[1].name"),
+    (read_truth, '[[effects]]\nname = "wind"\nsize = "big"', "effects[1].size"),
+    (read_truth, '[[effects]]\nname = "wind"\nsize = 1\nrotor = 2', "effects[1].rotor"),
+    (read_truth, '[[effects]]\nname = "wind"\nsize = 1\nlaw = "breezy"', "steady, shear"),
+    (read_truth, "effects = 3", "effects"),
+    (read_truth, "= 3", "not TOML"),
+    (read_bench, '[[effects]]\nname = "wind"\nsize = 1', "effects[1].name"),
+    (read_bench, '[[effects]]\nname = "strange"\nsize = 1\nchannel = "left"', "effects[1].channel"),
+    (read_bench, '[[effects]]\nname = "hysteresis"\nsize = 0.1\nlaw = "magic"', "share, friction"),
+    (read_bench, '[stand]\npattern = "waltz"', "stand"),
+    (read_memory, "", "no memory of a stand-in"),
+    (read_memory, "[]", "no memory of a stand-in"),
+    (read_memory, '{"parameters": {}}', "no memory of a stand-in"),
+    (read_memory, '{"parameters": {}, "files": 3, "folders": []}', "no memory of a stand-in"),
+]
+
+
+@pytest.mark.slow
+def test_a_bad_file_is_one_clear_line_that_names_what_is_wrong(tmp_path: Path) -> None:
+    path, wrong = tmp_path / "x.toml", []
+    for reader, text, named in BAD:
+        path.write_text(text)
+        try:
+            reader(path)
+            wrong.append((text, "taken"))
+        except WorldError as error:
+            if named not in str(error) or "\n" in str(error):
+                wrong.append((text, str(error)))
+    assert not wrong
+
+
+def test_a_bad_fault_of_the_wire_is_one_clear_line() -> None:
+    for text in ("loss", "loss=2", "noise=1", "dead=3", "delay=-1"):
+        with pytest.raises(WorldError, match=r"^[^\n]*expected[^\n]*$"):
+            parse_faults(text)
