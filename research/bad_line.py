@@ -169,7 +169,7 @@ class Bench:
                 session.send = alive
                 worker = Uploader(session, backup_folder=self.folder / "backups", reboot_s=2.5)
                 if source.is_dir():
-                    return worker.upload(load_plan(source)).to_json()
+                    return worker.upload(load_plan(source), spin_from_table=True).to_json()
                 return worker.restore(read_backup(source)).to_json()
         except Killed:
             return {"result": "killed", "retries": 0}
