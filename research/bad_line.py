@@ -81,6 +81,7 @@ class Bench:
         self.net = Net(seed=seed)
         self._start = lambda **where: Standin(self.net, firmware, memory=folder / "memory.json", **where)
         self.board = self._start()
+        self._pulled = object()
         self.net.clock.sleep(1.0)
         plans = {table.name: load_plan(table) for table in tables}
         self.wholes = {name: self._of_plan(plan) for name, plan in plans.items()}
@@ -108,11 +109,13 @@ class Bench:
         return next(whole, "mixture")
 
     def cut(self, seconds: float) -> None:
-        """Pull its plug, and put it in again."""
+        """Pull its plug, and put it in again; one that is still out stays out until the last of them."""
         self.board.close()
+        pulled = self._pulled = object()
 
         def on() -> None:
-            self.board = self._start(address=self.board.address)
+            if self._pulled is pulled:  # or two boards would live on one memory
+                self.board = self._start(address=self.board.address)
 
         self.net.clock.later(seconds, on)
 
@@ -166,7 +169,7 @@ class Bench:
                 session.send = alive
                 worker = Uploader(session, backup_folder=self.folder / "backups", reboot_s=2.5)
                 if source.is_dir():
-                    return worker.upload(load_plan(source)).to_json()
+                    return worker.upload(load_plan(source), spin_from_table=True).to_json()
                 return worker.restore(read_backup(source)).to_json()
         except Killed:
             return {"result": "killed", "retries": 0}

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
 
 LAW_HEADS = (
-    "law", "thrust N", "roll N m", "pitch N m", "yaw N m", "power", "N/W", "most N", "most yaw N m"
+    "law", "thrust N", "roll N m", "pitch N m", "yaw N m", "power", "N/W", "ceiling N", "yaw to bound N m"
 )  # fmt: skip
 
 
@@ -147,7 +147,7 @@ def _laws(vehicle: Vehicle, fitted: Law, *, printed: bool) -> list[tuple[str, La
 def _cells(row: Row) -> list[str]:
     """A law's cells under LAW_HEADS."""
     errors = [figure(e) for e in row.mean_error]
-    reach = f"{row.most_thrust_N:.0f}", f"{row.most_yaw_Nm:.2f}"
+    reach = f"{row.ceiling_N:.0f}", f"{row.yaw_Nm:.2f}"
     return [row.label, *errors, f"{row.power:.4f}", f"{row.efficiency_N_W:.4f}", *reach]
 
 

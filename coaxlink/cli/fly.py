@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -38,7 +40,12 @@ def fly(
     ] = 0.3,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="All checks, then leave on the ground.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before arming.")] = False,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the logs go.")] = Path("flight"),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Where the logs go; a folder of this time in it, if there are some already."
+        ),
+    ] = None,
     log: Annotated[bool, typer.Option("--log/--no-log", help="Fetch the autopilot's log.")] = True,
     airframe: Annotated[
         Path | None, typer.Option(metavar="AIRFRAME.toml", help="Refine the log against this vehicle.")
@@ -64,7 +71,7 @@ def fly(
     planned = plan_of(plan, height, reach, *(_doublets(body) if plan == "identify" else ()))
     limits = FlightLimits(radius_m=fence, ceiling_m=ceiling, battery=battery)
     files.refuse_unwritable(json)
-    files.refuse_unwritable(out / "flight.tlog")
+    out = _PLACE if dry_run else _new_folder(out)
     flown = Flown(planned.duration_s)
     found: dict[str, Any] = {}
     most = peaks(planned)
@@ -79,7 +86,8 @@ def fly(
                 timeout_s=timeout,
                 target_system=system,
                 signing_key=signing_key,
-                record=out / "flight.tlog",
+                station=True,
+                record=None if dry_run else out / "flight.tlog",
             ) as line,
             introduced(line) as session,
         ):
@@ -111,6 +119,36 @@ def fly(
         _refine(path, airframe, rotor, out)
     else:
         say(f"next: coaxlink refine {path} --airframe AIRFRAME.toml")
+
+
+_PLACE = Path("flight")  # where flights lie, each in a folder of its time
+
+
+def _new_folder(named: Path | None) -> Path:
+    """A folder without a flight: `named` itself while none lies in it, else one of this time in it.
+
+    Made by exclusive creation: no flight is written over another. Raises InputError.
+    """
+    from coaxlink.errors import InputError
+
+    place = _PLACE if named is None else named
+    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    later = (place / (stamp if n == 1 else f"{stamp}-{n}") for n in itertools.count(1))
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        if named is not None and not any(place.glob("flight.*")):
+            (place / "flight.tlog").open("x").close()
+            return place
+        for folder in later:
+            try:
+                folder.mkdir()
+            except FileExistsError:
+                continue
+            say(f"this flight's logs go to {folder}")
+            return folder
+    except OSError as error:
+        raise InputError(place, "", f"cannot be written ({error.strerror})") from error
+    raise AssertionError
 
 
 def _positive(*options: tuple[str, float]) -> None:

@@ -55,7 +55,9 @@ def restore(
     files.refuse_unwritable(json_file)
     saved = read_backup(backup)
     with (
-        open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as line,
+        open_session(
+            connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True
+        ) as line,
         introduced(line) as session,
     ):
         talk = conversation(yes or dry_run)

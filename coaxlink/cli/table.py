@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -20,17 +20,19 @@ from coaxlink.cli.shared.effects import (
     say_effects,
     vehicle_of,
 )
+from coaxlink.cli.shared.next import WEAK
 from coaxlink.cli.shared.rate_loops import forget_vehicle, keep_vehicle
 from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.mixer.constrained import ConstrainedTable
+    from coaxlink.mixer.demands import Speeds
     from coaxlink.mixer.fitted import FittedTable
     from coaxlink.tables.ardupilot import ApReport
     from coaxlink.tables.px4 import TableReport
-    from coaxlink.uploading.explain import Explanation
     from coaxlink.vehicle import Vehicle
+    from firmware_params.ardupilot.table import ApTable
 
 TITLES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 
@@ -39,8 +41,9 @@ def table(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
     firmware: Annotated[str, typer.Option(help="px4 or ardupilot.")],
     law: Annotated[
-        str, typer.Option(help="fitted, reduced, standard or curved (docs/mixers.md).")
-    ] = "fitted",
+        str | None,
+        typer.Option(help="fitted, reduced, standard or curved; else by the margins (docs/mixers.md)."),
+    ] = None,
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write the files here.")] = None,
     explain: Annotated[
@@ -50,7 +53,10 @@ def table(
         str, typer.Option(metavar="URL", help="Hold it against the table on this board.")
     ] = "",
     frame_class: Annotated[int, typer.Option(help="ArduPilot: 15 scripting, 17 dynamic matrix.")] = 15,
-    spin_min: Annotated[float, typer.Option(help="ArduPilot: MOT_SPIN_MIN.")] = 0.05,
+    spin_min: Annotated[
+        float | None,
+        typer.Option(help="ArduPilot: MOT_SPIN_MIN; else the board's with --connect, or 0.05."),
+    ] = None,
     keep_gains: Annotated[
         bool,
         typer.Option(
@@ -62,6 +68,10 @@ def table(
         Path | None,
         typer.Option("--constrain", metavar="LIMITS.toml", help="With --law fitted: limits it shall keep."),
     ] = None,
+    around_weak_rotor: Annotated[
+        bool,
+        typer.Option("--around-weak-rotor", help="Also for a rotor file that says that a rotor is weak."),
+    ] = False,
     voltage: VoltageOption = None,
     height: HeightOption = None,
     climb: ClimbOption = None,
@@ -69,7 +79,12 @@ def table(
     json_file: JsonOption = None,
 ) -> None:
     """Write a mixer table and say what mix the firmware will make of it."""
+    from coaxlink.report.worth import price
+    from coaxlink.tables.ardupilot import ap_speeds, report_ap
+    from coaxlink.tables.default_law import choose_law
+    from coaxlink.tables.px4 import TableReport, px4_speeds, report_px4
     from coaxlink.tables.rate_gains import preserved_gains
+    from coaxlink.uploading.explain import explain_ap, explain_px4
 
     if firmware not in TITLES:
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
@@ -78,14 +93,34 @@ def table(
     files.refuse_unwritable(json_file)
     vehicle, path = vehicle_of(airframe, rotor, voltage=voltage, height=height, climb=climb, density=density)
     say_effects(vehicle)
-    report: TableReport | ApReport
+    if "degraded_rotor" in vehicle.compensated and not around_weak_rotor:
+        raise SafetyRefusal(f"{path.name}: a rotor is weak: {WEAK} (--around-weak-rotor: a table around it)")
     with _naming(path):
-        limited = _limited(vehicle, constrain, law, 0.0 if firmware == "px4" else spin_min)
-        fit = limited.table if limited else None
-        if firmware == "px4":
-            report, explained, board = _px4(vehicle, law, fit, connect)
+        board, matrix = _present(firmware, connect)
+        spin = _spin(firmware, spin_min, board)
+
+        def reported(law: str, fit: FittedTable | None) -> TableReport | ApReport:
+            if firmware == "px4":
+                return report_px4(vehicle, law, fit=fit)
+            low, high, arm = spin
+            return report_ap(
+                vehicle, law, frame_class=frame_class, spin_min=low, spin_max=high, spin_arm=arm, fit=fit
+            )
+
+        def speeds_of(law: str, fit: FittedTable | None) -> Speeds:
+            made = reported(law, fit)
+            return px4_speeds(made.mix) if isinstance(made, TableReport) else ap_speeds(made.mix)
+
+        limited = _limited(vehicle, constrain, law or "fitted", spin)
+        fit, chosen = limited.table if limited else None, None
+        if law is None and not limited:
+            chosen = choose_law(vehicle, speeds_of, spin_min=spin.low, spin_max=spin.high)
+            law, fit, limited = chosen.law, chosen.fit, chosen.limited
+        report = reported(law or "fitted", fit)
+        if isinstance(report, TableReport):
+            explained = explain_px4(vehicle, report, board if connect else None)
         else:
-            report, explained, board = _ardupilot(vehicle, law, fit, connect, frame_class, spin_min)
+            explained = explain_ap(vehicle, report, (board, matrix) if connect else None)
     against = explanation.under(explained.reference_name)
     gains = preserved_gains(firmware, explained.flown, explained.reference, board, against, write=keep_gains)
     if gains.problem:
@@ -97,8 +132,13 @@ def table(
         document |= vehicle.to_json() | gains.to_json()
         document |= {"limits": limited.to_json()} if limited else {}
         document |= {"explain": explained.to_json()} if explain else {}
+        document |= {"chosen": chosen.to_json()} if chosen else {}
+        document["price"] = price(explained.worth, explained.worth_before, against)
         files.write_json(json_file, document)
-    table_views.show(vehicle.airframe, report, gains.line)
+    if chosen:
+        say(f"--law was not named, chosen: {chosen.why}")
+    said = [*price(explained.worth, explained.worth_before, against), gains.line]
+    table_views.show(vehicle.airframe, report, said)
     if limited:
         table_views.show_limits(limited, vehicle.model.speed_max_rpm)
     if explain:
@@ -126,7 +166,38 @@ def _naming(model_path: Path) -> Iterator[None]:
         raise InputError(model_path, error.where, error.problem) from error
 
 
-def _limited(vehicle: Vehicle, limits: Path | None, law: str, spin_min: float) -> ConstrainedTable | None:
+class _Spin(NamedTuple):
+    """A spin range, normalised; without `arm` the table's own."""
+
+    low: float
+    high: float
+    arm: float | None = None
+
+
+def _spin(firmware: str, spin_min: float | None, board: Mapping[str, float | int]) -> _Spin:
+    """PX4 has none; ArduPilot's is what was asked for, else what its owner tuned, else the table's."""
+    from coaxlink.tables.ardupilot import SPIN_MIN
+    from coaxlink.uploading.owners_numbers import SPIN
+
+    if firmware == "px4":
+        return _Spin(0.0, 1.0)
+    if spin_min is None and all(name in board for name in SPIN):
+        arm, low, high = (round(float(board[name]), 6) for name in SPIN)
+        say(f"made for the board's spin range, {low:g} to {high:g} (--spin-min takes another)")
+        return _Spin(low, high, arm)
+    return _Spin(SPIN_MIN if spin_min is None else spin_min, 1.0)
+
+
+def _present(firmware: str, url: str) -> tuple[Mapping[str, float | int], ApTable | None]:
+    """The parameters on the board at `url` and, of ArduPilot, its table; nothing without a `url`."""
+    from coaxlink.uploading.explain import present_ap, present_px4
+
+    if not url:
+        return {}, None
+    return (present_px4(url), None) if firmware == "px4" else present_ap(url)
+
+
+def _limited(vehicle: Vehicle, limits: Path | None, law: str, spin: _Spin) -> ConstrainedTable | None:
     """The table under the limits of a file. Raises InputError, and CheckFailed when none keeps them."""
     if limits is None:
         return None
@@ -135,31 +206,9 @@ def _limited(vehicle: Vehicle, limits: Path | None, law: str, spin_min: float) -
     from coaxlink.mixer.constrained import constrained_table
     from coaxlink.mixer.limits import load_limits
 
-    return constrained_table(vehicle, load_limits(limits, vehicle.airframe), spin_min=spin_min)
-
-
-def _px4(
-    vehicle: Vehicle, law: str, fit: FittedTable | None, connect: str
-) -> tuple[TableReport, Explanation, Mapping[str, float | int]]:
-    """The table, explained against the board's (else the standard law's), and the board's parameters."""
-    from coaxlink.tables.px4 import report_px4
-    from coaxlink.uploading.explain import explain_px4, present_px4
-
-    report = report_px4(vehicle, law, fit=fit)
-    board = present_px4(connect) if connect else None
-    return report, explain_px4(vehicle, report, board), board or {}
-
-
-def _ardupilot(
-    vehicle: Vehicle, law: str, fit: FittedTable | None, connect: str, frame_class: int, spin_min: float
-) -> tuple[ApReport, Explanation, Mapping[str, float | int]]:
-    """As `_px4`."""
-    from coaxlink.tables.ardupilot import report_ap
-    from coaxlink.uploading.explain import explain_ap, present_ap
-
-    report = report_ap(vehicle, law, frame_class=frame_class, spin_min=spin_min, fit=fit)
-    board = present_ap(connect) if connect else None
-    return report, explain_ap(vehicle, report, board), board[0] if board else {}
+    return constrained_table(
+        vehicle, load_limits(limits, vehicle.airframe), spin_min=spin.low, spin_max=spin.high
+    )
 
 
 def _write(out: Path, vehicle: Vehicle, rotors: Path, report: TableReport | ApReport) -> list[str]:

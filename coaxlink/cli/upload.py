@@ -45,6 +45,10 @@ def upload(
     new_geometry: Annotated[
         bool, typer.Option("--new-geometry", help="Allow other rotor places or spins than the board has.")
     ] = False,
+    spin_from_table: Annotated[
+        bool,
+        typer.Option("--spin-from-table", help="ArduPilot: also MOT_SPIN_*, else as tuned on board."),
+    ] = False,
     reboot: Annotated[
         bool, typer.Option("--reboot", help="Restart the autopilot in any case and read the table once more.")
     ] = False,
@@ -64,12 +68,22 @@ def upload(
     except SafetyRefusal as error:
         finish(Outcome(REFUSED, files=tuple(map(str, plan.files)), reason=str(error), error=error), json_file)
     with (
-        open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as line,
+        open_session(
+            connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True
+        ) as line,
         introduced(line) as session,
     ):
-        talk = replace(conversation(yes or dry_run), present=said_first(source, plan))
+        talk = replace(
+            conversation(yes or dry_run), present=said_first(source, plan, spin_from_table=spin_from_table)
+        )
         worker = Uploader(session, backup_folder=backup_dir, talk=talk)
-        outcome = worker.upload(plan, dry_run=dry_run, new_geometry=new_geometry, reboot=reboot)
+        outcome = worker.upload(
+            plan,
+            dry_run=dry_run,
+            new_geometry=new_geometry,
+            reboot=reboot,
+            spin_from_table=spin_from_table,
+        )
     finish(outcome, json_file)
     if outcome.result == VERIFIED:
         say(after_upload(source, connect))
@@ -92,12 +106,14 @@ def show(changes: tuple[Change, ...]) -> None:
     """The difference, a row a parameter."""
     from rich.table import Table
 
+    from coaxlink.uploading.outcome import value_text
+
     if not changes:
         return
     rows = Table("parameter", "on board", "new", box=None)
     for change in changes:
-        old = f"{change.old.value:.7g}" if change.old.bits else "not there yet"
-        rows.add_row(change.name, old, f"{change.new.value:.7g}")
+        old = value_text(change.name, change.old.value) if change.old.bits else "not there yet"
+        rows.add_row(change.name, old, value_text(change.name, change.new.value))
     console().print(rows)
 
 

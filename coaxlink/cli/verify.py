@@ -27,13 +27,16 @@ def verify(
     """Read the table back from the board and compare it bit for bit; exit 1 when it differs."""
     from coaxlink import files
     from coaxlink.mavlink import connect as open_session
+    from coaxlink.uploading.outcome import value_text
     from coaxlink.uploading.plan import load_plan
     from coaxlink.uploading.verify import verify as check
 
     files.refuse_unwritable(json_file)
     plan = load_plan(source) if source else None
     with (
-        open_session(connect, timeout_s=timeout, target_system=system, signing_key=signing_key) as line,
+        open_session(
+            connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True
+        ) as line,
         introduced(line) as session,
     ):
         result = check(session, plan)
@@ -41,15 +44,11 @@ def verify(
         files.write_json(json_file, result.to_json())
     out = console()
     for wrong in result.mismatches:
-        found, wanted = (
-            "nothing"
-            if wrong[k] is None
-            else f"{wrong[k]:08x}"
-            if "/" in wrong["name"]
-            else f"{wrong[k]:.9g}"
-            for k in ("found", "wanted")
-        )
-        out.print(f"{wrong['name']}: {wanted} expected, {found} on board")
+        found, wanted = (value_text(wrong["name"], wrong[k]) for k in ("found", "wanted"))
+        since = f" (written by the upload or restore of {wrong['written']})" if wrong.get("written") else ""
+        out.print(f"{wrong['name']}: {wanted} expected, {found} on board{since}")
+    for kept in result.kept:
+        say(kept)
     for row in result.learned:
         out.print(f"{row['name']}: learned in flight: {row['wanted']:.4g} -> {row['found']:.4g}")
     if result.hash_then and result.hash != result.hash_then:
@@ -63,9 +62,10 @@ def verify(
         )
     if result.mismatches:
         say(after_verify(False, source, connect))
-        raise CheckFailed(
-            f"{len(result.mismatches)} of {result.checked} parameters differ from {result.source}"
-        )
+        raise CheckFailed(f"{result.counts()} differ from {result.source}")
+    if result.unflown:
+        say(after_verify(False, source, connect))
+        raise CheckFailed(f"the table is written, but the board does not fly it: {result.unflown}")
     out.print(f"verified: {result.checked} values as in {result.source}")
     say(after_verify(True, source, connect))
 

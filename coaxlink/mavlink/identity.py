@@ -36,6 +36,15 @@ class Identity:
         return bool(self.uid[2:].strip("0")) and not self.uid.startswith(_PX4_SITL)
 
     @property
+    def shared(self) -> bool:
+        """Whether another vehicle may give the same uid: journals and locks go by the address as well.
+
+        Besides what is not `unique`, ArduPilot without a board number (board_version 0): every SITL of a
+        machine gives that machine's id (GCS_Common.cpp send_autopilot_version, AP_HAL_SITL/Util.cpp).
+        """
+        return not self.unique or (self.is_ardupilot and self.board.endswith(":0"))
+
+    @property
     def is_px4(self) -> bool:
         """True for PX4."""
         return self.autopilot == mavlink.MAV_AUTOPILOT_PX4
@@ -92,10 +101,14 @@ def is_vehicle(heartbeat: Any, system: int | None) -> bool:
     return heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type not in others
 
 
-def companion_heartbeat() -> Any:
-    """Our own sign of life."""
+def own_heartbeat(station: bool) -> Any:
+    """Our own sign of life: a companion's, or a ground station's (as MAVSDK's and QGC's).
+
+    PX4 says its STATUSTEXT only where a ground station is heard (mavlink_main.cpp), and misses one that was.
+    So a companion that mixes in flight must not be one: it would stand in for a station that is lost.
+    """
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+        mavlink.MAV_TYPE_GCS if station else mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
         mavlink.MAV_AUTOPILOT_INVALID,
         0,
         0,

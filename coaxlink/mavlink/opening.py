@@ -26,14 +26,17 @@ def connect(
     target_system: int | None = None,
     signing_key: Path | None = None,
     listen_only: bool = False,
+    station: bool = False,
     transport: Transport | None = None,
     clock: Clock = SYSTEM,
 ) -> Session:
     """Open a line and wait for an autopilot's heartbeat.
 
     `record` writes a tlog of all that passes. `target_system` picks one of several vehicles on the line.
-    With `signing_key` (a file of mode 600) both sides must sign. `transport` is a line that is open already
-    (in tests one in memory, on their own `clock`); then `url` is only its name. Raises InputError for a bad
+    With `signing_key` (a file of mode 600) both sides must sign. A `station` is a ground station, no
+    companion: PX4 says its texts only to one, and misses one that falls silent in flight. `transport` is a
+    line that is open already (in tests one in memory, on their own `clock`); then `url` is only its name.
+    Raises InputError for a bad
     address, LinkError when no autopilot is heard within `timeout_s`, SafetyRefusal when one is heard that
     does not sign with this key, or signs and answers nobody without one (with `listen_only` that is borne).
     """
@@ -49,7 +52,9 @@ def connect(
     except BaseException:
         line.close()
         raise
-    session = Session(line, url, source_system, source_component, target_system, record, signer, clock)
+    session = Session(
+        line, url, source_system, source_component, target_system, record, signer, clock, station
+    )
     if transport is None:
         session.reopen = lambda: open_transport(address, 0.0)
     try:

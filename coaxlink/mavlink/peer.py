@@ -148,7 +148,7 @@ class Bound:
                 return False
             self.heard_s = self._clock.monotonic()
             self.signs = bool(message.get_header().incompat_flags & mavlink.MAVLINK_IFLAG_SIGNED)
-            for second in self.strangers.beat():
+            for second in self.strangers.beat(known.uid):
                 what = f"a second vehicle answers as system {known.system}"
                 self._news.append(
                     f"{what}: {second.name} (board {second.uid}), beside {self.vehicle_address}"

@@ -17,6 +17,7 @@ from coaxlink.mavlink.strangers import LOST_S
 from coaxlink.mavlink.values import Message
 
 Match = Callable[[Message], bool]
+_OF_SOME = frozenset((290, 291, 11030, 11031, 11032))  # ESC_INFO, ESC_STATUS, ESC_TELEMETRY_*
 _TICK_S = 0.05  # so soon a line that broke is noticed
 
 
@@ -167,7 +168,16 @@ class Requests:
         return None, tries - 1
 
     def request_stream(self, message_id: int, rate_hz: float) -> bool:
-        """Ask for a message at a rate; False when the autopilot will not send it."""
+        """Ask for a message at a rate; False when the autopilot will not send it.
+
+        An ArduPilot tells every ground station of a request that it does not know (GCS_Common.cpp,
+        set_mavlink_message_id_interval), so of what not every board has (ESCs) it is first asked whether it
+        knows it.
+        """
+        if self.identity.is_ardupilot and message_id in _OF_SOME:
+            known = self.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, message_id)
+            if known == mavlink.MAV_RESULT_FAILED:
+                return False
         interval_us = -1.0 if rate_hz <= 0 else 1e6 / rate_hz
         result = self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, interval_us)
         return result == mavlink.MAV_RESULT_ACCEPTED

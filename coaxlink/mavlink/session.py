@@ -24,7 +24,7 @@ import firmware_params.px4.messages  # noqa: F401 - and ESC_STATUS and ESC_INFO
 from coaxlink.errors import InputError, LinkError, SafetyRefusal
 from coaxlink.mavlink.clock import SYSTEM, Clock
 from coaxlink.mavlink.codec import of_others
-from coaxlink.mavlink.identity import Identity, companion_heartbeat, is_vehicle, version_request, with_version
+from coaxlink.mavlink.identity import Identity, is_vehicle, own_heartbeat, version_request, with_version
 from coaxlink.mavlink.line import Tap, read_waiting
 from coaxlink.mavlink.peer import Bound, Claimant
 from coaxlink.mavlink.requests import Requests
@@ -73,6 +73,7 @@ class Session(Requests):
         record: Path | None = None,
         signer: Signer | None = None,
         clock: Clock = SYSTEM,
+        station: bool = False,
     ) -> None:
         super().__init__(clock)
         self.address = address
@@ -81,7 +82,7 @@ class Session(Requests):
         self.reopen: Callable[[], Transport] | None = None  # a line that broke is opened again with it
         self.tap: Tap | None = None  # gets the bytes ahead of the parser: live mixing
         self._transport = transport
-        self._target = target_system
+        self._target, self._station = target_system, station
         self._out = mavlink.MAVLink(None, source_system, source_component)
         self._signer = signer
         if signer:
@@ -236,7 +237,7 @@ class Session(Requests):
     def _receive(self, wait_s: float) -> None:
         if self.clock.monotonic() >= self._beat_s:
             self._beat_s = self.clock.monotonic() + 1.0
-            self.send(companion_heartbeat())
+            self.send(own_heartbeat(self._station))
         if self.bound.claimants:
             self._choose()
         for data, peer in self._chunks(wait_s):

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.mavlink.identity import uid_of
 
 LOST_S = 5.0  # no heartbeat for so long: the link counts as lost
+HERE_S = 2.2  # two of a vehicle's heartbeats: one who is silent for longer has left, or restarted again
 MOST = 16  # addresses that are kept track of
 ASK_S, ASK_MOST_S = 0.4, 2.0  # between questions to an address: doubled each time, up to the second
 DOUBT_S = 2.0  # one who was asked and has not answered for so long hears nothing: three questions
@@ -36,6 +37,8 @@ class Stranger:
     uid: str = ""  # what it answered
     answered_s: float = -math.inf
     beside: bool = False  # our vehicle was heard after it had answered: they are two
+    overtaken: bool = False  # the same of one that gives our vehicle's uid: two once it is heard again
+    overtaken_s: float = -math.inf  # when it was heard last before that
 
     @property
     def answers(self) -> bool:
@@ -69,11 +72,19 @@ class Strangers:
         """It is a stranger no more."""
         self._by_address.pop(address, None)
 
-    def beat(self) -> list[Stranger]:
-        """Our vehicle was heard just now; those who answered before that and are hereby a second one."""
-        found = [s for s in self._by_address.values() if s.answers and not s.beside]
-        for s in found:
-            s.beside = True
+    def beat(self, uid: str) -> list[Stranger]:
+        """Our vehicle `uid` was heard just now; those who answered before that and are hereby a second one.
+
+        One who gives the same uid may be it, restarted: its last words at the old address come late, or it
+        has restarted again. They are two once both are heard by turns.
+        """
+        found = []
+        for s in self._by_address.values():
+            if s.answers and not s.beside:
+                s.beside = s.uid != uid or (s.overtaken and s.heard_s > s.overtaken_s)
+                if not s.overtaken:
+                    s.overtaken, s.overtaken_s = True, s.heard_s
+                found += [s] if s.beside else []
         return found
 
     def undecided(self, now: float) -> bool:
@@ -87,7 +98,11 @@ class Strangers:
     def heir(self, uid: str, heard_s: float, now: float) -> Stranger | None:
         """Where the board `uid`, silent at its own address since `heard_s`, has answered; only one may."""
         since = heard_s + LOST_S
-        found = [s for s in self._by_address.values() if s.answered_s > since and not s.beside]
+        found = [
+            s
+            for s in self._by_address.values()
+            if s.answered_s > since and not s.beside and now - s.heard_s < HERE_S
+        ]
         return found[0] if now > since and len(found) == 1 and found[0].uid == uid else None
 
     def take(self, data: bytes, address: Any, ids: tuple[int, int], now: float) -> Stranger | None:

@@ -6,6 +6,7 @@ rotors are those of the model.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink.constants import GRAVITY_M_S2, RAD_S_PER_RPM
+from coaxlink.mixer.demands import law_speeds
 from coaxlink.mixer.law import Law
+from coaxlink.mixer.worth import Flown, reach, solve
 from coaxlink.vehicle import Vehicle
 
 THRUSTS = np.linspace(0.4, 1.8, 29)  # of the weight, for the curve
@@ -29,8 +32,8 @@ class Row:
     max_error: NDArray[np.float64]  # (4,)
     power: float  # mean sum of torque x speed
     efficiency_N_W: float  # thrust over shaft power, over the envelope
-    most_thrust_N: float  # delivered level, at any demand
-    most_yaw_Nm: float  # delivered around hover, thrust kept within 2 % of the hover's
+    ceiling_N: float  # level thrust, the most of any demand
+    yaw_Nm: float  # in hover until the first rotor is at its bound: `worth.reach`; NaN without a hover
     thrust_error_N: NDArray[np.float64]  # (len(THRUSTS),) in level flight
 
     def to_json(self) -> dict[str, Any]:
@@ -41,8 +44,8 @@ class Row:
             "max_error": self.max_error.tolist(),
             "power": self.power,
             "efficiency_N_W": self.efficiency_N_W,
-            "most_thrust_N": self.most_thrust_N,
-            "most_yaw_Nm": self.most_yaw_Nm,
+            "most_thrust_N": self.ceiling_N,
+            "most_yaw_Nm": self.yaw_Nm if math.isfinite(self.yaw_Nm) else None,
         }
 
 
@@ -65,12 +68,9 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
     level = np.zeros((len(THRUSTS), 4))
     level[:, 0] = THRUSTS * weight
     lifted = flown(level)[0][:, 0]
-    rising = np.zeros((24, 4))
-    rising[:, 0] = np.linspace(1.0, 3.5, 24) * weight
-    yaws = np.zeros((33, 4))
-    yaws[:, 0], yaws[:, 3] = weight, np.linspace(0.0, 32.0, 33) * weight * 1.6e-3
-    turned = flown(yaws)[0]
-    on_thrust = np.abs(turned[:, 0] - turned[0, 0]) < 0.02 * weight
+    full = float(airframe.wrench(*airframe.loads(model, np.ones(len(airframe.rotors))))[0])
+    fly = Flown(vehicle, law_speeds(law, airframe, 2.0 * full))  # a law that believes in more gets there
+    hover = solve(fly.lift, weight)
     radians = model.speed_max_rpm * RAD_S_PER_RPM
     return Row(
         label,
@@ -78,7 +78,7 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
         error.max(axis=0),
         float(power.mean()),
         float(delivered[:, 0].sum() / (power.sum() * radians)),
-        float(max(flown(rising)[0][:, 0].max(), lifted.max())),
-        float(turned[on_thrust, 3].max()),
+        fly.ceiling(),
+        math.nan if hover is None else reach(fly, hover, 3).moment_Nm,
         lifted - level[:, 0],
     )

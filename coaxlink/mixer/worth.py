@@ -129,7 +129,7 @@ def weigh(
             (none[0], none[1], none[2]), hard, np.full((3, 4), math.nan), nan,
         )  # fmt: skip
     gain = fly.slopes(hover)
-    limits = tuple(_reach(fly, hover, k) for k in (1, 2, 3))
+    limits = tuple(reach(fly, hover, k) for k in (1, 2, 3))
     return Worth(
         name,
         airframe.mass_kg,
@@ -202,7 +202,8 @@ class Flown:
         return np.array(found)
 
 
-def _reach(fly: Flown, hover: float, axis: int) -> AxisReach:
+def reach(fly: Flown, hover: float, axis: int) -> AxisReach:
+    """The authority of an axis (1 roll, 2 pitch, 3 yaw) in hover, wherever one is said: `moment_Nm`."""
     at = np.array([hover, 0.0, 0.0, 0.0])
     still, ways = fly.wrench(at), []
     for sign in (1.0, -1.0):

@@ -69,6 +69,23 @@ def verdict(this: Worth, other: Worth) -> str:
     )
 
 
+def price(this: Worth, other: Worth, against: str) -> list[str]:
+    """What a table costs beside another, a line a figure: ceiling, yaw authority, hover power."""
+
+    def changed(new: float, old: float) -> str:
+        return f" ({new / old - 1.0:+.1%})" if math.isfinite(new) and math.isfinite(old) and old else ""
+
+    yaw, yaw_before = (t.limits[2].moment_Nm for t in (this, other))
+    return [
+        f"ceiling: {this.ceiling_N:.0f} N, {this.thrust_to_weight:.2f} times the weight; {against} "
+        f"{other.ceiling_N:.0f} N, {other.thrust_to_weight:.2f}{changed(this.ceiling_N, other.ceiling_N)}",
+        f"yaw authority: {_number(yaw, '.1f')} N m in hover until a rotor is at its bound; {against} "
+        f"{_number(yaw_before, '.1f')} N m{changed(yaw, yaw_before)}",
+        f"hover power: {_number(this.hover_W, '.0f')} W at the shafts; {against} "
+        f"{_number(other.hover_W, '.0f')} W{changed(this.hover_W, other.hover_W)}",
+    ]
+
+
 def remark_on_curve(curved: Worth | None, this: Worth, curve: float | None) -> str:
     """What THR_MDL_FAC alone gives, empty where that is not known."""
     if curved is None or curve is None or not np.isfinite(curved.load_span).all():

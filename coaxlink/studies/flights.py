@@ -145,7 +145,9 @@ def _upload(address: str, folder: Path, backups: Path) -> dict[str, Any]:
     # a simulated board is gone with its flight: nothing of it belongs into the user's own journal
     with tempfile.TemporaryDirectory() as scratch, connect(address) as session:
         journal = Journal(session.identity, Path(scratch))
-        outcome = Uploader(session, backup_folder=backups, journal=journal).upload(load_plan(folder))
+        outcome = Uploader(session, backup_folder=backups, journal=journal).upload(
+            load_plan(folder), spin_from_table=True
+        )
     if outcome.result != "verified":
         raise outcome.error or CheckFailed(f"upload of {folder}: {outcome.result} ({outcome.reason})")
     return outcome.to_json()

@@ -74,13 +74,15 @@ def report_ap(
     *,
     frame_class: int = SCRIPTING_MATRIX,
     spin_min: float = SPIN_MIN,
+    spin_max: float = 1.0,
+    spin_arm: float | None = None,
     expo: float | None = None,
     fit: FittedTable | None = None,
 ) -> ApReport:
     """The table of a law for ArduPilot with all that is known about its flight. Raises InputError.
 
     `expo` is MOT_THST_EXPO; without it the one that keeps the law's thrust curve over this spin range.
-    `fit` is a fitted table made already for this `spin_min`.
+    `fit` is a fitted table made already for this spin range; `spin_arm` is a little below it if not given.
     """
     refuse_live(vehicle)
     airframe = vehicle.airframe
@@ -88,15 +90,14 @@ def report_ap(
     if frame_class not in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         raise InputError("`frame_class`", str(frame_class), "expected 15 (scripting matrix) or 17 (dynamic)")
     if law == "fitted":
-        fit = fit or fit_table(vehicle, spin_min=spin_min)
+        fit = fit or fit_table(vehicle, spin_min=spin_min, spin_max=spin_max)
         columns, expo = px4_columns(airframe, fit), round(fit.curve, 6)
     else:
         columns = px4_table(vehicle, law)
-        expo = round(expo_for(columns.thr_mdl_fac, spin_min), 4) if expo is None else expo
+        expo = round(expo_for(columns.thr_mdl_fac, spin_min, spin_max), 4) if expo is None else expo
     factors = ap_factors(vehicle, law, columns)
-    motor = ap.MotorParameters(
-        thst_expo=expo, spin_min=spin_min, spin_max=1.0, spin_arm=max(0.0, round(spin_min - 0.02, 3))
-    )
+    arm = max(0.0, round(spin_min - 0.02, 3)) if spin_arm is None else spin_arm
+    motor = ap.MotorParameters(thst_expo=expo, spin_min=spin_min, spin_max=spin_max, spin_arm=arm)
     table = ap.ApTable(frame_class, factors, motor, 0)
     try:
         mix = ap.realise(table)

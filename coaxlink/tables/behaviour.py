@@ -12,7 +12,7 @@ import numpy as np
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.mixer.demands import Speeds
-from coaxlink.mixer.worth import STEP, Flown, solve
+from coaxlink.mixer.worth import STEP, Flown, reach, solve
 from coaxlink.vehicle import Vehicle
 
 TURNS = ("roll", "pitch", "yaw")
@@ -24,9 +24,9 @@ class Behaviour:
 
     hover: float | None  # thrust demand 0..1 that carries the weight; None when none does
     hover_speeds: tuple[float, ...]  # normalised; at demand 1 when there is no hover
-    ceiling_N: float  # thrust at demand 1
+    ceiling_N: float  # level thrust, the most of any demand
     gain_Nm: tuple[float, float, float]  # roll, pitch, yaw torque per unit demand, at hover
-    authority_Nm: tuple[float, float, float]  # the smaller of what demand +1 and -1 bring, at hover
+    authority_Nm: tuple[float, float, float]  # until a rotor is at its bound, at hover: `mixer.worth.reach`
     cross_N: float  # largest thrust change that a small torque demand brings, N per unit
 
     def gain_hint(self, reference: Behaviour) -> tuple[float, float, float]:
@@ -57,11 +57,11 @@ def behaviour(vehicle: Vehicle, speeds: Speeds) -> Behaviour:
         slope = (fly.wrench(at + STEP * unit) - fly.wrench(at - STEP * unit)) / (2.0 * STEP)
         gain.append(float(slope[axis]))
         cross.append(abs(float(slope[0])))
-        authority.append(min(abs(float(fly.wrench(at + way * unit)[axis])) for way in (1.0, -1.0)))
+        authority.append(reach(fly, float(at[0]), axis).moment_Nm)
     return Behaviour(
         hover,
         tuple(fly.speeds(at).tolist()),
-        fly.lift(1.0),
+        fly.ceiling(),
         (gain[0], gain[1], gain[2]),
         (authority[0], authority[1], authority[2]),
         max(cross),

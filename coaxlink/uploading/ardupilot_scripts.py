@@ -13,12 +13,12 @@ from firmware_params.ardupilot import scripts
 
 SCRIPT_S = 15.0  # until a script's parameters appear
 _LOOK_S = 0.5
-_OURS = (scripts.MATRIX_NAME, scripts.LOADER_NAME)
+OURS = (scripts.MATRIX_NAME, scripts.LOADER_NAME)
 
 
 def is_table(names: Iterable[str]) -> bool:
     """Whether one of these scripts is a mixer table."""
-    return any(name in _OURS for name in names)
+    return any(name in OURS for name in names)
 
 
 def present_folder(board: Files) -> str | None:
@@ -75,7 +75,7 @@ class ScriptFolder:
         `table` (the bridge) leaves the table alone.
         """
         new: dict[str, bytes | None] = {f"{self.path}/{name}": data for name, data in wanted.items()}
-        for name in _OURS:
+        for name in OURS:
             if table and name not in wanted:
                 new[f"{self.path}/{name}"] = None
         return new
@@ -88,9 +88,19 @@ class ScriptFolder:
                 total ^= (self._board.crc(path) or 0) & 0x7FFFFF
         return total
 
-    def others(self, known: BoardFiles) -> BoardFiles:
-        """Every script on board by path, but those that are known already."""
-        return {path: self._board.read(path) for path in self._paths if path not in known}
+    def others(self, known: BoardFiles, *, modules: bool = False) -> BoardFiles:
+        """Every script on board by path, but those known; with `modules` also what scripts take in."""
+        paths = [path for path in self._paths if path not in known]
+        if modules:
+            folder = f"{self.path}/modules"
+            names = self._board.listing(folder) or ()
+            paths += [f"{folder}/{name}" for name in names if name.endswith(".lua")]
+        return {path: self._board.read(path) for path in paths}
+
+    @property
+    def has_table(self) -> bool:
+        """Whether one of coaxlink's own tables lies there."""
+        return is_table(path.rpartition("/")[2] for path in self._paths)
 
     @property
     def _paths(self) -> list[str]:

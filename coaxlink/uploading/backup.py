@@ -6,6 +6,8 @@ same name.
 
 from __future__ import annotations
 
+import itertools
+import shutil
 import struct
 import time
 import zlib
@@ -56,23 +58,54 @@ class Backup:
     note: Note | None = None  # None: written by a coaxlink that noted nothing
 
 
-def backup_path(folder: Path, identity: Identity, suffix: str) -> Path:
-    """A name that no other backup has: board and UTC time."""
+def _reserved(folder: Path, identity: Identity, suffix: str) -> Path:
+    """An empty file under a name that no other backup has: whole board id, UTC time, a counter.
+
+    Made by exclusive creation, as several uploads at one moment may share the folder. Raises InputError.
+    """
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-    board = identity.uid.strip("0")[:16] or f"system{identity.system}"
-    path, again = folder / f"{board}-{stamp}{suffix}", 1
-    while path.exists():
-        again += 1
-        path = folder / f"{board}-{stamp}-{again}{suffix}"
-    return path
+    board = identity.uid or f"system{identity.system}"
+    for again in itertools.count(1):
+        path = folder / f"{board}-{stamp}{f'-{again}' if again > 1 else ''}{suffix}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path.with_suffix(_FILES).lstat()
+        except FileNotFoundError:
+            try:
+                path.open("x").close()
+                return path
+            except FileExistsError:
+                continue
+            except OSError as error:
+                raise InputError(path, "", f"the backup cannot be written ({error.strerror})") from error
+        except OSError as error:
+            raise InputError(path, "", f"the backup cannot be written ({error.strerror})") from error
+    raise AssertionError
 
 
 def write_backup(
-    path: Path, identity: Identity, snapshot: Snapshot, files: BoardFiles, note: Note | None = None
-) -> None:
-    """Write every parameter and `files` atomically, the parameters last; `note` is what is to be written to
-    the board after it. Raises InputError.
+    folder: Path,
+    suffix: str,
+    identity: Identity,
+    snapshot: Snapshot,
+    files: BoardFiles,
+    note: Note | None = None,
+) -> Path:
+    """Write every parameter and `files` atomically, the parameters last, under a name of its own in `folder`.
+
+    `note` is what is to be written to the board after it. Raises InputError; then nothing is left.
     """
+    path = _reserved(folder, identity, suffix)
+    try:
+        _write(path, identity, snapshot, files, note)
+    except BaseException:
+        shutil.rmtree(path.with_suffix(_FILES), ignore_errors=True)
+        path.unlink(missing_ok=True)
+        raise
+    return path
+
+
+def _write(path: Path, identity: Identity, snapshot: Snapshot, files: BoardFiles, note: Note | None) -> None:
     values = list(snapshot.values.values())
     plain = path.suffix == ".param"  # ArduPilot's format: numbers only
     numbers = {v.name: float(v.value) if plain else v.value for v in values}

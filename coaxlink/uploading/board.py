@@ -65,7 +65,9 @@ class Board(ABC):
         return Snapshot({**snapshot.values, **found}, snapshot.hash)
 
     @abstractmethod
-    def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
+    def planned(
+        self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool, spin_from_table: bool = False
+    ) -> Content:
         """What a plan wants, as this board stores it. Raises SafetyRefusal when it is for another."""
 
     @abstractmethod
@@ -129,6 +131,7 @@ class Board(ABC):
         if restart:
             guard()
             self._talk.say("rebooting")
+            self.restarting()
             reboot(self.session, self._reboot_s)
         if later:
             self._put_later(later, guard, settle_s)
@@ -137,6 +140,14 @@ class Board(ABC):
             if wrong:
                 raise Mismatch(wrong)
         guard()
+
+    def restarting(self) -> None:
+        """Called just before the board is restarted."""
+        return
+
+    def refuse_unflown(self, plan: Plan) -> None:
+        """Where a board says so itself: whether it flies what it holds. Raises CheckFailed, LinkError."""
+        return
 
     def wrong(self, content: Content) -> list[dict[str, Any]]:
         """What the board has otherwise, read anew."""

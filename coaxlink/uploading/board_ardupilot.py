@@ -13,11 +13,13 @@ from typing import Any
 
 from coaxlink.errors import CheckFailed, InputError, SafetyRefusal
 from coaxlink.mavlink.parameters import FLOAT, Snapshot, Value
-from coaxlink.uploading.ardupilot_scripts import SCRIPT_S, ScriptFolder, await_loader, is_table
+from coaxlink.uploading.ardupilot_scripts import OURS, SCRIPT_S, ScriptFolder, await_loader, is_table
 from coaxlink.uploading.ardupilot_table import moved_rotors, planned_table, present_table
-from coaxlink.uploading.backup import Backup, Note, backup_path, write_backup
+from coaxlink.uploading.ardupilot_words import Words, foreign_matrix
+from coaxlink.uploading.backup import Backup, Note, write_backup
 from coaxlink.uploading.board import Board, Guard
 from coaxlink.uploading.content import BoardFiles, Content
+from coaxlink.uploading.owners_numbers import for_board
 from coaxlink.uploading.plan import Plan, motor_outputs
 from coaxlink.uploading.restore_choice import Choice
 from firmware_params import ardupilot
@@ -44,6 +46,7 @@ class ArduPilotBoard(Board):
         super().__init__(*args, **options)
         self._folder = ScriptFolder(self.files)
         self._script_s = script_s  # until a script's parameters appear
+        self._words = Words(self.session)
 
     def snapshot(self) -> Snapshot:
         """The packed file where the board has it, else the list; a loader that is starting is waited for, for
@@ -71,15 +74,23 @@ class ArduPilotBoard(Board):
         """The loader's parameters are not hidden: without its script they are not there."""
         return super().with_hidden(snapshot, [name for name in names if not name.startswith(_LIVE)])
 
-    def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
+    def planned(
+        self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool, spin_from_table: bool = False
+    ) -> Content:
         """Raises SafetyRefusal."""
-        now = motor_outputs({n: v.value for n, v in snapshot.values.items()})
+        numbers = {n: v.value for n, v in snapshot.values.items()}
+        now = motor_outputs(numbers)
         wanted = plan.rotor_count
         if wanted and now not in (0, wanted):
             raise SafetyRefusal(f"another vehicle: the table is for {wanted} rotors, the board drives {now}")
-        if not new_geometry and is_table(plan.scripts):
-            self._refuse_other_motors(plan, snapshot)
-        values = self._as_stored(plan.params, snapshot)
+        if is_table(plan.scripts):
+            self._refuse_other_scripts()
+            if not new_geometry:
+                self._refuse_other_motors(plan, snapshot)
+        made = for_board(plan.params, numbers, spin_from_table=spin_from_table)
+        for line in made.kept:
+            self._talk.say(line)
+        values = self._as_stored(made.params, snapshot)
         return Content(values, self._folder.planned(plan.scripts, table=is_table(plan.scripts)))
 
     def loads(self, name: str) -> bool:
@@ -88,11 +99,14 @@ class ArduPilotBoard(Board):
 
     def saved(self, backup: Backup, snapshot: Snapshot, choice: Choice) -> Content:
         """The scripts of a table, and what the upload was to bring besides; others stay as they are."""
+        loader = (
+            scripts.LOADER_NAME in backup.files
+        )  # without it its parameters are what an interruption left
         known = {
             n: v
             for n, v in backup.params.items()
             if choice.takes(n)
-            and (n in snapshot.values or n.startswith(_LIVE))
+            and (loader if n.startswith(_LIVE) else n in snapshot.values)
             and v == v
             and abs(v) != float("inf")
         }
@@ -125,9 +139,10 @@ class ArduPilotBoard(Board):
 
     def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles, note: Note) -> Path:
         """ArduPilot's own text format, the scripts beside it."""
-        path = backup_path(folder, self.session.identity, ".param")
-        write_backup(path, self.session.identity, snapshot, files, note)
-        return path
+        loader = any(d is not None and p.endswith(scripts.LOADER_NAME) for p, d in files.items())
+        values = {n: v for n, v in snapshot.values.items() if loader or not n.startswith(_LIVE)}
+        whole = Snapshot(values, snapshot.hash)
+        return write_backup(folder, ".param", self.session.identity, whole, files, note)
 
     # -- writing -------------------------------------------------------------------------------------------
 
@@ -137,6 +152,18 @@ class ArduPilotBoard(Board):
         fixed = {n: v for n, v in content.values.items() if not n.startswith(_LIVE)}
         live = {n: v for n, v in content.values.items() if n.startswith(_LIVE)}
         return fixed, {} if gone else live
+
+    def restarting(self) -> None:
+        """What scripts said before is no word on what they do after it."""
+        self._words.forget()
+
+    def refuse_unflown(self, plan: Plan) -> None:
+        """Hear from the board itself that it flies the table. Raises CheckFailed, LinkError."""
+        if not plan.scripts:
+            return
+        motors = plan.rotor_count if is_table(plan.scripts) else None
+        if complaint := self._words.table_complaint(motors, self._script_s):
+            raise CheckFailed(f"the table is written, but the board does not fly it: {complaint}")
 
     def _make_last(self) -> None:
         """ArduPilot saves every value as it comes, and has no command for it."""
@@ -167,6 +194,18 @@ class ArduPilotBoard(Board):
         return all(n in found and found[n].same(v) for n, v in values.items())
 
     # -- parts ---------------------------------------------------------------------------------------------
+
+    def _refuse_other_scripts(self) -> None:
+        """A script of somebody else's that sets the matrix too, or keeps the board from arming."""
+        others = self._folder.others({self._folder.path + "/" + n: None for n in OURS}, modules=True)
+        if found := foreign_matrix(others):
+            raise SafetyRefusal(f"{found}, then upload again")
+        failed = [r for r in self._words.prearm() or () if "Scripting" in r and "CRC" not in r]
+        if failed and others and not self._folder.has_table:
+            names = ", ".join(sorted(others))
+            raise SafetyRefusal(
+                f"a script on the card failed already ({failed[0]}): mend or remove it ({names})"
+            )
 
     def _refuse_other_motors(self, plan: Plan, snapshot: Snapshot) -> None:
         """A frame of ArduPilot's own may number its motors in another way than the table (Y6 does)."""

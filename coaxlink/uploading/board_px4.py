@@ -9,7 +9,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.mavlink.parameters import Snapshot
-from coaxlink.uploading.backup import Backup, Note, backup_path, write_backup
+from coaxlink.uploading.backup import Backup, Note, write_backup
 from coaxlink.uploading.board import Board
 from coaxlink.uploading.content import BoardFiles, Content
 from coaxlink.uploading.limits import Limits, board_limits, refuse_beyond
@@ -29,7 +29,9 @@ class Px4Board(Board):
     stands = "PX4 flies these numbers as they are, in flight too: land and disarm before anything else"
     holds = frozenset(PARAMETERS)
 
-    def planned(self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool) -> Content:
+    def planned(
+        self, plan: Plan, snapshot: Snapshot, *, new_geometry: bool, spin_from_table: bool = False
+    ) -> Content:
         """Raises SafetyRefusal."""
         refuse_table(plan, self.session.identity, snapshot.values, new_geometry=new_geometry)
         limits = self.metadata()
@@ -65,9 +67,7 @@ class Px4Board(Board):
 
     def write_backup(self, folder: Path, snapshot: Snapshot, files: BoardFiles, note: Note) -> Path:
         """QGC's format, with the board's own hash."""
-        path = backup_path(folder, self.session.identity, ".params")
-        write_backup(path, self.session.identity, snapshot, files, note)
-        return path
+        return write_backup(folder, ".params", self.session.identity, snapshot, files, note)
 
     def _make_last(self) -> None:
         """PX4 saves late; a power cut before that would leave the old values, or some of each."""

@@ -144,6 +144,7 @@ def explain_ap(
         "standard",
         frame_class=report.table.frame_class,
         spin_min=report.table.parameters.spin_min,
+        spin_max=report.table.parameters.spin_max,
     )
     before = weigh(vehicle, ap_speeds(standard.mix), _word(STANDARD))
     return Explanation(demanded, done, report.behaviour, standard.behaviour, STANDARD, worth, before)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -52,11 +53,15 @@ class Verified:
 class Journal:
     """The journal of one board."""
 
-    def __init__(self, identity: Identity, folder: Path | None = None) -> None:
+    def __init__(self, identity: Identity, folder: Path | None = None, address: str = "") -> None:
+        """`address` is where the vehicle was called: part of the name where boards share a uid."""
         self.board = identity.uid or f"system{identity.system}"
+        self._name = self.board
+        if address and identity.shared:
+            self._name += "-" + re.sub(r"[^A-Za-z0-9]+", "-", address).strip("-")[:80]
         home = folder or files.state_folder()
-        self.path = home / f"{self.board}.journal.json"
-        self.record_path = home / f"{self.board}.verified.json"
+        self.path = home / f"{self._name}.journal.json"
+        self.record_path = home / f"{self._name}.verified.json"
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
@@ -64,7 +69,7 @@ class Journal:
 
         The lock goes with the process, however it ends.
         """
-        path = self.path.with_name(f"{self.board}.lock")
+        path = self.path.with_name(f"{self._name}.lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
@@ -158,6 +163,14 @@ class Journal:
             )
         except (InputError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             raise InputError(self.record_path, "", f"damaged ({error}); verify with DIR instead") from error
+
+    def written(self) -> Mapping[str, Value]:
+        """What was verified last, by name; a damaged record knows nothing."""
+        try:
+            last = self.last()
+        except InputError:
+            return {}
+        return last.values if last else {}
 
     def touched(self) -> tuple[str, ...]:
         """Names that uploads from here wrote to this board; a damaged record knows none."""

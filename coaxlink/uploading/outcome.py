@@ -97,7 +97,22 @@ class Mismatch(CheckFailed):
     def __init__(self, wrong: Sequence[dict[str, Any]]) -> None:
         self.wrong = tuple(wrong)
         first = wrong[0]
-        super().__init__(f"{first['name']}: {first['wanted']} was written, the board holds {first['found']}")
+        wanted, found = (value_text(first["name"], first[key]) for key in ("wanted", "found"))
+        super().__init__(f"{first['name']}: {wanted} was written, the board holds {found}")
+
+
+def is_file(name: str) -> bool:
+    """Whether a row of `mismatches` is of a file: its values are checksums then."""
+    return "/" in name or name.endswith(".lua")
+
+
+def value_text(name: str, value: Number | None) -> str:
+    """A value as it is said: checksums in hexadecimal, as the boards say them."""
+    if value is None:
+        return "nothing"
+    if is_file(name) or (name.endswith("_CHECKSUM") and value >= 0):
+        return f"0x{int(value):x}"
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
 def mismatch(wanted: Value, found: Value | None) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,7 @@ _MULTIROTORS = {
 }
 _OLDEST = (1, 13, 0)
 _SAME_PLACE_M = 0.02
+_SAME_GEOMETRY = 0.02  # of the longest arm: what a tape measure is off by on half a metre
 
 
 @dataclass(frozen=True)
@@ -157,8 +159,16 @@ def refuse_table(
 
 
 def _moved_rotors(old: Mapping[str, Number], new: Mapping[str, Number], count: int) -> list[str]:
-    """Rotors that would change their quadrant or their spin, in words."""
+    """Rotors that would change their quadrant, their spin, or their place by more than 2 %, in words."""
     moved = []
+    places = [
+        [
+            [float(of.get(f"CA_ROTOR{n}_P{axis}", old.get(f"CA_ROTOR{n}_P{axis}", 0.0))) for axis in "XYZ"]
+            for of in (old, new)
+        ]
+        for n in range(count)
+    ]
+    arm = max((math.hypot(*place[:2]) for both in places for place in both), default=0.0)
     for n in range(count):
         for key, what in (("PX", "front or rear"), ("PY", "left or right"), ("KM", "spin")):
             name = f"CA_ROTOR{n}_{key}"
@@ -167,4 +177,9 @@ def _moved_rotors(old: Mapping[str, Number], new: Mapping[str, Number], count: i
             if before * after < 0 and min(abs(before), abs(after)) > least:
                 moved.append(f"rotor {n + 1} changes {what}, {name} {before:g} -> {after:g}")
                 break
+        else:
+            off = math.dist(*places[n])
+            if off > _SAME_GEOMETRY * arm:
+                here, there = (", ".join(f"{x:.3g}" for x in place) for place in places[n])
+                moved.append(f"rotor {n + 1} moves by {off:.3g} m, ({here}) -> ({there}) m")
     return moved

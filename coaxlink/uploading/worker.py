@@ -72,7 +72,7 @@ class Uploader:
         else:
             self._board = Px4Board(session, talk=self._talk, parameters=parameters, reboot_s=reboot_s)
         self._backup_folder = backup_folder
-        self._journal = journal or Journal(session.identity)
+        self._journal = journal or Journal(session.identity, address=session.address)
         self._patience_s = patience_s
         self._files: tuple[str, ...] = ()
         self._changes: tuple[Change, ...] = ()
@@ -82,9 +82,18 @@ class Uploader:
         self._backup = ""
 
     def upload(
-        self, plan: Plan, *, dry_run: bool = False, new_geometry: bool = False, reboot: bool = False
+        self,
+        plan: Plan,
+        *,
+        dry_run: bool = False,
+        new_geometry: bool = False,
+        reboot: bool = False,
+        spin_from_table: bool = False,
     ) -> Outcome:
-        """Put a plan on board; with `reboot`, restart the autopilot in any case and read the table again."""
+        """Put a plan on board; with `reboot`, restart the autopilot in any case and read the table again.
+
+        What the owner of the board tuned stays (`owners_numbers`); `spin_from_table` takes the plan's.
+        """
         self._files = tuple(str(path) for path in plan.files)
 
         def first() -> None:
@@ -92,11 +101,14 @@ class Uploader:
             refuse_vehicle(plan, self._session.identity)
 
         def wanted(board: Snapshot) -> Content:
-            return self._board.planned(plan, board, new_geometry=new_geometry)
+            return self._board.planned(
+                plan, board, new_geometry=new_geometry, spin_from_table=spin_from_table
+            )
 
-        return self._ended(
-            lambda: self._carry_out(first, plan.params, wanted, dry_run, reboot, complete=True)
-        )
+        def proved() -> None:
+            self._board.refuse_unflown(plan)
+
+        return self._ended(lambda: self._carry_out(first, plan.params, wanted, dry_run, reboot, proved))
 
     def restore(self, backup: Backup, *, dry_run: bool = False, everything: bool = False) -> Outcome:
         """Put back what the upload after a backup wrote, only on the board it was taken from.
@@ -117,7 +129,7 @@ class Uploader:
             return self._board.saved(backup, board, self._chosen(backup, board, everything))
 
         named = backup.note.names if backup.note else ()
-        return self._ended(lambda: self._carry_out(first, named, wanted, dry_run, False, complete=False))
+        return self._ended(lambda: self._carry_out(first, named, wanted, dry_run, False, None))
 
     def backup(self) -> Path:
         """Save every parameter and file of the board; where. Raises SafetyRefusal while armed, LinkError."""
@@ -164,9 +176,9 @@ class Uploader:
         wanted: Callable[[Snapshot], Content],
         dry_run: bool,
         restart: bool,
-        *,
-        complete: bool,
+        proved: Callable[[], None] | None,
     ) -> Outcome:
+        complete = proved is not None  # a whole table: it is proved value by value, and that it flies
         self._refuse_armed()
         if not self._session.identity.uid:
             raise SafetyRefusal(
@@ -188,13 +200,15 @@ class Uploader:
             self._learned = _rows(changes, present)
             target, changes = target.without(learned), changes.without(learned)
         self._talk.present({n: v.value for n, v in board.values.items()}, present.files)
-        self._show(changes, present)
+        self._show(changes, present, board)
         if dry_run:
             return self._outcome(DRY_RUN)
         if interrupted and self._board.restarts(interrupted.new):
             restart = True  # the files may be there and the restart that makes them fly not
         if not changes.values and not changes.files and not restart:
             confirm(self._session)
+            if proved:
+                proved()
             self._keep(requested)
             return self._outcome(VERIFIED, reason="the board holds it already")
         self._save(board, present, interrupted, requested)
@@ -207,7 +221,7 @@ class Uploader:
         if interrupted:  # the way back leads to the last whole table, not to what the interruption left
             old = interrupted.old.over(old)
             new = new.over(target.only(interrupted.old))
-        return self._write(requested, new, old, present, restart)
+        return self._write(requested, new, old, present, restart, proved)
 
     def _interrupted(self) -> Entry | None:
         entry = self._journal.open_entry()
@@ -217,7 +231,7 @@ class Uploader:
             )
         return entry
 
-    def _show(self, changes: Content, present: Content) -> None:
+    def _show(self, changes: Content, present: Content, board: Snapshot) -> None:
         self._changes = _rows(changes, present)
         self._changed_files = tuple(changes.files)
         self._talk.difference(self._changes)
@@ -227,6 +241,15 @@ class Uploader:
             self._talk.say(
                 f"{row.name}: {row.old.value:.4g}, learned in flight from {row.new.value:.4g}; it stays"
             )
+        wrote = self._journal.written()
+        owner = Ownership(self._session.identity, board.values)
+        for row in self._changes:
+            was = wrote.get(row.name)
+            if was and row.old.bits and not was.same(row.old) and owner.learned(row.name):
+                self._talk.say(
+                    f"{row.name}: the board learned {row.old.value:.4g} since {was.value:.4g} was written; "
+                    f"{row.new.value:.4g} takes its place"
+                )
 
     def _save(self, board: Snapshot, present: Content, interrupted: Entry | None, requested: Content) -> None:
         files = {**self._board.others(board, present.files), **present.files}
@@ -242,7 +265,15 @@ class Uploader:
         also = f" and {count} files" if count else ""
         self._talk.say(f"backup of {len(board.values)} parameters{also}: {path}")
 
-    def _write(self, target: Content, new: Content, old: Content, present: Content, restart: bool) -> Outcome:
+    def _write(
+        self,
+        target: Content,
+        new: Content,
+        old: Content,
+        present: Content,
+        restart: bool,
+        proved: Callable[[], None] | None,
+    ) -> Outcome:
         started = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         # a fault of the disk ends it here: nothing was written yet
         optional = tuple(sorted(self._board.optional & set(new.values)))
@@ -251,6 +282,8 @@ class Uploader:
         )
         try:
             self._board.put(new, present, self._refuse_unsafe, settle_s=_CALM_S, restart=restart)
+            if proved:
+                proved()
             confirm(self._session)
         except Armed:
             return self._stopped(old, new)
@@ -314,7 +347,8 @@ class Uploader:
             else:
                 self._journal.end()
                 text = f"rolled back, the vehicle holds its old table: {error}"
-                cause = Unfinished(text, error.exit_code)
+                safe = isinstance(error, SafetyRefusal)  # a lost link was found again: the answer is no
+                cause = Unfinished(text, error.exit_code if safe else CheckFailed.exit_code)
                 return self._outcome(ROLLED_BACK, error=cause, mismatches=mismatches)
             if clock.monotonic() > end:
                 break

@@ -15,7 +15,7 @@ from sim.ardupilot.telemetry import BUILDERS, DEFAULT_HZ, GROUPS
 from sim.line.links import Peer
 from sim.line.wire import Clock
 from sim.px4.autopilot import Refused
-from sim.px4.protocol import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Conversation, _status, _text
+from sim.px4.protocol import ACCEPTED, DENIED, FAILED, TEMPORARILY, UNSUPPORTED, Conversation, _status, _text
 
 NO_SUCH_PARAM, NOT_ALLOWED = 1, 3  # MAV_PARAM_ERROR_DOES_NOT_EXIST, _PERMISSION_DENIED
 SCRIPTING = 42701
@@ -40,6 +40,7 @@ class ApConversation(Conversation):
     file_manners = MANNERS
     first_log = 1
     unknown_stream = DENIED
+    words_to_stations_only = False
     mission_request = m.MAVLink_mission_request_message  # and it takes either kind of item
 
     def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None], clock: Clock) -> None:
@@ -172,6 +173,13 @@ class ApConversation(Conversation):
             return (ACCEPTED if a.test_motor(int(p[0]), int(p[1]), p[2], p[3]) else FAILED), None
         elif command == 300:
             a.start_mission()
+        elif command == 510 and round(p[0]) not in self.builders:
+            return FAILED, m.MAVLink_message_interval_message(round(p[0]), 0)
+        elif command == 401:  # run the pre-arm checks, and say what they find
+            if a.armed:
+                return TEMPORARILY, None
+            if reason := a.prearm():
+                self._everyone(_status(2, reason))
         elif command == 310:
             return UNSUPPORTED, None
         else:

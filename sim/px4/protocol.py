@@ -38,6 +38,7 @@ class Conversation:
     default_hz = DEFAULT_HZ
     file_manners = Manners(one_session=True, counts_written=True, empty_folder_ends=False)
     first_log = 0
+    words_to_stations_only = True  # STATUSTEXT goes where a ground station's heartbeat is heard
     unknown_stream = FAILED  # answer to SET_MESSAGE_INTERVAL of a message that is not known
     mission_request = m.MAVLink_mission_request_int_message
 
@@ -45,6 +46,7 @@ class Conversation:
         self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None], clock: Clock
     ) -> None:
         self.autopilot, self.peer, self._everyone, self._clock = autopilot, peer, everyone, clock
+        self._station = False  # a ground station was heard on this link
         self.builders = self._known_messages()
         self.interval_us = {k: 1e6 / hz for k, hz in self.default_hz.items()}
         self._due_us: dict[int, float] = {}
@@ -82,7 +84,8 @@ class Conversation:
     def send(self, message: Any) -> None:
         """One message or several."""
         for one in message if isinstance(message, list) else [message]:
-            self.peer.send(one)
+            if self._station or not self.words_to_stations_only or one.get_type() != "STATUSTEXT":
+                self.peer.send(one)
 
     def stream(self, requested: int = 0) -> bool:
         """Send what has come due at this reading; whether message `asked` was among it."""
@@ -147,6 +150,7 @@ class Conversation:
 
     def _heartbeat(self, message: Any) -> None:
         if message.type == GROUND_STATION:
+            self._station = True
             self.autopilot.links.heard(self.autopilot.plant.time_s)
 
     def _param_read(self, message: Any) -> None:

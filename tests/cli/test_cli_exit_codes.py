@@ -39,6 +39,17 @@ def _table(**options):
     return lambda board: Path("t/x8.params").write_text(params_text(**options))
 
 
+def _on_wide(prepare):
+    """On a board that has the wide vehicle's places already."""
+
+    def both(board):
+        prepare(board)
+        for name, value in WIDE.items():
+            board.params[name] = (value, 9)
+
+    return both
+
+
 def _contended(board):
     """Another station that puts its own value back whenever ours arrives."""
     original = board._set
@@ -61,6 +72,7 @@ REFUSED = {
     "a table of other rotors": (_table(count=6), "another vehicle: the table is for 6 rotors"),
     "a board set up for others": (_holds(CA_ROTOR_COUNT=4), "the board is set up for 4"),
     "rotors in other places": (_table(CA_ROTOR0_PX=-0.18), "rotor 1 changes front or rear"),
+    "a longer arm": (_table(CA_ROTOR0_PX=0.19), "rotor 1 moves by 0.0093 m"),
     "another spin": (_table(CA_ROTOR1_KM=0.05), "rotor 2 changes spin"),
     "another firmware": (_sets(px4=False), "is for PX4, the vehicle runs ArduPilot"),
     "too old a firmware": (_sets(version=(1, 12, 3)), "PX4 1.12.3 reads no CA_ROTOR table"),
@@ -69,7 +81,7 @@ REFUSED = {
     "NaN": (_table(CA_ROTOR0_CT="nan"), "CA_ROTOR0_CT is nan"),
     "infinite": (_table(MPC_THR_HOVER="inf"), "MPC_THR_HOVER is inf"),
     "an axis PX4 would drop": (_table(ct_upper=0.9, ct_lower=1.2), "px4.weak-axis: PX4 drops yaw"),
-    "axes PX4 would zero": (_table(ct_upper=100, ct_lower=100, **WIDE), "px4.small-mix"),
+    "axes PX4 would zero": (_on_wide(_table(ct_upper=100, ct_lower=100, **WIDE)), "px4.small-mix"),
     "a name the board lacks": (_table(CA_UNHEARD_OF=1.0), "has no parameter CA_UNHEARD_OF"),
 }
 
@@ -121,7 +133,10 @@ def test_arming_under_way_ends_all_writing_and_either_verb_finishes_later(board,
     }
     _table(**moved)(board)
     board.arm_after = 1
-    code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    mean = () if verb == "restore" else ("--new-geometry",)
+    code, _, err = run(
+        capsys, "upload", "t", "--connect", board.url, "--yes", "--new-geometry", "--json", "u.json"
+    )
     assert code == 4
     no(err, "armed while it was written: nothing more was written")
     answer = json.loads(Path("u.json").read_text())
@@ -130,12 +145,12 @@ def test_arming_under_way_ends_all_writing_and_either_verb_finishes_later(board,
     assert set(answer["standing"]["new"]) == changed == set(board.sets)
     assert set(answer["standing"]["old"]) == {c["name"] for c in answer["changed"]} - changed != set()
     assert list(Path("state").glob("*.journal.json"))
-    code, _, err = run(capsys, verb, "t" if verb == "upload" else answer["backup"], "--connect", board.url)
+    source = "t" if verb == "upload" else answer["backup"]
+    code, _, err = run(capsys, verb, source, "--connect", board.url, *mean)
     assert code == 4 and "disarm it first" in err
     assert len(board.sets) == len(changed)  # armed: not one more
     board.armed = False
-    source = "t" if verb == "upload" else answer["backup"]
-    assert run(capsys, verb, source, "--connect", board.url, "--yes")[0] == 0
+    assert run(capsys, verb, source, "--connect", board.url, "--yes", *mean)[0] == 0
     assert not list(Path("state").glob("*.journal.json"))
     if verb == "restore":
         assert held(board) == before
@@ -150,7 +165,9 @@ def test_a_vehicle_that_arms_while_the_old_table_goes_back_is_left_alone_too(boa
     }
     _table(**moved)(board)
     board.keeps, board.arm_after = {"CA_ROTOR0_CT": 6.5}, 60
-    code, _, err = run(capsys, "upload", "t", "--connect", board.url, "--yes", "--json", "u.json")
+    code, _, err = run(
+        capsys, "upload", "t", "--connect", board.url, "--yes", "--new-geometry", "--json", "u.json"
+    )
     assert code == 4
     no(err, "armed while it was written")
     assert json.loads(Path("u.json").read_text())["result"] == "failed"

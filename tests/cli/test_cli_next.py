@@ -30,11 +30,16 @@ def test_what_no_table_can_hold_is_said_with_what_can():
 
 
 def test_what_a_table_can_hold_names_the_file_and_the_condition():
-    line = after_refine(answer("degraded_rotor", "battery_voltage"), Path("new.toml"), True)
+    line = after_refine(answer("battery_voltage"), Path("new.toml"), True)
     assert "coaxlink table AIRFRAME --rotor new.toml --voltage V" in line and "coaxlink mix" in line
-    named = after_refine(answer("degraded_rotor"), Path("new.toml"), True, Path("mine.toml"))
+    named = after_refine(answer("cg_offset"), Path("new.toml"), True, Path("mine.toml"))
     assert "coaxlink table mine.toml --rotor new.toml" in named
-    assert "--out ROTOR.toml" in after_refine(answer("degraded_rotor"), None, True)
+    assert "--out ROTOR.toml" in after_refine(answer("cg_offset"), None, True)
+
+
+def test_a_weak_rotor_calls_for_a_screwdriver_not_for_a_table():
+    line = after_refine(answer("degraded_rotor", "battery_voltage"), Path("new.toml"), True)
+    assert line == "next: ground it, change its propeller or motor, fly the check again"
 
 
 @pytest.mark.parametrize(

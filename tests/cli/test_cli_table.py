@@ -117,3 +117,14 @@ def test_an_explanation_fits_80_columns_and_says_what_the_board_loses(capsys, mo
     assert float(roll[1]) == pytest.approx(1.5 * float(roll[0]), rel=1e-3)
     assert "What this table changes on board: 16 parameters" in explained
     assert re.search(r"CA_ROTOR4_\*\s+6.5 -> [\d.]+\s+0.05 -> 0.0", explained)
+
+
+def test_nothing_is_made_around_a_weak_rotor_unasked(tmp_path, capsys):
+    weak = tmp_path / "weak.toml"
+    effect = 'name = "degraded_rotor"\nparameters = { rotor = 3.0, thrust_loss = 0.3, torque_loss = 0.2 }\n'
+    weak.write_text((EXAMPLES / "rotor_paper.toml").read_text() + f"\n[[effects]]\n{effect}")
+    arguments = (X8, "--firmware", "px4", "--law", "standard", "--rotor", weak)
+    code, _, err = _run(capsys, *arguments)
+    assert code == 4 and "ground it, change its propeller or motor" in err
+    code, out, _ = _run(capsys, *arguments, "--around-weak-rotor")
+    assert code == 0 and "yaw authority: " in out

@@ -167,14 +167,12 @@ def _values(params: dict[str, float | int]) -> dict[str, Value]:
 
 
 def _backup(folder: Path) -> Path:
-    write_backup(folder / "b.params", PX4, Snapshot(_values(px4_params()), 0x1234), {})
-    return folder / "b.params"
+    return write_backup(folder, ".params", PX4, Snapshot(_values(px4_params()), 0x1234), {})
 
 
 def _backup_copter(folder: Path) -> Path:
     held = {"/APM/scripts/coaxlink_matrix.lua": matrix_script(FACTORS, title="X8").encode()}
-    write_backup(folder / "b.param", COPTER, Snapshot(_values(COPTER_PARAMS)), held)
-    return folder / "b.param"
+    return write_backup(folder, ".param", COPTER, Snapshot(_values(COPTER_PARAMS)), held)
 
 
 def _journal(folder: Path) -> Path:

@@ -196,7 +196,7 @@ def test_a_line_that_is_torn_while_writing_is_opened_again_and_the_board_is_whol
             outcome = Uploader(session, backup_folder=tmp_path / "b", parameters=quick).upload(plan)
             assert wire.torn == 1 and outcome.result in ("verified", "rolled_back")
             assert verify(session, plan).holds == (outcome.result == "verified")
-            assert Journal(session.identity).open_entry() is None
+            assert Journal(session.identity, address=session.address).open_entry() is None
         assert outcome.result == "verified" or _bits(vehicle.params) == before
 
 

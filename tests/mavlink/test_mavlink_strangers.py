@@ -123,6 +123,16 @@ def test_a_vehicle_that_changed_its_port_is_followed_when_its_board_is_the_same(
             assert any("the session goes on there" in line for line in session.bound.news())
 
 
+def test_a_board_that_restarts_twice_quickly_is_one_that_came_back():
+    with listening() as (session, board):
+        board.close()
+        with second(board):
+            session.clock.sleep(2.0)
+        with second(board) as back:
+            until(session, lambda: session.bound.peer == back.address)
+            confirm(session)
+
+
 @pytest.mark.parametrize(
     ("first", "then"), [(0xC0A1, 0xC0A2), (0, 0), (0x4954414C44494E4F, 0x4954414C44494E4F)]
 )

@@ -38,7 +38,7 @@ def test_uploads_and_restores_under_faults(tables, tmp_path, monkeypatch, firmwa
             held = board.autopilot.store.memory
             before = {k: v for k, v in held().items() if k in plan.params}
             outcome = Uploader(session, backup_folder=tmp_path / name).upload(plan)
-            journal = Journal(session.identity)
+            journal = Journal(session.identity, address=session.address)
             if outcome.result not in ("verified", "rolled_back") or journal.open_entry() is not None:
                 wrong.append((name, outcome.result, outcome.reason))
                 continue

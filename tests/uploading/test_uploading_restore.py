@@ -130,7 +130,9 @@ def test_all_puts_the_rest_back_but_what_the_board_owns(board, tmp_path):
     assert {row["name"] for row in outcome.to_json()["left_out"]} == set(outcome.left_out)
     assert any("COM_FLIGHT_UUID (counter)" in text for text in said)
     with meet(board) as session:
-        assert set(Journal(session.identity).last().values) < set(x8())  # `verify` is of the table
+        assert set(Journal(session.identity, address=session.address).last().values) < set(
+            x8()
+        )  # `verify` is of the table
 
 
 @pytest.mark.parametrize("how", ["refuses", "keeps"])
@@ -147,7 +149,7 @@ def test_all_goes_on_past_what_the_board_refuses_of_the_rest(board, tmp_path, ho
     assert board.params["SDLOG_PROFILE"][0] == 1 and board.params["CA_ROTOR3_CT"][0] == 6.5
     assert any("passed over" in text for text in said)
     with meet(board) as session:
-        assert Journal(session.identity).open_entry() is None
+        assert Journal(session.identity, address=session.address).open_entry() is None
 
 
 def test_what_the_board_refuses_of_the_table_undoes_it_all(board, tmp_path):

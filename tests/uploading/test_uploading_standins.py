@@ -201,7 +201,7 @@ def test_an_interrupted_change_of_scripts_does_not_bring_the_other_script_back(t
         assert _ap(session, tmp_path / "b").upload(plan).result == "verified"
         old = Content({}, {matrix: None, loader: b"-- the loader that was there"})
         new = Content({}, {matrix: plan.scripts[scripts.MATRIX_NAME], loader: None})
-        journal = Journal(session.identity)
+        journal = Journal(session.identity, address=session.address)
         journal.begin(Entry(journal.board, old, new, "backup", (), "yesterday"))
         talk = []
         again = _ap(session, tmp_path / "b", talk=Talk(say=talk.append)).upload(plan)

@@ -80,13 +80,13 @@ def _show_worth(out: Any, explained: Explanation) -> None:
         if axis in ("thrust", "yaw")
     ]
     rows += [
-        ("most thrust, N", *_pair(other.ceiling_N, this.ceiling_N, ".1f")),
+        ("ceiling, N", *_pair(other.ceiling_N, this.ceiling_N, ".1f")),
         ("first at its bound in yaw", first_bound(before.limits[2]), first_bound(now.limits[2])),
         (f"thrust off at {hard:.1f} N m of yaw, N",
          f"{before.coupling[2, 0]:+.2f}", f"{now.coupling[2, 0]:+.2f}"),
     ]  # fmt: skip
     rows += [
-        (f"most {axis} moment, N m", *_pair(a, b, ".2f"))
+        (f"{axis} in hover to the first bound, N m", *_pair(a, b, ".2f"))
         for axis, a, b in zip(explained.axes, other.authority_Nm, this.authority_Nm, strict=False)
     ]
     rows += [

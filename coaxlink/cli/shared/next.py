@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from coaxlink.residual import Refinement
 
+WEAK = "ground it, change its propeller or motor, fly the check again"
 _OPTIONS = {
     "battery_voltage": "--voltage V",
     "ground_effect": "--height M",
@@ -47,6 +48,8 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
 def _after_effects(names: list[str], out: Path | None, airframe: Path | None) -> str:
     from coaxlink.effects import effect
 
+    if "degraded_rotor" in names:  # no table mends a rotor
+        return f"next: {WEAK}"
     known = {name: effect(name) for name in names}
     held = [name for name, e in known.items() if e and e.static]
     parts = []

@@ -42,6 +42,7 @@ OPTIONS = {
     "signing_key": "--signing-key",
     "spacing": "--at-spacing",
     "spacing_m": "--spacing",
+    "spin_from_table": "--spin-from-table",
     "spacings": "--spacings",
     "speed_max_rpm": "--speed-max-rpm",
     "target_system": "--system",

@@ -13,7 +13,7 @@ from coaxlink.errors import CoaxlinkError, InputError
 from firmware_params.keys import unknown_key
 
 if TYPE_CHECKING:
-    from coaxlink.tables.behaviour import Behaviour
+    from coaxlink.mixer.demands import Speeds
     from coaxlink.uploading.plan import Plan
     from coaxlink.vehicle import Vehicle
 
@@ -41,25 +41,33 @@ def forget_vehicle(out: Path) -> None:
     shutil.rmtree(out / FOLDER, ignore_errors=True)
 
 
-def said_first(source: Path, plan: Plan) -> Present:
-    """What `Talk.present` does for a table's folder: one line on the rate loops, and the gains to set."""
+def said_first(source: Path, plan: Plan, *, spin_from_table: bool = False) -> Present:
+    """What `Talk.present` does for a table's folder: its price beside the table on board, in three lines, and
+    one on the rate loops."""
     folder = (source if source.is_dir() else source.parent) / FOLDER
 
     def present(board: Mapping[str, float | int], on_board: Mapping[str, bytes | None]) -> None:
+        from coaxlink.mixer.worth import weigh
+        from coaxlink.report.worth import price
+        from coaxlink.tables.behaviour import behaviour
         from coaxlink.tables.rate_gains import preserved_gains
 
         if not (folder / _AIRFRAME).is_file():
             return
         try:
             vehicle = _vehicle(folder)
-            old, new = _flown(vehicle, plan, board, on_board)
+            mixes = _mixes(plan, board, on_board, spin_from_table)
+            old, new = (behaviour(vehicle, speeds) for speeds in mixes)
+            before, after = (weigh(vehicle, speeds) for speeds in mixes)
         except CoaxlinkError as error:
-            say(f"what this does to the rate loops is not known: {error}")
+            say(f"what this costs and does to the rate loops is not known: {error}")
             return
         gains = preserved_gains(plan.firmware, new, old, board, "on board", write=False)
         in_table = any(name in plan.params for gain in gains.axes for name in gain.names)
         line = gains.line.partition(";")[0] if in_table else gains.line
         out = console()
+        for text in price(after, before, "on board"):
+            out.print(text, soft_wrap=out.width >= PIPE_WIDTH)
         kept = "; gains that keep the loops are in the table" if in_table else ""
         out.print(line + kept, soft_wrap=out.width >= PIPE_WIDTH)
 
@@ -77,30 +85,31 @@ def _vehicle(folder: Path) -> Vehicle:
     return load_vehicle(folder / _AIRFRAME, folder / _ROTORS, Conditions(**known))
 
 
-def _flown(
-    vehicle: Vehicle, plan: Plan, board: Mapping[str, float | int], on_board: Mapping[str, bytes | None]
-) -> tuple[Behaviour, Behaviour]:
-    """The vehicle under the board's table and under the plan's. Raises CheckFailed where one is not known."""
+def _mixes(
+    plan: Plan,
+    board: Mapping[str, float | int],
+    on_board: Mapping[str, bytes | None],
+    spin_from_table: bool,
+) -> list[Speeds]:
+    """The board's table and the plan's, as it will fly there. Raises CheckFailed where one is not known."""
     from coaxlink.errors import CheckFailed
     from coaxlink.tables.ardupilot import ap_speeds
-    from coaxlink.tables.behaviour import behaviour
     from coaxlink.tables.px4 import px4_speeds
     from coaxlink.uploading.ardupilot_table import planned_table, present_table
+    from coaxlink.uploading.owners_numbers import for_board
     from firmware_params import ardupilot, px4
     from firmware_params.ardupilot import scripts
     from firmware_params.errors import FirmwareParamsError
 
     try:
         if plan.firmware == "px4":
-            mixes = [px4_speeds(px4.realise(params)) for params in (board, {**board, **plan.params})]
-        else:
-            held = next((d for p, d in on_board.items() if p.endswith(scripts.MATRIX_NAME)), None)
-            old, new = present_table(board, lambda: held), planned_table(plan.params, plan.scripts)
-            if old is None or new is None:
-                frame = board.get("FRAME_CLASS", 0)
-                raise CheckFailed(f"the board flies a matrix that is not known here (FRAME_CLASS {frame:g})")
-            mixes = [ap_speeds(ardupilot.realise(table)) for table in (old, new)]
-        before, after = (behaviour(vehicle, speeds) for speeds in mixes)
+            return [px4_speeds(px4.realise(params)) for params in (board, {**board, **plan.params})]
+        held = next((d for p, d in on_board.items() if p.endswith(scripts.MATRIX_NAME)), None)
+        made = for_board(plan.params, board, spin_from_table=spin_from_table).params
+        old, new = present_table(board, lambda: held), planned_table({**board, **made}, plan.scripts)
+        if old is None or new is None:
+            frame = board.get("FRAME_CLASS", 0)
+            raise CheckFailed(f"the board flies a matrix that is not known here (FRAME_CLASS {frame:g})")
+        return [ap_speeds(ardupilot.realise(table)) for table in (old, new)]
     except (FirmwareParamsError, ValueError, IndexError) as error:
         raise CheckFailed(str(error)) from error
-    return before, after

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from coaxlink.cli.shared.shell import PIPE_WIDTH, console, say
@@ -71,24 +72,26 @@ def finding_json(finding: Finding) -> dict[str, str]:
     return {key: getattr(finding, key) for key in ("id", "severity", "text", "evidence")}
 
 
-def show(frame: Airframe, report: TableReport | ApReport, gains: str) -> None:
-    """The mix that the firmware will make, in words and columns; `gains` says what becomes of the loops."""
+def show(frame: Airframe, report: TableReport | ApReport, said: Sequence[str]) -> None:
+    """The mix that the firmware will make, in words and columns; `said` goes before it: the table's price,
+    and what becomes of the loops."""
     from coaxlink.tables.px4 import TableReport
 
     if isinstance(report, TableReport):
-        _show_px4(frame, report, gains)
+        _show_px4(frame, report, said)
     else:
-        _show_ap(frame, report, gains)
+        _show_ap(frame, report, said)
     for finding in report.findings:
         console().print(f"{finding.severity}: {finding}")
 
 
-def _show_px4(frame: Airframe, report: TableReport, gains: str) -> None:
+def _show_px4(frame: Airframe, report: TableReport, said: Sequence[str]) -> None:
     from rich.table import Table
 
     out = console()
     out.print(f"{frame.name}: {report.law} law as PX4 parameters, THR_MDL_FAC {report.table.thr_mdl_fac:g}")
-    out.print(gains, soft_wrap=out.width >= PIPE_WIDTH)
+    for line in said:
+        out.print(line, soft_wrap=out.width >= PIPE_WIDTH)
     rows = Table("rotor", "CT N", "KM m", "roll", "pitch", "yaw", "thrust", "hover u", box=None)
     for n, (rotor, entry) in enumerate(zip(frame.rotors, report.table.rotors, strict=True)):
         roll, pitch, yaw, _, _, thrust = report.mix.mix[n]
@@ -112,7 +115,7 @@ def _show_px4(frame: Airframe, report: TableReport, gains: str) -> None:
         out.print("traps: none (every axis survives PX4's zeroing)")
 
 
-def _show_ap(frame: Airframe, report: ApReport, gains: str) -> None:
+def _show_ap(frame: Airframe, report: ApReport, said: Sequence[str]) -> None:
     from rich.table import Table
 
     out, p = console(), report.table.parameters
@@ -120,7 +123,8 @@ def _show_ap(frame: Airframe, report: ApReport, gains: str) -> None:
         f"{frame.name}: {report.law} law for FRAME_CLASS {report.table.frame_class}, "
         f"MOT_THST_EXPO {p.thst_expo:g}, MOT_SPIN_MIN {p.spin_min:g}"
     )
-    out.print(gains, soft_wrap=out.width >= PIPE_WIDTH)
+    for line in said:
+        out.print(line, soft_wrap=out.width >= PIPE_WIDTH)
     rows = Table("rotor", "roll", "pitch", "yaw", "throttle", "hover u", box=None)
     for n, rotor in enumerate(frame.rotors):
         numbers = [f"{x:+.4f}" for x in report.mix.factors[n]]
