@@ -42,7 +42,8 @@ def join(logs: Sequence[Samples]) -> Samples:
     notes.append(f"joined: {', '.join(f'{log.source} ({log.rows} rows)' for log in logs)}")
     if dropped:
         notes.append(f"left out, not in every log: {', '.join(dropped)}")
-    return Samples(columns, " + ".join(log.source for log in logs), tuple(notes))
+    premises = tuple(dict.fromkeys(p for log in logs for p in log.premises))
+    return Samples(columns, " + ".join(log.source for log in logs), tuple(notes), premises=premises)
 
 
 def _filled(log: Samples, name: str) -> np.ndarray | None:

@@ -14,12 +14,20 @@ from coaxlink.errors import InputError
 if TYPE_CHECKING:
     import pandas
 
+OUTPUTS_AS_MOTORS, DAMAGED = "outputs_as_motors", "damaged"
+PREMISES = {  # what a reader took for granted: in words, and what would tell
+    OUTPUTS_AS_MOTORS: "no parameter in the log says which output drives which motor: output n is taken for "
+    "motor n; give a log that holds the parameters",
+    DAMAGED: "the file is damaged, some of it could not be read: take the log from the card again",
+}
+
 
 @dataclass(frozen=True)
 class Samples:
     """Columns of a log after reading: known names, units converted, unusable rows gone.
 
-    `notes` say in words what the reader recognised, converted and dropped.
+    `notes` say in words what the reader recognised, converted and dropped; `premises` name what it had to
+    take for granted, so that no verdict goes beyond it (`PREMISES`).
     """
 
     columns: Mapping[str, NDArray[np.float64]]  # each (rows,)
@@ -29,6 +37,7 @@ class Samples:
     upper_label: str = ""  # what the source calls the upper rotor, where it had to be given
     # smallest step of a column as it was logged, where the rows are no longer the logged ones
     resolution: Mapping[str, float] = field(default_factory=dict)
+    premises: tuple[str, ...] = ()  # keys of PREMISES
 
     def __post_init__(self) -> None:
         shapes = {name: np.shape(column) for name, column in self.columns.items()}
@@ -91,7 +100,12 @@ class Samples:
         """
         from coaxlink.data.frame import dataframe
 
-        about = {"source": self.source, "notes": list(self.notes), "resolution": dict(self.resolution)}
+        about = {
+            "source": self.source,
+            "notes": list(self.notes),
+            "resolution": dict(self.resolution),
+            "premises": list(self.premises),
+        }
         return dataframe(dict(self.columns), about)
 
     @classmethod
@@ -114,8 +128,15 @@ class Samples:
         about = frame.attrs
         earlier = tuple(str(note) for note in about.get("notes", ()))
         resolution = {k: float(v) for k, v in about.get("resolution", {}).items() if k in columns}
-        return cls(columns, source or str(about.get("source", "")), earlier + notes, resolution=resolution)
+        premises = tuple(name for name in about.get("premises", ()) if name in PREMISES)
+        source = source or str(about.get("source", ""))
+        return cls(columns, source, earlier + notes, resolution=resolution, premises=premises)
 
     def with_notes(self, *notes: str) -> Samples:
         """A copy with remarks added."""
         return replace(self, notes=self.notes + notes)
+
+    def on_premises(self, *premises: str) -> Samples:
+        """A copy that rests on these as well (keys of PREMISES), each said once in the notes."""
+        new = tuple(p for p in dict.fromkeys(premises) if p not in self.premises)
+        return replace(self, premises=self.premises + new).with_notes(*(PREMISES[p] for p in new))

@@ -7,7 +7,7 @@ not alias; what arrives slower is interpolated. Stretches without data stay empt
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -186,9 +186,10 @@ def at_the_commands(samples: Samples, motors: list[str]) -> Samples:
     time = samples["time_s"]
     rest = samples.without(*motors, "time_s")
     note = f"commands were logged every {every} rows and held between: the log is taken at their rate"
-    return merge(
+    merged = merge(
         samples.source,
         TimeSeries.of(time[rows], {name: samples[name][rows] for name in motors}),
         [TimeSeries.of(time, {name: rest[name] for name in rest.columns})],
         (*samples.notes, note),
     )
+    return replace(merged, premises=samples.premises)

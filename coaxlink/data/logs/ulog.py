@@ -17,7 +17,7 @@ import numpy as np
 from coaxlink.data.logs.outputs import commands, px4_outputs, used_outputs
 from coaxlink.data.logs.quiet import one_line, silenced
 from coaxlink.data.logs.streams import Message, TimeSeries, derived, euler_of, merge, series
-from coaxlink.data.samples import Samples
+from coaxlink.data.samples import DAMAGED, Samples
 from coaxlink.errors import InputError
 
 STAMPED_BY_SAMPLE = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_attitude")
@@ -34,7 +34,7 @@ def read_ulog(path: Path) -> Samples:
     """A PX4 log as flight columns. Raises InputError."""
     log = _open(path)
     topics = {d.name: _message(d.name, d.data) for d in reversed(log.data_list)}  # the first instance wins
-    notes: list[str] = ["the file is damaged: some of it could not be read"] if log.file_corruption else []
+    notes: list[str] = []
     measured = [
         *_motion(topics),
         derived(topics.get("vehicle_attitude"), lambda m: euler_of([m[f"q[{i}]"] for i in range(4)])),
@@ -45,7 +45,8 @@ def read_ulog(path: Path) -> Samples:
         series(topics.get("vehicle_land_detected"), {"landed": "landed"}),
         _rpm(topics.get("esc_status"), notes),
     ]
-    return merge(str(path), _motors(topics, log.initial_parameters, notes), measured, notes)
+    samples = merge(str(path), _motors(topics, log.initial_parameters, notes), measured, notes)
+    return samples.on_premises(*[DAMAGED] * bool(log.file_corruption))
 
 
 def ulog_parameters(path: Path) -> dict[str, float | int]:

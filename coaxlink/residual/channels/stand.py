@@ -66,7 +66,8 @@ def joined(logs: Sequence[Samples]) -> Samples:
         columns["time_s"] = np.concatenate(parts)
     columns["log"] = np.concatenate([np.full(log.rows, float(i)) for i, log in enumerate(logs)])
     notes = tuple(note for log in logs for note in log.notes)
-    return Samples(columns, "; ".join(log.source for log in logs), notes)
+    premises = tuple(dict.fromkeys(p for log in logs for p in log.premises))
+    return Samples(columns, "; ".join(log.source for log in logs), notes, premises=premises)
 
 
 def stand_frame(
