@@ -65,6 +65,7 @@ def init(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.cli.airframe import report
+    from coaxlink.premises import guesses
     from coaxlink.setup import Body, MissingError, airframe_toml, completed
     from coaxlink.vehicle import load_rotors
 
@@ -86,7 +87,6 @@ def init(
         frame,
         f"coaxlink init from {layout.source}",
         rotor_model=os.path.relpath(rotor, out.parent) if rotor else None,
-        inertia_measured=bool(inertia),
     )
     files.write_atomic(out, text)
     frame = load_airframe(out)
@@ -94,6 +94,8 @@ def init(
         say(f"note: {note}")
     findings = report(frame, model, layout, picture, json_file)
     say(f"wrote {out}")
+    for line in guesses(frame):
+        say(f"guessed: {line}")
     if any(f.severity == "error" for f in findings):
         say("mend what is marked error before a table is made of it")
     elif not rotor:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from coaxlink.airframe import Airframe, Rotor
 from coaxlink.errors import InputError
+from coaxlink.rotor.model import Source
 from coaxlink.setup.layout import Layout, Mount
 
 Inertia = tuple[float, float, float]
@@ -72,7 +73,14 @@ def completed(layout: Layout, body: Body) -> Airframe:
         for n, mount in enumerate(layout.mounts)
     )
     mass = _positive("`mass_kg`", body.mass_kg)
-    return Airframe(body.name, mass, body.inertia_kg_m2 or inertia_estimate(mass, rotors), rotors)
+    inertia = body.inertia_kg_m2 or inertia_estimate(mass, rotors)
+    sources: dict[str, Source] = {
+        "mass_kg": "declared",
+        "inertia_kg_m2": "declared" if body.inertia_kg_m2 else "estimated",
+        "motor_lag_s": "default",
+        "rotors": "board" if layout.metres else "declared",
+    }
+    return Airframe(body.name, mass, inertia, rotors, sources=sources)
 
 
 def inertia_estimate(mass_kg: float, rotors: tuple[Rotor, ...]) -> Inertia:
