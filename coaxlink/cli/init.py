@@ -55,6 +55,9 @@ def init(
     inertia: Annotated[
         str, typer.Option(metavar="X,Y,Z", help="Moments of inertia, kg m^2; estimated if not given.")
     ] = "",
+    lag: Annotated[
+        float | None, typer.Option(metavar="S", min=0.0, help="The motors' lag; 0 and unknown if not given.")
+    ] = None,
     name: Annotated[str, typer.Option(help="The vehicle's name; the file's if not given.")] = "",
     rotor: Annotated[Path | None, typer.Option(metavar="ROTOR.toml", help="Its rotor model.")] = None,
     picture: PictureOption = None,
@@ -77,7 +80,7 @@ def init(
     layout = _layout(template, source, script, connect, timeout, mass)
     if problem := name_problem(name or out.stem):
         raise InputError("--name", "", problem)
-    body = Body(name or out.stem, mass, arm, spacing, _numbers(upper), _inertia(inertia))
+    body = Body(name or out.stem, mass, arm, spacing, _numbers(upper), _inertia(inertia), lag)
     try:
         frame = completed(layout, body)
     except MissingError as error:

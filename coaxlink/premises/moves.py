@@ -25,6 +25,7 @@ MEASURES = {
     "mass_kg": "the mass (a scale under the vehicle as it flies)",
     "inertia_kg_m2": "the inertia (five minutes as a bifilar pendulum)",
     "motor_lag_s": "the motors' lag (a step of one motor in a log)",
+    "rotor_model": "the rotors (a stand, or coaxlink identify FLIGHT)",
 }
 HOW = "docs/howto/measure.md"
 
@@ -81,6 +82,6 @@ def not_judged(premise: str, why: str) -> NotJudged:
 def guesses(airframe: Airframe) -> Iterator[str]:
     """What of a vehicle nobody gave, and what makes it measured."""
     for key, measure in MEASURES.items():
-        source = airframe.source_of(key)
+        source = airframe.sources.get(key)
         if source in UNKNOWN:
             yield f'{key} is {source}: measure {measure}, then say {key} = "measured" in [sources] ({HOW})'

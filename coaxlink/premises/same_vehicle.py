@@ -30,7 +30,7 @@ TELLS = 0.5
 WORKS = 0.05  # of full command: a motor turns
 SPEEDS = 0.15  # of rpm over the common curve: specimens and packs differ by less
 MAGNETS = 1.4  # of rpm over what full throttle means: 14 magnets taken for 20
-CURVE = 2  # order of rpm over command
+CURVE = (0.5, 1.0)  # power of rpm over command: thrust goes with it, or speed
 # of what the commands leave, axes together, in the order that fits: a weak rotor is made up for by no order
 # to less than a quarter (143 flights of two authors), and an exchange of two leaves a hundredth
 SWAP = 0.1
@@ -95,8 +95,11 @@ def _speeds(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
         why = f"rpm are {whole:.2f} times what the commands mean: number of magnets, or another rotor file"
         yield OtherVehicle("speeds", whole, (1.0 / MAGNETS, MAGNETS), why)
         return
-    curve = np.polynomial.Polynomial.fit(commands[turning], rpm[turning], CURVE)
-    apart = np.array([float(np.median(rpm[t, k] / curve(commands[t, k]))) for k, t in enumerate(turning.T)])
+    command, speed = np.log(commands[turning]), np.log(rpm[turning])
+    slope = float(np.cov(command, speed)[0, 1] / max(float(np.var(command)), 1e-12))
+    power = float(np.clip(slope, *CURVE))
+    apart = np.array([np.median(rpm[t, k] / commands[t, k] ** power) for k, t in enumerate(turning.T)])
+    apart /= np.median(apart)
     # one slow motor is a fault; exchanged ones are off both ways
     if apart.max() > 1.0 + SPEEDS and apart.min() < 1.0 - SPEEDS:
         fast, slow = numbers[int(apart.argmax())], numbers[int(apart.argmin())]

@@ -122,8 +122,12 @@ def at_bounds(found: Refinement, frame: FlightFrame) -> Iterator[NotJudged]:
 
     lift = lift_share(frame, found.corrections)
     if abs(lift) > AT_BOUND * LEVEL:
-        why = f"the lift is {100 * abs(lift):.1f} % off, a rotor model is good to {100 * LEVEL:.0f} %"
-        yield not_judged("mass_kg", f"{why}; or measure the rotors again")
+        why = (
+            f"the lift is {100 * abs(lift):.1f} % off, a measured rotor model is good to {100 * LEVEL:.0f} %"
+        )
+        guessed = set(UNKNOWN) & set(frame.model.sources.values())
+        weighed = guessed or frame.airframe.source_of("mass_kg") == "measured"
+        yield not_judged("rotor_model" if weighed else "mass_kg", why)
     body = frame.airframe
     names = {e.name for e in found.effects}
     if body.source_of("inertia_kg_m2") in UNKNOWN and any(ends(f"inertia_{a}_share") for a in "xyz"):

@@ -24,6 +24,7 @@ class Body:
     spacing_m: float | None = None  # between the rotors of a pair; for a layout without heights
     upper: tuple[int, ...] = ()  # numbers of the upper rotors, where no source tells
     inertia_kg_m2: Inertia | None = None  # estimated where missing
+    motor_lag_s: float | None = None  # 0 where missing, which nobody measured
 
 
 class MissingError(InputError):
@@ -77,10 +78,10 @@ def completed(layout: Layout, body: Body) -> Airframe:
     sources: dict[str, Source] = {
         "mass_kg": "declared",
         "inertia_kg_m2": "declared" if body.inertia_kg_m2 else "estimated",
-        "motor_lag_s": "default",
+        "motor_lag_s": "default" if body.motor_lag_s is None else "declared",
         "rotors": "board" if layout.metres else "declared",
     }
-    return Airframe(body.name, mass, inertia, rotors, sources=sources)
+    return Airframe(body.name, mass, inertia, rotors, body.motor_lag_s or 0.0, sources=sources)
 
 
 def inertia_estimate(mass_kg: float, rotors: tuple[Rotor, ...]) -> Inertia:

@@ -21,7 +21,7 @@ def airframe_toml(airframe: Airframe, source: str, *, rotor_model: str | None = 
     guessed = airframe.source_of("inertia_kg_m2") == "estimated"
     remark = "  # an estimate (half the mass in the rotors): measure it" if guessed else ""
     text += f"inertia_kg_m2 = [{inertia}]{remark}\n"
-    text += f"motor_lag_s = {airframe.motor_lag_s:g}  # command to speed, first order; 0 is not known\n"
+    text += f"motor_lag_s = {airframe.motor_lag_s:g}  # command to speed, first order\n"
     if airframe.battery_Wh is not None:
         text += f"battery_Wh = {airframe.battery_Wh:g}\n"
     if rotor_model:
