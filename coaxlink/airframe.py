@@ -8,7 +8,8 @@ turns the body clockwise, +yaw in FRD (Berra, Trujillo and Heredia 2024, eq. 8 i
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,7 +20,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from coaxlink import files
 from coaxlink.errors import InputError
 from coaxlink.rotor import RotorModel
-from coaxlink.rotor.model import input_error, plain_name
+from coaxlink.rotor.model import Source, input_error, plain_name
 
 AXES = ("thrust", "roll", "pitch", "yaw")
 
@@ -51,6 +52,11 @@ class Airframe:
     rotor_model: Path | None = None
     source: Path | None = None
     battery_Wh: float | None = None  # what a flight may use of the pack
+    sources: Mapping[str, Source] = field(default_factory=dict)  # key -> where its number is from
+
+    def source_of(self, key: str) -> Source:
+        """Where a number is from; what the file says nothing of is declared."""
+        return self.sources.get(key, "declared")
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -134,6 +140,15 @@ class _RotorTable(BaseModel):
     )
 
 
+class _Sources(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    mass_kg: Annotated[Source | None, Field(description="Of the mass.")] = None
+    inertia_kg_m2: Annotated[Source | None, Field(description="Of the moments of inertia.")] = None
+    motor_lag_s: Annotated[Source | None, Field(description="Of the motors' lag.")] = None
+    battery_Wh: Annotated[Source | None, Field(description="Of the pack's energy.")] = None
+    rotors: Annotated[Source | None, Field(description="Of the rotors' places, spins and levels.")] = None
+
+
 class _AirframeFile(BaseModel):
     model_config = ConfigDict(title="coaxlink airframe", extra="forbid")
     name: Annotated[Name, Field(description="Names the vehicle in files and reports.")]
@@ -153,6 +168,10 @@ class _AirframeFile(BaseModel):
     ] = None
     attitude_loop: Annotated[
         dict[str, Any] | None, Field(description="Read no more: gains of loops that live mixing once closed.")
+    ] = None
+    sources: Annotated[
+        _Sources | None,
+        Field(description="Where the numbers are from; what it does not name is declared."),
     ] = None
     rotors: Annotated[
         list[_RotorTable], Field(min_length=3, max_length=16, description="One table a rotor, any order.")
@@ -184,7 +203,7 @@ def load_airframe(path: str | Path) -> Airframe:
     model = path.parent / parsed.rotor_model if parsed.rotor_model else None
     return Airframe(
         parsed.name, parsed.mass_kg, parsed.inertia_kg_m2, rotors, parsed.motor_lag_s, model, path,
-        parsed.battery_Wh,
+        parsed.battery_Wh, parsed.sources.model_dump(exclude_none=True) if parsed.sources else {},
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
-from coaxlink.rotor.model import load_rotor_model
+from coaxlink.rotor.model import load_rotor_model, save_rotor_model
+from coaxlink.vehicle.changed_model import with_terms
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ROTOR = """[[rotors]]
@@ -116,3 +118,23 @@ def test_a_message_names_a_rotor_by_its_number_in_whatever_order_the_tables_stan
     path.write_text(head + "[[rotors]]" + "[[rotors]]".join([last, *rotors[:7]]))
     with pytest.raises(InputError, match=r"rotors\[8\]\.spins: unknown; spin\?"):
         load_airframe(path)
+
+
+def test_where_numbers_are_from_is_read_and_what_is_not_said_is_declared(tmp_path):
+    rotors = [single(n, [x, y, 0.0]) for n, x, y in ((1, 1, 1), (2, 1, -1), (3, -1, -1), (4, -1, 1))]
+    assert load_airframe(write(tmp_path, *rotors)).source_of("motor_lag_s") == "declared"
+    said = load_airframe(write(tmp_path, *rotors, head='[sources]\nmass_kg = "measured"\n'))
+    assert said.source_of("mass_kg") == "measured" and said.source_of("inertia_kg_m2") == "declared"
+    for head, says in (
+        ('mass_kg = "guess"', r"sources\.mass_kg"),
+        ('mass = "board"', r"sources\.mass: unknown; mass_kg"),
+    ):
+        with pytest.raises(InputError, match=says):
+            load_airframe(write(tmp_path, *rotors, head=f"[sources]\n{head}\n"))
+
+
+def test_a_rotor_file_keeps_where_its_numbers_are_from(tmp_path):
+    model = load_rotor_model(EXAMPLES / "rotor_paper.toml")
+    save_rotor_model(tmp_path / "r.toml", replace(model, sources={"upper": "measured", "lower": "estimated"}))
+    kept = with_terms(load_rotor_model(tmp_path / "r.toml"), {})
+    assert kept.sources == {"upper": "measured", "lower": "estimated"}

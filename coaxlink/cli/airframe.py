@@ -89,6 +89,8 @@ def report(
             "airframe": frame.name,
             "mass_kg": frame.mass_kg,
             "inertia_kg_m2": list(frame.inertia_kg_m2),
+            "motor_lag_s": frame.motor_lag_s,
+            "sources": dict(frame.sources),
             "rotors": [
                 {
                     "number": r.number,

@@ -56,7 +56,9 @@ def health(
         _fleet(folder, airframe, rotor, plot or report, json)
         return
     result = _judged(logs, airframe, rotor)
-    if plot or report:
+    if (plot or report) and not result.flights:
+        say("no picture and no page: nothing was judged")
+    elif plot or report:
         made = _made(logs, airframe, rotor)
         if plot:
             write_figure(plot, figure(result, made.line()))
@@ -65,11 +67,14 @@ def health(
     if json:
         files.write_json(json, result.as_json())
     screen = console()
-    screen.print(health_table(result))
+    if result.flights:
+        screen.print(health_table(result))
     screen.print(verdict_line(result))
     say_vehicle(airframe)
     for line in remarks(result):
         say(f"- {line}")
+    if result.reasons:
+        raise CheckFailed(verdict_line(result))
     if result.verdict == "ground it":
         raise CheckFailed(f"ground it: look at rotor {result.suspects[0].number} before the next flight")
 
@@ -89,23 +94,19 @@ def _judged(logs: Sequence[Path], airframe: Path | None, rotor: Path | None) -> 
     from coaxlink import files
     from coaxlink.data import is_flight_log, read_flight_log
     from coaxlink.errors import InputError
-    from coaxlink.health.columns import reduced
-    from coaxlink.health.judge import judge
-    from coaxlink.residual.channels.flight import flight_frame
+    from coaxlink.health.premises import judged
     from coaxlink.vehicle import load_vehicle
 
     vehicle = load_vehicle(airframe or files.example("x8_paper.toml"), rotor)
-    body = vehicle.declared
-    flights = []
+    read = []
     with talk().status("reading") as status:
         for path in logs:
             status.update(f"reading {path.name}")
             if not is_flight_log(path):
                 raise InputError(path, "", "a flight log is expected, found a stand's: identify takes it")
-            flights.append(reduced(flight_frame([read_flight_log(path)], body, vehicle.rotors)))
+            read.append(read_flight_log(path))
         status.update("judging")
-        names = [path.name for path in logs]
-        return judge(flights, names, [r.number for r in body.rotors], body.pairs)
+        return judged(read, [path.name for path in logs], vehicle)
 
 
 def _fleet(
@@ -143,6 +144,9 @@ def _fleet(
     grounded = [name for name, result in found.items() if result.verdict == "ground it"]
     if grounded:
         raise CheckFailed(f"ground {', '.join(grounded)}")
+    unjudged = [name for name, result in found.items() if result.reasons]
+    if unjudged:
+        raise CheckFailed(f"not judged: {', '.join(unjudged)}")
 
 
 def register(app: typer.Typer) -> None:

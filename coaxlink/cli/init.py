@@ -55,6 +55,9 @@ def init(
     inertia: Annotated[
         str, typer.Option(metavar="X,Y,Z", help="Moments of inertia, kg m^2; estimated if not given.")
     ] = "",
+    lag: Annotated[
+        float | None, typer.Option(metavar="S", min=0.0, help="The motors' lag; 0 and unknown if not given.")
+    ] = None,
     name: Annotated[str, typer.Option(help="The vehicle's name; the file's if not given.")] = "",
     rotor: Annotated[Path | None, typer.Option(metavar="ROTOR.toml", help="Its rotor model.")] = None,
     picture: PictureOption = None,
@@ -65,6 +68,7 @@ def init(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.cli.airframe import report
+    from coaxlink.premises import guesses
     from coaxlink.setup import Body, MissingError, airframe_toml, completed
     from coaxlink.vehicle import load_rotors
 
@@ -76,7 +80,7 @@ def init(
     layout = _layout(template, source, script, connect, timeout, mass)
     if problem := name_problem(name or out.stem):
         raise InputError("--name", "", problem)
-    body = Body(name or out.stem, mass, arm, spacing, _numbers(upper), _inertia(inertia))
+    body = Body(name or out.stem, mass, arm, spacing, _numbers(upper), _inertia(inertia), lag)
     try:
         frame = completed(layout, body)
     except MissingError as error:
@@ -86,7 +90,6 @@ def init(
         frame,
         f"coaxlink init from {layout.source}",
         rotor_model=os.path.relpath(rotor, out.parent) if rotor else None,
-        inertia_measured=bool(inertia),
     )
     files.write_atomic(out, text)
     frame = load_airframe(out)
@@ -94,6 +97,8 @@ def init(
         say(f"note: {note}")
     findings = report(frame, model, layout, picture, json_file)
     say(f"wrote {out}")
+    for line in guesses(frame):
+        say(f"guessed: {line}")
     if any(f.severity == "error" for f in findings):
         say("mend what is marked error before a table is made of it")
     elif not rotor:

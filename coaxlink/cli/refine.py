@@ -75,7 +75,7 @@ def refine(
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.data import is_flight_log, read_flight_log
-    from coaxlink.errors import InputError
+    from coaxlink.errors import CheckFailed, InputError
     from coaxlink.report.refine import remarks, tables, verdict
     from coaxlink.residual import refine as run
     from coaxlink.residual import refine_stand as run_stand
@@ -150,6 +150,8 @@ def refine(
         say_vehicle(airframe)
     for remark in remarks(result):
         say(remark)
+    if result.reasons:
+        raise CheckFailed(f"{verdict(result)}; no model was changed")
     say(after_refine(result, out, flight, airframe))
 
 

@@ -143,7 +143,10 @@ def coefficients_from_flights(logs: Sequence[Samples], airframe: Airframe, prior
     terms: dict[str, dict[str, float]] = {load: {} for load in LOADS}
     for (load, term), value in zip(names, found, strict=True):
         terms[load][term] = float(value)
-    model = RotorModel.from_terms(prior.form, prior.speed_max_rpm, terms, effects=prior.effects)
+    sources = {**prior.sources, "upper": "measured", "lower": "measured"}  # here, in flight
+    model = RotorModel.from_terms(
+        prior.form, prior.speed_max_rpm, terms, effects=prior.effects, sources=sources
+    )
     coefficients = tuple(
         Coefficient(load, term, float(a), float(np.sqrt(b)), float(c), float(np.sqrt(d)))
         for (load, term), a, b, c, d in zip(

@@ -19,6 +19,7 @@ from coaxlink.health.columns import THRUST_SPECIMEN, TORQUE_SPECIMEN, Flight
 from coaxlink.health.hypotheses import FAULT_ODDS, KINDS, Comparison, chipped_prior, compared
 from coaxlink.health.onsets import Onset
 from coaxlink.health.priors import LIFT_TODAY, MATTERS, TORQUE_WITH_THRUST
+from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
 
 WATCH, GROUND = 0.05, 0.5  # probabilities that a rotor lost more than MATTERS
 NORMAL_95 = 1.96
@@ -82,18 +83,40 @@ class SuspectRotor:
 class Health:
     """The answer."""
 
-    verdict: str  # sound, watch, ground it
+    verdict: str  # sound, watch, ground it; or one of the two that are none (`premises.answer`)
     probability: float  # that some rotor lost more than MATTERS
     suspects: tuple[SuspectRotor, ...]  # most likely first
     flights: tuple[FlightHealth, ...]
     payload: float  # probability that in one flight the centre of mass was elsewhere
     detects: float  # share of one rotor's thrust that these flights would tell from nothing, median rotor
+    cannot_judge: tuple[NotJudged, ...] = ()  # premises that the answer hangs on: no rotor is named
+    not_this_vehicle: tuple[OtherVehicle, ...] = ()  # likewise
+    premises: tuple[str, ...] = ()  # what the logs' readers took for granted, in words
+
+    @classmethod
+    def withheld(
+        cls,
+        flights: Sequence[FlightHealth],
+        cannot_judge: Sequence[NotJudged] = (),
+        not_this_vehicle: Sequence[OtherVehicle] = (),
+    ) -> Health:
+        """No verdict, for these reasons."""
+        verdict = NOT_THIS_VEHICLE if not_this_vehicle else CANNOT_JUDGE
+        lacks, differs = tuple(cannot_judge), tuple(not_this_vehicle)
+        return cls(verdict, np.nan, (), tuple(flights), np.nan, np.nan, lacks, differs)
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Why there is no verdict."""
+        return (*self.not_this_vehicle, *self.cannot_judge)
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
         return {
             "verdict": self.verdict,
-            "probability": self.probability,
+            **as_json(self.reasons),
+            "premises": list(self.premises),
+            "probability": None if self.reasons else self.probability,
             "matters": MATTERS,
             "suspects": [
                 {
@@ -107,8 +130,8 @@ class Health:
                 }
                 for s in self.suspects
             ],
-            "payload_moved": self.payload,
-            "detects": self.detects,
+            "payload_moved": None if self.reasons else self.payload,
+            "detects": None if self.reasons else self.detects,
             "flights": [
                 {
                     "name": f.name,

@@ -20,6 +20,8 @@ LIKELY = 0.01  # of a suspect that is worth a line
 
 def verdict_line(health: Health) -> str:
     """The verdict in one line."""
+    if health.reasons:
+        return health.reasons[0].line()
     share = f"{100 * MATTERS:.0f} % of its thrust"
     first = health.suspects[0]
     chance = _percent(health.probability)
@@ -35,6 +37,10 @@ def verdict_line(health: Health) -> str:
 
 def remarks(health: Health) -> Iterator[str]:
     """What a reader of the verdict must know besides."""
+    yield from (reason.line() for reason in health.reasons[1:])
+    yield from health.premises
+    if health.reasons:
+        return
     for suspect in health.suspects[:3]:
         if suspect.probability > LIKELY and health.verdict != "sound":
             yield (
@@ -86,7 +92,7 @@ def _rows(health: Health) -> tuple[list[str], list[list[str]], list[list[str]]]:
     chance = {s.number: s.probability for s in health.suspects}
     rotors = [
         [str(rotor.number), *(_cell(f.rotors[i].thrust) for f in last), _cell(rotor.torque),
-         _percent(chance[rotor.number])]
+         _percent(chance[rotor.number]) if rotor.number in chance else "-"]
         for i, rotor in enumerate(last[-1].rotors)
     ]  # fmt: skip
     pairs = [

@@ -14,13 +14,16 @@ COLOURED = 1.5  # times the noise between neighbouring rows: no noise floor any 
 
 def tables(result: Refinement) -> Iterator[Any]:
     """Rich tables: the errors before and after by channel, then every effect with its numbers."""
-    yield _errors(result)
+    if result.channels:
+        yield _errors(result)
     if result.effects:
         yield _effects(result)
 
 
 def verdict(result: Refinement) -> str:
     """The answer in one line."""
+    if result.reasons:
+        return result.reasons[0].line()
     if result.effects:
         names = " and ".join(e.name for e in result.effects)
         return f"found: {names}"
@@ -67,6 +70,8 @@ def either(a: Ambiguous) -> str:
 
 def remarks(result: Refinement) -> Iterator[str]:
     """What a reader must know besides the tables."""
+    for reason in result.reasons[1:]:
+        yield reason.line()
     for e in result.effects:
         if "probability" in e.evidence:
             yield f"{e.name}: {_probable(e.evidence)}"

@@ -7,23 +7,50 @@ machine take five times as long.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from coaxlink.airframe import Airframe
+from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
+from coaxlink.frames import FlightFrame
+from coaxlink.premises import (
+    Moved,
+    NotJudged,
+    OtherVehicle,
+    as_if,
+    damage,
+    lacking,
+    motors_differ,
+    moves,
+    not_judged,
+    other_motors,
+    other_vehicle,
+)
+from coaxlink.premises.moves import UNKNOWN
 from coaxlink.residual.agreement import agreed, leaves_open
-from coaxlink.residual.answer.flight import judge_flight
+from coaxlink.residual.answer.flight import CLEARLY, judge_flight
 from coaxlink.residual.answer.stand import judge_stand
 from coaxlink.residual.channels.empty_cells import without_empty_cells
+from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.channels.row_order import in_order_of_time
+from coaxlink.residual.faults.contradictions import motors_too_many
+from coaxlink.residual.nuisance.flight_corrections import (
+    ACCEL_BIAS_M_S2,
+    LEVEL,
+    flight_corrections,
+    lift_share,
+)
 from coaxlink.residual.result import Refinement
 from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
+# effects that are a premise's own number: finding one is measuring it
+OWN = {"mass_kg": "mass_change", "motor_lag_s": "rotor_lag"}
+AT_BOUND = 0.999  # of a correction's bound
 LARGEST = 1e17  # microseconds of a clock reach 1e16; nothing on a vehicle is larger in SI units
 
 
@@ -37,15 +64,110 @@ def refine(
     """Hold flight logs against a rotor model on its airframe.
 
     `model` may carry effects already: they are part of the prediction, and are fitted again where the log
-    demands other numbers. `progress` is told each stage.
+    demands other numbers. `progress` is told each stage. Where the log is another vehicle's, or the names
+    hang on a number that nobody measured, nothing is claimed and the answer says why (`coaxlink.premises`).
     Raises InputError when a log lacks what every flight needs.
     """
     several = _several(logs)
 
     def run() -> Refinement:
-        return judge_flight(several, airframe, model, progress)
+        progress("aligning")
+        bare = flight_frame(several, airframe, model)
+        found = judge_flight(several, bare, progress)
+        differs = (*vehicle_differs(several, airframe), *other_vehicle(bare, several))
+        if found.suspect_data and not found.effects:
+            # an instrument that is wrong makes another vehicle of this one; its motors it leaves alone
+            differs = tuple(d for d in differs if d.check in ("motors", "outputs"))
+            return found.claiming_nothing(not_this_vehicle=differs) if differs else found
+        if differs:
+            return found.claiming_nothing(not_this_vehicle=differs)
+        lacks = [*lacking(bare), *at_bounds(found, bare)]
+        if found.at_floor:
+            lacks += damage(several)
+        if not lacks:
+            progress("moving what nobody measured")
+            lacks = _hangs_on(found, several, bare)
+        return found.claiming_nothing(lacks) if lacks else found
 
+    if differs := tuple(other_motors(several, airframe)):
+        return Refinement("flight", {}, (), (), (), (), (), None, not_this_vehicle=differs)
     return _answered(several, run)
+
+
+def vehicle_differs(logs: Sequence[Samples], airframe: Airframe) -> tuple[OtherVehicle, ...]:
+    """Motors that the file has and the log has not, or that fly and the file does not know."""
+    have = len(airframe.rotors)
+    numbers = {r.number for r in airframe.rotors}
+    return (
+        *other_motors(logs, airframe),
+        *(
+            OtherVehicle("motors", have + many, (have, have), motors_differ(log, have + many, have))
+            for log in logs
+            for names, _, _ in motors_too_many(log, numbers)
+            for many in [len(names.split(","))]
+        ),
+    )
+
+
+def at_bounds(found: Refinement, frame: FlightFrame) -> Iterator[NotJudged]:
+    """Corrections that end where no specimen of this vehicle can be: what they correct is not known.
+
+    Of the lift as a whole, since one level may make up for another. Of inertia and delay where nobody gave
+    them; of declared ones gusts that the loops answer shorten the response, and mean nothing.
+    """
+    bounds = {c.name: c.bound for c in flight_corrections(frame)}
+
+    def ends(name: str) -> bool:
+        return abs(found.corrections.get(name, 0.0)) > AT_BOUND * bounds.get(name, np.inf)
+
+    lift = lift_share(frame, found.corrections)
+    if abs(lift) > AT_BOUND * LEVEL:
+        why = (
+            f"the lift is {100 * abs(lift):.1f} % off, a measured rotor model is good to {100 * LEVEL:.0f} %"
+        )
+        guessed = set(UNKNOWN) & set(frame.model.sources.values())
+        weighed = guessed or frame.airframe.source_of("mass_kg") == "measured"
+        yield not_judged("rotor_model" if weighed else "mass_kg", why)
+    body = frame.airframe
+    names = {e.name for e in found.effects}
+    if body.source_of("inertia_kg_m2") in UNKNOWN and any(ends(f"inertia_{a}_share") for a in "xyz"):
+        yield not_judged("inertia_kg_m2", "the flight asks for another one than the estimate")
+    late = ends("torque_delay_s") or ends("force_delay_s")
+    if body.source_of("motor_lag_s") in UNKNOWN and late and "rotor_lag" not in names:
+        yield not_judged("motor_lag_s", "the flight asks for another one than none")
+
+
+def _hangs_on(found: Refinement, logs: Sequence[Samples], bare: FlightFrame) -> list[NotJudged]:
+    """Premises that change the set of names when they are moved."""
+    hangs: dict[str, NotJudged] = {}
+    for moved in moves(bare.airframe):
+        own = OWN.get(moved.premise)
+        names = {e.name for e in found.effects} - {own}
+        declared = moved.premise == "mass_kg"
+        if moved.premise in hangs or (declared and (not names or _held(moved, found, bare))):
+            continue
+        other = judge_flight(logs, as_if(bare, moved.airframe), lambda _: None)
+        now = {e.name for e in other.effects} - {own}
+        # somebody's word counts where the log bears it out against the other number
+        if now == names or (declared and _error(other) > _error(found) + CLEARLY):
+            continue
+        said, instead = (" and ".join(sorted(n)) or "nothing" for n in (names, now))
+        hangs[moved.premise] = not_judged(
+            moved.premise, f"{moved.words} {instead} is found in place of {said}"
+        )
+    return list(hangs.values())
+
+
+def _held(moved: Moved, found: Refinement, bare: FlightFrame) -> bool:
+    """Whether the corrections of the lift, the accelerometer's zero among them, have room for that mass."""
+    change = moved.airframe.mass_kg / bare.airframe.mass_kg - 1.0
+    room = LEVEL + ACCEL_BIAS_M_S2[2] / GRAVITY_M_S2
+    return abs(change + lift_share(bare, found.corrections)) <= room
+
+
+def _error(found: Refinement) -> float:
+    """Logarithm of what is left of all channels."""
+    return float(sum(np.log(max(c.rmse_after, 1e-12)) for c in found.channels.values()))
 
 
 def refine_stand(

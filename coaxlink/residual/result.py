@@ -7,12 +7,13 @@ they are judged by has not seen.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.premises.answer import CANNOT_JUDGE, NOT_THIS_VEHICLE, NotJudged, OtherVehicle, Reason, as_json
 from coaxlink.rotor import RotorModel
 
 if TYPE_CHECKING:
@@ -174,11 +175,42 @@ class Refinement:
     surface: tuple[SmoothSurface, ...] = ()  # no effect: a nuisance model of its own form holds it
     series: Series | None = None
     source: str = ""
+    cannot_judge: tuple[NotJudged, ...] = ()  # premises that the answer hangs on: nothing is claimed
+    not_this_vehicle: tuple[OtherVehicle, ...] = ()  # likewise
 
     @property
     def at_floor(self) -> bool:
         """Whether nothing was left to explain: no effect, doubt or open dependence."""
-        return not (self.effects or self.unexplained or self.ambiguous or self.suspect_data)
+        return self.verdict == "nothing to mend"
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Why nothing is claimed."""
+        return (*self.not_this_vehicle, *self.cannot_judge)
+
+    @property
+    def verdict(self) -> str:
+        """In two or three words."""
+        if self.not_this_vehicle:
+            return NOT_THIS_VEHICLE
+        if self.cannot_judge:
+            return CANNOT_JUDGE
+        if self.effects:
+            return "found"
+        return "open" if self.unexplained or self.ambiguous or self.suspect_data else "nothing to mend"
+
+    def claiming_nothing(
+        self, cannot_judge: Sequence[NotJudged] = (), not_this_vehicle: Sequence[OtherVehicle] = ()
+    ) -> Refinement:
+        """Without names and without a model, for these reasons; what the data contradict stays."""
+        return replace(
+            self,
+            effects=(),
+            ambiguous=(),
+            model=None,
+            cannot_judge=tuple(cannot_judge),
+            not_this_vehicle=tuple(not_this_vehicle),
+        )
 
     def to_json(self) -> dict[str, Any]:
         """The JSON object of `refine` in the contract (extra keys: corrections, trace, surface, notes,
@@ -191,6 +223,8 @@ class Refinement:
     def _object(self) -> dict[str, Any]:
         return {
             "kind": self.kind,
+            "verdict": self.verdict,
+            **as_json(self.reasons),
             "source": self.source,
             "channels": {
                 name: {

@@ -165,6 +165,7 @@ def _identified(data: StandData, form: str, options: Options, compare: bool) -> 
         chosen,
         data.speeds.speed_max_rpm,
         {load: fits[load].polynomial.terms() if load in fits else {} for load in LOADS},
+        sources={"upper": "measured", "lower": "measured"},
     )
     result = Identification(
         chosen,

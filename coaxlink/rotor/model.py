@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,9 @@ from firmware_params.keys import is_near, problem_of
 from firmware_params.plain import name_problem, plain
 
 LOADS = tuple(load.key for load in Load)  # as files spell them
+# where a number is from: an instrument read it; somebody says so; the autopilot holds it; computed from
+# other numbers; nobody gave it
+Source = Literal["measured", "declared", "board", "estimated", "default"]
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class RotorModel:
     lower_torque: Polynomial
     effects: tuple[EffectEntry, ...] = ()
     identified: Mapping[str, Any] = field(default_factory=dict)  # file, hash, rows, method, errors, intervals
+    sources: Mapping[str, Source] = field(default_factory=dict)  # key of the file -> where it is from
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> PairLoads:
         """Thrusts and torques at normalised speeds (broadcast), without the effects."""
@@ -121,6 +125,14 @@ class _Effect(BaseModel):
     columns: list[str] = Field(default_factory=list, description="Columns of a log that it reads.")
 
 
+class _Sources(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    speed_max_rpm: Source | None = Field(None, description="Of the speed that u = 1 means.")
+    upper: Source | None = Field(None, description="Of the upper rotor's loads.")
+    lower: Source | None = Field(None, description="Of the lower rotor's loads.")
+    effects: Source | None = Field(None, description="Of the effects' numbers.")
+
+
 class _RotorFile(BaseModel):
     model_config = ConfigDict(title="coaxlink rotor model", extra="forbid")
     form: Name = Field(description="crm, surface, rcrm, srm or cpcm: how rich the polynomials are.")
@@ -132,6 +144,9 @@ class _RotorFile(BaseModel):
     effects: list[_Effect] = Field(default_factory=list, description="What refine added to the polynomials.")
     identified: dict[str, Any] = Field(
         default_factory=dict, description="From what: file, hash, rows, held-out errors, intervals."
+    )
+    sources: _Sources | None = Field(
+        None, description="Where the numbers are from; what it does not name is declared."
     )
 
 
@@ -160,14 +175,17 @@ def load_rotor_model(path: Path) -> RotorModel:
             raise InputError(path, load, str(error)) from error
     effects = tuple(EffectEntry(e.name, e.parameters, tuple(e.columns)) for e in parsed.effects)
     return RotorModel.from_terms(
-        parsed.form, parsed.speed_max_rpm, terms, effects=effects, identified=parsed.identified
-    )
+        parsed.form, parsed.speed_max_rpm, terms, effects=effects, identified=parsed.identified,
+        sources=parsed.sources.model_dump(exclude_none=True) if parsed.sources else {},
+    )  # fmt: skip
 
 
 def save_rotor_model(path: Path, model: RotorModel) -> None:
     """Write a rotor file atomically; `load_rotor_model` gives the same model back."""
     terms = model.terms()
     document: dict[str, Any] = {"form": model.form, "speed_max_rpm": model.speed_max_rpm}
+    if model.sources:
+        document["sources"] = dict(model.sources)
     if model.identified:
         document["identified"] = dict(model.identified)
     for side in ("upper", "lower"):

@@ -155,7 +155,8 @@ def pair_prior(
     }
     about = {k: (float(v.mean()), float(v.std())) for k, v in quantities.items()}
     guessed = (*_guesses(table, propeller), *how)
-    model = RotorModel.from_terms("crm", top, terms)
+    sources = {"upper": "estimated", "lower": "estimated"}
+    model = RotorModel.from_terms("crm", top, terms, sources=sources)
     prior = PairPrior(model, names, mean, covariance, intervals, guessed, about)
     return replace(prior, model=replace(model, identified=_provenance(prior, table, propeller)))
 

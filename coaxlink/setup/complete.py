@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from coaxlink.airframe import Airframe, Rotor
 from coaxlink.errors import InputError
+from coaxlink.rotor.model import Source
 from coaxlink.setup.layout import Layout, Mount
 
 Inertia = tuple[float, float, float]
@@ -23,6 +24,7 @@ class Body:
     spacing_m: float | None = None  # between the rotors of a pair; for a layout without heights
     upper: tuple[int, ...] = ()  # numbers of the upper rotors, where no source tells
     inertia_kg_m2: Inertia | None = None  # estimated where missing
+    motor_lag_s: float | None = None  # 0 where missing, which nobody measured
 
 
 class MissingError(InputError):
@@ -72,7 +74,14 @@ def completed(layout: Layout, body: Body) -> Airframe:
         for n, mount in enumerate(layout.mounts)
     )
     mass = _positive("`mass_kg`", body.mass_kg)
-    return Airframe(body.name, mass, body.inertia_kg_m2 or inertia_estimate(mass, rotors), rotors)
+    inertia = body.inertia_kg_m2 or inertia_estimate(mass, rotors)
+    sources: dict[str, Source] = {
+        "mass_kg": "declared",
+        "inertia_kg_m2": "declared" if body.inertia_kg_m2 else "estimated",
+        "motor_lag_s": "default" if body.motor_lag_s is None else "declared",
+        "rotors": "board" if layout.metres else "declared",
+    }
+    return Airframe(body.name, mass, inertia, rotors, body.motor_lag_s or 0.0, sources=sources)
 
 
 def inertia_estimate(mass_kg: float, rotors: tuple[Rotor, ...]) -> Inertia:

@@ -51,7 +51,7 @@ def with_terms(model: RotorModel, added: Mapping[str, Mapping[str, float]]) -> R
         for name, c in named.items():
             terms[load][name] = terms[load].get(name, 0.0) + c
     changed = RotorModel.from_terms(model.form, model.speed_max_rpm, terms)
-    return replace(changed, effects=model.effects, identified=model.identified)
+    return replace(changed, effects=model.effects, identified=model.identified, sources=model.sources)
 
 
 def scaled_speed(model: RotorModel, factor: float) -> RotorModel:

@@ -139,3 +139,14 @@ def test_two_backups_are_one_too_many_and_the_line_says_which_to_take():
     run = coaxlink("restore", "A", "B", "--connect", "udpout:127.0.0.1:9")
     assert run.code == 2
     assert "one BACKUP is expected, found A, B: the oldest undoes all uploads since it" in run.err
+
+
+def test_a_guess_says_how_it_is_measured(tmp_path):
+    x8 = ["--template", "x8", "--mass", "20", "--arm", "0.3", "--spacing", "0.15"]
+    guessed = coaxlink("init", tmp_path / "a.toml", *x8)
+    assert "pendulum" in guessed.err and "step of one motor" in guessed.err
+    assert load_airframe(tmp_path / "a.toml").sources["motor_lag_s"] == "default"
+    given = coaxlink("init", tmp_path / "b.toml", *x8, "--inertia", "0.9,0.9,1.6", "--lag", "0.03")
+    assert "guessed" not in given.err
+    told = load_airframe(tmp_path / "b.toml")
+    assert told.motor_lag_s == 0.03 and set(told.sources.values()) == {"declared"}

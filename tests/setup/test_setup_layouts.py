@@ -143,6 +143,7 @@ def test_templates_are_sound_and_survive_their_file(tmp_path):
         path.write_text(airframe_toml(made, layout.source))
         back = load_airframe(path)
         assert ring(back) == ring(made)
+        assert back.sources == made.sources and back.source_of("inertia_kg_m2") == "estimated"
         for a, b in zip(back.rotors, made.rotors, strict=True):
             assert a.position_m == pytest.approx(b.position_m, abs=1e-6)
         assert all(f"{r.number:>2} {r.level} " in draw(made) for r in made.rotors)

@@ -82,7 +82,6 @@ TAKE_BOTH = {
     "coaxlink.effects.static.StaticVehicle.__init__",  # a Vehicle that is being made
     "coaxlink.frames.FlightFrame.__init__",
     "coaxlink.residual.channels.flight.flight_frame",  # tracing: effects are part of the prediction
-    "coaxlink.residual.answer.flight.judge_flight",
     "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
     "coaxlink.residual.refine.refine",
     "coaxlink.vehicle.vehicle.usual_lift",  # in a Vehicle that is being made

@@ -32,9 +32,11 @@ def identify_from_flights(
     """
     from coaxlink import files
     from coaxlink.data import is_flight_log, read_flight_log
-    from coaxlink.errors import InputError
+    from coaxlink.errors import CheckFailed, InputError
     from coaxlink.health.coefficients import coefficients_from_flights
     from coaxlink.health.next_flight import next_flight
+    from coaxlink.health.premises import flown_by, update_hangs_on
+    from coaxlink.premises.answer import as_json
     from coaxlink.report.coefficients import coefficient_table, hover_table, words
     from coaxlink.rotor.model import save_rotor_model
     from coaxlink.vehicle import load_vehicle
@@ -52,8 +54,15 @@ def identify_from_flights(
         for path in logs:
             status.update(f"reading {path.name}")
             read.append(read_flight_log(path))
+        status.update("is this the vehicle?")
+        if reasons := flown_by(read, vehicle):
+            if json:
+                files.write_json(json, as_json(reasons))
+            raise CheckFailed("; ".join(reason.line() for reason in reasons))
         status.update("updating")
         update = coefficients_from_flights(read, vehicle.declared, vehicle.rotors)
+        status.update("moving what nobody measured")
+        lacks = update_hangs_on(update, read, vehicle)
         planned, problem = None, None
         if plan:
             status.update("planning the next flight")
@@ -66,11 +75,14 @@ def identify_from_flights(
     screen.print(hover_table(update))
     for line in (*words(update), *(planned.words() if planned else ())):
         say(f"- {line}")
+    if json:
+        planned_json = {"next": planned.as_json()} if planned else {}
+        files.write_json(json, update.as_json() | planned_json | as_json(lacks))
+    if lacks:
+        raise CheckFailed(f"{'; '.join(reason.line() for reason in lacks)}; no model was written")
     if out:
         save_rotor_model(out, update.model)
         say(f"wrote {out}")
-    if json:
-        files.write_json(json, update.as_json() | ({"next": planned.as_json()} if planned else {}))
     if problem:
         raise problem
     constrain = ""

@@ -297,6 +297,7 @@ def _rebased(p: Problem, final: Array, found: bool) -> RotorModel:
         RotorModel.from_terms(model.form, model.speed_max_rpm, terms),
         effects=model.effects,
         identified=model.identified,
+        sources=model.sources,
     )
 
 

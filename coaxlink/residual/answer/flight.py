@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coaxlink.airframe import Airframe
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.residual.answer.assemble import Judged, answer
 from coaxlink.residual.answer.doubts import with_rivals
-from coaxlink.residual.channels.flight import flight_frame, reduce_columns
+from coaxlink.residual.channels.flight import reduce_columns
 from coaxlink.residual.channels.flight_problem import (
     flight_problem,
     flight_variables,
@@ -34,7 +33,6 @@ from coaxlink.residual.search.change_point import with_onsets
 from coaxlink.residual.search.joint_fit import fit_jointly, fitter_of
 from coaxlink.residual.search.select import Selection, select
 from coaxlink.residual.search.trial import columns_of
-from coaxlink.rotor import RotorModel
 
 Progress = Callable[[str], None]
 LEAST_ROWS = 80  # judged rows of a flight
@@ -87,15 +85,8 @@ class _Choice:
         return {m.name for m in self.joint.members}
 
 
-def judge_flight(
-    several: Sequence[Samples],
-    airframe: Airframe,
-    model: RotorModel,
-    progress: Progress,
-) -> Refinement:
-    """What these flights say of the model. Raises InputError when a log lacks what every flight needs."""
-    progress("aligning")
-    bare = flight_frame(several, airframe, model)
+def judge_flight(several: Sequence[Samples], bare: FlightFrame, progress: Progress) -> Refinement:
+    """What these flights, aligned as `bare`, say of the model."""
     suspects, bad, mislabelled = flight_suspects(bare, several)
     bare = without_flagged(bare, suspects)
     if bad.any() and np.sum(~bad[bare.keep]) > LEAST_ROWS:
@@ -116,7 +107,7 @@ def judge_flight(
     floor = np.hypot(c.floor, felt_noise(bare, act))
     if not lifted and f.frame.voltage is None:
         notes.append("voltage_V is not in the log: a sagging supply would look like this change of thrust")
-    if airframe.motor_lag_s == 0.0:
+    if bare.airframe.motor_lag_s == 0.0:
         notes.append("motor_lag_s is not declared: a real lag of the motors will be found as rotor_lag")
     variables = flight_variables(f.frame)
     parts = (tuple(known), tuple(suspects), tuple(notes), not mislabelled, doubts)

@@ -58,4 +58,4 @@ def rebased_flight(frame: FlightFrame, corrections: Mapping[str, float]) -> Roto
             for name, c in zip(list(named), change, strict=True):
                 named[name] += float(c)
     changed = RotorModel.from_terms(model.form, model.speed_max_rpm, terms)
-    return replace(changed, effects=model.effects, identified=model.identified)
+    return replace(changed, effects=model.effects, identified=model.identified, sources=model.sources)

@@ -1,0 +1,114 @@
+"""A verdict on rotors that goes no further than its premises."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from coaxlink.data.samples import PREMISES, Samples
+from coaxlink.frames import FlightFrame
+from coaxlink.health.coefficients import NORMAL_95, Update, coefficients_from_flights
+from coaxlink.health.columns import reduced
+from coaxlink.health.judge import Health, judge
+from coaxlink.premises import (
+    NotJudged,
+    OtherVehicle,
+    as_if,
+    damage,
+    lacking,
+    moves,
+    not_judged,
+    other_vehicle,
+)
+from coaxlink.premises.same_vehicle import RESPONSE
+from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.residual.refine import vehicle_differs
+from coaxlink.vehicle import Vehicle
+
+
+def judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> Health:
+    """Health over flights of one vehicle, oldest first; or why that cannot be said.
+
+    Raises InputError when a log lacks what every flight needs.
+    """
+    granted = tuple(dict.fromkeys(PREMISES[p] for log in logs for p in log.premises))
+    return replace(_judged(logs, names, vehicle), premises=granted)
+
+
+def _judged(logs: Sequence[Samples], names: Sequence[str], vehicle: Vehicle) -> Health:
+    body = vehicle.declared
+    differs = list(vehicle_differs(logs, body))
+    if differs:
+        return Health.withheld((), not_this_vehicle=differs)
+    frames = [flight_frame([log], body, vehicle.rotors) for log in logs]
+    differs = [d for frame, log in zip(frames, logs, strict=True) for d in other_vehicle(frame, [log])]
+    if differs:
+        return Health.withheld((), not_this_vehicle=differs)
+    found = _over(frames, names)
+    lacks = [reason for frame in frames for reason in lacking(frame)]
+    if found.verdict == "sound":
+        lacks += damage(logs)
+    lacks += () if lacks else _hangs_on(found, frames, names)
+    return Health.withheld(found.flights, cannot_judge=lacks) if lacks else found
+
+
+def _over(frames: Sequence[FlightFrame], names: Sequence[str]) -> Health:
+    body = frames[0].airframe
+    return judge([reduced(f) for f in frames], names, [r.number for r in body.rotors], body.pairs)
+
+
+def _hangs_on(found: Health, frames: Sequence[FlightFrame], names: Sequence[str]) -> Iterator[NotJudged]:
+    """Premises that change the verdict or the rotor when they are moved.
+
+    A mass is not moved: what all rotors have in common is unknown here to a tenth (`LIFT_TODAY`).
+    """
+    said = _words(found)
+    seen: set[str] = set()
+    for moved in moves(frames[0].airframe):
+        if moved.premise in seen or moved.premise == "mass_kg":
+            continue
+        other = _words(_over([as_if(frame, moved.airframe) for frame in frames], names))
+        if other != said:
+            seen.add(moved.premise)
+            yield not_judged(moved.premise, f"{moved.words} the answer is {other} in place of {said}")
+
+
+def flown_by(logs: Sequence[Samples], vehicle: Vehicle) -> tuple[OtherVehicle | NotJudged, ...]:
+    """Why these flights can update no rotor model of this vehicle; empty where they can. Raises InputError.
+
+    A prior may be off by more than a model: lift is asked for within a factor of two alone.
+    """
+    body = vehicle.declared
+    if differs := vehicle_differs(logs, body):
+        return differs
+    found: list[OtherVehicle | NotJudged] = []
+    for log in logs:
+        frame = flight_frame([log], body, vehicle.rotors)
+        differs = other_vehicle(frame, [log])
+        found += [d for d in differs if d.check != "lift" or not 1 / RESPONSE < d.found < RESPONSE]
+        found += lacking(frame)
+    return tuple(found)
+
+
+def update_hangs_on(update: Update, logs: Sequence[Samples], vehicle: Vehicle) -> tuple[NotJudged, ...]:
+    """Premises that put a load in hover outside the interval that the flights give it."""
+    found: dict[str, NotJudged] = {}
+    for moved in moves(vehicle.declared):
+        if moved.premise in found:
+            continue
+        other = coefficients_from_flights(logs, moved.airframe, vehicle.rotors)
+        for name, (_, _, value, sd) in update.loads.items():
+            now = other.loads[name][2]
+            if abs(now - value) > NORMAL_95 * sd:
+                unit = name.rpartition("_")[2].replace("Nm", "N m")
+                load = name.replace(".", " ").rpartition("_")[0]
+                was = f"{value:.3g} +/- {NORMAL_95 * sd:.2g}"
+                why = f"{moved.words} {load} is {now:.3g} {unit} in place of {was}"
+                found[moved.premise] = not_judged(moved.premise, why)
+                break
+    return tuple(found.values())
+
+
+def _words(found: Health) -> str:
+    """The verdict and the rotor that it names."""
+    return found.verdict if found.verdict == "sound" else f"{found.verdict}, rotor {found.suspects[0].number}"

@@ -1,0 +1,194 @@
+"""Is this log of this vehicle, with its outputs in this order? Asked before any verdict.
+
+Lift against weight, commands against rpm and moments against angular accelerations are what the rotor model
+and the geometry say; no fault of one rotor puts them off by as much as asked for here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaxlink.airframe import AXES, Airframe
+from coaxlink.data.logs.flight import MOTOR
+from coaxlink.data.samples import Samples
+from coaxlink.frames import Array, FlightFrame
+from coaxlink.premises.answer import OtherVehicle
+from coaxlink.premises.moves import UNKNOWN
+from coaxlink.signals import low_pass
+
+# of the weight: an empty pack takes 10 % off what a command lifts, a payload that is none is less
+LIFT = 0.15
+LEAST_LEFT = 0.7  # from a full pack to an empty one (4.2 to 3.5 V a cell), squared
+# of what a moment turns, where the inertia is somebody's word; twice as much where it is an estimate
+RESPONSE = 2.0
+# share of the variance that one must explain of the other before their ratio means anything: then the slope
+# lies within a factor of two, whichever of both has the noise
+TELLS = 0.5
+WORKS = 0.05  # of full command: a motor turns
+SPEEDS = 0.15  # of rpm over the common curve: specimens and packs differ by less
+MAGNETS = 1.4  # of rpm over what full throttle means: 14 magnets taken for 20
+CURVE = (0.5, 1.0)  # power of rpm over command: thrust goes with it, or speed
+# judgement: what another order of the motors must leave, of what the logged order leaves, axes together. An
+# exchange of two leaves about a hundredth; a weak rotor is made up for by no order
+SWAP = 0.1
+
+
+def other_motors(logs: Sequence[Samples], airframe: Airframe) -> Iterator[OtherVehicle]:
+    """Rotors of the file without a motor in the log that turned."""
+    have = len(airframe.rotors)
+    for log in logs:
+        numbers = [int(m[1]) for name in log.columns if (m := MOTOR.fullmatch(name))]
+        turned = [n for n in numbers if np.any(np.nan_to_num(log[f"motor{n}"]) > WORKS)]
+        if turned and not {r.number for r in airframe.rotors} <= set(turned):
+            yield OtherVehicle("motors", len(turned), (have, have), motors_differ(log, len(turned), have))
+
+
+def motors_differ(log: Samples, turned: int, rotors: int) -> str:
+    """In words."""
+    return f"{turned} motors turn in {log.source or 'the log'}, the airframe file has {rotors} rotors"
+
+
+def other_vehicle(frame: FlightFrame, logs: Sequence[Samples]) -> tuple[OtherVehicle, ...]:
+    """Everything by which a flight is another vehicle's; empty for the file's own."""
+    moved, meant = (_judged(frame, loads) for loads in (frame.measured, frame.predicted))
+    found = list(_lift(frame, moved, meant))
+    for log in logs:
+        found += _speeds(log, frame)
+    return (*found, *(_exchanged(frame, moved) or _response(frame, moved, meant)))
+
+
+def _judged(frame: FlightFrame, loads: Array) -> Array:
+    """(kept, C) low-passed, judged rows."""
+    out = np.zeros_like(loads)
+    for number in np.unique(frame.stretch):
+        rows = frame.stretch == number
+        out[rows] = low_pass(loads[rows], frame.rate_hz, frame.cutoff_hz)
+    return np.asarray(out[frame.keep])
+
+
+def _lift(frame: FlightFrame, moved: Array, meant: Array) -> Iterator[OtherVehicle]:
+    lift, carried = -float(np.mean(meant[:, 2])), -float(np.mean(moved[:, 2]))
+    ratio = lift / carried if carried > 0.0 else np.inf
+    most = (1.0 + LIFT) / _sagged(frame)
+    if not 1.0 - LIFT <= ratio <= most:
+        why = (
+            f"the rotors' commands mean {lift:.0f} N of lift, and {frame.airframe.mass_kg:g} kg hang on "
+            f"{carried:.0f} N ({ratio:.2f} times; within {100 * LIFT:.0f} % is expected)"
+        )
+        yield OtherVehicle("lift", ratio, (1.0 - LIFT, most), why)
+
+
+def _sagged(frame: FlightFrame) -> float:
+    """What the log's own voltage may have left of the lift: a motor's speed follows it, thrust its square."""
+    if frame.voltage is None:
+        return 1.0
+    volts = frame.voltage[frame.keep]
+    highest = float(np.max(volts))
+    share = float(np.mean(volts**2)) / highest**2 if highest > 0.0 else 1.0
+    return min(max(share, LEAST_LEFT), 1.0) if np.isfinite(share) else 1.0
+
+
+def _speeds(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
+    """Commands and rpm of all motors lie on one curve, and it is the rotor model's."""
+    numbers = [r.number for r in frame.airframe.rotors if log.has(f"rpm{r.number}")]
+    if len(numbers) < len(frame.airframe.rotors):
+        return
+    commands, rpm = (np.stack([log[f"{name}{n}"] for n in numbers], axis=1) for name in ("motor", "rpm"))
+    turning = np.isfinite(commands) & np.isfinite(rpm) & (commands > 2 * WORKS) & (rpm > 0.0)
+    if turning.sum(axis=0).min() < 50:
+        return
+    means = [float(np.median(rpm[t, k] / commands[t, k])) for k, t in enumerate(turning.T)]
+    whole = float(np.median(means)) / frame.model.speed_max_rpm
+    if not 1.0 / MAGNETS <= whole <= MAGNETS:
+        why = f"rpm are {whole:.2f} times what the commands mean: number of magnets, or another rotor file"
+        yield OtherVehicle("speeds", whole, (1.0 / MAGNETS, MAGNETS), why)
+        return
+    command, speed = np.log(commands[turning]), np.log(rpm[turning])
+    slope = float(np.cov(command, speed)[0, 1] / max(float(np.var(command)), 1e-12))
+    power = float(np.clip(slope, *CURVE))
+    apart = np.array([np.median(rpm[t, k] / commands[t, k] ** power) for k, t in enumerate(turning.T)])
+    apart /= np.median(apart)
+    # one slow motor is a fault; exchanged ones are off both ways
+    if apart.max() > 1.0 + SPEEDS and apart.min() < 1.0 - SPEEDS:
+        fast, slow = numbers[int(apart.argmax())], numbers[int(apart.argmin())]
+        why = (
+            f"rpm{fast} and rpm{slow} are {apart.max():.2f} and {apart.min():.2f} times what motor{fast} and "
+            f"motor{slow} mean on the others' curve: outputs or ESCs exchanged"
+        )
+        yield OtherVehicle("speeds", float(apart.max()), (1.0 - SPEEDS, 1.0 + SPEEDS), why)
+
+
+def _left(frame: FlightFrame, speeds: Array, moved: Array, order: Sequence[int]) -> Array:
+    """(3,) share of each moment's variance that commands in this order leave, whatever the inertia."""
+    loads = frame.airframe.body_loads(*frame.airframe.loads(frame.model, speeds[:, list(order)]))[:, 3:]
+    x, y = loads - loads.mean(axis=0), moved[:, 3:] - moved[:, 3:].mean(axis=0)
+    along = np.maximum(np.sum(x * y, axis=0), 0.0)
+    told = along**2 / np.maximum(np.sum(x * x, axis=0) * np.sum(y * y, axis=0), 1e-300)
+    return np.asarray(np.maximum(1.0 - told, 1e-6))
+
+
+def _exchanged(frame: FlightFrame, moved: Array) -> list[OtherVehicle]:
+    """Outputs in another order that explain what moves the body ten times as well.
+
+    Two are exchanged at a time, the best first, as long as it helps.
+    """
+    speeds = np.clip(_judged(frame, frame.speeds), 0.0, None)
+    order = list(range(speeds.shape[1]))
+    first = best = _left(frame, speeds, moved, order)
+    while True:
+        tried = []
+        for i, j in combinations(range(len(order)), 2):
+            other = list(order)
+            other[i], other[j] = other[j], other[i]
+            tried.append((_left(frame, speeds, moved, other), other))
+        now, other = min(tried, key=lambda t: float(np.sum(np.log(t[0]))))
+        if float(np.sum(np.log(now / best))) > -1e-3:
+            break
+        best, order = now, other
+    gain = float(np.exp(np.sum(np.log(first / best))))
+    helps: NDArray[np.bool_] = (best < 1.0 - TELLS) & (best < TELLS * first)
+    if gain < 1.0 / SWAP or not helps.any():
+        return []
+    wrong = [k for k, n in enumerate(order) if k != n]
+    numbers = [r.number for r in frame.airframe.rotors]
+    named = ", ".join(f"rotor {numbers[k]} by motor{numbers[order[k]]}" for k in wrong)
+    axis = int(np.argmax(np.where(helps, first - best, -1.0)))
+    why = (
+        f"outputs exchanged: {AXES[axis + 1]} follows the commands in {100 * (1 - first[axis]):.0f} % of its "
+        f"variance as they are named, in {100 * (1 - best[axis]):.0f} % with {named}"
+    )
+    return [OtherVehicle("outputs", 1.0 - float(first[axis]), (1.0 - float(best[axis]), 1.0), why)]
+
+
+def _response(frame: FlightFrame, moved: Array, meant: Array) -> list[OtherVehicle]:
+    """Every axis turns as its own moment says: sign and size, where one explains the other."""
+    guessed = frame.airframe.source_of("inertia_kg_m2") in UNKNOWN
+    most = RESPONSE**2 if guessed else RESPONSE
+    x, y = (loads[:, 3:] - loads[:, 3:].mean(axis=0) for loads in (meant, moved))
+    size = np.maximum(np.sqrt(np.sum(x * x, axis=0)), 1e-9)
+    gains = np.linalg.lstsq(x / size, y, rcond=None)[0] / size[:, None]  # (of a moment, on an axis)
+    jointly = 1.0 - np.sum((y - x @ gains) ** 2, axis=0) / np.maximum(np.sum(y * y, axis=0), 1e-300)
+    found = []
+    for k, axis in enumerate(AXES[1:]):
+        along, power, answer = float(x[:, k] @ y[:, k]), float(x[:, k] @ x[:, k]), float(y[:, k] @ y[:, k])
+        told = along**2 / max(power * answer, 1e-300)
+        other = int(np.argmax([abs(g) if j != k else 0.0 for j, g in enumerate(gains[:, k])]))
+        crosses = abs(float(gains[other, k])) > abs(float(gains[k, k])) / RESPONSE
+        if crosses and jointly[k] > TELLS and 1.0 - jointly[k] < TELLS * (1.0 - told):
+            gain = float(gains[other, k])
+            why = (
+                f"{axis} answers {gain:.2f} times the moment of {AXES[other + 1]} and {gains[k, k]:.2f} "
+                "times its own: rotors stand elsewhere, or outputs are exchanged"
+            )
+            found.append(OtherVehicle("response", gain, (-1.0 / RESPONSE, 1.0 / RESPONSE), why))
+        elif told > TELLS and along < 0.0:
+            why = f"{axis} turns against its moment ({along / power:.2f} times): spins, outputs or a sensor"
+            found.append(OtherVehicle("response", along / power, (1.0 / most, most), why))
+        elif told > TELLS and (along / power > most or answer / along < 1.0 / most):
+            why = f"{axis} answers {along / power:.2f} times its moment (within {most:g} times is expected)"
+            found.append(OtherVehicle("response", along / power, (1.0 / most, most), why))
+    return found

@@ -1,0 +1,166 @@
+"""No verdict beyond its premises, on flights of a world of this project's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from case_table import case_table
+from residual_world import fly
+
+from coaxlink import files
+from coaxlink.airframe import load_airframe
+from coaxlink.data import Samples
+from coaxlink.data.samples import DAMAGED
+from coaxlink.health.premises import flown_by, judged
+from coaxlink.premises import as_if, moves, other_vehicle
+from coaxlink.residual import refine
+from coaxlink.residual.channels.flight import flight_frame
+from coaxlink.rotor import load_rotor_model
+from coaxlink.vehicle import Vehicle
+
+X8 = replace(load_airframe(files.example("x8_paper.toml")), motor_lag_s=0.02)
+ROTORS = load_rotor_model(files.example("rotor_paper.toml"))
+GUESSED = {"inertia_kg_m2": "estimated", "motor_lag_s": "default"}
+MEASURED = dict.fromkeys(("mass_kg", "inertia_kg_m2", "motor_lag_s"), "measured")
+WEAK = 3
+
+
+@pytest.fixture(scope="module")
+def flights():
+    """A sound flight, and one with a weak rotor."""
+    sound, weak = fly([{}, {"weak": (WEAK, 0.25)}])
+    return Samples(sound, "sound.csv"), Samples(weak, "weak.csv")
+
+
+def body(airframe=X8, **changed):
+    return Vehicle(replace(airframe, **changed), ROTORS)
+
+
+def motors(log, order):
+    """The log with `order[k]`'s command under the name of motor k."""
+    return log.with_columns(**{f"motor{k}": log[f"motor{n}"] for k, n in enumerate(order, start=1)})
+
+
+def rpm(log, order=range(1, 9), scale=1.0):
+    rows = {f"rpm{k}": scale * 5400.0 * log[f"motor{n}"] for k, n in enumerate(order, start=1)}
+    return log.with_columns(**rows)
+
+
+def apart(log, share=0.8):
+    """As a table flies whose lower rotors turn faster: motors with commands of their own."""
+    return log.with_columns(**{f"motor{k}": share * log[f"motor{k}"] for k in range(1, 5)})
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_is_not_this_one_is_told_by_its_number(flights):
+    sound, _ = flights
+    places = [(*np.sqrt(0.5) * np.array([x - y, x + y]), z) for x, y, z in (r.position_m for r in X8.rotors)]
+    plus = tuple(replace(r, position_m=place) for r, place in zip(X8.rotors, places, strict=True))
+    inertia = tuple(3.0 * x for x in X8.inertia_kg_m2)
+    missing = sound.without(*(f"motor{k}" for k in range(5, 9)))
+    with case_table() as case:
+        for name, log, vehicle, check in (
+            ("48 kg", sound, body(mass_kg=48.0), "lift"),
+            ("16 kg", sound, body(mass_kg=16.0), "lift"),
+            ("a quad's log", missing, body(), "motors"),
+            ("arms turned by 45 degrees", sound, body(rotors=plus), "response"),
+            ("three times the inertia", sound, body(inertia_kg_m2=inertia), "response"),
+            ("two outputs exchanged", motors(sound, [2, 1, 3, 4, 5, 6, 7, 8]), body(), "outputs"),
+            ("one pair exchanged", motors(sound, [6, 2, 3, 4, 5, 1, 7, 8]), body(), "outputs"),
+            ("all outputs in turn", motors(sound, [2, 3, 4, 1, 6, 7, 8, 5]), body(), "outputs"),
+            ("uppers for lowers", motors(sound, [6, 5, 8, 7, 2, 1, 4, 3]), body(), "response"),
+            ("half the magnets", rpm(sound, scale=2.0), body(), "speeds"),
+        ):
+            with case(name):
+                found = judged([log], ["f"], vehicle)
+                assert found.verdict == "not this vehicle" and not found.suspects
+                assert check in {d["check"] for d in found.as_json()["not_this_vehicle"]}
+                said = refine(log, vehicle.declared, ROTORS).to_json()
+                assert said["verdict"] == "not this vehicle" and said["effects"] == []
+                checks = [r.as_json().get("check") for r in flown_by([log], vehicle)]
+                assert check == "lift" or check in checks
+
+
+@pytest.mark.slow
+def test_rpm_of_exchanged_escs_lie_on_no_common_curve(flights):
+    split = apart(flights[0])
+    frame = flight_frame([flights[0]], X8, ROTORS)
+    swapped = rpm(split, [6, 5, 8, 7, 2, 1, 4, 3])
+    assert [f.check for f in other_vehicle(frame, [swapped])] == ["speeds"]
+    assert other_vehicle(frame, [rpm(split)]) == ()
+
+
+@pytest.mark.slow
+def test_a_fault_of_a_rotor_makes_no_other_vehicle_of_it(flights):
+    for log in flights:
+        assert other_vehicle(flight_frame([log], X8, ROTORS), [rpm(log)]) == ()
+
+
+@pytest.mark.slow
+def test_a_declared_vehicle_is_judged_as_before(flights):
+    sound, weak = flights
+    with case_table() as case:
+        for sources in ({}, MEASURED):
+            with case(str(sources)):
+                vehicle = body(sources=sources)
+                assert judged([sound], ["f"], vehicle).verdict == "sound"
+                found = judged([weak], ["f"], vehicle)
+                assert found.verdict == "ground it" and found.suspects[0].number == WEAK
+                assert refine(sound, vehicle.declared, ROTORS).verdict == "nothing to mend"
+                named = refine(weak, vehicle.declared, ROTORS)
+                assert [e.name for e in named.effects] == ["degraded_rotor"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [0.55, 1.0, 1.8])
+def test_a_guessed_inertia_ends_in_the_right_rotor_or_in_what_to_measure(flights, scale):
+    inertia = tuple(scale * x for x in X8.inertia_kg_m2)
+    vehicle = body(inertia_kg_m2=inertia, motor_lag_s=0.0, sources=GUESSED)
+    for log, right in zip(flights, ("sound", "ground it"), strict=True):
+        found = judged([log], ["f"], vehicle)
+        if found.verdict == "cannot judge":
+            assert {c.premise for c in found.cannot_judge} <= set(GUESSED) and not found.suspects
+        else:
+            assert found.verdict == right and (right == "sound" or found.suspects[0].number == WEAK)
+    told = refine(flights[1], vehicle.declared, ROTORS)
+    if told.cannot_judge:
+        assert {c.premise for c in told.cannot_judge} <= set(GUESSED) and told.model is None
+    else:
+        assert "degraded_rotor" in {e.name for e in told.effects}
+
+
+@pytest.mark.slow
+def test_what_a_log_lacks_is_no_verdict(flights):
+    sound, _ = flights
+    slow = sound.take(np.arange(0, sound.rows, 16))  # 3 rows a second
+    damaged = sound.on_premises(DAMAGED)
+    for log, premise in ((slow, "log_rate"), (damaged, DAMAGED)):
+        for found in (judged([log], ["f"], body()), refine(log, X8, ROTORS)):
+            assert found.verdict == "cannot judge"
+            assert [c.premise for c in found.cannot_judge] == [premise]
+
+
+@pytest.mark.slow
+def test_a_lift_that_no_rotor_model_is_off_by_names_nothing(flights):
+    light = refine(flights[0], replace(X8, mass_kg=1.1 * X8.mass_kg), ROTORS)
+    assert light.verdict in ("found", "cannot judge")
+    assert {e.name for e in light.effects} <= {"mass_change"}
+
+
+@pytest.mark.slow
+def test_a_moved_frame_is_the_frame_of_the_moved_vehicle(flights):
+    frame = flight_frame([flights[0]], X8, ROTORS)
+    for moved in moves(replace(X8, sources=GUESSED)):
+        again = flight_frame([flights[0]], moved.airframe, ROTORS)
+        rows = frame.keep[np.isin(frame.keep, again.keep)]
+        quick = as_if(frame, moved.airframe)
+        assert np.allclose(quick.measured[rows], again.measured[rows], rtol=1e-9, atol=1e-9)
+        assert np.abs(quick.predicted[rows] - again.predicted[rows]).max() < 0.02 * frame.weight
+
+
+def test_what_was_measured_is_not_moved():
+    assert list(moves(replace(X8, sources=MEASURED))) == []
+    assert {m.premise for m in moves(X8)} == {"mass_kg"}
+    assert {m.premise for m in moves(replace(X8, sources=GUESSED))} == {"mass_kg", *GUESSED}
