@@ -83,6 +83,7 @@ TAKE_BOTH = {
     "coaxlink.frames.FlightFrame.__init__",
     "coaxlink.residual.channels.flight.flight_frame",  # tracing: effects are part of the prediction
     "coaxlink.health.coefficients.coefficients_from_flights",  # the prior it updates, effects and all
+    "coaxlink.health.pole_count.check_poles",  # the prior that it updates
     "coaxlink.residual.refine.refine",
     "coaxlink.vehicle.vehicle.usual_lift",  # in a Vehicle that is being made
     "coaxlink.setup.checks.check_airframe",  # full thrust against the weight, as the two files have it
