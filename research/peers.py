@@ -13,6 +13,7 @@ variable that the hidden effect works through, how often anything at all is clai
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import time
@@ -266,6 +267,9 @@ def main() -> None:
     parser.add_argument("--small", action="store_true", help="one log with an effect")
     parser.add_argument("--json", type=Path, help="kept log by log, and gone on with")
     a = parser.parse_args()
+    if importlib.util.find_spec("pysindy") is None:
+        print("PySINDy is not installed (the `bench` extra): without it", flush=True)
+        PEERS.pop("PySINDy")
     judged = json.loads(a.json.read_text()) if a.json and a.json.exists() else []
     run = logs(("battery_voltage",), 1, 0) if a.small else logs(worlds.STAND_EFFECTS, a.seeds, a.clean)
     for k, (hidden, made) in enumerate(run):
