@@ -16,7 +16,7 @@ from coaxlink.cli.upload import ConnectOption, SigningOption, SystemOption, Time
 
 if TYPE_CHECKING:
     from coaxlink.fly.flight import Flown
-    from coaxlink.fly.limits import FlightLimits, VehicleState
+    from coaxlink.fly.limits import FlightLimits, PositionState
     from coaxlink.fly.logs import Logs
     from coaxlink.fly.trajectory import FlightPlan
     from coaxlink.mavlink import Session
@@ -219,7 +219,7 @@ def _record(session: Session, all_of_it: bool) -> None:
 def _in_the_air(pilot: Any, planned: FlightPlan, flown: Flown) -> None:
     with talk().status("arming, taking off") as status:
 
-        def watch(segment: str, t: float, state: VehicleState) -> None:
+        def watch(segment: str, t: float, state: PositionState) -> None:
             charge = "" if state.battery is None else f", {100 * state.battery:.0f} %"
             status.update(
                 f"{segment}: {t:.0f} of {planned.duration_s:.0f} s, {state.height_m:.1f} m high, "

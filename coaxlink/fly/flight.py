@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CoaxlinkError, LinkError, SafetyRefusal
 from coaxlink.fly.commands import SILENCE_S, Commander, NotReached, PlanAbandoned, Start
-from coaxlink.fly.limits import FlightLimits, VehicleState, breach, plan_faults
+from coaxlink.fly.limits import FlightLimits, PositionState, breach, plan_faults
 from coaxlink.fly.trajectory import FlightPlan, Setpoint
 from coaxlink.mavlink import Session
 from coaxlink.mavlink.telemetry import Telemetry
@@ -24,7 +24,7 @@ STREAMS = {32: 20.0, 30: 20.0, 33: 2.0, 1: 2.0, 147: 2.0, 245: 2.0}
 READY_S = 20.0  # in which a vehicle must pass its own pre-arm checks
 REPORTED_S = 10.0  # in which it must say what is left in the battery: twenty of its messages
 CLIMB_S, LAND_S = 40.0, 120.0  # vehicle's time to the first height, and to the ground
-Watch = Callable[[str, float, VehicleState], None]
+Watch = Callable[[str, float, PositionState], None]
 
 
 class OverLimit(SafetyRefusal):
@@ -151,7 +151,7 @@ class Pilot:
             self.session.wait("BATTERY_STATUS", 1.0)
         return left
 
-    def _state(self, position: Any, setpoint: Setpoint | None) -> VehicleState:
+    def _state(self, position: Any, setpoint: Setpoint | None) -> PositionState:
         """Relative to the place of take-off."""
         origin = self._start.position_m
         here = (position.x - origin[0], position.y - origin[1], position.z - origin[2])
@@ -160,4 +160,4 @@ class Pilot:
             roll, pitch, _ = attitude.value
             tilt = math.degrees(math.acos(max(-1.0, math.cos(roll) * math.cos(pitch))))
         off = math.dist(here, setpoint.position_m) if setpoint is not None else 0.0
-        return VehicleState(here[0], here[1], -here[2], off, tilt, self.battery())
+        return PositionState(here[0], here[1], -here[2], off, tilt, self.battery())

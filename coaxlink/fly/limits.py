@@ -31,7 +31,7 @@ class FlightLimits:
 
 
 @dataclass(frozen=True)
-class VehicleState:
+class PositionState:
     """What the vehicle says of itself, relative to the place of take-off."""
 
     north_m: float
@@ -59,10 +59,10 @@ def plan_faults(plan: FlightPlan, limits: FlightLimits) -> list[str]:
     return faults
 
 
-def breach(state: VehicleState, limits: FlightLimits) -> str | None:
+def breach(state: PositionState, limits: FlightLimits) -> str | None:
     """The first limit that a vehicle in flight is beyond, in words; None while all is well.
 
-    >>> breach(VehicleState(0.0, 31.0, 3.0, 0.2, 4.0, 0.8), FlightLimits())
+    >>> breach(PositionState(0.0, 31.0, 3.0, 0.2, 4.0, 0.8), FlightLimits())
     '31.0 m from the take-off point, 30 is the limit'
     """
     away = math.hypot(state.north_m, state.east_m)

@@ -35,7 +35,7 @@ from coaxlink.health.priors import (
     MATTERS,
     TILT_ARM_M,
 )
-from coaxlink.health.stream import BLOCK_S, Interval
+from coaxlink.health.stream import BLOCK_S, HealthInterval
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.vehicle import Vehicle
 
@@ -159,7 +159,7 @@ class SequentialTest:
     def _settled(self) -> bool:
         return self.blocks > SETTLING and self._observed_s > SETTLING * BLOCK_S
 
-    def _skip(self, block: Interval) -> None:
+    def _skip(self, block: HealthInterval) -> None:
         """What began in a gap is not seen setting in."""
         self._forget_onsets()
 
@@ -169,7 +169,7 @@ class SequentialTest:
         self._correlation = np.zeros((WINDOW, 4))  # and its correlation with the innovations
         self._onsets = 0
 
-    def step(self, block: Interval) -> Verdict:
+    def step(self, block: HealthInterval) -> Verdict:
         """One block on."""
         lift = float(block.predicted[0]) / self._weight
         if lift < AIRBORNE:
@@ -193,7 +193,7 @@ class SequentialTest:
         """A rotor was called and its loss is in the vehicle's model from now on: look for the next one."""
         self._forget_onsets()
 
-    def _filter(self, block: Interval, lift: float, out: NDArray[np.bool_]) -> None:
+    def _filter(self, block: HealthInterval, lift: float, out: NDArray[np.bool_]) -> None:
         """Predict and update all filters, and the signatures of all onsets."""
         known = np.isfinite(block.measured)
         common = np.array([1.0, *[self._in_common(block)] * 3])
@@ -233,7 +233,7 @@ class SequentialTest:
         learnt = self._noise * (1.0 + share * (np.minimum(square, FENCE) - 1.0))
         self._noise = np.where(known[:, None], np.maximum(learnt, FLOOR**2), self._noise)
 
-    def _in_common(self, block: Interval) -> float:
+    def _in_common(self, block: HealthInterval) -> float:
         """Lift over the model's: what all rotors have in common (pack, air), and moments scale with it."""
         if not math.isfinite(block.measured[0]):
             return 1.0
@@ -258,7 +258,7 @@ class SequentialTest:
         self._information[:n] += h * h
         self._correlation[:n] += h * z
 
-    def _weigh(self, block: Interval, lift: float) -> Verdict:
+    def _weigh(self, block: HealthInterval, lift: float) -> Verdict:
         """Likelihood ratios of all onsets of all hypotheses, and the probabilities."""
         information, correlation = (
             a[: self._onsets - LASTING] for a in (self._information, self._correlation)

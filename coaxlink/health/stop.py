@@ -42,7 +42,7 @@ from coaxlink.health.sequential import (
     Suspicion,
     Verdict,
 )
-from coaxlink.health.stream import Interval
+from coaxlink.health.stream import HealthInterval
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.vehicle import Vehicle
 
@@ -93,12 +93,12 @@ class StopTest(SequentialTest):
         self._lifts.clear()
         self._steps.clear()
 
-    def _skip(self, block: Interval) -> None:
+    def _skip(self, block: HealthInterval) -> None:
         """A short gap hides nothing: what was before it is what the vehicle is held against."""
         if self._past and block.time_s - self._past[-1][0] > GUST_S:
             self._forget_onsets()
 
-    def _in_common(self, block: Interval) -> float:
+    def _in_common(self, block: HealthInterval) -> float:
         """Of BACK_S ago: a stopped rotor is no pack."""
         self._now_s = block.time_s
         self._lifts.append(super()._in_common(block))
@@ -123,7 +123,7 @@ class StopTest(SequentialTest):
         off = np.where(i.known, y - (x * i.H).sum(axis=1), 0.0)
         self._steps.append((off, np.einsum("cs,cst,ct->c", i.H, P, i.H), noise, i.known))
 
-    def _weigh(self, block: Interval, lift: float) -> Verdict:
+    def _weigh(self, block: HealthInterval, lift: float) -> Verdict:
         nothing, before, self._likely = Verdict(block.time_s, True, (), 0.0), self._likely, 0
         if len(self._past) <= self._back or len(self._steps) < 2:
             return nothing

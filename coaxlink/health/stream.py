@@ -28,7 +28,7 @@ NONE = -1.0
 
 
 @dataclass(frozen=True)
-class Interval:
+class HealthInterval:
     """One tenth of a second. Channels: thrust up (N), roll, pitch, yaw (N m)."""
 
     time_s: float  # its end, the vehicle's clock
@@ -99,7 +99,9 @@ class Stream:
         self._newest_s = time_s
         self._commands.append((time_s, np.clip(values, 0.0, 1.0)))
 
-    def reading(self, time_s: float, rates: Sequence[float], accel_z: float = math.nan) -> list[Interval]:
+    def reading(
+        self, time_s: float, rates: Sequence[float], accel_z: float = math.nan
+    ) -> list[HealthInterval]:
         """Body rates (3,) rad/s and the specific force along z (m/s^2, FRD; NaN for unknown)."""
         turned = np.asarray(rates, float)
         if math.isfinite(time_s) and turned.shape == (3,) and np.isfinite(turned).all():
@@ -112,7 +114,7 @@ class Stream:
                 done.append(block)
         return done
 
-    def _take(self, time_s: float, rates: Array, accel_z: float) -> Interval | None:
+    def _take(self, time_s: float, rates: Array, accel_z: float) -> HealthInterval | None:
         if time_s <= self._read_s:
             return None
         quiet, since = time_s - self._read_s > STALE_S, time_s - self._read_s
@@ -170,7 +172,7 @@ class Stream:
         self._sum = self._sum + now * dt + 0.5 * ramp * dt * dt + behind * (1.0 - keep) * self._lag
         self._speeds, self._now_s = now + ramp * dt + behind * keep, time_s
 
-    def _block(self, time_s: float, seconds: float, rates: Array) -> Interval:
+    def _block(self, time_s: float, seconds: float, rates: Array) -> HealthInterval:
         frame, predicted = self.vehicle.airframe, self._wrench / seconds
         turning = self._turned / self._heard
         moment = self._inertia * (rates - self._begin) / seconds
@@ -180,6 +182,6 @@ class Stream:
         linked = self._before is not None
         then, before = self._before or (time_s, predicted)
         slope = (predicted - before) / (time_s - then) if linked else np.zeros(4)
-        return Interval(
+        return HealthInterval(
             time_s, seconds, measured, predicted, slope, self._travel, self._total / seconds, not linked
         )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from coaxlink.constants import GRAVITY_M_S2, RAD_S_PER_RPM
 from coaxlink.mixer.demands import law_speeds
 from coaxlink.mixer.law import Law
-from coaxlink.mixer.worth import Flown, reach, solve
+from coaxlink.mixer.worth import TableOnRotors, reach, solve
 from coaxlink.vehicle import Vehicle
 
 THRUSTS = np.linspace(0.4, 1.8, 29)  # of the weight, for the curve
@@ -69,7 +69,9 @@ def _row(vehicle: Vehicle, label: str, law: Law, wrenches: NDArray[np.float64]) 
     level[:, 0] = THRUSTS * weight
     lifted = flown(level)[0][:, 0]
     full = float(airframe.wrench(*airframe.loads(model, np.ones(len(airframe.rotors))))[0])
-    fly = Flown(vehicle, law_speeds(law, airframe, 2.0 * full))  # a law that believes in more gets there
+    fly = TableOnRotors(
+        vehicle, law_speeds(law, airframe, 2.0 * full)
+    )  # a law that believes in more gets there
     hover = solve(fly.lift, weight)
     radians = model.speed_max_rpm * RAD_S_PER_RPM
     return Row(

@@ -114,11 +114,11 @@ def weigh(
 ) -> Worth:
     """What `speeds` is worth on the vehicle; `light` and `heavy` are shares of the vehicle's mass."""
     airframe = vehicle.airframe
-    fly = Flown(vehicle, speeds)
+    fly = TableOnRotors(vehicle, speeds)
     weight = airframe.mass_kg * GRAVITY_M_S2
     top = fly.ceiling()
     hover = solve(fly.lift, weight)
-    drained = Flown(vehicle, speeds, SAG)
+    drained = TableOnRotors(vehicle, speeds, SAG)
     hard = HARD * np.abs(envelope(airframe, 2000)[:, 1:]).max(axis=0)
     hold = (light * airframe.mass_kg, heavy * airframe.mass_kg)
     if hover is None:
@@ -159,7 +159,7 @@ def solve(thrust_N: Callable[[float], float], weight_N: float) -> float | None:
     return high
 
 
-class Flown:
+class TableOnRotors:
     """A table on rotors: demands (4,) [thrust, roll, pitch, yaw] to what is delivered."""
 
     def __init__(self, vehicle: Vehicle, speeds: Speeds, full_speed: float = 1.0) -> None:
@@ -202,7 +202,7 @@ class Flown:
         return np.array(found)
 
 
-def reach(fly: Flown, hover: float, axis: int) -> AxisReach:
+def reach(fly: TableOnRotors, hover: float, axis: int) -> AxisReach:
     """The authority of an axis (1 roll, 2 pitch, 3 yaw) in hover, wherever one is said: `moment_Nm`."""
     at = np.array([hover, 0.0, 0.0, 0.0])
     still, ways = fly.wrench(at), []
@@ -240,7 +240,7 @@ def _span(gains: list[Array]) -> Array:
     return np.where(sound, size.max(axis=0) / np.where(sound, size.min(axis=0), 1.0), math.nan)
 
 
-def _coupling(fly: Flown, hover: float, gain: Array, hard: Array) -> Array:
+def _coupling(fly: TableOnRotors, hover: float, gain: Array, hard: Array) -> Array:
     """(3, 4) off what was meant, the larger of both ways, with its sign."""
     at = np.array([hover, 0.0, 0.0, 0.0])
     still, rows = fly.wrench(at), []
@@ -253,7 +253,7 @@ def _coupling(fly: Flown, hover: float, gain: Array, hard: Array) -> Array:
     return np.array(rows)
 
 
-def _shape_error(fly: Flown, hover: float, gain: Array, wrenches: Array) -> Array:
+def _shape_error(fly: TableOnRotors, hover: float, gain: Array, wrenches: Array) -> Array:
     """(4,) mean |delivered - g demand|, g of least squares; demands mean `wrenches` by hover's own gains."""
     unit = np.array([fly.airframe.mass_kg * GRAVITY_M_S2 / hover, *gain[1:]])
     demands = wrenches / unit

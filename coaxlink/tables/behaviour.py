@@ -12,7 +12,7 @@ import numpy as np
 
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.mixer.demands import Speeds
-from coaxlink.mixer.worth import STEP, Flown, reach, solve
+from coaxlink.mixer.worth import STEP, TableOnRotors, reach, solve
 from coaxlink.vehicle import Vehicle
 
 TURNS = ("roll", "pitch", "yaw")
@@ -48,7 +48,7 @@ class Behaviour:
 
 def behaviour(vehicle: Vehicle, speeds: Speeds) -> Behaviour:
     """Fly a table by the rotor model, without an airframe in motion."""
-    fly = Flown(vehicle, speeds)
+    fly = TableOnRotors(vehicle, speeds)
     hover = solve(fly.lift, vehicle.airframe.mass_kg * GRAVITY_M_S2)
     at = np.array([1.0 if hover is None else hover, 0.0, 0.0, 0.0])
     gain, authority, cross = [], [], []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coaxlink.errors import InputError
-from coaxlink.fly.limits import FlightLimits, VehicleState, breach, plan_faults
+from coaxlink.fly.limits import FlightLimits, PositionState, breach, plan_faults
 from coaxlink.fly.plans import NAMED, peaks, plan_of
 
 
@@ -43,14 +43,14 @@ BEYOND = {
 
 
 def test_every_limit_in_flight():
-    assert breach(VehicleState(**GOOD), FlightLimits()) is None
+    assert breach(PositionState(**GOOD), FlightLimits()) is None
     for said, changed in BEYOND.items():
-        assert said in (breach(VehicleState(**{**GOOD, **changed}), FlightLimits()) or "")
+        assert said in (breach(PositionState(**{**GOOD, **changed}), FlightLimits()) or "")
 
 
 def test_no_battery_limit_where_none_was_asked_for():
-    assert breach(VehicleState(**{**GOOD, "battery": 0.05}), FlightLimits(battery=0.0)) is None
-    assert breach(VehicleState(**{**GOOD, "battery": None}), FlightLimits()) is None
+    assert breach(PositionState(**{**GOOD, "battery": 0.05}), FlightLimits(battery=0.0)) is None
+    assert breach(PositionState(**{**GOOD, "battery": None}), FlightLimits()) is None
 
 
 def test_a_plan_file_of_refine_is_read_and_rubbish_refused(tmp_path):

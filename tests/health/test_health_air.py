@@ -10,7 +10,7 @@ import pytest
 
 from coaxlink.files import example
 from coaxlink.health.sequential import CALL, SequentialTest, fault_shapes
-from coaxlink.health.stream import Interval, Stream
+from coaxlink.health.stream import HealthInterval, Stream
 from coaxlink.mixer.plain import PlainRotors
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
@@ -100,7 +100,7 @@ def made_blocks(vehicle, count, rng):
     wrench = rotors.wrench(u)
     noise = np.array([0.5, 0.02, 0.02, 0.02])
     for k in range(count):
-        yield Interval(
+        yield HealthInterval(
             0.1 * (k + 1),
             0.1,
             wrench + noise * rng.standard_normal(4),

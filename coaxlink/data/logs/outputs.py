@@ -30,7 +30,7 @@ OVER = 1.05  # of the range: an output that gives more runs between other number
 
 
 @dataclass(frozen=True)
-class Output:
+class MotorOutput:
     """An output that drives a motor."""
 
     motor: int
@@ -49,7 +49,7 @@ class Output:
         return np.clip((values[self.channel] - self.low) / (self.high - self.low), 0.0, 1.0)
 
 
-Map = tuple[Output, ...]  # one driver's, by motor; () where the log does not say
+Map = tuple[MotorOutput, ...]  # one driver's, by motor; () where the log does not say
 
 
 def ardupilot_map(parameters: Parameters) -> Map:
@@ -60,7 +60,7 @@ def ardupilot_map(parameters: Parameters) -> Map:
         for first, motor, count in ARDUPILOT_MOTORS:
             if first <= function < first + count:
                 number = int(function) - first + motor
-                found[number] = Output(number, channel, *_ardupilot_range(parameters, channel), "SERVO")
+                found[number] = MotorOutput(number, channel, *_ardupilot_range(parameters, channel), "SERVO")
     return tuple(found[motor] for motor in sorted(found))
 
 
@@ -76,13 +76,13 @@ def _ardupilot_range(parameters: Parameters, channel: int) -> tuple[float, float
 
 def px4_maps(parameters: Parameters) -> list[Map]:
     """Of each driver that drives motors, by its *_FUNCn; [] before 1.13, which has none."""
-    found: dict[str, dict[int, Output]] = {}
+    found: dict[str, dict[int, MotorOutput]] = {}
     for name, value in parameters.items():
         match = re.fullmatch(r"(\w+)_FUNC(\d+)", name)
         if match and PX4_MOTOR_1 <= value < PX4_MOTOR_1 + PX4_MOTORS:
             motor, channel = int(value) - PX4_MOTOR_1 + 1, int(match[2])
             run = _px4_range(parameters, match[1], channel)
-            found.setdefault(match[1], {})[motor] = Output(motor, channel, *run, match[1])
+            found.setdefault(match[1], {})[motor] = MotorOutput(motor, channel, *run, match[1])
     return [tuple(outputs[motor] for motor in sorted(outputs)) for outputs in found.values()]
 
 
@@ -147,7 +147,7 @@ def as_motors(values: Values, parameters: Parameters, driver: str) -> Map:
             low, high = _px4_range(parameters, driver, channel)
         least = LEAST_PULSE_US if high <= MOST_PULSE_US and low >= LEAST_PULSE_US else 1.0
         if (given >= least).any():
-            found.append(Output(channel, channel, low, high, driver))
+            found.append(MotorOutput(channel, channel, low, high, driver))
     return tuple(found)
 
 
