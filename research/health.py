@@ -2,7 +2,6 @@
 
     python research/health.py [--small] [--flights N] [--onsets N | --sound N [--flown]] [--seed S]
     python research/health.py --air [--hours 100] [--losses 1000] [--loss 0.1] [--curve] [--json F]
-    python research/health.py --stops 200 [--hours 10] [--seed S]
 
 Own: N vehicles, half of them with one rotor that lost 5 to 20 % of its thrust before the second of two
 flights, the other half with another hidden effect or none in both; the verdict over both flights. Onsets: N
@@ -18,8 +17,7 @@ Air: how soon a rotor that lost thrust is named in the air, and how often one is
 in the compiled plant: vehicles drawn around the paper's X8 and the example hexa, wind up to 8 m/s with gusts,
 sag, rotor drag, inflow in climbs; hovers, circles, wandering, steps; fitted table and exact law. The test is
 told what telemetry tells at 50 Hz. Clean flights: every detection is a false alarm. Others: one rotor loses
-thrust at a drawn time by a drawn law. `--stops`: a rotor's motor stops or its propeller leaves, the test is
-that of `coaxlink mix --reallocate`.
+thrust at a drawn time by a drawn law.
 """
 
 from __future__ import annotations
@@ -332,7 +330,6 @@ def sound_flights(count: int, seed: int, flown: bool) -> list[str]:
 
 RATE = 400
 AIR_PLANS = ("hover", "circle", "wander", "steps")
-STOPS = {"motor stopped": "weak_motor", "propeller left": "tip"}
 VEHICLES = (
     ("x8_demo.toml", "fitted"),
     ("x8_demo.toml", "exact"),
@@ -418,74 +415,6 @@ def watch(vehicle: Any, log: dict[str, Any], hours: tuple[float, ...]) -> dict[f
     return found
 
 
-def watch_stops(vehicle: Any, log: dict[str, Any]) -> tuple[float, int] | None:
-    """(time, rotor) of the first stop called."""
-    from coaxlink.health.stop import BLOCK_S, StopTest
-    from coaxlink.health.stream import Stream
-
-    stream, test = Stream(vehicle, BLOCK_S), StopTest(vehicle)
-    commands = np.stack([log[f"motor{i + 1}"] for i in range(stream.count)], axis=1)
-    rates = np.stack([log[f"gyro_{a}_rad_s"] for a in "xyz"], axis=1)
-    for t, u, w, a in zip(log["time_s"].tolist(), commands, rates, log["accel_z_m_s2"].tolist(), strict=True):
-        stream.command(t, u)
-        for block in stream.reading(t, w, a):
-            verdict = test.step(block)
-            if verdict.called:
-                return verdict.time_s, verdict.called.rotor
-    return None
-
-
-def stops(job: tuple[int, int, str, bool]) -> list[tuple[dict[str, Any], tuple[float, int] | None]]:
-    """(truth, call) of flights in which a rotor stops so; none does where the kind is empty."""
-    from sim.effects import HiddenEffect
-    from sim.quick.flight import fly_quick
-
-    first, count, kind, steps = job
-    rows = []
-    for seed in range(first, first + count):
-        vehicle, (made, true), truth = air_world(seed, 0.0, steps)
-        if kind:
-            fault = HiddenEffect(
-                "degraded_rotor", 1.0, truth["onset_s"], {"rotor": float(truth["rotor"])}, STOPS[kind]
-            )
-            true = replace(true, effects=(*true.effects, fault), seconds=truth["onset_s"] - 4.0)
-        flown, log = fly_quick(made, true, EVERY)
-        truth["seconds"] = flown.seconds + 5.0
-        if not kind or truth["seconds"] > truth["onset_s"]:  # not down before
-            flight_log = {k: v[: int(truth["seconds"] * RATE / EVERY) - 5] for k, v in log.items()}
-            rows.append((truth, watch_stops(vehicle, flight_log)))
-    return rows
-
-
-def _delays(rows: list[Any]) -> str:
-    right = [c[0] - t["onset_s"] for t, c in rows if c and c[0] > t["onset_s"] and c[1] == t["rotor"]]
-    missed = sum(c is None for _, c in rows)
-    q = np.quantile(right, [0.5, 0.9, 1.0]).round(3).tolist() if right else []
-    soon, wrong = sum(d <= 0.15 for d in right), len(rows) - len(right) - missed
-    return f"{soon} of {len(rows)} in 0.15 s; {q} s; wrong {wrong}, missed {missed}"
-
-
-def count_stops(o: argparse.Namespace) -> None:
-    """Delays by kind, and false stops."""
-
-    def run_all(first: int, count: int, kind: str) -> list[Any]:
-        jobs = [(first + k, min(CHUNK, count - k), kind, not o.no_steps) for k in range(0, count, CHUNK)]
-        with ProcessPoolExecutor(o.workers) as pool:
-            return [row for rows in pool.map(stops, jobs) for row in rows]
-
-    for k, kind in enumerate(STOPS):
-        rows = run_all(o.seed + (20 + k) * 1_000_000, o.stops, kind)
-        for name in sorted({name for name, _ in VEHICLES}):
-            for plan in AIR_PLANS:
-                part = [r for r in rows if r[0]["vehicle"] == name and r[0]["plan"] == plan]
-                print(f"{kind}, {name}, {plan}: {_delays(part)}")
-    count = round(o.hours * 3600.0 / SECONDS)
-    clean = run_all(o.seed, count, "") if count else []
-    flown = sum(truth["seconds"] for truth, _ in clean) / 3600.0
-    false = Counter((t["vehicle"], t["plan"]) for t, c in clean if c)
-    print(f"{sum(false.values())} false stops in {flown:.1f} h {dict(false)}")
-
-
 def flights(job: tuple[int, int, float, bool, tuple[float, ...]]) -> list[tuple[dict[str, Any], Any, str]]:
     """(truth, calls, how it ended) of flights first..first+count."""
     from sim.quick.flight import fly_quick
@@ -569,7 +498,6 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=100.0)
     parser.add_argument("--losses", type=int, default=1000)
     parser.add_argument("--loss", type=float, default=0.1)
-    parser.add_argument("--stops", type=int, default=0, help="flights in which a rotor stops, of each kind")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--no-steps", action="store_true", help="without the saturating steps")
     parser.add_argument("--curve", action="store_true", help="other mean times between false alarms too")
@@ -579,8 +507,6 @@ def main() -> None:
         o.hours, o.losses, o.workers = 2 / 60, 2, 1
     if o.air or o.small:
         in_the_air(o)
-    elif o.stops:
-        count_stops(o)
     elif o.sound:
         print("\n".join(sound_flights(o.sound, o.seed, o.flown)))
     elif o.onsets:

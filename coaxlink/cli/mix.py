@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import sys
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,14 +15,12 @@ from coaxlink.cli.shared.next import unanswered
 from coaxlink.cli.shared.shell import JsonOption, figure, say
 from coaxlink.cli.upload import SigningOption, SystemOption
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.errors import CheckFailed, InputError, LinkError, SafetyRefusal
+from coaxlink.errors import CheckFailed, LinkError, SafetyRefusal
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
     from coaxlink.live.effects import LiveEffects
-    from coaxlink.live.forward import Forwarder
     from coaxlink.live.mixer import LiveMixer
-    from coaxlink.live.plot import Plotter
     from coaxlink.live.record import LiveRecord
     from coaxlink.mavlink import Session
     from coaxlink.vehicle import Vehicle
@@ -52,17 +49,6 @@ def mix(
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Keep mix.live and mix.tlog there.")
     ] = None,
-    plot: Annotated[
-        bool, typer.Option("--plot", help="Send split, error and latency for QGC to plot.")
-    ] = False,
-    forward: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WHERE",
-            help="Share the line with one ground station: its HOST:PORT, or udpin:PORT (this machine), "
-            "udpin:0.0.0.0:PORT (the network) to let it come.",
-        ),
-    ] = None,
     witness: Annotated[
         bool,
         typer.Option("--witness/--no-witness", help="Let go when the motors do not follow our commands."),
@@ -73,14 +59,6 @@ def mix(
             min=-60, max=60, metavar="C", help="Of the air, for air_density; a barometer knows its board's."
         ),
     ] = None,
-    reallocate: Annotated[
-        bool,
-        typer.Option(
-            "--reallocate",
-            help="Fly on with what is left of a rotor that is called weak, and without one that stopped "
-            "(exact law). Not taken back before `mix` is started again.",
-        ),
-    ] = False,
     lost: Annotated[
         float, typer.Option(min=1, metavar="S", help="So long without a word of the vehicle: exit code 3.")
     ] = LOST_S,
@@ -93,13 +71,11 @@ def mix(
     Arming stays with the pilot. Begin with --props-off, then --dry-run.
     """
     from coaxlink import files, mixer
+    from coaxlink.live.health_watch import HealthWatch
     from coaxlink.live.mixer import LiveMixer
-    from coaxlink.live.plot import Plotter
     from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.confirm import alone
 
-    if reallocate and law != "exact":
-        raise InputError("--reallocate", "", f"only the exact law re-allocates, found --law {law}")
     sys.setswitchinterval(SWITCH_S)
     vehicle, _ = vehicle_of(airframe, rotor, measured_live=True)  # the rest is measured in flight
     say_effects(vehicle)
@@ -128,9 +104,9 @@ def mix(
         gc.freeze()  # what has been built so far is here to stay: no pause to look through it again
         problem = None
         try:
-            with _sharing(session, forward) as ground, live, _health(live, ground, reallocate) as health:
+            with live, HealthWatch(live, lambda call: say(call.text)) as health:
                 try:
-                    problem = _watch(live, seconds, lost, Plotter(live, ground) if plot else None)
+                    problem = _watch(live, seconds, lost)
                 except KeyboardInterrupt:
                     say("stopping: the autopilot flies its own mixer again")
         finally:
@@ -215,30 +191,7 @@ def _warn_of_hand_over(live: LiveMixer, frame: Airframe) -> None:
         )
 
 
-def _sharing(session: Session, where: str | None) -> AbstractContextManager[Forwarder | None]:
-    from coaxlink.live.forward import Forwarder
-
-    if where is None:
-        return nullcontext()
-    sharing = Forwarder(session, where)
-    if sharing.exposed:
-        say(
-            f"--forward {where}: whoever of the network speaks there first is the ground station and "
-            "commands the vehicle through this line; leave the host out to listen on this machine only"
-        )
-    return sharing
-
-
-def _health(live: LiveMixer, ground: Forwarder | None, reallocate: bool) -> Any:
-    """Beside the loop: rotors that lose thrust are said here, on the line and to the ground station."""
-    from coaxlink.live.health_watch import HealthWatch
-    from coaxlink.live.reallocation import Reallocation
-
-    reallocation = Reallocation(live) if reallocate else None
-    return HealthWatch(live, lambda call: say(call.text), ground, reallocation)
-
-
-def _watch(live: LiveMixer, seconds: float | None, lost_s: float, plotter: Plotter | None) -> str | None:
+def _watch(live: LiveMixer, seconds: float | None, lost_s: float) -> str | None:
     """Show the state until the time is up, the loop failed or the link is lost (then the reason)."""
     from coaxlink.live.stall import Absence
 
@@ -250,8 +203,6 @@ def _watch(live: LiveMixer, seconds: float | None, lost_s: float, plotter: Plott
     while seconds is None or clock.monotonic() - started < seconds:
         if clock.wait(live.failed, POLL_S if seconds is None else min(POLL_S, seconds)):
             return None
-        if plotter:
-            plotter.send()
         if screen:
             sys.stderr.write(f"\r\x1b[K{_line(live.summary())}")
             sys.stderr.flush()

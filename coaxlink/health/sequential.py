@@ -116,20 +116,13 @@ class SequentialTest:
     3600000.0
     """
 
-    beyond = math.inf  # of its load: what a rotor out of RANGE may be off by; inf: such blocks are not judged
-
-    def __init__(self, vehicle: Vehicle, hours: float = HOURS, block_s: float = BLOCK_S) -> None:
-        """`block_s`: of the blocks that will come."""
-        per = block_s / BLOCK_S
-        self.block_s, self._memory = block_s, MEMORY / per
-        self._drift = DRIFT**2 * per  # a block
+    def __init__(self, vehicle: Vehicle, hours: float = HOURS) -> None:
         frame = vehicle.airframe
         weight = frame.mass_kg * GRAVITY_M_S2
         arm = max(float(np.hypot(*r.position_m[:2])) for r in frame.rotors)
         self.numbers = tuple(r.number for r in frame.rotors)
-        self.limit = hours * 3600.0 / block_s
+        self.limit = hours * 3600.0 / BLOCK_S
         self.vehicle, self._weight = vehicle, weight
-        self.still = np.zeros(len(self.numbers), bool)  # rotors that are flown without
         self._plain = PlainRotors.of(vehicle)
         self._reference = weight * np.array([1.0, arm, arm, arm])
         prior = np.array(
@@ -159,10 +152,6 @@ class SequentialTest:
     def _settled(self) -> bool:
         return self.blocks > SETTLING and self._observed_s > SETTLING * BLOCK_S
 
-    def _skip(self, block: HealthInterval) -> None:
-        """What began in a gap is not seen setting in."""
-        self._forget_onsets()
-
     def _forget_onsets(self) -> None:
         self._shift = np.zeros((WINDOW, 4, len(RATIOS), STATES))
         self._information = np.zeros((WINDOW, 4))  # information on a unit step in each channel
@@ -175,13 +164,12 @@ class SequentialTest:
         if lift < AIRBORNE:
             self.restart()
             return Verdict(block.time_s, False, (), 0.0)
-        if block.after_gap:
-            self._skip(block)
-        out = ((block.speeds < RANGE[0]) | (block.speeds > RANGE[1])) & ~self.still
-        if math.isinf(self.beyond) and out.any():
+        if block.after_gap:  # what began in a gap is not seen setting in
+            self._forget_onsets()
+        if ((block.speeds < RANGE[0]) | (block.speeds > RANGE[1])).any():
             self._forget_onsets()  # what changed meanwhile is not told from what changed because of it
             return Verdict(block.time_s, self._settled, (), 0.0)
-        self._filter(block, lift, out)
+        self._filter(block, lift)
         self.blocks += 1
         self._observed_s += block.seconds
         if not self._settled:
@@ -193,7 +181,7 @@ class SequentialTest:
         """A rotor was called and its loss is in the vehicle's model from now on: look for the next one."""
         self._forget_onsets()
 
-    def _filter(self, block: HealthInterval, lift: float, out: NDArray[np.bool_]) -> None:
+    def _filter(self, block: HealthInterval, lift: float) -> None:
         """Predict and update all filters, and the signatures of all onsets."""
         known = np.isfinite(block.measured)
         common = np.array([1.0, *[self._in_common(block)] * 3])
@@ -201,12 +189,10 @@ class SequentialTest:
         y = np.where(known, block.measured / self._reference - wrench, 0.0)
         shape = lift * common
         H = np.stack([shape, wrench, slope, np.ones(4)], axis=1)  # (4, S)
-        share = 1.0 / min(self.blocks + 1, self._memory)
+        share = 1.0 / min(self.blocks + 1, MEMORY)
         loads = np.array(self._plain.loads(block.speeds))
         self._usual = self._usual + share * (loads - self._usual)
         beside = (self._plain.per_load * (loads - self._usual)) ** 2  # (4, 2N)
-        if out.any():
-            beside += (self._plain.per_load * loads * np.tile(out, 2) * self.beyond / MODEL) ** 2
         travel = TIMING_S * block.travel / block.seconds
         extra = ((MODEL**2 * beside.sum(axis=1) + travel**2) / self._reference**2)[:, None]
         keep = np.exp(-block.seconds / GUST_S)
@@ -215,21 +201,21 @@ class SequentialTest:
         P[..., 3, :] *= keep
         P[..., :, 3] *= keep
         P[..., 3, 3] += (1.0 - keep**2) * RATIOS**2 * self._noise
-        P[..., 0, 0] += (self._drift * self._prior[:, 0])[:, None]
-        P[..., 1, 1] += (self._drift * self._prior[:, 1])[:, None]
+        P[..., 0, 0] += (DRIFT**2 * self._prior[:, 0])[:, None]
+        P[..., 1, 1] += (DRIFT**2 * self._prior[:, 1])[:, None]
         PH = (P @ H[:, None, :, None])[..., 0]
         S = (PH @ H[:, :, None])[..., 0] + self._noise + extra
         innovation = y[:, None] - (x @ H[:, :, None])[..., 0]
         K = np.where(known[:, None, None], PH / S[..., None], 0.0)
         square = innovation**2 / S
         if self.blocks > 0:
-            share = 1.0 / min(self.blocks + 1, self._memory)
+            share = 1.0 / min(self.blocks + 1, MEMORY)
             self._score += (-0.5 * (np.log(S) + np.minimum(square, FENCE)) - self._score) * share
         best = np.argmax(self._score, axis=1)
         self._onset(Innovation(H, K, S, innovation, best, float(keep), shape, known))
         x += K * innovation[..., None]
         P -= K[..., None] * PH[..., None, :]
-        share = 1.0 / min(self.blocks + 3, self._memory)
+        share = 1.0 / min(self.blocks + 3, MEMORY)
         learnt = self._noise * (1.0 + share * (np.minimum(square, FENCE) - 1.0))
         self._noise = np.where(known[:, None], np.maximum(learnt, FLOOR**2), self._noise)
 
@@ -276,7 +262,7 @@ class SequentialTest:
         jolt = (0.5 * correlation**2 / (information + 1.0 / p2) - 0.5 * np.log1p(p2 * information)).sum(
             axis=1
         )
-        jolt = jolt + np.log(self.block_s / JOLTS_S)
+        jolt = jolt + np.log(BLOCK_S / JOLTS_S)
         top = max(float(logs.max()), float(jolt.max()), 0.0)  # the logs run to thousands
         weights, jolted = np.exp(logs - top), float(np.exp(jolt - top).sum())
         each = weights.sum(axis=(0, 1))

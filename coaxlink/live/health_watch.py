@@ -3,8 +3,7 @@
 The session's receiver only puts messages and the commands of that moment into a queue (bounded: what is not
 fetched in time is lost, and the test sees a gap); the test runs in this thread, twenty times a second. Judged
 is what our own commands did: while the autopilot's mixer flies, in a fade and in a dry run nothing is judged.
-The law, the guard and their states are not touched; with a `Reallocation` a call makes another law, which
-the loop takes up between two demands. When this thread ends, whatever the reason, the law in force stays.
+The law, the guard and their states are not touched.
 """
 
 from __future__ import annotations
@@ -12,47 +11,33 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import CoaxlinkError
 from coaxlink.live.guard import LIVE
-from coaxlink.live.in_air import ESCS, Call, InAir
-from firmware_params.px4.messages import ESC_STATUS
+from coaxlink.live.in_air import Call, InAir
 
 if TYPE_CHECKING:
     from coaxlink.live.mixer import LiveMixer
-    from coaxlink.live.reallocation import Reallocation
 
 POLL_S = 0.05
-SOON_S = 0.01  # with re-allocation: half a period of what it listens to
 WAITING = 512  # messages: some seconds of them
 HEARD = frozenset(
     {"HEARTBEAT", "EXTENDED_SYS_STATE", "RAW_IMU", "SCALED_IMU", "HIGHRES_IMU", "ATTITUDE",
      "ATTITUDE_QUATERNION"}
 )  # fmt: skip
-RATE_HZ, ESC_HZ = 50.0, 20.0
+RATE_HZ = 50.0
 ASK_AFTER_S = 2.0  # streams that come by themselves have come by then
 
 
 class HealthWatch:
     """Around a mixer's flight; `on_call` is called there with every call and once its size is settled."""
 
-    def __init__(
-        self,
-        live: LiveMixer,
-        on_call: Callable[[Call], None],
-        ground: Any = None,
-        reallocation: Reallocation | None = None,
-    ) -> None:
-        """`ground`: whoever else is told (`Forwarder`). `reallocation`: answers calls with another law."""
-        self._live, self._on_call, self._ground = live, on_call, ground
-        self.reallocation = reallocation
-        self.in_air = InAir(live.core.vehicle, stops=reallocation is not None)
-        self._heard = HEARD | ESCS if reallocation else HEARD
-        self._poll_s = SOON_S if reallocation else POLL_S
+    def __init__(self, live: LiveMixer, on_call: Callable[[Call], None]) -> None:
+        self._live, self._on_call = live, on_call
+        self.in_air = InAir(live.core.vehicle)
         self.problem = ""  # why it watches no longer
         self._queue: deque[tuple[Any, int, tuple[float, ...]]] = deque(maxlen=WAITING)
         self._stopping = threading.Event()
@@ -76,7 +61,7 @@ class HealthWatch:
 
     def _hear(self, message: Any) -> None:
         """On the receiver's thread: nothing but an append."""
-        if message.get_type() in self._heard:
+        if message.get_type() in HEARD:
             live = self._live
             flown = live.guard.state == LIVE and not live.dry_run
             stamp = (live.core.last_us or 0) if flown else 0
@@ -85,7 +70,7 @@ class HealthWatch:
     def _run(self) -> None:
         try:
             self._ask()
-            while not self._stopping.wait(self._poll_s):
+            while not self._stopping.wait(POLL_S):
                 self.work()
         except Exception as error:  # whatever it is, the vehicle flies on
             self.problem = str(error) or type(error).__name__
@@ -99,15 +84,8 @@ class HealthWatch:
         if stamp_us:
             self.in_air.commanded(stamp_us * 1e-6, commands)
         call = self.in_air.heard(message)
-        if call is None:
-            return
-        try:
-            if self.reallocation is not None:
-                self.reallocation.answer(call, self.in_air)
-        except Exception:
-            self.tell(replace(call, flown_without=False))  # the pilot is told all the same
-            raise
-        self.tell(call)
+        if call is not None:
+            self.tell(call)
 
     def _ask(self) -> None:
         """For rates where none come by themselves (an ArduPilot sends nothing unasked)."""
@@ -118,22 +96,17 @@ class HealthWatch:
         rates = ("HIGHRES_IMU", "ATTITUDE", "ATTITUDE_QUATERNION")
         if not any(session.latest(name) for name in rates):
             wanted |= {"ATTITUDE": RATE_HZ, "RAW_IMU": RATE_HZ}
-        if self.reallocation is not None and session.identity.is_px4:
-            # an ArduPilot sends its own unasked, and nags about what it has not
-            wanted["ESC_STATUS"] = ESC_HZ
         for name, rate_hz in wanted.items():
             if session.latest(name) is None:
                 try:
-                    session.request_stream(getattr(mavlink, f"MAVLINK_MSG_ID_{name}", ESC_STATUS), rate_hz)
+                    session.request_stream(getattr(mavlink, f"MAVLINK_MSG_ID_{name}"), rate_hz)
                 except CoaxlinkError:
                     return
 
     def tell(self, call: Call) -> None:
-        """STATUSTEXT to the vehicle, for its log and those it forwards to, and to the ground station."""
+        """STATUSTEXT to the vehicle, for its log and those it forwards to."""
         text = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, call.text.encode()[:50])
-        for line in (self._live.session, self._ground):
-            if line is not None:
-                line.send(text)
+        self._live.session.send(text)
         self._on_call(call)
 
     def account(self) -> dict[str, Any]:
@@ -143,5 +116,4 @@ class HealthWatch:
             "word": now.word or None,
             "why": self.problem or now.why,
             "calls": [call.to_json() for call in now.calls],
-            "reallocated": list(self.reallocation.done) if self.reallocation else None,
         }

@@ -5,10 +5,6 @@ and SCALED_IMU; commands from whoever knows them, stamped with the vehicle's clo
 armed and in the air by the vehicle's own word (EXTENDED_SYS_STATE); on the ground, where legs push too, all
 but the calls is forgotten. A call is never taken back; after REFINED_S, when its size is settled, the test
 goes on with that loss in the model and looks for the next one.
-
-With `stops` a second test beside it looks for rotors that stop altogether, on every reading, with the ESCs'
-rpm as a witness (ESC n is taken for rotor n's); who asks for it flies without that rotor from the call on,
-and both tests begin anew.
 """
 
 from __future__ import annotations
@@ -22,19 +18,14 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.constants import GRAVITY_M_S2
 from coaxlink.health.priors import TORQUE_WITH_THRUST
 from coaxlink.health.sequential import HOURS, SequentialTest, Suspicion, Verdict
-from coaxlink.health.stop import BLOCK_S, RpmWitness, StopTest
 from coaxlink.health.stream import Stream
 from coaxlink.vehicle import Vehicle
-from firmware_params.ardupilot.messages import ESC_TELEMETRY as FIRST_ESC
-from firmware_params.ardupilot.messages import NAMES
 
 REFINED_S = 1.0  # from a call until its size is taken over: the first blocks hold a part of the loss
 RIVAL_S = 1.0  # a better source that was heard within this is the one that counts
 ACCEL_S = 0.2  # an acceleration older than this is not the rates'
 WRAP_S = 2**32 / 1e6  # of 32 bit microseconds
 APART_S = 2.0  # commands further than this from the rates have another clock
-ESC_TELEMETRY = {name: first for first, name in zip(FIRST_ESC.values(), NAMES, strict=True)}
-ESCS = frozenset({"ESC_STATUS", *NAMES})
 NEEDS = "needs ATTITUDE or HIGHRES_IMU, the motor commands and EXTENDED_SYS_STATE"
 
 
@@ -49,14 +40,10 @@ class Call:
     loss_sd: float
     slower: bool  # its motor turns slower, by how the wake under it changed
     settled: bool = False  # its size is that of REFINED_S, not of the first blocks
-    stopped: bool = False  # it gives nothing any more
-    flown_without: bool = False  # the law does without it from now on
 
     @property
     def text(self) -> str:
         """At most 50 bytes, for STATUSTEXT."""
-        if self.stopped:
-            return f"rotor {self.rotor} stopped: {'flown without, ' if self.flown_without else ''}land"
         if self.settled:
             return f"rotor {self.rotor} lost {100 * self.loss:.0f}% of its thrust: land"
         return f"rotor {self.rotor} loses thrust, p {self.probability:.2f}: land"
@@ -98,12 +85,11 @@ NOTHING_HEARD = RotorsInAir("", NEEDS)
 class InAir:
     """Fed by one thread: `heard` with every message, `commanded` with the motors' commands."""
 
-    def __init__(self, vehicle: Vehicle, hours: float = HOURS, *, stops: bool = False) -> None:
-        self._hours, self._stops = hours, stops
+    def __init__(self, vehicle: Vehicle, hours: float = HOURS) -> None:
+        self._hours = hours
         self.calls: tuple[Call, ...] = ()
         self._armed = self._flying = False
         self._settling: Call | None = None
-        self._rpm = RpmWitness(vehicle)
         self._begin(vehicle)
         self._time_s = 0.0  # of the newest rates
         self._imu_s = -RIVAL_S
@@ -122,16 +108,6 @@ class InAir:
         word = "called" if self.calls else self._verdict.word
         return RotorsInAir(word, "", self._verdict.suspicions, self.calls)
 
-    @property
-    def vehicle(self) -> Vehicle:
-        """The vehicle with what its rotors lost; those that stopped are `stopped`."""
-        return self._made_for
-
-    @property
-    def stopped(self) -> tuple[int, ...]:
-        """Numbers of the rotors that stopped."""
-        return tuple(c.rotor for c in self.calls if c.stopped)
-
     def heard(self, message: Any) -> Call | None:
         """A message of the autopilot; a call that it brought, and the same again once its size is settled."""
         kind = message.get_type()
@@ -139,9 +115,6 @@ class InAir:
             self._fly(bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED), self._flying)
         elif kind == "EXTENDED_SYS_STATE":
             self._fly(self._armed, message.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR)
-        elif kind in ESCS and self._stops:
-            first = int(message.index) if kind == "ESC_STATUS" else ESC_TELEMETRY[kind]
-            self._rpm.heard(self._time_s, first, message.rpm, self._stream.speeds)
         elif kind in ("RAW_IMU", "SCALED_IMU"):
             self._accel = self._time_s, message.zacc * 1e-3 * GRAVITY_M_S2
         elif kind == "HIGHRES_IMU":
@@ -164,8 +137,6 @@ class InAir:
         known = [u for u in commands if u is not None]
         if self._flying and len(known) == len(commands) and abs(time_s - self._time_s) < APART_S:
             self._stream.command(time_s, known)
-            if self._short is not None:
-                self._short.command(time_s, known)
 
     def _fly(self, armed: bool, flying: bool) -> None:
         if self._armed and self._flying and not (armed and flying):
@@ -176,11 +147,6 @@ class InAir:
     def _begin(self, vehicle: Vehicle) -> None:
         self._made_for = vehicle
         self._stream, self._test = Stream(vehicle), SequentialTest(vehicle, self._hours)
-        self._short = Stream(vehicle, BLOCK_S) if self._stops else None
-        self._stop = StopTest(vehicle)
-        for number in self.stopped:
-            for test in (self._test, self._stop):
-                test.still[self._test.numbers.index(number)] = True
         self._verdict: Verdict | None = None
 
     def _read(self, time_s: float, rates: Sequence[float], accel_z: float) -> Call | None:
@@ -188,21 +154,10 @@ class InAir:
         if not self._flying:
             return None
         new = None
-        for block in self._short.reading(time_s, rates, accel_z) if self._short else ():
-            self._stop.witness = self._rpm.odds(time_s)
-            if (found := self._stop.step(block).called) and found.rotor not in self.stopped:
-                return self._stopped_at(block.time_s, found)
         for block in self._stream.reading(time_s, rates, accel_z):
             self._verdict = self._test.step(block)
             new = self._judged(self._verdict) or new
         return new
-
-    def _stopped_at(self, time_s: float, s: Suspicion) -> Call:
-        """It takes the place of what was being settled: the same fault, most likely, on its way."""
-        call = Call(s.rotor, time_s, s.probability, 1.0, 0.0, True, True, stopped=True, flown_without=True)
-        self._settling, self.calls = None, (*self.calls, call)
-        self._begin(self._made_for)
-        return call
 
     def _judged(self, verdict: Verdict) -> Call | None:
         settling = self._settling

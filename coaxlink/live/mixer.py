@@ -91,7 +91,6 @@ class LiveMixer:
         self.span_s = (0.0, 0.0)  # when it started and stopped, monotonic; 0 for not yet
         self._record = record
         self._scanner = codec.Scanner({DEMAND.number, ANSWER.number, OUTPUTS.number}, codec.known_seeds())
-        self._next: deque[tuple[Law, Vehicle]] = deque(maxlen=1)  # the law to go on with
         self._echoes: deque[bytes] = deque(maxlen=64)  # payloads sent: a router may hand them back
         self._target = (0, 0)  # the autopilot's system and component
         self._own_mixer = False  # whether its own mixer is known, so that a hand-over can be ramped to it
@@ -168,10 +167,6 @@ class LiveMixer:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def adopt(self, law: Law, vehicle: Vehicle) -> None:
-        """Go on with another law of this airframe, from the next demand on. From any thread."""
-        self._next.append((law, vehicle))
-
     # -- the walk of a demand, on the receiver thread --------------------------------------------------------
 
     def take(self, chunks: Sequence[bytes]) -> None:
@@ -180,8 +175,6 @@ class LiveMixer:
             return
         came = self._clock.monotonic()
         try:
-            if self._next:
-                self.core.adopt(*self._next.pop())
             self.stall.turn(came)
             demand = self._hear(chunks, came)
             if demand is not None:

@@ -144,10 +144,6 @@ class MixCore:
             lambda wrench: law.speeds(wrench).tolist()
         )
 
-    def adopt(self, law: Law, vehicle: Vehicle) -> None:
-        """Fly this law of the same airframe from the next demand on; what a demand means stays."""
-        self.law, self.rotors = law, PlainRotors.of(vehicle)
-
     def use_matrix(self, factors: Sequence[Sequence[float]]) -> None:
         """Read demands as ArduPilot's with these factors (N, 4) on board. Raises InputError."""
         airframe = self.vehicle.airframe

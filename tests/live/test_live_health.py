@@ -14,7 +14,7 @@ from coaxlink.health.sequential import Suspicion, Verdict
 from coaxlink.live import health_watch
 from coaxlink.live.guard import LIVE, RAMP
 from coaxlink.live.health_watch import HealthWatch
-from coaxlink.live.in_air import Call, InAir, weakened
+from coaxlink.live.in_air import InAir, weakened
 from coaxlink.mixer import make_law
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import load_vehicle
@@ -61,19 +61,18 @@ def fly(live, watch, log):
 
 
 @pytest.mark.slow
-def test_rotors_are_called_one_after_the_other_and_said_to_both_sides(vehicle, log):
-    live, ground, said = mixer(vehicle), Session(), []
-    watch = HealthWatch(live, said.append, ground)
+def test_rotors_are_called_one_after_the_other_and_said_to_the_vehicle(vehicle, log):
+    live, said = mixer(vehicle), []
+    watch = HealthWatch(live, said.append)
     fly(live, watch, log)
     calls = watch.account()["calls"]
     assert not watch.problem and [c["rotor"] for c in calls] == list(ONSETS)
     for call, onset in zip(calls, ONSETS.values(), strict=True):
         assert 0.0 < call["time_s"] - 1.0 - onset < 2.0 and call["loss"] == pytest.approx(0.12, abs=0.04)
     assert [c.rotor for c in said] == [3, 3, 8, 8]  # again once the size is settled
-    for line in (live.session, ground):
-        texts = [m for m in line.texts if m.get_type() == "STATUSTEXT"]
-        assert [m.severity for m in texts] == [mavlink.MAV_SEVERITY_CRITICAL] * 4
-        assert texts[0].text.startswith("rotor 3 loses thrust") and len(texts[1].text) <= 50
+    texts = [m for m in live.session.texts if m.get_type() == "STATUSTEXT"]
+    assert [m.severity for m in texts] == [mavlink.MAV_SEVERITY_CRITICAL] * 4
+    assert texts[0].text.startswith("rotor 3 loses thrust") and len(texts[1].text) <= 50
 
 
 @pytest.mark.slow
@@ -85,12 +84,12 @@ def test_what_our_commands_did_not_do_is_not_judged(vehicle, log, dry_run, state
     assert watch.account()["word"] is None and not live.session.texts
 
 
-def in_its_thread(live, monkeypatch, heard, reallocation=None):
+def in_its_thread(live, monkeypatch, heard):
     """Say one message to a watch whose test does what `heard` does, and wait until its thread has ended."""
     monkeypatch.setattr(InAir, "heard", heard)
     monkeypatch.setattr(health_watch, "ASK_AFTER_S", 0.0)
     said = []
-    with HealthWatch(live, said.append, None, reallocation) as watch:
+    with HealthWatch(live, said.append) as watch:
         live.session.hear(BEAT)
         watch._thread.join(60.0)
     assert not live.session.listeners
@@ -100,14 +99,6 @@ def in_its_thread(live, monkeypatch, heard, reallocation=None):
 def test_an_error_in_the_test_ends_the_test_alone(vehicle, monkeypatch):
     watch, _ = in_its_thread(mixer(vehicle), monkeypatch, lambda *_: 1 / 0)
     assert "division" in watch.account()["why"]
-
-
-def test_a_rotor_is_told_also_where_no_other_law_can_be_made(vehicle, monkeypatch):
-    stopped = Call(3, 5.0, 0.9, 1.0, 0.0, True, True, stopped=True, flown_without=True)
-    live, broken = mixer(vehicle), SimpleNamespace(answer=lambda *_: 1 / 0, done=())
-    watch, said = in_its_thread(live, monkeypatch, lambda *_: stopped, broken)
-    assert [c.text for c in said] == ["rotor 3 stopped: land"] and "division" in watch.problem
-    assert live.session.texts[-1].text == "rotor 3 stopped: land"
 
 
 def test_a_size_that_was_being_settled_at_the_landing_holds_up_no_call_of_the_next_flight(vehicle):

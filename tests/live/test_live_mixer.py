@@ -16,11 +16,10 @@ from live_line import CRM, HOVER, RIVAL, X8, Session, mixer_on
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink.errors import SafetyRefusal
-from coaxlink.live.guard import STOPPED, Timing
+from coaxlink.live.guard import Timing
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.mixer_core import MixCore
 from coaxlink.live.paths import require_path
-from coaxlink.mixer import make_law
 from coaxlink.vehicle import Vehicle
 
 SIGNATURE = b"signed"
@@ -163,26 +162,6 @@ def test_an_autopilot_that_will_not_send_its_demand_is_refused_and_left_alone() 
 def test_older_px4_is_accepted() -> None:
     for version in ((1, 13, 3), (1, 13), (1, 12, 3)):
         require_path(mavlink.MAV_AUTOPILOT_PX4, version)
-
-
-# -- another law in flight -----------------------------------------------------------------------------------
-
-
-def test_of_laws_handed_over_the_newest_flies_from_the_next_demand_on() -> None:
-    session, vehicle = Session(), Vehicle(X8, CRM)
-    mixer = mixer_on(session, "exact")
-    first, second = (make_law("exact", vehicle) for _ in range(2))
-    mixer.adopt(first, vehicle)
-    mixer.adopt(second, vehicle)
-    assert session.demand(1000) and mixer.core.law is second
-
-
-def test_a_law_that_cannot_be_taken_up_falls_silent_and_says_why() -> None:
-    session = Session()
-    mixer = mixer_on(session, "exact")
-    mixer.adopt(make_law("exact", Vehicle(X8, CRM)), None)  # type: ignore[arg-type]
-    assert not session.demand(1000)
-    assert mixer.failed.is_set() and mixer.guard.state == STOPPED and "airframe" in str(mixer.error)
 
 
 # -- hostile bytes -------------------------------------------------------------------------------------------

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import random
-import socket
 from pathlib import Path
 from typing import Any
 
@@ -62,33 +60,16 @@ def test_a_dry_run_shows_everything_and_moves_nothing(mix: Verb, tmp_path: Path,
     summary = json.loads(result.read_text())
     assert summary["dry_run"] and summary["law"] == "exact" and summary["cycles"] > 150
     assert max(summary["allocation_error"]["max"]) < 1e-4
-    assert {"word", "why", "calls", "reallocated"} == set(summary["health"])
+    assert {"word", "why", "calls"} == set(summary["health"])
     said = capsys.readouterr()
     assert "exact (dry run)" in said.out and "no motor command is sent" in said.err
 
 
 @pytest.mark.slow
-def test_a_live_run_is_recorded_plotted_and_shared(mix: Verb, tmp_path: Path) -> None:
-    ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    ground.bind(("127.0.0.1", 0))
-    ground.setblocking(False)
-    heard: dict[str, Any] = {}
-    parser = mavlink.MAVLink(None)
-    parser.robust_parsing = True
-
-    def listen() -> None:
-        mix.flight.clock.later(0.02, listen)
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                heard.update({m.get_type(): m for m in parser.parse_buffer(ground.recv(65536)) or []})
-
-    listen()
-    where = f"127.0.0.1:{ground.getsockname()[1]}"
-    assert mix("--seconds", "1.2", "--record", str(tmp_path), "--plot", "--forward", where) == 0
+def test_a_live_run_is_recorded(mix: Verb, tmp_path: Path) -> None:
+    assert mix("--seconds", "1.2", "--record", str(tmp_path)) == 0
     driven = [row for row in mix.flight.rows if row.driven]
     assert len(driven) > 200 and mix.flight.outputs_are_sound()
-    assert {"HEARTBEAT", "ATTITUDE", "NAMED_VALUE_FLOAT", "DEBUG_FLOAT_ARRAY"} <= set(heard)
-    assert sum(heard["DEBUG_FLOAT_ARRAY"].data[:8]) == pytest.approx(20 * 9.80665, rel=0.2)
     header, rows = read_record(tmp_path / "mix.live")
     assert header["law"] == "exact" and len(rows) > 200
     assert (np.diff(rows["stamp_us"].astype(np.int64)) > 0).all()
@@ -163,7 +144,7 @@ def test_a_loop_that_fails_is_exit_code_1_and_another_companion_4(mix: Verb, cap
 
 
 def test_wrong_words_are_exit_code_2(capsys: Any) -> None:
-    for words in (["--reallocate", "--law", "standard"], ["--supervise"], ["--loop"], ["--compiled"]):
+    for words in (["--law", "none"], ["--rate", "0"]):
         assert run(build_app(), ["mix", AIRFRAME, "--connect", "udpout:127.0.0.1:9", *words]) == 2
         assert words[0] in capsys.readouterr().err
 

@@ -141,14 +141,6 @@ def test_a_dead_rotor_is_allocated_around():
         result = allocate(law, X8, [196.2, 1.0, -1.0, 0.2])
         assert result.speeds[dead - 1] == 0.0
         assert np.abs(result.error).max() < 1e-6 and result.dropped == ()
-        assert law.without(X8, [3]).failed == (dead, 3)
-
-
-def test_speeds_move_no_further_than_the_slew_limit():
-    law = ExactLaw(X8, slew=0.01)
-    speeds = [law.speeds([196.2, 0, 0, 0]), *law.many([[280.0, 3.0, 0, 0.5]] * 30)]
-    assert np.abs(np.diff(speeds, axis=0)).max() <= 0.01 + 1e-12
-    assert wrench_of(speeds[-1]) == pytest.approx([280.0, 3.0, 0, 0.5], abs=1e-6)
 
 
 def test_the_certificate_tells_the_truth():
@@ -210,7 +202,6 @@ def test_wrong_options_and_demands_are_named():
         ({"low": 0.5, "high": 0.4}, "bounds"),
         ({"failed": [9]}, "rotor 9"),
         ({"priority": ("roll", "pitch")}, "priority"),
-        ({"slew": 0.0}, "slew"),
     ):
         with pytest.raises(InputError, match=says):
             ExactLaw(X8, **options)

@@ -57,8 +57,8 @@ class ExactLaw:
     """See the module. Keeps the last solution and starts from it; make one for each stream of wrenches.
 
     `low`, `high` bound all speeds; `failed` are numbers of rotors that stand still and are allocated around;
-    `priority` orders the axes, first kept longest; `slew` is the most a speed may change from one call to the
-    next; `compiled` True takes numba (it compiles once, then it is cached), None takes it when it is there.
+    `priority` orders the axes, first kept longest; `compiled` True takes numba (it compiles once, then it is
+    cached), None takes it when it is there.
 
     Raises InputError on bounds out of order, an unknown rotor or axis, and without numba where that is meant.
     """
@@ -73,15 +73,9 @@ class ExactLaw:
         high: float = 1.0,
         failed: Sequence[int] = (),
         priority: Sequence[str] = PRIORITY,
-        slew: float | None = None,
         compiled: bool | None = False,
     ) -> None:
-        if slew is not None and not slew > 0:
-            raise InputError("exact", "slew", f"a change per call above 0 expected, found {slew}")
         self.arms, self.units = scaled(vehicle, low=low, high=high, failed=failed, priority=priority)
-        self._limits: dict[str, Any] = {"low": low, "high": high, "priority": tuple(priority), "slew": slew}
-        self.failed = tuple(failed)
-        self.slew = slew
         self._optimum, self._batch = _functions(compiled)
         self.compiled = self._optimum is not solver.optimum
         self._ranks = [
@@ -91,20 +85,11 @@ class ExactLaw:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last solution: the next call starts from the middle of the bounds, at no slew limit."""
+        """Forget the last solution: the next call starts from the middle of the bounds."""
         arms, state = self.arms, standing(self.arms)
-        arms = arms._replace(lo=arms.lo.copy(), hi=arms.hi.copy())  # a slew limit moves them
         self._arms = arms if self.compiled else as_lists(arms)
         self._state = state if self.compiled else as_lists(state)
-        self._calls = self._steps = self._rounds = 0
-
-    def without(self, vehicle: Vehicle, failed: Sequence[int]) -> ExactLaw:
-        """As new for what is left of its vehicle: bounds, priority and slew are this law's.
-
-        `failed` are numbers of rotors that stand still now, beside those that did before.
-        Raises InputError.
-        """
-        return ExactLaw(vehicle, failed=(*self.failed, *failed), compiled=self.compiled, **self._limits)
+        self._steps = self._rounds = 0
 
     def speeds(self, wrench: ArrayLike) -> NDArray[np.float64]:
         """Normalised speeds (N,) for a wrench (4,)."""
@@ -121,9 +106,6 @@ class ExactLaw:
         mu = self._state.mu
         for j, (axis, inverse) in enumerate(self._ranks):
             mu[j] = min(max(wrench[axis] * inverse, -FAR), FAR)
-        if self.slew is not None and self._calls:
-            self._limit_slew(self.slew)
-        self._calls += 1
         self._steps, self._rounds = self._optimum(self._arms, self._state, STEPS)
         return int(self._steps)
 
@@ -132,8 +114,6 @@ class ExactLaw:
         demands = np.atleast_2d(np.asarray(wrenches, float))
         if demands.shape[1:] != (4,) or not np.isfinite(demands).all():
             raise InputError("wrenches", "", f"finite rows of {', '.join(AXES)} expected")
-        if self.slew is not None:
-            return np.array([self.speeds(row) for row in demands])
         ranked = np.clip(demands[:, self.units.order] / self.units.scale, -FAR, FAR)
         speeds: Any = np.zeros((len(demands), 2 * self.arms.size))
         if not self.compiled:
@@ -157,11 +137,6 @@ class ExactLaw:
         """Axes that the last call could not deliver whole, the first to be given up first."""
         miss, order = self._state.miss, self.units.order
         return tuple(AXES[int(order[j])] for j in (3, 2, 1, 0) if abs(miss[j]) > GIVEN_UP)
-
-    def _limit_slew(self, slew: float) -> None:
-        for i, x in enumerate(self._state.x):
-            self._arms.lo[i] = max(float(self.arms.lo[i]), x - slew)
-            self._arms.hi[i] = min(float(self.arms.hi[i]), x + slew)
 
 
 def scaled(
