@@ -65,6 +65,7 @@ def fly(
     from coaxlink.fly.logs import Logs
     from coaxlink.fly.plans import peaks, plan_of
     from coaxlink.mavlink import connect as open_session
+    from coaxlink.mavlink.station import hear_words
 
     _positive(("--height", height), ("--reach", reach), ("--fence", fence), ("--ceiling", ceiling))
     body = _vehicle_files(airframe, rotor)
@@ -86,11 +87,11 @@ def fly(
                 timeout_s=timeout,
                 target_system=system,
                 signing_key=signing_key,
-                station=True,
                 record=None if dry_run else out / "flight.tlog",
             ) as line,
             introduced(line) as session,
         ):
+            hear_words(session)
             pilot = Pilot(session, limits)
             pilot.check(planned)
             logs = Logs(session)

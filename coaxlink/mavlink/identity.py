@@ -104,8 +104,7 @@ def is_vehicle(heartbeat: Any, system: int | None) -> bool:
 def own_heartbeat(station: bool) -> Any:
     """Our own sign of life: a companion's, or a ground station's (as MAVSDK's and QGC's).
 
-    PX4 says its STATUSTEXT only where a ground station is heard (mavlink_main.cpp), and misses one that was.
-    So a companion that mixes in flight must not be one: it would stand in for a station that is lost.
+    Nothing of ours is a station in flight: PX4 would not miss the pilot's own (`coaxlink.mavlink.station`).
     """
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_GCS if station else mavlink.MAV_TYPE_ONBOARD_CONTROLLER,

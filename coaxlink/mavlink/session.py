@@ -82,7 +82,8 @@ class Session(Requests):
         self.reopen: Callable[[], Transport] | None = None  # a line that broke is opened again with it
         self.tap: Tap | None = None  # gets the bytes ahead of the parser: live mixing
         self._transport = transport
-        self._target, self._station = target_system, station
+        self._target = target_system
+        self.station = station  # beats as one, while the vehicle is disarmed
         self._out = mavlink.MAVLink(None, source_system, source_component)
         self._signer = signer
         if signer:
@@ -237,7 +238,7 @@ class Session(Requests):
     def _receive(self, wait_s: float) -> None:
         if self.clock.monotonic() >= self._beat_s:
             self._beat_s = self.clock.monotonic() + 1.0
-            self.send(own_heartbeat(self._station))
+            self.send(own_heartbeat(self.station and not self.armed))
         if self.bound.claimants:
             self._choose()
         for data, peer in self._chunks(wait_s):

@@ -153,3 +153,17 @@ def test_a_lost_link_leaves_it_to_the_autopilots_failsafe(px4, capsys, tmp_path)
         code, _, err, found = fly(px4, capsys, tmp_path, "--yes")
     assert code == 3 and found["result"] == "link", err
     assert "its own failsafe for a lost link has the vehicle now" in err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("acts", [0, 2])
+def test_no_ground_station_is_stood_in_for_in_flight(px4, capsys, tmp_path, acts):
+    """A board that acts on a lost station arms where the pilot's own is heard, or not at all."""
+    px4.autopilot.store.preset("NAV_DLL_ACT", acts)
+    code, _, err, found = fly(px4, capsys, tmp_path, "--yes")
+    if acts:
+        assert code == 4 and found["result"] == "not armed" and "arming" in err
+    else:
+        assert code == 0, err
+        links = px4.autopilot.links
+        assert links._heard_s is not None and not links.there(px4.autopilot.plant.time_s)

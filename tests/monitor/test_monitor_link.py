@@ -161,3 +161,13 @@ def test_addresses_are_checked_before_the_screen() -> None:
     with pytest.raises(LinkError):
         check_address("/dev/no-such-line,57600")
     check_address("tcp:127.0.0.1:9")  # a server may come up later
+
+
+def test_px4s_words_arrive_on_the_ground_and_the_screen_says_why_not_in_flight() -> None:
+    watched = Watched()
+    board = watched.board
+    assert board is not None
+    watched.until(lambda m: m.board.state == "read" and not m.unheard)
+    watched.clock.later(2.0, board.autopilot.arm)
+    armed = watched.until(lambda m: m.vehicle is not None and m.vehicle.armed and bool(m.texts))
+    assert "none in flight" in armed.unheard

@@ -44,6 +44,7 @@ class Heard:
         self.listener: Callable[[Any], None] | None = None  # of the autopilot's messages, once folded in
         self.waiting = ""  # what the link waits for
         self.line: Callable[[], list[str]] = list  # what is to be known of the line, or of the recording
+        self.unheard: Callable[[], str] = str  # why the autopilot's words do not arrive
         self._lock = Lock()
         self._forget(None)
 

@@ -15,12 +15,12 @@ from coaxlink.errors import InputError, LinkError
 from coaxlink.mavlink import Session, connect
 from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.clock import SYSTEM, Clock
+from coaxlink.mavlink.station import hear_words, unheard
 from coaxlink.mavlink.transport import open_transport
 from coaxlink.monitor.incoming.heard import Heard
 from coaxlink.monitor.incoming.table_reader import TableReader
 
-# beside another coaxlink session (component 191) the monitor is a companion of its own: no ground station,
-# whose heartbeat would hold off the vehicle's data-link failsafe
+# beside another coaxlink session (component 191) the monitor is a companion of its own
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
 SETTLE_S = 1.2  # how long to listen before asking for what is missing
 REFRESH_S = 3.0  # between looks at the table and at what does not come
@@ -61,6 +61,7 @@ def begin(heard: Heard, session: Session) -> None:
     heard.follow(identity.system, identity.component)
     heard.waiting = ""
     heard.line = lambda: line_notes(session)
+    heard.unheard = lambda: unheard(session)
     for name in ("HEARTBEAT", "AUTOPILOT_VERSION"):
         message = session.latest(name)
         if message is not None:
@@ -154,6 +155,7 @@ class LinkThread:
     def _follow(self, session: Session) -> None:
         begin(self.heard, session)
         self._listen(session, SETTLE_S)
+        hear_words(session)
         streams, table = Streams(self.heard, session), TableReader(self.heard, session)
         while not self._stopping.is_set() and session.silence_s < GONE_S:
             if session.silence_s < 2.0:

@@ -292,9 +292,9 @@ def notes(view: Moment) -> Text:
 
 def said(view: Moment, now: datetime | None) -> Text:
     """What the autopilot said, newest first: the vehicle's clock, the time of day (unless None), words."""
+    lines = [Text(view.unheard, WARN)] if view.unheard else []
     if not view.texts:
-        return Text("no message yet", DIM)
-    lines = []
+        return Text("\n").join(lines or [Text("no message yet", DIM)])
     for text in reversed(view.texts):
         when = clock(text.clock_s)
         day = "" if now is None else f"{now - timedelta(seconds=view.now_s - text.received_s):%H:%M:%S}  "

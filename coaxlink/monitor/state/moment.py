@@ -92,6 +92,7 @@ class Moment:
     notes: tuple[str, ...]
     escs_stale: bool
     texts: tuple[Text, ...]  # what the autopilot said, oldest first
+    unheard: str  # why no more of them arrive
     now_s: float  # of the clock of `texts`
     health: RotorsInAir
 
@@ -156,6 +157,7 @@ def observe(
         tuple(map(plain, notes)),
         escs.stale,
         telemetry.texts,
+        heard.unheard(),
         now,
         health,
     )
