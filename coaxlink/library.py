@@ -47,14 +47,10 @@ def read_log(path: str | Path, *, columns: str | Path | None = None, upper: str 
     return read_stand_log(path, Path(columns) if columns else None, upper=upper)
 
 
-def identify(
-    log: Log, form: str = "auto", *, speed_max_rpm: float | None = None, physical: bool = False
-) -> Identification:
+def identify(log: Log, form: str = "auto", *, speed_max_rpm: float | None = None) -> Identification:
     """A rotor model from a stand log: `.model`, terms with intervals, errors on held-out blocks.
 
     `form` is auto, crm, rcrm, cpcm or srm; `speed_max_rpm` is what u = 1 means, if not the log's highest.
-    `physical` keeps thrust and power to what rotors do (coaxlink.rotor.physical): `.fits[load].broken` says
-    what the free fit did, `.without` its held-out errors.
     Raises InputError.
 
     >>> from coaxlink.files import example
@@ -62,9 +58,8 @@ def identify(
     'crm'
     """
     from coaxlink.rotor import identify as run
-    from coaxlink.rotor.fit import Options
 
-    return run(_read(log), form, speed_max_rpm=speed_max_rpm, options=Options(physical=physical))
+    return run(_read(log), form, speed_max_rpm=speed_max_rpm)
 
 
 @dataclass(frozen=True)

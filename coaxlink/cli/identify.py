@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from coaxlink.data import Samples
     from coaxlink.rotor import Identification, RotorModel
     from coaxlink.rotor.log_checks import LogChecks
-    from coaxlink.rotor.spacing import SpacingModel
 
 
 class ModelForm(StrEnum):
@@ -46,7 +45,6 @@ class ModelForm(StrEnum):
     RCRM = "rcrm"
     SRM = "srm"
     CPCM = "cpcm"
-    SURFACE = "surface"
     AUTO = "auto"
 
 
@@ -70,29 +68,12 @@ def identify(
         float | None, typer.Option(metavar="RPM", help="The speed that u = 1 means (default: from the log).")
     ] = None,
     max_order: Annotated[int, typer.Option(min=1, max=6, help="Highest power of a speed crm may use.")] = 4,
-    raw: Annotated[bool, typer.Option("--raw", help="Do not standardise the terms before LASSO.")] = False,
-    physical: Annotated[
-        bool, typer.Option("--physical", help="Loads do what rotors' do: docs/stand.md.")
-    ] = False,
-    tolerance: Annotated[
-        str | None,
-        typer.Option(metavar="N,NM", help="The paper's form of eq. 4: least l1 norm within these errors."),
-    ] = None,
     join: Annotated[
         bool, typer.Option("--join", help="One model of all logs: single-rotor tests with coaxial maps.")
     ] = False,
-    spacings: Annotated[
-        str | None,
-        typer.Option(metavar="S1,S2,...", help="Rotor spacing of each log: one model over the spacing."),
-    ] = None,
-    at_spacing: Annotated[
-        float | None, typer.Option(metavar="S", help="Write --out for this spacing (default: the middle).")
-    ] = None,
     plan: Annotated[
         Path | None,
-        typer.Option(
-            "--next", metavar="PLAN.toml", help="Write the stand run, or the flight, that would tell most."
-        ),
+        typer.Option("--next", metavar="PLAN.toml", help="Of flights: write the one that would tell most."),
     ] = None,
     single: SingleOption = None,
     pitch: PitchOption = None,
@@ -131,33 +112,23 @@ def identify(
         return
     from coaxlink.rotor.fit import Options
     from coaxlink.rotor.identification import identify as run
-    from coaxlink.rotor.lasso import InfeasibleTolerance
     from coaxlink.rotor.log_checks import check_log
 
-    thrust_N, torque_Nm = _tolerances(tolerance)
-    if tolerance is not None and form is ModelForm.AUTO:
-        form = ModelForm.CRM  # the one form that eq. 4 is about
-    options = Options(
-        max_order, standardised=not raw, tolerance_N=thrust_N, tolerance_Nm=torque_Nm, physical=physical
-    )
-    try:
-        read = _read(logs, how, join)
-        for samples in read:
-            for doubt in doubts(samples, upper):
-                say(f"- {doubt}")
-        results = [run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options) for samples in read]
-    except InfeasibleTolerance as error:
-        raise InputError("--tolerance", "", str(error)) from error
+    if plan is not None:
+        raise InputError("--next", "", "is for flights: with --airframe and --rotor")
+    options = Options(max_order)
+    read = _read(logs, how, join)
+    for samples in read:
+        for doubt in doubts(samples, upper):
+            say(f"- {doubt}")
+    results = [run(samples, form.value, speed_max_rpm=speed_max_rpm, options=options) for samples in read]
     checks = [check_log(result, diameter) for result in results]
     for result, checked in zip(results, checks, strict=True):
         _print(result, checked)
-    over = _over_spacing(results, spacings) if spacings else None
     if out:
-        spaced = over and over.at(over.middle if at_spacing is None else at_spacing)
-        _save([spaced] if spaced else [result.model for result in results], out)
-    planned = _plan(results, plan) if plan else [{} for _ in results]
+        _save([result.model for result in results], out)
     if json:
-        _write_json(json, results, checks, planned, over)
+        _write_json(json, results, checks)
     if plot or report:
         _draw(results, plot, report)
     say(after_identify(out, results[0].form))
@@ -195,13 +166,7 @@ def _save(models: list[RotorModel], out: Path) -> None:
         say(f"wrote {path}")
 
 
-def _write_json(
-    path: Path,
-    results: list[Identification],
-    checks: list[LogChecks],
-    planned: list[dict[str, Any]],
-    over: SpacingModel | None,
-) -> None:
+def _write_json(path: Path, results: list[Identification], checks: list[LogChecks]) -> None:
     """The contract's object; of several logs the first one's, and all under `models`."""
     models = [
         {
@@ -209,29 +174,11 @@ def _write_json(
             **result.as_json(),
             "oddities": list(checked.odd),
             "coverage": checked.coverage.as_json(),
-            **({"next": runs} if runs else {}),
         }
-        for result, checked, runs in zip(results, checks, planned, strict=True)
+        for result, checked in zip(results, checks, strict=True)
     ]
     several = {"models": models} if len(models) > 1 else {}
-    files.write_json(path, {**models[0], **several, **({"spacing": over.as_json()} if over else {})})
-
-
-def _plan(results: list[Identification], path: Path) -> list[dict[str, Any]]:
-    """Write each log's next run; the same as plain numbers."""
-    import tomli_w
-
-    from coaxlink.rotor.next_runs import next_runs
-
-    planned = []
-    for result, file in zip(results, _numbered(path, len(results)), strict=True):
-        runs = next_runs(result)
-        head = "".join(f"# {line}\n" for line in runs.lines())
-        files.write_atomic(file, head + tomli_w.dumps(runs.document()))
-        for line in runs.lines():
-            say(f"{file}: {line}")
-        planned.append(runs.as_json())
-    return planned
+    files.write_json(path, {**models[0], **several})
 
 
 def _draw(results: list[Identification], plot: Path | None, report: Path | None) -> None:
@@ -252,41 +199,6 @@ def _draw(results: list[Identification], plot: Path | None, report: Path | None)
         if page:
             files.write_atomic(page, identify_page(result, made))
             say(f"wrote {page}")
-
-
-def _tolerances(text: str | None) -> tuple[float | None, float | None]:
-    """Thrust and torque tolerances of "N,NM"."""
-    if text is None:
-        return None, None
-    values = _numbers(text)
-    if len(values) != 2:
-        raise InputError("--tolerance", "", f"two numbers as in 2,0.05 are expected, found '{text}'")
-    if not min(values) > 0:
-        raise InputError("--tolerance", "", f"more than 0 is expected, found '{text}'")
-    return values[0], values[1]
-
-
-def _numbers(text: str) -> list[float]:
-    """The numbers of "A,B,...", none where one of them is no number."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        return []
-
-
-def _over_spacing(results: list[Identification], text: str) -> SpacingModel:
-    """The model over the spacing; says load by load whether the spacing matters."""
-    from coaxlink.rotor.spacing import spacing_model
-
-    values = _numbers(text)
-    if len(values) != len(results) or not all(0 < v < 1e3 for v in values):
-        raise InputError("--spacings", "", f"a spacing for each of the {len(results)} logs, found '{text}'")
-    model = spacing_model(results, values)
-    for load, alone in model.rmse_without.items():
-        verdict = "goes with the spacing" if model.slope[load] else "no slope over the spacing is supported"
-        errors = f"{alone:.4g} without, {model.rmse_with[load]:.4g} with slopes"
-        say(f"- {load}: {verdict}; on a spacing left out {errors}")
-    return model
 
 
 def _numbered(path: Path, count: int) -> list[Path]:

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from coaxlink.load import Load
 from coaxlink.report.terminal import grouped, table
 from coaxlink.rotor.identification import COAXIAL, Identification
 from coaxlink.rotor.log_checks import for_the_table
 
-SURFACES = ("load", "beyond the squares, RMS", "noise", "evidence, nats", "terms")
 TERM_HEADS = ("load", "term", "value", "95 % interval", "± if the terms are these")
 ERROR_HEADS = ("channel", "form", "RMSE", "NRMSE", "R", "rows")
 FLOOR = "noise floor"
@@ -21,19 +19,14 @@ NAMES = {
     "cpcm": "CPCM",
     "rcrm": "R-CRM",
     "crm": "CRM",
-    "surface": "surface",
 }
 
 
 def tables(result: Identification) -> Iterator[Any]:
     """Rich tables: the terms of the chosen form, then the held-out errors of every form."""
-    if result.form == "surface":
-        # its terms, as many as its degree allows, stand in the rotor file
-        yield table("surface over both speeds", SURFACES, surface_rows(result), boxed=True)
-    else:
-        terms = list(term_rows(result))
-        title, sections = f"{NAMES[result.form]}: terms", grouped(terms)
-        yield table(title, TERM_HEADS, terms, left=2, boxed=True, sections=sections)
+    terms = list(term_rows(result))
+    title, sections = f"{NAMES[result.form]}: terms", grouped(terms)
+    yield table(title, TERM_HEADS, terms, left=2, boxed=True, sections=sections)
     errors = list(error_rows(result))
     new = [n for n in range(1, len(errors)) if errors[n][0] != errors[n - 1][0]]
     shown = [("" if form == FLOOR else channel, *rest) for channel, *rest in errors for form in rest[:1]]
@@ -49,9 +42,8 @@ def remarks(result: Identification) -> Iterator[str]:
     """What a reader of the tables must know besides."""
     yield from result.notes
     for load, fit in result.fits.items():
-        if fit.alone and not fit.smooth:
+        if fit.alone:
             yield f"{load}: its intervals take its terms for granted"
-    yield from _sense(result)
     for load, intervals in result.intervals.items():
         for group in intervals.indistinct:
             shown = (
@@ -67,53 +59,6 @@ def remarks(result: Identification) -> Iterator[str]:
             f"outlier: {row.where}, {row.load} = {row.measured:.4g} where {row.expected:.4g} is expected "
             f"({row.deviations:.0f} standard deviations); weighted down"
         )
-
-
-def _sense(result: Identification) -> Iterator[str]:
-    """What asking for physical sense changed, and what it costs on points that the fit did not use."""
-    if not result.without:
-        return
-    if not any(fit.broken for fit in result.fits.values()):
-        yield "physical sense: the free fit already has it; nothing was changed"
-        return
-    for load, fit in result.fits.items():
-        unit = load.rpartition("_")[2].replace("Nm", "N m")
-        for b in fit.broken:
-            what = (
-                f"{b.worst:.3g} {unit}"
-                if "negative" in b.rule
-                else f"{b.worst / 10:.3g} {unit} per 0.1 of speed"
-            )
-            yield (
-                f"{load}: the free fit {b.rule} on {b.share:.0%} of the speeds, most by {what} "
-                f"at u = {b.upper:.2f} / {b.lower:.2f}"
-            )
-        if fit.unmet:
-            yield f"{load}: its terms cannot make sense; the free fit was kept (another `form`, or more rows)"
-        elif fit.broken:
-            free, made = fit.freely.terms(), fit.polynomial.terms()
-            names = [t for t in fit.terms if t in free or t in made]
-            shown = ", ".join(f"{t} {free.get(t, 0.0):.4g} -> {made.get(t, 0.0):.4g}" for t in names)
-            yield f"{load}: {shown if len(names) <= 8 else f'{len(names)} terms changed (the JSON has them)'}"
-        if fit.moved:
-            yield (
-                f"{load}: with that {len(fit.moved)} of its terms leave their 95 % intervals: the log speaks "
-                "against the rule there (a cell's offset, the rig, a wrong column)"
-            )
-    for name, error in result.without.items():
-        now = result.channels[name].rmse
-        if abs(now - error.rmse) > 1e-3 * error.rmse:
-            unit = unit_of(name)
-            yield f"{name} held out: {error.rmse:.4g} {unit} free, {now:.4g} {unit} with physical sense"
-
-
-def surface_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str]]:
-    """(load, what it holds beyond the R-CRM's squares, noise, log evidence of that, terms of the file)."""
-    for load, fit in result.fits.items():
-        if fit.smooth:
-            unit = Load.of(load).unit
-            beyond, noise = (f"{x:.3g} {unit}" for x in (fit.smooth.size, fit.smooth.noise))
-            yield load, beyond, noise, f"{fit.smooth.evidence:.0f}", str(len(fit.terms))
 
 
 def term_rows(result: Identification) -> Iterator[tuple[str, str, str, str, str]]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from coaxlink.load import Load
 from coaxlink.report.html import PagePicture, PageTable, render
-from coaxlink.report.identify import NAMES, SURFACES, remarks, surface_rows, unit_of
+from coaxlink.report.identify import NAMES, remarks, unit_of
 from coaxlink.report.made import Made
 from coaxlink.report.pictures.figures import drawn
 from coaxlink.report.pictures.identify_plots import figures
@@ -16,10 +16,7 @@ from coaxlink.rotor.identification import Identification
 CAPTIONS = {
     "surfaces": "Data (dots) and model (line, mesh)",
     "residuals": "What the model misses on rows that the fit did not use",
-    "tolerance": "What a wider tolerance leaves of the dictionary (the paper's Fig. 4)",
-    "efficiency": "Efficiency over the thrust of the pair (the paper's Fig. 5)",
 }
-FIRST = ("surfaces", "residuals")
 FEW = 6  # remarks that stand open
 
 
@@ -31,7 +28,6 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
         for name, figure in figures(result, made.line()).items()
     }
     said = list(remarks(result))
-    surface = result.form == "surface"
     terms = PageTable(("load", "term", "value", "95 % interval"), list(_terms(result)))
     return render(
         "identify.html",
@@ -39,13 +35,11 @@ def identify_page(result: Identification, made: Made | None = None) -> str:
         lead=sentence(result),
         made=made,
         rows=result.data.samples.rows,
-        first=[shown[name] for name in FIRST if name in shown],
+        pictures=list(shown.values()),
         errors=PageTable(("channel", "form", "RMSE", "of the range", "R", "rows"), list(_errors(result))),
-        terms_title="What the surface holds" if surface else "Terms of the model",
-        terms=PageTable(SURFACES, list(surface_rows(result))) if surface else terms,
+        terms=terms,
         remarks=said[:FEW],
         more=said[FEW:],
-        last=[shown[name] for name in shown if name not in FIRST],
     )
 
 

@@ -4,7 +4,6 @@ srm      f = k u^2, one k for both rotors: a coaxial rotor is a rotor (eq. 18's 
 cpcm     f_u = k u_u^2, f_l = c k u_l^2: a constant penalty on the lower rotor (their reference 21)
 rcrm     f_u = p_0u u_u^2, f_l = p_0l u_l^2 + p_1l u_u^2 (eq. 6)
 crm      f_u a polynomial of u_u, f_l one of (u_u, u_l), terms chosen by LASSO up to an order (eq. 1-4)
-surface  a smooth surface over both speeds, where no such polynomial follows (not in the paper; rotor.smooth)
 
 Berra, Trujillo and Heredia 2024, section 3.
 """
@@ -24,9 +23,8 @@ from coaxlink.rotor.uncertainty import Intervals, term_intervals
 
 Array = NDArray[np.float64]
 
-FORMS = ("srm", "cpcm", "rcrm", "crm", "surface")
+FORMS = ("srm", "cpcm", "rcrm", "crm")
 LOWEST = 2  # order of the smallest dictionary: squares are what momentum theory asks for
-SURFACE_DEGREE = 6  # of both speeds together: bumps wider than a fifth of their range
 HUBER = 2.5  # standard deviations within which a row counts in full
 ONE_IN_A_THOUSAND = 10.83  # of chi squared with one degree of freedom
 LEAST_VARIANCE = 0.05  # of the mean: a row at rest must not rule the fit
@@ -38,14 +36,6 @@ class Options:
     """How a form is fitted."""
 
     max_order: int = 4  # highest power of each speed that crm may use
-    standardised: bool = True  # terms to unit root mean square before the l1 norm sees them
-    tolerance_N: float | None = None  # the paper's form of eq. 4 instead of cross-validation
-    tolerance_Nm: float | None = None
-    physical: bool = False  # loads that do what rotors' do (rotor.physical)
-
-    def tolerance(self, load: str) -> float | None:
-        """The tolerance for a load, None for the penalty form."""
-        return self.tolerance_N if load.endswith("thrust_N") else self.tolerance_Nm
 
 
 @dataclass(frozen=True)
@@ -61,26 +51,6 @@ class SelectionStep:
 
 
 @dataclass(frozen=True)
-class Broken:
-    """A rule of rotors that a free fit breaks, where it does so most."""
-
-    rule: str  # what the load does, in words
-    worst: float  # N or N m, or those per unit of normalised speed
-    upper: float  # normalised speeds of that place
-    lower: float
-    share: float  # of the speeds where it breaks it
-
-
-@dataclass(frozen=True)
-class Smooth:
-    """What a surface holds beyond squares of the speeds."""
-
-    evidence: float  # log marginal likelihood above that of squares alone, nats
-    noise: float  # N or N m
-    size: float  # RMS over the rows, N or N m
-
-
-@dataclass(frozen=True)
 class LoadFit:
     """A fitted load."""
 
@@ -90,23 +60,11 @@ class LoadFit:
     intervals: Intervals  # of the whole dictionary; of the terms themselves where none were chosen
     history: tuple[SelectionStep, ...] = ()
     alone: bool = False  # intervals take the kept terms for granted, though the data may show more
-    moved: tuple[str, ...] = ()  # terms that physical sense moved out of what the data say
-    broken: tuple[Broken, ...] = ()  # what the coefficients without physical sense do
-    free: Array | None = None  # (p,) those coefficients, where others were put in their place
-    smooth: Smooth | None = None  # of the form surface alone
-    unmet: bool = False  # its terms cannot make sense: the free coefficients were kept
 
     @property
     def polynomial(self) -> Polynomial:
         """The load as a polynomial, without its zero terms."""
         return Polynomial.from_terms(nonzero(self.terms, self.coefficients))
-
-    @property
-    def freely(self) -> Polynomial:
-        """The load as the data alone have it, where physical sense was requested."""
-        return Polynomial.from_terms(
-            nonzero(self.terms, self.coefficients if self.free is None else self.free)
-        )
 
     def predict(self, upper: Array, lower: Array) -> Array:
         """Value at normalised speeds (rows,)."""
@@ -131,9 +89,6 @@ def load_terms(form: str, load: str, order: int = LOWEST) -> list[str]:
         return [square] if upper else [square, "u_u^2"]
     if form == "crm":
         return [term_name(a, 0) for a in range(order + 1)] if upper else dictionary(order, order)
-    if form == "surface":
-        degrees = range(SURFACE_DEGREE + 1)
-        return [term_name(a, b) for a in degrees for b in degrees if a + b <= SURFACE_DEGREE]
     raise ValueError(f"'{form}' is not a form: {', '.join(FORMS)}")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +46,6 @@ from coaxlink.rotor.uncertainty import (
 CORRELATED = 0.98  # correlation of the two speeds beyond which a log is one line, not a map
 OUTLYING = 6.0  # standard deviations beyond which a row is reported
 EXACT = 1e-9  # of the largest load: what rounding of a fit leaves is no error
-SURE = 2.0  # standard errors: one in forty by chance
-METHODS = {"surface": "the R-CRM's squares and a smooth discrepancy, marginal likelihood, blocks held out"}
 LASSO = "LASSO on standardised terms, refitted on the support, blocks held out"
 Channels = Mapping[str, HeldOutError]  # of the coaxial sums and of each load
 
@@ -79,12 +77,10 @@ class Identification:
     data: StandData
     predicted: Values  # held-out predictions of the chosen form
     notes: tuple[str, ...] = ()
-    without: Channels = field(default_factory=dict)  # held out, physical sense not requested
 
     def as_json(self) -> dict[str, Any]:
         """The contract's JSON of `identify`, and more."""
         fits = self.fits
-        smooth = {load: vars(fit.smooth) for load, fit in fits.items() if fit.smooth}
         return {
             "form": self.form,
             "speed_max_rpm": self.model.speed_max_rpm,
@@ -106,24 +102,6 @@ class Identification:
             },
             "wild_rows": [vars(row) for row in self.outliers],
             "notes": list(self.notes),
-            **({"surface": smooth} if smooth else {}),
-            **({"physical": self._physical()} if self.without else {}),
-        }
-
-    def _physical(self) -> dict[str, Any]:
-        """What physical sense changed, and what that cost on held-out blocks."""
-        return {
-            "loads": {
-                load: {
-                    "broken": [vars(rule) for rule in fit.broken],
-                    "unmet": fit.unmet,
-                    "terms_without": fit.freely.terms(),
-                    "moved_out_of_their_intervals": list(fit.moved),
-                }
-                for load, fit in self.fits.items()
-                if fit.broken
-            },
-            "channels_without": _errors_json(self.without),
         }
 
 
@@ -139,7 +117,7 @@ def identify(
     options: Options | None = None,
     compare: bool = True,
 ) -> Identification:
-    """Fit `form` (crm, rcrm, srm, cpcm, surface or auto) to a stand log.
+    """Fit `form` (crm, rcrm, srm, cpcm or auto) to a stand log.
 
     Errors of all forms are held out in blocks; order, penalty and terms are chosen again without each block.
     auto keeps the simplest form within one standard error of the best; without `compare` the named form is
@@ -180,13 +158,9 @@ def _identified(data: StandData, form: str, options: Options, compare: bool) -> 
         data=data,
         predicted=predicted[chosen],
         notes=(
-            *_beyond_polynomials(chosen, predicted, comparison, data),
             *data.samples.notes,
             *_notes(data, _reason(chosen, comparison) if form == "auto" else None),
         ),
-        without=_channel_errors(data, _held_out(chosen, data, replace(options, physical=False)))
-        if options.physical
-        else {},
     )
     return replace(result, model=replace(model, identified=_provenance(result)))
 
@@ -253,25 +227,6 @@ def _above(loss: Array, other: Array) -> float:
     return float(standard_errors_above(loss[:, None], other)[0])
 
 
-def _beyond_polynomials(
-    chosen: str, predicted: Mapping[str, Values], comparison: Mapping[str, Channels], data: StandData
-) -> Iterator[str]:
-    """What a surface follows and polynomials do not: as sure as auto is of it, else two standard errors."""
-    polynomial = "crm" if chosen == "surface" else chosen
-    if not {polynomial, "surface"} <= set(predicted) or not comparison[chosen]:
-        return
-    loss = _losses(data, {name: predicted[name] for name in (polynomial, "surface")})
-    if _above(loss[polynomial], loss["surface"]) <= (ONE_STANDARD_ERROR if chosen == "surface" else SURE):
-        return
-    channel = _clearest(comparison, polynomial, "surface")
-    mine, smooth = (
-        f"{comparison[form][channel].rmse:.3g} {unit_of(channel)}" for form in (polynomial, "surface")
-    )
-    errors = f"({channel} held out: {mine}, a smooth surface {smooth})"
-    ending = "the model is a smooth surface over both speeds" if chosen == "surface" else "see `form` surface"
-    yield f"{polynomial} does not follow this pair everywhere {errors}: {ending}"
-
-
 def _clearest(comparison: Mapping[str, Channels], worse: str, better: str) -> str:
     """The channel in which the one form's held-out error is most above the other's."""
     least = {c: max(error.rmse, 1e-300) for c, error in comparison[better].items()}
@@ -313,8 +268,6 @@ def _scatter(data: StandData, options: Options) -> Values:
 
 def _given(data: StandData, load: str, fit: LoadFit) -> Intervals:
     """Intervals on the chosen terms alone: how well the rows fix the numbers once the terms are granted."""
-    if fit.smooth:  # its prior is part of it: least squares on its terms alone says nothing
-        return fit.intervals
     terms, rows = list(fit.polynomial.terms()), data.rows(load)
     X = rows.design(terms)
     return term_intervals(terms, X, rows.y, row_weights(X, rows.y))
@@ -368,7 +321,7 @@ def _provenance(result: Identification) -> dict[str, Any]:
         "file": path.name,
         "sha256": files.sha256(path) if path.is_file() else "",
         "rows": result.data.samples.rows,
-        "law": METHODS.get(result.form, LASSO),
+        "law": LASSO,
         "errors": _errors_json(result.channels),
         "noise_floor": dict(result.noise_floor),
         "intervals": {load: i.as_json() for load, i in result.intervals.items()},

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coaxlink.data import Samples
 from coaxlink.data.unit_check import electrical_turns, other_units, sizes
 from coaxlink.load import Load
-from coaxlink.rotor.efficiency import electrical_power
 from coaxlink.rotor.fit import ROWS_A_TERM, Array, load_terms
 from coaxlink.rotor.identification import CORRELATED, Identification
 from coaxlink.rotor.stand_data import COAXIAL, StandData, unit_of
@@ -254,7 +254,7 @@ def _idle_power(data: StandData) -> Iterator[str]:
     for side, _, _ in _sides(data):
         column = f"{side}_power_W"
         samples = data.samples
-        power = samples[column] if samples.has(column) else electrical_power(samples, side)
+        power = samples[column] if samples.has(column) else _electrical_power(samples, side)
         load = data.loads[f"{side}.thrust_N"]
         if power is None or not np.isfinite(load).any():
             continue
@@ -262,6 +262,14 @@ def _idle_power(data: StandData) -> Iterator[str]:
         if len(rows):
             where = _row_names(data, rows)
             yield f"{side}: {len(rows)} rows draw power without thrust ({where}): cell or propeller?"
+
+
+def _electrical_power(samples: Samples, side: str) -> Array | None:
+    """(rows,) watts into a motor, None where its voltage or current was not measured."""
+    volts = next((n for n in (f"{side}_voltage_V", "voltage_V") if samples.has(n)), None)
+    if volts is None or not samples.has(f"{side}_current_A"):
+        return None
+    return np.asarray(samples[volts] * samples[f"{side}_current_A"])
 
 
 def _wrong_way(data: StandData) -> Iterator[str]:

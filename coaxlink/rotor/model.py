@@ -56,7 +56,7 @@ class PairLoads:
 class RotorModel:
     """One coaxial pair: four polynomials, the speed that u = 1 means, and where they come from."""
 
-    form: str  # crm, rcrm, srm, cpcm, surface
+    form: str  # crm, rcrm, srm, cpcm
     speed_max_rpm: float
     upper_thrust: Polynomial
     upper_torque: Polynomial
@@ -135,7 +135,7 @@ class _Sources(BaseModel):
 
 class _RotorFile(BaseModel):
     model_config = ConfigDict(title="coaxlink rotor model", extra="forbid")
-    form: Name = Field(description="crm, surface, rcrm, srm or cpcm: how rich the polynomials are.")
+    form: Name = Field(description="crm, rcrm, srm or cpcm: how rich the polynomials are.")
     speed_max_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
         description="The speed that u = 1 means, rpm."
     )

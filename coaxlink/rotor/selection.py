@@ -14,23 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from coaxlink.rotor.fit import (
-    LOWEST,
     Array,
     LoadFit,
     Options,
     SelectionStep,
     fit_all_terms,
-    least_squares,
     load_terms,
     noise_weights,
     nonzero,
     orders,
     row_weights,
 )
-from coaxlink.rotor.lasso import block_errors, lambda_grid, lasso_path, refitted, tolerance_form
-from coaxlink.rotor.physical import constrained
+from coaxlink.rotor.lasso import block_errors, lambda_grid, lasso_path, refitted
 from coaxlink.rotor.polynomial import parse_term
-from coaxlink.rotor.smooth import fit_surface
 from coaxlink.rotor.stand_data import LoadRows
 from coaxlink.rotor.uncertainty import (
     ONE_STANDARD_ERROR,
@@ -44,22 +40,8 @@ PENALTIES = 50  # points of the path
 
 
 def fit_load(form: str, rows: LoadRows, options: Options) -> LoadFit:
-    """Fit one load of a form; crm chooses order and terms on blocks left out.
-
-    Raises InfeasibleTolerance when a tolerance is requested that no coefficients reach.
-    """
-    if form == "surface":
-        return fit_surface(rows, every_rule=options.physical)
-    tolerance = options.tolerance(rows.load)
-    if form != "crm":
-        fit = fit_all_terms(form, rows)
-    elif tolerance is not None:
-        fit = _by_tolerance(rows, tolerance, options)
-    else:
-        fit = _by_cross_validation(rows, options)
-    if not options.physical:
-        return fit
-    return constrained(fit, rows, row_weights(rows.design(fit.terms), rows.y))
+    """Fit one load of a form; crm chooses order and terms on blocks left out."""
+    return _by_cross_validation(rows, options) if form == "crm" else fit_all_terms(form, rows)
 
 
 @dataclass(frozen=True)
@@ -78,7 +60,7 @@ def _by_cross_validation(rows: LoadRows, options: Options) -> LoadFit:
     tried = [o for o in tried if o == tried[0] or _determined(designs[o])]
     richest = designs[tried[-1]]
     weights = noise_weights(richest, rows.y, row_weights(richest, rows.y))
-    found = [_candidates(order, designs[order], rows, weights, options.standardised) for order in tried]
+    found = [_candidates(order, designs[order], rows, weights) for order in tried]
     candidates = [c for of_order, _ in found for c in of_order]
     return _one_standard_error(candidates, np.concatenate([e for _, e in found], axis=1), rows, weights)
 
@@ -89,17 +71,15 @@ def _determined(X: Array) -> bool:
     return bool(singular[-1] > SINGULAR * singular[0])
 
 
-def _term_scale(X: Array, standardised: bool) -> Array:
-    """(p,) root mean squares of the terms, 1 for a term that is nothing and where raw ones are requested."""
-    scale = np.sqrt(np.mean(X**2, axis=0)) if standardised else np.ones(X.shape[1])
+def _term_scale(X: Array) -> Array:
+    """(p,) root mean squares of the terms, 1 for a term that is nothing."""
+    scale = np.sqrt(np.mean(X**2, axis=0))
     return np.where(scale > 0, scale, 1.0)
 
 
-def _candidates(
-    order: int, X: Array, rows: LoadRows, weights: Array, standardised: bool
-) -> tuple[list[_Candidate], Array]:
+def _candidates(order: int, X: Array, rows: LoadRows, weights: Array) -> tuple[list[_Candidate], Array]:
     """A candidate a penalty (L) of an order's design (n, p), and its squared error on each block (K, L)."""
-    scale = _term_scale(X, standardised)
+    scale = _term_scale(X)
     Z, y = X / scale, rows.y
     G, c, yy = [], [], []
     for name in np.unique(rows.fold):
@@ -176,20 +156,3 @@ def _history(
         SelectionStep(order, candidates[i].lam, size, float(rmse[i]), float(min(excess[i], 1e9)), i == chosen)
         for (order, size), i in sorted(best.items())
     )
-
-
-def _by_tolerance(rows: LoadRows, tolerance: float, options: Options) -> LoadFit:
-    """The paper's own form: least l1 norm within a tolerance, order 2, refitted on the support.
-
-    Its intervals are those of the terms it kept: a wide tolerance means to leave out what the data show.
-    """
-    terms = load_terms("crm", rows.load, min(options.max_order, LOWEST))
-    X = rows.design(terms)
-    scale = _term_scale(X, options.standardised)
-    support = tolerance_form(X / scale, rows.y, tolerance) != 0
-    kept = [t for t, on in zip(terms, support, strict=True) if on]
-    weights = row_weights(X[:, support], rows.y)
-    b = np.zeros(len(terms))
-    b[support] = least_squares(X[:, support], rows.y, weights)
-    intervals = term_intervals(kept, X[:, support], rows.y, weights)
-    return LoadFit(tuple(terms), b, LOWEST, intervals, alone=True)

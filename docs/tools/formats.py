@@ -65,7 +65,7 @@ def page() -> str:
         "## Truth of a world\n\nFor `coaxlink sim --truth`; nothing else reads it. `[[effects]]` with `name`, `size`, "
         "and where wanted `onset_s` and `law`.\n\n"
         + _table(("name", "size is", "further keys", "laws"), _truths()),
-        "## Schedule of a stand\n\n`coaxlink identify --next` and `coaxlink refine --plan` write it, "
+        "## Schedule of a stand\n\n`coaxlink refine --plan` writes it, "
         f"`coaxlink sim --stand OUT.csv --schedule FILE` runs it.\n\n```toml\n{_schedule()}\n```\n",
     ]
     return "\n".join(parts)

@@ -19,7 +19,7 @@ from coaxlink.live.counts import Counters
 
 
 def answer(*effects, **rest):
-    parts = {"suspect_data": (), "ambiguous": (), "unexplained": (), "surface": ()} | rest
+    parts = {"suspect_data": (), "ambiguous": (), "unexplained": ()} | rest
     return SimpleNamespace(effects=[SimpleNamespace(name=n) for n in effects], **parts)
 
 
@@ -56,7 +56,6 @@ def test_a_weak_rotor_calls_for_a_screwdriver_not_for_a_table():
             "--plan PLAN.toml writes the run that separates a from b",
         ),
         (answer(unexplained=[SimpleNamespace(depends_on=("yaw_rad",))]), "yaw_rad"),
-        (answer(surface=["a surface holds 3 N"]), "identify LOG --form surface --out ROTOR.toml"),
     ],
 )
 def test_other_answers(found, said):

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-import tomli_w
-from rotor_bench import eq17, pair_log
+from rotor_bench import pair_log
 
 from coaxlink.data import Samples
 from coaxlink.data.averaging import shortened
 from coaxlink.rotor.fit import Options
 from coaxlink.rotor.identification import identify
 from coaxlink.rotor.log_checks import check_log, coverage, for_the_table, oddities
-from coaxlink.rotor.next_runs import next_runs
 from coaxlink.rotor.stand_data import StandData, stand_data
-from sim.stand.schedule import read_schedule
 
 TOP = 5400.0
 SQUARES = Options(max_order=2)
@@ -97,34 +92,6 @@ def test_what_a_line_of_speeds_means_for_a_table() -> None:
     assert "fly it only with both rotors between" in text and "of the upper one's" in text
     full_map = identify(log(*full()), "rcrm", compare=False)
     assert "for a table: nothing" in for_the_table(full_map, "lower.thrust_N")
-
-
-@pytest.mark.slow
-def test_the_next_run_is_a_schedule_that_halves_the_error(tmp_path: Path) -> None:
-    """On eq. 17 itself: errors of the fit over the table's speeds before and after the planned points."""
-
-    def measured(seed: int, u: np.ndarray, v: np.ndarray) -> Samples:
-        made = pair_log(u, v, eq17(u, v), (0.5, 0.01) * 2, np.random.default_rng(seed), rpm=TOP)
-        return made.with_columns(upper_throttle=u, lower_throttle=v)
-
-    u, v = (axis.ravel() for axis in np.meshgrid(np.linspace(0.1, 0.7, 6), np.linspace(0.1, 0.7, 6)))
-    spots = np.meshgrid(np.linspace(0.2, 1, 17), np.linspace(0.2, 1, 17))
-    before, after = [], []
-    for seed in range(4):
-        poor = measured(seed, u, v)
-        result = identify(poor, "crm", options=SQUARES, compare=False)
-        runs = next_runs(result)
-        path = tmp_path / f"{seed}.toml"
-        path.write_text(tomli_w.dumps(runs.document()))
-        schedule = read_schedule(path)
-        assert len(schedule.time_s) == pytest.approx(10 * runs.seconds) and runs.share <= 0.51
-        points = np.repeat(runs.points, runs.times, axis=0)
-        more = measured(100 + seed, points[:, 0], points[:, 1])
-        both = Samples({n: np.concatenate([poor[n], more[n]]) for n in poor.columns}, "x.csv")
-        again = identify(both, "crm", options=SQUARES, compare=False, speed_max_rpm=TOP)
-        for model, errors in ((result.model, before), (again.model, after)):
-            errors.append(np.mean((model.lower_thrust(*spots) - eq17(*spots)[2]) ** 2))
-    assert np.sqrt(np.mean(after)) < 0.7 * np.sqrt(np.mean(before))
 
 
 def test_long_logs_are_averaged_where_speeds_hold() -> None:

@@ -38,10 +38,6 @@ def after_refine(result: Refinement, out: Path | None, flight: bool, airframe: P
         first = result.unexplained[0]
         more = "flights" if flight else "sweeps"
         return f"next: {more} that vary {', '.join(first.depends_on)} alone; no model was changed"
-    if result.surface:
-        return (
-            "next: coaxlink identify LOG --form surface --out ROTOR.toml puts the surface into a rotor file"
-        )
     return "next: nothing to mend; the model explains these data to their noise"
 
 

@@ -1,25 +1,16 @@
-"""Pictures of an identification, after the paper's Fig. 2 to 5: surfaces with data, residuals, tolerances,
-efficiency. Nothing is fitted here but what a picture itself sweeps.
-"""
+"""Pictures of an identification, after the paper's Fig. 2 and 3: surfaces with data, residuals."""
 
 from __future__ import annotations
 
-import contextlib
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.report.pictures.figures import GREY, new_figure, plain_axis, stamped
 from coaxlink.report.pictures.label import channel_words, label
-from coaxlink.report.pictures.looks import AFTER, BEFORE, LOOKS
-from coaxlink.rotor.efficiency import measured_efficiency, split_curves
-from coaxlink.rotor.fit import least_squares, load_terms
+from coaxlink.report.pictures.looks import AFTER, BEFORE
 from coaxlink.rotor.identification import Identification
-from coaxlink.rotor.lasso import tolerance_form
-from coaxlink.rotor.polynomial import design_matrix
 from coaxlink.rotor.stand_data import COAXIAL
 
 if TYPE_CHECKING:
@@ -32,11 +23,6 @@ TITLES = {load.key: load.label for load in Load}
 def figures(result: Identification, stamp: str = "") -> dict[str, Figure]:
     """Name: figure, of all that this identification has the data for; `stamp` below each."""
     made = {"surfaces": surfaces(result), "residuals": residuals(result)}
-    if {Load.LOWER_THRUST.key, Load.UPPER_THRUST.key} <= set(result.data.measured):
-        made["tolerance"] = tolerance_sweep(result)
-    if all(load in result.data.measured for pair in COAXIAL.values() for load in pair):
-        with contextlib.suppress(InputError):  # no rpm: speeds came from the throttle
-            made["efficiency"] = efficiency(result)
     return {name: stamped(figure, stamp) for name, figure in made.items()}
 
 
@@ -90,68 +76,4 @@ def residuals(result: Identification) -> Figure:
         plain_axis(axis)
     axes[-1].set_xlabel("row; lines part the blocks that were left out one at a time")
     figure.suptitle("measured less predicted, held out", x=0.01, ha="left", fontsize=11)
-    return figure
-
-
-def tolerance_sweep(result: Identification, points: int = 14) -> Figure:
-    """Fig. 4: terms of the lower thrust that the paper's tolerance form keeps, and the error they leave."""
-    figure = new_figure(11.0, 4.2)
-    left, right = figure.subplots(1, 2)
-    for kind, standardised, look in (("standardised terms", True, AFTER), ("raw terms", False, BEFORE)):
-        eps, sizes, errors = _sweep(result, standardised, points)
-        left.step(eps, sizes, where="mid", color=look.colour, label=kind)
-        right.plot(eps, errors, **look.points, ms=3, label=f"{kind}, refitted")
-    right.plot(eps, eps, color=GREY, lw=0.8, ls="--", label="the l1 problem's own")
-    left.set_ylabel("terms kept of 9")
-    left.yaxis.get_major_locator().set_params(integer=True)
-    right.set_ylabel("RMSE of the lower thrust, N")
-    right.set_yscale("log")
-    for axis in (left, right):
-        axis.set_xscale("log")
-        axis.set_xlabel("tolerance, N")
-        axis.legend(frameon=False, fontsize=8)
-        plain_axis(axis)
-    return figure
-
-
-def _sweep(
-    result: Identification, standardised: bool, points: int
-) -> tuple[NDArray[np.float64], list[int], list[float]]:
-    load = Load.LOWER_THRUST.key
-    y = result.data.loads[load]
-    rows = np.isfinite(y)
-    y = y[rows]
-    X = design_matrix(
-        load_terms("crm", load, 2), result.data.speeds.upper[rows], result.data.speeds.lower[rows]
-    )
-    scale = np.sqrt(np.mean(X**2, axis=0)) if standardised else np.ones(X.shape[1])
-    floor = float(np.sqrt(np.mean((y - X @ least_squares(X, y, np.ones(len(y)))) ** 2)))
-    eps = np.geomspace(1.01 * floor, max(0.5 * float(np.std(y)), 2 * floor), points)
-    sizes, errors = [], []
-    for tolerance in eps:
-        chosen = tolerance_form(X / scale, y, float(tolerance)) != 0
-        b = least_squares(X[:, chosen], y, np.ones(len(y)))
-        sizes.append(int(chosen.sum()))
-        errors.append(float(np.sqrt(np.mean((y - X[:, chosen] @ b) ** 2))))
-    return eps, sizes, errors
-
-
-def efficiency(result: Identification) -> Figure:
-    """Fig. 5: efficiencies of eq. 5 over the coaxial thrust. Raises InputError without measured speeds."""
-    found = measured_efficiency(result.data.samples)
-    columns = [("propeller, N/W", found.propeller)]
-    columns += [("motor", found.motor)] if found.motor is not None else []
-    columns += [("overall, N/W", found.overall)] if found.overall is not None else []
-    figure = new_figure(4.0 * len(columns) + 1.5, 3.9)
-    axes = np.atleast_1d(figure.subplots(1, len(columns)))
-    for axis, (title, values) in zip(axes, columns, strict=True):
-        axis.plot(found.thrust_N, values, "o", color=DATA, ms=3, alpha=0.6, label="measured")
-        axis.set_title(title, loc="left", fontsize=10)
-        axis.set_xlabel("coaxial thrust, N")
-        axis.set_ylim(bottom=0, top=float(np.nanquantile(values, 0.99)) * 1.25)
-        plain_axis(axis)
-    thrust = np.linspace(0.1, 1.0, 24) * float(found.thrust_N.max())
-    for split, look in zip(split_curves(result.model, thrust), LOOKS[:3], strict=True):
-        axes[0].plot(thrust, split.propeller, **look.line, label=f"model, {split.name}")
-    axes[0].legend(frameon=False, fontsize=8, loc="lower left")
     return figure
