@@ -23,6 +23,7 @@ from coaxlink.rotor import RotorModel
 from coaxlink.rotor.model import Source, input_error, plain_name
 
 AXES = ("thrust", "roll", "pitch", "yaw")
+MOST_ROTORS = 32  # what an ArduPilot drives; PX4 has 12
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,12 @@ class Airframe:
             for i, rotor in enumerate(self.rotors)
             if rotor.level == "upper" and rotor.pair is not None
         )
+
+    @property
+    def co_rotating(self) -> tuple[tuple[int, int], ...]:
+        """Those of `pairs` whose rotors turn the same way."""
+        turn = [rotor.yaw_sign for rotor in self.rotors]
+        return tuple((u, w) for u, w in self.pairs if turn[u] == turn[w])
 
     @property
     def singles(self) -> tuple[int, ...]:
@@ -124,7 +131,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 class _RotorTable(BaseModel):
     model_config = ConfigDict(extra="forbid")
-    number: Annotated[int, Field(ge=1, le=16, description="The autopilot's motor number, from 1.")]
+    number: Annotated[int, Field(ge=1, le=MOST_ROTORS, description="The autopilot's motor number, from 1.")]
     position_m: Annotated[
         Vector, Field(description="Forward, right, down from the centre of mass, m (body frame FRD).")
     ]
@@ -174,7 +181,8 @@ class _AirframeFile(BaseModel):
         Field(description="Where the numbers are from; what it does not name is declared."),
     ] = None
     rotors: Annotated[
-        list[_RotorTable], Field(min_length=3, max_length=16, description="One table a rotor, any order.")
+        list[_RotorTable],
+        Field(min_length=3, max_length=MOST_ROTORS, description="One table a rotor, any order."),
     ]
 
 

@@ -12,23 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware_params import bounded
-from firmware_params.errors import ParamsFileError, TableError
+from firmware_params.errors import TableError
 from firmware_params.plain import is_parameter_name, plain
 
 _NUMBER = re.compile(
     r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.ASCII | re.IGNORECASE
 )
-
-
-def read_text(path: Path) -> str:
-    """A file's text without a byte order mark. Raises ParamsFileError."""
-    try:
-        return bounded.read_text(path)
-    except OSError as error:
-        raise ParamsFileError(path, 0, f"cannot be read ({error.strerror})") from error
-    except bounded.Unreadable as error:
-        raise ParamsFileError(path, 0, str(error)) from error
 
 
 def number(text: str) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -75,6 +76,9 @@ def identify(
         Path | None,
         typer.Option("--next", metavar="PLAN.toml", help="Of flights: write the one that would tell most."),
     ] = None,
+    co_rotating: Annotated[
+        bool, typer.Option("--co-rotating", help="Both rotors of the pair on the stand turn the same way.")
+    ] = False,
     single: SingleOption = None,
     pitch: PitchOption = None,
     spacing: SpacingOption = None,
@@ -126,7 +130,7 @@ def identify(
     for result, checked in zip(results, checks, strict=True):
         _print(result, checked)
     if out:
-        _save([result.model for result in results], out)
+        _save([result.model for result in results], out, co_rotating)
     if json:
         _write_json(json, results, checks)
     if plot or report:
@@ -158,11 +162,13 @@ def _print(result: Identification, checks: LogChecks) -> None:
         say(f"- {remark}")
 
 
-def _save(models: list[RotorModel], out: Path) -> None:
-    from coaxlink.rotor.model import save_rotor_model
+def _save(models: list[RotorModel], out: Path, co_rotating: bool) -> None:
+    from coaxlink.rotor.model import CO_ROTATING, COUNTER_ROTATING, save_rotor_model
+
+    rotation = CO_ROTATING if co_rotating else COUNTER_ROTATING
 
     for model, path in zip(models, _numbered(out, len(models)), strict=True):
-        save_rotor_model(path, model)
+        save_rotor_model(path, replace(model, rotation=rotation))
         say(f"wrote {path}")
 
 

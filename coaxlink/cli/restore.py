@@ -23,7 +23,10 @@ from coaxlink.cli.upload import (
 
 
 def restore(
-    backups: Annotated[list[Path], typer.Argument(metavar="BACKUP", help="A file that upload wrote.")],
+    backups: Annotated[
+        list[Path],
+        typer.Argument(metavar="BACKUP", help="A file that upload wrote, or your own of the parameters."),
+    ],
     connect: ConnectOption,
     dry_run: DryRunOption = False,
     yes: YesOption = False,

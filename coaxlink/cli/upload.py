@@ -33,7 +33,9 @@ BackupOption = Annotated[Path, typer.Option(metavar="DIR", help="Where backups g
 
 
 def upload(
-    source: Annotated[Path, typer.Argument(metavar="DIR", help="What `coaxlink table` wrote.")],
+    source: Annotated[
+        Path, typer.Argument(metavar="DIR", help="What `coaxlink table` wrote, or one file of parameters.")
+    ],
     connect: ConnectOption,
     dry_run: DryRunOption = False,
     yes: YesOption = False,
@@ -63,6 +65,8 @@ def upload(
 
     files.refuse_unwritable(json_file)
     plan = load_plan(source)
+    for note in plan.notes:
+        say(f"note: {note}")
     try:
         refuse_values(plan.firmware, plan.params, plan.files[0])
     except SafetyRefusal as error:

@@ -33,6 +33,8 @@ def verify(
 
     files.refuse_unwritable(json_file)
     plan = load_plan(source) if source else None
+    for note in plan.notes if plan else ():
+        say(f"note: {note}")
     with (
         open_session(
             connect, timeout_s=timeout, target_system=system, signing_key=signing_key, station=True

@@ -29,6 +29,9 @@ LOADS = tuple(load.key for load in Load)  # as files spell them
 Source = Literal["measured", "declared", "board", "estimated", "default"]
 
 
+COUNTER_ROTATING, CO_ROTATING = "counter-rotating", "co-rotating"
+
+
 @dataclass(frozen=True)
 class EffectEntry:
     """An effect as a rotor file has it: what it is called, its numbers, the columns it reads."""
@@ -65,6 +68,7 @@ class RotorModel:
     effects: tuple[EffectEntry, ...] = ()
     identified: Mapping[str, Any] = field(default_factory=dict)  # file, hash, rows, method, errors, intervals
     sources: Mapping[str, Source] = field(default_factory=dict)  # key of the file -> where it is from
+    rotation: str = COUNTER_ROTATING  # of the pair whose loads these are
 
     def loads(self, u_upper: ArrayLike, u_lower: ArrayLike) -> PairLoads:
         """Thrusts and torques at normalised speeds (broadcast), without the effects."""
@@ -139,6 +143,9 @@ class _RotorFile(BaseModel):
     speed_max_rpm: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
         description="The speed that u = 1 means, rpm."
     )
+    rotation: Literal["counter-rotating", "co-rotating"] = Field(
+        "counter-rotating", description="How the rotors of that pair turn against each other."
+    )
     upper: _Loads = Field(description="The upper rotor's loads.")
     lower: _Loads = Field(description="The lower rotor's loads, in the upper one's wake.")
     effects: list[_Effect] = Field(default_factory=list, description="What refine added to the polynomials.")
@@ -177,6 +184,7 @@ def load_rotor_model(path: Path) -> RotorModel:
     return RotorModel.from_terms(
         parsed.form, parsed.speed_max_rpm, terms, effects=effects, identified=parsed.identified,
         sources=parsed.sources.model_dump(exclude_none=True) if parsed.sources else {},
+        rotation=parsed.rotation,
     )  # fmt: skip
 
 
@@ -184,6 +192,8 @@ def save_rotor_model(path: Path, model: RotorModel) -> None:
     """Write a rotor file atomically; `load_rotor_model` gives the same model back."""
     terms = model.terms()
     document: dict[str, Any] = {"form": model.form, "speed_max_rpm": model.speed_max_rpm}
+    if model.rotation != COUNTER_ROTATING:
+        document["rotation"] = model.rotation
     if model.sources:
         document["sources"] = dict(model.sources)
     if model.identified:

@@ -113,9 +113,10 @@ def _pairs(airframe: Airframe) -> Iterator[Finding]:
         if upper.position_m[2] >= lower.position_m[2]:
             text = f"rotor {upper.number} is called upper but is not above rotor {lower.number}"
             yield Finding("airframe.pair-height", "error", text, "z is down: the upper one has the smaller z")
-        if upper.yaw_sign == lower.yaw_sign:
-            text = f"{names} turn the same way"
-            yield Finding("airframe.co-rotating", "warning", text, "a coaxial pair usually counter-rotates")
+    alike = [f"{u + 1}/{w + 1}" for u, w in airframe.co_rotating]
+    if alike:
+        text = f"rotors of pair {', '.join(alike)} turn the same way"
+        yield Finding("airframe.co-rotating", "warning", text, "a rotor model of such a pair is expected")
 
 
 def _balance(airframe: Airframe) -> Iterator[Finding]:

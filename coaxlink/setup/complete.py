@@ -6,12 +6,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from coaxlink.airframe import Airframe, Rotor
+import numpy as np
+
+from coaxlink.airframe import AXES, Airframe, Rotor
 from coaxlink.errors import InputError
 from coaxlink.rotor.model import Source
 from coaxlink.setup.layout import Layout, Mount
 
 Inertia = tuple[float, float, float]
+_TORQUE_ARMS = 0.1  # torque over thrust, of an arm: rank does not hang on it
+_OWN_SHARE = 0.02  # of a rotor's full effect on an axis: a tape measure is off by as much
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,33 @@ def completed(layout: Layout, body: Body) -> Airframe:
         "motor_lag_s": "default" if body.motor_lag_s is None else "declared",
         "rotors": "board" if layout.metres else "declared",
     }
-    return Airframe(body.name, mass, inertia, rotors, body.motor_lag_s or 0.0, sources=sources)
+    airframe = Airframe(body.name, mass, inertia, rotors, body.motor_lag_s or 0.0, sources=sources)
+    if lost := lost_axes(airframe):
+        problem = (
+            f"{len(rotors)} rotors at these places and with these spins cannot command {' and '.join(lost)} "
+            "apart from the other axes"
+        )
+        raise InputError(layout.source, "rotors", problem)
+    return airframe
+
+
+def lost_axes(airframe: Airframe) -> list[str]:
+    """Of thrust, roll, pitch and yaw those that the others command along: the effectiveness is not of rank 4.
+
+    >>> from coaxlink.setup import Body, completed, template
+    >>> lost_axes(completed(template("x8"), Body("x8", 12.0, 0.5, 0.1)))
+    []
+    """
+    thrust, torque = airframe.effectiveness()
+    arm = max(math.hypot(r.position_m[0], r.position_m[1]) for r in airframe.rotors) or 1.0
+    rows = (thrust + _TORQUE_ARMS * arm * torque) / np.array([[1.0], [arm], [arm], [_TORQUE_ARMS * arm]])
+    lost = []
+    for n, axis in enumerate(AXES):
+        others = np.delete(rows, n, axis=0)
+        rest = rows[n] - np.linalg.lstsq(others.T, rows[n], rcond=None)[0] @ others
+        if np.linalg.norm(rest) < _OWN_SHARE * math.sqrt(len(airframe.rotors)):
+            lost.append(axis)
+    return lost
 
 
 def inertia_estimate(mass_kg: float, rotors: tuple[Rotor, ...]) -> Inertia:
@@ -116,7 +146,7 @@ def _levels(layout: Layout, upper: tuple[int, ...]) -> tuple[list[str], list[str
         if known and stated and known != stated:
             top = (a if known == "upper" else b) + 1
             raise InputError("`upper`", "", f"{layout.source} has rotor {top} on top of its pair")
-        level = known or stated
+        level = known or stated or _by_order(layout.mounts[a], layout.mounts[b])
         if level is None:
             unknown.append(f"{a + 1} or {b + 1}")
             continue
@@ -129,6 +159,11 @@ def _known_level(a: Mount, b: Mount) -> str | None:
     if a.z is not None and b.z is not None and a.z != b.z:
         return "upper" if a.z < b.z else "lower"  # z is down
     return a.level if a.level and b.level and a.level != b.level else None
+
+
+def _by_order(a: Mount, b: Mount) -> str | None:
+    """Of `a`, where the firmware's motor test has an order."""
+    return None if not (a.order and b.order) else "upper" if a.order < b.order else "lower"
 
 
 def _height(mount: Mount, level: str, body: Body) -> float:

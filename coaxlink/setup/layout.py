@@ -22,6 +22,7 @@ class Mount:
     level: str | None = None  # upper, lower; None where the source does not tell
     output: str = ""  # the connector it is assigned to, "MAIN 1"
     axis: tuple[float, float, float] = UP  # of its thrust, FRD
+    order: int = 0  # in the firmware's motor test, which turns an arm's upper rotor first; 0: not known
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from coaxlink.mavlink.parameters import Number
 from firmware_params import ardupilot
 from firmware_params.ardupilot import scripts
+from firmware_params.ardupilot.owners_script import own_matrix
 from firmware_params.ardupilot.table import DYNAMIC_MATRIX, SCRIPTING_MATRIX, ApTable, Factors
 from firmware_params.errors import TableError
 
@@ -36,10 +37,14 @@ def present_table(params: Mapping[str, Number], script: ReadScript) -> ApTable |
 
 
 def script_table(data: bytes | None) -> tuple[Factors, ...]:
-    """Factors in our class 15 script. Raises TableError for none, or another's."""
+    """Factors in a class 15 script, ours or another's. Raises TableError for none."""
     if data is None:
         raise TableError("no script")
-    return scripts.script_factors(data.decode("utf-8", "replace"))
+    text = data.decode("utf-8", "replace")
+    try:
+        return scripts.script_factors(text)
+    except TableError:
+        return own_matrix(text).factors
 
 
 def planned_table(params: Mapping[str, Number], files: Mapping[str, bytes]) -> ApTable | None:

@@ -15,13 +15,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from coaxlink.data.logs.board_parameters import read_board_parameters
 from coaxlink.errors import InputError
 from coaxlink.files import read_bytes, write_atomic
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Number, Snapshot
 from coaxlink.uploading.content import BoardFiles
 from firmware_params import ardupilot, px4
-from firmware_params.errors import ParamsFileError, TableError
+from firmware_params.errors import TableError
 
 _TITLE = "coaxlink backup"
 _FILES = ".files"
@@ -50,7 +51,7 @@ class Backup:
     path: Path
     params: Mapping[str, Number]
     types: Mapping[str, int]  # MAV_PARAM_TYPE; ArduPilot's format has none
-    board: str  # board id it was taken from
+    board: str  # board id it was taken from; "" where the file is none of ours and does not say
     firmware: str
     time: str
     files: Mapping[str, bytes] = field(default_factory=dict)  # by name
@@ -145,21 +146,17 @@ def _write(path: Path, identity: Identity, snapshot: Snapshot, files: BoardFiles
 
 
 def read_backup(path: Path) -> Backup:
-    """Read a backup; its counts must be whole. Raises InputError with the line."""
-    params: Mapping[str, Number]
-    types: Mapping[str, int]
-    try:
-        if path.suffix == ".param":
-            text = ardupilot.read_param_file(path, finite=False)
-            params, types, lines = text.params, {}, text.header
-        else:
-            read = px4.read_params_file(path, finite=False)
-            params, types, lines = read.params, read.types, read.header
-    except ParamsFileError as error:
-        raise InputError(error.path, f"line {error.line}" if error.line else "", error.problem) from error
+    """Read a backup; its counts must be whole. Another program's file or a log is one of an unnamed board.
+
+    Raises InputError with the line.
+    """
+    read = read_board_parameters(path, telling=True)
+    params, lines = read.params, read.header
     head = dict(line.split(": ", 1) for line in lines if ": " in line)
-    if _TITLE not in lines or "Count" not in head:
-        raise InputError(path, "", "not a coaxlink backup (its header is missing); use upload for a table")
+    if _TITLE not in lines:
+        return Backup(path, params, read.types, "", read.firmware, "")
+    if "Count" not in head:
+        raise InputError(path, "", "a coaxlink backup without its line '# Count:': it was cut")
     if head["Count"] != str(len(params)):
         raise InputError(
             path, "", f"{head['Count']} parameters are expected, found {len(params)}: it was cut"
@@ -172,7 +169,7 @@ def read_backup(path: Path) -> Backup:
     if "Sum" in head and head["Sum"] != f"{_checksum(params, files, note):08x}":
         raise InputError(path, "", "changed since it was written; delete its line '# Sum:' if that was meant")
     board, firmware, taken = (head.get(key, "") for key in ("Board", "Firmware", "Time"))
-    return Backup(path, params, types, board, firmware, taken, files, "Sum" in head, note)
+    return Backup(path, params, read.types, board, firmware, taken, files, "Sum" in head, note)
 
 
 def _note(lines: Sequence[str]) -> Note | None:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from coaxlink.mavlink.parameters import Number
-from firmware_params import ardupilot
+from firmware_params.ardupilot.parameters import MOTOR_FUNCTIONS
 from firmware_params.ardupilot.table import expo_for
 
 SPIN = ("MOT_SPIN_ARM", "MOT_SPIN_MIN", "MOT_SPIN_MAX")
@@ -60,11 +60,10 @@ def for_board(
 
 def _drives_all(params: Mapping[str, Number], board: Mapping[str, Number]) -> bool:
     """Whether the board's outputs drive each motor of the table, and each one by one output."""
-    motors = {ardupilot.servo_function(n) for n in range(1, 13)}
 
     def driven(of: Mapping[str, Number]) -> list[float]:
         functions = (float(of.get(f"SERVO{n}_FUNCTION", 0)) for n in range(1, 33))
-        return sorted(f for f in functions if f in motors)
+        return sorted(f for f in functions if f in MOTOR_FUNCTIONS)
 
     return driven(board) == driven(params)
 

@@ -10,11 +10,16 @@ from pathlib import Path
 from pymavlink.dialects.v20 import common as mavlink
 
 from coaxlink import files
+from coaxlink.data.logs.board_parameters import read_board_parameters
 from coaxlink.errors import InputError, SafetyRefusal
 from coaxlink.mavlink.identity import Identity
 from coaxlink.mavlink.parameters import Number, Value
 from firmware_params import ardupilot, px4
-from firmware_params.errors import ParamsFileError, TableError
+from firmware_params.ardupilot.owned import OWNED as AP_OWNED
+from firmware_params.ardupilot.parameters import MOTOR_FUNCTIONS
+from firmware_params.errors import TableError
+from firmware_params.owned import COUNTER, READ_ONLY, kind_of
+from firmware_params.px4.owned import OWNED as PX4_OWNED
 
 # MAV_TYPE of multirotors, and the rotor counts each may stand for (a coaxial vehicle has twice the arms)
 _MULTIROTORS = {
@@ -41,7 +46,7 @@ class Plan:
     files: tuple[Path, ...]
     params: Mapping[str, Number]
     types: Mapping[str, int]  # MAV_PARAM_TYPE
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = field(default=())  # what was assumed in reading it, in words
     scripts: Mapping[str, bytes] = field(default_factory=dict)  # ArduPilot's, by name
 
     @property
@@ -59,8 +64,7 @@ class Plan:
 
 def motor_outputs(params: Mapping[str, Number]) -> int:
     """How many outputs are motors on an ArduPilot board."""
-    motors = {ardupilot.servo_function(n) for n in range(1, 13)}
-    return sum(params.get(f"SERVO{n}_FUNCTION") in motors for n in range(1, 33))
+    return sum(params.get(f"SERVO{n}_FUNCTION") in MOTOR_FUNCTIONS for n in range(1, 33))
 
 
 def load_plan(source: Path) -> Plan:
@@ -74,23 +78,24 @@ def load_plan(source: Path) -> Plan:
             )
             raise InputError(source, "", f"{problem}; one is expected")
         source = found[0]
-    try:
-        if source.suffix == ".param":
-            return _load_ardupilot(source)
-        read = px4.read_params_file(source, finite=False)
-    except ParamsFileError as error:
-        where = f"line {error.line}" if error.line else ""
-        raise InputError(error.path, where, error.problem) from error
-    return Plan("px4", (source,), read.params, read.types, read.header)
-
-
-def _load_ardupilot(source: Path) -> Plan:
-    read = ardupilot.read_param_file(source, finite=False)
+    read = read_board_parameters(source, telling=True)
+    notes = list(read.notes)
+    params: Mapping[str, Number] = read.params
+    owned, known = (PX4_OWNED, px4.PARAMETERS) if read.firmware == "px4" else (AP_OWNED, ardupilot.PARAMETERS)
+    if any(kind_of(owned, name, {}) in (COUNTER, READ_ONLY) for name in params):
+        params = {name: value for name, value in params.items() if name in known}
+        notes.append(
+            f"all parameters of a board: {len(params)} of the {len(read.params)} are of a mixer table, "
+            "the others stay as they are on board"
+        )
+    types = {name: read.types[name] for name in params if name in read.types}
+    if read.firmware == "px4":
+        return Plan("px4", (source,), params, types, tuple(notes))
     paths = sorted((source.parent / "scripts").glob("*.lua"))
     scripts = {path.name: files.read_bytes(path) for path in paths}
-    if read.params.get("FRAME_CLASS") in (15, 17) and not scripts:
+    if params.get("FRAME_CLASS") in (15, 17) and not scripts:
         raise InputError(source.parent / "scripts", "", "FRAME_CLASS 15 and 17 need a script, found none")
-    return Plan("ardupilot", (source, *paths), read.params, {}, read.header, scripts)
+    return Plan("ardupilot", (source, *paths), params, {}, tuple(notes), scripts)
 
 
 def refuse_values(firmware: str, params: Mapping[str, Number], source: Path) -> None:

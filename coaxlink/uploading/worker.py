@@ -119,10 +119,16 @@ class Uploader:
 
         def first() -> None:
             here = self._session.identity.uid or "unknown"
-            if backup.board != here:
+            firmware = "px4" if self._session.identity.is_px4 else "ardupilot"
+            if backup.board and backup.board != here:
                 raise SafetyRefusal(f"{backup.path.name} is of board {backup.board}, this is {here}")
+            if not backup.board and backup.firmware != firmware:
+                name = self._session.identity.name
+                raise SafetyRefusal(f"{backup.path.name} is of {backup.firmware}, the vehicle runs {name}")
+            if not backup.board:
+                name = backup.path.name
+                self._talk.say(f"{name} does not say of which board it is: see that it is this one's")
             if not backup.proved:  # a board may hold what no table should; a hand must not add to it
-                firmware = "px4" if self._session.identity.is_px4 else "ardupilot"
                 refuse_values(firmware, backup.params, backup.path)
 
         def wanted(board: Snapshot) -> Content:

@@ -20,7 +20,7 @@ _LIMITS = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 
 PARAMETERS = parameters.by_name(
     [
         BoardParameter("FRAME_CLASS", INT8, 0, 17),
-        BoardParameter("FRAME_TYPE", INT8, 0, 19),
+        BoardParameter("FRAME_TYPE", INT8, 0, 21),
         BoardParameter("MOT_PWM_MAX", INT16, 0, 2000),
         BoardParameter("MOT_PWM_MIN", INT16, 0, 2000),
         BoardParameter("MOT_SPIN_ARM", FLOAT, 0, 0.3),
@@ -61,5 +61,8 @@ def out_of_range(params: Mapping[str, float]) -> list[Finding]:
 
 
 def servo_function(motor: int) -> int:
-    """SERVOn_FUNCTION of a motor, counted from 1: 33..40, then 82..85."""
-    return 32 + motor if motor <= 8 else 73 + motor
+    """SERVOn_FUNCTION of a motor, counted from 1: 33..40, then 82..85, then 160..179 (SRV_Channel.h)."""
+    return 32 + motor if motor <= 8 else 73 + motor if motor <= 12 else 147 + motor
+
+
+MOTOR_FUNCTIONS = {servo_function(motor): motor for motor in range(1, 33)}

@@ -108,7 +108,10 @@ def loader_params(factors: Sequence[Factors], max_motors: int = MAX_LOADER_MOTOR
     """The loader's parameters for a table; CXL_SUM last, since it makes the table live. Raises TableError."""
     rows = in_millionths(factors)
     if not 1 <= len(rows) <= max_motors:
-        raise TableError(f"{len(rows)} rotors: the loader holds 1..{max_motors}")
+        raise TableError(
+            f"{len(rows)} rotors: coaxlink's own script of FRAME_CLASS 17 holds up to {max_motors}; "
+            "FRAME_CLASS 15 holds 32"
+        )
     params: dict[str, float] = {}
     for n, row in enumerate(rows, start=1):
         params |= {f"{PREFIX}{axis}{n}": value / MILLION for axis, value in zip("RPYT", row, strict=True)}
@@ -155,8 +158,8 @@ if param:get("FRAME_CLASS") ~= 15 then
   fail("FRAME_CLASS must be 15")
 end
 for i = 1, MOTORS do
-  -- motors 1..8 are output functions 33..40, 9..12 are 82..85
-  local motor_function = i <= 8 and 32 + i or 73 + i
+  -- motors 1..8 are output functions 33..40, 9..12 are 82..85, 13..32 are 160..179
+  local motor_function = i <= 8 and 32 + i or i <= 12 and 73 + i or 147 + i
   if not SRV_Channels:find_channel(motor_function) then
     fail(string.format("no output has SERVOn_FUNCTION %d (motor %d)", motor_function, i))
   end

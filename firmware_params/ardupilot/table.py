@@ -1,6 +1,6 @@
 """A mixer table as ArduCopter holds it: factors of each motor, and the MOT_ parameters around them.
 
-FRAME_CLASS 4 (OCTAQUAD), 5 (Y6) and 12 (DODECAHEXA) have factors of their own (see `frames`); class 15
+ArduPilot's own frames have factors of their own (see `frames`); class 15
 takes them from a script and scales every axis to a largest factor of 0.5 (throttle to 1); class 17 takes
 them from a script as they are.
 """
@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_params.ardupilot.frames import FRAMES, TEST_PLACES
+from firmware_params.ardupilot.frames import frame_of
 from firmware_params.errors import TableError
 
 SCRIPTING_MATRIX, DYNAMIC_MATRIX = 15, 17
-MAX_MOTORS = 12
+MAX_MOTORS = 32  # AP_MOTORS_MAX_NUM_MOTORS, since 4.5; boards with fewer outputs hold fewer
 Factors = tuple[float, float, float, float]  # roll, pitch, yaw, throttle
 
 
@@ -78,22 +78,23 @@ def motor_test_sequence(frame_class: int, frame_type: int) -> tuple[int, ...]:
     """
     if frame_class in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         return tuple(range(1, MAX_MOTORS + 1))
-    if (frame_class, frame_type) not in TEST_PLACES:
-        raise TableError(f"FRAME_CLASS {frame_class} type {frame_type} is not known here")
-    return TEST_PLACES[frame_class, frame_type]
+    frame = frame_of(frame_class, frame_type)
+    if frame is None:
+        raise TableError(f"FRAME_CLASS {frame_class} type {frame_type} is not known to coaxlink")
+    return tuple(motor.test_place for motor in frame)
 
 
 def used_factors(table: ApTable) -> NDArray[np.float64]:
     """(N, 4) factors inside ArduPilot. Raises TableError for a frame or factors that it would not take."""
-    frame = (table.frame_class, table.frame_type)
-    if frame in FRAMES:
-        given = [motor.factors for motor in FRAMES[frame]]
-    elif table.frame_class in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
+    frame = frame_of(table.frame_class, table.frame_type)
+    if table.frame_class in (SCRIPTING_MATRIX, DYNAMIC_MATRIX):
         given = list(table.factors)
+    elif frame is not None:
+        given = [motor.factors for motor in frame]
     else:
-        raise TableError(f"FRAME_CLASS {table.frame_class} type {table.frame_type} is not known here")
+        raise TableError(f"FRAME_CLASS {table.frame_class} type {table.frame_type} is not known to coaxlink")
     if not 1 <= len(given) <= MAX_MOTORS:
-        raise TableError(f"{len(given)} rotors: 1..{MAX_MOTORS} are expected")
+        raise TableError(f"{len(given)} rotors: ArduPilot holds 1..{MAX_MOTORS}")
     factors = np.array(given, float)
     if not np.isfinite(factors).all():
         raise TableError("a rotor's factor is not a finite number")

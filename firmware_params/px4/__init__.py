@@ -2,14 +2,13 @@
 
 from firmware_params.errors import Finding, ParamsFileError, TableError
 from firmware_params.px4.parameters import PARAMETERS, as_stored, out_of_range, type_of
-from firmware_params.px4.qgc import ParamsFile, params_text, read_params_file, write_params_file
+from firmware_params.px4.qgc import params_text, write_params_file
 from firmware_params.px4.realise import Px4Mix, effectiveness, realise
 from firmware_params.px4.table import Px4Table, RotorEntry, params_to_table, table_to_params
 
 __all__ = [
     "PARAMETERS",
     "Finding",
-    "ParamsFile",
     "ParamsFileError",
     "Px4Mix",
     "Px4Table",
@@ -20,7 +19,6 @@ __all__ = [
     "out_of_range",
     "params_text",
     "params_to_table",
-    "read_params_file",
     "realise",
     "table_to_params",
     "type_of",

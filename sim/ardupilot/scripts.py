@@ -250,7 +250,7 @@ class Scripts:
         return len(full) <= 16 and self._store.add(full, float(default))
 
     def _find_channel(self, function: int) -> int | None:
-        for n in range(1, 17):
+        for n in range(1, 33):
             if self._store[f"SERVO{n}_FUNCTION"] == function:
                 return n - 1
         return None
@@ -259,7 +259,7 @@ class Scripts:
         self.overrides[int(channel)] = (int(pwm), self._millis() + int(ms))
 
     def _matrix_add(self, motor: int, roll: float, pitch: float, yaw: float, order: int) -> None:
-        if self._mixer.frame_class == SCRIPTED and not self._initialised and 0 <= motor < 12:
+        if self._mixer.frame_class == SCRIPTED and not self._initialised and 0 <= motor < 32:
             self._matrix[int(motor)] = [float(roll), float(pitch), float(yaw), 1.0]
 
     def _matrix_throttle(self, motor: int, factor: float) -> bool:

@@ -207,7 +207,8 @@ EDITS = {
     ),
     "a word for a number": (lambda t: t.replace("CA_ROTOR0_CT\t6.5", "CA_ROTOR0_CT\tsix"), 2, "line "),
     "cut": (lambda t: "".join(t.splitlines(keepends=True)[:-3]), 2, "it was cut"),
-    "no backup": (lambda t: params_text(), 2, "not a coaxlink backup"),
+    "nobody's parameters": (lambda t: "FOO,1\n", 2, "whose parameters these are"),
+    "another firmware's": (lambda t: "FRAME_CLASS,4\n", 4, "is of ardupilot"),
     "another board's": (lambda t: re.sub("(Board: 0*)c0a1", r"\1beef", t), 4, "is of board"),
     "not text": (lambda t: b"\xff\xfe\x00" + t.encode("utf-16-le"), 2, "UTF-8"),
 }
@@ -224,6 +225,18 @@ def test_a_backup_that_a_hand_was_in(board, capsys, case):
     assert got == code
     no(err, text)
     assert board.sets == [] and held(board) == before
+
+
+def test_an_owners_own_file_goes_back_as_far_as_it_is_of_a_table(board, capsys):
+    path = backup(board, capsys)
+    before = dict(board.params)
+    assert run(capsys, "restore", path, "--connect", board.url, "--yes")[0] == 0
+    owners = "".join(f"{name} {value!r}  # saved by hand\n" for name, (value, _) in board.params.items())
+    board.params = dict(before)
+    path.with_name("mine.parm").write_text(owners)
+    got, _, err = run(capsys, "restore", path.with_name("mine.parm"), "--connect", board.url, "--yes")
+    assert got == 0 and "does not say of which board it is" in err
+    assert board.params["CA_ROTOR0_CT"] != before["CA_ROTOR0_CT"]
 
 
 def test_a_backup_goes_back_also_when_the_board_held_what_no_table_may(board, capsys):

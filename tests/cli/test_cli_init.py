@@ -122,7 +122,7 @@ def test_ardupilots_frame_asks_for_all_that_is_missing_in_one_line(tmp_path):
     (tmp_path / "b.param").write_text("FRAME_CLASS,5\nFRAME_TYPE,1\n")
     run = coaxlink("init", tmp_path / "a.toml", "--from", tmp_path / "b.param")
     assert run.code == 2 and len(run.err.strip().splitlines()) == 1
-    for option in ("--mass", "--arm", "--spacing", "--upper"):
+    for option in ("--mass", "--arm", "--spacing"):
         assert option in run.err
 
 

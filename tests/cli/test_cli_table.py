@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from coaxlink.cli import main
-from firmware_params import px4
+from firmware_params.reading import read_params
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 X8 = str(EXAMPLES / "x8_paper.toml")
@@ -40,7 +40,7 @@ def test_writes_a_file_that_qgc_reads_and_says_the_mix(tmp_path, capsys):
     assert str(path) in err and sorted(p.name for p in (tmp_path / "t").iterdir()) == [path.name, "vehicle"]
     copy = tmp_path / "t" / "vehicle" / "airframe.toml"  # for `upload`
     assert copy.read_bytes() == (EXAMPLES / "x8_paper.toml").read_bytes()
-    read = px4.read_params_file(path)
+    read = read_params(path)
     assert read.params["CA_ROTOR_COUNT"] == 8 and read.params["THR_MDL_FAC"] == 1.0
     assert read.params["MPC_THR_HOVER"] == pytest.approx(0.404)
     assert len(read.params) == 4 + 8 * 8 + 1

@@ -76,8 +76,8 @@ def test_traps_are_named():
 
 
 def test_what_ardupilot_would_not_take_is_refused():
-    many, nan = ((0.5, 0.5, 0.5, 1.0),) * 13, ((float("nan"), 0.5, 0.5, 1.0),) * 4
-    for table in (ap.ApTable(1), ap.ApTable(15), ap.ApTable(15, many), ap.ApTable(17, nan)):
+    many, nan = ((0.5, 0.5, 0.5, 1.0),) * 33, ((float("nan"), 0.5, 0.5, 1.0),) * 4
+    for table in (ap.ApTable(9), ap.ApTable(15), ap.ApTable(15, many), ap.ApTable(17, nan)):
         with pytest.raises(TableError):
             ap.realise(table)
 
@@ -87,4 +87,4 @@ def test_what_the_board_keeps():
     assert ap.as_stored("MOT_THST_EXPO", 0.65) == float(np.float32(0.65))
     found = ap.out_of_range({"MOT_THST_EXPO": 5.0, "FRAME_CLASS": 14.5, "MOT_SPIN_MIN": float("nan")})
     assert {f.id for f in found} == {"ap.out-of-range", "ap.truncated", "ap.not-finite"}
-    assert [ap.servo_function(n) for n in (1, 8, 9, 12)] == [33, 40, 82, 85]
+    assert [ap.servo_function(n) for n in (1, 8, 9, 12, 13, 32)] == [33, 40, 82, 85, 160, 179]

@@ -21,6 +21,7 @@ from coaxlink.vehicle import Vehicle
 from firmware_params import ardupilot
 from firmware_params.ardupilot import packed
 from firmware_params.errors import TableError
+from firmware_params.reading import read_params
 from sim.errors import WorldError
 from sim.vehicle import read_vehicle
 
@@ -80,7 +81,7 @@ def test_an_odd_but_printable_name_is_kept_and_harmless(tmp_path, capsys):
 def test_a_line_of_its_own_in_a_name_writes_no_parameter(tmp_path):
     header = ["coaxlink bridge of X8\nARMING_CHECK,0"]
     ardupilot.write_param_file(tmp_path / "b.param", {"SCR_ENABLE": 1.0}, header)
-    assert ardupilot.read_param_file(tmp_path / "b.param").params == {"SCR_ENABLE": 1.0}
+    assert read_params(tmp_path / "b.param").params == {"SCR_ENABLE": 1.0}
 
 
 def test_no_text_of_a_rotor_file_is_like_that(tmp_path):

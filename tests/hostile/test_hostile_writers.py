@@ -24,6 +24,7 @@ from coaxlink.tables.files import file_name
 from firmware_params import ardupilot, px4
 from firmware_params.ardupilot.scripts import matrix_script, script_factors
 from firmware_params.errors import ParamsFileError, TableError
+from firmware_params.reading import read_params
 from sim.errors import WorldError
 
 FACTORS = [(-0.5, 0.5, 0.5, 1.0), (0.5, -0.5, 0.5, 0.9), (0.5, 0.5, -0.5, 1.0), (-0.5, -0.5, -0.5, 0.9)]
@@ -45,14 +46,14 @@ def param_file(name, folder):
     rows = [line for line in re.split(r"[\r\n\v\f\x1c-\x1e\x85\u2028\u2029]", path.read_text()) if line]
     assert len(rows) == 3 and all(row.startswith("#") for row in rows[:2]) and rows[2] == "SCR_ENABLE,1"
     assert harmless(path.read_text(), 3)
-    assert ardupilot.read_param_file(path).params == {"SCR_ENABLE": 1.0}
+    assert read_params(path).params == {"SCR_ENABLE": 1.0}
 
 
 def params_file(name, folder):
     path = folder / "x.params"
     px4.write_params_file(path, {"CA_AIRFRAME": 0}, header=[f"Vehicle: {name}", name])
     assert harmless(path.read_text().replace("\t", " "), 3)
-    assert px4.read_params_file(path).params == {"CA_AIRFRAME": 0}
+    assert read_params(path).params == {"CA_AIRFRAME": 0}
 
 
 def parameter_of_that_name(name, folder):

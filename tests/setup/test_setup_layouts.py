@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from case_table import case_table
 
 from coaxlink.airframe import load_airframe
 from coaxlink.errors import InputError
@@ -74,7 +75,7 @@ def test_upper_rotors_that_contradict_the_board():
 def test_px4_parameters_that_hold_no_vehicle():
     for params, said in (
         ({}, "CA_ROTOR_COUNT"),
-        ({"CA_ROTOR_COUNT": 8, "CA_AIRFRAME": 2}, "no multirotor"),
+        ({"CA_ROTOR_COUNT": 8, "CA_AIRFRAME": 2}, "a multirotor"),
         (px4_params(X8) | {"CA_ROTOR3_KM": 0.0}, "CA_ROTOR3_KM"),
     ):
         with pytest.raises(InputError, match=said):
@@ -103,9 +104,19 @@ def test_all_that_is_missing_is_named_at_once():
     layout = ardupilot_layout({"FRAME_CLASS": 5, "FRAME_TYPE": 1}, "board")
     with pytest.raises(MissingError) as refused:
         completed(layout, Body("y6", None))
-    assert list(refused.value.fields) == ["mass_kg", "arm_m", "spacing_m", "upper"]
-    assert "1 or 5" in refused.value.fields["upper"]
-    assert missing(layout, Body("y6", 10.0, 0.4, 0.1, (1, 2, 4))) == {}
+    assert list(refused.value.fields) == ["mass_kg", "arm_m", "spacing_m"]
+    assert missing(layout, Body("y6", 10.0, 0.4, 0.1)) == {}
+    flat = px4_layout({**px4_params(X8), **{f"CA_ROTOR{n}_PZ": 0.0 for n in range(8)}}, "board")
+    assert "1 or 6" in missing(flat, Body("x8", 10.0))["upper"]
+
+
+def test_the_motor_test_tells_the_upper_rotor_where_nobody_says_it():
+    layout = ardupilot_layout({"FRAME_CLASS": 5, "FRAME_TYPE": 1}, "board")
+    assert "motor test turns first" in layout.notes[-1]
+    levels = [r.level for r in completed(layout, Body("y6", 10.0, 0.4, 0.1)).rotors]
+    assert levels == ["lower", "upper", "lower", "lower", "upper", "upper"]
+    said = completed(layout, Body("y6", 10.0, 0.4, 0.1, (1, 2, 4)))
+    assert [r.number for r in said.rotors if r.level == "upper"] == [1, 2, 4]
 
 
 def test_our_own_script_gives_the_layout_back():
@@ -118,20 +129,87 @@ def test_our_own_script_gives_the_layout_back():
         ardupilot_layout({"FRAME_CLASS": 15}, "board")
 
 
-def test_ardupilot_frames_that_are_no_pairs():
-    for params in ({"FRAME": 1}, {"FRAME_CLASS": 1, "FRAME_TYPE": 1}):
-        with pytest.raises(InputError, match="FRAME_CLASS"):
-            ardupilot_layout(params, "board")
+def test_what_no_matrix_of_rotors_holds_is_named():
+    names = {
+        (0,): "no frame", (6,): "helicopter", (7,): "tricopter", (8,): "single copter", (9,): "CoaxCopter",
+        (10,): "bicopter", (11,): "helicopter", (13,): "heli-quad", (16,): "all axes",
+        (4, 99): "X8s of this type", (1, 4): "quadcopters of this type", (40,): "not known to coaxlink",
+    }  # fmt: skip
+    with case_table() as case:
+        for (frame, *kind), says in names.items():
+            with case(says), pytest.raises(InputError, match=says):
+                ardupilot_layout({"FRAME_CLASS": frame, "FRAME_TYPE": kind[0] if kind else 1}, "board")
+        with case("before 3.5"), pytest.raises(InputError, match="FRAME_CLASS"):
+            ardupilot_layout({"FRAME": 1}, "board")
+        with case("no quadplane"), pytest.raises(InputError, match="without lift motors"):
+            ardupilot_layout({"Q_ENABLE": 0, "Q_FRAME_CLASS": 4}, "board")
 
 
-def test_every_frame_has_pairs_that_turn_against_each_other():
-    for frame, motors in FRAMES.items():
-        stacks = {}
-        for motor in motors:
-            stacks.setdefault(round(motor.angle_deg), []).append(motor)
-        for pair in stacks.values():
-            assert len(pair) == 2 and pair[0].yaw * pair[1].yaw < 0, frame
-            assert {m.layer for m in pair} in ({"upper", "lower"}, {""}), frame
+def test_every_coaxial_frame_flies():
+    """Pairs of one place and two layers, four axes, and each motor once in the order of the test."""
+    with case_table() as case:
+        for (kind, shape), motors in FRAMES.items():
+            with case(f"{kind} {shape}"):
+                layout = ardupilot_layout({"FRAME_CLASS": kind, "FRAME_TYPE": shape}, "board")
+                made = completed(layout, Body("a", 10.0, 0.5, 0.1))
+                assert sorted(m.test_place for m in motors) == list(range(1, len(motors) + 1))
+                alike = {20: 4, 21: 4}.get(shape, 0) if kind == 4 else 0
+                assert len(made.co_rotating) == alike
+                if kind in (4, 5, 12):
+                    assert len(made.pairs) == len(motors) // 2
+                plane = ardupilot_layout({"Q_FRAME_CLASS": kind, "Q_FRAME_TYPE": shape}, "board")
+                assert plane.mounts == layout.mounts and "quadplane" in plane.notes[-1] + plane.notes[0]
+
+
+def test_two_outputs_a_motor_are_pairs_that_turn_alike():
+    outputs = {f"SERVO{n}_FUNCTION": f for n, f in enumerate((33, 34, 35, 36) * 2, start=1)}
+    layout = ardupilot_layout({"FRAME_CLASS": 1, "FRAME_TYPE": 1, **outputs}, "board")
+    made = completed(layout, Body("a", 12.0, 0.55, 0.15))
+    assert made.co_rotating == ((0, 4), (1, 5), (2, 6), (3, 7))
+    assert [m.output for m in layout.mounts] == [f"SERVO {n}" for n in range(1, 9)]
+    assert "`upper`" in layout.notes[0]
+
+
+OWN = """
+local CCW, CW = 1, -1
+local function add(n, degrees, yaw, order)
+  MotorsMatrix:add_motor_raw(n, math.cos(math.rad(degrees + 90)), math.cos(math.rad(degrees)), yaw, order)
+end
+for arm = 0, 7 do
+  local turn = arm % 2 == 0 and CW or CCW
+  add(2 * arm, 45 * arm, turn, 2 * arm + 1)
+  add(2 * arm + 1, 45 * arm, -turn, 2 * arm + 2)
+end
+assert(MotorsMatrix:init(16), "no init")
+motors:set_frame_string("sixteen")
+"""
+
+
+def test_an_owners_script_gives_sixteen_rotors():
+    layout = ardupilot_layout({"FRAME_CLASS": 15}, "board", OWN.encode)
+    made = completed(layout, Body("a", 60.0, 1.1, 0.2))
+    assert made.pairs == tuple((n, n + 1) for n in range(0, 16, 2)) and made.co_rotating == ()
+    for n, rotor in enumerate(made.rotors):
+        angle = math.radians(45 * (n // 2))
+        assert rotor.position_m[:2] == pytest.approx((1.1 * math.cos(angle), 1.1 * math.sin(angle)), abs=1e-6)
+        assert rotor.yaw_sign == (-1 if (n // 2 + n) % 2 == 0 else 1)
+
+
+def test_rotors_that_cannot_command_all_axes_are_refused_at_once():
+    line = [(0.5 * k, 0.0, 1 if k % 2 else -1) for k in (-2, -1, 1, 2)]
+    alike = [(x, y, 1) for x in (-0.3, 0.3) for y in (-0.3, 0.3)]
+    flat = {"x": line, "y": [(y, x, s) for x, y, s in line], "alike": alike}
+    lost = {"x": "roll", "y": "pitch", "alike": "yaw"}
+    with case_table() as case:
+        for name, rotors in flat.items():
+            params = {"CA_ROTOR_COUNT": len(rotors)}
+            for n, (x, y, spin) in enumerate(rotors):
+                params |= {f"CA_ROTOR{n}_PX": x, f"CA_ROTOR{n}_PY": y, f"CA_ROTOR{n}_KM": 0.05 * spin}
+            with case(name), pytest.raises(InputError, match=lost[name]):
+                completed(px4_layout(params, "board"), Body("a", 5.0))
+        for airframe, kind in ((2, "VTOL"), (12, "coaxial helicopter")):
+            with case(kind), pytest.raises(InputError, match=kind):
+                px4_layout({"CA_AIRFRAME": airframe, "CA_ROTOR_COUNT": 4}, "board")
 
 
 def test_templates_are_sound_and_survive_their_file(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,14 +19,19 @@ TimeoutOption = Annotated[float, typer.Option(metavar="S", help="How long an aut
 
 
 def layout_of_file(path: Path, script: Path | None = None) -> Layout:
-    """From .params, .param, ULog or DataFlash; `script` is the table of FRAME_CLASS 15. Raises InputError."""
+    """From parameters in any form, ULog, DataFlash, tlog; `script` is the matrix of FRAME_CLASS 15 or 17.
+
+    Raises InputError.
+    """
     from coaxlink.data.logs.board_parameters import read_board_parameters
     from coaxlink.setup import ardupilot_layout, px4_layout
 
-    found = read_board_parameters(path)
+    found = read_board_parameters(path, telling=True)
     if found.firmware == "px4":
-        return px4_layout(found.params, path.name)
-    return ardupilot_layout(found.params, path.name, lambda: _script_beside(path, script))
+        layout = px4_layout(found.params, path.name)
+    else:
+        layout = ardupilot_layout(found.params, path.name, lambda: _script_beside(path, script))
+    return replace(layout, notes=(*found.notes, *layout.notes))
 
 
 WAIT_S = 30.0  # a simulator that was just started compiles first, 8 s on a free core

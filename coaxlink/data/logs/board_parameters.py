@@ -1,56 +1,53 @@
-"""An autopilot's parameters from a file: QGC's .params, ArduPilot's .param, or a log that holds them."""
+"""An autopilot's parameters from whatever holds them: a file of any ground station, or a log.
+
+The one reader of `init`, `table`, `upload`, `verify` and `restore`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
-from coaxlink import files
 from coaxlink.data.logs.flight import log_kind
 from coaxlink.errors import InputError
-from firmware_params import ardupilot, px4
-from firmware_params.bounded import lines_of
 from firmware_params.errors import ParamsFileError
+from firmware_params.reading import ARDUPILOT, PX4, ParamsFile, firmware_of, read_params
 
 
-@dataclass(frozen=True)
-class BoardParameters:
-    """Parameters as a board had them; `firmware` is px4 or ardupilot."""
+def read_board_parameters(path: Path, *, telling: bool = False) -> ParamsFile:
+    """Of a file in any form of `firmware_params.reading`, a ULog, a DataFlash log or a tlog.
 
-    firmware: str
-    params: Mapping[str, float | int]
+    With `telling` the names must say whose they are. Raises InputError with the line.
 
-
-def read_board_parameters(path: Path) -> BoardParameters:
-    """From .params, .param (.parm), a ULog or a DataFlash log, recognised by content. Raises InputError."""
+    >>> read_board_parameters(Path("/dev/null"))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    coaxlink.errors.InputError: /dev/null: cannot be read (a file is expected, found a pipe or a device...
+    """
     path = Path(path)
     kind = log_kind(path)
-    if kind == "tlog":
-        raise InputError(path, "", "a tlog: .params, .param, a ULog or a DataFlash log is expected")
-    if kind == "text":
-        return _of_text(path)
-    params: Mapping[str, float | int]
+    try:
+        found = read_params(path, finite=False) if kind == "text" else _of_log(path, kind)
+    except ParamsFileError as error:
+        raise InputError(path, f"line {error.line}" if error.line else "", error.problem) from error
+    if not found.params:
+        raise InputError(path, "", "the log holds no parameters")
+    if telling and not found.firmware:
+        problem = "neither FRAME_CLASS (ArduPilot) nor CA_* (PX4): whose parameters these are is not known"
+        raise InputError(path, "", problem)
+    return found
+
+
+def _of_log(path: Path, kind: str) -> ParamsFile:
     if kind == "ulog":
         from coaxlink.data.logs.ulog import ulog_parameters
 
-        firmware, params = "px4", ulog_parameters(path)
-    else:
-        from coaxlink.data.logs.dataflash import dataflash_parameters
+        return ParamsFile(ulog_parameters(path), PX4)
+    if kind == "tlog":
+        from coaxlink.data.logs.tlog import tlog_parameters
 
-        firmware, params = "ardupilot", dataflash_parameters(path)
-    if not params:
-        raise InputError(path, "", "the log holds no parameters")
-    return BoardParameters(firmware, params)
+        params = tlog_parameters(path)
+        found = ParamsFile({n: float(v) for n, v in params.items()})
+        return replace(found, firmware=firmware_of(path, params))
+    from coaxlink.data.logs.dataflash import dataflash_parameters
 
-
-def _of_text(path: Path) -> BoardParameters:
-    """QGC's rows have five fields between tabs, ArduPilot's have two."""
-    text = files.read_bytes(path).decode("utf-8", "replace")
-    rows = (line for _, line in lines_of(text) if line.strip() and not line.startswith("#"))
-    try:
-        if next(rows, "")[:1000].count("\t") == 4:
-            return BoardParameters("px4", px4.read_params_file(path, finite=False).params)
-        return BoardParameters("ardupilot", ardupilot.read_param_file(path, finite=False).params)
-    except ParamsFileError as error:
-        raise InputError(path, f"line {error.line}" if error.line else "", error.problem) from error
+    return ParamsFile({n: float(v) for n, v in dataflash_parameters(path).items()}, ARDUPILOT)

@@ -148,6 +148,37 @@ def _messages(path: Path) -> tuple[dict[str, Message], dict[str, float], int, bo
     return messages, told_values, garbled, garbled > 0 or left > LONGEST_FRAME
 
 
+def tlog_parameters(path: Path) -> dict[str, float]:
+    """The last value of each parameter that the autopilot sent: a ground station asks for all of them.
+
+    Of several senders the one that sent the most. Raises InputError where there is none.
+    """
+    from pymavlink.dialects.v20 import common
+
+    parser = common.MAVLink(None)
+    told: dict[tuple[int, int], dict[str, Any]] = defaultdict(dict)
+    autopilots: dict[tuple[int, int], int] = {}
+    for _, frame in stamped_frames(path):
+        number = int.from_bytes(frame[7:10], "little") if frame[0] == 0xFD else frame[5]
+        if number not in (common.MAVLINK_MSG_ID_HEARTBEAT, common.MAVLINK_MSG_ID_PARAM_VALUE):
+            continue
+        try:
+            message = parser.decode(bytearray(frame))
+        except common.MAVError:
+            continue
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        if message.get_type() == "HEARTBEAT":
+            autopilots[sender] = int(message.autopilot)
+        else:
+            told[sender][str(message.param_id)] = message
+    if not told:
+        problem = "no parameters (PARAM_VALUE) in this tlog: record one while a ground station loads them"
+        raise InputError(path, "", problem)
+    sender = max(told, key=lambda who: len(told[who]))
+    plain = autopilots.get(sender, ARDUPILOT if "FRAME_CLASS" in told[sender] else 0) == ARDUPILOT
+    return {name: _parameter(message, not plain) for name, message in told[sender].items()}
+
+
 def _is_ardupilot(messages: Mapping[str, Message]) -> bool:
     return "HEARTBEAT" in messages and bool((messages["HEARTBEAT"]["autopilot"] == ARDUPILOT).any())
 
