@@ -1,4 +1,4 @@
-"""`coaxlink bridge`: the script that lets a companion mix live on ArduPilot, ready to upload."""
+"""`coaxlink bridge`: what runs on the autopilot so that it flies the exact law, or follows `mix`."""
 
 from __future__ import annotations
 
@@ -7,40 +7,44 @@ from typing import Annotated
 
 import typer
 
+from coaxlink.cli.shared.effects import say_effects, vehicle_of
 from coaxlink.cli.shared.shell import say
 
 
 def bridge(
     airframe: Annotated[Path, typer.Argument(help="Airframe file.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.")] = Path("bridge"),
+    firmware: Annotated[str, typer.Option(help="px4 or ardupilot.")] = "ardupilot",
+    rotor: Annotated[Path | None, typer.Option(help="PX4: rotor model, if not the airframe's own.")] = None,
     hold_ms: Annotated[
-        int, typer.Option(min=20, max=500, help="On so much silence the matrix flies again.")
+        int, typer.Option(min=20, max=500, help="ArduPilot: on so much silence the matrix flies again.")
     ] = 100,
 ) -> None:
-    """Write the ArduPilot bridge: DIR/scripts/coaxlink_bridge.lua and the parameters that start it."""
+    """Write what runs on board: PX4's module with the exact law, or ArduPilot's script that follows `mix`."""
     from coaxlink import files
     from coaxlink.airframe import load_airframe
     from coaxlink.errors import InputError
-    from coaxlink.live.bridge import SCRIPT_NAME, bridge_script
-    from coaxlink.tables.files import file_name
-    from firmware_params import ardupilot
-    from firmware_params.ardupilot import scripts as ardupilot_scripts
+    from coaxlink.live.onboard import ardupilot, description, px4
 
-    frame = load_airframe(airframe)
-    script = out / "scripts" / SCRIPT_NAME
-    params = {"SCR_ENABLE": 1.0}
-    text = bridge_script(len(frame.rotors), hold_ms=hold_ms)
-    # the folder's checksum is made of all its scripts: the upload adds those that are there
-    params["SCR_LD_CHECKSUM"] = float(ardupilot_scripts.load_checksum([text.encode()]))
-    files.write_atomic(script, text)
-    path = out / f"{file_name(frame.name)}.param"
-    try:
-        ardupilot.write_param_file(path, params, [f"coaxlink bridge of {frame.name}"])
-    except OSError as error:
-        raise InputError(path, "", f"cannot be written ({error.strerror})") from error
-    say(f"{path}\n{script}\nnext: coaxlink upload {out} --connect URL, a reboot, coaxlink mix")
+    if firmware not in ("px4", "ardupilot"):
+        raise InputError("--firmware", firmware, "expected px4 or ardupilot")
+    if firmware == "px4":
+        vehicle, rotors = vehicle_of(airframe, rotor)
+        say_effects(vehicle)
+        made_from = ", ".join(f"{path.name} sha256 {files.sha256(path)[:16]}" for path in (airframe, rotors))
+        contents = px4.module_files(description.board_law(vehicle), made_from)
+        following = f"{out / 'README.md'} says how it is built into a firmware (docs/howto/px4_module.md)"
+    else:
+        about = description.board_vehicle(load_airframe(airframe))
+        contents = ardupilot.script_files(about, hold_ms=hold_ms)
+        following = f"coaxlink upload {out} --connect URL, a reboot, coaxlink mix"
+    for name, text in contents.items():
+        files.write_atomic(out / name, text)
+    say("\n".join([*(str(out / name) for name in contents), f"next: {following}"]))
 
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
-    app.command("bridge", short_help="Write the script that lets an ArduPilot follow `mix`.")(bridge)
+    app.command("bridge", short_help="Write what runs on the autopilot: a PX4 module or a Lua script.")(
+        bridge
+    )

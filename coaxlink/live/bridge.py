@@ -1,10 +1,11 @@
 """The Lua bridge for ArduPilot: its whole demand out to the companion, the companion's outputs in.
 
 ArduPilot has no handler for SET_ACTUATOR_CONTROL_TARGET, but its scripts may receive it and hold outputs for
-a while (`SRV_Channels:set_output_pwm_chan_timeout`). The script (`bridge.lua`) sends roll, pitch, yaw and
-throttle as ACTUATOR_CONTROL_TARGET each time it runs, takes the newest answer meant for this vehicle, checks
-it whole (eight finite numbers in 0..1, armed, no emergency stop) and holds the motors' outputs for HOLD_MS:
-on silence the matrix flies again. Overrides bypass ArduPilot's own emergency stop, hence the checks.
+a while (`SRV_Channels:set_output_pwm_chan_timeout`). The script (`onboard.ardupilot`) sends roll, pitch, yaw
+and throttle as ACTUATOR_CONTROL_TARGET each time it runs, takes the newest answer meant for this vehicle,
+checks it whole (eight finite numbers in 0..1, armed, no emergency stop) and holds the motors' outputs for
+HOLD_MS: on silence the matrix flies again. Overrides bypass ArduPilot's own emergency stop, hence the
+checks.
 
 The demand goes to the links where a companion has asked for it within REQUEST_MS, by an answer or by one of
 group ASK that commands nothing: a radio with a ground station behind it is not flooded. One companion is
@@ -16,15 +17,14 @@ modulo COUNTED: what a line loses shows in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from coaxlink.errors import InputError, SafetyRefusal
+from coaxlink.errors import SafetyRefusal
 from coaxlink.live.arrival import Count
 from coaxlink.live.mixer_core import CONTROLS
+from coaxlink.live.onboard.ardupilot import ASK, COUNTED
 from coaxlink.mavlink.parameters import Parameters
 from firmware_params.ardupilot import scripts
 from firmware_params.ardupilot.frames import OCTAQUAD, Y6
@@ -40,28 +40,7 @@ from firmware_params.errors import TableError
 if TYPE_CHECKING:
     from coaxlink.mavlink.session import Session
 
-SCRIPT_NAME = "coaxlink_bridge.lua"
-HOLD_MS = 100
-PERIOD_MS = 4
-ASK = 255  # the group of an answer that only asks for the demand
-REQUEST_MS = 3000
-COUNTED = 65536  # whole numbers up to 2^24 are exact in the message's single precision
 FIND_S, ASK_EVERY_S, REMIND_S = 1.5, 0.3, 1.0
-
-
-def bridge_script(motors: int, *, hold_ms: int = HOLD_MS) -> str:
-    """The script for a vehicle of so many motors (1..8), numbered as Motor1.. (SERVOn_FUNCTION 33..40).
-
-    Raises InputError when there are more motors than the message carries.
-    """
-    if not 1 <= motors <= CONTROLS:
-        raise InputError("bridge", "motors", f"1 to {CONTROLS} expected, found {motors}")
-    if not 20 <= hold_ms <= 500:
-        raise InputError("bridge", "hold_ms", f"20 to 500 expected, found {hold_ms}")
-    script = Template(Path(__file__).with_suffix(".lua").read_text())
-    return script.substitute(
-        motors=motors, hold=hold_ms, period=PERIOD_MS, ask=ASK, request_ms=REQUEST_MS, counted=COUNTED
-    )
 
 
 def board_factors(session: Session) -> list[list[float]]:

@@ -16,9 +16,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from coaxlink.cli import build_app
 from coaxlink.cli.shared.shell import run
 from coaxlink.errors import InputError, SafetyRefusal
-from coaxlink.live.bridge import SCRIPT_NAME, board_factors, bridge_script
+from coaxlink.live.bridge import board_factors
 from coaxlink.live.mixer import LiveMixer
 from coaxlink.live.motor_test import turn_motors
+from coaxlink.live.onboard.ardupilot import SCRIPT_NAME, bridge_script
 from coaxlink.tables.ardupilot import report_ap
 from coaxlink.uploading.ardupilot_scripts import ScriptFolder, is_table
 from coaxlink.vehicle import Vehicle

@@ -1,0 +1,33 @@
+// The law of coax_vehicle.hpp on this machine: failed slots and budget as arguments, four doubles a demand on stdin.
+#include "coax_vehicle.hpp"
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+
+int main(int argc, char **argv)
+{
+	using namespace coaxlink;
+	static ExactLaw<ARMS, UPPER_ORDER, LOWER_ORDER> law(NUMBERS<float>, NUMBERS<double>, std::atoi(argv[argc - 1]));
+
+	law.without(static_cast<uint32_t>(std::atoi(argv[1])));
+	double demand[4], out[2 * ARMS + 4];
+
+	while (std::fread(demand, sizeof(demand), 1, stdin) == 1) {
+		float single[4];
+
+		for (int j = 0; j < 4; j++) { single[j] = static_cast<float>(demand[j]); }
+
+		const auto begun = std::chrono::steady_clock::now();
+		law.solve(single);
+		const std::chrono::duration<double, std::micro> took = std::chrono::steady_clock::now() - begun;
+		int n = 0;
+
+		for (float u : law.speed) { out[n++] = static_cast<double>(u); }
+
+		out[n++] = law.settled;
+		out[n++] = law.fell_back;
+		out[n++] = law.work;
+		out[n++] = took.count();
+		std::fwrite(out, sizeof(out), 1, stdout);
+	}
+}

@@ -1,0 +1,120 @@
+"""The PX4 module that `bridge` writes: its law beside Python's, whom it follows, and the files."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from board_law import build, compare
+from verb import run
+
+from coaxlink.errors import InputError
+from coaxlink.files import example
+from coaxlink.live.onboard.description import airframe_hash, board_law, board_vehicle
+from coaxlink.live.onboard.px4 import module_files
+from coaxlink.vehicle import load_vehicle
+
+X8 = load_vehicle(example("x8_paper.toml"))
+SANE = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+needs_compiler = pytest.mark.skipif(shutil.which("g++") is None, reason="g++ compiles the module's law")
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_law_on_board_is_the_python_law(tmp_path):
+    host = build(tmp_path, board_law(X8), *SANE)
+    for found in compare(X8, host, 250):
+        assert found["worse_than_reduced"] == 0 and found["worse"] == 0, found
+        assert found["passes"][2] <= 430, found  # bounded: the budget, and what is begun within it
+        if found["kind"] in ("smooth", "steps"):
+            assert found["settled"] > 0.99 and found["worst"] < 1e-4, found
+        else:
+            assert found["settled"] > 0.75 and found["within"] > 0.95, found
+
+
+@pytest.fixture(scope="module")
+def rules(tmp_path_factory):
+    """Whom the module follows, as a program."""
+    return build(tmp_path_factory.mktemp("rules"), board_law(X8), *SANE, source="board_companion.cpp")
+
+
+def follow(host: Path, script: str) -> list[list[float]]:
+    """One row a `b` of the script: the speed flown, five kinds of refusal, times handed back."""
+    said = subprocess.run([host], input=script, capture_output=True, text=True, check=True).stdout
+    return [[float(word) for word in line.split()] for line in said.splitlines()]
+
+
+FIRST = "d 1000\na 5000 abcdef 7 1 255 191 2 0.6\nb 5000\n"  # one good answer: 0.5 flies on towards 0.6
+REFUSED = (  # what comes next, and which refusal it is
+    ("another vehicle's", "a 6000 123456 7 2 255 191 2 0.6", 0),
+    ("another number of rotors", "a 6000 abcdef 7 2 255 191 8 0.6", 0),
+    ("another companion", "a 6000 abcdef 7 2 255 192 2 0.6", 1),
+    ("the same place, another start", "a 6000 abcdef 8 2 255 191 2 0.6", 1),
+    ("not finite", "a 6000 abcdef 7 2 255 191 2 nan", 2),
+    ("above 1", "a 6000 abcdef 7 2 255 191 2 1.01", 2),
+    ("the same answer twice", "a 6000 abcdef 7 1 255 191 2 0.6", 3),
+    ("an answer to no demand", "a 6000 abcdef 7 3 255 191 2 0.6", 3),
+    ("a demand of 21 ms ago", "a 26100 abcdef 7 2 255 191 2 0.6", 3),
+    ("a lie", "a 6000 abcdef 7 2 255 191 2 0.9", 4),
+)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_what_is_not_flown_is_counted(rules):
+    for what, line, kind in REFUSED:
+        before, after = follow(rules, f"{FIRST}d 5000\n{line}\nb {line.split()[1]}\n")
+        assert before[0] > 0.5 and before[1:] == [0] * 6, what
+        assert [n for n in range(5) if after[1 + n]] == [kind], (what, after)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_a_silent_companion_is_out_when_its_demand_is_20_ms_old(rules):
+    (_, *_), at_20, at_21 = follow(rules, f"{FIRST}b 21000\nb 21004\n")
+    assert at_20[0] > 0.5 and at_21[0] == 0.5 and at_21[-1] == 1
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_another_companion_is_followed_after_100_ms_of_silence(rules):
+    script = f"{FIRST}d 106000\na 106001 abcdef 9 2 255 192 2 0.6\nb 106001\n"
+    assert follow(rules, script)[-1][0] > 0.5
+
+
+def test_files_name_the_vehicle_and_the_way_back():
+    files = module_files(board_law(X8), "x8.toml")
+    identity = f"0x{airframe_hash(X8.declared):06x}"
+    assert identity in files["src/modules/coax_mixer/coax_vehicle.hpp"]
+    assert "control_allocator stop" in files["etc/extras.txt"] and identity in files["README.md"]
+    assert {Path(name).name for name in files} == {
+        "CMakeLists.txt", "CoaxMixer.cpp", "CoaxMixer.hpp", "Companion.hpp", "coax_law.hpp",
+        "coax_vehicle.hpp", "module.yaml", "extras.txt", "README.md",
+    }  # fmt: skip
+
+
+def test_identity_is_of_the_airframe_and_not_of_its_rotor_model():
+    other = load_vehicle(example("x8_paper.toml"), example("rotor_rcrm_paper.toml"))
+    assert board_law(other).identity == board_law(X8).identity == board_vehicle(X8.declared).identity
+    assert board_law(load_vehicle(example("y6.toml"))).identity != board_law(X8).identity
+
+
+def test_a_name_is_no_code(tmp_path):
+    airframe = example("x8_paper.toml").read_text().replace('name = "paper-x8"', 'name = "a\\n#error */ ??/"')
+    (tmp_path / "rotor_paper.toml").write_text(example("rotor_paper.toml").read_text())
+    (tmp_path / "x8.toml").write_text(airframe)
+    try:
+        text = module_files(board_law(load_vehicle(tmp_path / "x8.toml")), "a\nb")
+    except InputError:
+        return  # refused already as a name
+    assert "\n#error" not in text["src/modules/coax_mixer/coax_vehicle.hpp"]
+
+
+def test_verb_writes_both_firmwares_from_one_airframe_file(tmp_path, capsys):
+    x8 = example("x8_paper.toml")
+    for firmware, file in (("px4", "etc/extras.txt"), ("ardupilot", "scripts/coaxlink_bridge.lua")):
+        code, _, said = run(capsys, "bridge", x8, "--firmware", firmware, "--out", tmp_path)
+        assert code == 0 and (tmp_path / file).exists(), said
+    assert run(capsys, "bridge", x8, "--firmware", "betaflight")[0] == 2
