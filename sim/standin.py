@@ -29,7 +29,8 @@ from sim.px4.telemetry import stamp_us
 PATIENCE_S = 0.020
 LOCKSTEP_S = 10.0  # wall time
 LOOK_UP_S = 0.2  # so often somebody may want it all to end
-GOALS, ANSWER, COMMAND = (82, 84, 86), 139, 76  # set-points; a command may say that there will be no more
+# set-points; motor commands; a command may say that there will be no more of either
+GOALS, ANSWERS, COMMAND = (82, 84, 86), (139, 385), 76
 POSITION = 32
 SLIP_S = 0.25  # further behind than this, the clock gives up catching up
 REBOOT_S = 1.5
@@ -115,9 +116,9 @@ class Standin:
     def _heed(self, conversation: Conversation, messages: list[Any]) -> None:
         for message in messages:
             number = message.get_msgId()
-            self._answers += number == ANSWER
+            self._answers += number in ANSWERS
             self._commands += number == COMMAND
-            if number == ANSWER:
+            if number == 139:
                 self._heard["answer"] = message.time_usec
             elif number in GOALS:
                 self._heard["goal"] = 1000 * message.time_boot_ms
@@ -189,16 +190,21 @@ class Standin:
         due = [c for c in self._conversations.values() if c.demand_due()]
         if not due:
             return
-        lockstep = (self._lockstep or self.speed != 1.0) and self.autopilot.takes_live and self.autopilot.live
+        takes = self.autopilot.takes_live or self.autopilot.module is not None
+        lockstep = (self._lockstep or self.speed != 1.0) and takes and self.autopilot.live
         if lockstep:
             self.hear()  # an answer to an older demand is not the one to wait for
         before = self._answers
+        number = 140 if self.autopilot.module is None else 350
         for conversation in due:
-            conversation.send(self._manners.builders[140](self.autopilot))
+            conversation.send(self._manners.builders[number](self.autopilot))
         if not lockstep:
             return
         if self._lockstep:
-            self._await("answer", stamp_us(self.autopilot))
+            if number == 350:
+                self._until(lambda: self._answers != before, PATIENCE_S)
+            else:
+                self._await("answer", stamp_us(self.autopilot))
         else:
             self._until(lambda: self._answers != before, PATIENCE_S)
 

@@ -22,6 +22,7 @@ from sim.physics.escs import KINDS, MEASURED
 from sim.physics.plant import Plant
 from sim.physics.rotors import read_pair
 from sim.place import HOME
+from sim.px4.coax_module import CoaxFirmware
 from sim.standin import Standin
 from sim.truth import Truth, hidden_truth, read_truth, truth_text
 from sim.vehicle import read_vehicle
@@ -56,6 +57,7 @@ class World:
     memory: Path | None = None  # what survives a power cut
     uid: str = ""  # of the board, hex; the next vehicle's is one more
     escs: str = MEASURED  # what they tell, of `escs.KINDS`
+    module: CoaxFirmware | None = None  # PX4: built into the firmware, started by the card's extras.txt
 
 
 def open_links(addresses: Sequence[str], number: int = 0) -> list[Port]:
@@ -134,6 +136,8 @@ def build(
     UlogLogger(autopilot)
     _settle(autopilot, number, uid)
     autopilot.escs = _escs(world.escs)
+    autopilot.firmware_module = world.module
+    autopilot.files.make("etc")
     common["memory"] = _memory(world.memory, autopilot, clock, lazy=True)
     return Standin(autopilot, ports, **common)
 

@@ -73,6 +73,7 @@ def mix(
     from coaxlink import files, mixer
     from coaxlink.live.health_watch import HealthWatch
     from coaxlink.live.mixer import LiveMixer
+    from coaxlink.live.paths import may_be_bridged
     from coaxlink.mavlink import connect as open_session
     from coaxlink.mavlink.confirm import alone
 
@@ -98,7 +99,7 @@ def mix(
             session, vehicle, chosen, rate_hz=rate, dry_run=dry_run, witness=witness, record=live_record,
             compensation=_effects(session, vehicle, air_temperature), own_curve=_own_curve(session),
         )  # fmt: skip
-        if session.identity.is_px4:
+        if not may_be_bridged(session.identity.autopilot, session.identity.version):
             _warn_of_hand_over(live, frame)
         gc.collect()
         gc.freeze()  # what has been built so far is here to stay: no pause to look through it again
@@ -132,7 +133,7 @@ def _judge(live: LiveMixer, summary: dict[str, Any]) -> None:
     if summary["unanswered"]["failures"]:
         raise CheckFailed(f"live mixing stopped itself and fell silent: {live.error}")
     if not summary["cycles"]:
-        raise CheckFailed("no wrench demand (ACTUATOR_CONTROL_TARGET) came that could be answered")
+        raise CheckFailed(f"no wrench demand ({live.wire.demand.name}) came that could be answered")
     if (arrival := live.arrival) and arrival.noteworthy:
         raise CheckFailed(
             f"{_lost(summary['arrival'])}: the vehicle flew on its own mixer or on old commands"
@@ -141,10 +142,10 @@ def _judge(live: LiveMixer, summary: dict[str, Any]) -> None:
 
 def _require_path(session: Session) -> None:
     """Before anything is asked of it. Raises SafetyRefusal for an autopilot that takes no motor commands."""
-    from coaxlink.live.paths import require_path
+    from coaxlink.live.paths import may_be_bridged, require_path
 
     identity = session.identity
-    if not identity.is_ardupilot:  # there a bridge decides, which has to be listened for
+    if not may_be_bridged(identity.autopilot, identity.version):  # else it has to be listened for
         require_path(identity.autopilot, identity.version)
 
 

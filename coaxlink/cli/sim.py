@@ -50,6 +50,12 @@ def sim(
     esc: Annotated[
         str, typer.Option(help="What ESCs report: measured, sitl (as the real simulations) or none.")
     ] = "measured",
+    module: Annotated[
+        bool,
+        typer.Option(
+            "--module", help="PX4: its firmware has the module of `bridge`; /etc/extras.txt starts it."
+        ),
+    ] = False,
     bridge: Annotated[str, typer.Option(help="The plant behind a real autopilot: px4, ardupilot.")] = "",
     flight: Annotated[
         str, typer.Option("--fly", help="Fly without a client: paper, vigorous, or a PLAN.toml.")
@@ -104,6 +110,7 @@ def sim(
             memory,
             uid,
             esc,
+            _module(airframe or files.example("x8_demo.toml"), rotor, firmware) if module else None,
         )
         if flight:
             _alone(build(world, []).autopilot, flight, log, truth_log)
@@ -122,6 +129,15 @@ def sim(
         finally:
             for port in [port for standin in standins for port in standin.ports]:
                 port.close()
+
+
+def _module(airframe: Path, rotor: Path | None, firmware: str) -> Any:
+    from coaxlink.cli.shared.coax_firmware import coax_firmware
+    from coaxlink.vehicle import load_vehicle
+
+    if not firmware.startswith("px4"):
+        raise InputError("--module", "", f"--firmware px4 is expected, found {firmware}")
+    return coax_firmware(load_vehicle(airframe, rotor))
 
 
 def _measure(out: Path, rotor: Path | None, truth: Path | None, seed: int, schedule: Path | None) -> None:

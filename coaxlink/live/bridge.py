@@ -97,6 +97,10 @@ class BridgeEnd:
             return None
         return f"system {who[0]:g} component {who[1]:g}"
 
+    def account(self) -> dict[str, int]:
+        """What it said of itself, as `coaxlink mix --json` has it under `board`."""
+        return {"taken": self.taken.total}
+
     def _ask(self) -> None:
         self._requested_s = self._clock.monotonic()
         identity = self._session.identity

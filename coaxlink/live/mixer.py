@@ -1,7 +1,8 @@
 """Live mixing: the autopilot's wrench demand in, motor commands out, in the rhythm of the demand.
 
-Demand: ACTUATOR_CONTROL_TARGET (140), group 0, normalised roll, pitch, yaw (-1..1) and thrust (0..1, up).
-Answer: SET_ACTUATOR_CONTROL_TARGET (139), controls[n] = normalised speed of rotor n + 1.
+Demand: normalised roll, pitch, yaw (-1..1) and thrust (0..1, up). Answer: controls[n] = normalised speed of
+rotor n + 1. How they travel is the `wire`'s: ACTUATOR_CONTROL_TARGET (140) and SET_ACTUATOR_CONTROL_TARGET
+(139), or what PX4's module sends and takes (`module_end`).
 
 The walk of a demand, on the session's receiver thread:
 
@@ -9,7 +10,7 @@ The walk of a demand, on the session's receiver thread:
     _hear       the newest demand of the vehicle in it; on a signed link only what is signed with our key
     _answer     newer than the last, and young enough by the vehicle's clock (`age`);
                 admission: group, finite, in range (`MixCore.admit`);
-                ArduPilot's bridge may follow another companion: then we are done (`bridge`);
+                what `bridge` wrote on board may follow another companion: then we are done (`bridge`);
                 whether to answer, and how much of the law in it (`guard`);
                 wrench, effects, law, bounds (`MixCore.mix`)
     _send       one frame, with the demand's own stamp
@@ -23,16 +24,15 @@ from collections import deque
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from pymavlink.dialects.v20 import common as mavlink
-
 from coaxlink.errors import SafetyRefusal
 from coaxlink.live.age import DemandAge
 from coaxlink.live.arrival import Arrival, by_bridge, by_vehicle
 from coaxlink.live.guard import Guard, Timing, timing_for
-from coaxlink.live.mixer_core import Compensation, MixCore
-from coaxlink.live.paths import require_path
+from coaxlink.live.mixer_core import Compensation, MixCore, ToldScale
+from coaxlink.live.paths import may_be_bridged, require_path
 from coaxlink.live.stall import Stall
 from coaxlink.live.timesync import TimeSync
+from coaxlink.live.wire import ActuatorWire, Demand, Wire
 from coaxlink.live.witness import REPORT_HZ, Witness, flying
 from coaxlink.mavlink import codec
 from coaxlink.mixer import Law
@@ -40,13 +40,11 @@ from coaxlink.vehicle import Vehicle, require_vehicle
 
 if TYPE_CHECKING:
     from coaxlink.live.bridge import BridgeEnd
+    from coaxlink.live.module_end import ModuleEnd
     from coaxlink.live.record import LiveRecord
     from coaxlink.mavlink.session import Session
 
-DEMAND, ANSWER = codec.ACTUATOR_CONTROL_TARGET, codec.SET_ACTUATOR_CONTROL_TARGET
 OUTPUTS = codec.ACTUATOR_OUTPUT_STATUS
-ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-Demand = tuple[Any, ...]  # fields of ACTUATOR_CONTROL_TARGET: stamp (us), eight controls, group
 
 
 class LiveMixer:
@@ -87,10 +85,10 @@ class LiveMixer:
         self.stall = Stall(self.guard.timing.silent_after_s)
         self.timesync: TimeSync | None = None
         self.age: DemandAge | None = None
-        self.bridge: BridgeEnd | None = None
+        self.bridge: BridgeEnd | ModuleEnd | None = None  # its end of the line, with ours on board
         self.span_s = (0.0, 0.0)  # when it started and stopped, monotonic; 0 for not yet
         self._record = record
-        self._scanner = codec.Scanner({DEMAND.number, ANSWER.number, OUTPUTS.number}, codec.known_seeds())
+        self.wire: Wire = ActuatorWire()
         self._echoes: deque[bytes] = deque(maxlen=64)  # payloads sent: a router may hand them back
         self._target = (0, 0)  # the autopilot's system and component
         self._own_mixer = False  # whether its own mixer is known, so that a hand-over can be ramped to it
@@ -110,24 +108,37 @@ class LiveMixer:
     def start(self) -> None:
         """Check the autopilot, ask for the demand, and answer it from now on."""
         session, identity = self.session, self.session.identity
-        if identity.autopilot == ARDUPILOT:
-            self.bridge = self._find_bridge()
+        if may_be_bridged(identity.autopilot, identity.version):
+            self.bridge = self._find_script() if identity.is_ardupilot else self._find_module()
         bridged = self.bridge is not None
         row = require_path(identity.autopilot, identity.version, bridged=bridged)
         self._target, self._own_mixer = (identity.system, identity.component), row.own_mixer
         self.span_s = (self._clock.monotonic(), 0.0)
         self.timesync = TimeSync(session)
         self.age = DemandAge(self.timesync, self.guard.timing)
+        wanted = {self.wire.demand.number, self.wire.answer.number, OUTPUTS.number}
+        self._scanner = codec.Scanner(wanted, codec.known_seeds())
         session.tap = self
         # a bridge sends its demand unasked, at its own pace
-        if not bridged and not session.request_stream(DEMAND.number, self.rate_hz):
+        if not bridged and not session.request_stream(self.wire.demand.number, self.rate_hz):
             self._let_go()
-            raise SafetyRefusal(f"the autopilot will not send its wrench demand ({DEMAND.name})")
-        # ArduPilot has no such message and would say so on every ground station's screen
+            raise SafetyRefusal(f"the autopilot will not send its wrench demand ({self.wire.demand.name})")
+        # a bridge counts what it takes; ArduPilot has no such message and would say so on every screen
         if bridged or (self.witness and not session.request_stream(OUTPUTS.number, REPORT_HZ)):
             self.witness = None
 
-    def _find_bridge(self) -> BridgeEnd | None:
+    def _find_module(self) -> ModuleEnd | None:
+        """Our module's end of the line, where it speaks: then its demand is read by what it says it means."""
+        from coaxlink.live.module_end import ModuleEnd
+
+        module = ModuleEnd(self.session, self.core.vehicle, self.rate_hz)
+        if not module.find():
+            return None
+        self.core.scale = ToldScale(module.wrench)
+        self.wire = module
+        return module
+
+    def _find_script(self) -> BridgeEnd | None:
         """Our script's end of the line, where it speaks: then its demand is read by the matrix on board."""
         from coaxlink.live.bridge import BridgeEnd, board_factors
 
@@ -189,18 +200,17 @@ class LiveMixer:
     def _hear(self, chunks: Sequence[bytes], now: float) -> Demand | None:
         """The newest demand; outputs and others' motor commands are judged on the way."""
         newest: Demand | None = None
-        counters = self.core.counters
+        counters, wire = self.core.counters, self.wire
         for frame in (frame for data in chunks for frame in self._scanner.feed(data)):
             believed = self.session.genuine(frame.raw)
             ours = believed and (frame.system, frame.component) == self._target
-            if frame.number == DEMAND.number:
+            if frame.number == wire.demand.number:
                 counters.foreign += not ours
-                if ours:
+                if ours and (demand := wire.read(frame.payload)) is not None:
                     counters.superseded += newest is not None
-                    newest = DEMAND.unpack(frame.payload)
-            elif frame.number == ANSWER.number and believed:
-                asks_only = ANSWER.unpack(frame.payload)[9] != 0
-                if not asks_only and frame.payload not in self._echoes:
+                    newest = demand
+            elif frame.number == wire.answer.number and believed:
+                if wire.is_command(frame.payload) and frame.payload not in self._echoes:
                     self._yield_to(f"system {frame.system} component {frame.component}")
             elif frame.number == OUTPUTS.number and ours:
                 self._watch(OUTPUTS.unpack(frame.payload)[2:], now)
@@ -232,12 +242,12 @@ class LiveMixer:
 
     def _send(self, stamp: int, commands: Sequence[float], now: float) -> None:
         def frame(sequence: int, system: int, component: int) -> bytes:
-            packed = ANSWER.pack(sequence, system, component, stamp, *commands, 0, *self._target)
+            packed = self.wire.pack((sequence, system, component), stamp, commands, self._target)
             self._echoes.append(packed[10:-2])
             return packed
 
         if not self.dry_run:
-            self.session.send_frame(frame, ANSWER.seed)
+            self.session.send_frame(frame, self.wire.answer.seed)
         if self.witness is not None:
             self.witness.sent(now, commands)
 
@@ -299,6 +309,7 @@ class LiveMixer:
             "not_believed": self.session.bound.strangers.datagrams,
             "outputs_confirmed": self.witness.confirmed if self.witness else None,
             "arrival": arrival.to_json() if arrival else None,
+            "board": self.bridge.account() if self.bridge else None,
             **core.counters.account((stopped or self._clock.monotonic()) - started if started else 0.0),
             "compensated": dict(core.vehicle.compensated)
             | dict.fromkeys(extra.names if extra else (), "live, from telemetry"),

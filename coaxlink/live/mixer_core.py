@@ -75,8 +75,21 @@ class DemandScale:
         return [float(u) for u in mix.throttle(mix.setpoints((roll, pitch, yaw, 0.0, 0.0, -thrust)))]
 
 
-class MatrixScale(DemandScale):
+class ToldScale(DemandScale):
+    """The wrench of a demand where the module on board says it: (4, 4) per roll, pitch, yaw, thrust."""
+
+    def __init__(self, matrix: NDArray[np.float64]) -> None:
+        self._read_by(matrix)
+
+    def own(self, controls: Sequence[float]) -> list[float]:
+        """Not known here. Raises InputError."""
+        raise InputError("the board", "", "its own mixer's outputs are not known here")
+
+
+class MatrixScale(ToldScale):
     """The wrench that ArduPilot's demand means: normalised thrust of every motor by the matrix on board.
+
+    Its own outputs are not known, for its saturation depends on its state.
 
     `factors` (N, 4) are each motor's roll, pitch, yaw and throttle as the firmware uses them; a normalised
     thrust of 1 is the standard rotor's (eq. 18).
@@ -87,11 +100,7 @@ class MatrixScale(DemandScale):
     ) -> None:
         per_thrust, per_torque = airframe.effectiveness()
         per_motor = standard.p * per_thrust + standard.q * per_torque  # (4, N)
-        self._read_by(per_motor @ np.asarray(factors, float))
-
-    def own(self, controls: Sequence[float]) -> list[float]:
-        """Not known: ArduPilot's saturation depends on its state. Raises InputError."""
-        raise InputError("ArduPilot", "", "its own mixer's outputs are not known here")
+        super().__init__(per_motor @ np.asarray(factors, float))
 
 
 class MixCore:

@@ -27,18 +27,23 @@ class LivePath:
     own_mixer: bool  # whether its own mixer is known here, so that a hand-over can be ramped to it
     reason: str  # what a user reads when there is no way
     source: str
-    bridge: bool = False  # only with coaxlink's script running on board
+    bridge: bool = False  # only with what `coaxlink bridge` writes running on board
 
     @property
     def open(self) -> bool:
         """Whether live mixing is possible."""
         return bool(self.demand and self.answer)
 
+    def speaks_of(self, autopilot: int, version: Version | None) -> bool:
+        """Whether this autopilot is meant; an unknown version may be any."""
+        known = version is None or self.oldest <= tuple(version[:2]) <= self.newest
+        return self.autopilot == autopilot and known
+
 
 ANY: Version = (255, 255)
 _REMOVED = (
     "PX4 {version} ignores SET_ACTUATOR_CONTROL_TARGET (139): removed in 1.14, and no other MAVLink message "
-    "flies eight rotors; upload a table instead (coaxlink table, coaxlink upload)"
+    "flies eight rotors; upload a table (coaxlink table, coaxlink upload)"
 )
 PATHS: tuple[LivePath, ...] = (
     LivePath(
@@ -50,7 +55,13 @@ PATHS: tuple[LivePath, ...] = (
         "PX4 1.14 source",
     ),
     LivePath(
-        PX4, (1, 15), ANY, "", "", False, _REMOVED,
+        PX4, (1, 15), ANY, "DEBUG_FLOAT_ARRAY", "TUNNEL", False, "",
+        "PX4 1.15, 1.16 and main of August 2026 source: the module of `coaxlink bridge --firmware px4`",
+        bridge=True,
+    ),
+    LivePath(
+        PX4, (1, 15), ANY, "", "", False,
+        _REMOVED + ", or build its firmware with the module of `coaxlink bridge --firmware px4`: none heard",
         "PX4 1.16.1 and main of March 2026, flown in its SITL: 139 is ignored; direct_actuator needs DDS",
     ),
     LivePath(
@@ -67,15 +78,21 @@ PATHS: tuple[LivePath, ...] = (
 )  # fmt: skip
 
 
+def may_be_bridged(autopilot: int, version: Version | None) -> bool:
+    """Whether what `coaxlink bridge` writes may run there, and has to be listened for."""
+    return any(row.bridge and row.speaks_of(autopilot, version) for row in PATHS)
+
+
 def require_path(autopilot: int, version: Version | None, *, bridged: bool = False) -> LivePath:
-    """The way to mix for this autopilot; `bridged` says that coaxlink's script was heard on board.
+    """The way to mix for this autopilot; `bridged` says that what `bridge` writes was heard on board.
 
     Raises SafetyRefusal with the reason when there is none. An unknown version has none.
     """
-    rows = [row for row in PATHS if row.autopilot == autopilot and (bridged or not row.bridge)]
-    for row in rows:
-        known = version is not None and row.oldest <= tuple(version[:2]) <= row.newest
-        if row.open and (row.bridge or known):
+    for row in PATHS:
+        if row.autopilot != autopilot or (row.bridge and not bridged):
+            continue
+        known = version is not None and row.speaks_of(autopilot, version)
+        if row.open and (known or (row.bridge and version is None)):
             return row
         if not row.open and (known or version is None):
             name = ".".join(map(str, version)) if version else "of unknown version"

@@ -57,6 +57,10 @@ ACTUATOR_CONTROL_TARGET = _hot("ACTUATOR_CONTROL_TARGET", 140, "Q8fB", 181)
 SET_ACTUATOR_CONTROL_TARGET = _hot("SET_ACTUATOR_CONTROL_TARGET", 139, "Q8fBBB", 168)
 # time_usec, active, actuator (32)
 ACTUATOR_OUTPUT_STATUS = _hot("ACTUATOR_OUTPUT_STATUS", 375, "QI32f", 251)
+# time_usec, array_id, name, data (58)
+DEBUG_FLOAT_ARRAY = _hot("DEBUG_FLOAT_ARRAY", 350, "QH10s58f", 232)
+# payload_type, target_system, target_component, payload_length, payload
+TUNNEL = _hot("TUNNEL", 385, "HBBB128s", 147)
 
 HOT = {
     m.number: m
@@ -64,6 +68,8 @@ HOT = {
         ACTUATOR_CONTROL_TARGET,
         SET_ACTUATOR_CONTROL_TARGET,
         ACTUATOR_OUTPUT_STATUS,
+        DEBUG_FLOAT_ARRAY,
+        TUNNEL,
     )
 }
 

@@ -20,6 +20,7 @@ from sim.physics.plant import FOOT_Z_M, Plant
 from sim.physics.sensors import SensorReading, Sensors
 from sim.place import HOME, Place
 from sim.px4.cascade import IDLE, Cascade, Four, Goal, LoopDemand, Settings, Three
+from sim.px4.coax_module import EXTRAS, CoaxFirmware, CoaxModule
 from sim.px4.guidance import RATE_HZ
 from sim.px4.links import OFFBOARD_LOST, STATION_LOST, Links
 from sim.px4.mixer import Px4Mixer
@@ -44,6 +45,8 @@ class Autopilot(Navigator):
     id_parameter = "MAV_SYS_ID"
     uid = STAND_IN_UID  # of the board, 96 bits as an STM32 has them
     escs = MEASURED  # what they tell
+    firmware_module: CoaxFirmware | None = None  # built in; started by the card's extras.txt
+    module: CoaxModule | None = None  # while it runs
 
     def __init__(
         self, plant: Plant, truth: Truth, *, version: tuple[int, int, int] = (1, 16, 1), seed: int = 0
@@ -90,6 +93,9 @@ class Autopilot(Navigator):
         self.boots, self.booted_s = self.boots + 1, self.plant.time_s
         self.links = Links(self)
         self.motor_test = MotorTest(self.rotors)
+        self.module = None
+        if self.firmware_module is not None and b"coax_mixer start" in (self.files.read(EXTRAS) or b""):
+            self.module = CoaxModule(self.firmware_module, self.rotors)
         self.system = min(max(int(self.store[self.id_parameter]), 1), 250)  # MAVLink's system id
         self.demand: LoopDemand = IDLE
         self.reading: SensorReading = self.sensors.read()
@@ -207,6 +213,8 @@ class Autopilot(Navigator):
     @property
     def live(self) -> bool:
         """Whether a companion's motor commands are fresh."""
+        if self.module is not None:
+            return self.module.share > 0
         return self.plant.time_s - self._live_at <= LIVE_TIMEOUT_S
 
     def drive(self, commands: NDArray[np.float64]) -> None:
@@ -237,6 +245,9 @@ class Autopilot(Navigator):
         self.truth.act(self.plant)
         self.reading = self.sensors.read()
         self.demand = self._decide(self.reading) if self.armed else IDLE
+        if self.module is not None:
+            d = self.demand
+            self.module.mix(self.plant.time_s, d.roll, d.pitch, d.yaw, d.thrust)
         self.exchange(self.demand)
         self.command = self._outputs(self.demand)
         self.plant.advance(self.command, STEPS)
@@ -246,7 +257,9 @@ class Autopilot(Navigator):
         """(N,) what the ESCs are told, 0..1."""
         if not self.armed:
             return self._tested()
-        if self.live and not self.landed:
+        if self.module is not None:
+            command = np.append(self.module.outputs(self.plant.time_s), 0.0)[self._wiring()]
+        elif self.live and not self.landed:
             command = self._live
         else:
             motors = self.mixer.command(d.roll, d.pitch, d.yaw, d.thrust)

@@ -22,6 +22,7 @@ from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Refused
 from sim.px4.store import HASH_CHECK
 from sim.px4.telemetry import BUILDERS, DEFAULT_HZ, stamp_us
 
+DEMANDS = (140, 350)  # go out before mixing
 UINT32 = 5
 LIST_HZ = 2000.0  # parameters a second of wall time while a list goes out
 FORCE = 21196.0
@@ -67,6 +68,7 @@ class Conversation:
             "SET_POSITION_TARGET_LOCAL_NED": self._position_target,
             "SET_ATTITUDE_TARGET": self._attitude_target,
             "SET_ACTUATOR_CONTROL_TARGET": self._actuator_target,
+            "TUNNEL": self._tunnel,
             "TIMESYNC": self._timesync,
             "PING": self._ping,
             "FILE_TRANSFER_PROTOCOL": self._file_transfer,
@@ -95,15 +97,16 @@ class Conversation:
             if now + 1 < due:
                 continue
             self._due_us[message_id] = max(due + interval, now + 0.5 * interval)
-            if message_id != 140:
+            if message_id not in DEMANDS:
                 self.send(self.builders[message_id](self.autopilot))
                 sent |= message_id == requested
         return sent
 
     def demand_due(self) -> bool:
-        """Whether ACTUATOR_CONTROL_TARGET goes out now: before mixing, so that the answer can count."""
-        interval = self.interval_us.get(140)
-        return interval is not None and stamp_us(self.autopilot) + 1 >= self._due_us.get(140, 0.0)
+        """Whether a demand goes out now: before mixing, so that the answer can count."""
+        now = stamp_us(self.autopilot)
+        due = (n for n in DEMANDS if n in self.interval_us and now + 1 >= self._due_us.get(n, 0.0))
+        return any(n != 350 or self.autopilot.module is not None for n in due)
 
     def list_on(self) -> None:
         """Go on with a parameter list or a log, at the pace a real link has."""
@@ -373,6 +376,10 @@ class Conversation:
     def _actuator_target(self, message: Any) -> None:
         if message.group_mlx == 0:
             self.autopilot.drive(np.array(message.controls, float))
+
+    def _tunnel(self, message: Any) -> None:
+        if self.autopilot.module is not None:
+            self.autopilot.module.hear(self.autopilot.plant.time_s, message)
 
     def _timesync(self, message: Any) -> None:
         if message.tc1 == 0:

@@ -167,6 +167,11 @@ def distance_sensor(a: Autopilot) -> Any:
     )
 
 
+def coax_demand(a: Autopilot) -> Any:
+    """350. Of coax_mixer where it runs; PX4 has the stream in any case."""
+    return a.module.demand_message(a.plant.time_s, stamp_us(a)) if a.module is not None else []
+
+
 def actuator_control_target(a: Autopilot) -> Any:
     """140. Roll, pitch, yaw and thrust before the mixer; only on request."""
     d = a.demand
@@ -278,6 +283,7 @@ BUILDERS: dict[int, Callable[[Autopilot], Any]] = {
     105: highres_imu,
     132: distance_sensor,
     140: actuator_control_target,
+    350: coax_demand,
     141: altitude,
     147: battery_status,
     148: autopilot_version,
