@@ -1,4 +1,4 @@
-"""Who holds a local port, as far as Linux lets us see: its socket's inode, and the process that has it open.
+"""Who holds a local port or a serial line, as far as Linux lets us see: the process that has it open.
 
 /proc/net/udp, udp6, tcp and tcp6 (proc(5)): local address in field 2, state in field 4, inode in field 10.
 """
@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,11 +21,27 @@ def holder_of(port: int, kind: str, proc: Path = Path("/proc")) -> str:
     "another program" where the system does not say: other users' processes, other systems.
     """
     with contextlib.suppress(OSError):
-        wanted = {f"socket:[{inode}]" for inode in _inodes(port, kind, proc)}
-        for entry in sorted(proc.iterdir() if wanted else ()):
-            if entry.name.isdecimal() and _has_open(entry, wanted):
-                return f"process {entry.name} ({_command(entry)})"
+        return _process_with({f"socket:[{inode}]" for inode in _inodes(port, kind, proc)}, proc) or UNKNOWN
     return UNKNOWN
+
+
+def holder_of_line(device: str, proc: Path = Path("/proc")) -> str:
+    """The other process that has a serial line open, "" where none is seen.
+
+    Two readers share a line's bytes between them: neither gets a message. The ends of pseudo terminals
+    (/dev/pts) may be held open by whoever made them.
+    """
+    with contextlib.suppress(OSError):
+        line = str(Path(device).resolve(strict=True))
+        return "" if line.startswith("/dev/pts/") else _process_with({line}, proc, but=os.getpid())
+    return ""
+
+
+def _process_with(wanted: set[str], proc: Path, but: int = 0) -> str:
+    for entry in sorted(proc.iterdir() if wanted else ()):
+        if entry.name.isdecimal() and int(entry.name) != but and _has_open(entry, wanted):
+            return f"process {entry.name} ({_command(entry)})"
+    return ""
 
 
 def _inodes(port: int, kind: str, proc: Path) -> Iterator[str]:

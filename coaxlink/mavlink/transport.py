@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
-from coaxlink.errors import LinkError
-from coaxlink.mavlink.address import Address
+from coaxlink.errors import InputError, LinkError
+from coaxlink.mavlink.address import Address, both_ways
 
 _CHUNK = 65536
 _HEARD = 32  # senders who are answered while none of them is known to be the vehicle
@@ -42,7 +42,8 @@ class Driven(Transport, Protocol):
 
 
 def open_transport(address: Address, timeout_s: float) -> Transport:
-    """Open a line. Raises LinkError when it cannot be had within `timeout_s`, and on Windows."""
+    """Open a line. Raises LinkError when it cannot be had within `timeout_s`, and on Windows; InputError
+    where it is to listen on an address of another machine."""
     if sys.platform == "win32":
         # no locks that end with their process, no socket times of the kernel's; nothing was ever run there
         raise LinkError(address.text, "lines to a vehicle need Linux or macOS; on Windows use WSL")
@@ -56,8 +57,14 @@ def open_transport(address: Address, timeout_s: float) -> Transport:
         if error.errno == errno.EADDRINUSE:
             from coaxlink.mavlink.port_holder import holder_of
 
-            who = holder_of(address.port, "tcp" if address.kind == "tcpin" else "udp")
+            port = address.local[1] if address.local else address.port
+            who = holder_of(port, "tcp" if address.kind == "tcpin" else "udp")
             raise LinkError(address.text, f"the port is in use by {who}") from error
+        if error.errno == errno.EADDRNOTAVAIL and address.kind == "udpin":
+            meant = both_ways(address.host, address.port)
+            raise InputError(
+                address.text, "", f"{address.host} is no address of this machine: {meant} is expected"
+            ) from error
         raise LinkError(address.text, f"cannot be opened ({error.strerror or error})") from error
 
 
@@ -77,6 +84,8 @@ class Udp:
             if address.kind == "udpin":
                 self._socket.bind((address.host, address.port))
             else:
+                if address.local:
+                    self._socket.bind(address.local)
                 info = socket.getaddrinfo(address.host, address.port, family, socket.SOCK_DGRAM)[0]
                 self._peer = info[4]
             # the kernel keeps the time of a wait: one call a datagram, not two, where every microsecond shows
@@ -187,6 +196,10 @@ class Serial:
         speed = getattr(termios, f"B{address.baud}", None)
         if speed is None:
             raise LinkError(address.text, f"{address.baud} baud is not a rate of this system")
+        from coaxlink.mavlink.port_holder import holder_of_line
+
+        if who := holder_of_line(address.device):
+            raise LinkError(address.text, f"the line is in use by {who}")
         self._address = address
         self._file = os.open(address.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:

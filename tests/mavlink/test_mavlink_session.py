@@ -10,9 +10,8 @@ from pymavlink.dialects.v20 import ardupilotmega
 from pymavlink.dialects.v20 import common as m
 from scripted_autopilot import ScriptedAutopilot
 
-from coaxlink.errors import InputError, LinkError
+from coaxlink.errors import LinkError
 from coaxlink.mavlink import connect
-from coaxlink.mavlink.address import parse_address
 from coaxlink.mavlink.clock import VirtualClock
 from coaxlink.mavlink.reboot import reboot
 
@@ -21,48 +20,6 @@ from coaxlink.mavlink.reboot import reboot
 def vehicle():
     with ScriptedAutopilot({}, net=Net()) as scripted:
         yield scripted
-
-
-ADDRESSES = {
-    "udpin:0.0.0.0:14550": ("udpin", "0.0.0.0", 14550),
-    "udp:127.0.0.1:14550": ("udpin", "127.0.0.1", 14550),
-    "udp://:14540": ("udpin", "0.0.0.0", 14540),
-    "udpin://127.0.0.1:14540": ("udpin", "127.0.0.1", 14540),
-    "udpout:127.0.0.1:14540": ("udpout", "127.0.0.1", 14540),
-    "udpout://[::1]:14540": ("udpout", "::1", 14540),
-    "tcp:127.0.0.1:5760": ("tcp", "127.0.0.1", 5760),
-    "tcpout://localhost:5760": ("tcp", "localhost", 5760),
-    "tcpin:127.0.0.1:5760": ("tcpin", "127.0.0.1", 5760),
-    "/dev/ttyACM0,57600": ("serial", "/dev/ttyACM0", 57600),
-    "serial:///dev/ttyUSB0:921600": ("serial", "/dev/ttyUSB0", 921600),
-    "serial:/dev/ttyUSB0:115200": ("serial", "/dev/ttyUSB0", 115200),
-    "/dev/ttyACM0": ("serial", "/dev/ttyACM0", 57600),
-}
-NONE = (
-    "",
-    "nonsense",
-    "udp:host",
-    "udpout::14550",
-    "udpin:0.0.0.0:0",
-    "tcp:a:99999",
-    "/dev/x,fast",
-    "http://a:80",
-)
-
-
-def test_addresses_are_read_as_pymavlink_and_mavsdk_users_type_them():
-    read = {}
-    for text in ADDRESSES:
-        a = parse_address(text)
-        read[text] = (a.kind, a.device, a.baud) if a.kind == "serial" else (a.kind, a.host, a.port)
-    assert read == ADDRESSES
-
-
-def test_a_bad_address_is_one_clear_line():
-    for text in NONE:
-        with pytest.raises(InputError, match="expected") as caught:
-            parse_address(text)
-        assert "\n" not in str(caught.value), text
 
 
 def test_identity_armed_and_version(vehicle):
