@@ -41,6 +41,7 @@ DRIVE_SCALE = 0.10  # sd of full-throttle speed over the table's, where no speed
 # intervals nor a covariance: twice what a data sheet's prior says of its lower rotor (docs/no_stand.md)
 NO_PRIOR = 0.15
 # of full: beyond, an ESC starts, stops or has nothing left, and no model holds; rows for a line
+FEW_SPEEDS = 8  # in a mean, from ESCs that report once a second: what each is off by falls to a third
 TURNING, FULL, LEAST_ROWS = 0.1, 0.98, 50
 NEAR_S = 0.2  # a low-passed row has so much of what is around it
 SLOW_S, STEADY_S = 2.0, 0.3  # a pack's voltage answers a load within seconds; a motor within a tenth of one
@@ -222,7 +223,8 @@ def _by_speed(log: Samples, airframe: Airframe, speed_max_rpm: float) -> Samples
             )
         period = float(np.median(np.diff(log["time_s"])))
         behind = _turning(command, period, airframe.motor_lag_s)
-        slow, short = (max(round(span / period), 1) for span in (SLOW_S, STEADY_S))
+        every = period * len(rows) / rows.sum()  # ESCs may report more seldom than the log has rows
+        slow, short = (max(round(span / period), 1) for span in (max(SLOW_S, FEW_SPEEDS * every), STEADY_S))
         u, v = (_mean(values, rows, slow) for values in (command, speed))
         x, y = ((_mean(values, rows, short) - _mean(values, rows, slow))[rows] for values in (behind, speed))
         ratio = float(np.median(speed[rows] / command[rows]))

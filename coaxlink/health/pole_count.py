@@ -16,16 +16,14 @@ from coaxlink.airframe import Airframe
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.frames import Array
+from coaxlink.premises.magnets import MAGNETS, counted, to_set
 from coaxlink.rotor.model import RotorModel
 
-POLES = ("SERVO_BLH_POLES", "SERVO_FTW_POLES", "MOT_POLE_COUNT")  # ArduPilot's two, PX4's
-USUAL = 14  # what every firmware begins with
-MAGNETS = range(4, 58, 2)  # of motors that carry propellers
 DRIVE, THRUST = 0.10, 0.15  # sd of full speed and of a model's thrust, as `coefficients` has them
 CHI2_95 = 5.99  # two degrees of freedom
 MISCOUNTED = 0.1  # prior odds that the number was left at its default; judgement
 FLIES = 0.4  # of the weight: less is on the ground
-LEAST_ROWS = 50
+LEAST_ROWS = 10  # with a speed: ten seconds of ESCs that report once a second
 
 
 def check_poles(log: Samples, airframe: Airframe, model: RotorModel) -> None:
@@ -45,21 +43,18 @@ def check_poles(log: Samples, airframe: Airframe, model: RotorModel) -> None:
         lift = float(np.median(_lift(airframe, model, speeds / factor)))
         return (np.log(driven / factor) / DRIVE) ** 2 + (np.log(max(lift, 1e-9) / weight) / THRUST) ** 2
 
-    name, counted = next(((n, log.parameters[n]) for n in POLES if log.parameters.get(n, 0) > 0), ("", USUAL))
-    right = min(MAGNETS, key=lambda magnets: misfit(magnets / counted))
-    least = misfit(right / counted)
+    _, taken = counted(log.parameters)
+    right = min(MAGNETS, key=lambda magnets: misfit(magnets / taken))
+    least = misfit(right / taken)
     if least > CHI2_95 or misfit(1.0) - least < -2.0 * np.log(MISCOUNTED):
         return
     lift = 100 * float(np.median(_lift(airframe, model, speeds))) / weight
-    if not name and log.parameters:
-        name = POLES[0] if "SERVO1_FUNCTION" in log.parameters else POLES[2]
-    set_it = f"set {name or ' or '.join(POLES)} (or the ESC's own) to {right}"
     raise InputError(
         log.source,
         "column rpm",
         f"rpm are {driven:.2f} times what the commands allow, and would carry {lift:.0f} % of the weight: "
-        f"{right} magnets counted as {counted:g}? {set_it}; where {counted:g} is right, the airframe's mass "
-        "or the rotor file's speed_max_rpm is not",
+        f"{right} magnets counted as {taken:g}? {to_set(log.parameters, right)}; where {taken:g} is right, "
+        "the airframe's mass or the rotor file's speed_max_rpm is not",
     )
 
 

@@ -17,6 +17,7 @@ from coaxlink.data.logs.flight import MOTOR
 from coaxlink.data.samples import Samples
 from coaxlink.frames import Array, FlightFrame
 from coaxlink.premises.answer import OtherVehicle
+from coaxlink.premises.magnets import miscounted
 from coaxlink.premises.moves import UNKNOWN
 from coaxlink.signals import low_pass
 
@@ -31,6 +32,7 @@ TELLS = 0.5
 WORKS = 0.05  # of full command: a motor turns
 SPEEDS = 0.15  # of rpm over the common curve: specimens and packs differ by less
 MAGNETS = 1.4  # of rpm over what full throttle means: 14 magnets taken for 20
+FEWEST = 10  # rows with a speed: ten seconds of ESCs that report once a second
 CURVE = (0.5, 1.0)  # power of rpm over command: thrust goes with it, or speed
 # judgement: what another order of the motors must leave, of what the logged order leaves, axes together. An
 # exchange of two leaves about a hundredth; a weak rotor is made up for by no order
@@ -99,12 +101,13 @@ def _speeds(log: Samples, frame: FlightFrame) -> Iterator[OtherVehicle]:
         return
     commands, rpm = (np.stack([log[f"{name}{n}"] for n in numbers], axis=1) for name in ("motor", "rpm"))
     turning = np.isfinite(commands) & np.isfinite(rpm) & (commands > 2 * WORKS) & (rpm > 0.0)
-    if turning.sum(axis=0).min() < 50:
+    if turning.sum(axis=0).min() < FEWEST:
         return
     means = [float(np.median(rpm[t, k] / commands[t, k])) for k, t in enumerate(turning.T)]
     whole = float(np.median(means)) / frame.model.speed_max_rpm
     if not 1.0 / MAGNETS <= whole <= MAGNETS:
-        why = f"rpm are {whole:.2f} times what the commands mean: number of magnets, or another rotor file"
+        magnets = miscounted(log.parameters, whole) or "the number of magnets"
+        why = f"rpm are {whole:.2f} times what the commands mean: {magnets}; or another rotor file"
         yield OtherVehicle("speeds", whole, (1.0 / MAGNETS, MAGNETS), why)
         return
     command, speed = np.log(commands[turning]), np.log(rpm[turning])

@@ -15,6 +15,7 @@ from coaxlink.data import Samples
 from coaxlink.data.samples import DAMAGED
 from coaxlink.health.premises import flown_by, judged
 from coaxlink.premises import as_if, moves, other_vehicle
+from coaxlink.premises.magnets import miscounted
 from coaxlink.residual import refine
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.rotor import load_rotor_model
@@ -81,6 +82,20 @@ def test_a_vehicle_that_is_not_this_one_is_told_by_its_number(flights):
                 assert said["verdict"] == "not this vehicle" and said["effects"] == []
                 checks = [r.as_json().get("check") for r in flown_by([log], vehicle)]
                 assert check == "lift" or check in checks
+
+
+def test_a_wrong_number_of_magnets_is_named_with_its_parameter():
+    with case_table() as case:
+        for parameters, ratio, counted, name, right in (
+            ({"SERVO_BLH_POLES": 14.0}, 2.03, "28 magnets counted as 14", "SERVO_BLH_POLES", 28),
+            ({"SERVO_BLH_POLES": 14.0}, 0.5, "14 magnets counted as 28", "SERVO_BLH_POLES", 14),
+            ({"MOT_POLE_COUNT": 12.0}, 1.66, "20 magnets counted as 12", "MOT_POLE_COUNT", 20),
+            ({"SERVO1_FUNCTION": 33.0}, 3.0, "42 magnets counted as 14", "SERVO_BLH_POLES", 42),
+            ({"CA_ROTOR_COUNT": 8.0}, 1.56, "22 magnets counted as 14", "MOT_POLE_COUNT", 22),
+        ):
+            with case(f"{parameters} {ratio}"):
+                assert miscounted(parameters, ratio) == f"{counted}? set {name} (or the ESC's own) to {right}"
+    assert miscounted({}, 20.0) == ""
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""DataFlash logs of ArduPilot as flight columns.
+"""DataFlash logs of ArduPilot, binary or made text of, as flight columns.
 
 Motors from MOUT (a script's faster copy of the outputs) or RCOU; accelerations of the IMU in use less the
 estimator's bias (XKF2), since ArduPilot logs them raw.
@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from coaxlink.data.logs.dataflash_text import read_text
 from coaxlink.data.logs.outputs import (
     ARDUPILOT_OUTPUTS,
     Map,
@@ -36,6 +37,7 @@ TYPES = (
 )  # fmt: skip
 MOST_LOST = 20_000  # messages that cannot be read; a torn log loses some, a card's bad block some hundred
 TRAILING = 528  # bytes that may follow: pymavlink's own figure, twice the page of block-based logging
+HEAD = b"\xa3\x95"  # of every message
 EVENT_ARMED, EVENT_DISARMED, EVENT_LANDED, EVENT_AIRBORNE = 10, 11, 18, 28
 INSTANCE = ("Instance", "Inst", "I")  # what the number of a sensor is called, over the years
 
@@ -76,6 +78,12 @@ def dataflash_texts(path: Path) -> list[tuple[float, str]]:
     return [(m.TimeUS / 1e6, str(m.Message)) for m in found.get("MSG", ())]
 
 
+def is_binary(path: Path) -> bool:
+    """Whether the log is as it was written on board, not made a text of."""
+    with path.open("rb") as stream:
+        return stream.read(2) == HEAD
+
+
 def _message(rows: list[Any]) -> Message | None:
     """The numeric fields of all messages of one kind; None where they have no stamps."""
     fields = [f for f in rows[0].get_fieldnames() if not isinstance(getattr(rows[0], f), (str, bytes))]
@@ -86,6 +94,8 @@ def _message(rows: list[Any]) -> Message | None:
 def _read(path: Path, types: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, float], bool]:
     """The messages of these types by name, the last value of each parameter, and whether some of the log
     could not be read. Raises InputError."""
+    if not is_binary(path):
+        return read_text(path, types)
     found: dict[str, list[Any]] = {}
     parameters: dict[str, float] = {}
     kind = _reader_class()

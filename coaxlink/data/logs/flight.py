@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaxlink import files
+from coaxlink.data.logs.dataflash_text import FORMAT as DATAFLASH_AS_TEXT
 from coaxlink.data.logs.streams import at_the_commands
 from coaxlink.data.quiet import one_line
 from coaxlink.data.samples import Samples
@@ -32,6 +33,8 @@ LEAST_SOUND = 0.2
 ABSURD = 1e9  # of any column of ours in any unit; damaged floats go far beyond
 SLOWEST_S = 1.0  # between two rows: slower tells nothing of a flight
 AT_REST = 0.05  # of full command, judgement: below it a motor stands or idles, in any unit
+LOOKS = 8000  # bytes that tell a text's kind: a station's own lines may stand above the formats
+_PRINTOUT = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+: \w+ {")
 _ULOG = b"ULog\x01\x12\x35"
 _DATAFLASH = b"\xa3\x95"
 _MAVLINK = (0xFD, 0xFE)
@@ -80,11 +83,13 @@ def log_kind(path: Path) -> str:
     with files.reading(path):
         bounded.check_regular(path)
         with path.open("rb") as stream:
-            head = stream.read(16)
+            head = stream.read(LOOKS)
     if head.startswith(_ULOG):
         return "ulog"
-    if head.startswith(_DATAFLASH):
+    if head.startswith(_DATAFLASH) or DATAFLASH_AS_TEXT.search(head):
         return "dataflash"
+    if _PRINTOUT.match(head):
+        raise InputError(path, "", "a printout of mavlogdump: the .bin or .tlog it was made of is expected")
     # the stamp, us since 1970, begins with a zero byte for 2000 years to come; no text does
     if len(head) > 9 and head[8] in _MAVLINK and head[0] == 0:
         return "tlog"

@@ -28,6 +28,7 @@ GAP_PERIODS = 5.0  # a pause longer than this many periods of a series is a gap,
 # what no sensor of a vehicle reads, in the units of our columns: accelerometers go to 200 g, gyros to
 # 4000 deg/s; beyond is a damaged message
 MOST = {"accel": 2e3, "gyro": 100.0, "vel": 1e3, "height": 1e5, "voltage": 2e3, "rpm": 1e6}
+RARE_S = 0.25  # between two speeds of a rotor, which settles within a tenth of that
 SELDOM = 0.1  # of the changes may follow another at once: rounding makes some pause, holding makes all
 
 
@@ -147,10 +148,14 @@ def merge(
         for name, column in one.columns.items():
             steps[name] = resolution_of(column)
             columns[name] = _resampled(name, one.time_s, column, grid, period)
+    rare = [n for one in measured if one.period_s > RARE_S for n in one.columns if n.startswith("rpm")]
     keep = ~np.logical_or.reduce([one.has_gap(grid) for one in pacing])
     said = [f"{len(grid)} rows every {1e3 * period:.3g} ms, the rate of the motor commands"]
     if not keep.all():
         said.append(f"{int((~keep).sum())} rows left out where the log has gaps")
+    if rare:
+        every = max(one.period_s for one in measured if rare[0] in one.columns)
+        said.append(f"{len(rare)} rotors' rpm come every {every:.2g} s: rows between them hold none (NaN)")
     samples = Samples(columns, source, (*notes, *said), resolution=steps).take(keep)
     if not samples.rows:
         raise InputError(source, "", "no stretch in which commands and motion were both logged")
@@ -162,10 +167,13 @@ def _resampled(name: str, time: Array, values: Array, grid: Array, period: float
         return values[np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)]
     if name in ANGLES:
         values = np.unwrap(values)
-    if np.median(np.diff(time)) < 0.75 * period:
-        values = _averaged(time, values, grid, period)
-    else:
-        values = np.interp(grid, time, values)
+    step = float(np.median(np.diff(time)))
+    if name.startswith("rpm") and step > RARE_S:  # what lies between two of them is not known
+        after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+        nearest = after - (grid - time[after - 1] < time[after] - grid)
+        return np.where(np.abs(time[nearest] - grid) <= period / 2, values[nearest], np.nan)
+    fast = step < 0.75 * period
+    values = _averaged(time, values, grid, period) if fast else np.interp(grid, time, values)
     return np.remainder(values + np.pi, 2 * np.pi) - np.pi if name in ANGLES else values
 
 

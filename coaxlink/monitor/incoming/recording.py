@@ -242,7 +242,8 @@ class SampleLog:
         yield mavlink.MAVLink_actuator_output_status_message(boot_ms, (1 << self._motors) - 1, padded)
         for first in range(0, self._rpm, 4):
             rpm = [self._value(f"rpm{first + k + 1}", row) for k in range(4)]
-            yield MAVLink_esc_status_message(first, 0, rpm, [0.0] * 4, [0.0] * 4)
+            if not all(math.isnan(speed) for speed in rpm):  # between two messages of slow ESCs
+                yield MAVLink_esc_status_message(first, 0, rpm, [0.0] * 4, [0.0] * 4)
         if self._samples.has("height_m"):
             vn, ve, vd = (self._value(f"vel_{a}_m_s", row) for a in "ned")
             down = -self._value("height_m", row)
