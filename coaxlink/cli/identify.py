@@ -12,6 +12,7 @@ import typer
 from coaxlink import files
 from coaxlink.cli.shared.from_flights import AirframeOption, PriorOption, identify_from_flights
 from coaxlink.cli.shared.next import after_identify
+from coaxlink.cli.shared.pair import answer_of_sums
 from coaxlink.cli.shared.shell import JsonOption, console, say, talk
 from coaxlink.cli.shared.single import (
     BladesOption,
@@ -121,7 +122,12 @@ def identify(
     if plan is not None:
         raise InputError("--next", "", "is for flights: with --airframe and --rotor")
     options = Options(max_order)
+    from coaxlink.rotor.pair_sum import is_pair, of_each_rotor
+
     read = _read(logs, how, join)
+    if sums := [samples for samples in read if is_pair(of_each_rotor(samples))]:
+        answer_of_sums(sums, speed_max_rpm, out, json)
+        return
     for samples in read:
         for doubt in doubts(samples, upper):
             say(f"- {doubt}")

@@ -65,12 +65,12 @@ def _quantity(
 _PULSE_US = Unit("us", 1 / PWM_SPAN_US, -PWM_STOP_US / PWM_SPAN_US)
 _PULSE_MS = Unit("ms", 1e3 / PWM_SPAN_US, -PWM_STOP_US / PWM_SPAN_US)
 QUANTITIES = {  # our suffix, words, symbols, units by their spellings, unit where none is written
-    "thrust": _quantity("thrust_N", "thrust force lift fz schub kraft schubkraft", "tf", {
+    "thrust": _quantity("thrust_N", "thrust force lift pull fz schub kraft schubkraft", "tf", {
         "N newton newtons": 1.0, "mN": 1e-3, "kN": 1e3, "gf g gram grams pond": G / 1e3, "kgf kg kp": G,
         "lbf lb lbs": LBF, "ozf oz": LBF / 16,
     }),
     "torque": _quantity("torque_Nm", "torque moment trq mz drehmoment", "q", {
-        "N_m nm newtonmeter": 1.0, "N_cm": 1e-2, "N_mm mnm": 1e-3, "kgf_m kgm": G, "kgf_cm kgcm": G / 100,
+        "N_m nm newtonmeter": 1.0, "N_cm cnm": 1e-2, "N_mm mnm": 1e-3, "kgf_m kgm": G, "kgf_cm kgcm": G / 100,
         "gf_cm gcm": G / 1e5, "lbf_in lbin inlbf inlb": LBF * INCH, "lbf_ft lbft ftlbf ftlb": LBF * 12 * INCH,
         "ozf_in ozin inozf inoz": LBF / 16 * INCH,
     }),
@@ -85,7 +85,9 @@ QUANTITIES = {  # our suffix, words, symbols, units by their spellings, unit whe
     "voltage": _quantity("voltage_V", "voltage volt volts spannung", "uv", {
         "V volt volts": 1.0, "mV": 1e-3,
     }, "v"),
-    "current": _quantity("current_A", "current amps strom", "i", {"A amp amps ampere": 1.0, "mA": 1e-3}, "a"),
+    "current": _quantity("current_A", "current amps amperage strom", "i", {
+        "A amp amps ampere": 1.0, "mA": 1e-3,
+    }, "a"),
     "power": _quantity("power_W", "power watts leistung", "p", {"W watt watts": 1.0, "kW": 1e3}, "w"),
     "time": _quantity("time_s", "time timestamp zeit", "t", {
         "s sec seconds": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0,
@@ -101,10 +103,12 @@ LOWER = _words("lower bottom lwr btm unten untere unterer unteres")
 LABELS = _words("left right front rear back first second one two cw ccw")
 LETTERS = _words("a b c d l r u")
 ROTOR_NAMES = UPPER | LOWER | LABELS | LETTERS
+PAIR = "pair"  # what reads both rotors together, thrusts added and torques against one another
+SUMS = _words("total sum net combined both gesamt summe")
 # sums and ratios of other columns of the same row, statistics: they can only mislead a fit
-DERIVED = _words(
-    """total sum net efficiency centre center ratio coefficient coeff loading per std stdev min max error raw
-    tare gesamt combined average settling"""
+DERIVED = SUMS | _words(
+    """efficiency centre center ratio coefficient coeff loading per std stdev min max error raw
+    tare average settling"""
 )
 # what a pulse in microseconds may be called: nothing else on a stand is counted in them but stamps of time
 PULSE = _words("signal pulse pulsewidth width input output motor powertrain rotor ppm")
@@ -119,6 +123,7 @@ OWN_COLUMNS = (
     *(f"{side}_{QUANTITIES[q].suffix}" for side in SIDES for q in ("speed", "throttle", "thrust", "torque")),
     "voltage_V", "upper_voltage_V", "lower_voltage_V", "upper_current_A", "lower_current_A",
     "motor_temperature_C", "air_temperature_C", "air_pressure_Pa", "rotor_spacing_m",
+    *(f"{PAIR}_{QUANTITIES[q].suffix}" for q in ("thrust", "torque")),
 )  # fmt: skip
 
 
@@ -149,5 +154,5 @@ def unit_names(quantity: str) -> tuple[str, ...]:
 
 def quantity_of(name: str) -> str | None:
     """The quantity of one of our column names (upper_thrust_N, voltage_V), or None."""
-    rest = re.sub(r"^(upper|lower)_", "", name)
+    rest = re.sub(r"^(upper|lower|pair)_", "", name)
     return next((q for q, about in QUANTITIES.items() if about.suffix == rest), None)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from coaxlink.data import aliases
 from coaxlink.data.aliases import QUANTITIES, QUANTITY_OF, Unit, find_unit, plain, unit_names, words_of
 from coaxlink.data.table import TextTable
+from coaxlink.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,9 @@ class Heading:
     index: int  # column in the table
     text: str
     quantity: str  # key of QUANTITIES
-    label: str  # the rotor as the heading calls it: upper, lower, a, left, 1; "" when it names none
+    label: str  # the rotor as the heading calls it: upper, lower, a, left, 1, PAIR; "" when it names none
     unit: Unit | None  # None when none is written
+    problem: InputError | None = None  # its unit is not known
     shaft: bool = False  # mechanical power: torque times speed
     optical: bool = False
 
@@ -44,7 +46,7 @@ class UnknownUnitError(ValueError):
 def recognised(table: TextTable, skip: Iterable[int] = ()) -> list[Heading]:
     """Every heading of a table that is understood, `skip` left alone.
 
-    Raises InputError at a known quantity in an unknown unit, with the line of a map that states it.
+    A known quantity in an unknown unit has its `problem`, with the line of a map that states it.
     """
     free = [i for i in range(len(table.headings)) if i not in skip]
     lettered = letters_name_rotors(table.headings[i] for i in free)
@@ -56,11 +58,11 @@ def recognised(table: TextTable, skip: Iterable[int] = ()) -> list[Heading]:
         try:
             heading = recognise(i, text, lettered, table.units[i])
         except UnknownUnitError as error:
-            side = next((s for s in aliases.SIDES if s in words_of(text)), "upper")
-            line = line_for(
-                f"{side}_{QUANTITIES[error.quantity].suffix}", text, unit_names(error.quantity)[0]
-            )
-            raise table.heading_error(text, f"{error}; a map states it (`columns`): {line}") from error
+            label = _label(words_of(text), lettered)
+            name = f"{label if label in aliases.SIDES else 'upper'}_{QUANTITIES[error.quantity].suffix}"
+            line = line_for(name, text, unit_names(error.quantity)[0])
+            problem = table.heading_error(text, f"{error}; a map states it (`columns`): {line}")
+            heading = Heading(i, text, error.quantity, label, None, problem)
         if heading is not None:
             found.append(heading)
     letters = {h.label for h in found}
@@ -92,9 +94,14 @@ def recognise(index: int, text: str, lettered: bool = True, unit_line: str = "")
     """
     name, bracketed = _without_unit(text)
     words = words_of(text if unit_line else name)
-    if set(words) & (aliases.ELSEWHERE | aliases.DERIVED):
+    if set(words) & aliases.ELSEWHERE:
         return None
     quantity = next((QUANTITY_OF[w] for w in words if w in QUANTITY_OF), None)
+    if set(words) & aliases.DERIVED or _names_two(name):
+        summed = set(words) & aliases.DERIVED <= aliases.SUMS and quantity in ("thrust", "torque")
+        written = unit_line or bracketed
+        unit = find_unit(quantity, written) if summed and quantity else None
+        return Heading(index, text, quantity, aliases.PAIR, unit) if unit and quantity else None
     if quantity == "speed" and "esc" in words:
         return None
     written = unit_line or bracketed
@@ -118,6 +125,12 @@ def recognise(index: int, text: str, lettered: bool = True, unit_line: str = "")
     if unit is None:
         unit, words = _unit_in_words(quantity, words, lettered)
     return _heading(index, text, quantity, words, unit, lettered)
+
+
+def _names_two(name: str) -> bool:
+    """Whether a heading names two rotors with a sign of addition between them: Thrust A + B."""
+    found = re.search(r"(\w+)\s*[+&]\s*(\w+)", plain(name))
+    return found is not None and all(w in aliases.ROTOR_NAMES or w.isdigit() for w in found.groups())
 
 
 def _without_unit(text: str) -> tuple[str, str]:
@@ -188,16 +201,18 @@ def _heading(
         unit = find_unit(quantity, QUANTITIES[quantity].unwritten)
     if unit is not None and unit.name == "rpm" and "erpm" in words:
         unit = find_unit("speed", "erpm")
+    label = _label(words, lettered)
+    shaft = quantity == "power" and bool({"mechanical", "mech", "shaft"} & set(words))
+    return Heading(index, text, quantity, label, unit, None, shaft, "optical" in words)
+
+
+def _label(words: list[str], lettered: bool) -> str:
+    """The rotor that the words of a heading name, "" where they name none."""
     label = ""
     for word in words:
         if word in aliases.UPPER | aliases.LOWER:
-            label = "upper" if word in aliases.UPPER else "lower"
-            break
-        if (
-            word in aliases.LABELS
-            or (lettered and word in aliases.LETTERS)
-            or (word.isdigit() and len(word) == 1)
-        ):
+            return "upper" if word in aliases.UPPER else "lower"
+        named = word in aliases.LABELS or (lettered and word in aliases.LETTERS)
+        if named or (word.isdigit() and len(word) == 1):
             label = label or word
-    shaft = quantity == "power" and bool({"mechanical", "mech", "shaft"} & set(words))
-    return Heading(index, text, quantity, label, unit, shaft, "optical" in words)
+    return label

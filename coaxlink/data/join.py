@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coaxlink.data.aliases import SIDES
+from coaxlink.data.aliases import PAIR, SIDES
 from coaxlink.data.samples import Samples
 from coaxlink.errors import InputError
 
@@ -50,6 +50,12 @@ def _filled(log: Samples, name: str) -> np.ndarray | None:
     """The column, or what it must be where this log's stand did not have that rotor; None if unknown."""
     if log.has(name):
         return log[name]
+    if name.startswith(
+        f"{PAIR}_"
+    ):  # beside a cell under both, a log of one rotor is the pair's with the other still
+        alone = [side for side in SIDES if any(log.has(f"{side}_{w}") for w in SPEEDS)]
+        own = f"{alone[0]}_{name.removeprefix(f'{PAIR}_')}" if len(alone) == 1 else ""
+        return log[own] if log.has(own) else np.full(log.rows, np.nan)
     side, _, what = name.partition("_")
     if side not in SIDES:
         return None

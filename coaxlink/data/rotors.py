@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from coaxlink.data.aliases import (
     LOADS_AND_SPEED,
     OF_A_ROTOR,
+    PAIR,
     QUANTITIES,
     SIDES,
     Unit,
@@ -24,6 +25,7 @@ from coaxlink.data.propeller import possible, readings_of
 from coaxlink.data.table import TextTable
 
 Array = NDArray[np.float64]
+SUMMED = ("thrust", "torque")  # what one cell under both rotors reads
 TWINS = 0.05  # two columns of one quantity and rotor agree within this share
 _SHARED = "\0"  # the label of columns that belong to no single rotor
 # nobody logs a rotor in these without saying so
@@ -57,7 +59,9 @@ def find_rotors(
 
     Raises InputError: a unit that is not known, three rotors, two columns that contradict each other.
     """
-    groups = _by_rotor(table, recognised(table, skip))
+    found_all = recognised(table, skip)
+    sums = [h for h in found_all if h.label == PAIR]
+    groups = _by_rotor(table, [h for h in found_all if h.label != PAIR])
     out = FoundColumns()
     chosen: dict[str, dict[str, Heading]] = {}
     shafts: dict[str, Heading] = {}
@@ -73,6 +77,9 @@ def find_rotors(
         if "throttle" in found_of:
             found_of["throttle"] = _with_unit_by_range(table, found_of["throttle"])
     shared = chosen.pop(_SHARED, {})
+    for heading in (h for of in chosen.values() for h in of.values()):
+        if heading.problem:
+            raise heading.problem
     shaft_W = {label: table.numbers(h.index) for label, h in shafts.items() if label in chosen}
     guessed = _guessed_units(table, chosen, shaft_W, poles, diameter_m)
     for label, found_of in chosen.items():
@@ -83,13 +90,57 @@ def find_rotors(
                 out.notes.append(
                     f"'{h.text}' taken in {guessed[label, q].name}: no other unit makes a propeller of it"
                 )
+    _take_sums(table, out, [*sums, *(h for q, h in shared.items() if q in SUMMED)])
     for q, h in shared.items():
+        if q in SUMMED:
+            continue
         if q in OF_A_ROTOR:
             out.notes.append(f"'{h.text}' left out: of which rotor it is does not stand there")
         else:
             out.shared[h.suffix] = values_of(table, h, None, poles)
             out.notes.append(f"{h.suffix} from '{h.text}'")
     return out
+
+
+def _take_sums(table: TextTable, out: FoundColumns, sums: list[Heading]) -> None:
+    """What reads both rotors together: beside both of them it says nothing new, beside one the other, alone
+    the pair."""
+    for heading in sums:
+        out.used.add(heading.index)
+        q = heading.quantity
+        own = [rotor for rotor in out.rotors if q in rotor.columns]
+        if heading.unit is None or table.numbers_or_none(heading.index) is None:
+            line = line_for(f"{PAIR}_{heading.suffix}", heading.text, unit_names(q)[0])
+            out.notes.append(
+                f"'{heading.text}' left out: of which rotor it is, or in which unit of a {q}, does not stand "
+                f"there; if of both together a map states it (`columns`): {line}"
+            )
+            continue
+        total = values_of(table, heading, None, None)
+        if len(own) == 2:
+            a, b = (rotor.columns[q] for rotor in own)
+            off = min(float(np.median(np.abs(total - x))) for x in (a + b, a - b, b - a))
+            is_sum = off <= TWINS * float(np.median(np.abs(a) + np.abs(b)))
+            what = "the rotors' own columns added" if is_sum else "not what the rotors' own columns add up to"
+            out.notes.append(f"'{heading.text}' left out: {what}")
+        elif len(out.rotors) == 1 and not own:
+            _give(out, 0, heading, total)
+        elif len(own) == 1 and q == "thrust" and len(out.rotors) == 2:
+            other = 1 - out.rotors.index(own[0])
+            _give(out, other, heading, total - own[0].columns[q])
+            said = out.rotors[other].label or "the other"
+            out.notes.append(f"thrust of {said} is '{heading.text}' less '{own[0].headings[q].text}'")
+        elif not own:
+            out.shared.setdefault(f"{PAIR}_{heading.suffix}", total)
+            out.notes.append(f"'{heading.text}' is taken for both rotors together")
+
+
+def _give(out: FoundColumns, index: int, heading: Heading, values: Array) -> None:
+    """A rotor a column more."""
+    rotor, q = out.rotors[index], heading.quantity
+    out.rotors[index] = replace(
+        rotor, columns={**rotor.columns, q: values}, headings={**rotor.headings, q: heading}
+    )
 
 
 def _by_rotor(table: TextTable, headings: list[Heading]) -> dict[str, list[Heading]]:
@@ -157,6 +208,8 @@ def _preferred(table: TextTable, headings: list[Heading], notes: list[str]) -> H
 
 def values_of(table: TextTable, heading: Heading, unit: Unit | None, poles: int | None) -> Array:
     """The column in our unit (rows,), taken in `unit` or in the heading's. Raises InputError."""
+    if heading.problem:
+        raise heading.problem
     values, unit = table.numbers(heading.index), unit or heading.unit
     if unit is None:
         expected = ", ".join(unit_names(heading.quantity))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.constants import RAD_S_PER_RPM, STANDARD_DENSITY_KG_M3
-from coaxlink.data.aliases import LOADS_AND_SPEED, OWN_COLUMNS, words_of
+from coaxlink.data.aliases import LOADS_AND_SPEED, OWN_COLUMNS, PAIR, words_of
 from coaxlink.data.headings import Heading, recognised
 from coaxlink.data.rotors import TWINS, values_of
 from coaxlink.data.samples import Samples
@@ -134,6 +134,8 @@ def _sheet(table: TextTable, poles: int | None) -> SingleTable:
     """A maker's sheet: of the columns it has, those that are numbers throughout."""
     found: dict[str, Heading] = {}
     for heading in recognised(table):
+        if heading.label == PAIR:
+            continue
         quantity = heading.quantity
         if quantity in ("speed", "thrust") or table.numbers_or_none(heading.index) is not None:
             first = found.setdefault(quantity, heading)

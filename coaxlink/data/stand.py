@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from coaxlink.data.aliases import OF_A_ROTOR, OWN_COLUMNS, QUANTITIES, SIDES, words_of
+from coaxlink.data.aliases import OF_A_ROTOR, OWN_COLUMNS, PAIR, QUANTITIES, SIDES, words_of
 from coaxlink.data.averaging import thinned
 from coaxlink.data.cleaning import drive_of, without_repeats
 from coaxlink.data.columns_map import FORM, map_columns
@@ -22,7 +22,7 @@ from coaxlink.data.table import TextTable, read_table
 from coaxlink.data.unit_check import SHAFT, check_signs, check_units
 from coaxlink.errors import InputError
 
-_OURS_OF_A_ROTOR = {f"{side}_{QUANTITIES[q].suffix}" for side in SIDES for q in OF_A_ROTOR}
+_OURS_OF_A_ROTOR = {f"{side}_{QUANTITIES[q].suffix}" for side in (*SIDES, PAIR) for q in OF_A_ROTOR}
 # with its unit, as ours: a column of another name may hold words, remarks, anything
 _OWN_STYLE = re.compile(
     r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*_(N|Nm|rpm|s|ms|us|V|A|W|C|K|Pa|hPa|m|mm|kg|g|Hz|deg|rad)"

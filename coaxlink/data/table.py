@@ -193,7 +193,11 @@ class _Body:
                 if tuple(shown) in self.layout.raw:
                     self._repeated += 1
                     continue
-                if len(cells) < self.width or len(shown) > self.width:
+                if (
+                    len(shown) > self.width and self.width - 1 in self._odd
+                ):  # commas in a last column of words
+                    cells = [*cells[: self.width - 1], self.layout.delimiter.join(shown[self.width - 1 :])]
+                elif len(cells) < self.width or len(shown) > self.width:
                     found = f"{self.width} columns are expected, found {len(cells)}"
                     raise InputError(self.path, f"line {number}", found)
             values.append([self._number(self._rows + len(values), i, cells[i]) for i in range(self.width)])

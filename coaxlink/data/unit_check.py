@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from coaxlink.data.aliases import LOADS_AND_SPEED, QUANTITIES, SIDES, Unit
+from coaxlink.data.aliases import LOADS_AND_SPEED, PAIR, QUANTITIES, SIDES, Unit
 from coaxlink.data.cleaning import drive_of, own_sign
 from coaxlink.data.headings import Heading, line_for
 from coaxlink.data.propeller import Reading, diameters, possible, readings_of
@@ -19,6 +19,7 @@ from coaxlink.errors import InputError
 SHAFT = "shaft_power_W"  # a rotor's column that serves to check units and is no part of a log
 FEWEST = 6  # rows: with fewer nothing is identified anyway
 FOLLOWS = 2.0  # times the squares left over
+BOTH = 0.2  # of what goes with its own speed: half of the least that a lower rotor in a wake gives
 UNEXPLAINED = 0.5  # of a load's squares by its own rotor's speed
 POLES = (12, 14, 20, 24, 28, 36, 40)  # magnets of motors that carry propellers
 USUAL_POLES = 14
@@ -66,6 +67,13 @@ def check_signs(samples: Samples) -> None:
                     f"goes with the other rotor's speed, not with {effort}: the columns look exchanged; "
                     "name the right ones in a map (`columns`)",
                 )
+            if name.endswith("thrust_N") and _reads_both(samples, name, effort):
+                raise InputError(
+                    samples.source,
+                    f"column {name}",
+                    "rises with the other rotor's speed as with its own: thrust of both rotors together? "
+                    f"identify takes it as {PAIR}_thrust_N",
+                )
             if own_sign(samples, name, effort) < 0:
                 raise InputError(
                     samples.source,
@@ -73,6 +81,20 @@ def check_signs(samples: Samples) -> None:
                     "falls as its rotor speeds up: the sign is turned, or it is another column's; "
                     f'a map turns it: {name} = {{ column = "{name}", scale = -1 }}',
                 )
+
+
+def _reads_both(samples: Samples, load: str, effort: str) -> bool:
+    """Whether a thrust rises with the speed of the other rotor, whose own is not there: no wake lifts."""
+    side, _, what = effort.partition("_")
+    other = "lower" if side == "upper" else "upper"
+    speeds = effort, f"{other}_{what}"
+    if samples.has(f"{other}_thrust_N") or not samples.has(*speeds) or samples.rows < 12:
+        return False
+    X = np.stack(
+        [np.ones(samples.rows), *((samples[n] / max(samples[n].max(), 1e-300)) ** 2 for n in speeds)], 1
+    )
+    _, own, beside = np.linalg.lstsq(X, samples[load], rcond=None)[0]
+    return bool(np.linalg.matrix_rank(X) == 3 and own > 0 and beside > BOTH * own)
 
 
 def _follows_other(samples: Samples, load: str, effort: str) -> bool:

@@ -29,7 +29,9 @@ from coaxlink.rotor.fit import (
     row_weights,
 )
 from coaxlink.rotor.model import LOADS, RotorModel
+from coaxlink.rotor.pair_sum import OPEN, is_pair, of_each_rotor
 from coaxlink.rotor.polynomial import design_matrix
+from coaxlink.rotor.power_only import with_torque_of_power
 from coaxlink.rotor.selection import fit_load
 from coaxlink.rotor.stand_data import COAXIAL, StandData, Values, stand_data, unit_of
 from coaxlink.rotor.uncertainty import (
@@ -128,6 +130,9 @@ def identify(
             load_terms(form, LOADS[0])
         except ValueError as error:
             raise InputError("`form`", "", str(error)) from error
+    samples = with_torque_of_power(of_each_rotor(samples))
+    if is_pair(samples):
+        raise InputError(samples.source, "", f"thrust of both rotors together: {'; '.join(OPEN)}")
     with threadpool_limits(limits=1, user_api="blas"):  # of many small products: see `threads`
         return _identified(stand_data(samples, speed_max_rpm), form, options or Options(), compare)
 
