@@ -1,4 +1,4 @@
-"""A stand that reads power and no torque: torque = efficiency * power / speed in rad/s, the efficiency a prior."""
+"""A stand that reads power and no torque: torque = efficiency * power / speed, the efficiency a prior."""
 
 from __future__ import annotations
 
