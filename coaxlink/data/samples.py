@@ -65,6 +65,9 @@ class Samples:
         """Raises InputError naming the first column that is missing."""
         for name in names:
             if name not in self.columns:
+                if name.endswith("_thrust_N") and "pair_thrust_N" in self.columns:
+                    problem = "both rotors together: identify says what that tells, and which run is missing"
+                    raise InputError(self.source, f"column {name}", problem)
                 found = ", ".join(self.columns) or "none"
                 raise InputError(self.source, f"column {name}", f"missing (columns found: {found})")
 

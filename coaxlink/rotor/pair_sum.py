@@ -104,12 +104,15 @@ def of_each_rotor(samples: Samples) -> Samples:
             continue
         total = samples[name] * (np.sign(np.median(samples[name][known])) or 1.0)
         load = Load.UPPER_THRUST if quantity == "thrust" else Load.UPPER_TORQUE
-        rows = LoadRows(
-            load.key, speeds.upper[known], speeds.lower[known], total[known], np.arange(known.sum()) % 5
+        u, still = speeds.upper[known], np.zeros(known.sum())
+        fit = fit_load(
+            "crm", LoadRows(load.key, u, still, total[known], np.arange(len(u)) % FOLDS), Options()
         )
-        upper = np.where(
-            known, total, fit_load("crm", rows, Options()).predict(speeds.upper, 0.0 * speeds.lower)
-        )
+        left, order = total[known] - fit.predict(u, still), np.argsort(u)
+        upper = fit.predict(speeds.upper, 0.0 * speeds.lower)
+        upper += np.interp(
+            speeds.upper, u[order], left[order]
+        )  # between the rows measured, their noise with it
         rest = total - upper if quantity == "thrust" else upper - total
         suffix = QUANTITIES[quantity].suffix
         columns |= {f"upper_{suffix}": upper, f"lower_{suffix}": np.where(alone, np.nan, rest)}
