@@ -40,7 +40,7 @@ TOPICS = [
     "distance_sensor", "battery_status", "esc_status", "vehicle_status", "vehicle_land_detected",
 ]  # fmt: skip
 CIRCLES = 20  # steps back to where the reader was before; looking for a sync mark takes one or two
-ARMED = 2
+ARMED, DOWNWARD = 2, 25  # of arming_state; ROTATION_DOWNWARD_FACING
 HEADER, KINDS, FLAGS, DATA = 16, frozenset(b"BFIMPQARDLCSO"), ord("B"), ord("D")  # of the file format
 VELOCITY = {"vel_n_m_s": "vx", "vel_e_m_s": "vy", "vel_d_m_s": "vz"}
 
@@ -48,11 +48,11 @@ VELOCITY = {"vel_n_m_s": "vx", "vel_e_m_s": "vy", "vel_d_m_s": "vz"}
 def read_ulog(path: Path) -> Samples:
     """A PX4 log as flight columns. Raises InputError."""
     log = _open(path)
-    topics = {d.name: _message(d.name, d.data) for d in reversed(log.data_list)}  # the first instance wins
-    outputs, escs = (
-        [_message(d.name, d.data) for d in log.data_list if d.name == name]
-        for name in ("actuator_outputs", "esc_status")
-    )
+    instances: dict[str, list[Message]] = {}
+    for topic in sorted(log.data_list, key=lambda d: d.multi_id):
+        instances.setdefault(topic.name, []).append(_message(topic.name, topic.data))
+    topics = {name: _chosen(name, found) for name, found in instances.items()}
+    outputs, escs = (instances.get(name, []) for name in ("actuator_outputs", "esc_status"))
     notes: list[str] = []
     parameters = _parameters(log)
     spoiled = len(_numbers(log.initial_parameters)) < len(log.initial_parameters)
@@ -113,6 +113,16 @@ def _message(name: str, topic: Mapping[str, Any]) -> Message:
     with np.errstate(invalid="ignore"):
         fields = {field: np.asarray(values, np.float64) for field, values in topic.items()}
     return fields | {"time_s": np.asarray(topic["timestamp_sample" if by_sample else "timestamp"]) / 1e6}
+
+
+def _chosen(name: str, instances: list[Message]) -> Message:
+    """The instance in use, else the first: the pack that is connected, the range finder that looks down."""
+    if name == "battery_status":
+        return next((m for m in instances if np.nanmax(m.get("voltage_v", np.zeros(1))) > 0.0), instances[0])
+    if name == "distance_sensor":
+        down = (m for m in instances if np.any(m.get("orientation", np.full(1, DOWNWARD)) == DOWNWARD))
+        return next(down, instances[0])
+    return instances[0]
 
 
 def _open(path: Path) -> Any:

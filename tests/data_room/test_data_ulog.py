@@ -1,0 +1,143 @@
+"""ULogs of PX4 1.12 to 1.17, as each writes motors, ESCs, packs and range finders; made here, byte by byte."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+from case_table import case_table
+
+from coaxlink.data import read_flight_log
+from coaxlink.data.samples import OUTPUTS_AS_MOTORS
+
+CODES = {"uint64_t": "Q", "float": "f", "uint8_t": "B", "int32_t": "i"}
+TOPIC = dict[str, tuple[str, float]]  # field: type, value; a float may be a function of the row
+ROWS, PERIOD_US = 100, 20_000
+
+
+def framed(kind: str, body: bytes) -> bytes:
+    return struct.pack("<HB", len(body), ord(kind)) + body
+
+
+def ulog(topics: dict[tuple[str, int], TOPIC], parameters: dict[str, float], start_us: int = 0) -> bytes:
+    """A log of a hundred rows of each topic and instance, every 20 ms."""
+    out = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", start_us), framed("B", bytes(40))]
+    for name in dict.fromkeys(name for name, _ in topics):
+        fields = next(f for (n, _), f in topics.items() if n == name)
+        text = f"{name}:uint64_t timestamp;" + "".join(
+            f"{kind} {field};" for field, (kind, _) in fields.items()
+        )
+        out.append(framed("F", text.encode()))
+    for name, value in parameters.items():
+        kind = "int32_t" if isinstance(value, int) else "float"
+        key = f"{kind} {name}".encode()
+        out.append(framed("P", bytes([len(key)]) + key + struct.pack("<" + CODES[kind], value)))
+    for number, (name, instance) in enumerate(topics):
+        out.append(framed("A", struct.pack("<BH", instance, number) + name.encode()))
+    for row in range(ROWS):
+        for number, fields in enumerate(topics.values()):
+            body = struct.pack("<HQ", number, start_us + row * PERIOD_US)
+            for kind, value in fields.values():
+                body += struct.pack("<" + CODES[kind], value(row) if callable(value) else value)
+            out.append(framed("D", body))
+    return b"".join(out)
+
+
+def array(kind: str, name: str, count: int, values: dict[int, float]) -> TOPIC:
+    """The fields of an array, spread: one a place, as a reader sees them."""
+    return {f"{name}[{i}]": (kind, values.get(i, 0.0)) for i in range(count)}
+
+
+ATTITUDE = array("float", "q", 4, {0: 1.0})
+LOCAL = {n: ("float", v) for n, v in {"vx": 0.0, "vy": 0.0, "vz": 0.5, "z": -3.0}.items()}
+FLYING = {"arming_state": ("uint8_t", 2)}
+COMBINED = array("float", "gyro_rad", 3, {}) | array("float", "accelerometer_m_s2", 3, {2: -9.75})
+MOTION = {
+    ("vehicle_attitude", 0): ATTITUDE,
+    ("sensor_combined", 0): COMBINED,
+    ("vehicle_local_position", 0): LOCAL,
+}
+FILTERED = {
+    ("vehicle_acceleration", 0): array("float", "xyz", 3, {2: -9.75}),
+    ("vehicle_angular_velocity", 0): array("float", "xyz", 3, {}),
+}
+COMMON = MOTION | {("vehicle_status", 0): FLYING, ("vehicle_land_detected", 0): {"landed": ("uint8_t", 0)}}
+
+
+def outputs(values: dict[int, float]) -> TOPIC:
+    return array("float", "output", 16, values)
+
+
+def escs(rpm: dict[int, int], functions: bool) -> TOPIC:
+    out: TOPIC = {"esc_count": ("uint8_t", 4)}
+    for i in range(4):
+        out[f"esc[{i}].esc_rpm"] = ("int32_t", rpm.get(i, 0))
+        if functions:
+            out[f"esc[{i}].actuator_function"] = ("uint8_t", 101 + i if i in rpm else 0)
+    return out
+
+
+PULSES = {0: 1500.0, 1: 1250.0}
+CONTROLS = array("float", "control", 12, {0: 0.5, 1: 0.25})
+TWO = {"CA_ROTOR_COUNT": 2, "THR_MDL_FAC": 0.0}
+OUT, MOTORS, ESCS = "actuator_outputs", "actuator_motors", "esc_status"
+# what is logged beside the common topics, the parameters, and whether they say which output is which motor
+ERAS: dict[str, tuple[dict[tuple[str, int], TOPIC], dict[str, float], bool]] = {
+    "1.12, outputs alone": (
+        {(OUT, 0): outputs(PULSES), (ESCS, 0): escs({0: 3000, 1: 2000}, False)},
+        {"PWM_MIN": 1000, "PWM_MAX": 2000},
+        False,
+    ),
+    "1.12, two drivers": ({(OUT, 0): outputs({}), (OUT, 1): outputs(PULSES)}, {}, False),
+    "1.13, functions of outputs": (
+        {(OUT, 0): outputs({2: 1500.0, 5: 1250.0})},
+        {"PWM_MAIN_FUNC3": 101, "PWM_MAIN_FUNC6": 102},
+        True,
+    ),
+    "1.14, motors": ({(MOTORS, 0): CONTROLS, (OUT, 0): outputs({})}, TWO, True),
+    "1.17, ESCs know their motors": (
+        {(MOTORS, 0): CONTROLS, (ESCS, 0): escs({0: 3000, 1: 2000}, True)} | FILTERED,
+        TWO,
+        True,
+    ),
+}
+
+
+def test_every_version_says_which_motor_had_which_command(tmp_path: Path) -> None:
+    path = tmp_path / "log.ulg"
+    with case_table() as case:
+        for name, (topics, parameters, known) in ERAS.items():
+            with case(name):
+                path.write_bytes(ulog(COMMON | topics, parameters))
+                log = read_flight_log(path)
+                np.testing.assert_allclose(log["motor1"], 0.5)
+                np.testing.assert_allclose(log["motor2"], 0.25)
+                np.testing.assert_allclose(log["accel_z_m_s2"], -9.75)
+                assert (OUTPUTS_AS_MOTORS not in log.premises) == known
+                if any(topic == "esc_status" for topic, _ in topics):
+                    np.testing.assert_allclose(log["rpm2"], 2000)
+
+
+def test_of_several_instances_the_one_in_use_counts(tmp_path: Path) -> None:
+    topics = COMMON | ERAS["1.14, motors"][0]
+    topics[("battery_status", 1)] = {"voltage_v": ("float", 24.5)}  # logged ahead of the first one
+    topics[("battery_status", 0)] = {"voltage_v": ("float", 0.0)}  # not connected
+    finder = {"current_distance": ("float", 9.0), "orientation": ("uint8_t", 0)}
+    topics[("distance_sensor", 0)] = finder  # looks ahead
+    topics[("distance_sensor", 1)] = finder | {
+        "current_distance": ("float", 2.5),
+        "orientation": ("uint8_t", 25),
+    }
+    path = tmp_path / "log.ulg"
+    path.write_bytes(ulog(topics, {"CA_ROTOR_COUNT": 2}))
+    log = read_flight_log(path)
+    np.testing.assert_allclose(log["voltage_V"], 24.5)
+    np.testing.assert_allclose(log["height_m"], 2.5)
+
+
+def test_a_log_that_begins_in_the_air(tmp_path: Path) -> None:
+    path = tmp_path / "log.ulg"
+    path.write_bytes(ulog(COMMON | ERAS["1.14, motors"][0], {"CA_ROTOR_COUNT": 2}, start_us=600_000_000))
+    log = read_flight_log(path)
+    assert log.rows == ROWS and log["armed"].all() and not log["landed"].any()
