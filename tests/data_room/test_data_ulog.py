@@ -1,4 +1,4 @@
-"""ULogs of PX4 1.12 to 1.17, as each writes motors, ESCs, packs and range finders; made here, byte by byte."""
+"""ULogs of PX4 1.12 to 1.17, as each writes motors, ESCs, packs and range finders; made byte by byte."""
 
 from __future__ import annotations
 
