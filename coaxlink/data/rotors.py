@@ -59,17 +59,19 @@ def find_rotors(
 
     Raises InputError: a unit that is not known, three rotors, two columns that contradict each other.
     """
-    found_all = recognised(table, skip)
+    found_all = [
+        h for h in recognised(table, skip) if h.quantity in LOADS_AND_SPEED or table.is_numbers(h.index)
+    ]
     sums = [h for h in found_all if h.label == PAIR]
     groups = _by_rotor(table, [h for h in found_all if h.label != PAIR])
     out = FoundColumns()
     chosen: dict[str, dict[str, Heading]] = {}
     shafts: dict[str, Heading] = {}
-    for label, found in groups.items():
-        out.used |= {heading.index for heading in found}
-        shafts.update((label, h) for h in found if h.shaft)
+    for label, of_label in groups.items():
+        out.used |= {heading.index for heading in of_label}
+        shafts.update((label, h) for h in of_label if h.shaft)
         by_quantity: dict[str, list[Heading]] = {}
-        for heading in found:
+        for heading in of_label:
             if not heading.shaft:
                 by_quantity.setdefault(heading.quantity, []).append(heading)
         chosen[label] = {q: _preferred(table, h, out.notes) for q, h in by_quantity.items()}

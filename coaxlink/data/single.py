@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 
 from coaxlink import files
 from coaxlink.constants import RAD_S_PER_RPM, STANDARD_DENSITY_KG_M3
-from coaxlink.data.aliases import LOADS_AND_SPEED, OWN_COLUMNS, PAIR, words_of
-from coaxlink.data.headings import Heading, recognised
-from coaxlink.data.rotors import TWINS, values_of
+from coaxlink.data.aliases import OWN_COLUMNS, words_of
 from coaxlink.data.samples import Samples
 from coaxlink.data.stand import read_stand_log
-from coaxlink.data.table import TextTable, is_spreadsheet, read_table
+from coaxlink.data.table import is_spreadsheet, read_headings
 from coaxlink.errors import InputError
 
 Array = NDArray[np.float64]
@@ -98,89 +96,39 @@ def read_single_table(
             return _checked(_uiuc(path, diameter_m), diameter_m)
         if {"j", "ct", "cp"} <= set(first):
             raise InputError(path, "line 1", "static data (RPM CT CP) are expected, found a table over J")
-    if columns_map is None:
-        table = read_table(path, sheet=sheet)
-        ours = set(table.headings) & set(OWN_COLUMNS)
-        if not ours and not any("time" in words_of(h) for h in table.headings):
-            return _checked(_sheet(table, poles), diameter_m)
     log = read_stand_log(
         path, columns_map, poles=poles, diameter_m=diameter_m, sheet=sheet, trust_units=trust_units
     )
-    return _checked(_of_log(log), diameter_m)
+    headings = read_headings(path, sheet) if columns_map is None else OWN_COLUMNS
+    logged = set(headings) & set(OWN_COLUMNS) or any("time" in words_of(h) for h in headings)
+    return _checked(_of_log(log, STAND if logged else MAKER), diameter_m)
 
 
-def _of_log(log: Samples) -> SingleTable:
-    """A stand's log of one rotor, or its rows in which the lower one stands."""
+def _of_log(log: Samples, origin: Origin) -> SingleTable:
+    """A maker's sheet, a stand's log of one rotor, or its rows in which the lower one stands."""
     if log.has("lower_rpm"):
         log = log.take(log["lower_rpm"] <= STANDS_STILL * max(float(log["lower_rpm"].max()), 1.0))
     if not log.rows:
         raise InputError(
             log.source, "", "a table of one rotor is expected, found two that turn: identify LOG"
         )
-    log.require("upper_rpm", "upper_thrust_N")
+    for name, what, example in (("upper_rpm", "rpm", "RPM"), ("upper_thrust_N", "thrust", "Thrust (g)")):
+        if not log.has(name):
+            problem = f"no column of {what}: a heading such as '{example}' is expected"
+            raise InputError(log.source, "", f"{problem} (found {', '.join(log.columns)})")
     log = log.take(log["upper_rpm"] > 0.1 * log["upper_rpm"].max())  # of a ramp, what is above idling
 
     def column(*names: str) -> Array | None:
         return next((log[n] for n in names if log.has(n)), None)
 
-    return _table(
-        STAND, log.source, log.notes, log.lines, log["upper_rpm"], log["upper_thrust_N"],
-        column("upper_torque_Nm"), column("upper_power_W"), column("upper_voltage_V", "voltage_V"),
-        column("upper_current_A"),
-    )  # fmt: skip
-
-
-def _sheet(table: TextTable, poles: int | None) -> SingleTable:
-    """A maker's sheet: of the columns it has, those that are numbers throughout."""
-    found: dict[str, Heading] = {}
-    for heading in recognised(table):
-        if heading.label == PAIR:
-            continue
-        quantity = heading.quantity
-        if quantity in ("speed", "thrust") or table.numbers_or_none(heading.index) is not None:
-            first = found.setdefault(quantity, heading)
-            if first is not heading and quantity in LOADS_AND_SPEED and heading.unit is not None:
-                _same(table, first, heading, poles)
-    for quantity, name, example in (("speed", "rpm", "RPM"), ("thrust", "thrust", "Thrust (g)")):
-        if quantity not in found:
-            shown = ", ".join(h for h in table.headings if h)[:120]
-            problem = f"no column of {name}: a heading such as '{example}' is expected (found {shown})"
-            raise table.heading_error("", problem)
-    columns = {q: values_of(table, h, None, poles) for q, h in found.items() if q != "throttle"}
-    notes = (*table.notes, *(f"{q} from '{h.text}'" for q, h in found.items() if q in columns))
-    return _table(
-        MAKER, str(table.source), notes, table.lines, columns["speed"], columns["thrust"],
-        *(columns.get(q) for q in ("torque", "power", "voltage", "current")),
-    )  # fmt: skip
-
-
-def _table(
-    origin: Origin,
-    source: str,
-    notes: tuple[str, ...],
-    lines: NDArray[np.int64] | None,
-    rpm: Array,
-    thrust: Array,
-    torque: Array | None,
-    power: Array | None,
-    volts: Array | None,
-    amps: Array | None,
-) -> SingleTable:
+    volts, amps = column("upper_voltage_V", "voltage_V"), column("upper_current_A")
+    power = column("upper_power_W")
     if power is None and volts is not None and amps is not None:
         power = volts * amps
-    voltage = None if volts is None else float(np.median(volts))
-    return SingleTable(rpm, thrust, torque, power, origin, source, voltage, notes, lines)
-
-
-def _same(table: TextTable, first: Heading, second: Heading, poles: int | None) -> None:
-    """Raises InputError where two columns of one quantity are not one reading in two units."""
-    a, b = values_of(table, first, None, poles), values_of(table, second, None, poles)
-    if np.median(np.abs(a - b)) > TWINS * np.median(np.abs(a)):
-        problem = (
-            f"a second {second.quantity} beside '{first.text}': the table of one rotor is expected; "
-            "identify LOG takes those of a pair"
-        )
-        raise table.heading_error(second.text, problem)
+    return SingleTable(
+        log["upper_rpm"], log["upper_thrust_N"], column("upper_torque_Nm"), power, origin, log.source,
+        None if volts is None else float(np.median(volts)), log.notes, log.lines,
+    )  # fmt: skip
 
 
 def _uiuc(path: Path, diameter_m: float) -> SingleTable:

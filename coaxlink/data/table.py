@@ -92,10 +92,10 @@ def is_spreadsheet(path: Path) -> bool:
             return is_sheet(stream.read(8))
 
 
-def read_headings(path: Path) -> tuple[str, ...]:
+def read_headings(path: Path, sheet: str | None = None) -> tuple[str, ...]:
     """The headings alone, from the first lines. Raises InputError."""
     if is_spreadsheet(path):
-        return read_table(path).headings
+        return read_table(path, sheet=sheet).headings
     return find_layout(path, _head(read_lines(path))[:FIRST]).headings
 
 
