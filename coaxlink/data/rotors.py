@@ -111,12 +111,17 @@ def _take_sums(table: TextTable, out: FoundColumns, sums: list[Heading]) -> None
         out.used.add(heading.index)
         q = heading.quantity
         own = [rotor for rotor in out.rotors if q in rotor.columns]
-        if heading.unit is None or table.numbers_or_none(heading.index) is None:
+        if heading.unit is None:
             line = line_for(f"{PAIR}_{heading.suffix}", heading.text, unit_names(q)[0])
-            out.notes.append(
-                f"'{heading.text}' left out: of which rotor it is, or in which unit of a {q}, does not stand "
-                f"there; if of both together a map states it (`columns`): {line}"
+            why = (
+                f"no unit of a {q} stands there; if it is of both rotors a map states it (`columns`): {line}"
             )
+            if q == "thrust" and not own:
+                raise table.heading_error(heading.text, why)
+            out.notes.append(f"'{heading.text}' left out: {why}")
+            continue
+        if own and table.numbers_or_none(heading.index) is None:
+            out.notes.append(f"'{heading.text}' left out: not numbers throughout")
             continue
         total = values_of(table, heading, None, None)
         if len(own) == 2:

@@ -16,6 +16,7 @@ import numpy as np
 
 from coaxlink.data import Samples
 from coaxlink.data.aliases import PAIR, QUANTITIES, SIDES
+from coaxlink.errors import InputError
 from coaxlink.load import Load
 from coaxlink.rotor.fit import Array, LoadFit, Options
 from coaxlink.rotor.selection import fit_load
@@ -65,18 +66,28 @@ def is_pair(samples: Samples) -> bool:
 
 
 def pair_sum(samples: Samples, speed_max_rpm: float | None = None) -> PairSum:
-    """The sums over both speeds. Raises InputError without speeds of both rotors."""
+    """The sums over both speeds. Raises InputError where the log has no speeds of both rotors, or too few."""
     speeds = normalised_speeds(samples, speed_max_rpm)
+    if samples.rows < FEWEST_ROWS or np.ptp(speeds.upper) <= 0 or np.ptp(speeds.lower) <= 0:
+        found = f"{samples.rows} rows{samples.rows_lost()}"
+        raise InputError(
+            samples.source, "", f"{FEWEST_ROWS} rows in which both speeds vary are expected, found {found}"
+        )
     held = folds(blocks(samples, speeds))
     fits, errors = {}, {}
     for name in COLUMNS.values():
         if not samples.has(name) or np.isfinite(samples[name]).sum() < FEWEST_ROWS:
             continue
-        y = samples[name]
+        y = samples[name] * (_sign(samples[name]) if name == COLUMNS["thrust"] else 1.0)
         rows = LoadRows(name, speeds.upper, speeds.lower, y, held)
         fits[name] = fit_load("crm", rows, Options(max_order=2))
         errors[name] = held_out_error(y, _held_out(rows, fits[name]))
     return PairSum(samples, speeds, fits, errors)
+
+
+def _sign(readings: Array) -> float:
+    """With which a stand reads a lift, or the upper rotor's torque."""
+    return float(np.sign(np.nanmedian(readings))) or 1.0
 
 
 def _held_out(rows: LoadRows, fit: LoadFit) -> Array:
@@ -95,14 +106,14 @@ def of_each_rotor(samples: Samples) -> Samples:
         return samples
     speeds = normalised_speeds(samples)
     alone = (speeds.lower <= STANDS) & (speeds.upper > STANDS)
-    columns = {}
+    columns: dict[str, Array] = {}
     for quantity, name in COLUMNS.items():
         known = alone & np.isfinite(samples[name]) if samples.has(name) else np.zeros(samples.rows, bool)
         if known.sum() < FEWEST_ROWS:
             if quantity == "thrust":
                 return samples
             continue
-        total = samples[name] * (np.sign(np.median(samples[name][known])) or 1.0)
+        total = samples[name] * _sign(samples[name][known])
         load = Load.UPPER_THRUST if quantity == "thrust" else Load.UPPER_TORQUE
         u, still = speeds.upper[known], np.zeros(known.sum())
         fit = fit_load(

@@ -146,6 +146,21 @@ def test_one_cell_under_the_pair_is_a_model_of_the_sum(tmp_path: Path) -> None:
     assert "the upper rotor alone" in OPEN[1]
 
 
+def test_a_pair_of_which_no_sum_can_be_told_is_one_line(tmp_path: Path) -> None:
+    still = one_cell() | {"Top Motor Speed (rpm)": np.full(len(SEEN["upper_speed"]), 3000.0)}
+    hole = [""] + [f"{x:.6g}" for x in total("thrust")[1:]]
+    with case_table() as case:
+        for words_, columns in {
+            "6 rows in which both speeds vary are expected": still,
+            "line 2, column 'Thrust (N)': a number is expected": one_cell() | {"Thrust (N)": hole},
+            'pair_thrust_N = { column = "Thrust (stone)"': one_cell("Thrust (stone)"),
+        }.items():
+            with case(words_):
+                with pytest.raises(InputError) as caught:
+                    pair_sum(read_stand_log(file(tmp_path, columns), trust_units=False))
+                assert words_ in str(caught.value) and "\n" not in str(caught.value)
+
+
 def test_the_run_of_the_upper_rotor_alone_tells_the_split(tmp_path: Path) -> None:
     first = read_stand_log(file(tmp_path, one_cell()), trust_units=False)
     alone = {k: np.asarray(v)[len(SEEN["upper_thrust"]) :] for k, v in one_cell_alone_too().items()}

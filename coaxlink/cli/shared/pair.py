@@ -23,6 +23,7 @@ def answer_of_sums(
     Raises CheckFailed where a rotor file is wanted of them.
     """
     from coaxlink import files
+    from coaxlink.rotor.identification import CORRELATED
     from coaxlink.rotor.pair_sum import OPEN, pair_sum
     from coaxlink.rotor.stand_data import unit_of
 
@@ -38,13 +39,14 @@ def answer_of_sums(
                 table.add_row(name, term, f"{value:.4g}", f"{low:.4g} .. {high:.4g}", said)
                 name = said = ""
         console().print(table)
-        for note in (
-            f"u = 1 is {one.speeds.speed_max_rpm:.0f} rpm ({one.speeds.source})",
-            *one.samples.notes,
-        ):
+        notes = [f"u = 1 is {one.speeds.speed_max_rpm:.0f} rpm ({one.speeds.source})", *one.samples.notes]
+        if abs(one.speeds.correlation()) > CORRELATED:
+            notes.insert(0, "both speeds go together: the sum is known along that line alone")
+        for note in notes:
             say(f"- {note}")
     if json:
-        files.write_json(json, found[0].as_json() if len(found) == 1 else [one.as_json() for one in found])
+        answers = [one.as_json() for one in found]
+        files.write_json(json, answers[0] if len(answers) == 1 else {"logs": answers})
     for line in OPEN:
         say(line)
     if out:
