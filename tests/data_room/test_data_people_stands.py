@@ -76,6 +76,7 @@ def same(log, of: dict, names: tuple[str, ...]) -> None:
             np.testing.assert_allclose(log[column], of[name], rtol=1e-4, atol=1e-4, err_msg=column)
 
 
+@pytest.mark.slow
 def test_pairs(tmp_path: Path) -> None:
     assert len(PAIRS) + len(ALONES) > 25
     names = tuple(f"{s}_{q}" for s in ("upper", "lower") for q in ("thrust", "torque", "speed", "throttle"))
@@ -123,6 +124,7 @@ def test_sums_are_told_by_name_and_by_arithmetic(tmp_path: Path) -> None:
     assert "'Thrust A + B (kgf)' left out: not what the rotors' own columns add up to" in notes
 
 
+@pytest.mark.slow
 def test_one_cell_under_the_pair_is_a_model_of_the_sum(tmp_path: Path) -> None:
     with case_table() as case:
         for name, columns in {
@@ -161,6 +163,7 @@ def test_a_pair_of_which_no_sum_can_be_told_is_one_line(tmp_path: Path) -> None:
                 assert words_ in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_the_run_of_the_upper_rotor_alone_tells_the_split(tmp_path: Path) -> None:
     first = read_stand_log(file(tmp_path, one_cell()), trust_units=False)
     alone = {k: np.asarray(v)[len(SEEN["upper_thrust"]) :] for k, v in one_cell_alone_too().items()}
@@ -178,6 +181,7 @@ def test_the_run_of_the_upper_rotor_alone_tells_the_split(tmp_path: Path) -> Non
                     assert np.abs(found - values).max() < 0.04 * np.abs(values).max(), load
 
 
+@pytest.mark.slow
 def test_power_stands_for_a_torque_that_no_cell_reads(tmp_path: Path) -> None:
     log = read_stand_log(file(tmp_path, power_only()), trust_units=False)
     found = identify(log, "crm", speed_max_rpm=PAIR.top_rpm, compare=False)
