@@ -19,7 +19,6 @@ from coaxlink.vehicle import Vehicle
 if TYPE_CHECKING:
     from coaxlink.live.mixer import LiveMixer
     from coaxlink.mavlink import Session
-    from coaxlink.mixer.fitted import FittedTable
     from coaxlink.residual import Refinement
     from coaxlink.rotor import Identification, RotorModel
     from coaxlink.uploading.outcome import Outcome
@@ -91,13 +90,10 @@ class Table:
         return f"Table({self.firmware}, {self.law} law, {size}, {wrong} findings that forbid it)"
 
 
-def make_table(
-    vehicle: Vehicle, firmware: str = "px4", law: str = "fitted", *, limits: str | Path | None = None
-) -> Table:
+def make_table(vehicle: Vehicle, firmware: str = "px4", law: str = "fitted") -> Table:
     """The table of a law (fitted, reduced, standard, curved) for a vehicle; nothing is written.
 
-    `limits` is a file of limits that the fitted table shall keep (docs/mixers.md). Raises InputError for a
-    vehicle that the firmware cannot hold, CheckFailed when no table keeps the limits.
+    Raises InputError for a vehicle that the firmware cannot hold.
 
     >>> from coaxlink.files import example
     >>> from coaxlink.vehicle import load_vehicle
@@ -110,30 +106,16 @@ def make_table(
     if firmware == "px4":
         from coaxlink.tables.px4 import px4_speeds, report_px4
 
-        report = report_px4(vehicle, law, fit=_limited(vehicle, law, limits))
+        report = report_px4(vehicle, law)
         texts = table_files.table_files(vehicle.airframe, report, made_from)
         return Table(firmware, law, report.params, texts, report.findings, px4_speeds(report.mix))
     if firmware == "ardupilot":
-        from coaxlink.tables.ardupilot import SPIN_MIN, ap_speeds, report_ap
+        from coaxlink.tables.ardupilot import ap_speeds, report_ap
 
-        made = report_ap(vehicle, law, fit=_limited(vehicle, law, limits, SPIN_MIN))
+        made = report_ap(vehicle, law)
         texts = table_files.table_files(vehicle.airframe, made, made_from)
         return Table(firmware, law, made.params, texts, made.findings, ap_speeds(made.mix))
     raise InputError("firmware", firmware, f"one of {', '.join(FIRMWARES)} is expected")
-
-
-def _limited(
-    vehicle: Vehicle, law: str, limits: str | Path | None, spin_min: float = 0.0
-) -> FittedTable | None:
-    """The fitted table under limits; None without any."""
-    if limits is None:
-        return None
-    if law != "fitted":
-        raise InputError("limits", "", f"the fitted law is expected, found {law}")
-    from coaxlink.mixer.constrained import constrained_table
-    from coaxlink.mixer.limits import load_limits
-
-    return constrained_table(vehicle, load_limits(limits, vehicle.airframe), spin_min=spin_min).table
 
 
 def refine(

@@ -130,27 +130,6 @@ def piqp_qp() -> Quadratic:
     return quadratic
 
 
-def cvxpy_qp() -> Quadratic:
-    import cvxpy as cp
-
-    d = cp.Variable(8)
-    root, g, j = cp.Parameter((8, 8)), cp.Parameter(8), cp.Parameter((4, 8))
-    r, low, high = cp.Parameter(4), cp.Parameter(8), cp.Parameter(8)
-    met = j @ d == r
-    problem = cp.Problem(cp.Minimize(0.5 * cp.sum_squares(root @ d) + g @ d), [met, d >= low, d <= high])
-
-    def quadratic(h: Any, *given: Any) -> Any:
-        root.value = np.linalg.cholesky(h).T
-        for parameter, value in zip((g, j, r, low, high), given, strict=True):
-            parameter.value = value
-        problem.solve(solver=cp.OSQP, eps_abs=1e-9, eps_rel=1e-9, warm_start=True)
-        if d.value is None:
-            raise ValueError("infeasible")
-        return d.value, -met.dual_value
-
-    return quadratic
-
-
 def slsqp() -> Solver:
     from scipy.optimize import minimize
 
@@ -201,7 +180,7 @@ def casadi_sqp() -> Solver:
     return solve
 
 
-QPS = {"daqp": daqp_qp, "quadprog": quadprog_qp, "piqp": piqp_qp, "osqp": cvxpy_qp}  # by package
+QPS = {"daqp": daqp_qp, "quadprog": quadprog_qp, "piqp": piqp_qp}  # by package
 
 
 def solvers(compiled: bool) -> dict[str, Solver]:

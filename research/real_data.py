@@ -2,10 +2,9 @@
 
     python research/real_data.py [FOLDER] [--small]
 
-FOLDER is the shared data (default: ../shared/data beside the repository). Prints four sections:
+FOLDER is the shared data (default: ../shared/data beside the repository). Prints three sections:
 
 forms    every form of rotor model on every coaxial map: on sweeps left out, and on a separate run
-path     scikit-learn's LASSO path on the first map, beside the optimum that cvxpy finds
 prior    what `identify --single` says of a pair before any coaxial measurement, against the pair's stand
 flights  whether the 95 % intervals of `identify FLIGHT...` hold what is true, on logs of PX4 and ArduCopter
 
@@ -28,10 +27,9 @@ from coaxlink.data.single import STAND, SingleTable, read_single_table
 from coaxlink.health.coefficients import coefficients_from_flights
 from coaxlink.load import Load
 from coaxlink.rotor import Identification, RotorModel, identify, load_rotor_model
-from coaxlink.rotor.fit import FORMS, load_terms
-from coaxlink.rotor.lasso import lambda_grid, lasso_path, solve
+from coaxlink.rotor.fit import FORMS
 from coaxlink.rotor.prior import PairPrior, Propeller, pair_prior
-from coaxlink.rotor.stand_data import COAXIAL, stand_data, unit_of
+from coaxlink.rotor.stand_data import COAXIAL, unit_of
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = HERE.parent / "examples"
@@ -105,27 +103,6 @@ def separate_error(result: Identification, run: Samples, loads: tuple[Load, Load
     predicted = result.model.loads(u, v)
     error = sum(run[load.column] - predicted[load] for load in loads)
     return float(np.sqrt(np.mean(np.square(error))))
-
-
-def path_beside_cvxpy(log: Samples) -> Iterator[str]:
-    """Every tenth penalty: cost of LARS above cvxpy's optimum, and whether both keep the same terms."""
-    import cvxpy as cp
-
-    rows = stand_data(log).rows(Load.LOWER_THRUST.key)
-    X = rows.design(load_terms("crm", rows.load, 2))
-    X = X / np.sqrt(np.mean(X**2, axis=0))
-    root = np.linalg.qr(X)[1]
-    c = X.T @ rows.y
-    lambdas = lambda_grid(c, 50)
-    q = np.linalg.solve(root.T, c)
-    for lam, b in list(zip(lambdas, lasso_path(X.T @ X, c, lambdas), strict=True))[1::10]:
-        variable = cp.Variable(X.shape[1])
-        cost = cp.sum_squares(root @ variable - q) / 2 + lam * cp.norm1(variable)
-        solve(cp.Problem(cp.Minimize(cost)))
-        least = float(cost.value)
-        own = float(np.sum((root @ b - q) ** 2) / 2 + lam * np.abs(b).sum())
-        same = np.array_equal(b != 0, np.abs(variable.value) > 1e-7 * np.abs(variable.value).max())
-        yield f"lambda {lam:9.3g}: {int((b != 0).sum())} terms, same {same}, cost above {own / least - 1:.0e}"
 
 
 @dataclass(frozen=True)
@@ -241,7 +218,7 @@ def main(arguments: list[str]) -> int:
     coax = folder / "coax"
     example = EXAMPLES / "stand_eq17.csv"
     maps = [example] if small else [coax / name for pair in PAIRS for name in pair.logs.values()]
-    sections = {"forms": forms(maps), "path": path_beside_cvxpy(read(maps[0]))}
+    sections = {"forms": forms(maps)}
     if folder.is_dir():
         pairs, logs = (PAIRS[2:], FLIGHTS[:1]) if small else (PAIRS, FLIGHTS)
         sections["prior"] = prior_lines(pairs, coax)

@@ -13,7 +13,6 @@ from coaxlink.airframe import load_airframe
 from coaxlink.cli.shared.rate_loops import _vehicle
 from coaxlink.data import read_stand_log
 from coaxlink.fly.plans import plan_of
-from coaxlink.mixer.limits import load_limits
 from coaxlink.monitor.config import load_config
 from coaxlink.rotor import load_rotor_model
 from coaxlink.studies.campaign.flights import known_effects
@@ -33,7 +32,6 @@ TRUTH = files.example("truth_weak_rotor.toml").read_text()
 STAND = files.example("truth_stand_spacing.toml").read_text()
 SCHEDULE = files.example("schedule_poor.toml").read_text()
 EFFECT = ROTOR + '[[effects]]\nname = "degraded_rotor"\nparameters = { rotor = 3, thrust_loss = 0.1 }\n'
-LIMITS = files.example("limits.toml").read_text()
 CAMPAIGN = "flights = 10\nmass_share = { low = 1, high = 2 }\n[effects.wind]\nsize = 1\nonset_s = 2\n"
 PLAN = "height_m = 3.0\n[[pieces]]\nseconds = 2.0\nnorth_m = 1.0\n"
 
@@ -54,10 +52,6 @@ def of_a_table(path: Path) -> object:
 
 def flight_plan(path: Path) -> object:
     return plan_of(str(path), 4.0, 2.0)
-
-
-def limits(path: Path) -> object:
-    return load_limits(path, load_airframe(files.example("x8_paper.toml")))
 
 
 def campaign(path: Path) -> object:
@@ -85,8 +79,6 @@ CASES = {
         load_rotors, EFFECT, "thrust_loss", "thrust_los",
         "effects[1].parameters.thrust_los: unknown; thrust_loss?",
     ),
-    "limits": (limits, LIMITS, "[[limit]]", "[[limits]]", "limits: unknown; limit?"),
-    "limit": (limits, LIMITS, "min", "mim", "limit[1].mim: unknown; min?"),
     "campaign": (campaign, CAMPAIGN, "flights", "flight", "flight: unknown; flights?"),
     "campaign's range": (campaign, CAMPAIGN, "low", "lo", "mass_share.lo: unknown; low?"),
     "campaign's effect": (campaign, CAMPAIGN, "wind", "wnd", "effects.wnd: unknown; wind?"),
@@ -123,7 +115,7 @@ CASES = {
 READERS = {
     *(f"coaxlink/{p}.py" for p in ("airframe", "cli/shared/rate_loops", "data/columns_map")),
     "coaxlink/studies/campaign/spec.py",
-    *(f"coaxlink/{p}.py" for p in ("fly/plans", "live/attitude_loop", "mixer/limits", "monitor/config")),
+    *(f"coaxlink/{p}.py" for p in ("fly/plans", "monitor/config")),
     "coaxlink/rotor/model.py",
     *(f"sim/{p}.py" for p in ("manoeuvres", "physics/rotors", "truth", "vehicle")),
     *(f"sim/stand/{p}.py" for p in ("effects", "schedule")),

@@ -26,7 +26,6 @@ from coaxlink.cli.shared.shell import JsonOption, console, say
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
-    from coaxlink.mixer.constrained import ConstrainedTable
     from coaxlink.mixer.demands import Speeds
     from coaxlink.mixer.fitted import FittedTable
     from coaxlink.tables.ardupilot import ApReport
@@ -64,10 +63,6 @@ def table(
             help="With --connect: also write the rate gains that keep the loops as they are on board.",
         ),
     ] = False,
-    constrain: Annotated[
-        Path | None,
-        typer.Option("--constrain", metavar="LIMITS.toml", help="With --law fitted: limits it shall keep."),
-    ] = None,
     around_weak_rotor: Annotated[
         bool,
         typer.Option("--around-weak-rotor", help="Also for a rotor file that says that a rotor is weak."),
@@ -111,12 +106,10 @@ def table(
             made = reported(law, fit)
             return px4_speeds(made.mix) if isinstance(made, TableReport) else ap_speeds(made.mix)
 
-        limited = _limited(vehicle, constrain, law or "fitted", spin)
-        fit, chosen = limited.table if limited else None, None
-        if law is None and not limited:
+        chosen = None
+        if law is None:
             chosen = choose_law(vehicle, speeds_of, spin_min=spin.low, spin_max=spin.high)
-            law, fit, limited = chosen.law, chosen.fit, chosen.limited
-        report = reported(law or "fitted", fit)
+        report = reported(chosen.law, chosen.fit) if chosen else reported(law or "fitted", None)
         if isinstance(report, TableReport):
             explained = explain_px4(vehicle, report, board if connect else None)
         else:
@@ -130,7 +123,6 @@ def table(
     if json_file:  # before anything is printed: a closed pipe must not lose it
         document: dict[str, Any] = table_views.as_json(vehicle.airframe, report, written)
         document |= vehicle.to_json() | gains.to_json()
-        document |= {"limits": limited.to_json()} if limited else {}
         document |= {"explain": explained.to_json()} if explain else {}
         document |= {"chosen": chosen.to_json()} if chosen else {}
         document["price"] = price(explained.worth, explained.worth_before, against)
@@ -139,8 +131,6 @@ def table(
         say(f"--law was not named, chosen: {chosen.why}")
     said = [*price(explained.worth, explained.worth_before, against), gains.line]
     table_views.show(vehicle.airframe, report, said)
-    if limited:
-        table_views.show_limits(limited, vehicle.model.speed_max_rpm)
     if explain:
         explanation.show(console(), vehicle.airframe, explained, TITLES[firmware], gains.axes)
     for name in written:
@@ -195,20 +185,6 @@ def _present(firmware: str, url: str) -> tuple[Mapping[str, float | int], ApTabl
     if not url:
         return {}, None
     return (present_px4(url), None) if firmware == "px4" else present_ap(url)
-
-
-def _limited(vehicle: Vehicle, limits: Path | None, law: str, spin: _Spin) -> ConstrainedTable | None:
-    """The table under the limits of a file. Raises InputError, and CheckFailed when none keeps them."""
-    if limits is None:
-        return None
-    if law != "fitted":
-        raise InputError("--constrain", "", f"--law fitted is expected, found {law}: only that one is chosen")
-    from coaxlink.mixer.constrained import constrained_table
-    from coaxlink.mixer.limits import load_limits
-
-    return constrained_table(
-        vehicle, load_limits(limits, vehicle.airframe), spin_min=spin.low, spin_max=spin.high
-    )
 
 
 def _write(out: Path, vehicle: Vehicle, rotors: Path, report: TableReport | ApReport) -> list[str]:

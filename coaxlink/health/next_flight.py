@@ -9,9 +9,7 @@ one, each the one that takes most from the criterion in its time (Atkinson, Done
 Experimental Designs*, chapters 10 and 12), among hovers, climbs, yaw doublets and swings of several speeds,
 sized to the vehicle's own yaw and within a box that `coaxlink fly` flies in. Each manoeuvre's rows are worked
 out from its path alone (`residual.experiments`); what is otherwise on another day is unknown again, and
-eliminated. The same wrench at another split between upper and lower rotors (the commands move through the
-null space of the allocation) is another table, set on the ground: each share of the fitted table is weighed
-by the same criterion.
+eliminated.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from coaxlink.health.accelerometer import USUAL_M_S2, VELOCITY_M_S
 from coaxlink.health.coefficients import FULL, TURNING, Known, Update
 from coaxlink.health.regressors import regressors, unit_loads
 from coaxlink.mixer.authority import doublet_acceleration, doublet_deg
-from coaxlink.mixer.fitted import SHARES, FittedLaw, envelope, fit_table
+from coaxlink.mixer.fitted import FittedLaw, envelope
 from coaxlink.residual.channels.flight import flight_frame
 from coaxlink.residual.experiments.manoeuvres import SETTLE_S, Manoeuvre, flown
 from coaxlink.rotor.model import LOADS, RotorModel
@@ -48,9 +46,7 @@ ROOM = 0.05  # of full speed, left for gusts and the loops at either end
 ROWS = 100  # of the envelope of wrenches that a table is judged by
 MODELS, SEED = 8, 1  # drawn from the posterior: their tables' shares differ by more than eight do in the mean
 RANGE_PRICE = np.array([1.0, 3.0, 3.0, 5.0])  # of each axis' range, as a table is fitted (`mixer.fitted`)
-WORTH = 0.9  # of the criterion: another table for less than a tenth is not asked for
 UNFLYABLE = (CoaxlinkError, TableError)  # the rotors cannot fly the vehicle, or PX4 cannot hold its table
-SPLIT_WIDE = 0.01  # of the upper rotors' share of the thrust, either side of the one that is asked for
 
 
 @dataclass(frozen=True)
@@ -70,13 +66,11 @@ class NextFlight:
 
     pieces: tuple[Manoeuvre, ...]
     height_m: float
-    split: float | None  # upper rotors' share of the thrust in hover, set on the ground; None: as fitted
     coefficients: tuple[Expected, ...]
     before: Array  # (2,) the model's error over a table's wrenches now, N and N m (worst axis), one sd
     after: Array  # (2,) behind this flight
     hover: Array  # (2,) behind a hover of the same length
     table: TableNeeds  # what these errors are of
-    splits: dict[float, float]  # of each split: what it would leave of the criterion that this plan leaves
 
     @property
     def seconds(self) -> float:
@@ -87,21 +81,12 @@ class NextFlight:
         """As a plan file's document: `coaxlink fly --plan FILE` and `coaxlink sim --fly FILE` fly it."""
         return {"height_m": round(self.height_m, 2), "pieces": [piece.table() for piece in self.pieces]}
 
-    def limits(self) -> dict[str, Any] | None:
-        """The split as `coaxlink table --constrain FILE` takes it; None where none is asked for."""
-        if self.split is None:
-            return None
-        low, high = (round(self.split + way * SPLIT_WIDE, 3) for way in (-1.0, 1.0))
-        return {"limit": [{"kind": "hover_share", "min": low, "max": high}]}
-
     def as_json(self) -> dict[str, Any]:
         """Plain numbers, and the plan."""
         errors = {"now": self.before, "after": self.after, "after_a_hover": self.hover}
         return {
             "plan": self.document(),
             "seconds": self.seconds,
-            "split": self.split,
-            "splits": {f"{split:.3f}": float(share) for split, share in self.splits.items()},
             "table_error_N_Nm": {name: list(map(float, e)) for name, e in errors.items()},
             "coefficients": [
                 {
@@ -116,7 +101,7 @@ class NextFlight:
         }
 
     def words(self) -> Iterator[str]:
-        """What to fly, what it would tell, and what another split would be worth."""
+        """What to fly, and what it would tell."""
         counts: dict[str, int] = {}
         for piece in self.pieces:
             counts[piece.what] = counts.get(piece.what, 0) + 1
@@ -130,17 +115,6 @@ class NextFlight:
             f"expected of it: the model's error over a table's wrenches (one sd) from {a:.2g} N and "
             f"{b:.2g} N m to {c:.2g} and {d:.2g}; a hover as long would leave {e:.2g} and {f:.2g}"
         )
-        if self.split is not None:
-            yield (
-                f"to be flown with the upper rotors at {100 * self.split:.0f} % of the thrust in hover, by a "
-                f"table set on the ground: {100 * (1 - self.splits[self.split]):.0f} % less of the variance "
-                "is left than at the split of the model's own table"
-            )
-        elif self.splits:
-            yield (
-                "to be flown on the model's own table; no other split is asked for: the best would leave "
-                f"{100 * min(self.splits.values()):.0f} % of the variance that this leaves"
-            )
 
 
 @dataclass(frozen=True)
@@ -163,7 +137,7 @@ class TableNeeds:
 
 
 def next_flight(update: Update, airframe: Airframe, *, seconds: float = SECONDS) -> NextFlight:
-    """The plan for the vehicle's next flight, on a table made of `update.model` or of another split.
+    """The plan for the vehicle's next flight, on a table made of `update.model`.
 
     `seconds` are filled with pieces of PIECE_S. Raises InputError where there is no room for one, and where
     the vehicle cannot fly any.
@@ -180,37 +154,19 @@ def next_flight(update: Update, airframe: Airframe, *, seconds: float = SECONDS)
     table = _tables(airframe, model, known)
     design = Design(frame, known, update.measured_speeds, high, seconds, table, options)
     own = FittedLaw(vehicle)
-    best, split = own, None
-    pieces, left = design.chosen(own)
-    splits: dict[float, float] = {}
-    laws: dict[float, FittedLaw] = {}
-    for share in SHARES if airframe.pairs else ():
-        if share == own.table.chosen.share:
-            continue
-        try:
-            law = FittedLaw(vehicle, fit_table(vehicle, shares=(share,)))
-            worth = table.cost(design.posterior(pieces, law)) / left
-        except UNFLYABLE:
-            continue
-        upper = upper_share(vehicle, law)
-        splits[upper], laws[upper] = worth, law
-    if splits and min(splits.values()) < WORTH:
-        split = min(splits, key=lambda s: splits[s])
-        best = laws[split]
-        pieces, after = design.chosen(best)
-        splits[split] = after / left
+    pieces, _ = design.chosen(own)
     hovers = [piece for piece in options if piece.cycles == 0] * max(round(seconds / PIECE_S), 1)
     count = len(known.names)
     now, then, still = (
         known.covariance[:count, :count],
-        design.posterior(pieces, best),
+        design.posterior(pieces, own),
         design.posterior(hovers, own),
     )
     sds = (np.sqrt(np.diag(c)) for c in (now, then, still))
     return NextFlight(
-        tuple(pieces), high, split,
+        tuple(pieces), high,
         tuple(Expected(*name, *map(float, row)) for name, *row in zip(known.names, *sds, strict=True)),
-        table.errors(now), table.errors(then), table.errors(still), table, splits,
+        table.errors(now), table.errors(then), table.errors(still), table,
     )  # fmt: skip
 
 
@@ -241,15 +197,6 @@ def _cycles(far: float, pull: float) -> int:
     """There and back along a cosine within PIECE_S: w^2 / 2 far is its acceleration, w / 2 far its speed."""
     rate = min(np.sqrt(2.0 * pull * GRAVITY_M_S2 / far), 2.0 * FASTEST_M_S / far)
     return max(int(rate * PIECE_S / (2.0 * np.pi)), 1)
-
-
-def upper_share(vehicle: Vehicle, law: FittedLaw) -> float:
-    """The upper rotors' share of their pairs' thrust in hover."""
-    airframe = vehicle.airframe
-    speeds = law.speeds([airframe.mass_kg * GRAVITY_M_S2, 0.0, 0.0, 0.0])
-    thrust = airframe.loads(vehicle.model, speeds)[0]
-    upper, lower = np.array(airframe.pairs).T
-    return float(thrust[upper].sum() / (thrust[upper].sum() + thrust[lower].sum()))
 
 
 def _tables(airframe: Airframe, model: RotorModel, known: Known) -> TableNeeds:

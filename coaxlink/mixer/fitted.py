@@ -31,6 +31,9 @@ from firmware_params.px4 import Px4Table, RotorEntry, realise
 SHARES = (0.45, 0.50, 0.55, 0.60, 0.70, 0.85, 1.00)
 AUTHORITY_PRICE = 0.05  # a hundredth of thrust ceiling is worth 0.05 % of power
 MISS_PRICE = 3.0  # a hundredth of the weight (or of weight x arm) not delivered is worth 3 % of power
+# upper over lower rotors' yaw columns: which of them ends the yaw first; power hardly knows
+YAW_SPLITS = (0.7, 1.0, 1.5)
+HALVINGS = 7  # of the range of shares
 CLOSE = 3e-4  # of the weight: a table this close needs no refinement by rotor
 
 Array = NDArray[np.float64]
@@ -49,7 +52,7 @@ class Trade:
     yaw_Nm: float  # yaw at hover thrust when the first rotor is at a bound
 
     def to_json(self) -> dict[str, Any]:
-        """As `table --constrain --json` writes it."""
+        """Plain numbers."""
         return {
             "power": self.power,
             "power_excess": self.power_excess,
@@ -155,6 +158,31 @@ class TableFit:
                 columns, chosen = refined, found
         return FittedTable(*columns, chosen, tuple(trade for trade, _ in options))
 
+    def with_margins(self, fitted: FittedTable, ceiling_N: float, yaw_Nm: float) -> FittedTable | None:
+        """The table of least power that keeps a ceiling and a yaw in hover, None where no share does.
+
+        From the fitted share of the upper rotors to equal columns the ceiling rises, and so does the power.
+        """
+        found = []
+        for split in YAW_SPLITS if self.airframe.pairs else ():
+
+            def made(share: float, split: float = split) -> FittedTable:
+                trade, x = self._with_share(share, split)
+                return FittedTable(*self._columns(share, x, split), trade, fitted.trade)
+
+            def keeps(table: FittedTable) -> bool:
+                return table.chosen.ceiling_N >= ceiling_N and table.chosen.yaw_Nm >= yaw_Nm
+
+            best, low, high = made(1.0), fitted.chosen.share, 1.0
+            if not keeps(best):
+                continue
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                table = made(middle)
+                best, low, high = (table, low, middle) if keeps(table) else (best, middle, high)
+            found.append(best)
+        return min(found, key=lambda table: table.chosen.power, default=None)
+
     def speeds(self, columns: Columns) -> Array:
         """(rows, N) for the demands."""
         ct, yaw, curve = columns
@@ -186,15 +214,16 @@ class TableFit:
         u = bend(hover + turn * max(float(room.min()), 0.0), curve, self.low, self.high)
         return float(self._wrench(full)[0]), float(self._wrench(u)[3])
 
-    def _columns(self, share: float, x: Array) -> Columns:
+    def _columns(self, share: float, x: Array, split: float | None = None) -> Columns:
         """Of x = [lower N, upper N m, lower N m, single N, single N m, curve]."""
         thrust_gain, torque_gain = self.airframe.gains
+        upper_yaw = x[1] if split is None else split * x[2]
         ct = thrust_gain * np.choose(self._level, [share * x[0], x[0], x[3]])
-        yaw = self._spin * torque_gain * np.choose(self._level, [x[1], x[2], x[4]]) + self._lever * ct
+        yaw = self._spin * torque_gain * np.choose(self._level, [upper_yaw, x[2], x[4]]) + self._lever * ct
         return ct, yaw, min(float(x[5]), 1.0)
 
-    def _with_share(self, share: float) -> tuple[Trade, Array]:
-        """The best table with this share, one number a level."""
+    def _with_share(self, share: float, split: float | None = None) -> tuple[Trade, Array]:
+        """The best table with this share, and this split of yaw, one number a level."""
         c = reduced_coefficients(self.model)
         usual = np.array([c.p_0l, max(share * c.q_0l, 0.1), c.q_0l, c.p_0u, c.q_0u, 0.7])
         low, high = [*(0.01 * usual[:5]), 0.02], [*(20 * usual[:5]), 1.001]
@@ -206,8 +235,8 @@ class TableFit:
             starts = [np.array([self._last[0], usual[1], *self._last[2:]])]
         found = []
         for start in starts:
-            x = self._least_squares(lambda x: self._columns(share, x), start, low, high)
-            found.append((self.weigh(share, self._columns(share, x)), x))
+            x = self._least_squares(lambda x: self._columns(share, x, split), start, low, high)
+            found.append((self.weigh(share, self._columns(share, x, split)), x))
         best = min(found, key=lambda f: abs(f[0].power_excess) + f[0].error[0] / self.demands[:, 0].mean())
         self._last = best[1]
         return best

@@ -11,11 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from coaxlink.constants import GRAVITY_M_S2
-from coaxlink.errors import CheckFailed
-from coaxlink.mixer.constrained import ConstrainedTable, constrained_table
 from coaxlink.mixer.demands import Speeds
-from coaxlink.mixer.fitted import FittedTable, fit_table
-from coaxlink.mixer.limits import Limit
+from coaxlink.mixer.fitted import FittedTable, TableFit
 from coaxlink.mixer.worth import weigh
 from coaxlink.vehicle import Vehicle
 
@@ -34,7 +31,6 @@ class ChosenLaw:
 
     law: str
     fit: FittedTable | None
-    limited: ConstrainedTable | None
     why: str
 
     def to_json(self) -> dict[str, Any]:
@@ -49,23 +45,23 @@ def choose_law(
 
     `spin_min`, `spin_max` as for `fit_table`. Raises InputError.
     """
-    fit = fit_table(vehicle, spin_min=spin_min, spin_max=spin_max)
+    search = TableFit(vehicle, spin_min, spin_max)
+    fit = search.fitted()
     fitted, standard = weigh(vehicle, speeds_of("fitted", fit)), weigh(vehicle, speeds_of("standard", None))
     weight = vehicle.airframe.mass_kg * GRAVITY_M_S2
     wanted = THRUST_TO_WEIGHT * weight
-    low = Limit("ceiling_N", low=min(wanted, _REACH * standard.ceiling_N))
-    yaw = Limit("yaw_Nm", low=YAW_SHARE * standard.limits[2].moment_Nm)
-    assert low.low is not None and yaw.low is not None
-    yaws = fitted.limits[2].moment_Nm
+    ceiling = min(wanted, _REACH * standard.ceiling_N)
+    yaw = YAW_SHARE * standard.limits[2].moment_Nm
     has = (
         f"its ceiling is {fitted.thrust_to_weight:.2f} times the weight ({THRUST_TO_WEIGHT:g} wanted), its "
-        f"yaw {yaws / standard.limits[2].moment_Nm:.0%} of the standard table's ({YAW_SHARE:.0%} wanted)"
+        f"yaw {fitted.limits[2].moment_Nm / standard.limits[2].moment_Nm:.0%} of the standard table's "
+        f"({YAW_SHARE:.0%} wanted)"
     )
-    if not (fitted.ceiling_N < low.low or yaws < yaw.low):
-        return ChosenLaw("fitted", fit, None, f"the fitted table: {has}")
-    try:
-        limited = constrained_table(vehicle, (low, yaw), spin_min=spin_min, spin_max=spin_max)
-    except CheckFailed as error:
-        return ChosenLaw("standard", None, None, f"the standard table, not the fitted one: {has}; {error}")
+    if fitted.ceiling_N >= ceiling and fitted.limits[2].moment_Nm >= yaw:
+        return ChosenLaw("fitted", fit, f"the fitted table: {has}")
+    between = search.with_margins(fit, ceiling, yaw)
+    if between is None:
+        why = f"the standard table, not the fitted one: {has}; no table near the fitted one keeps both"
+        return ChosenLaw("standard", None, why)
     why = f"a table between the fitted and the standard one, not the fitted one: {has}"
-    return ChosenLaw("fitted", limited.table, limited, why)
+    return ChosenLaw("fitted", between, why)

@@ -135,7 +135,7 @@ def own_curve(vehicle: Vehicle, table: px4.Px4Table) -> float:
 def report_px4(vehicle: Vehicle, law: str, *, fit: FittedTable | None = None) -> TableReport:
     """The table of a law with all that is known about its flight. Raises InputError.
 
-    `fit` is a fitted table made already (under limits: `mixer.constrained`).
+    `fit` is a fitted table made already (`TableFit.with_margins`).
     """
     refuse_live(vehicle)
     table = px4_columns(vehicle.airframe, fit) if fit else px4_table(vehicle, law)

@@ -15,11 +15,11 @@ from coaxlink.cli.shared.shell import PIPE_WIDTH, console, figure, run
 LINES = re.compile(r"[\s│┃┏┓┗┛┡┩├┤└┘─━┼╇┬┴╞╡═╪]+")
 TINY = re.compile(r"\d(?:\.\d+)?e-\d+")
 BROKEN = re.compile(r"(?:\.\.|±)\s*(?:│|$)", re.MULTILINE)  # an interval whose end stands below
-NAMES = ("x8_demo.toml", "rotor_paper.toml", "limits.toml", "stand_eq17.csv")
-X8, ROTOR, LIMITS, STAND = (str(files.example(n)) for n in NAMES)
+NAMES = ("x8_demo.toml", "rotor_paper.toml", "stand_eq17.csv")
+X8, ROTOR, STAND = (str(files.example(n)) for n in NAMES)
 SAID = [
     ["compare", X8, "--rotor", ROTOR],
-    ["table", X8, "--firmware", "px4", "--explain", "--constrain", LIMITS],
+    ["table", X8, "--firmware", "px4", "--explain"],
     ["table", X8, "--firmware", "ardupilot", "--frame-class", "17", "--explain"],
     ["allocate", X8, "--law", "exact", "--wrench", "196.2,1,1,0.5"],
     ["airframe", X8],

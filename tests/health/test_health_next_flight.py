@@ -17,19 +17,16 @@ from coaxlink.files import example
 from coaxlink.fly.limits import PLAN_TILT_DEG, FlightLimits, plan_faults
 from coaxlink.fly.plans import peaks, plan_of
 from coaxlink.fly.trajectory import planned_flight
-from coaxlink.health.coefficients import FULL, TURNING, coefficients_from_flights
+from coaxlink.health.coefficients import coefficients_from_flights
 from coaxlink.health.next_flight import (
     FASTEST_M_S,
     REACH_M,
     RISE_M,
     candidates,
     next_flight,
-    upper_share,
 )
 from coaxlink.health.regressors import unit_loads
-from coaxlink.mixer.authority import doublet_acceleration
-from coaxlink.mixer.fitted import FittedLaw, fit_table
-from coaxlink.residual.experiments.manoeuvres import flown as planned_log
+from coaxlink.mixer.fitted import FittedLaw
 from coaxlink.rotor.model import RotorModel, save_rotor_model
 from coaxlink.tables.px4 import report_px4
 from coaxlink.vehicle import Vehicle, load_vehicle
@@ -131,11 +128,8 @@ def test_what_is_expected_is_what_the_flight_leaves(planned, hovered, tmp_path, 
 
     monkeypatch.setitem(PLANS, "planned", goals)
     flies = Vehicle(vehicle.airframe, update.model)
-    tables = [fit_table(flies, shares=(share,)) for share in (0.45, 0.55, 0.7, 1.0)]
-    wanted = planned.split or upper_share(flies, FittedLaw(flies))
-    table = min(tables, key=lambda t: abs(upper_share(flies, FittedLaw(flies, t)) - wanted))
     second = tmp_path / "second.csv"
-    flown = fly(second, "planned", 60.0, report_px4(flies, "fitted", fit=table).params)
+    flown = fly(second, "planned", 60.0, report_px4(flies, "fitted").params)
     assert flown.saturated == 0.0 and not flown.failsafe
     logs = [read_flight_log(p) for p in (path, second)]
     after = coefficients_from_flights(logs, vehicle.airframe, vehicle.model)
@@ -153,23 +147,6 @@ def test_pieces_are_sized_to_the_vehicle_and_to_the_box():
         assert 0.5 * w * np.hypot(far, up) <= FASTEST_M_S + 1e-9
         assert 0.5 * w**2 * np.radians(piece.yaw_deg or 0.0) <= 0.8 * 1.01
     assert not any(p.yaw_deg for p in candidates(3.0, 0.0))  # a vehicle that has no yaw to spare
-
-
-@pytest.mark.slow
-def test_another_split_is_the_same_wrench(hovered):
-    vehicle = load_vehicle(FRAME, ROTORS)
-    frame = replace(hovered[2].known.frame, model=vehicle.rotors)
-    flies = Vehicle(vehicle.declared, vehicle.rotors)
-    doublets = next(p for p in candidates(4.0, doublet_acceleration(flies)) if p.yaw_deg)
-    laws = [FittedLaw(flies, fit_table(flies, shares=(share,))) for share in (0.45, 1.0)]
-    logs = [planned_log(frame, [doublets], 4.0, law) for law in laws]
-    body = vehicle.declared
-    speeds = [np.stack([log[f"motor{r.number}"] for r in body.rotors], axis=1) for log in logs]
-    wrench = [body.wrench(*body.loads(vehicle.rotors, u)) for u in speeds]
-    assert np.abs(wrench[0][:, 0] - wrench[1][:, 0]).max() < 0.01 * wrench[0][:, 0].mean()
-    assert np.abs(wrench[0][:, 3] - wrench[1][:, 3]).max() < 0.1 * np.ptp(wrench[0][:, 3])
-    assert upper_share(flies, laws[1]) - upper_share(flies, laws[0]) > 0.1
-    assert min(u.min() for u in speeds) > TURNING and max(u.max() for u in speeds) < FULL
 
 
 def test_what_cannot_be_planned_is_refused(hovered):
@@ -209,10 +186,6 @@ def test_the_verb_hands_its_plan_to_fly(hovered, tmp_path, capsys):
     found = json.loads(report.read_text())["next"]
     assert found["plan"] == tomllib.loads(plan.read_text())
     assert len(found["coefficients"]) == len(json.loads(report.read_text())["told"])
-    limits = tmp_path / "next_limits.toml"
-    assert limits.is_file() == (found["split"] is not None)
-    if limits.is_file():
-        assert f"--constrain {limits}" in said.err
     # without --next nothing is planned, and it is said how
     with pytest.raises(SystemExit):
         main([str(a) for a in call[:-2]])

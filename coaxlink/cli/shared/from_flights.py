@@ -85,17 +85,11 @@ def identify_from_flights(
         say(f"wrote {out}")
     if problem:
         raise problem
-    constrain = ""
     if plan and planned:
         files.write_toml(plan, planned.document())
         say(f"wrote {plan}")
-        if limits := planned.limits():  # of the table that the plan needs
-            beside = plan.with_name(f"{plan.stem}_limits.toml")
-            files.write_toml(beside, limits)
-            say(f"wrote {beside}")
-            constrain = f" --constrain {beside}"
     say(
-        f"next: coaxlink table {airframe} --rotor {out or 'ROTOR.toml'} --firmware px4{constrain} --out DIR "
+        f"next: coaxlink table {airframe} --rotor {out or 'ROTOR.toml'} --firmware px4 --out DIR "
         "makes a table of it; the file is the prior of the next flights"
     )
     if plan:

@@ -1,4 +1,4 @@
-"""How tables look: their mix, traps, limits and worth, on the screen and as JSON."""
+"""How tables look: their mix, traps and worth, on the screen and as JSON."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from coaxlink.errors import InputError
 
 if TYPE_CHECKING:
     from coaxlink.airframe import Airframe
-    from coaxlink.mixer.constrained import ConstrainedTable
-    from coaxlink.mixer.fitted import Trade
     from coaxlink.tables.ardupilot import ApReport
     from coaxlink.tables.px4 import TableReport
     from coaxlink.tables.worth import Worths
@@ -146,35 +144,6 @@ def _show_ap(frame: Airframe, report: ApReport, said: Sequence[str]) -> None:
 
 def _hover(report: TableReport | ApReport) -> str:
     return "no hover" if report.behaviour.hover is None else f"{report.behaviour.hover:.3f}"
-
-
-def show_limits(made: ConstrainedTable, speed_max_rpm: float) -> None:
-    """What every limit does to the fitted table and costs, then all of them together."""
-    from rich.table import Table
-
-    rows = Table("limit", "fitted", "now", "power", "ceiling", "yaw in hover", "mean thrust error", box=None)
-    for held in made.limits:
-        values = ["" if x is None else held.limit.shown(x) for x in (held.before, held.now)]
-        rows.add_row(str(held.limit), *values, *_change(held.without, made.table.chosen, speed_max_rpm))
-    if len(made.limits) > 1:
-        rows.add_row("all", "", "", *_change(made.fitted.chosen, made.table.chosen, speed_max_rpm))
-    out = console()
-    out.print("limits hold; what each costs (this table less the one without it, power over the envelope):")
-    out.print(rows)
-
-
-def _change(without: Trade, now: Trade, speed_max_rpm: float) -> list[str]:
-    """Power, ceiling, yaw and error of `now` beside those of `without`."""
-    watts = speed_max_rpm * math.pi / 30.0
-    power = now.power - without.power
-    if abs(power) < 1e-5 * now.power and abs(now.ceiling_N - without.ceiling_N) < 1e-4 * now.ceiling_N:
-        return ["nothing", "", "", ""]
-    return [
-        f"{power * watts:+.0f} W ({power / without.power:+.1%})",
-        f"{without.ceiling_N:.0f} -> {now.ceiling_N:.0f} N",
-        f"{without.yaw_Nm:.2f} -> {now.yaw_Nm:.2f} N m",
-        f"{without.error[0]:.2f} -> {now.error[0]:.2f} N",
-    ]
 
 
 def load_shares(frame: Airframe, light: float | None, heavy: float | None) -> tuple[float, float]:
