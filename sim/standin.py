@@ -67,7 +67,6 @@ class Standin:
         self._answers = 0
         self._system, self._boots = autopilot.system, autopilot.boots
         autopilot.say = self._say
-        autopilot.mission.reached = self._reached
         autopilot.exchange = self._exchange
 
     def run(self, stop: Callable[[], bool]) -> None:
@@ -181,9 +180,6 @@ class Standin:
         self._everyone(m.MAVLink_statustext_message(severity, text.encode()[:50]))
         if self.autopilot.logger is not None:
             self.autopilot.logger.say(severity, text)
-
-    def _reached(self, seq: int) -> None:
-        self._everyone(m.MAVLink_mission_item_reached_message(seq))
 
     def _exchange(self, demand: LoopDemand) -> None:
         """Send the demand to whoever mixes, and wait for the answer where that is fair."""

@@ -114,10 +114,8 @@ class Copter(Autopilot):
     """An ArduCopter. Its own mode numbers are `ap_mode`; flying, it does what the modes of `Mode` do."""
 
     ap_mode = STABILIZE
-    first_item = 1  # the one before it is home
     id_parameter = "MAV_SYSID"
     scripts_start_s = 0.0  # MAVLink is served during the start, scripts run after it (AP_Vehicle::setup)
-    _auto_armed = False  # someone has said that AUTO may leave the ground
 
     def _fit_out(self) -> None:
         store = ArduPilotStore(self.plant.vehicle)
@@ -194,14 +192,10 @@ class Copter(Autopilot):
 
     def set_ap_mode(self, number: int) -> None:
         """By ArduCopter's numbers. Raises Refused."""
-        if number not in MODES or (number == AUTO and self.armed and not self.mission.flyable):
+        if number not in MODES or (number == AUTO and self.armed):  # there is no mission to fly
             raise Refused(f"Mode change to {number} failed")
-        if number == AUTO and self.armed and self.landed and not self.mission.starts_with_takeoff:
-            raise Refused("Auto: Missing Takeoff Cmd")
-        if number == AUTO and self.on_mission:
-            return
         self.ap_mode = number
-        self._enter({RTL: Mode.RTL, LAND: Mode.LAND, AUTO: Mode.MISSION}.get(number, Mode.HOLD))
+        self._enter({RTL: Mode.RTL, LAND: Mode.LAND}.get(number, Mode.HOLD))
 
     def test_motor(self, test_number: int, kind: int, value: float, seconds: float) -> bool:
         """Turn the motor at a place of the test order (from 1): percent (kind 0) or microseconds (1)."""
@@ -212,19 +206,6 @@ class Copter(Autopilot):
             return False
         command = value / 100.0 if kind == 0 else (value - low) / max(high - low, 1.0)
         return self.motor_test.turn(order[test_number - 1], command, seconds, self.plant.time_s, 600.0)
-
-    def start_mission(self) -> None:
-        """MAV_CMD_MISSION_START: as if the throttle were raised in AUTO. Raises Refused."""
-        self.set_ap_mode(AUTO)
-        self._auto_armed = True
-
-    @property
-    def may_leave_ground(self) -> bool:
-        """In AUTO only when told to."""
-        return self._auto_armed and super().may_leave_ground
-
-    def _mission_over(self) -> None:
-        """AUTO stays, and it stays where it is."""
 
     def take_off(self, altitude_m: float) -> None:
         """Only in GUIDED and armed. Raises Refused."""
@@ -262,7 +243,6 @@ class Copter(Autopilot):
         return any(self.scripts.held(n) is not None for n in range(self.rotors))
 
     def _stop(self, why: str) -> None:
-        self._auto_armed = False
         super()._stop("Disarming motors")
 
     def _flight_over(self) -> None:
@@ -277,7 +257,7 @@ class Copter(Autopilot):
         options, going_on = int(self.store["FS_OPTIONS"]), ""
         if mode is None:
             return
-        if options & LANDING and self._comes_down:
+        if options & LANDING and self.mode == Mode.LAND:
             going_on = " - Continuing Landing"
         elif options & IN_AUTO and self.ap_mode == AUTO:
             going_on = " - Continuing Auto Mode"
@@ -296,7 +276,7 @@ class Copter(Autopilot):
             self._start_scripts()
         self.scripts.step()
         reading = super().step()
-        self.own.step(now, len(self.mission.items[0]))
+        self.own.step(now)
         if self.armed and not self.landed:
             climbing = abs(self.goal.velocity[2]) > SLOWEST_M_S  # NaN: it holds its height
             self.own.hover(self.demand.thrust, reading, climbing, 1.0 / RATE_HZ)

@@ -53,7 +53,7 @@ class OwnValues:
         if self._store["MOT_HOVER_LEARN"] == LEARN_AND_SAVE:
             self._store.save("MOT_THST_HOVER")
 
-    def step(self, now: float, mission_items: int) -> None:
+    def step(self, now: float) -> None:
         """What goes on by itself."""
         store = self._store
         if now - self._flushed_s > FLUSH_S:
@@ -62,8 +62,6 @@ class OwnValues:
             for name in ("STAT_BOOTCNT", "STAT_FLTTIME", "STAT_RUNTIME"):
                 store.own(name, 0.0)
             store.own("STAT_RESET", 1.0)
-        if store["MIS_TOTAL"] != mission_items:
-            store.own("MIS_TOTAL", mission_items)
         if not self._located and now - self._booted_s > FIXED_S and store["COMPASS_AUTODEC"]:
             self._located = True
             store.live("COMPASS_DEC", DECLINATION_RAD)

@@ -41,7 +41,6 @@ class ApConversation(Conversation):
     first_log = 1
     unknown_stream = DENIED
     words_to_stations_only = False
-    mission_request = m.MAVLink_mission_request_message  # and it takes either kind of item
 
     def __init__(self, autopilot: Copter, peer: Peer, everyone: Callable[[Any], None], clock: Clock) -> None:
         super().__init__(autopilot, peer, everyone, clock)
@@ -171,8 +170,6 @@ class ApConversation(Conversation):
             return (FAILED if function else ACCEPTED), None
         elif command == 209:  # motor test
             return (ACCEPTED if a.test_motor(int(p[0]), int(p[1]), p[2], p[3]) else FAILED), None
-        elif command == 300:
-            a.start_mission()
         elif command == 510 and round(p[0]) not in self.builders:
             return FAILED, m.MAVLink_message_interval_message(round(p[0]), 0)
         elif command == 401:  # run the pre-arm checks, and say what they find

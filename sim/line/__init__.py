@@ -1,1 +1,1 @@
-"""What stands between a vehicle and who talks to it: links, wires, files, logs, missions, signing."""
+"""What stands between a vehicle and who talks to it: links, wires, files, logs, signing."""

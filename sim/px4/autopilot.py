@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.line.ftp import CardFiles
-from sim.line.mission import Mission
 from sim.motor_test import MotorTest
 from sim.physics.escs import MEASURED
 from sim.physics.plant import FOOT_Z_M, Plant
@@ -41,7 +40,6 @@ STAND_IN_UID = int.from_bytes(b"coaxlink", "big") << 32 | 0x2001
 class Autopilot(Navigator):
     """One vehicle with its plant. `step()` moves it on by 4 ms."""
 
-    first_item = 0  # of a mission
     id_parameter = "MAV_SYS_ID"
     uid = STAND_IN_UID  # of the board, 96 bits as an STM32 has them
     escs = MEASURED  # what they tell
@@ -58,7 +56,6 @@ class Autopilot(Navigator):
         self.files = CardFiles("fs/microsd", protected=("etc/", "proc/", "dev/", "bin/"))
         self.logger: Any = None
         self.home: Place = HOME
-        self.mission = Mission(self.first_item)
         self.cruise = 0.0  # m/s that someone asked for; 0: as the parameters say
         self._fit_out()
         self.cascade = Cascade(self.settings, 1.0 / RATE_HZ)
@@ -153,7 +150,7 @@ class Autopilot(Navigator):
             raise Refused("Switching to Offboard denied: no setpoints are streamed")
         if mode not in FLOWN:
             raise Refused(f"Switching to {mode.name.title()} denied: no manual control")
-        if mode == Mode.MISSION and self.armed and not self.mission.flyable:
+        if mode == Mode.MISSION:
             raise Refused("Switching to Mission denied: no valid mission available")
         if mode == Mode.TAKEOFF:
             self.take_off(math.nan)
@@ -298,7 +295,7 @@ class Autopilot(Navigator):
         if self.mode == Mode.OFFBOARD and not self.offboard_fresh:
             self._offboard_lost()
         self.links.watch(now)
-        if self._comes_down and not self.landed:
+        if self.mode == Mode.LAND and not self.landed:
             still = abs(reading.velocity[2]) < 0.15 and reading.height < FOOT_Z_M + 0.06
             if not still:
                 self._settled_since = None
@@ -307,8 +304,6 @@ class Autopilot(Navigator):
             elif now - self._settled_since > 0.5:
                 self.landed, self._landed_at = True, now
                 self.say(6, "Landing detected")
-                if self.on_mission:
-                    self.mission.landed()
         if self.landed:
             flown = self._landed_at > self._armed_at
             wait = float(self.settings["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"])

@@ -1,4 +1,4 @@
-"""Where to be 4 ms from now, by mode: holding, climbing, returning, coming down, along a mission."""
+"""Where to be 4 ms from now, by mode: holding, climbing, returning, coming down."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from sim.line.mission import Leg, Mission
 from sim.physics.plant import Plant
 from sim.physics.sensors import SensorReading
 from sim.place import Place
 from sim.px4.cascade import Goal, Settings, Three, euler
-from sim.px4.guidance import RATE_HZ, step_towards
+from sim.px4.guidance import step_towards
 from sim.px4.modes import Mode
 
 
@@ -21,7 +20,6 @@ class Navigator:
     plant: Plant
     settings: Settings
     home: Place
-    mission: Mission
     mode: Mode
     goal: Goal
     reading: SensorReading
@@ -35,32 +33,11 @@ class Navigator:
     _mode_at: float
     _settled_since: Any
 
-    @property
-    def on_mission(self) -> bool:
-        """Whether it flies its mission."""
-        return self.mode == Mode.MISSION
-
-    @property
-    def _comes_down(self) -> bool:
-        """Whether it means to end on the ground."""
-        return self.mode == Mode.LAND or (self.on_mission and self.mission.landing)
-
-    @property
-    def may_leave_ground(self) -> bool:
-        """Whether a mission may take it off."""
-        return not self.mission.complete
-
-    def _mission_over(self) -> None:
-        self.say(6, "Mission finished, loitering")
-        self._enter(Mode.HOLD)
-
     def _enter(self, mode: Mode) -> None:
         """Change the mode; what it flies to starts from where the vehicle is."""
         self.mode, self._mode_at = mode, self.plant.time_s
         self._settled_since = None
         self.cruise = 0.0
-        if mode == Mode.MISSION:
-            self.mission.resume()
         here = self._position()
         self._target = here
         self.goal = Goal(here, (0.0, 0.0, 0.0))
@@ -76,8 +53,6 @@ class Navigator:
             self.goal = self._offboard_goal
             if self.armed and self.landed and self._goes_up(position):
                 self.landed = False
-            return
-        if self.on_mission and self._fly_mission(position):
             return
         n, e, d = self._target
         climb = cruise = 0.0
@@ -115,47 +90,7 @@ class Navigator:
 
     def _cruise_speed(self) -> float:
         limit = float(self.settings["MPC_XY_VEL_MAX"])
-        return min(self.cruise or self.mission.speed or float(self.settings["MPC_XY_CRUISE"]), limit)
-
-    def _fly_mission(self, position: Three) -> bool:
-        """Move the goal along the mission; False when there is nothing to fly."""
-        if self.landed and not self.may_leave_ground:
-            return True
-        radius = float(self.settings["NAV_ACC_RAD"])
-        high = float(self.settings["NAV_MC_ALT_RAD"])
-        leg = self.mission.leg(self.home, position, self.plant.time_s, radius, high)
-        if leg is None:
-            self.goal = Goal(self.goal.position, (0.0, 0.0, 0.0), yaw=self._yaw)
-            self._mission_over()
-            return self.on_mission
-        if self.landed:
-            self.landed, self._mode_at = False, self.plant.time_s
-        self.goal = self._along(leg, position)
-        return True
-
-    def _along(self, leg: Leg, position: Three) -> Goal:
-        n, e, d = leg.target
-        ramp = max(float(self.settings["MPC_TKO_RAMP_T"]), 0.1)
-        rises = leg.climb_first and d < position[2]
-        climb = float(self.settings["MPC_TKO_SPEED"]) if rises else self._vertical_speed(d)
-        climb *= min((self.plant.time_s - self._mode_at) / ramp, 1.0)
-        cruise = self._cruise_speed()
-        if leg.landing:
-            climb = self._landing_speed(-position[2])
-            d = self.goal.position[2] + 1.0
-        elif leg.climb_first and -position[2] < 1.0 and d < -1.0:
-            n, e = self.goal.position[:2]  # from the ground it goes straight up first
-        elif math.isfinite(leg.yaw):
-            self._turn_to(leg.yaw)
-        elif math.hypot(n - position[0], e - position[1]) > 2.0:
-            self._turn_to(math.atan2(e - position[1], n - position[0]))
-        return step_towards(self.goal, (n, e, d), cruise, climb, self._yaw)
-
-    def _turn_to(self, yaw: float) -> None:
-        """The nose to where it flies, at 45 degrees a second."""
-        gap = math.remainder(yaw - self._yaw, 2 * math.pi)
-        most = math.radians(45.0) / RATE_HZ
-        self._yaw += min(max(gap, -most), most)
+        return min(self.cruise or float(self.settings["MPC_XY_CRUISE"]), limit)
 
     def _goes_up(self, position: Three) -> bool:
         """Whether an offboard goal asks a landed vehicle to leave the ground."""

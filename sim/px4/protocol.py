@@ -15,8 +15,6 @@ from pymavlink.dialects.v20 import common as m
 from sim.line.ftp import Manners, Server
 from sim.line.links import Peer
 from sim.line.logs import LogTransfer
-from sim.line.mission import ABOVE_HOME
-from sim.line.mission_link import MissionTransfer
 from sim.line.wire import Clock
 from sim.px4.autopilot import AttitudeGoal, Autopilot, Goal, Mode, Refused
 from sim.px4.store import HASH_CHECK
@@ -41,7 +39,6 @@ class Conversation:
     first_log = 0
     words_to_stations_only = True  # STATUSTEXT goes where a ground station's heartbeat is heard
     unknown_stream = FAILED  # answer to SET_MESSAGE_INTERVAL of a message that is not known
-    mission_request = m.MAVLink_mission_request_int_message
 
     def __init__(
         self, autopilot: Autopilot, peer: Peer, everyone: Callable[[Any], None], clock: Clock
@@ -56,7 +53,6 @@ class Conversation:
         self._files = Server(autopilot.files, self.file_manners, self._file_reply)
         self._file_source = (255, 190)
         self._logs = LogTransfer(autopilot, self.send, self.first_log, clock)
-        self._mission = MissionTransfer(autopilot, self.send, everyone, self.mission_request, clock)
         self._handlers: dict[str, Callable[[Any], None]] = {
             "HEARTBEAT": self._heartbeat,
             "PARAM_REQUEST_READ": self._param_read,
@@ -73,7 +69,8 @@ class Conversation:
             "PING": self._ping,
             "FILE_TRANSFER_PROTOCOL": self._file_transfer,
             **self._logs.handlers,
-            **self._mission.handlers,
+            "MISSION_REQUEST_LIST": self._no_mission,
+            "MISSION_COUNT": self._no_mission,
         }
 
     def _known_messages(self) -> dict[int, Callable[[Any], Any]]:
@@ -111,7 +108,6 @@ class Conversation:
     def list_on(self) -> None:
         """Go on with a parameter list or a log, at the pace a real link has."""
         self._logs.go_on()
-        self._mission.go_on()
         if not self._listing:
             return
         now = self._clock()
@@ -220,7 +216,7 @@ class Conversation:
 
     @staticmethod
     def _above_home(message: Any) -> bool:
-        return bool(message.command == 192 and message.frame in ABOVE_HOME)
+        return bool(message.command == 192 and message.frame in (3, 6))
 
     def _takeoff_height(self, above_sea: float) -> float:
         """Above home; PX4 goes to MIS_TAKEOFF_ALT at least, and says so."""
@@ -230,6 +226,14 @@ class Conversation:
             self._everyone(_status(2, f"Using minimum takeoff altitude: {least:.2f} m"))
             return least
         return height if math.isfinite(height) else math.nan
+
+    def _no_mission(self, message: Any) -> None:
+        """None on board, none taken: a ground station that asks for one gets its answer."""
+        source, kind = (message.get_srcSystem(), message.get_srcComponent()), message.mission_type
+        if message.get_type() == "MISSION_COUNT":
+            self.send(m.MAVLink_mission_ack_message(*source, m.MAV_MISSION_UNSUPPORTED, kind))
+        else:
+            self.send(m.MAVLink_mission_count_message(*source, 0, kind))
 
     def _command(self, message: Any, command: int, params: list[float]) -> None:
         try:
@@ -255,14 +259,8 @@ class Conversation:
             a.take_off(self._takeoff_height(p[6]))
         elif command in (20, 21):
             a.set_mode(Mode.RTL if command == 20 else Mode.LAND)
-        elif command == 300:  # start the mission, armed if need be
-            if not a.mission.flyable:
-                return DENIED, None
-            a.mission.go_to(int(p[0])) if p[0] > 0 else None
-            a.set_mode(Mode.MISSION)
-            a.arm()
-        elif command == 224:
-            return (ACCEPTED if a.mission.go_to(int(p[0])) else DENIED), None
+        elif command in (224, 300):  # a mission's item, a mission's start: there is none
+            return DENIED, None
         elif command == 176:
             return self._do_set_mode(p), None
         elif command == 192:  # reposition

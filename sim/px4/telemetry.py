@@ -221,15 +221,6 @@ def extended_sys_state(a: Autopilot) -> Any:
     return m.MAVLink_extended_sys_state_message(0, state)
 
 
-def mission_current(a: Autopilot) -> Any:
-    """42."""
-    mission = a.mission
-    flown = len(mission.items[0]) - mission.first
-    state = 3 if a.on_mission and not mission.complete else mission.state
-    state = 4 if state == 2 and a.armed and mission.current > mission.first else state
-    return m.MAVLink_mission_current_message(mission.current, flown if flown > 0 else 0xFFFF, state, 0)
-
-
 def esc_status(a: Autopilot) -> list[Any]:
     """291, four ESCs a message."""
     escs = reported_escs(a)
@@ -276,7 +267,6 @@ BUILDERS: dict[int, Callable[[Autopilot], Any]] = {
     32: local_position,
     33: global_position,
     36: servo_output,
-    42: mission_current,
     74: vfr_hud,
     83: attitude_target,
     85: position_target,
