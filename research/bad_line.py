@@ -1,6 +1,6 @@
 """Uploads over a line that loses, doubles, reorders, delays and corrupts, struck by kills and power cuts.
 
-    python research/bad_line.py [--uploads 1000] [--clients 8] [--small]
+    python research/bad_line.py [--uploads 1000] [--small]
 
 Tables go in turn to the stand-ins of both firmwares (ArduPilot: two of FRAME_CLASS 17, two of 15, so that
 scripts come, go and change), in memory on a virtual clock. The upload's process may die at any moment; the
@@ -8,9 +8,6 @@ board may freeze, reboot, or lose its power, also just after a table was verifie
 the tables whole, or a journal on disk must know of the mixture; the journal is resumed over the same bad
 line, by the same table, another one, or its backup, until it is closed, and the board is looked at again. The
 faults of the line are the tests' own (tests/helpers/memory_net.py), the board is looked at in its memory.
-
-With `--clients` the 17 values by which two tables differ go over a real, equally bad UDP line by coaxlink's
-session, MAVSDK's parameter plugin and pymavlink's helper, and are read back over a clean one.
 """
 
 from __future__ import annotations
@@ -20,16 +17,12 @@ import collections
 import contextlib
 import io
 import json
-import multiprocessing
 import os
 import random
-import select
-import socket
 import statistics
 import struct
 import sys
 import tempfile
-import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -254,112 +247,14 @@ def report(rows: list[dict[str, Any]]) -> None:
 # -- three clients on a real line --------------------------------------------------------------------------
 
 
-def relay(listen: socket.socket, port: int, loss: float, seed: int) -> None:
-    """Carry datagrams both ways with the faults of above."""
-    draw, out, peer, late = random.Random(seed), socket.socket(socket.AF_INET, socket.SOCK_DGRAM), None, []
-    while True:
-        now = time.monotonic()
-        for row in [r for r in late if r[0] <= now]:
-            late.remove(row)
-            with contextlib.suppress(OSError):
-                row[1].sendto(row[2], row[3])
-        wait = min([r[0] for r in late], default=now + 0.2) - now
-        for ready in select.select([listen, out], [], [], max(wait, 0.0))[0]:
-            data, source = ready.recvfrom(65536)
-            peer = source if ready is listen else peer
-            there = (out, ("127.0.0.1", port)) if ready is listen else (listen, peer)
-            if draw.random() < loss:
-                continue
-            if loss and draw.random() < CORRUPTION:
-                at = draw.randrange(len(data))
-                data = data[:at] + bytes([data[at] ^ (1 << draw.randrange(8))]) + data[at + 1 :]
-            for _ in range(2 if loss and draw.random() < COPIES else 1):
-                slow = 0.06 * draw.random() if loss and draw.random() < DISORDER else 0.0
-                late.append((time.monotonic() + 0.002 + slow, there[0], data, there[1]))
-
-
-def by_coaxlink(port: int, values: dict[str, float]) -> None:
-    """The parameter protocol that `upload` stands on, without its backup and read-back."""
-    from coaxlink.mavlink import connect
-    from coaxlink.mavlink.parameters import Parameters
-
-    with connect(f"udpout:127.0.0.1:{port}", timeout_s=20.0) as session:
-        parameters = Parameters(session)
-        parameters.write_many([parameters.encode(name, value, 9) for name, value in values.items()])
-
-
-def by_mavsdk(port: int, values: dict[str, float]) -> None:
-    """mavsdk.Param.set_param_float, one after the other."""
-    from mavsdk.logging import log_subscribe
-    from mavsdk.mavsdk import Configuration, Mavsdk
-    from mavsdk.plugins.param import Param
-
-    log_subscribe(lambda *_: True)
-    sdk = Mavsdk(Configuration.create_manual(1, 191, True))
-    sdk.add_any_connection(f"udpout://127.0.0.1:{port}")
-    param = Param(sdk.first_autopilot(timeout_s=20.0))
-    for name, value in values.items():
-        param.set_param_float(name, value)
-
-
-def by_pymavlink(port: int, values: dict[str, float]) -> None:
-    """pymavlink's MAVParmDict.mavset, which takes any PARAM_VALUE of that name for success."""
-    os.environ["MAVLINK20"] = "1"
-    from pymavlink import mavparm, mavutil
-
-    link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=245, dialect="common")
-    while link.target_system == 0:
-        link.mav.heartbeat_send(6, 8, 0, 0, 4)
-        link.recv_match(type="HEARTBEAT", blocking=True, timeout=1)
-    store = mavparm.MAVParmDict()
-    done = [store.mavset(link, name, value) for name, value in values.items()]
-    if not all(done):
-        raise TimeoutError("values without an answer")
-
-
-def compare_clients(tables: list[Path], losses: tuple[float, ...], runs: int) -> None:
-    """Right on board of so many runs, and the median seconds, connecting included."""
-    from coaxlink.mavlink import connect
-    from coaxlink.mavlink.parameters import Parameters
-    from coaxlink.uploading.plan import load_plan
-    from sim.testing import standin
-
-    first, second = (load_plan(table).params for table in tables)
-    values = [{n: float(t[n]) for n in first if first[n] != second[n]} for t in (first, second)]
-    context = multiprocessing.get_context("fork")
-    print(f"{len(values[0])} values; right on board, median s")
-    for loss in losses:
-        for client in (by_coaxlink, by_mavsdk, by_pymavlink):
-            right, took = 0, []
-            with standin() as port, connect(f"udpout:127.0.0.1:{port}") as clean:
-                for run in range(runs):
-                    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
-                        line.bind(("127.0.0.1", 0))
-                        spoiler = context.Process(target=relay, args=(line, port, loss, run), daemon=True)
-                        spoiler.start()
-                        there = line.getsockname()[1]
-                        one = context.Process(target=client, args=(there, values[run % 2]), daemon=True)
-                        began = time.monotonic()
-                        one.start()
-                        one.join(90.0)
-                        took.append(time.monotonic() - began)
-                        one.kill()
-                        spoiler.kill()
-                    now = Parameters(clean).read_many(values[0])
-                    right += all(now[n].bits == struct.pack("<f", v) for n, v in values[run % 2].items())
-            name = client.__name__.removeprefix("by_")
-            print(f"{loss:>6.2f} {name:>10} {right}/{runs} {statistics.median(took):8.2f}", flush=True)
-
-
 def main() -> None:
     """Run, print the tables; exit 1 when something was wrong."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--uploads", type=int, default=1000, help="to each firmware")
-    options.add_argument("--clients", type=int, default=0, metavar="RUNS", help="runs a client and loss")
     options.add_argument("--workers", type=int, default=2)
     options.add_argument("--small", action="store_true", help="four uploads to each firmware")
     asked = options.parse_args()
-    uploads, clients = (4, 0) if asked.small else (asked.uploads, asked.clients)
+    uploads = 4 if asked.small else asked.uploads
     with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(asked.workers) as pool:
         tables = {firmware: make_tables(firmware, Path(scratch)) for firmware in TABLES}
         share = max(uploads // asked.workers, 1)
@@ -370,8 +265,6 @@ def main() -> None:
         ]
         rows = [row for job in jobs for row in job.result()]
         report(rows)
-        if clients:
-            compare_clients(tables["px4"], LOSSES, clients)
     sys.exit(any(map(wrong, rows)))
 
 

@@ -1,9 +1,8 @@
-"""Whether what coaxlink says of its own certainty is so: names, noise with a colour, intervals.
+"""Whether what coaxlink says of its own certainty is so: names, noise with a colour.
 
     python research/blind.py --first 3000 --seeds 20 --clean 20 --every 3 --folder F
     python research/calibration.py names F/answers-HASH [--plot reliability.png] [--set TRUTH.json FOLDER]
     python research/calibration.py colours [--logs 25] [--seed 0]
-    python research/calibration.py intervals [--draws 200]
     python research/calibration.py --small
 
 *names*: of the names that `refine` gave at probability p, how many were there. Reads the answers that
@@ -11,8 +10,6 @@
 every effect that is claimed and every name of a doubt (`ambiguous`) counts with its probability (Gneiting,
 Balabdaoui and Raftery 2007; Wilson intervals). *colours*: own blind stands without anything hidden, and on
 every load noise of one colour, one to three times the white noise's rms; anything but "nothing" is counted.
-*intervals*: how often a 95 % interval of `identify` holds the coefficient it is of, on bench data of the
-paper's eq. 17 (121 points, 0.5 N and 0.01 N m of white noise).
 """
 
 from __future__ import annotations
@@ -36,7 +33,7 @@ from scipy.signal import lfilter
 from coaxlink.data import Samples
 from coaxlink.errors import InputError
 from coaxlink.residual import refine_stand
-from coaxlink.rotor import identify, load_rotor_model
+from coaxlink.rotor import load_rotor_model
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 Array = np.ndarray
@@ -211,89 +208,20 @@ def colours(a: argparse.Namespace) -> None:
     assert not a.small or not any(count["named"] for count in counts.values())
 
 
-LEVELS = np.arange(11) * 0.09
-TRUTH = {
-    "upper.thrust_N": {"u_u^2": 55.9517, "u_u": 22.4464},
-    "upper.torque_Nm": {"u_u^2": 1.2437, "u_u": 0.7155},
-    "lower.thrust_N": {
-        "u_u^2 u_l^2": 2.755,
-        "u_l^2": 64.721,
-        "u_u u_l": -2.547,
-        "u_l": 12.402,
-        "u_u^2": -37.502,
-        "1": 0.801,
-    },
-    "lower.torque_Nm": {"u_u u_l^2": 0.307, "u_l^2": 1.466, "u_l": 0.573, "u_u^2": -0.695},
-}
-
-
-def surfaces(u: Array, v: Array) -> dict[str, Array]:
-    """Eq. 17 written out, by our column names."""
-    return {
-        "upper_thrust_N": 55.9517 * u**2 + 22.4464 * u,
-        "upper_torque_Nm": 1.2437 * u**2 + 0.7155 * u,
-        "lower_thrust_N": 2.755 * u**2 * v**2
-        + 64.721 * v**2
-        - 2.547 * u * v
-        + 12.402 * v
-        - 37.502 * u**2
-        + 0.801,
-        "lower_torque_Nm": 0.307 * u * v**2 + 1.466 * v**2 + 0.573 * v - 0.695 * u**2,
-    }
-
-
-def bench(seed: int) -> tuple[Samples, float]:
-    """One draw, and the root mean square of its noise in coaxial thrust."""
-    random = np.random.default_rng(seed)
-    u, v = (g.ravel() for g in np.meshgrid(LEVELS, LEVELS, indexing="ij"))
-    columns = {"upper_rpm": 5400 * u, "lower_rpm": 5400 * v, "upper_throttle": u, "lower_throttle": v}
-    noise = {}
-    for name, values in surfaces(u, v).items():
-        noise[name] = (0.5 if name.endswith("_N") else 0.01) * random.standard_normal(len(u))
-        columns[name] = values + noise[name]
-    total = noise["upper_thrust_N"] + noise["lower_thrust_N"]
-    return Samples(columns, f"draw {seed}"), float(np.sqrt(np.mean(total**2)))
-
-
-def intervals(a: argparse.Namespace) -> None:
-    """How often a 95 % interval holds its coefficient; the held-out error beside the draw's noise."""
-    held: dict[tuple[str, str], list[bool]] = {}
-    ratios = []
-    for seed in range(a.draws):
-        log, noise = bench(seed)
-        result = identify(log, "crm", compare=False)
-        ratios.append(result.channels["coaxial_thrust"].rmse / noise)
-        for load, terms in TRUTH.items():
-            bounds = result.intervals[load].bounds
-            for term, value in terms.items():
-                low, high = bounds[term]
-                held.setdefault((load, term), []).append(low <= value <= high)
-    print(f"{a.draws} draws, 121 points, 0.5 N, 0.01 N m")
-    print("| load | term | true | 95 % holds it |\n|---|---|---|---|")
-    for (load, term), hits in held.items():
-        print(f"| {load} | {term} | {TRUTH[load][term]:.3f} | {100 * np.mean(hits):.1f} % |")
-    print(f"held-out coaxial thrust RMSE / noise of the draw: mean {np.mean(ratios):.4f}", end=", ")
-    print(f"95th percentile {np.quantile(ratios, 0.95):.4f}")
-    assert np.mean([hit for hits in held.values() for hit in hits]) > 0.85
-
-
 def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("what", choices=("names", "colours", "intervals"), nargs="?", default="intervals")
+    parser.add_argument("what", choices=("names", "colours"), nargs="?", default="colours")
     parser.add_argument("answers", type=Path, nargs="*")
     parser.add_argument("--set", type=Path, nargs=2, action="append", default=[])
     parser.add_argument("--plot", type=Path)
     parser.add_argument("--logs", type=int, default=25, help="of each colour")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--draws", type=int, default=200)
-    parser.add_argument("--small", action="store_true", help="the intervals of two draws, for CI")
+    parser.add_argument("--small", action="store_true", help="a log of each colour, for CI")
     a = parser.parse_args()
     if a.small:
-        a.draws = 2
-        intervals(a)
-        return
-    {"names": names, "colours": colours, "intervals": intervals}[a.what](a)
+        a.logs = 1
+    {"names": names, "colours": colours}[a.what](a)
 
 
 if __name__ == "__main__":

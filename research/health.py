@@ -1,18 +1,15 @@
-"""What `coaxlink health` says of flights whose truth is known: own simulated ones and the independent worlds.
+"""What `coaxlink health` says of simulated flights whose truth is known.
 
-    python research/health.py [--small] [--flights N] [--onsets N | --sound N [--flown]] [--seed S]
+    python research/health.py [--small] [--onsets N | --sound N [--flown]] [--seed S]
     python research/health.py --air [--hours 100] [--losses 1000] [--loss 0.1] [--curve] [--json F]
 
-Own: N vehicles, half of them with one rotor that lost 5 to 20 % of its thrust before the second of two
-flights, the other half with another hidden effect or none in both; the verdict over both flights. Onsets: N
+Onsets: N
 single flights of a minute of vehicles drawn around the paper's X8 and a hexa, each judged alone. In six of
 nine a rotor loses 5 to 20 % (a blade, or a motor that turns slower), from the start, at a drawn time or over
 10 to 30 s; in the others nothing, a load that slides by 2 cm, or half a kilogramme that drops. Sound: N more
 such single flights, all rotors sound: in four of six nothing happens, in the others a load slides or drops;
 a flight that is called is a false alarm. They are held against the true pair's model; `--flown`: against the
 one that `identify` makes of an earlier minute of wandering, from a prior whose loads are each 15 % off.
-Worlds: the single logs of ../shared/worlds/flight, each with its own airframe and rotor model, where that
-folder is there.
 Air: how soon a rotor that lost thrust is named in the air, and how often one is that did not. Flights of 60 s
 in the compiled plant: vehicles drawn around the paper's X8 and the example hexa, wind up to 8 m/s with gusts,
 sag, rotor drag, inflow in climbs; hovers, circles, wandering, steps; fitted table and exact law. The test is
@@ -24,8 +21,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable
@@ -38,105 +33,6 @@ from typing import Any
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-WORLDS = HERE.parent.parent / "shared" / "worlds" / "flight"
-SIZES = {
-    "none": 0.0, "battery_voltage": 0.8, "ground_effect": 0.15, "cg_offset": 0.015, "mass_change": 1.0,
-    "wind": 6.0, "rotor_drag": 0.15, "axial_inflow": 1.0, "rotor_lag": 0.02,
-}  # fmt: skip
-COMMAND = (sys.executable, "-m", "coaxlink")
-
-
-def sim(folder: Path, name: str, seed: int, effects: list[tuple[str, float, int]]) -> Path:
-    """One flight of the shipped X8 with these effects (name, size, rotor or 0)."""
-    log, truth = folder / f"{name}.csv", folder / f"{name}.toml"
-    text = ""
-    for what, size, rotor in effects:
-        text += f'[[effects]]\nname = "{what}"\nsize = {size}\n' + (f"rotor = {rotor}\n" if rotor else "")
-    truth.write_text(text)
-    truth_option = ("--truth", truth) if text else ()
-    plan = "paper" if seed % 2 else "vigorous"
-    call = (*COMMAND, "sim", "--fly", plan, "--log", log, "--seed", seed, *truth_option)
-    subprocess.run([str(c) for c in call], check=True, capture_output=True)
-    return log
-
-
-def judged(folder: Path, logs: list[Path], airframe: Path | None = None, rotor: Path | None = None) -> dict:
-    """The JSON of `coaxlink health`; an empty one where the log cannot be judged."""
-    out = folder / "health.json"
-    out.unlink(missing_ok=True)
-    options = [*(["--airframe", airframe] if airframe else []), *(["--rotor", rotor] if rotor else [])]
-    call = (*COMMAND, "health", *logs, *options, "--json", out)
-    done = subprocess.run([str(c) for c in call], capture_output=True, text=True)
-    if done.returncode not in (0, 1) or not out.is_file():
-        print("   ", logs[-1].name, done.stderr.strip().splitlines()[-1:])
-        return {}
-    return dict(json.loads(out.read_text()))
-
-
-def own(count: int, seed: int) -> list[str]:
-    """The table of own flights."""
-    random = np.random.default_rng(seed)
-    airframe = HERE.parent / "examples" / "x8_demo.toml"
-    counts: Counter[tuple[str, str]] = Counter()
-    right = faulty = inside = 0
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        for i in range(count):
-            what = list(SIZES)[int(random.integers(len(SIZES)))]
-            size = SIZES[what] * float(random.uniform(0.5, 1.0))
-            base = [(what, size, 0)] if what != "none" else []
-            broken, rotor = i % 2 == 0, int(random.integers(1, 9))
-            loss = float(random.uniform(0.05, 0.2))
-            fault = [("degraded_rotor", loss, rotor)] if broken else []
-            flights = int(random.integers(1_000_000))
-            logs = [
-                sim(folder, "before", flights, base),
-                sim(folder, "after", flights + 1, [*base, *fault]),
-            ]
-            found = judged(folder, logs, airframe)
-            verdict = found.get("verdict", "not judged")
-            size_named = "5 to 10 %" if loss < 0.1 else "10 to 20 %"
-            counts[f"lost {size_named}" if broken else "sound", verdict] += 1
-            if broken and verdict in ("watch", "ground it"):
-                faulty += 1
-                first = found["suspects"][0]
-                right += first["rotor"] == rotor
-                inside += first["rotor"] == rotor and first["loss"][1] <= loss <= first["loss"][2]
-            print(f"    {i}: {what}, {f'rotor {rotor} {100 * loss:.0f} %' if broken else 'sound'}: {verdict}")
-    lines = ["| two flights | sound | watch | ground it |", "|---|---:|---:|---:|"]
-    for row in ("sound", "lost 5 to 10 %", "lost 10 to 20 %"):
-        cells = [str(counts[row, verdict]) for verdict in ("sound", "watch", "ground it")]
-        lines.append(f"| {row} | {' | '.join(cells)} |")
-    return [*lines, "", f"of {faulty} called: the right rotor {right}, its loss inside the interval {inside}"]
-
-
-def worlds() -> list[str]:
-    """The table of the independent worlds, single flights."""
-    truth = json.loads((WORLDS / "truth.json").read_text())
-    counts: Counter[tuple[str, str]] = Counter()
-    right = called = 0
-    with tempfile.TemporaryDirectory() as scratch:
-        for name, t in truth.items():
-            found = judged(Path(scratch), [WORLDS / t["log"]], WORLDS / t["airframe"], WORLDS / t["rotor"])
-            broken = "degraded_rotor" in t["effects"]
-            verdict = found.get("verdict", "not judged")
-            counts["a degraded rotor" if broken else "none", verdict] += 1
-            if broken:
-                rotor = (
-                    1 + int(t["parameters"]["degraded_rotor"][0])
-                    if "degraded_rotor" in t["parameters"]
-                    else 0
-                )
-                first = found["suspects"][0] if found else {}
-                called += verdict in ("watch", "ground it")
-                right += bool(found) and first["rotor"] == rotor and verdict != "sound"
-            if (verdict != "sound") != broken:
-                print(f"    {name}: {t['effects'] or t['kind']} {t['parameters']}: {verdict}")
-    lines = ["| single flights | sound | watch | ground it | not judged |", "|---|---:|---:|---:|---:|"]
-    for row in ("none", "a degraded rotor"):
-        cells = [str(counts[row, v]) for v in ("sound", "watch", "ground it", "not judged")]
-        lines.append(f"| {row} | {' | '.join(cells)} |")
-    return [*lines, "", f"of {called} called, {right} name the rotor"]
 
 
 FAULTS = ("from the start", "at once, in flight", "gradual, in flight")
@@ -489,9 +385,8 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--small", action="store_true", help="a few flights in the air, for CI")
-    parser.add_argument("--flights", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--onsets", type=int, default=0)
+    parser.add_argument("--onsets", type=int, default=20)
     parser.add_argument("--sound", type=int, default=0)
     parser.add_argument("--flown", action="store_true", help="with --sound: against a flown model")
     parser.add_argument("--air", action="store_true")
@@ -509,12 +404,8 @@ def main() -> None:
         in_the_air(o)
     elif o.sound:
         print("\n".join(sound_flights(o.sound, o.seed, o.flown)))
-    elif o.onsets:
-        print("\n".join(onset_flights(o.onsets, o.seed)))
     else:
-        print("\n".join(own(o.flights, o.seed)))
-        if WORLDS.is_dir():
-            print("\n".join(worlds()))
+        print("\n".join(onset_flights(o.onsets, o.seed)))
 
 
 if __name__ == "__main__":
