@@ -6,8 +6,8 @@ PX4's own SITL flies our plant over the lock-step bridge (`coaxlink sim --bridge
 the plant). One flight a table and repeat: take-off with 5 kg too much, the load dropped in hover, hover at
 the own mass, the paper's circle, 90 degrees of yaw there and back. Power, height and yaw are the plant's
 truth; attitude error and thrust demand are PX4's ATTITUDE_TARGET. Tables are tuned alike (the
-vertical gains divided by the table's own); `--stock` leaves the vertical gains as PX4 ships them. Differences are paired by repeat, whose
-number is the seed of the sensors' noise. About a minute a flight on a free core.
+vertical gains divided by the table's own); `--stock` leaves them as PX4 ships them. Differences are paired by
+repeat, whose number is the seed of the sensors' noise. About a minute a flight on a free core.
 """
 
 from __future__ import annotations

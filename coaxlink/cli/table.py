@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from coaxlink import files
-from coaxlink.cli.shared import explanation, table_views
+from coaxlink.cli.shared import table_views
 from coaxlink.cli.shared.effects import (
     ClimbOption,
     DensityOption,
@@ -22,7 +22,7 @@ from coaxlink.cli.shared.effects import (
 )
 from coaxlink.cli.shared.next import WEAK
 from coaxlink.cli.shared.rate_loops import forget_vehicle, keep_vehicle
-from coaxlink.cli.shared.shell import JsonOption, console, say
+from coaxlink.cli.shared.shell import JsonOption, say
 from coaxlink.errors import InputError, SafetyRefusal
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from coaxlink.vehicle import Vehicle
     from firmware_params.ardupilot.table import ApTable
 
-TITLES = {"px4": "PX4", "ardupilot": "ArduPilot"}
+FIRMWARES = ("px4", "ardupilot")
 
 
 def table(
@@ -45,9 +45,6 @@ def table(
     ] = None,
     rotor: Annotated[Path | None, typer.Option(help="Rotor model, if not the airframe's own.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write the files here.")] = None,
-    explain: Annotated[
-        bool, typer.Option("--explain", help="Also what is demanded, what is done, gains and authority.")
-    ] = False,
     connect: Annotated[
         str, typer.Option(metavar="URL", help="Hold it against the table on this board.")
     ] = "",
@@ -79,9 +76,9 @@ def table(
     from coaxlink.tables.default_law import choose_law
     from coaxlink.tables.px4 import TableReport, px4_speeds, report_px4
     from coaxlink.tables.rate_gains import preserved_gains
-    from coaxlink.uploading.explain import explain_ap, explain_px4
+    from coaxlink.uploading.beside import beside_ap, beside_px4
 
-    if firmware not in TITLES:
+    if firmware not in FIRMWARES:
         raise InputError("--firmware", firmware, "expected px4 or ardupilot")
     if keep_gains and not connect:
         raise InputError("--keep-gains", "", "--connect URL is expected: the gains to keep are on the board")
@@ -111,28 +108,24 @@ def table(
             chosen = choose_law(vehicle, speeds_of, spin_min=spin.low, spin_max=spin.high)
         report = reported(chosen.law, chosen.fit) if chosen else reported(law or "fitted", None)
         if isinstance(report, TableReport):
-            explained = explain_px4(vehicle, report, board if connect else None)
+            held = beside_px4(vehicle, report, board if connect else None)
         else:
-            explained = explain_ap(vehicle, report, (board, matrix) if connect else None)
-    against = explanation.under(explained.reference_name)
-    gains = preserved_gains(firmware, explained.flown, explained.reference, board, against, write=keep_gains)
+            held = beside_ap(vehicle, report, (board, matrix) if connect else None)
+    gains = preserved_gains(firmware, held.flown, held.reference, board, held.against, write=keep_gains)
     if gains.problem:
         say(f"not all rate gains are written: {gains.problem}")
     report = replace(report, params={**report.params, **gains.written})
+    cost = price(held.worth, held.reference_worth, held.against)
     written = [] if out is None or report.blocking else _write(out, vehicle, path, report)
     if json_file:  # before anything is printed: a closed pipe must not lose it
         document: dict[str, Any] = table_views.as_json(vehicle.airframe, report, written)
         document |= vehicle.to_json() | gains.to_json()
-        document |= {"explain": explained.to_json()} if explain else {}
         document |= {"chosen": chosen.to_json()} if chosen else {}
-        document["price"] = price(explained.worth, explained.worth_before, against)
+        document["price"] = cost
         files.write_json(json_file, document)
     if chosen:
         say(f"--law was not named, chosen: {chosen.why}")
-    said = [*price(explained.worth, explained.worth_before, against), gains.line]
-    table_views.show(vehicle.airframe, report, said)
-    if explain:
-        explanation.show(console(), vehicle.airframe, explained, TITLES[firmware], gains.axes)
+    table_views.show(vehicle.airframe, report, [*cost, gains.line])
     for name in written:
         say(f"wrote {name}")
     if report.blocking:
@@ -180,7 +173,7 @@ def _spin(firmware: str, spin_min: float | None, board: Mapping[str, float | int
 
 def _present(firmware: str, url: str) -> tuple[Mapping[str, float | int], ApTable | None]:
     """The parameters on the board at `url` and, of ArduPilot, its table; nothing without a `url`."""
-    from coaxlink.uploading.explain import present_ap, present_px4
+    from coaxlink.uploading.beside import present_ap, present_px4
 
     if not url:
         return {}, None

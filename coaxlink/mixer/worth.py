@@ -85,7 +85,7 @@ class Worth:
         return 60.0 * battery_Wh * drive_efficiency / self.hover_W
 
     def to_json(self) -> dict[str, Any]:
-        """As `compare` and `table --explain` write it; null where it cannot be flown."""
+        """As `compare` writes it; null where it cannot be flown."""
         return {
             "table": self.name,
             "hover_demand": _null(self.hover_demand),

@@ -19,8 +19,8 @@ NAMES = ("x8_demo.toml", "rotor_paper.toml", "stand_eq17.csv")
 X8, ROTOR, STAND = (str(files.example(n)) for n in NAMES)
 SAID = [
     ["compare", X8, "--rotor", ROTOR],
-    ["table", X8, "--firmware", "px4", "--explain"],
-    ["table", X8, "--firmware", "ardupilot", "--frame-class", "17", "--explain"],
+    ["table", X8, "--firmware", "px4"],
+    ["table", X8, "--firmware", "ardupilot", "--frame-class", "17"],
     ["allocate", X8, "--law", "exact", "--wrench", "196.2,1,1,0.5"],
     ["airframe", X8],
     ["identify", STAND, "--form", "crm"],

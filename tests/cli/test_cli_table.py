@@ -83,40 +83,27 @@ def test_a_trap_is_refused_and_nothing_written(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_ardupilot_files_and_an_explanation(tmp_path, capsys):
+def test_ardupilot_files_and_what_the_table_costs(tmp_path, capsys):
     files = ("--out", tmp_path / "a", "--json", tmp_path / "a.json")
-    code, out, err = _run(capsys, X8, "--firmware", "ardupilot", "--explain", *files)
-    assert code == 0 and "FRAME_CLASS 15" in out and "ATC_RAT_RLL_P, I, D x" in out and "wrote" in err
+    code, out, err = _run(capsys, X8, "--firmware", "ardupilot", *files)
+    assert code == 0 and "FRAME_CLASS 15" in out and "wrote" in err
     names = sorted(p.relative_to(tmp_path / "a").as_posix() for p in (tmp_path / "a").rglob("*.*"))
     copies = ["vehicle/airframe.toml", "vehicle/rotor.toml"]
     assert names == ["paper-x8.param", "scripts/coaxlink_matrix.lua", *copies]
-    shown = json.loads((tmp_path / "a.json").read_text())
-    assert shown["explain"]["worst_relative"]["roll"] < 1e-6 and shown["explain"]["against"] == "standard law"
-    worth = shown["explain"]["worth"]
-    saved = 1.0 - worth["this"]["hover_W"] / worth["reference"]["hover_W"]
-    said = f"The fitted table saves {saved:.1%} of hover power against the standard one"
-    assert 0.03 < saved < 0.07 and said in out and out.index(said) < out.index("What the law demands")
-    # its rotors never stand still: spinning at MOT_SPIN_MIN is the bound
-    assert worth["this"]["limits"][2]["at"] == "least speed"
-    code, out, _ = _run(capsys, X8, "--firmware", "px4", "--law", "reduced", "--explain")
-    assert code == 0 and "MC_YAWRATE_K x" in out and "PX4 does what the law demands" in out
+    ceiling, yaw, power = json.loads((tmp_path / "a.json").read_text())["price"]
+    assert all(line in out for line in (ceiling, yaw, power))
+    now, before = (float(w) for w in re.findall(r"([\d.]+) W", power))
+    assert 0.03 < 1.0 - now / before < 0.07
 
 
 @pytest.mark.slow
-def test_an_explanation_fits_80_columns_and_says_what_the_board_loses(capsys, monkeypatch):
+def test_beside_a_board_the_price_and_the_loops_are_told(capsys, monkeypatch):
     board = {"CA_ROTOR_COUNT": 8, "MC_ROLLRATE_K": 1.5, **FACTORY}
-    monkeypatch.setattr("coaxlink.uploading.explain.present_px4", lambda url: board)
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr("coaxlink.cli.shared.shell.PIPE_WIDTH", 80)
-    arguments = ["--firmware", "px4", "--law", "reduced", "--explain", "--connect", "udpout:127.0.0.1:9"]
+    monkeypatch.setattr("coaxlink.uploading.beside.present_px4", lambda url: board)
+    arguments = ["--firmware", "px4", "--law", "reduced", "--connect", "udpout:127.0.0.1:9"]
     code, out, _ = _run(capsys, X8, *arguments)
-    assert code == 0
-    explained = out[out.index("What the law demands") :]
-    assert max(map(len, explained.splitlines())) <= 80
-    (roll,) = re.findall(r"MC_ROLLRATE_K x ([\d.]+): 1.5 -> ([\d.]+)", explained)
-    assert float(roll[1]) == pytest.approx(1.5 * float(roll[0]), rel=1e-3)
-    assert "What this table changes on board: 16 parameters" in explained
-    assert re.search(r"CA_ROTOR4_\*\s+6.5 -> [\d.]+\s+0.05 -> 0.0", explained)
+    assert code == 0 and out.count("; on board ") == 3
+    assert "rate loops: the same demand gives" in out and "times the moment that it gives on board" in out
 
 
 def test_nothing_is_made_around_a_weak_rotor_unasked(tmp_path, capsys):

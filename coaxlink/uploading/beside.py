@@ -1,0 +1,126 @@
+"""What a new table is held against: the one on the board at a URL, else the standard law, on the same rotors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from coaxlink.errors import InputError
+from coaxlink.mavlink.ftp import Files
+from coaxlink.mavlink.parameters import Number, Parameters
+from coaxlink.mavlink.session import Session
+from coaxlink.mixer.demands import Speeds
+from coaxlink.mixer.worth import Worth, weigh
+from coaxlink.tables.ardupilot import ApReport, ap_speeds, report_ap
+from coaxlink.tables.behaviour import Behaviour, behaviour
+from coaxlink.tables.px4 import TableReport, px4_speeds, report_px4
+from coaxlink.uploading.ardupilot_scripts import await_loader, matrix_script
+from coaxlink.uploading.ardupilot_table import present_table
+from coaxlink.vehicle import Vehicle
+from firmware_params import ardupilot as ap
+from firmware_params import px4
+from firmware_params.ardupilot import scripts
+from firmware_params.ardupilot.table import ApTable
+from firmware_params.errors import TableError
+
+
+@dataclass(frozen=True)
+class BesideTable:
+    """A table and what it is held against, flown by the same rotor model."""
+
+    flown: Behaviour
+    worth: Worth
+    reference: Behaviour
+    reference_worth: Worth
+    against: str  # in words
+
+
+def beside_px4(
+    vehicle: Vehicle, report: TableReport, board: Mapping[str, Number] | None = None
+) -> BesideTable:
+    """A PX4 table beside the board's present one, else beside the standard law.
+
+    Raises InputError when the board holds no table of this vehicle.
+    """
+    if board is None:
+        return _beside(
+            vehicle, report, px4_speeds(report.mix), px4_speeds(report_px4(vehicle, "standard").mix)
+        )
+    try:
+        present = px4.realise(board)
+    except (TableError, ValueError) as error:
+        raise InputError("`board`", "", f"the board holds no multirotor table: {error}") from error
+    _require_count(vehicle, len(present.mix))
+    return _beside(vehicle, report, px4_speeds(report.mix), px4_speeds(present), on_board=True)
+
+
+def beside_ap(
+    vehicle: Vehicle, report: ApReport, board: tuple[Mapping[str, Number], ApTable | None] | None = None
+) -> BesideTable:
+    """An ArduPilot table beside the board's, else beside the standard law on the same frame class.
+
+    Raises InputError when the board flies what is not known here.
+    """
+    if board is None:
+        motor = report.table.parameters
+        standard = report_ap(
+            vehicle,
+            "standard",
+            frame_class=report.table.frame_class,
+            spin_min=motor.spin_min,
+            spin_max=motor.spin_max,
+        )
+        return _beside(vehicle, report, ap_speeds(report.mix), ap_speeds(standard.mix))
+    numbers, present = board
+    if present is None:
+        frame = f"FRAME_CLASS {numbers.get('FRAME_CLASS', 0):g}"
+        raise InputError("`board`", "", f"the board flies a matrix that is not known here ({frame})")
+    mix = ap.realise(present)
+    _require_count(vehicle, len(mix.factors))
+    return _beside(vehicle, report, ap_speeds(report.mix), ap_speeds(mix), on_board=True)
+
+
+def _beside(
+    vehicle: Vehicle, report: TableReport | ApReport, new: Speeds, old: Speeds, *, on_board: bool = False
+) -> BesideTable:
+    name = "present" if on_board else "standard"
+    return BesideTable(
+        report.behaviour,
+        weigh(vehicle, new, report.law),
+        behaviour(vehicle, old),
+        weigh(vehicle, old, name),
+        "on board" if on_board else "under the standard law",
+    )
+
+
+def _require_count(vehicle: Vehicle, rotors: int) -> None:
+    airframe = vehicle.airframe
+    if rotors != len(airframe.rotors):
+        problem = f"the board has {rotors} rotors, {airframe.name} {len(airframe.rotors)}"
+        raise InputError("`board`", "", problem)
+
+
+def present_px4(url: str) -> dict[str, Number]:
+    """The parameters of the PX4 at `url`. Raises LinkError, InputError."""
+    with _open(url) as session:
+        if not session.identity.is_px4:
+            raise InputError(url, "", f"the vehicle runs {session.identity.name}, not PX4")
+        return {n: v.value for n, v in Parameters(session).read_all().values.items()}
+
+
+def present_ap(url: str) -> tuple[dict[str, Number], ApTable | None]:
+    """The parameters and the table of the ArduPilot at `url`. Raises LinkError, InputError."""
+    with _open(url) as session:
+        if not session.identity.is_ardupilot:
+            raise InputError(url, "", f"the vehicle runs {session.identity.name}, not ArduPilot")
+        parameters, files = Parameters(session), Files(session)
+        numbers = {n: v.value for n, v in parameters.read_all().values.items()}
+        if scripts.LAST not in numbers and await_loader(files, parameters):
+            numbers = {n: v.value for n, v in parameters.read_all().values.items()}
+        return numbers, present_table(numbers, lambda: matrix_script(files))
+
+
+def _open(url: str) -> Session:
+    from coaxlink.mavlink.opening import connect
+
+    return connect(url)
