@@ -89,7 +89,6 @@ def monitor(
             from coaxlink.monitor.screen.words import replay_words
 
             player.playing, player.speed = False, 1.0
-            watch.judge_table()
             _show(watch.look(), json, replay_words(player))
         return
     if web:
@@ -193,11 +192,10 @@ def _look_once(watch: Watch, seconds: float) -> Moment:
         session.wait((), min(1.2, seconds / 2))
         Streams(watch.heard, session).request_missing()
         TableReader(watch.heard, session).refresh()
-        watch.judge_table()
         moment = watch.look()
         while (left := end - time.monotonic()) > 0.0:
             session.wait((), min(left, 0.2))
-            moment = watch.look()  # a steady hover is seen over several looks
+            moment = watch.look()
     return moment
 
 

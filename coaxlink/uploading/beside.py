@@ -1,4 +1,4 @@
-"""What a new table is held against: the one on the board at a URL, else the standard law, on the same rotors."""
+"""What a new table is held against, on the same rotors: the board's at a URL, else the standard law."""
 
 from __future__ import annotations
 

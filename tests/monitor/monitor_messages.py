@@ -101,7 +101,6 @@ class Scene:
         """What is seen so long after these messages came; an ArduPilot's table is judged first."""
         self.hear(*messages)
         self.clock.sleep(later_s)
-        self.watch.judge_table()
         return self.watch.look()
 
 

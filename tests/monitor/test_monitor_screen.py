@@ -18,7 +18,6 @@ from monitor_messages import (
     Scene,
     attitude,
     battery,
-    escs,
     heartbeat,
     hover,
     position,
@@ -246,25 +245,5 @@ def test_link_lost_is_written_across_and_table_is_named(scene: OnScreen) -> None
             assert re.match(r"LINK LOST (\d+)[. ]", scene.text("notes"))
             assert "lost" in scene.text("head")
             assert "reduced" in scene.text("board") and "47.0* / 69.9*" in scene.text("board")
-
-    run(story())
-
-
-def test_a_source_that_is_passed_over_is_named_on_the_screen(scene: OnScreen) -> None:
-    """PX4's simulation: 6000 rpm at full command on rotors of 5400, in hover."""
-
-    async def story() -> None:
-        async with scene.app.run_test(size=(80, 24)) as pilot:
-            for k in range(16):
-                ms = 1000 + 200 * k
-                here = [heartbeat(), servo(), attitude(boot_ms=ms), position(boot_ms=ms)]
-                scene.show(*here, escs(0, [2646] * 4), escs(4, [3888] * 4))
-            await pilot.pause()
-            scene.app.draw()
-            assert scene.border("vehicle") == "SERVO_OUTPUT_RAW"
-            assert "ESC_STATUS rpm passed over" in scene.text("notes")
-            assert "2381" in scene.text("arm0")  # by the command, as a 5400 rpm rotor turns
-            assert scene.app.query_one("#notes").region.bottom <= 24
-            assert "the weight is 196 N" in scene.text("notes")
 
     run(story())

@@ -4,14 +4,12 @@ paper's eq. 15 and 18."""
 from __future__ import annotations
 
 import pytest
-from monitor_messages import X8, Scene, heartbeat, look, px4_table, servo
+from monitor_messages import X8, heartbeat, look, px4_table, servo
 from pymavlink.dialects.v20 import ardupilotmega
 
-from coaxlink.monitor.incoming.table_reader import AP_NAMES, table_parameters
-from coaxlink.monitor.state import table_ardupilot
+from coaxlink.monitor.incoming.table_reader import table_parameters
 from coaxlink.monitor.state.table import describe, intended
-from coaxlink.tables.ardupilot import report_ap
-from firmware_params.ardupilot import MotorParameters, scripts
+from firmware_params.ardupilot import MotorParameters
 
 COPTER = heartbeat(autopilot=3)
 
@@ -94,78 +92,16 @@ def builtin(frame: float = 4.0) -> dict[str, float]:
     return {"FRAME_CLASS": frame, "FRAME_TYPE": 1.0, **MotorParameters().to_params()}
 
 
-def on_board(kind: str, frame: int = 15) -> dict[str, float]:
-    report = report_ap(X8, kind, frame_class=frame)
-    table = {n: v for n, v in {**builtin(), **report.params}.items() if n in AP_NAMES}
-    return {**table, "FRAME_CLASS": float(frame), **scripts.loader_params(report.table.factors)}
-
-
-def judged(parameters: dict[str, float]) -> table_ardupilot.TableOnBoard:
-    return table_ardupilot.describe(table_parameters(parameters), X8)
-
-
-@pytest.mark.slow
-def test_an_allocation_is_known_by_its_factors() -> None:
-    for kind in ("standard", "curved", "reduced"):
-        board = judged(on_board(kind, 17 if kind == "curved" else 15))
-        assert (board.state, board.kind, board.of_model, board.rotors) == ("read", kind, True, 8)
-        assert board.upper_factor is not None and board.lower_factor == pytest.approx(1.0, abs=1e-3)
-        assert (board.upper_factor > 0.99) == (kind in ("standard", "curved"))
-
-
-@pytest.mark.slow
-def test_the_fitted_one_too() -> None:
-    assert judged(on_board("fitted")).kind == "fitted"
-
-
-def test_the_hash_follows_the_table_and_nothing_else() -> None:
-    table = on_board("standard")
-    one = judged(table).digest
-    learned = table | {"MOT_THST_HOVER": 0.31, "SERVO1_FUNCTION": 33.0, "ATC_RAT_RLL_P": 0.2}
-    assert judged(learned).digest == one
-    assert judged(table | {"CXL_T1": 0.7}).state == "invalid"  # its sum does not agree
-
-
-def test_a_board_as_it_comes_and_one_half_read() -> None:
-    board = judged(builtin())
-    assert (board.kind, board.frame_class) == ("standard", 4)
-    assert any("MOT_THST_EXPO is 0.650" in note for note in board.notes)
+def test_an_ardupilots_table_is_its_class_and_its_curve() -> None:
+    board = describe(table_parameters(builtin()), X8)
+    assert (board.state, board.frame_class, board.thst_expo) == ("read", 4, 0.65)
+    learned = builtin() | {"MOT_THST_HOVER": 0.31, "SERVO1_FUNCTION": 33.0, "ATC_RAT_RLL_P": 0.2}
+    assert describe(table_parameters(learned), X8).digest == board.digest
     half = builtin()
     del half["MOT_SPIN_MIN"]
-    assert judged(half).state == "partial"
-    assert judged(builtin(15.0)).state == "partial"  # the script is still to be read
-    foreign = judged(builtin(15.0) | {"CXL_N": 0.0})
-    assert foreign.kind == "custom" and "none of coaxlink's" in foreign.notes[0]
-    assert judged(builtin(99.0)).state == "invalid"
-    assert judged(builtin(float("nan"))).state in ("invalid", "partial")
-    assert "CXL_N" not in table_parameters(builtin() | {"CXL_N": 8.0})  # class 4 reads no script
-
-
-@pytest.mark.slow
-def test_newtons_come_back_from_the_pulses_of_a_table_of_ours_only() -> None:
-    report, table = report_ap(X8, "reduced"), on_board("reduced")
-    board, u = judged(table), [0.45] * 4 + [0.62] * 4
-    # squares by eq. 6, uppers and lowers each with their column
-    expected = sum(c.ct * s * s for c, s in zip(report.columns.rotors, u, strict=True))
-    meant = table_ardupilot.intended(board, table, u)
-    assert meant is not None and meant[0] == pytest.approx(expected, rel=2e-3)
-    assert meant[1:] == pytest.approx((0, 0, 0), abs=1e-6)
-    assert table_ardupilot.intended(board, table, [None, *u[1:]]) is None
-    ours = look(COPTER, servo(), **table)
-    assert ours.balance.error is not None and ours.board.kind == "reduced"
-    other = scripts.loader_params([(-0.5, 0.5, 0.5, 0.8)] * 4 + [(0.5, 0.4, 0.5, 1.0)] * 4)
-    theirs = look(COPTER, servo(), **{**table, **other})
-    assert theirs.board.kind == "custom" and theirs.balance.error is None
-    assert "newtons only as a table of this rotor model" in theirs.balance.error_note
-
-
-def test_the_screen_does_not_wait_while_a_table_is_compared() -> None:
-    scene = Scene()
-    scene.heard.put_parameters(builtin())
-    assert scene.watch.look().board.notes == ("its table is being compared",)
-    assert scene.watch._judging is not None
-    scene.watch._judging.join()
-    assert scene.watch.look().board.kind == "standard"
+    assert describe(half, X8).state == "partial"
+    assert describe(builtin(float("nan")), X8).state == "invalid"
+    assert "no newtons" in look(COPTER, servo(), **builtin()).balance.error_note
 
 
 def test_pulses_and_escs_go_by_the_board_s_own_range_and_wiring() -> None:

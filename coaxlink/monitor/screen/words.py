@@ -213,8 +213,6 @@ def board(view: Moment) -> Text:
         rows.append(("THR_MDL_FAC ", value(b.thr_mdl_fac, 3)))
     if b.frame_class is not None:
         rows.append(("FRAME_CLASS ", value(float(b.frame_class), 0)))
-    if b.upper_factor is not None:
-        rows.append(("factor ", f"{value(b.upper_factor, 2)} / {value(b.lower_factor, 2)}"))
     if b.thst_expo is not None:
         rows.append(("THST_EXPO ", value(b.thst_expo, 3)))
     elif b.rotors:

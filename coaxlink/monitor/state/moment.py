@@ -20,7 +20,6 @@ from coaxlink.mixer.law import Law
 from coaxlink.monitor.incoming.heard import Heard, Traffic
 from coaxlink.monitor.incoming.table_reader import is_ardupilot, table_parameters
 from coaxlink.monitor.state import table as table_px4
-from coaxlink.monitor.state import table_ardupilot
 from coaxlink.monitor.state.rotors import (
     ArmView,
     RotorView,
@@ -108,21 +107,20 @@ def observe(
     *,
     address: str = "",
     board: TableOnBoard | None = None,
-    distrusted: Mapping[str, str] | None = None,
     allocation: Law | None = None,
     trend_min: float | None = None,
     health: RotorsInAir = NOTHING_HEARD,
 ) -> Moment:
     """The present, by the clock of `heard`.
 
-    `board` is the table on board, judged; `distrusted` as in `rotor_speeds`; `allocation` gives the ideal
-    split, `trend_min` are the minutes of battery by its own fall, `health` what the test in the air believes.
+    `board` is the table on board, judged; `allocation` gives the ideal split,
+    `trend_min` are the minutes of battery by its own fall, `health` what the test in the air believes.
     """
     now, airframe, telemetry = heard.now(), vehicle.airframe, heard.telemetry
     traffic = heard.traffic
     two_senders = _two_senders(traffic)
     link = _link(heard, traffic, address, two_senders)
-    speeds = rotor_speeds(heard, vehicle, distrusted or {})
+    speeds = rotor_speeds(heard, vehicle)
     age = None if speeds.received_s is None else now - speeds.received_s
     table = TableOnBoard("unread") if board is None else board
     said = vehicle_of(heard, energy_Wh=airframe.battery_Wh, trend_min=trend_min)
@@ -242,18 +240,14 @@ def _wanted(
 def _intended(
     rotors: Sequence[RotorView], parameters: Mapping[str, float], table: TableOnBoard, thrust_N: float
 ) -> tuple[tuple[float, ...] | None, str]:
-    ardupilot = is_ardupilot(parameters)
+    if is_ardupilot(parameters):
+        return None, "ArduPilot's factors have no newtons"
     if table.state in ("unread", "partial"):
-        return None, "needs the table on board" if ardupilot else "needs the table on board (CA_*)"
-    if table.state == "read" and table.frame_class is not None and not table.of_model:
-        return None, "ArduPilot's factors have newtons only as a table of this rotor model"
+        return None, "needs the table on board (CA_*)"
     if table.state != "read" or table.rotors != len(rotors):
         return None, "the table on board is not this airframe's"
     commands = [r.throttle if r.throttle is not None else r.speed for r in rotors]
-    if ardupilot:
-        meant = table_ardupilot.intended(table, parameters, commands)
-    else:
-        meant = table_px4.intended(parameters, commands)
+    meant = table_px4.intended(parameters, commands)
     if meant is None:
         return None, "the table on board cannot be realised"
     if thrust_N > 1.0 and not 0.4 < meant[0] / thrust_N < 2.5:

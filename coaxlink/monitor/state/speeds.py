@@ -2,7 +2,7 @@
 
 Measured speeds (ESC_STATUS, ArduPilot's ESC_TELEMETRY) are preferred to commanded ones (SERVO_OUTPUT_RAW,
 ACTUATOR_OUTPUT_STATUS). A source is passed over, and a note says so, when another one knows more rotors, when
-it went quiet, when it contradicts itself, or when a steady hover has contradicted it (`hover`).
+it went quiet, or when it contradicts itself.
 
 A command is a pulse after the thrust curve, u = (us - low) / (high - low): 1000 and 2000 us, on ArduPilot
 MOT_PWM_MIN and MOT_PWM_MAX. There a motor's output, and its ESC, is the one whose SERVOn_FUNCTION names it
@@ -61,11 +61,8 @@ class RotorSpeeds:
     notes: tuple[str, ...] = ()
 
 
-def rotor_speeds(heard: Heard, vehicle: Vehicle, distrusted: Mapping[str, str]) -> RotorSpeeds:
-    """Choose among what was heard of the N rotors; measured u are speeds, commanded ones commands.
-
-    `distrusted` are sources that a steady hover contradicted, and why.
-    """
+def rotor_speeds(heard: Heard, vehicle: Vehicle) -> RotorSpeeds:
+    """Choose among what was heard of the N rotors; measured u are speeds, commanded ones commands."""
     now, rotors = heard.now(), len(vehicle.airframe.rotors)
     commanded = commanded_speeds(heard, rotors)
     measured, notes = measured_speeds(heard, vehicle, commanded)
@@ -73,11 +70,7 @@ def rotor_speeds(heard: Heard, vehicle: Vehicle, distrusted: Mapping[str, str]) 
     if chosen.known == 0:
         blank = (None,) * rotors
         return RotorSpeeds("", "none", blank, blank, blank, None, tuple(notes))
-    doubted = chosen is measured and measured.name in distrusted
-    if doubted and commanded.fresh(now) and commanded.known == rotors:
-        notes.insert(0, f"{measured.name} passed over, {commanded.name} used: {distrusted[measured.name]}")
-        chosen = commanded
-    elif chosen is commanded and measured.known:
+    if chosen is commanded and measured.known:
         kind = measured.name.removesuffix(" rpm")
         fresh = measured.fresh(now)
         notes.append(f"{kind} knows {measured.known} of {rotors} rotors" if fresh else f"{kind} went quiet")

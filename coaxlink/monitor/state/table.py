@@ -1,4 +1,4 @@
-"""The mixer table on board: what is known of it, and what a PX4's is and means; `table_ardupilot` beside it.
+"""The mixer table on board: what is known of it, and what a PX4's is and means.
 
 What is judged are the parameters as they were heard; any number may stand in them.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 from coaxlink.airframe import Airframe
 from coaxlink.mixer.coefficients import reduced_coefficients, standard_coefficients
-from coaxlink.monitor.incoming.table_reader import PX4_NAMES, rotor_names
+from coaxlink.monitor.incoming.table_reader import AP_NAMES, PX4_NAMES, is_ardupilot, rotor_names
 from coaxlink.vehicle import Vehicle
 from firmware_params.errors import FirmwareParamsError
 from firmware_params.px4 import Px4Table, RotorEntry, params_to_table, realise
@@ -40,11 +40,7 @@ class TableOnBoard:
     notes: tuple[str, ...] = ()
     # ArduPilot's
     frame_class: int | None = None
-    upper_factor: float | None = None  # mean throttle factor of the upper (and single) motors
-    lower_factor: float | None = None
     thst_expo: float | None = None  # MOT_THST_EXPO
-    columns: tuple[tuple[float, ...], ...] = ()  # (N, 4) wrench (N, N m) of a unit of each motor's set-point
-    curve: float | None = None  # set-point = curve u^2 + (1 - curve) u, of the allocation whose table it is
 
 
 def digest_of(used: Mapping[str, float]) -> str:
@@ -55,6 +51,8 @@ def digest_of(used: Mapping[str, float]) -> str:
 
 def describe(table: Mapping[str, float], vehicle: Vehicle) -> TableOnBoard:
     """What the table's parameters heard so far say, held against the vehicle."""
+    if is_ardupilot(table):
+        return _of_ardupilot(table)
     count = table.get("CA_ROTOR_COUNT")
     if count is None:
         return TableOnBoard("unread")
@@ -81,6 +79,18 @@ def describe(table: Mapping[str, float], vehicle: Vehicle) -> TableOnBoard:
     return TableOnBoard(
         "read", kind, digest, int(count), upper, lower, parsed.thr_mdl_fac, of_model, tuple(notes)
     )
+
+
+def _of_ardupilot(table: Mapping[str, float]) -> TableOnBoard:
+    """Which class it flies; its factors have no unit, and a script's are not among the parameters."""
+    missing = sum(n not in table for n in AP_NAMES)
+    if missing:
+        return TableOnBoard("partial", notes=(f"{missing} of its parameters not read yet",))
+    frame = table["FRAME_CLASS"]
+    if not math.isfinite(frame):
+        return TableOnBoard("invalid", notes=("its FRAME_CLASS is no number",))
+    expo = table["MOT_THST_EXPO"]
+    return TableOnBoard("read", "ArduPilot's", digest_of(table), frame_class=int(frame), thst_expo=expo)
 
 
 def intended(table: Mapping[str, float], commands: Sequence[float | None]) -> tuple[float, ...] | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,10 +9,8 @@ from coaxlink.errors import CoaxlinkError
 from coaxlink.live.in_air import InAir
 from coaxlink.mixer import Law, make_law
 from coaxlink.monitor.incoming.heard import Heard
-from coaxlink.monitor.incoming.table_reader import is_ardupilot, table_parameters
+from coaxlink.monitor.incoming.table_reader import table_parameters
 from coaxlink.monitor.state import table as table_px4
-from coaxlink.monitor.state import table_ardupilot
-from coaxlink.monitor.state.hover import HoverWatch
 from coaxlink.monitor.state.moment import Moment, observe
 from coaxlink.monitor.state.speeds import commanded_speeds
 from coaxlink.monitor.state.table import TableOnBoard
@@ -28,14 +25,12 @@ class Watch:
 
     def __init__(self, heard: Heard, vehicle: Vehicle, address: str = "") -> None:
         self.heard, self.vehicle, self.address = heard, vehicle, address
-        self._lock = threading.Lock()
         # the table that was judged last, and what it is
         self._judged: tuple[Mapping[str, float], TableOnBoard] = ({}, TableOnBoard("unread"))
-        self._judging: threading.Thread | None = None
         self._allocation = _exact(vehicle)
         self._outputs = ""  # the kind of message that tells the commands
         self._target = heard.target
-        self._hover, self._drain, self._in_air = HoverWatch(), Drain(), InAir(vehicle)
+        self._drain, self._in_air = Drain(), InAir(vehicle)
         heard.listener = self._hear
 
     def look(self) -> Moment:
@@ -43,44 +38,25 @@ class Watch:
         heard, telemetry = self.heard, self.heard.telemetry
         if heard.target != self._target:  # of the vehicle before nothing counts
             self._target = heard.target
-            self._hover, self._drain, self._in_air = HoverWatch(), Drain(), InAir(self.vehicle)
+            self._drain, self._in_air = Drain(), InAir(self.vehicle)
         pack = battery_of(telemetry)
         remaining = pack.value.remaining if pack else None
-        self._hover = self._hover.extended(heard, self.vehicle)
         self._drain = self._drain.extended(telemetry.clock_s, remaining, telemetry.armed)
         return observe(
             heard,
             self.vehicle,
             address=self.address,
             board=self._board(table_parameters(heard.parameters)),
-            distrusted=self._hover.distrusted,
             allocation=self._allocation,
             trend_min=self._drain.minutes,
             health=self._in_air.now,
         )
 
-    def judge_table(self) -> None:
-        """Work out what the table is that was heard; an ArduPilot's may take seconds."""
-        table = table_parameters(self.heard.parameters)
-        if is_ardupilot(table):
-            board = table_ardupilot.describe(table, self.vehicle)
-        else:
-            board = table_px4.describe(table, self.vehicle)
-        with self._lock:
-            self._judged = table, board
-
     def _board(self, table: Mapping[str, float]) -> TableOnBoard:
-        with self._lock:
-            judged, board = self._judged
-        if table == judged:
-            return board
-        if not is_ardupilot(table):
-            self.judge_table()
-            return self._judged[1]
-        if self._judging is None or not self._judging.is_alive():
-            self._judging = threading.Thread(target=self.judge_table, daemon=True)
-            self._judging.start()
-        return TableOnBoard("partial", notes=("its table is being compared",))
+        """What the table is; judged again when another was heard."""
+        if table != self._judged[0]:
+            self._judged = table, table_px4.describe(table, self.vehicle)
+        return self._judged[1]
 
     def _hear(self, message: Any) -> None:
         """Every message of the vehicle, on the link's thread: what its rotors' health is judged by."""
